@@ -1,0 +1,1 @@
+"""From a scene to a circuit to a deck."""

@@ -1,0 +1,1 @@
+"""Op-amps and signal amplifiers: figures, presets and macromodels."""

@@ -1,0 +1,1 @@
+"""Engines, reference solvers, measures, verdicts, studies and reports."""

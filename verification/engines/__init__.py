@@ -1,0 +1,1 @@
+"""Engines that turn a circuit or a deck into waveforms."""

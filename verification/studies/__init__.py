@@ -1,0 +1,1 @@
+"""Studies that call the pipeline many times."""

@@ -1,0 +1,51 @@
+"""`Waveforms`: what every engine returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """What a result cost: wall seconds, accepted time points and factorisations (0: unknown)."""
+
+    seconds: float
+    points: int
+    factorisations: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Waveforms:
+    """Node voltages over time.
+
+    Attributes
+    ----------
+    time : ndarray (P,)
+        Strictly increasing, s.
+    nodes : tuple of str
+        One a column of `values`.
+    values : ndarray (P, K)
+        V; may be a strided view of a memory-mapped file.
+    engine : str
+        Who computed it, with version (``"ngspice-46"``, ``"statespace"``).
+    cost : Cost
+        What it cost.
+    """
+
+    time: Floats
+    nodes: tuple[str, ...]
+    values: Floats
+    engine: str
+    cost: Cost
+
+    def __getitem__(self, node: str) -> Floats:
+        """Return one node's voltage, shape (P,); KeyError for a node that was not saved."""
+        try:
+            return self.values[:, self.nodes.index(node)]
+        except ValueError:
+            raise KeyError(node) from None
