@@ -1,0 +1,215 @@
+"""From a `Circuit` and an analysis to an ngspice deck.
+
+PySpice's ``Circuit`` is the netlist's object model; the resistor matrices go in as raw text,
+because N² objects cost twenty times as much as the lines. Every number is a plain float
+(``repr``): in a deck ``1M`` would be a milliohm. The same circuit gives the same bytes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from spice_models.subcircuits import amplifier_lines, opamp_subcircuit
+
+from netlist_gen.analysis import Analysis, OperatingPoint, Tolerances, Transient
+from netlist_gen.circuit import Circuit, ResistorMatrix
+from netlist_gen.guards import GROUND, check_circuit, tolerances
+from netlist_gen.header import header_lines
+
+
+@dataclass(frozen=True, slots=True)
+class Deck:
+    """A complete deck.
+
+    Attributes
+    ----------
+    text : str
+        The deck; its first line is a title of fixed text.
+    files : dict of str to str
+        Further files that it includes, by bare name.
+    saved : tuple of str
+        Nodes whose voltages it saves, in this order.
+    analysis : Transient or OperatingPoint
+        The one analysis that it asks for.
+    """
+
+    text: str
+    saved: tuple[str, ...]
+    analysis: Analysis
+    files: Mapping[str, str] = field(default_factory=dict)
+
+
+def write_deck(
+    circuit: Circuit,
+    analysis: Analysis,
+    *,
+    solver: str = "klu",
+    relative: float = 1e-6,
+    saved: Iterable[str] | None = None,
+    matrix_file: str | None = None,
+) -> Deck:
+    """Write the deck of `circuit` for `analysis`.
+
+    Parameters
+    ----------
+    solver : str
+        The matrix solver's option: ``"klu"``, or ``"noopiter"`` for an ngspice without KLU.
+    relative : float
+        ngspice's reltol; the absolute tolerances follow from the circuit's own scales.
+    saved : iterable of str, optional
+        Nodes to save; by default the outputs.
+    matrix_file : str, optional
+        Split the deck: amplifiers in one subcircuit, the resistor matrices in another, which
+        stands in an include file of this name and can be swapped.
+
+    Raises
+    ------
+    ValueError
+        A name or a value that must not reach a simulator. A scene cannot cause it; it guards
+        against circuits made by other means.
+    """
+    check_circuit(circuit)
+    nodes = tuple(saved) if saved is not None else tuple(o.node for o in circuit.outputs)
+    files = {}
+    if matrix_file is None:
+        body, lines = _flat(circuit, analysis)
+    else:
+        body, lines, files[matrix_file] = _split(circuit, analysis, matrix_file)
+    tail = [
+        *_options(tolerances(circuit, relative), analysis, solver),
+        ".save " + " ".join(f"v({node})" for node in nodes),
+        *_analysis_cards(circuit, analysis),
+        ".end",
+    ]
+    body.raw_spice = "\n".join([*header_lines(circuit), *lines, ""])
+    return Deck(str(body) + "\n".join(tail) + "\n", nodes, analysis, files)
+
+
+def matrix_lines(matrix: ResistorMatrix) -> Iterator[str]:
+    """One line a resistor, row by row: ``Rf_3_5`` is row 3, column 5."""
+    for k, (row, signs) in enumerate(
+        zip(matrix.ohms.tolist(), matrix.negative.tolist(), strict=True)
+    ):
+        name = f"{matrix.name}_{k + 1}_"
+        if matrix.by_column:
+            ends = [
+                f"{minus if negative else plus} {matrix.sinks[k]}"
+                for plus, minus, negative in zip(matrix.plus, matrix.minus, signs, strict=True)
+            ]
+        else:
+            plus, minus = matrix.plus[k], matrix.minus[k]
+            ends = [
+                f"{minus if negative else plus} {sink}"
+                for sink, negative in zip(matrix.sinks, signs, strict=True)
+            ]
+        yield from [
+            f"{name}{n} {end} {ohms!r}"
+            for n, (end, ohms) in enumerate(zip(ends, row, strict=True), 1)
+            if ohms != math.inf
+        ]
+
+
+def _flat(circuit: Circuit, analysis: Analysis) -> tuple[Any, list[str]]:
+    netlist = _new_netlist(circuit)
+    lines = _place(netlist, circuit)
+    for matrix in circuit.matrices:
+        lines.extend(matrix_lines(matrix))
+    _place_sources(netlist, circuit, analysis)
+    return netlist, lines
+
+
+def _split(circuit: Circuit, analysis: Analysis, matrix_file: str) -> tuple[Any, list[str], str]:
+    from PySpice.Spice.Netlist import SubCircuit
+
+    netlist = _new_netlist(circuit)
+    pads = _pads(circuit)
+    own = [*circuit.signal_nodes, *circuit.constraint_nodes, *(o.node for o in circuit.outputs)]
+    own += [source.node for source in circuit.voltages]
+    ports = list(dict.fromkeys([*pads, *own]))
+    plane = SubCircuit("amplifiers", *ports)
+    plane.raw_spice = "\n".join([*_place(plane, circuit), ""])
+    netlist.subcircuit(plane)
+    netlist.X("amplifiers", "amplifiers", *ports)
+    netlist.X("matrix", "matrix", *pads)
+    _place_sources(netlist, circuit, analysis)
+    text = [
+        "* the resistor matrix of a taction board: swap this file for another of the same ports",
+        ".subckt matrix " + " ".join(pads),
+        *(line for matrix in circuit.matrices for line in matrix_lines(matrix)),
+        ".ends matrix",
+        "",
+    ]
+    return netlist, [f".include {matrix_file}"], "\n".join(text)
+
+
+def _new_netlist(circuit: Circuit) -> Any:
+    from PySpice.Spice.Netlist import Circuit as Netlist
+
+    netlist = Netlist("taction board")
+    for model in circuit.models.values():
+        cells = [cell for cell in circuit.opamps if cell.model == model.name]
+        if cells:
+            grounded = all(cell.noninverting == GROUND for cell in cells)
+            netlist.subcircuit(opamp_subcircuit(model, noninverting_grounded=grounded))
+    return netlist
+
+
+def _pads(circuit: Circuit) -> list[str]:
+    """Return the nodes at which a matrix touches the amplifiers, each once."""
+    nodes: dict[str, None] = {}
+    for matrix in circuit.matrices:
+        for _, _, drive, sink, _ in matrix.elements():
+            nodes[drive] = nodes[sink] = None
+    return list(nodes)
+
+
+def _place(netlist: Any, circuit: Circuit) -> list[str]:
+    """Put every part but matrices and sources into `netlist`; return lines to add as text."""
+    for cell in circuit.opamps:
+        netlist.X(cell.name, cell.model, cell.noninverting, cell.inverting, cell.output)
+    for resistor in circuit.resistors:
+        netlist.R(resistor.name, resistor.a, resistor.b, repr(resistor.ohms))
+    for capacitor in circuit.capacitors:
+        netlist.C(capacitor.name, capacitor.a, capacitor.b, repr(capacitor.farads))
+    return [line for stage in circuit.amplifiers for line in amplifier_lines(stage)]
+
+
+def _place_sources(netlist: Any, circuit: Circuit, analysis: Analysis) -> None:
+    for bias in circuit.voltages:
+        netlist.V(bias.name, bias.node, GROUND, repr(bias.volts))
+    for source in circuit.currents:
+        value = repr(source.amps)
+        if isinstance(analysis, Transient) and _starts_from_rest(circuit, analysis):
+            value = f"PWL(0 0 {1e-3 * analysis.max_step!r} {value})"
+        netlist.I(source.name, GROUND, source.node, value)
+
+
+def _starts_from_rest(circuit: Circuit, analysis: Transient) -> bool:
+    """Whether an operating point is needed: a board without bias is at rest when discharged."""
+    return analysis.initial == "rest" and bool(circuit.voltages or circuit.amplifiers)
+
+
+def _options(limits: Tolerances, analysis: Analysis, solver: str) -> list[str]:
+    lines = [
+        f".options {solver}",
+        f".options reltol={limits.relative!r} abstol={limits.current!r} vntol={limits.voltage!r}",
+        f".options chgtol={limits.charge!r} gmin={limits.gmin!r} pivtol={limits.gmin!r}",
+    ]
+    if isinstance(analysis, Transient):
+        lines.append(f".options method={'trap' if analysis.method == 'trapezoidal' else 'gear'}")
+    return lines
+
+
+def _analysis_cards(circuit: Circuit, analysis: Analysis) -> list[str]:
+    if isinstance(analysis, OperatingPoint):
+        return [".op"]
+    rest = _starts_from_rest(circuit, analysis)
+    step = repr(analysis.max_step)
+    cards = [f".tran {step} {analysis.stop!r} 0.0 {step}" + ("" if rest else " uic")]
+    if analysis.voltages:
+        pairs = " ".join(f"v({node})={volts!r}" for node, volts in analysis.voltages.items())
+        cards.insert(0, f".ic {pairs}")
+    return cards

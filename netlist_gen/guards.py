@@ -1,0 +1,76 @@
+"""What a circuit must satisfy before it becomes text, and the tolerances that its scales ask for."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import numpy as np
+
+from netlist_gen.analysis import Tolerances
+from netlist_gen.circuit import Circuit
+
+NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+GROUND = "0"
+
+
+def check_circuit(circuit: Circuit) -> None:
+    """Prove that nothing in `circuit` can do harm in a deck.
+
+    A newline in a name runs commands in ngspice, and 1/0 becomes 1e32 without a word.
+
+    Raises
+    ------
+    ValueError
+        A name that is not ``[A-Za-z][A-Za-z0-9_]*`` or a value that is not finite and above zero.
+        No scene can cause it; it guards against circuits made by other means.
+    """
+    for resistor in circuit.resistors:
+        _check_names(resistor.name, resistor.a, resistor.b)
+        _check_value(resistor.name, resistor.ohms)
+    for capacitor in circuit.capacitors:
+        _check_names(capacitor.name, capacitor.a, capacitor.b)
+        _check_value(capacitor.name, capacitor.farads)
+    for cell in circuit.opamps:
+        _check_names(cell.name, cell.model, cell.noninverting, cell.inverting, cell.output)
+    for stage in circuit.amplifiers:
+        _check_names(stage.name, stage.input, stage.output)
+        _check_value(stage.name, stage.u_scale)
+        _check_value(stage.name, stage.v_scale)
+    for current in circuit.currents:
+        _check_names(current.name, current.node)
+        _check_value(current.name, abs(current.amps))
+    for voltage in circuit.voltages:
+        _check_names(voltage.name, voltage.node)
+        _check_value(voltage.name, abs(voltage.volts))
+    for matrix in circuit.matrices:
+        _check_names(matrix.name, *matrix.sinks, *matrix.plus, *filter(None, matrix.minus))
+        if not np.all(matrix.ohms > 0):
+            raise ValueError(f"matrix {matrix.name} has a resistance that is not above zero")
+
+
+def tolerances(circuit: Circuit, relative: float) -> Tolerances:
+    """Choose tolerances from the scales of `circuit`, so that 1e-12 S works as well as 1e-3 S.
+
+    ngspice's own defaults (1 pA, 1 µV, 1e-14 C, 1e-12 S) would swamp the first.
+    """
+    scalings = circuit.scalings
+    volts, siemens = scalings.unit_voltage, scalings.unit_conductance
+    return Tolerances(
+        relative=relative,
+        current=1e-3 * relative * siemens * volts,
+        voltage=1e-3 * relative * volts,
+        charge=1e-3 * relative * scalings.capacitance * volts,
+        gmin=1e-6 * relative * siemens,
+    )
+
+
+def _check_names(*names: str) -> None:
+    for name in names:
+        if name != GROUND and not NAME.fullmatch(name):
+            raise ValueError(f"{name!r} is no name for a deck")
+
+
+def _check_value(name: str, value: float) -> None:
+    if not (math.isfinite(value) and value > 0):
+        raise ValueError(f"{name} has the value {value!r}; it must be finite and above zero")
