@@ -1,0 +1,50 @@
+# Two commands do everything on a machine with Python 3.11 or newer, make and root (or sudo):
+#   make demo    set up, then verify the seven-channel breadboard
+#   make test    set up, then run all tests
+# What a target does is in its recipe; how the set-up is done is in scripts/setup.sh.
+
+SHELL := /bin/bash
+.DEFAULT_GOAL := help
+.PHONY: help setup ready demo test lint format lock build clean
+
+PYTHON_IN_VENV := .venv/bin/python
+JOBS ?= 2
+ARGS ?=
+
+# One thread a process: BLAS threads on top of parallel tests only fight over the cores.
+export OMP_NUM_THREADS ?= 1
+export OPENBLAS_NUM_THREADS ?= 1
+
+help: ## list the targets (the default)
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+setup: ## .venv from pinned versions, ngspice where missing; tries again what failed before
+	@bash scripts/setup.sh --again
+
+ready:
+	@bash scripts/setup.sh
+
+demo: ready ## set up, then verify the seven-channel breadboard
+	.venv/bin/taction verify scenes/paper-breadboard.toml
+
+test: ready ## set up, then all tests; ARGS="-k deck -x" goes to pytest
+	$(PYTHON_IN_VENV) -m pytest -n $(JOBS) $(ARGS)
+
+lint: ready ## ruff (rules and format) and mypy --strict
+	$(PYTHON_IN_VENV) -m ruff check .
+	$(PYTHON_IN_VENV) -m ruff format --check .
+	$(PYTHON_IN_VENV) -m mypy
+
+format: ready ## rewrite the sources as ruff wants them
+	$(PYTHON_IN_VENV) -m ruff check --fix .
+	$(PYTHON_IN_VENV) -m ruff format .
+
+lock: ## write requirements/*.txt anew from pyproject.toml, newest versions
+	bash scripts/lock.sh
+
+build: ready ## wheel into dist/
+	$(PYTHON_IN_VENV) -m pip wheel . --no-deps --no-build-isolation --wheel-dir dist
+
+clean: ## remove .venv, caches and build products; leaves ngspice alone
+	rm -rf .venv build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,44 @@
+#!/usr/bin/env bash
+# Write requirements/runtime.txt and requirements/dev.txt anew: the newest versions that
+# pyproject.toml allows, resolved by the oldest Python we support, every transitive one pinned.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+# shellcheck source=scripts/system.sh
+source scripts/system.sh
+
+PYTHON=${PYTHON:-python3.11}
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+
+"$PYTHON" -m venv "$work/venv"
+python=$work/venv/bin/python
+"$python" - "$work" <<'EOF'
+import sys, tomllib
+from pathlib import Path
+
+project = tomllib.loads(Path("pyproject.toml").read_text("utf-8"))["project"]
+folder = Path(sys.argv[1])
+(folder / "runtime.in").write_text("\n".join(project["dependencies"]))
+(folder / "dev.in").write_text("\n".join(project["optional-dependencies"]["dev"]))
+EOF
+
+freeze() { "$python" -m pip freeze --all --exclude pip; }
+
+# A virtual environment of Python 3.11 brings a setuptools of its own; only `dev.in` asks for one.
+"$python" -m pip uninstall -q -y setuptools
+say "resolving the runtime packages"
+"$python" -m pip install -q -r "$work/runtime.in"
+freeze >"$work/runtime.txt"
+say "resolving the development packages"
+"$python" -m pip install -q -c "$work/runtime.txt" -r "$work/dev.in"
+freeze >"$work/all.txt"
+
+{
+    echo "# What taction runs on. Written by \`make lock\`; do not edit."
+    cat "$work/runtime.txt"
+} >requirements/runtime.txt
+{
+    echo "# Tests, checks and the build. Written by \`make lock\`; do not edit."
+    echo "-r runtime.txt"
+    grep -vxFf "$work/runtime.txt" "$work/all.txt"
+} >requirements/dev.txt

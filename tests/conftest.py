@@ -1,0 +1,42 @@
+"""Fixtures that any test may ask for, and settings that make every run the same."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from typing import TYPE_CHECKING
+
+import pytest
+from hypothesis import settings
+
+if TYPE_CHECKING:
+    import numpy as np
+
+# Before anything imports numpy or matplotlib: one thread a process, and no display.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("MPLBACKEND", "Agg")
+
+# The same examples in every run, and no verdict that depends on how busy the machine is.
+settings.register_profile("taction", derandomize=True, deadline=None)
+settings.load_profile("taction")
+
+
+@pytest.fixture(scope="session")
+def ngspice() -> str:
+    """Path of the ngspice executable; without one the test skips, in CI it fails."""
+    path = shutil.which("ngspice")
+    if path is None:
+        reason = "ngspice is not on the PATH; `make setup` installs it where it may"
+        if os.environ.get("CI"):
+            pytest.fail(reason)
+        pytest.skip(reason)
+    return path
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    """A random generator that starts from the same seed in every test."""
+    import numpy as np
+
+    return np.random.default_rng(1993)
