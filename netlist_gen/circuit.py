@@ -17,6 +17,7 @@ from spice_models.opamp import OpAmp
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+GROUND = "0"
 
 
 @dataclass(frozen=True, slots=True)

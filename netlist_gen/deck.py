@@ -15,8 +15,8 @@ from typing import Any
 from spice_models.subcircuits import amplifier_lines, opamp_subcircuit
 
 from netlist_gen.analysis import Analysis, OperatingPoint, Tolerances, Transient
-from netlist_gen.circuit import Circuit, ResistorMatrix
-from netlist_gen.guards import GROUND, check_circuit, tolerances
+from netlist_gen.circuit import GROUND, Circuit, ResistorMatrix
+from netlist_gen.guards import check_circuit, tolerances
 from netlist_gen.header import header_lines
 
 

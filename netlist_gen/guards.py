@@ -1,4 +1,4 @@
-"""What a circuit must satisfy before it becomes text, and the tolerances that its scales ask for."""
+"""What a circuit must satisfy before it becomes text, and the tolerances its scales ask for."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ import re
 import numpy as np
 
 from netlist_gen.analysis import Tolerances
-from netlist_gen.circuit import Circuit
+from netlist_gen.circuit import GROUND, Circuit
 
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
-GROUND = "0"
 
 
 def check_circuit(circuit: Circuit) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from netlist_gen.circuit import (
+    GROUND,
     Capacitor,
     CurrentSource,
     OpAmpCell,
@@ -13,8 +14,6 @@ from netlist_gen.circuit import (
     SignalAmplifier,
     VoltageSource,
 )
-
-GROUND = "0"
 
 
 @dataclass(slots=True)

@@ -19,6 +19,7 @@ from __future__ import annotations
 import numpy as np
 
 from netlist_gen.circuit import (
+    GROUND,
     Bools,
     Capacitor,
     Circuit,
@@ -31,7 +32,7 @@ from netlist_gen.circuit import (
     VoltageSource,
 )
 from netlist_gen.omissions import list_omissions
-from netlist_gen.parts import GROUND, Parts
+from netlist_gen.parts import Parts
 from netlist_gen.problem import InverseProblem
 from netlist_gen.scalings import choose_opamp, make_scalings, preferred
 from netlist_gen.scene import Scene

@@ -1,0 +1,59 @@
+"""The command ``taction``: a group that loads a command's module only when it is called."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+import click
+
+# name: (module, attribute, one line for --help); loading none of them keeps start-up short
+COMMANDS: dict[str, tuple[str, str, str]] = {
+    "verify": ("cli.verify", "verify", "Netlist, transient, measurements, reference, verdict."),
+    "netlist": ("cli.netlist", "netlist", "Write the ngspice deck of a scene."),
+    "solve": ("cli.solve", "solve", "The reference solution alone, with its certificate."),
+    "simulate": ("cli.simulate", "simulate", "Waveforms and measurements of a scene."),
+    "models": ("cli.info", "models", "The op-amp presets and their figures."),
+    "new": ("cli.new", "new", "Write a commented scene file."),
+    "doctor": ("cli.info", "doctor", "What is installed, and what that means."),
+}
+
+
+class LazyGroup(click.Group):
+    """A click group whose commands are imported when they are used."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the commands in the order of `COMMANDS`."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import and return one command."""
+        if cmd_name not in COMMANDS:
+            return None
+        module, attribute, _ = COMMANDS[cmd_name]
+        command: click.Command = getattr(importlib.import_module(module), attribute)
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the commands from the table, without importing them."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, line) for name, (_, _, line) in COMMANDS.items()])
+
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
+        """As click, with the nearest command's name where there is none of that name."""
+        import difflib
+
+        if args and args[0] not in COMMANDS:
+            close = difflib.get_close_matches(args[0], COMMANDS, n=1)
+            hint = f" Did you mean '{close[0]}'?" if close else ""
+            ctx.fail(f"No such command '{args[0]}'.{hint}")
+        return super().resolve_command(ctx, args)
+
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="taction", prog_name="taction")
+def main() -> None:
+    """SPICE netlists and verification of regularising op-amp and resistor networks.
+
+    Exit status: 0 pass, 1 a check failed, 2 bad input, 3 no verdict could be reached.
+    """

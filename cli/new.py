@@ -1,0 +1,36 @@
+"""``taction new``: a commented scene, or the JSON schema of scene files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from cli.output import print_json, reports_errors
+from spice_models.errors import Complaint, InputError
+
+
+@click.command(short_help="Write a commented scene file.")
+@click.argument("file", type=click.Path(dir_okay=False), default="scene.toml")
+@click.option("--force", is_flag=True, help="Overwrite FILE.")
+@click.option("--schema", is_flag=True, help="Print the JSON schema of scene files instead.")
+@reports_errors
+def new(file: str, force: bool, schema: bool) -> None:
+    """Write a commented scene to FILE (scene.toml), every key with its default."""
+    if schema:
+        from netlist_gen.scene import Scene
+
+        print_json(Scene.model_json_schema(by_alias=True))
+        return
+    path = Path(file)
+    if path.exists() and not force:
+        text = "it exists already; another name, or --force to overwrite it"
+        raise InputError(path, Complaint("FILE", "", text))
+    template = Path(__file__).with_name("scene_template.toml").read_text(encoding="utf-8")
+    stem = "".join(c if c.isascii() and (c.isalnum() or c in "-_.") else "-" for c in path.stem)
+    try:
+        path.write_text(template.replace("@NAME@", stem[:64] or "scene"), encoding="utf-8")
+    except OSError as error:
+        text = f"{error.strerror}; expected a place that can be written to"
+        raise InputError(path, Complaint("FILE", "", text)) from None
+    click.echo(f"wrote {path}; `taction verify {path}` verifies it", err=True)
