@@ -12,11 +12,13 @@ source scripts/system.sh
 OLDEST=39
 MARK=$1
 
-version() { ngspice -v 2>/dev/null </dev/null | sed -n 's/.*ngspice-\([0-9]*\).*/\1/p' | head -n 1; }
-has_klu() { ngspice -v 2>/dev/null </dev/null | grep -q KLU; }
-is_usable() { [ "$(version || true)" -ge $OLDEST ] 2>/dev/null; }
+# No `grep -q` and no `head` on a pipe: under pipefail a writer that they cut off reads as failure.
+banner() { ngspice -v 2>/dev/null </dev/null || true; }
+version() { banner | sed -n 's/.*ngspice-\([0-9]*\).*/\1/p'; }
+has_klu() { [[ "$(banner)" == *KLU* ]]; }
+is_usable() { [ "$(version)" -ge $OLDEST ] 2>/dev/null; }
 
-backports_known() { apt-cache madison ngspice 2>/dev/null | grep -q -- "$1-backports"; }
+backports_known() { [[ "$(apt-cache madison ngspice 2>/dev/null)" == *" $1-backports/"* ]]; }
 
 # The mirror is the machine's own: apt names the archive that Debian itself signed, and the new
 # entry is a copy of the machine's entry for it, key and options included.
@@ -24,10 +26,11 @@ add_backports() {
     local codename=$1 uri entry
     # shellcheck disable=SC2016  # apt expands REPO_URI, not the shell
     uri=$(apt-get indextargets --format '$(REPO_URI)' \
-        'Created-By: Packages' 'Origin: Debian' "Codename: $codename" 'Component: main' | head -n 1)
-    entry=$(as_root python3 scripts/backports.py "$codename" "$uri") || return 1
+        'Created-By: Packages' 'Origin: Debian' "Codename: $codename" 'Component: main')
+    entry=$(as_root python3 scripts/backports.py "$codename" "${uri%%$'\n'*}") || return 1
     say "added $entry, for ngspice only (backports are never taken unasked)"
-    if ! apt_get update || ! backports_known "$codename"; then
+    apt_get update || true
+    if ! backports_known "$codename"; then
         say "this mirror has no $codename-backports; removing $entry"
         as_root rm -f "$entry"
         apt_get update || true

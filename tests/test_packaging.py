@@ -18,7 +18,9 @@ SHIPPED = (".py", ".toml", ".json")
 BUILD = """
 import sys
 from setuptools import build_meta
-print(build_meta.build_wheel(sys.argv[1]), build_meta.build_sdist(sys.argv[1]))
+
+out = sys.argv[1]  # each build changes sys.argv
+print(build_meta.build_wheel(out), build_meta.build_sdist(out))
 """
 
 
