@@ -1,0 +1,97 @@
+"""Op-amp presets from ``presets.toml``, and presets with some figures changed."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+from spice_models.opamp import OpAmp, poles_from_phase_margin, second_pole_from_phase_margin
+
+FIGURES = (
+    "dc_gain",
+    "gbw",
+    "second_pole",
+    "phase_margin",
+    "input_resistance",
+    "differential_capacitance",
+    "input_capacitance",
+    "output_resistance",
+)
+"""What `derive` can change; SI base units, phase margin in degrees."""
+
+
+@cache
+def _presets() -> tuple[OpAmp, ...]:
+    with (Path(__file__).parent / "presets.toml").open("rb") as file:
+        tables = tomllib.load(file)
+    return tuple(_from_table(name, dict(table)) for name, table in tables.items())
+
+
+def _from_table(name: str, table: dict[str, float | str]) -> OpAmp:
+    """Return the op-amp of one table of the data file; solves for its poles."""
+    source = str(table.pop("source"))
+    figures = {key: float(value) for key, value in table.items()}
+    f_u = figures.pop("unity_gain_bandwidth")
+    if "phase_margin" in figures:
+        margin = figures.pop("phase_margin")
+        figures["gbw"], figures["second_pole"] = poles_from_phase_margin(
+            figures["dc_gain"], f_u, margin
+        )
+    else:
+        figures["gbw"] = f_u
+    return OpAmp(name=name, source=source, **figures)
+
+
+def load_presets() -> dict[str, OpAmp]:
+    """Every preset by name; the file is read once."""
+    return {opamp.name: opamp for opamp in _presets()}
+
+
+def preset_names() -> tuple[str, ...]:
+    """Names of the presets, in the order of the data file."""
+    return tuple(opamp.name for opamp in _presets())
+
+
+def derive(base: OpAmp, name: str, **figures: float) -> OpAmp:
+    """Return `base` under a new name with some figures changed.
+
+    A changed `gbw` keeps the ratio ``second_pole / gbw``, and with it very nearly the phase
+    margin, unless `second_pole` or `phase_margin` is given too. A changed `dc_gain` leaves `gbw`
+    and `second_pole` where they are: only the first pole moves.
+
+    Parameters
+    ----------
+    base : OpAmp
+        Where all other figures come from.
+    name : str
+        Of the new op-amp.
+    **figures : float
+        Any of `FIGURES`, SI base units, phase margin in degrees.
+
+    Raises
+    ------
+    ValueError
+        For an unknown figure, a value out of its range, `second_pole` together with
+        `phase_margin`, or a phase margin that two real poles cannot have.
+    """
+    unknown = sorted(set(figures) - set(FIGURES))
+    if unknown:
+        raise ValueError(f"{unknown[0]}: not a figure of an op-amp; there are {', '.join(FIGURES)}")
+    if "second_pole" in figures and "phase_margin" in figures:
+        raise ValueError("phase_margin: it sets second_pole; give one of the two")
+    changed = dict(figures)
+    margin = changed.pop("phase_margin", None)
+    if "gbw" in changed and "second_pole" not in changed and math.isfinite(base.second_pole):
+        changed["second_pole"] = base.second_pole * (changed["gbw"] / base.gbw)
+    source = base.source
+    if figures:
+        listed = ", ".join(f"{key} = {value!r}" for key, value in figures.items())
+        source = f"{base.name} with {listed}; {source}"
+    opamp = replace(base, name=name, source=source, **changed)
+    if margin is None:
+        return opamp
+    pole = second_pole_from_phase_margin(opamp.dc_gain, opamp.gbw, margin)
+    return replace(opamp, second_pole=pole)

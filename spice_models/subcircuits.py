@@ -1,0 +1,112 @@
+"""Macromodels as netlist objects: the op-amp's subcircuit and the behavioural amplifier's cards."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from spice_models.amplifier import AMPLIFIERS
+from spice_models.opamp import OpAmp
+
+if TYPE_CHECKING:
+    from PySpice.Spice.Netlist import SubCircuit
+
+PORTS = ("inp", "inn", "out")
+"""External nodes of an op-amp's subcircuit: non-inverting input, inverting input, output."""
+
+_STAGE_CAPACITANCE = 10e-12
+"""Capacitor of each pole, F: about what a signal node carries, so a stage's currents and charges
+are those of the board and one set of tolerances fits both. Measured (linear board, N = 32, ngspice
+46, 500 steps): 550 time points; 697 with stages of 1 Mohm, 889 with 1 kohm, where currents of
+amperes make the step control reject more; the operating point is the same to the last digits."""
+
+
+def opamp_subcircuit(model: OpAmp, *, noninverting_grounded: bool) -> SubCircuit:
+    """Build the macromodel of one op-amp type with PySpice's object model.
+
+    ``Rd``, ``Cd`` between the inputs, ``Cn`` and ``Cp`` from the inverting and the non-inverting
+    input to ground; one ``G``, ``R``, ``C`` stage a pole, the whole DC gain in the first one; a
+    voltage source ``Eo`` and the output resistance ``Ro`` in series. Whatever is zero or infinite
+    has no card; an op-amp without poles and impedances is the one card ``Eo``.
+
+    Parameters
+    ----------
+    model : OpAmp
+        The figures.
+    noninverting_grounded : bool
+        Whether every use of this type has its non-inverting input on ground, where ``Cp`` would
+        do nothing and is left out.
+    """
+    from PySpice.Spice.Netlist import SubCircuit
+
+    cell = SubCircuit(model.name, *PORTS)
+    _inputs(cell, model, noninverting_grounded)
+    control, gain = ("inp", "inn"), float(model.dc_gain)
+    for index, pole in enumerate((model.first_pole, model.second_pole), start=1):
+        if math.isfinite(pole):
+            node = f"p{index}"
+            resistance = 1.0 / (2.0 * math.pi * pole * _STAGE_CAPACITANCE)
+            # From ground to the node: a positive control voltage pushes current into it.
+            cell.VCCS(index, 0, node, *control, gain / resistance)
+            cell.R(index, node, 0, resistance)
+            cell.C(index, node, 0, _STAGE_CAPACITANCE)
+            control, gain = (node, "0"), 1.0
+    if model.output_resistance > 0.0:
+        cell.VCVS("o", "e", 0, *control, gain)
+        cell.R("o", "e", "out", float(model.output_resistance))
+    else:
+        cell.VCVS("o", "out", 0, *control, gain)
+    return cell
+
+
+def _inputs(cell: SubCircuit, model: OpAmp, noninverting_grounded: bool) -> None:
+    """Add the input impedances that exist."""
+    if math.isfinite(model.input_resistance):
+        cell.R("d", "inp", "inn", float(model.input_resistance))
+    if model.differential_capacitance > 0.0:
+        cell.C("d", "inp", "inn", float(model.differential_capacitance))
+    if model.input_capacitance > 0.0:
+        cell.C("n", "inn", 0, float(model.input_capacitance))
+        if not noninverting_grounded:
+            cell.C("p", "inp", 0, float(model.input_capacitance))
+
+
+def amplifier_source(
+    name: str, kind: str, input: str, output: str, *, u_scale: float, v_scale: float
+) -> tuple[str, ...]:
+    """Return one behavioural amplifier's cards, ``V(output) = -u_scale g(V(input)/v_scale)``.
+
+    One ``B`` card; ngspice cuts a literal in a B expression to 11 digits, so a `v_scale` other
+    than 1 V becomes an ``E`` card before it and a `u_scale` other than 1 V one after it (nodes
+    ``{name}_x`` and ``{name}_g``), whose gains keep every digit.
+
+    Parameters
+    ----------
+    name : str
+        Names the cards ``Ex{name}``, ``B{name}`` and ``Eu{name}``.
+    kind : str
+        A key of `AMPLIFIERS`, any but ``"linear"``.
+    input, output : str
+        Node names.
+    u_scale, v_scale : float
+        U0 and Ve, V.
+
+    Raises
+    ------
+    ValueError
+        For a kind without a behavioural source.
+    """
+    expression = AMPLIFIERS[kind].expression
+    if not expression:
+        raise ValueError(f"kind = {kind!r}: an op-amp stage, it has no behavioural source")
+    cards = []
+    control, target, sign = input, output, "-"
+    if v_scale != 1.0:
+        control = f"{name}_x"
+        cards.append(f"Ex{name} {control} 0 {input} 0 {1.0 / float(v_scale)!r}")
+    if u_scale != 1.0:
+        target, sign = f"{name}_g", ""
+    cards.append(f"B{name} {target} 0 V={sign}{expression.format(x=f'V({control})')}")
+    if u_scale != 1.0:
+        cards.append(f"Eu{name} {output} 0 {target} 0 {-float(u_scale)!r}")
+    return tuple(cards)
