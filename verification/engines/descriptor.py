@@ -1,0 +1,203 @@
+"""From descriptor equations to the state space of a board: nodes without capacitance eliminated.
+
+``x' = A x + B [on, 1]`` with every unknown of the board recovered by ``z = C x + D [on, 1]``; the
+first input is the strain currents (0 or 1), the second what is on for all time. The states are
+the voltages of nodes that carry charge and the poles of the op-amps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from netlist_gen.circuit import Circuit
+from spice_models.errors import EngineError
+from verification.engines.equations import Descriptor, Floats, Ints
+from verification.engines.equilibrium import Equilibrium, equilibrium
+from verification.engines.gains import gain_of
+from verification.engines.stamps import stamp
+
+SINGULAR = 1e13  # condition number of an equilibrated matrix above which it counts as singular
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StateSpace:
+    """A board as ``x' = A x + B [on, 1]``, ``z = C x + D [on, 1]``.
+
+    Attributes
+    ----------
+    descriptor : Descriptor
+        Where it came from.
+    A : ndarray (n, n)
+        1/s.
+    B : ndarray (n, 2)
+        V/s: for the switched currents, and for what is constant.
+    C, D : ndarray (size, n) and (size, 2)
+        Every node voltage and op-amp state, V.
+    states : tuple of str
+        Names of x.
+    """
+
+    descriptor: Descriptor
+    A: Floats
+    B: Floats
+    C: Floats
+    D: Floats
+    states: tuple[str, ...]
+
+    @property
+    def n(self) -> int:
+        """Number of states."""
+        return len(self.states)
+
+    @property
+    def nodes(self) -> tuple[str, ...]:
+        """Names of the rows of C."""
+        return self.descriptor.names
+
+    def rows(self, names: tuple[str, ...]) -> tuple[Floats, Floats]:
+        """Rows of C and D of the named nodes; zeros for ground.
+
+        Raises
+        ------
+        EngineError
+            A node that the circuit does not have.
+        """
+        C, D = np.zeros((len(names), self.n)), np.zeros((len(names), 2))
+        for k, name in enumerate(names):
+            if name != "0":
+                place = self.descriptor.place(name)
+                C[k], D[k] = self.C[place], self.D[place]
+        return C, D
+
+
+def linearise(circuit: Circuit | Descriptor, at: Equilibrium | None = None) -> StateSpace:
+    """Linearise a board, for a board without behavioural amplifiers an exact statement.
+
+    Parameters
+    ----------
+    circuit : Circuit or Descriptor
+        The board.
+    at : Equilibrium, optional
+        Where; by default its equilibrium with the strain applied (not needed if linear).
+
+    Returns
+    -------
+    StateSpace
+        Dense; x is a vector of voltages, not of deviations.
+
+    Raises
+    ------
+    EngineError
+        The equations have no state-space form (a node without any path, or charges that are not
+        free, such as a loop of capacitors and voltage sources), or no equilibrium was found.
+
+    Notes
+    -----
+    Costs a few dense factorisations of all unknowns.
+    """
+    descriptor = stamp(circuit) if isinstance(circuit, Circuit) else circuit
+    M, K = descriptor.dense_mass(), descriptor.dense_stiffness()
+    b = np.stack([descriptor.switched, descriptor.constant], axis=1)
+    devices = descriptor.devices
+    if devices.count:
+        point = at or equilibrium(descriptor)
+        v = point.values[devices.input]
+        K[devices.output, devices.input] += point.slopes
+        value = gain_of(devices.kind).value(v / devices.v_scale)
+        b[devices.output, 1] += -devices.u_scale * value - point.slopes * v
+    return _reduce(descriptor, M, K, b)
+
+
+def _reduce(descriptor: Descriptor, M: Floats, K: Floats, b: Floats) -> StateSpace:
+    """Eliminate voltages that ideal sources determine, then whatever carries no charge."""
+    o, f = np.flatnonzero(descriptor.determined), np.flatnonzero(~descriptor.determined)
+    names = [descriptor.names[place] for place in (*o, *f)]
+    # 0 = K_oo z_o + K_of z_f + b_o
+    right = np.hstack([K[np.ix_(o, f)], b[o]])
+    known = _solve(-K[np.ix_(o, o)], right, names, "ideal sources form a loop without an answer")
+    P, p = known[:, : len(f)], known[:, len(f) :]
+    b = b[f] + K[np.ix_(f, o)] @ p
+    K = K[np.ix_(f, f)] + K[np.ix_(f, o)] @ P
+    M = M[np.ix_(f, f)] + M[np.ix_(f, o)] @ P
+    names = names[len(o) :]
+    d, a, basis, M, K, b = _separate(M, K, b)
+    n = len(d)
+    # 0 = K_ad x + K_aa y + b_a
+    right = np.hstack([K[np.ix_(a, d)], b[a]])
+    loose = [names[k] for k in a] if basis is None else names
+    inner = np.zeros((len(f), n + 2))
+    inner[d, np.arange(n)] = 1.0
+    inner[a] = -_solve(K[np.ix_(a, a)], right, loose, "nodes without capacitance stay undetermined")
+    rates = K[d] @ inner
+    rates[:, n:] += b[d]
+    charged = [names[k] for k in d] if basis is None else [f"charge{k + 1}" for k in range(n)]
+    rates = _solve(M[np.ix_(d, d)], rates, charged, "the capacitances do not determine the states")
+    inner = inner if basis is None else basis @ inner
+    outer = np.zeros((descriptor.size, n + 2))
+    outer[f], outer[o] = inner, P @ inner
+    outer[o, n:] += p
+    A, B, C, D = rates[:, :n], rates[:, n:], outer[:, :n], outer[:, n:]
+    return StateSpace(descriptor, A, B, C, D, tuple(charged))
+
+
+Split = tuple[Ints, Ints, Floats | None, Floats, Floats, Floats]
+
+
+def _separate(M: Floats, K: Floats, b: Floats) -> Split:
+    """Find which unknowns carry charge: places d, places a, and the basis if it had to turn.
+
+    As a rule they are the nodes with a capacitor. Where capacitors float, or an ideal amplifier
+    ties both ends of one together, they are combinations of nodes, found by a singular value
+    decomposition of the equilibrated M.
+    """
+    rows, columns = M.any(axis=1), M.any(axis=0)
+    d, a = np.flatnonzero(rows), np.flatnonzero(~rows)
+    if np.array_equal(rows, columns) and _condition(M[np.ix_(d, d)]) < SINGULAR:
+        return d, a, None, M, K, b
+    weight, pull = np.abs(M).max(axis=1), np.abs(K).max(axis=1)
+    rate = np.median(pull[rows] / weight[rows])
+    scale = np.where(rows, weight, np.maximum(pull, 1e-300) / rate)[:, None]
+    U, S, Vt = np.linalg.svd(M / scale)
+    rank = int(np.sum(S[0] / SINGULAR < S))
+    places = np.arange(len(S))
+    turned = U.T @ (K / scale) @ Vt.T
+    return places[:rank], places[rank:], Vt.T, np.diag(S), turned, U.T @ (b / scale)
+
+
+def _equilibrated(A: Floats) -> tuple[Floats, Floats]:
+    scale = np.abs(A).max(axis=1, initial=0.0)
+    scale = np.where(scale > 0.0, scale, 1.0)[:, None]
+    return A / scale, scale
+
+
+def _condition(A: Floats) -> float:
+    """Condition number in the largest-row-sum norm after scaling of the rows; inf if singular."""
+    scaled, _ = _equilibrated(A)
+    try:
+        inverse = np.linalg.inv(scaled)
+    except np.linalg.LinAlgError:
+        return np.inf
+    norms = [np.abs(X).sum(axis=1).max(initial=0.0) for X in (scaled, inverse)]
+    return float(norms[0] * norms[1])
+
+
+def _solve(A: Floats, B: Floats, names: list[str], what: str) -> Floats:
+    """Solve ``A X = B`` with scaled rows and one step of refinement, or name the culprits."""
+    if not len(A):
+        return B
+    if np.count_nonzero(A) == len(A) and np.all(np.diag(A) != 0.0):
+        return np.asarray(B / np.diag(A)[:, None])
+    scaled, scale = _equilibrated(A)
+    try:
+        inverse = np.linalg.inv(scaled)
+    except np.linalg.LinAlgError:
+        inverse = np.full_like(A, np.inf)
+    if not np.abs(inverse).max() < SINGULAR:
+        listed = ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
+        message = f"{what}: {listed}"
+        raise EngineError(message)
+    right = B / scale
+    X = inverse @ right
+    return np.asarray(X + inverse @ (right - scaled @ X))

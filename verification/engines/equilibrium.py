@@ -1,0 +1,224 @@
+"""The DC equilibrium of a board: linear solve, or a globally convergent Newton method.
+
+A board with m behavioural amplifiers is a linear network with m nonlinear one-ports. Seen from
+them it is ``y + H g(y) = a`` with ``y = v_in / v_scale``: H is the DC gain from amplifier outputs
+back to inputs, a what the sources alone do. H is nearly symmetric and positive semidefinite (the
+network descends an energy), so the solution is unique, and Newton's method damped on
+``|F|`` converges from anywhere in the coordinate ``q = y + diag(H) g(y)`` (see `gains`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from netlist_gen.circuit import Circuit
+from spice_models.errors import EngineError
+from verification.engines.equations import Descriptor, Floats
+from verification.engines.gains import Gain, gain_of
+from verification.engines.stamps import stamp
+
+MAX_STEPS = 200
+STAGES = 10.0 ** np.arange(0, -17, -2)  # of the homotopy: added diagonal feedback, times H
+CERTIFICATE = 1e-9  # largest residual accepted, relative to the terms that cancel in it
+
+Response = Callable[[Descriptor], tuple[Floats, Floats]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Equilibrium:
+    """Where the board rests.
+
+    Attributes
+    ----------
+    descriptor : Descriptor
+        The equations that it solves.
+    values : ndarray (size,)
+        Node voltages and op-amp states, V.
+    slopes : ndarray (m,)
+        ``d v_out / d v_in`` of each behavioural amplifier there, V/V (negative).
+    residual : float
+        Largest residual, relative to the terms that cancel in it.
+    steps : int
+        Newton steps; 0 for a linear board.
+    """
+
+    descriptor: Descriptor
+    values: Floats
+    slopes: Floats
+    residual: float
+    steps: int
+
+    def __getitem__(self, name: str) -> float:
+        """Return a node's voltage, V; 0 for ground."""
+        return 0.0 if name == "0" else float(self.values[self.descriptor.place(name)])
+
+
+def dense_response(descriptor: Descriptor) -> tuple[Callable[[Floats], Floats], Floats]:
+    """Solve ``K z = r`` densely: the solver, and the columns for a unit output of each device.
+
+    Raises
+    ------
+    EngineError
+        K is singular: some node has no DC path, or a loop has no DC answer.
+    """
+    K = descriptor.dense_stiffness()
+    scale = np.abs(K).max(axis=1)
+    lonely = np.flatnonzero(scale == 0.0)
+    if lonely.size:
+        message = f"node {descriptor.names[lonely[0]]!r} has no DC path to anything"
+        raise EngineError(message)
+    scaled = K / scale[:, None]
+    try:
+        inverse = np.linalg.inv(scaled)
+    except np.linalg.LinAlgError:
+        inverse = np.full_like(K, np.inf)
+    if not np.abs(inverse).max() < 1e17:
+        loose = np.linalg.svd(scaled)[2][-1]  # what the equations leave free
+        worst = descriptor.names[int(np.argmax(np.abs(loose)))]
+        message = f"the DC equations do not determine node {worst!r} (no DC path, or no feedback)"
+        raise EngineError(message)
+
+    def solve(r: Floats) -> Floats:
+        r = (r.T / scale).T
+        z = inverse @ r
+        return np.asarray(z + inverse @ (r - scaled @ z))
+
+    # -v_out + a = 0 in a device's row: a unit output is a right-hand side of -1.
+    unit = np.zeros((descriptor.size, descriptor.devices.count))
+    unit[descriptor.devices.output, np.arange(descriptor.devices.count)] = -1.0
+    return solve, solve(unit)
+
+
+def equilibrium(circuit: Circuit | Descriptor, *, sources_on: bool = True) -> Equilibrium:
+    """Find the DC equilibrium.
+
+    Parameters
+    ----------
+    circuit : Circuit or Descriptor
+        The board.
+    sources_on : bool
+        Whether the strain currents flow; voltage sources always do.
+
+    Returns
+    -------
+    Equilibrium
+        With its certificate (`residual`).
+
+    Raises
+    ------
+    EngineError
+        The DC equations are singular, an amplifier would have to go beyond the range of floats,
+        or the certificate was not reached; never a wrong answer.
+
+    Notes
+    -----
+    Costs one dense factorisation of all unknowns, and one of size m per Newton step.
+    """
+    descriptor = stamp(circuit) if isinstance(circuit, Circuit) else circuit
+    drive = descriptor.drive(sources_on=sources_on)
+    solve, columns = dense_response(descriptor)
+    z = solve(-drive)
+    devices = descriptor.devices
+    if not devices.count:
+        return Equilibrium(descriptor, z, np.zeros(0), _residual(descriptor, z, drive), 0)
+    gain = gain_of(devices.kind)
+    H = columns[devices.input] * devices.u_scale / devices.v_scale[:, None]
+    y, steps = solve_loop(H, z[devices.input] / devices.v_scale, gain)
+    z = solve(-drive) - columns @ (devices.u_scale * gain.value(y))
+    z[devices.input] = devices.v_scale * y
+    z[devices.output] = -devices.u_scale * gain.value(y)
+    residual = _residual(descriptor, z, drive)
+    if not residual <= CERTIFICATE:
+        message = f"the equilibrium has a relative residual of {residual:.3g}"
+        raise EngineError(message)
+    slopes = -devices.u_scale / devices.v_scale * gain.slope(y)
+    return Equilibrium(descriptor, z, slopes, residual, steps)
+
+
+def _residual(descriptor: Descriptor, z: Floats, drive: Floats) -> float:
+    """Largest ``|K z + b + f|`` relative to the largest term of its row."""
+    K = descriptor.dense_stiffness()
+    f = np.zeros(descriptor.size)
+    devices = descriptor.devices
+    if devices.count:
+        value = gain_of(devices.kind).value(z[devices.input] / devices.v_scale)
+        f[devices.output] = -devices.u_scale * value
+    terms = np.abs(K) @ np.abs(z) + np.abs(drive) + np.abs(f)
+    return float(np.max(np.abs(K @ z + drive + f) / np.where(terms > 0.0, terms, 1.0), initial=0.0))
+
+
+def solve_loop(H: Floats, a: Floats, gain: Gain) -> tuple[Floats, int]:
+    """Solve ``y + H g(y) = a`` by damped Newton, with a homotopy where that stalls.
+
+    Parameters
+    ----------
+    H : ndarray (m, m)
+        Dimensionless DC feedback.
+    a : ndarray (m,)
+        Inputs with the feedback cut.
+
+    Returns
+    -------
+    tuple of ndarray (m,) and int
+        y, and the Newton steps taken.
+
+    Raises
+    ------
+    EngineError
+        Not found within `MAX_STEPS` a stage.
+    """
+    diagonal = np.diag(H)
+    h = np.maximum(diagonal, 1e-12 * np.abs(H).max(initial=1e-300))
+    y, steps, done = _newton(H, h, a, gain, a.copy())
+    if done:
+        return y, steps
+    q = a.copy()
+    for stage in (*STAGES, 0.0):
+        extra = stage * np.abs(H).sum(axis=1)
+        y, taken, done = _newton(H + np.diag(extra), h + extra, a, gain, q)
+        steps += taken
+        following = max(stage * 1e-2, 0.0) * np.abs(H).sum(axis=1)
+        q = y + (h + following) * gain.value(np.minimum(y, gain.upper))
+    if not done:
+        message = f"no equilibrium found in {steps} Newton steps: the loop through the signal \
+amplifiers has no bounded solution within the range of floats, or is not monotone"
+        raise EngineError(message)
+    return y, steps
+
+
+def _newton(H: Floats, h: Floats, a: Floats, gain: Gain, q: Floats) -> tuple[Floats, int, bool]:
+    """Damp Newton's method on |F| in q; True when F vanishes against the terms that cancel."""
+
+    def evaluate(q: Floats) -> tuple[Floats, Floats, float, bool]:
+        y = gain.from_coordinate(q, h)
+        if np.any(y > gain.upper):
+            return y, np.full_like(y, np.inf), np.inf, False
+        g = gain.value(y)
+        F = y + H @ g - a
+        terms = np.abs(y) + np.abs(H) @ g + np.abs(a)
+        return y, F, float(F @ F), bool(np.all(np.abs(F) <= 1e-14 * (terms + len(y))))
+
+    y, F, merit, done = evaluate(q)
+    for step in range(MAX_STEPS):
+        if done or not np.isfinite(merit):
+            return y, step, done
+        slope = gain.slope(y)
+        share = 1.0 / (1.0 + h * slope)  # dy/dq
+        J = np.diag(share) + H * (slope * share)
+        dq = np.linalg.lstsq(J, -F, rcond=None)[0]
+        damping = 1.0
+        while damping > 1e-14:
+            trial = evaluate(q + damping * dq)
+            if trial[2] < (1.0 - 1e-4 * damping) * merit or trial[3]:
+                break
+            damping *= 0.5
+        else:
+            # Rounding is reached: F no longer decreases along an exact Newton direction.
+            terms = np.abs(y) + np.abs(H) @ gain.value(y) + np.abs(a)
+            return y, step, bool(np.all(np.abs(F) <= 1e-11 * (terms + len(y))))
+        q = q + damping * dq
+        y, F, merit, done = trial
+    return y, MAX_STEPS, False
