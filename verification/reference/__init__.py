@@ -1,1 +1,7 @@
-"""Reference solvers: they see only the problem."""
+"""The first witness: it sees only the problem (T, eps, lam, regulariser)."""
+
+from verification.reference.dynamics import IdealNetwork, ideal_linear, ideal_transient
+from verification.reference.problem import Problem, Solution
+from verification.reference.solve import solve
+
+__all__ = ["IdealNetwork", "Problem", "Solution", "ideal_linear", "ideal_transient", "solve"]

@@ -1,0 +1,288 @@
+"""Transient of the ideal network: exact modes for linear amplifiers, Radau for the others.
+
+``C dv/dt = -v/R - I_b - s G0 T^T (G0 T u - G0 U0 eps)``, ``u = U0 g(v/Ve)`` (eq 9 as corrected). In
+``x = v/Ve`` and ``t/(R C)`` this is ``dx = -(x + beta) - T^T (T g(x) - eps) / mu``, with mu the
+regularisation of the reference problem, so the network rests where that problem is solved.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from verification.reference.problem import Problem, Solution
+from verification.reference.regularisers import REGULARISERS, Regulariser
+from verification.reference.response import Response
+from verification.reference.solve import solve
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+Floats = NDArray[np.float64]
+
+TOLERANCE = 1e-10
+"""Relative tolerance of the Radau run."""
+AGREEMENT = 1e-6
+"""Radau and LSODA must agree to this times the step amplitude, and the energy balance to this."""
+_GAUSS_NODES, _GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(6)
+
+
+class Outcome(Enum):
+    """What became of a transient; the value says what to do."""
+
+    TRUSTED = "two integrators and the energy balance agree"
+    DISAGREES = "the integrators or the energy balance disagree: inconclusive"
+    NOT_FINITE = "a value overflowed: reduce the strain or the gain"
+    FAILED = "the integrator gave up: the network is too stiff for double precision"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class IdealNetwork:
+    """The network with ideal op-amps; SI units.
+
+    Attributes
+    ----------
+    T : ndarray (M, N)
+        Dimensionless.
+    eps : ndarray (M,)
+        Dimensionless.
+    G0 : float
+        Unit conductance, S.
+    U0 : float
+        Unit voltage, V.
+    R, C : float
+        Feedback resistor and capacitor, ohm and F.
+    s : float
+        Constraint-plane gain, ohm.
+    amplifier : str
+        A key of `REGULARISERS`.
+    Ve : float
+        Slope of a nonlinear amplifier, V; the linear one does not use it.
+    bias : bool
+        Whether ``I_b = Ve / R`` flows.
+    """
+
+    T: Floats
+    eps: Floats
+    G0: float
+    U0: float
+    R: float
+    C: float
+    s: float
+    amplifier: str = "linear"
+    Ve: float = 1.0
+    bias: bool = False
+
+    @property
+    def unit(self) -> float:
+        """Voltage that is ``x = 1``: Ve, and U0 for a linear amplifier, V."""
+        return self.U0 if self.amplifier == "linear" else self.Ve
+
+    @property
+    def mu(self) -> float:
+        """``unit / (R s G0^2 U0)``: lam for linear amplifiers, half of lam for the others."""
+        return self.unit / (self.R * self.s * self.G0**2 * self.U0)
+
+    @property
+    def problem(self) -> Problem:
+        """The problem that the network's rest state solves."""
+        lam = self.mu / REGULARISERS[self.amplifier].weight
+        return Problem(self.T, self.eps, lam, self.amplifier, self.bias)
+
+
+def ideal_linear(network: IdealNetwork, v0: Floats) -> Response:
+    """Return the exact response of linear amplifiers in modal form.
+
+    Parameters
+    ----------
+    network : IdealNetwork
+        With linear amplifiers.
+    v0 : ndarray (N,)
+        Signal-node voltages at time 0, V.
+
+    Returns
+    -------
+    Response
+        ``v(t) = v_inf + sum_i V_i exp(-(1 + sigma_i^2/mu) t/(R C)) V_i . (v0 - v_inf)``.
+
+    Raises
+    ------
+    ValueError
+        The amplifiers are not linear.
+    """
+    if network.amplifier != "linear":
+        raise ValueError(f"modes are for linear amplifiers, not {network.amplifier}")
+    M, N = network.T.shape
+    _, sigma, Vt = np.linalg.svd(network.T, full_matrices=M < N)
+    rates = np.ones(N)
+    rates[: len(sigma)] += sigma**2 / network.mu
+    rates /= network.R * network.C
+    target = solve(network.problem).u * network.U0
+    start = np.asarray(v0, dtype=np.float64)
+    loads = Vt @ (start - target)
+
+    def outputs(t: Floats) -> Floats:
+        return np.asarray(target + (np.exp(-np.outer(t, rates)) * loads) @ Vt)
+
+    grid = np.geomspace(1e-3 / rates.max(), 40.0 / rates.min(), 4000)
+    return Response(np.concatenate([[0.0], grid]), outputs, start, target)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Transient:
+    """A response with the evidence for it.
+
+    Attributes
+    ----------
+    response : Response or None
+        None where nothing finite was computed.
+    rest : Solution
+        The reference steady state, which is the response's target.
+    outcome : Outcome
+        Whether to believe it.
+    energy_residual : float
+        ``|P(t) - P(0) + integral of sum C g' v'^2| / |P(0) - P(t)|``.
+    second_opinion : float
+        Largest difference of the outputs between Radau and LSODA over the step amplitude.
+    stiffness : float
+        Fastest over slowest rate at rest.
+    """
+
+    response: Response | None
+    rest: Solution
+    outcome: Outcome
+    energy_residual: float
+    second_opinion: float
+    stiffness: float
+
+
+class _Scaled:
+    """Right-hand side, Jacobian and energy in x and ``t/(R C)``."""
+
+    def __init__(self, network: IdealNetwork) -> None:
+        self.T, self.eps, self.mu = network.T, network.eps, network.mu
+        self.beta = float(network.bias)
+        self.g: Regulariser = REGULARISERS[network.amplifier]
+        self.gram = self.T.T @ self.T / self.mu
+
+    def slope(self, _: float, x: Floats) -> Floats:
+        """dx/dt for x (N,) or (N, K)."""
+        miss = (self.T @ self.g.g(x)).T - self.eps
+        return np.asarray(-(x + self.beta) - (miss @ self.T).T / self.mu)
+
+    def jacobian(self, _: float, x: Floats) -> Floats:
+        return np.asarray(-self.gram * self.g.slope(x) - np.eye(len(x)))
+
+    def energy(self, x: Floats) -> float:
+        u = self.g.g(x)
+        miss = self.T @ u - self.eps
+        return float(miss @ miss / (2.0 * self.mu) + np.sum(self.g.energy(x) + self.beta * u))
+
+    def stiffness(self, x: Floats) -> float:
+        """Return the ratio of the extreme rates; all are real, for a symmetric similar matrix."""
+        A = self.T * np.sqrt(self.g.slope(x))
+        sigma = np.linalg.svd(A, compute_uv=False) ** 2 / self.mu
+        slowest = sigma[-1] if A.shape[0] >= A.shape[1] else 0.0
+        return float((1.0 + sigma[0]) / (1.0 + slowest))
+
+
+def ideal_transient(network: IdealNetwork, v0: Floats, stop: float | None = None) -> Transient:
+    """Integrate the ideal network with any amplifier.
+
+    Parameters
+    ----------
+    network : IdealNetwork
+        What to integrate.
+    v0 : ndarray (N,)
+        Signal-node voltages at time 0, V.
+    stop : float, optional
+        End time, s; by default long enough for the slowest mode to decay by 1e-8.
+
+    Returns
+    -------
+    Transient
+        To be believed only if its outcome is ``TRUSTED``.
+
+    Raises
+    ------
+    SolverError
+        The steady state cannot be computed at all.
+    """
+    scaled, unit = _Scaled(network), network.R * network.C
+    rest = solve(network.problem)
+    x0 = np.asarray(v0, dtype=np.float64) / network.unit
+    at_rest = rest.u if rest.v is None else rest.v
+    end = np.log(1e8 * (1.0 + np.max(np.abs(x0 - at_rest)))) if stop is None else stop / unit
+    stiffness = scaled.stiffness(at_rest)
+    with np.errstate(all="ignore"):
+        run = _integrate(scaled, x0, float(end))
+        if isinstance(run, Outcome):
+            return Transient(None, rest, run, np.nan, np.nan, stiffness)
+        steps, dense = run
+        residual = _energy_residual(scaled, steps, dense)
+        other = _second_opinion(scaled, x0, steps, dense)
+
+    def outputs(t: Floats) -> Floats:
+        return np.asarray(network.U0 * scaled.g.g(dense(np.asarray(t) / unit)).T)
+
+    inner = np.linspace(0.0, 1.0, 8, endpoint=False)
+    grid = (steps[:-1, None] + np.diff(steps)[:, None] * inner).ravel()
+    time = np.append(grid, steps[-1]) * unit
+    response = Response(time, outputs, network.U0 * scaled.g.g(x0), network.U0 * rest.u)
+    second = other * network.U0 / response.amplitude if response.amplitude > 0.0 else 0.0
+    trusted = rest.trusted and residual <= AGREEMENT and second <= AGREEMENT
+    outcome = Outcome.TRUSTED if trusted else Outcome.DISAGREES
+    return Transient(response, rest, outcome, residual, second, stiffness)
+
+
+def _integrate(
+    scaled: _Scaled, x0: Floats, end: float
+) -> Outcome | tuple[Floats, Callable[[Floats], Floats]]:
+    """Run Radau; return its steps (P,) and its interpolant ``t -> x (N, K)``, or why not."""
+    from scipy.integrate import solve_ivp
+
+    if not np.all(np.isfinite(scaled.slope(0.0, x0))):
+        return Outcome.NOT_FINITE
+    run = solve_ivp(
+        scaled.slope, (0.0, end), x0, "Radau", dense_output=True, jac=scaled.jacobian,
+        rtol=TOLERANCE, atol=TOLERANCE,
+    )  # fmt: skip
+    if not np.all(np.isfinite(run.y)):
+        return Outcome.NOT_FINITE
+    if not run.success or run.sol is None:
+        return Outcome.FAILED
+    return np.asarray(run.t), run.sol
+
+
+def _second_opinion(
+    scaled: _Scaled, x0: Floats, steps: Floats, dense: Callable[[Floats], Floats]
+) -> float:
+    """Return the largest difference of the outputs to LSODA; infinite if that fails.
+
+    LSODA has been seen to report success with values that are not numbers.
+    """
+    from scipy.integrate import solve_ivp
+
+    run = solve_ivp(
+        scaled.slope, (0.0, steps[-1]), x0, "LSODA", t_eval=steps, jac=scaled.jacobian,
+        rtol=TOLERANCE, atol=TOLERANCE,
+    )  # fmt: skip
+    if not run.success or run.y.shape[1] != len(steps):
+        return float("inf")
+    difference = np.max(np.abs(scaled.g.g(run.y) - scaled.g.g(dense(steps))))
+    return float(difference) if np.isfinite(difference) else float("inf")
+
+
+def _energy_residual(scaled: _Scaled, steps: Floats, dense: Callable[[Floats], Floats]) -> float:
+    """Compare the energy lost with the energy dissipated, by Gauss quadrature in each step."""
+    half = 0.5 * np.diff(steps)
+    t = (steps[:-1, None] + half[:, None] * (1.0 + _GAUSS_NODES)).ravel()
+    x = dense(t)
+    power = np.sum(scaled.g.slope(x) * scaled.slope(0.0, x) ** 2, axis=0)
+    dissipated = float(np.sum(power * np.outer(half, _GAUSS_WEIGHTS).ravel()))
+    lost = scaled.energy(dense(steps[:1])[:, 0]) - scaled.energy(dense(steps[-1:])[:, 0])
+    return abs(dissipated - lost) / abs(lost) if lost != 0.0 else abs(dissipated)

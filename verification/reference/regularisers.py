@@ -1,0 +1,191 @@
+"""The regularisers that amplifiers bring to the energy (eq 17), one entry of a table each.
+
+An amplifier ``u = g(v)``, g increasing, regularises with the integral of its inverse. Everything is
+written in v, which stays finite where u underflows or saturates, with ``Psi`` the integral of g:
+``integral of g^-1 = u v - Psi(v)`` up to a constant. With mu half of lam and h a positive weight,
+the solver's coordinate is ``q = mu v + h g(v)``; it neither overflows nor stalls as mu goes to 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from verification.reference import doubledouble as dd
+from verification.reference.doubledouble import DoubleDouble
+
+Floats = NDArray[np.float64]
+Function = Callable[[Floats], Floats]
+
+
+@dataclass(frozen=True, slots=True)
+class Regulariser:
+    """One increasing g with what a certified Newton method needs of it.
+
+    Attributes
+    ----------
+    g, slope, inverse, potential : callable
+        g, its derivative, its inverse and ``Psi``; of arrays.
+    exact : callable
+        g in double-double arithmetic.
+    unfold : callable
+        ``v(q, mu, h)``, the inverse of ``q = mu v + h g(v)``.
+    steepest : callable
+        ``(v, d) ->`` the largest slope within ``[v - d, v + d]``, d >= 0.
+    ceiling : callable
+        ``u ->`` a bound S on the slope at u, such that ``S + d`` bounds it at ``u + d``.
+    weight : float
+        ``mu = weight * lam``: 1/2, and 1 for linear whose Omega is ``sum u^2``.
+    """
+
+    g: Function
+    slope: Function
+    inverse: Function
+    potential: Function
+    exact: Callable[[DoubleDouble], DoubleDouble]
+    unfold: Callable[[Floats, float, Floats], Floats]
+    steepest: Callable[[Floats, Floats], Floats]
+    ceiling: Function
+    weight: float = 0.5
+
+    def energy(self, v: Floats) -> Floats:
+        """Return the integral of the inverse at ``u = g(v)``, up to a constant."""
+        return self.g(v) * v - self.potential(v)
+
+
+def _newton(start: Floats, q: Floats, mu: float, h: Floats, g: Function, slope: Function) -> Floats:
+    """Solve ``mu v + h g(v) = q`` from the side on which Newton's iterates are monotone."""
+    v = start
+    for _ in range(200):
+        step = (mu * v + h * g(v) - q) / (mu + h * slope(v))
+        v = v - step
+        if np.all(np.abs(step) <= 1e-15 * np.abs(v)):
+            break
+    return v
+
+
+def _sigmoid(v: Floats) -> Floats:
+    small = np.exp(-np.abs(v))
+    return np.where(v >= 0.0, 1.0, small) / (1.0 + small)
+
+
+def _sech2(v: Floats) -> Floats:
+    small = np.exp(-2.0 * np.abs(v))
+    return 4.0 * small / (1.0 + small) ** 2
+
+
+def _softplus(v: Floats) -> Floats:
+    return np.maximum(v, 0.0) + np.log1p(np.exp(-np.abs(v)))
+
+
+def _softplus_potential(v: Floats) -> Floats:
+    from scipy.special import spence
+
+    tail = -spence(1.0 + np.exp(-np.abs(v)))  # -Li2(-e^-|v|)
+    return np.where(v > 0.0, 0.5 * v * v + np.pi**2 / 6.0 - tail, tail)
+
+
+def _softplus_exact(v: DoubleDouble) -> DoubleDouble:
+    positive = v.hi > 0.0
+    sign = np.where(positive, -1.0, 1.0)
+    fold = dd.log1p(dd.exp(DoubleDouble(sign * v.hi, sign * v.lo)))
+    ramp = DoubleDouble(np.where(positive, v.hi, 0.0), np.where(positive, v.lo, 0.0))
+    return fold + ramp
+
+
+def _sinh_exact(v: DoubleDouble) -> DoubleDouble:
+    twice = dd.exp(v) - dd.exp(-v)
+    return DoubleDouble(0.5 * twice.hi, 0.5 * twice.lo)
+
+
+def _tanh_exact(v: DoubleDouble) -> DoubleDouble:
+    sign = np.where(v.hi > 0.0, -2.0, 2.0)
+    small = dd.exp(DoubleDouble(sign * v.hi, sign * v.lo))
+    ratio = (dd.ONE - small) / (dd.ONE + small)
+    turn = -0.5 * sign
+    return DoubleDouble(turn * ratio.hi, turn * ratio.lo)
+
+
+def _unfold_exponential(q: Floats, mu: float, h: Floats) -> Floats:
+    from scipy.special import wrightomega
+
+    shift = np.log(h / mu)
+    z = q / mu + shift
+    omega = wrightomega(z)
+    with np.errstate(divide="ignore"):
+        return np.where(z < 0.0, q / mu - omega, np.log(omega) - shift)
+
+
+def _unfold_sinh(q: Floats, mu: float, h: Floats) -> Floats:
+    size = np.abs(q)
+    start = np.minimum(size / mu, np.arcsinh(size / h))
+    return np.sign(q) * _newton(start, size, mu, h, np.sinh, np.cosh)
+
+
+def _unfold_softplus(q: Floats, mu: float, h: Floats) -> Floats:
+    start = np.where(q > 0.0, q / (mu + h), q / mu)
+    return _newton(start, q, mu, h, _softplus, _sigmoid)
+
+
+def _unfold_tanh(q: Floats, mu: float, h: Floats) -> Floats:
+    size = np.abs(q)
+    start = np.maximum(size / (mu + h), (size - h) / mu)
+    return np.sign(q) * _newton(start, size, mu, h, np.tanh, _sech2)
+
+
+REGULARISERS: dict[str, Regulariser] = {
+    "linear": Regulariser(
+        g=lambda v: v,
+        slope=np.ones_like,
+        inverse=lambda u: u,
+        potential=lambda v: 0.5 * v * v,
+        exact=lambda v: v,
+        unfold=lambda q, mu, h: q / (mu + h),
+        steepest=lambda v, _: np.ones_like(v),
+        ceiling=np.ones_like,
+        weight=1.0,
+    ),
+    "exponential": Regulariser(
+        g=np.exp,
+        slope=np.exp,
+        inverse=np.log,
+        potential=np.exp,
+        exact=dd.exp,
+        unfold=_unfold_exponential,
+        steepest=lambda v, d: np.exp(v + d),
+        ceiling=lambda u: u,
+    ),
+    "sinh": Regulariser(
+        g=np.sinh,
+        slope=np.cosh,
+        inverse=np.arcsinh,
+        potential=np.cosh,
+        exact=_sinh_exact,
+        unfold=_unfold_sinh,
+        steepest=lambda v, d: np.cosh(np.abs(v) + d),
+        ceiling=lambda u: 1.0 + np.abs(u),
+    ),
+    "softplus": Regulariser(
+        g=_softplus,
+        slope=_sigmoid,
+        inverse=lambda u: u + np.log(-np.expm1(-u)),
+        potential=_softplus_potential,
+        exact=_softplus_exact,
+        unfold=_unfold_softplus,
+        steepest=lambda v, d: _sigmoid(v + d),
+        ceiling=np.ones_like,
+    ),
+    "tanh": Regulariser(
+        g=np.tanh,
+        slope=_sech2,
+        inverse=np.arctanh,
+        potential=lambda v: np.abs(v) + np.log1p(np.exp(-2.0 * np.abs(v))) - np.log(2.0),
+        exact=_tanh_exact,
+        unfold=_unfold_tanh,
+        steepest=lambda v, d: _sech2(np.maximum(np.abs(v) - d, 0.0)),
+        ceiling=np.ones_like,
+    ),
+}

@@ -1,0 +1,123 @@
+"""Solves ``(A^T A + mu I) y = A^T f1 + f2``, ``A = T D`` with D diagonal, without losing digits.
+
+This is the correction step of every refinement here. QR and the singular values work on A itself
+(or on the stacked ``[A; sqrt(mu) I]``), so f1 is not multiplied by the square of the condition.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spice_models.errors import SolverError
+
+Floats = NDArray[np.float64]
+
+CHOLESKY_LIMIT = 1e-12
+"""Normal equations are used while mu is above this times ``|T D|^2``; QR below."""
+
+
+class Factor(Protocol):
+    """A factorised stacked system."""
+
+    def solve(self, f1: Floats, f2: Floats) -> Floats:
+        """Return y (N,) for f1 (M,) and f2 (N,)."""
+        ...
+
+
+class _Cholesky:
+    """Normal equations: fastest, error about ``condition^2 * 1e-16``."""
+
+    def __init__(self, A: Floats, gram: Floats, mu: float) -> None:
+        from scipy.linalg.lapack import dpotrf
+
+        H = gram
+        H.flat[:: len(H) + 1] += mu
+        self._L, self.failed = dpotrf(H, lower=1, overwrite_a=1)
+        self._A = A
+
+    def solve(self, f1: Floats, f2: Floats) -> Floats:
+        from scipy.linalg.lapack import dpotrs
+
+        return np.asarray(dpotrs(self._L, f1 @ self._A + f2, lower=1)[0])
+
+
+class _QR:
+    """Orthogonal factorisation: error about ``condition * 1e-16``."""
+
+    def __init__(self, A: Floats, mu: float) -> None:
+        Q, self._R = np.linalg.qr(np.vstack([A, np.sqrt(mu) * np.eye(A.shape[1])]))
+        self._Q = Q[: A.shape[0]]
+
+    def solve(self, f1: Floats, f2: Floats) -> Floats:
+        from scipy.linalg.lapack import dtrtrs
+
+        z = dtrtrs(self._R, f2, trans=1)[0]
+        return np.asarray(dtrtrs(self._R, f1 @ self._Q + z)[0])
+
+
+class SVD:
+    """Singular values of T (D = 1): rank and condition are known; mu may be 0.
+
+    Attributes
+    ----------
+    least : float
+        Lower bound on the least singular value of the stacked matrix; 0 if rank-deficient.
+    condition : float
+        Of the stacked matrix.
+
+    Raises
+    ------
+    SolverError
+        The decomposition does not converge.
+    """
+
+    def __init__(self, T: Floats, mu: float) -> None:
+        try:
+            self._U, self._sigma, self._Vt = np.linalg.svd(T, full_matrices=False)
+        except np.linalg.LinAlgError as error:
+            raise SolverError(f"singular value decomposition of T: {error}") from error
+        self._l = mu
+        sigma, tall = self._sigma, T.shape[0] >= T.shape[1]
+        doubt = 4.0 * max(T.shape) * float(np.finfo(float).eps) * sigma[0]
+        keep = sigma > doubt
+        inverse = 1.0 / np.where(keep, sigma * sigma + mu, 1.0)
+        self._gain = np.where(keep, inverse, 1.0 / mu if mu > 0.0 else 0.0)
+        last = float(sigma[-1]) if tall else 0.0
+        smallest = np.hypot(last, np.sqrt(mu))
+        self.least = float(np.hypot(max(last - doubt, 0.0), np.sqrt(mu)))
+        self.condition = (
+            float(np.hypot(sigma[0], np.sqrt(mu)) / smallest) if smallest > 0.0 else float("inf")
+        )
+
+    def solve(self, f1: Floats, f2: Floats) -> Floats:
+        """Return y (N,) for f1 (M,), f2 (N,); without the directions T cannot see if mu = 0."""
+        inner = self._Vt @ f2
+        y = (self._gain * (self._sigma * (f1 @ self._U) + inner)) @ self._Vt
+        if self._l > 0.0:
+            y = y + (f2 - inner @ self._Vt) / self._l
+        return np.asarray(y)
+
+
+def factorise(T: Floats, gram: Floats, D: Floats, mu: float) -> Factor:
+    """Factorise the stacked system by Cholesky where that is accurate enough, else by QR.
+
+    Parameters
+    ----------
+    T : ndarray (M, N)
+        The matrix.
+    gram : ndarray (N, N)
+        ``T^T T``.
+    D : ndarray (N,)
+        Nonnegative.
+    mu : float
+        Positive.
+    """
+    A = T * D
+    if mu > CHOLESKY_LIMIT * float(np.vdot(A, A)):
+        factor = _Cholesky(A, gram * np.outer(D, D), mu)
+        if not factor.failed:
+            return factor
+    return _QR(A, mu)

@@ -1,0 +1,139 @@
+"""The linear regulariser: QR or SVD, refined with 106-bit residuals, judged by its residual.
+
+The unknowns are u and the residual ``r = eps - T u`` together (Bjorck, BIT 7, 1967), so refinement
+contracts with the condition number and not with its square. With ``f1 = eps - T u - r`` and
+``f2 = T^T r - mu u``, the error of u is at most ``|f1| / s + |f2| / s^2``, where s is the least
+singular value of the stacked matrix ``[T; sqrt(mu) I]``.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from verification.reference.doubledouble import UNIT, DoubleDouble, ExactMatrix
+from verification.reference.problem import RELATIVE_ERROR, SMALLEST_SCALE, Problem, Solution
+from verification.reference.scaled import Scaled
+from verification.reference.stacked import SVD, Factor, factorise
+
+Floats = NDArray[np.float64]
+
+MAX_REFINEMENTS = 20
+QR_CONDITION = 1e13
+"""Above this the square root of mu says too little about the least singular value: SVD."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Point:
+    """u and r in 106 bits; f1, f2 and the weighted norm ``|f1| s + |f2|``."""
+
+    u: DoubleDouble
+    r: DoubleDouble
+    f1: Floats
+    f2: Floats
+    residual: float
+
+
+def _point(s: Scaled, exact: ExactMatrix, least: float, u: DoubleDouble, r: DoubleDouble) -> _Point:
+    f1 = (DoubleDouble.of(s.eps) - exact @ u - r).hi
+    f2 = (exact.transposed(r) - DoubleDouble.of(s.mu) * u).hi
+    size, dual = float(np.linalg.norm(u.hi)), float(np.linalg.norm(r.hi))
+    slack1 = UNIT * (s.norm * size + float(np.linalg.norm(s.eps)) + dual)
+    slack2 = UNIT * (s.norm * dual + s.mu * size)
+    miss1 = float(np.linalg.norm(f1)) + slack1
+    return _Point(u, r, f1, f2, miss1 * least + float(np.linalg.norm(f2)) + slack2)
+
+
+def _refine(s: Scaled, factor: Factor, least: float) -> tuple[_Point, int]:
+    """Solve and refine until the residual stops shrinking."""
+    exact = ExactMatrix(s.T)
+    wide = DoubleDouble.of(factor.solve(s.eps, np.zeros(s.T.shape[1])))
+    best = _point(s, exact, least, wide, DoubleDouble.of(s.eps) - exact @ wide)
+    for step in range(MAX_REFINEMENTS):
+        du = factor.solve(best.f1, best.f2)
+        u = best.u + DoubleDouble.of(du)
+        r = best.r + DoubleDouble.of(best.f1 - s.T @ du)
+        trial = _point(s, exact, least, u, r)
+        if not trial.residual < best.residual:
+            return best, step
+        done = trial.residual > 0.5 * best.residual
+        best = trial
+        if done:
+            break
+    return best, step + 1
+
+
+def solve_tikhonov(problem: Problem) -> Solution:
+    """Solve for the linear regulariser, ``(T^T T + lam) u = T^T eps``.
+
+    Parameters
+    ----------
+    problem : Problem
+        ``lam`` may be 0; then T must have full column rank, which double precision can tell only
+        for condition numbers up to about 1e13.
+
+    Returns
+    -------
+    Solution
+        Certificate: relative residual. Where T is rank-deficient and lam = 0, u is the shortest
+        minimiser and not trusted.
+
+    Raises
+    ------
+    SolverError
+        T cannot be factorised at all.
+    """
+    start = time.perf_counter()
+    s = Scaled.of(problem)
+    condition = float(np.sqrt(1.0 + s.norm**2 / s.mu)) if s.mu > 0.0 else float("inf")
+    answer = None
+    if condition < QR_CONDITION:
+        factor = factorise(s.T, s.gram, np.ones(s.T.shape[1]), s.mu)
+        answer = _judged(problem, s, factor, float(np.sqrt(s.mu)), condition, start)
+    if answer is None or not answer.trusted:  # perhaps T is better conditioned than lam alone says
+        svd = SVD(s.T, s.mu)
+        answer = _judged(problem, s, svd, svd.least, svd.condition, start)
+    return answer
+
+
+def _judged(
+    problem: Problem, s: Scaled, factor: Factor, least: float, condition: float, start: float
+) -> Solution:
+    """Solve with one factorisation, whose least singular value is known, and judge the answer."""
+    point, steps = _refine(s, factor, least)
+    u = point.u.hi
+    peak, dual = float(np.max(np.abs(u))), float(np.linalg.norm(s.eps))
+    rounding = float(np.finfo(float).eps) / 2.0 * peak
+    unit = s.norm * (s.norm * float(np.linalg.norm(u)) + dual)
+    certificate = point.residual / unit if unit > 0.0 else 0.0
+    floor = SMALLEST_SCALE * dual / s.norm if s.norm > 0.0 else 0.0
+    allowed = RELATIVE_ERROR * max(peak, floor) - rounding
+    bound = allowed * least * least / unit if unit > 0.0 else 0.0
+    unique = least > 0.0
+    trusted = unique and certificate <= bound
+    residual = s.eps - s.T @ u
+    return Solution(
+        problem=problem,
+        u=u,
+        v=None,
+        objective=float(residual @ residual + s.mu * (u @ u)) * s.scale**2,
+        certificate_kind="relative residual",
+        certificate=certificate,
+        bound=bound,
+        error_bound=certificate * unit / least / least + rounding if unique else float("inf"),
+        trusted=trusted,
+        condition=condition,
+        iterations=steps,
+        seconds=time.perf_counter() - start,
+        reason="" if trusted else _reason(condition, problem.lam),
+    )
+
+
+def _reason(condition: float, lam: float) -> str:
+    return (
+        f"double precision cannot state the answer: the condition number is {condition!r} at "
+        f"lambda = {lam!r}; use a larger lambda or fewer channels"
+    )
