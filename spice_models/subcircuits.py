@@ -3,13 +3,42 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from spice_models.amplifier import AMPLIFIERS
 from spice_models.opamp import OpAmp
 
 if TYPE_CHECKING:
     from PySpice.Spice.Netlist import SubCircuit
+
+
+class BehaviouralAmplifier(Protocol):
+    """What `amplifier_lines` reads of a circuit's signal amplifier."""
+
+    @property
+    def name(self) -> str:
+        """Names the cards."""
+
+    @property
+    def kind(self) -> str:
+        """Key of `AMPLIFIERS`."""
+
+    @property
+    def input(self) -> str:
+        """Node of v."""
+
+    @property
+    def output(self) -> str:
+        """Node of -u."""
+
+    @property
+    def u_scale(self) -> float:
+        """U0, V."""
+
+    @property
+    def v_scale(self) -> float:
+        """Ve, V."""
+
 
 PORTS = ("inp", "inn", "out")
 """External nodes of an op-amp's subcircuit: non-inverting input, inverting input, output."""
@@ -71,42 +100,29 @@ def _inputs(cell: SubCircuit, model: OpAmp, noninverting_grounded: bool) -> None
             cell.C("p", "inp", 0, float(model.input_capacitance))
 
 
-def amplifier_source(
-    name: str, kind: str, input: str, output: str, *, u_scale: float, v_scale: float
-) -> tuple[str, ...]:
-    """Return one behavioural amplifier's cards, ``V(output) = -u_scale g(V(input)/v_scale)``.
+def amplifier_lines(stage: BehaviouralAmplifier) -> tuple[str, ...]:
+    """Return the lines of one stage, ``V(output) = -u_scale g(V(input) / v_scale)``.
 
     One ``B`` card; ngspice cuts a literal in a B expression to 11 digits, so a `v_scale` other
-    than 1 V becomes an ``E`` card before it and a `u_scale` other than 1 V one after it (nodes
-    ``{name}_x`` and ``{name}_g``), whose gains keep every digit.
-
-    Parameters
-    ----------
-    name : str
-        Names the cards ``Ex{name}``, ``B{name}`` and ``Eu{name}``.
-    kind : str
-        A key of `AMPLIFIERS`, any but ``"linear"``.
-    input, output : str
-        Node names.
-    u_scale, v_scale : float
-        U0 and Ve, V.
+    than 1 V becomes an ``E`` card before it and a `u_scale` other than 1 V one after it (cards
+    ``Ex`` and ``Eu`` with the stage's name, nodes ``{name}_x`` and ``{name}_g``), whose gains keep
+    every digit.
 
     Raises
     ------
     ValueError
         For a kind without a behavioural source.
     """
-    expression = AMPLIFIERS[kind].expression
+    expression = AMPLIFIERS[stage.kind].expression
     if not expression:
-        raise ValueError(f"kind = {kind!r}: an op-amp stage, it has no behavioural source")
-    cards = []
-    control, target, sign = input, output, "-"
-    if v_scale != 1.0:
+        raise ValueError(f"kind = {stage.kind!r}: an op-amp stage, it has no behavioural source")
+    name, before, after = stage.name, [], []
+    control, target, sign = stage.input, stage.output, "-"
+    if stage.v_scale != 1.0:
         control = f"{name}_x"
-        cards.append(f"Ex{name} {control} 0 {input} 0 {1.0 / float(v_scale)!r}")
-    if u_scale != 1.0:
+        before.append(f"Ex{name} {control} 0 {stage.input} 0 {1.0 / stage.v_scale!r}")
+    if stage.u_scale != 1.0:
         target, sign = f"{name}_g", ""
-    cards.append(f"B{name} {target} 0 V={sign}{expression.format(x=f'V({control})')}")
-    if u_scale != 1.0:
-        cards.append(f"Eu{name} {output} 0 {target} 0 {-float(u_scale)!r}")
-    return tuple(cards)
+        after.append(f"Eu{name} {stage.output} 0 {target} 0 {-stage.u_scale!r}")
+    value = expression.format(x=f"V({control})")
+    return (*before, f"B{name} {target} 0 V={sign}{value}", *after)
