@@ -1,0 +1,202 @@
+"""The state of one channel at the end of its record, and the proof of a settling time.
+
+A record proves that a channel settled when, at its end, the channel
+
+1. is inside the band, and has been for 5 % of its settling time and, while it rings, for three
+   ringing periods (half of one, once the envelope is below half the band);
+2. does not ring on: what ringing is left is below 5 % of the band, or decays beyond the doubt of
+   the fit;
+3. does not drift out again: the limit extrapolated from its last three stretches is in the band.
+
+Everything else is another state, with a reason that says what to do.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from verification.envelope import saturates
+from verification.readings import Reading, settle
+from verification.ringing import Mode
+from verification.waveforms import Floats
+
+_DWELL = 0.05  # of the settling time that must follow it inside the band
+_DWELL_PERIODS = 3.0
+_QUIET = 0.05  # of the band: ringing below it is not judged
+_FLAT_TOP = 0.2  # of a period spent within 1 % of one extreme; 0.064 for a sinusoid
+_RUNAWAY = 10.0  # step amplitudes off target, and accelerating
+
+
+class ChannelState(StrEnum):
+    """How a channel's record ends."""
+
+    SETTLED = "settled"
+    NOT_SETTLED = "not settled"
+    OSCILLATING = "oscillating"
+    CLIPPED = "clipped"
+    DIVERGED = "diverged"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ringing:
+    """What is known of the ringing in one channel.
+
+    Attributes
+    ----------
+    time, amplitude : ndarray (M,)
+        Envelope, s and the unit of the signal.
+    period : float or None
+        s.
+    mode : Mode or None
+        The channel's strongest oscillating mode.
+    share : float
+        That mode's amplitude in this channel at the end of the fitted stretch.
+    """
+
+    time: Floats
+    amplitude: Floats
+    period: float | None
+    mode: Mode | None
+    share: float
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """ChannelState, settling time where there is one, and why there is none."""
+
+    state: ChannelState
+    settling_time: Reading | None
+    reason: str
+
+
+def heading(time: Floats, error: Floats, period: float | None) -> tuple[float, float]:
+    """Extrapolate where the channel goes.
+
+    The means of the last three stretches, each a tenth of the record in whole ringing periods,
+    form a geometric series for an exponential approach (Aitken's extrapolation).
+
+    Returns
+    -------
+    limit, ratio : float
+        Limit of `error` (infinite when it does not converge) and how much a stretch's change is
+        of the one before it; the ratio is 0 when nothing moves or the changes alternate.
+    """
+    width = 0.1 * float(time[-1] - time[0])
+    if period is not None and width > period:
+        width = period * int(width / period)
+    first = max(int(np.searchsorted(time, time[-1] - 3 * width)) - 1, 0)
+    t, e = time[first:], error[first:]
+    area = np.concatenate([[0.0], np.cumsum(0.5 * (e[1:] + e[:-1]) * np.diff(t))])
+    marks = np.interp(t[-1] - width * np.array([3.0, 2.0, 1.0, 0.0]), t, area)
+    mean = np.diff(marks) / width
+    before, last = float(mean[1] - mean[0]), float(mean[2] - mean[1])
+    if before * last <= 0:
+        return float(mean[2]), 0.0
+    ratio = last / before
+    limit = float(mean[2]) + last * ratio / (1 - ratio) if ratio < 1 else float(np.inf * last)
+    return limit, ratio
+
+
+def _flat_top(time: Floats, error: Floats, period: float) -> bool:
+    """Tell whether the last three periods dwell at an extreme, as a rail makes them."""
+    first = int(np.searchsorted(time, time[-1] - 3 * period))
+    e, weight = error[first:], np.gradient(time[first:])
+    margin = 0.01 * (e.max() - e.min())
+    top, bottom = weight[e > e.max() - margin].sum(), weight[e < e.min() + margin].sum()
+    return bool(max(top, bottom) > _FLAT_TOP * weight.sum())
+
+
+def _decays(ring: Ringing) -> bool:
+    """Tell whether the ringing decays: the fit's word, or else the envelope's last half."""
+    if ring.mode is not None and ring.mode.residual < 0.1:
+        return ring.mode.decays
+    half = ring.amplitude[-max(ring.amplitude.size // 2, 1) :]
+    return bool(half[-1] < 0.9 * half[0])
+
+
+def _left(ring: Ringing, end: float) -> float:
+    """Return the ringing's amplitude at `end`; the envelope's last chunk lies before it."""
+    last = float(ring.amplitude[-1])
+    if ring.mode is None or ring.mode.residual > 0.1 or not ring.mode.decays:
+        return last
+    return last * float(np.exp(ring.mode.growth_rate * (end - ring.time[-1])))
+
+
+def sustained(time: Floats, error: Floats, tolerance: float, ring: Ringing) -> ChannelState | None:
+    """Return OSCILLATING or CLIPPED if the channel rings without decay at its end, else None."""
+    mode = ring.mode
+    if ring.period is None:
+        grows = mode is not None and mode.grows and not mode.doubt and ring.share > tolerance
+        return ChannelState.OSCILLATING if grows else None
+    if ring.amplitude[-1] <= _QUIET * tolerance:
+        return None
+    if saturates(ring.amplitude):
+        return ChannelState.CLIPPED
+    if _decays(ring):
+        return None
+    return ChannelState.CLIPPED if _flat_top(time, error, ring.period) else ChannelState.OSCILLATING
+
+
+def judge(time: Floats, error: Floats, tolerance: float, step: float, ring: Ringing) -> Judgement:
+    """Judge one channel.
+
+    Parameters
+    ----------
+    time, error : ndarray (P,)
+        Record, s, and distance to the target, finite, P at least 8.
+    tolerance : float
+        Half width of the settling band, in the unit of `error`.
+    step : float
+        The network's step amplitude, in the same unit.
+    ring : Ringing
+        The channel's ringing.
+    """
+    state = sustained(time, error, tolerance, ring)
+    if state is not None:
+        how = "at a constant amplitude" if state is ChannelState.CLIPPED else "and does not decay"
+        return Judgement(state, None, f"it oscillates {how}: it never settles")
+    left = _left(ring, float(time[-1]))
+    limit, ratio = heading(time, error, ring.period)
+    found = settle(time, error, tolerance)
+    if found is None:
+        return _outside(float(error[-1]), tolerance, step, ring.mode, left, limit, ratio)
+    if abs(limit) > tolerance and left < tolerance:
+        reason = f"inside the band at the end but drifting towards {limit:.4g} off target"
+        return Judgement(ChannelState.NOT_SETTLED, None, reason + ": simulate longer")
+    dwell = float(time[-1] - time[0]) - found.value
+    need = _DWELL * found.value
+    if ring.period is not None and left > _QUIET * tolerance:
+        need = max(need, ring.period * (0.5 if left < 0.5 * tolerance else _DWELL_PERIODS))
+    if dwell < need:
+        reason = f"inside the band for the last {dwell:.4g} s only, {need:.4g} s would prove it"
+        return Judgement(ChannelState.NOT_SETTLED, None, reason + ": simulate longer")
+    return Judgement(ChannelState.SETTLED, found, "")
+
+
+def _outside(
+    last: float,
+    tolerance: float,
+    step: float,
+    mode: Mode | None,
+    left: float,
+    limit: float,
+    ratio: float,
+) -> Judgement:
+    """Say why a channel that ends outside its band, and does not oscillate, is there."""
+    off = f"{last:.4g} off target ({abs(last) / step:.3%} of the step)"
+    if ratio >= 1 and abs(last) > _RUNAWAY * step:
+        return Judgement(ChannelState.DIVERGED, None, f"{off} at the end, and accelerating")
+    if left > _QUIET * tolerance and mode is not None and mode.decays:
+        longer = float(np.log(max(left / tolerance, 2.0)) / -mode.growth_rate)
+        reason = f"still ringing at {mode.frequency:.4g} Hz with {left:.4g}, which decays"
+        reason += f": simulate {longer:.2g} s longer"
+    elif abs(limit) <= tolerance:
+        reason = f"{off} at the end, still moving towards it: simulate longer"
+    elif abs(limit - last) < tolerance:
+        reason = f"at rest {off}: the reference and the circuit disagree"
+    else:
+        reason = f"{off} at the end and moving towards {limit:.4g} off target: simulate longer"
+    return Judgement(ChannelState.NOT_SETTLED, None, reason)
