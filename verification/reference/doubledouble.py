@@ -21,6 +21,7 @@ UNIT = 2.0**-100
 
 _SPLITTER = 2.0**27 + 1.0
 _MAX_SLICES = 6
+_UNDERFLOW = -745.2
 
 
 def _two_sum(a: Floats, b: Floats) -> tuple[Floats, Floats]:
@@ -97,16 +98,16 @@ _INVERSE_FACTORIALS = tuple(_constant(Fraction(1, factorial(k))) for k in range(
 
 def exp(x: DoubleDouble) -> DoubleDouble:
     """Return e to the power x; zero where it underflows."""
-    power = np.rint(np.clip(x.hi, -800.0, 800.0) / log(2.0))
+    low = x.hi < _UNDERFLOW
+    x = DoubleDouble(np.where(low, _UNDERFLOW, x.hi), np.where(low, 0.0, x.lo))
+    power = np.rint(x.hi / log(2.0))
     r = x - DoubleDouble.of(power) * _LN2
     total = _INVERSE_FACTORIALS[-1]
     for term in _INVERSE_FACTORIALS[-2::-1]:
         total = total * r + term
     k = power.astype(int)
-    low = x.hi < -745.2
-    return DoubleDouble(
-        np.where(low, 0.0, np.ldexp(total.hi, k)), np.where(low, 0.0, np.ldexp(total.lo, k))
-    )
+    hi, lo = np.ldexp(total.hi, k), np.ldexp(total.lo, k)
+    return DoubleDouble(np.where(low, 0.0, hi), np.where(low, 0.0, lo))
 
 
 def log1p(x: DoubleDouble) -> DoubleDouble:

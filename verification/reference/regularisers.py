@@ -176,7 +176,7 @@ REGULARISERS: dict[str, Regulariser] = {
         exact=_softplus_exact,
         unfold=_unfold_softplus,
         steepest=lambda v, d: _sigmoid(v + d),
-        ceiling=np.ones_like,
+        ceiling=lambda u: -np.expm1(-u),
     ),
     "tanh": Regulariser(
         g=np.tanh,

@@ -24,6 +24,8 @@ Floats = NDArray[np.float64]
 MAX_REFINEMENTS = 20
 QR_CONDITION = 1e13
 """Above this the square root of mu says too little about the least singular value: SVD."""
+SMALL = 300
+"""Up to this many channels or sensors the singular values cost next to nothing."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,7 +92,7 @@ def solve_tikhonov(problem: Problem) -> Solution:
     s = Scaled.of(problem)
     condition = float(np.sqrt(1.0 + s.norm**2 / s.mu)) if s.mu > 0.0 else float("inf")
     answer = None
-    if condition < QR_CONDITION:
+    if min(s.T.shape) > SMALL and condition < QR_CONDITION:
         factor = factorise(s.T, s.gram, np.ones(s.T.shape[1]), s.mu)
         answer = _judged(problem, s, factor, float(np.sqrt(s.mu)), condition, start)
     if answer is None or not answer.trusted:  # perhaps T is better conditioned than lam alone says
