@@ -57,7 +57,7 @@ report() {
     elif is_usable; then
         say "ngspice $(version), without KLU: everything works, boards above 30 channels take 2 to 5 times longer"
     else
-        say "ngspice $OLDEST or newer is missing: no ngspice simulation, and its tests are skipped."
+        say "ngspice $OLDEST or newer is missing: no ngspice simulation, and its tests are skipped (in CI they fail)."
         say "what works: netlists, reference solutions, and verification by the state-space engine."
         say "to install it, as root: apt-get install ngspice; then make setup"
     fi
