@@ -79,7 +79,13 @@ class SimulationError(NoVerdictError):
         The log's telling lines.
     folder : Path or None
         The run folder, kept as a reproducer (deck, command line, log, partial result).
+    partial : object or None
+        A `verification.waveforms.Waveforms` of the points that reached the disk before the
+        failure, without any check; None where there are none. (`object`, since this file stands
+        below that one.)
     """
+
+    partial: object | None = None
 
     def __init__(self, message: str, *, log: str = "", folder: Path | None = None) -> None:
         self.log = log

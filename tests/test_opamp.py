@@ -1,0 +1,111 @@
+"""Op-amp figures: their limits, and the pole solve against mpmath and against itself."""
+
+from __future__ import annotations
+
+import math
+
+import mpmath
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from spice_models.opamp import (
+    OpAmp,
+    phase_margin,
+    poles_from_phase_margin,
+    second_pole_from_phase_margin,
+    unity_gain_bandwidth,
+)
+
+gains = st.floats(3.0, 1e8)
+frequencies = st.floats(1.0, 1e10)
+within = st.floats(0.02, 0.98)
+
+
+def possible_margin(gain: float, part: float) -> float:
+    """A phase margin, degrees, between that of a double pole and that of a single one."""
+    least = math.degrees(math.acos(1.0 - 2.0 / gain))
+    most = math.degrees(math.acos(-1.0 / gain))
+    return least + part * (most - least)
+
+
+@given(gains, frequencies, within)
+def test_poles_give_back_bandwidth_and_margin(gain: float, f_u: float, part: float) -> None:
+    margin = possible_margin(gain, part)
+    gbw, second = poles_from_phase_margin(gain, f_u, margin)
+    model = OpAmp("x", gain, gbw, second)
+    assert model.first_pole <= second
+    assert unity_gain_bandwidth(model) == pytest.approx(f_u, rel=1e-9)
+    assert phase_margin(model) == pytest.approx(margin, abs=1e-6)
+    assert second_pole_from_phase_margin(gain, gbw, margin) == pytest.approx(second, rel=1e-12)
+
+
+def test_pole_solve_agrees_with_fifty_digits() -> None:
+    gbw, second = poles_from_phase_margin(2e5, 1e6, 65.0)
+    with mpmath.workdps(50):
+
+        def mismatch(f1: mpmath.mpf, f2: mpmath.mpf) -> tuple[mpmath.mpf, mpmath.mpf]:
+            a, b = 1e6 / f1, 1e6 / f2
+            lag = mpmath.degrees(mpmath.atan(a) + mpmath.atan(b))
+            return (1 + a**2) * (1 + b**2) / mpmath.mpf(2e5) ** 2 - 1, lag - 115
+
+        f1, f2 = mpmath.findroot(mismatch, (5.0, 2e6))
+        assert gbw == pytest.approx(float(2e5 * f1), rel=1e-13)
+        assert second == pytest.approx(float(f2), rel=1e-13)
+
+
+def test_a_single_pole_has_the_root_form_and_a_little_over_90_degrees() -> None:
+    model = OpAmp("x", 10.0, gbw=1e6)
+    assert unity_gain_bandwidth(model) == pytest.approx(1e5 * math.sqrt(99.0), rel=1e-14)
+    assert phase_margin(model) == pytest.approx(180 - math.degrees(math.atan(math.sqrt(99.0))))
+
+
+def test_no_pole_no_lag() -> None:
+    assert unity_gain_bandwidth(OpAmp("x", 1e9)) == math.inf
+    assert phase_margin(OpAmp("x", 1e9)) == 180.0
+
+
+def test_two_equal_poles_of_a_gain_of_two() -> None:
+    # (1 + x)^2 = A0^2 with A0 = 2: f_u = f1, a lag of 45 degrees each.
+    model = OpAmp("x", 2.0, gbw=2e3, second_pole=1e3)
+    assert unity_gain_bandwidth(model) == pytest.approx(1e3, rel=1e-15)
+    assert phase_margin(model) == pytest.approx(90.0, rel=1e-15)
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.2, 90.001, 180.0, -5.0, math.nan])
+def test_an_impossible_margin_names_the_possible_ones(margin: float) -> None:
+    with pytest.raises(ValueError, match=r"between 0\.2562 and 90 degrees"):
+        poles_from_phase_margin(2e5, 1e6, margin)
+
+
+def test_a_margin_needs_a_first_pole() -> None:
+    with pytest.raises(ValueError, match="finite gbw"):
+        second_pole_from_phase_margin(2e5, math.inf, 60.0)
+
+
+@pytest.mark.parametrize(
+    "figure",
+    [
+        {"name": "a b"},
+        {"name": "1x"},
+        {"name": "x\n.include y"},
+        {"name": "x\n"},
+        {"dc_gain": 1.0},
+        {"dc_gain": math.inf},
+        {"dc_gain": math.nan},
+        {"gbw": 0.0},
+        {"gbw": math.nan},
+        {"second_pole": -1.0},
+        {"gbw": math.inf},
+        {"input_resistance": 0.0},
+        {"differential_capacitance": -1e-12},
+        {"input_capacitance": math.inf},
+        {"input_capacitance": math.nan},
+        {"output_resistance": -75.0},
+    ],
+)
+def test_a_figure_that_no_opamp_has_is_named(figure: dict[str, float | str]) -> None:
+    good: dict[str, float | str] = {"name": "x", "dc_gain": 1e5, "gbw": 1e6, "second_pole": 2e6}
+    named = "second_pole" if figure == {"gbw": math.inf} else next(iter(figure))
+    with pytest.raises(ValueError, match=f"^{named} = "):
+        OpAmp(**(good | figure))  # type: ignore[arg-type]  # mixed on purpose

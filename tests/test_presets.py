@@ -1,0 +1,103 @@
+"""Presets as the data file prints them, and presets with some figures changed."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import spice_models
+from spice_models.opamp import OpAmp, phase_margin, unity_gain_bandwidth
+from spice_models.presets import derive, load_presets, preset_names
+
+PRINTED = tomllib.loads((Path(spice_models.__file__).parent / "presets.toml").read_text("utf-8"))
+NAMES = ("ideal", "ua741", "lf353", "tl084", "lf356", "ne5534", "op27")
+
+
+@pytest.fixture
+def ua741() -> OpAmp:
+    return load_presets()["ua741"]
+
+
+def test_every_preset_is_there_and_names_its_source() -> None:
+    assert preset_names() == NAMES == tuple(load_presets())
+    assert all(opamp.source and "://" not in opamp.source for opamp in load_presets().values())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_figures_are_those_of_the_file(name: str) -> None:
+    model, printed = load_presets()[name], dict(PRINTED[name])
+    f_u, margin = printed.pop("unity_gain_bandwidth"), printed.pop("phase_margin", 180.0)
+    assert unity_gain_bandwidth(model) == pytest.approx(f_u, rel=1e-12)
+    assert phase_margin(model) == pytest.approx(margin, abs=1e-9)
+    assert {key: getattr(model, key) for key in printed} == printed
+
+
+def test_the_dictionary_is_the_callers_own() -> None:
+    load_presets().clear()
+    assert len(load_presets()) == len(NAMES)
+
+
+def test_ideal_is_a_gain_and_nothing_else() -> None:
+    ideal = load_presets()["ideal"]
+    assert ideal == OpAmp("ideal", 1e9, source=ideal.source)
+
+
+def test_changed_gbw_takes_the_second_pole_along(ua741: OpAmp) -> None:
+    slow = derive(ua741, "slow", gbw=790e3)
+    assert slow.gbw == 790e3
+    assert slow.second_pole / slow.gbw == pytest.approx(ua741.second_pole / ua741.gbw, rel=1e-15)
+    assert phase_margin(slow) == pytest.approx(65.0, abs=1e-3)
+    assert slow.input_resistance == 2e6
+    assert slow.source.startswith("ua741 with gbw = 790000.0; Texas Instruments")
+
+
+def test_a_given_second_pole_stays(ua741: OpAmp) -> None:
+    changed = derive(ua741, "x", gbw=790e3, second_pole=2.37e6, output_resistance=0.0)
+    assert (changed.gbw, changed.second_pole, changed.output_resistance) == (790e3, 2.37e6, 0.0)
+
+
+def test_a_given_margin_sets_the_second_pole(ua741: OpAmp) -> None:
+    changed = derive(ua741, "x", gbw=790e3, phase_margin=50.0, dc_gain=1e5)
+    assert (changed.gbw, changed.dc_gain) == (790e3, 1e5)
+    assert phase_margin(changed) == pytest.approx(50.0, abs=1e-9)
+
+
+def test_a_changed_gain_leaves_the_poles_at_speed(ua741: OpAmp) -> None:
+    changed = derive(ua741, "x", dc_gain=1e5)
+    assert (changed.gbw, changed.second_pole) == (ua741.gbw, ua741.second_pole)
+
+
+def test_an_ideal_opamp_can_be_given_a_pole() -> None:
+    changed = derive(load_presets()["ideal"], "x", gbw=1e6)
+    assert (changed.gbw, changed.second_pole) == (1e6, math.inf)
+
+
+def test_poles_can_be_taken_away(ua741: OpAmp) -> None:
+    changed = derive(ua741, "x", gbw=math.inf)
+    assert (changed.gbw, changed.second_pole) == (math.inf, math.inf)
+
+
+@pytest.mark.parametrize(
+    ("figures", "text"),
+    [
+        ({"slew": 0.5e6}, "slew: not a figure of an op-amp; there are dc_gain, gbw"),
+        ({"second_pole": 1e6, "phase_margin": 60.0}, "give one of the two"),
+        ({"phase_margin": 95.0}, "between 0.2562 and 90 degrees"),
+        ({"phase_margin": 60.0, "gbw": math.inf}, "needs a finite gbw"),
+        ({"phase_margin": 60.0, "dc_gain": 0.0}, "dc_gain = 0.0: finite and above 1"),
+        ({"gbw": -1.0}, "gbw = -1.0: above 0"),
+        ({"gbw": math.nan}, "gbw = nan: above 0"),
+        ({"input_capacitance": -1e-12}, "not negative"),
+    ],
+)
+def test_contradictions_are_named(ua741: OpAmp, figures: dict[str, float], text: str) -> None:
+    with pytest.raises(ValueError, match=text.replace(".", r"\.")):
+        derive(ua741, "x", **figures)
+
+
+def test_second_pole_needs_a_first() -> None:
+    with pytest.raises(ValueError, match="needs a finite gbw"):
+        derive(load_presets()["ideal"], "x", second_pole=1e6)

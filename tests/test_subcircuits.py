@@ -1,0 +1,201 @@
+"""Every card of the macromodels, measured in a real ngspice."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.special import wrightomega
+
+from spice_models.opamp import OpAmp, phase_margin, unity_gain_bandwidth
+from spice_models.presets import derive, load_presets
+from spice_models.subcircuits import amplifier_lines, opamp_subcircuit
+
+PRESETS = load_presets()
+TIGHT = ".options reltol=1e-12 abstol=1e-18 vntol=1e-15"
+
+
+@dataclass(frozen=True)
+class Stage:
+    name: str
+    input: str
+    output: str
+    u_scale: float = 1.0
+    v_scale: float = 1.0
+    kind: str = "exponential"
+
+
+def simulate(ngspice: str, folder: Path, *lines: str) -> dict[str, NDArray[np.generic]]:
+    """Run a deck and return its vectors by name; complex for an AC analysis."""
+    deck, raw = folder / "deck.cir", folder / "out.raw"
+    deck.write_text("\n".join(["test bench", *lines, ".end", ""]))
+    subprocess.run(
+        [ngspice, "-b", "-n", "-r", str(raw), str(deck)],
+        cwd=folder,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        timeout=60,
+        check=True,
+    )
+    header, _, data = raw.read_bytes().partition(b"Binary:\n")
+    fields, _, variables = header.decode().partition("Variables:\n")
+    names = [line.split()[1].lower() for line in variables.splitlines()]
+    kind = np.complex128 if "Flags: complex" in fields else np.float64
+    return dict(zip(names, np.frombuffer(data, kind).reshape(-1, len(names)).T, strict=True))
+
+
+def elements(model: OpAmp, *, noninverting_grounded: bool) -> list[str]:
+    """The names of the cards, in order."""
+    text = str(opamp_subcircuit(model, noninverting_grounded=noninverting_grounded))
+    return [line.split()[0] for line in text.splitlines() if not line.startswith(".")]
+
+
+@pytest.mark.parametrize("model", PRESETS.values(), ids=PRESETS)
+def test_a_preset_has_its_figures(ngspice: str, tmp_path: Path, model: OpAmp) -> None:
+    f_u = unity_gain_bandwidth(model) if math.isfinite(model.gbw) else 1e6
+    result = simulate(
+        ngspice,
+        tmp_path,
+        str(opamp_subcircuit(model, noninverting_grounded=False)),
+        "Vg g 0 AC 1",
+        f"Xg g 0 open {model.name}",
+        "Io 0 loaded AC 1",
+        f"Xo 0 0 loaded {model.name}",
+        "Vn n 0 AC 1",
+        f"Xn 0 n on {model.name}",
+        "Vp p 0 AC 1",
+        f"Xp p 0 op {model.name}",
+        "Vc c 0 AC 1",
+        f"Xc c c oc {model.name}",
+        f".ac lin 3 1e-9 {f_u!r}",  # three, as ngspice makes one point of two
+    )
+    gain = result["v(open)"]
+    assert gain[0] == pytest.approx(model.dc_gain, rel=1e-9)
+    if math.isfinite(model.gbw):
+        assert abs(gain[-1]) == pytest.approx(1.0, rel=1e-9)
+        margin = math.degrees(np.angle(gain[-1]) % (2.0 * math.pi)) - 180.0
+        assert margin == pytest.approx(phase_margin(model), abs=1e-7)
+    assert result["v(loaded)"] == pytest.approx([model.output_resistance] * 3, rel=1e-9)
+
+    omega = 2.0 * math.pi * f_u
+    both = model.differential_capacitance + model.input_capacitance
+    for name in ("i(vn)", "i(vp)"):
+        assert -result[name][-1].imag == pytest.approx(omega * both, rel=1e-9)
+        assert -result[name][0].real == pytest.approx(1.0 / model.input_resistance, rel=1e-9)
+    assert -result["i(vc)"][-1].imag == pytest.approx(
+        2.0 * omega * model.input_capacitance, rel=1e-9
+    )
+
+
+@pytest.mark.parametrize(("name", "percent"), [("ua741", 5.0), ("tl084", 20.0), ("ne5534", 20.0)])
+def test_a_follower_overshoots_as_the_data_sheet_prints(
+    ngspice: str, tmp_path: Path, name: str, percent: float
+) -> None:
+    unit = 1.0 / unity_gain_bandwidth(PRESETS[name])
+    result = simulate(
+        ngspice,
+        tmp_path,
+        str(opamp_subcircuit(PRESETS[name], noninverting_grounded=False)),
+        f"V1 in 0 PWL(0 0 {1e-3 * unit!r} 0.02)",
+        f"X1 in out out {name}",
+        f".tran {1e-2 * unit!r} {3.0 * unit!r} 0 {1e-2 * unit!r} uic",
+    )
+    overshoot = 100.0 * (result["v(out)"].real.max() / 0.02 - 1.0)
+    assert overshoot == pytest.approx(percent, abs=1.0)
+
+
+def test_the_ideal_opamp_is_one_card() -> None:
+    text = str(opamp_subcircuit(PRESETS["ideal"], noninverting_grounded=True))
+    assert text.splitlines() == [
+        ".subckt ideal inp inn out",
+        "Eo out 0 inp inn 1000000000.0",
+        ".ends ideal",
+    ]
+
+
+def test_only_what_is_needed_has_a_card() -> None:
+    full = PRESETS["tl084"]
+    stages = ["G1", "R1", "C1", "G2", "R2", "C2", "Eo", "Ro"]
+    assert elements(full, noninverting_grounded=False) == ["Rd", "Cd", "Cn", "Cp", *stages]
+    assert elements(full, noninverting_grounded=True) == ["Rd", "Cd", "Cn", *stages]
+    pole = derive(PRESETS["ideal"], "pole", gbw=1e6, input_capacitance=1e-12)
+    assert elements(pole, noninverting_grounded=True) == ["Cn", "G1", "R1", "C1", "Eo"]
+
+
+def test_values_keep_every_digit() -> None:
+    model = derive(PRESETS["ideal"], "x", dc_gain=1e9 / 7.0, output_resistance=1e3 / 3.0)
+    text = str(opamp_subcircuit(model, noninverting_grounded=True))
+    assert [float(line.split()[-1]) for line in text.splitlines()[1:3]] == [1e9 / 7.0, 1e3 / 3.0]
+
+
+def test_a_high_gain_behind_one_pole_has_its_operating_point(ngspice: str, tmp_path: Path) -> None:
+    """R1 is 1.6e13 ohm here: below the absolute pivot limit of ngspice's own solver."""
+    model = derive(PRESETS["ideal"], "pole", gbw=1e6)
+    result = simulate(
+        ngspice,
+        tmp_path,
+        str(opamp_subcircuit(model, noninverting_grounded=True)),
+        "V1 in 0 0.1",
+        "R1 in x 1000.0",
+        "R2 x out 3000.0",
+        "X1 0 x out pole",
+        ".op",
+    )
+    assert result["v(out)"][0] == pytest.approx(-0.3 / (1.0 + 4.0 / 1e9), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("u_scale", "v_scale"), [(1.0, 1.0), (0.1 / 3.0, 1.0), (0.7 / 3.0, 1 / 39)]
+)
+def test_the_antilog_stage_is_the_exponential(
+    ngspice: str, tmp_path: Path, u_scale: float, v_scale: float
+) -> None:
+    arguments = [-700.0, -20.0, -1.2345678901234567, 0.0, 1.0, math.pi, 29.999, 30.0]
+    lines = []
+    for i, x in enumerate(arguments):
+        lines += [f"V{i} in{i} 0 {x * v_scale!r}"]
+        lines += amplifier_lines(Stage(f"_{i}", f"in{i}", f"out{i}", u_scale, v_scale))
+    result = simulate(ngspice, tmp_path, *lines, TIGHT, ".op")
+    measured = [float(result[f"v(out{i})"][0]) for i in range(len(arguments))]
+    expected = [-u_scale * math.exp(x * v_scale / v_scale) for x in arguments]
+    assert measured == pytest.approx(expected, rel=1e-13, abs=0.0)
+
+
+def test_beyond_thirty_the_antilog_stage_is_its_tangent(ngspice: str, tmp_path: Path) -> None:
+    lines = amplifier_lines(Stage("A", "in", "out"))
+    result = simulate(ngspice, tmp_path, "V1 in 0 1000.0", *lines, TIGHT, ".op")
+    assert result["v(out)"][0] == pytest.approx(-971.0 * math.exp(30.0), rel=1e-14)
+
+
+@pytest.mark.parametrize("drive", [-500.0, 0.0, 10.0, 2000.0, 1e6])
+def test_a_loop_through_the_antilog_stage_converges(
+    ngspice: str, tmp_path: Path, drive: float
+) -> None:
+    """``v = d - e^v``: Newton's first step lands at about d / 2, far above the solution."""
+    result = simulate(
+        ngspice,
+        tmp_path,
+        str(opamp_subcircuit(PRESETS["ideal"], noninverting_grounded=True)),
+        "R1 v x 1e6",
+        "R2 u x 1e6",
+        f"I1 x 0 {drive * 1e-6!r}",
+        "X1 0 x v ideal",
+        "X2 0 y u ideal",
+        "R3 a y 1e4",
+        "R4 y u 1e4",
+        *amplifier_lines(Stage("A", "u2", "a")),
+        "E2 u2 0 v 0 1.0",
+        ".options reltol=1e-9 abstol=1e-15 vntol=1e-12",
+        ".op",
+    )
+    assert result["v(a)"][0] == pytest.approx(-float(wrightomega(drive)), rel=1e-6, abs=1e-9)
+
+
+def test_the_linear_amplifier_has_no_source() -> None:
+    with pytest.raises(ValueError, match="no behavioural source"):
+        amplifier_lines(Stage("A", "v", "a", kind="linear"))
