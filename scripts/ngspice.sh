@@ -13,7 +13,7 @@ OLDEST=39
 MARK=$1
 
 # No `grep -q` and no `head` on a pipe: under pipefail a writer that they cut off reads as failure.
-banner() { ngspice -v 2>/dev/null </dev/null || true; }
+banner() { "${TACTION_NGSPICE:-ngspice}" -v 2>/dev/null </dev/null || true; }
 version() { banner | sed -n 's/.*ngspice-\([0-9]*\).*/\1/p'; }
 has_klu() { [[ "$(banner)" == *KLU* ]]; }
 is_usable() { [ "$(version)" -ge $OLDEST ] 2>/dev/null; }

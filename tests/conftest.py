@@ -25,7 +25,7 @@ settings.load_profile("taction")
 @pytest.fixture(scope="session")
 def ngspice() -> str:
     """Path of the ngspice executable; without one the test skips, in CI it fails."""
-    path = shutil.which("ngspice")
+    path = shutil.which(os.environ.get("TACTION_NGSPICE") or "ngspice")
     if path is None:
         reason = "ngspice is not on the PATH; `make setup` installs it where it may"
         if os.environ.get("CI"):
