@@ -35,6 +35,9 @@ class Waveforms:
         Who computed it, with version (``"ngspice-46"``, ``"statespace"``).
     cost : Cost
         What it cost.
+    flags : tuple of str
+        Doubts that the engine uttered and that did not stop it (a singular matrix that it got
+        over, say); to be shown beside any verdict.
     """
 
     time: Floats
@@ -42,6 +45,7 @@ class Waveforms:
     values: Floats
     engine: str
     cost: Cost
+    flags: tuple[str, ...] = ()
 
     def __getitem__(self, node: str) -> Floats:
         """Return one node's voltage, shape (P,); KeyError for a node that was not saved."""

@@ -1,0 +1,235 @@
+"""ngspice as a witness: one process a simulation, and evidence before belief.
+
+It sees a deck's text and nothing else. Each run has a folder of its own, which is its home and
+working directory, so that no start-up file of the user's can change a result; it is removed on
+success and kept on failure, when it is a reproducer: deck, included files, command line, log and
+the result as far as it came.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shlex
+import shutil
+import signal
+import subprocess
+import tempfile
+import threading
+import time
+from pathlib import Path
+from types import TracebackType
+
+from spice_models.errors import (
+    Complaint,
+    InputError,
+    OutOfDisk,
+    SimulationError,
+    SimulatorNotFound,
+)
+from verification.engines.evidence import Ending, judge
+from verification.engines.screening import Deck, screen
+from verification.engines.simulator import Simulator, environment, find_simulator
+from verification.waveforms import Waveforms
+
+__all__ = ["PHYSICAL_BOUND", "Run", "Simulator", "find_simulator", "simulate", "start"]
+
+PHYSICAL_BOUND = 1e6
+"""No node of a working board is above this voltage, V."""
+
+_ARGUMENTS = ("-b", "-n", "-r", "out.raw", "deck.cir")
+
+
+class Run:
+    """A simulation under way; `start` makes it.
+
+    As a context manager it is cancelled on the way out, so that a failure of one of two runs
+    side by side does not leave the other one behind.
+
+    Attributes
+    ----------
+    folder : Path
+        The run folder.
+    """
+
+    def __init__(
+        self,
+        deck: Deck,
+        simulator: Simulator,
+        folder: Path,
+        *,
+        timeout: float,
+        keep: bool,
+        bound: float,
+    ) -> None:
+        self.folder = folder
+        self._deck = deck
+        self._simulator = simulator
+        self._timeout = timeout
+        self._keep = keep
+        self._bound = bound
+        self._finished = False
+        self._started = self._ended = time.perf_counter()
+        self._process = _launch(simulator, folder)
+        # A thread that blocks in wait(2) wakes with the process; Popen.wait(timeout) would poll.
+        self._watcher = threading.Thread(target=self._watch, daemon=True)
+        self._watcher.start()
+
+    def __enter__(self) -> Run:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.cancel()
+
+    def result(self) -> Waveforms:
+        """Wait for the end and return the waveforms; call it once.
+
+        Raises
+        ------
+        SimulationError
+            One of its kinds; the run folder is kept and named in the message.
+        """
+        if self._finished:
+            raise SimulationError("a run gives its result once, and not after it was cancelled")
+        try:
+            remaining = self._started + self._timeout - time.perf_counter()
+            self._watcher.join(max(remaining, 0.0))
+            timed_out = self._watcher.is_alive()
+        finally:  # also on Ctrl-C, which does not reach a process group of its own
+            self._kill()
+        self._finished = True
+        ending = Ending(
+            status=self._process.returncode,
+            timed_out=timed_out,
+            timeout=self._timeout,
+            seconds=self._ended - self._started,
+            errors=(self.folder / "stderr.txt").read_text(encoding="utf-8", errors="replace"),
+            folder=self.folder,
+        )
+        waveforms = judge(self._deck, ending, engine=self._simulator.engine, bound=self._bound)
+        if not self._keep:  # the waveforms' memory map outlives its file
+            shutil.rmtree(self.folder)
+        return waveforms
+
+    def cancel(self) -> None:
+        """End the process group and remove the run folder, unless `result` was called."""
+        if not self._finished:
+            self._kill()
+            self._finished = True
+            if not self._keep:
+                shutil.rmtree(self.folder)
+
+    def _watch(self) -> None:
+        self._process.wait()
+        self._ended = time.perf_counter()
+
+    def _kill(self) -> None:
+        """End whatever is left of the process group, and wait until it has ended."""
+        if self._watcher.is_alive():
+            with contextlib.suppress(ProcessLookupError):  # it may end in between
+                os.killpg(self._process.pid, signal.SIGKILL)
+            self._watcher.join()
+
+
+def start(
+    deck: Deck,
+    simulator: Simulator,
+    *,
+    timeout: float,
+    folder: Path | None = None,
+    keep: bool = False,
+    bound: float = PHYSICAL_BOUND,
+) -> Run:
+    """Screen a deck and start its simulation.
+
+    Parameters
+    ----------
+    deck : Deck
+        What to run.
+    simulator : Simulator
+        Who runs it.
+    timeout : float
+        Wall time allowed, s.
+    folder : Path, optional
+        The run folder, made here; it must not exist or be empty. A fresh temporary one if not
+        given.
+    keep : bool
+        Keep the run folder also on success.
+    bound : float
+        Voltage above which a result is not believed, V.
+
+    Raises
+    ------
+    InputError
+        The run folder is not empty.
+    DidNotLoad, SingularCircuit
+        The deck did not pass the screening; nothing was started or written.
+    SimulatorNotFound
+        The executable has gone.
+    OutOfDisk
+        The deck could not be written.
+    """
+    screen(deck)
+    place = _prepare(deck, simulator, folder)
+    try:
+        return Run(deck, simulator, place, timeout=timeout, keep=keep, bound=bound)
+    except OSError as error:
+        shutil.rmtree(place)
+        raise SimulatorNotFound(f"{simulator.executable} does not start: {error}") from error
+
+
+def simulate(
+    deck: Deck,
+    simulator: Simulator,
+    *,
+    timeout: float,
+    folder: Path | None = None,
+    keep: bool = False,
+    bound: float = PHYSICAL_BOUND,
+) -> Waveforms:
+    """Run a deck to its end; see `start` and `Run.result`."""
+    with start(deck, simulator, timeout=timeout, folder=folder, keep=keep, bound=bound) as run:
+        return run.result()
+
+
+def _prepare(deck: Deck, simulator: Simulator, folder: Path | None) -> Path:
+    """Make the run folder and write everything a run, or somebody who repeats it, needs."""
+    try:
+        place = Path(tempfile.mkdtemp(prefix="taction-")) if folder is None else folder.absolute()
+        place.mkdir(parents=True, exist_ok=True)
+        if any(place.iterdir()):
+            raise InputError(place, Complaint("run folder", "", "it must be empty"))
+        for name, text in deck.files.items():
+            (place / name).write_text(text, encoding="utf-8")
+        (place / "deck.cir").write_text(deck.text, encoding="utf-8")
+        (place / "spinit").write_text("* no code models are loaded\n")
+        (place / "command.txt").write_text(_command(simulator))
+    except OSError as error:
+        raise OutOfDisk(f"the run folder cannot be written: {error}") from error
+    return place
+
+
+def _command(simulator: Simulator) -> str:
+    """Return a command line that repeats the run from within its folder, wherever that is."""
+    fixed = {k: v for k, v in environment(Path()).items() if k not in ("HOME", "SPICE_SCRIPTS")}
+    words = ["env", "-i", *(f"{key}={value}" for key, value in fixed.items())]
+    homes = 'HOME="$PWD" SPICE_SCRIPTS="$PWD"'
+    return f"{shlex.join(words)} {homes} {shlex.join([simulator.executable, *_ARGUMENTS])}\n"
+
+
+def _launch(simulator: Simulator, folder: Path) -> subprocess.Popen[bytes]:
+    with (folder / "stdout.txt").open("wb") as out, (folder / "stderr.txt").open("wb") as err:
+        return subprocess.Popen(
+            [simulator.executable, *_ARGUMENTS],
+            cwd=folder,
+            env=environment(folder),
+            stdin=subprocess.DEVNULL,
+            stdout=out,
+            stderr=err,
+            start_new_session=True,  # a process group of its own, which a timeout ends whole
+        )

@@ -1,0 +1,257 @@
+"""What is checked in a deck's text before ngspice sees it.
+
+ngspice answers with exit status 0, in silence or with a mere warning, to a missing field,
+``1.2.3k``, a resistor of 0 Ω, an unknown option and a node that nothing holds; with KLU the last
+one makes *every* voltage of the circuit wrong. A deck can also run commands (``.control``,
+``*#``, ``*ng_script``). So only cards, devices and options in the tables below are sent. The
+deck writer should never produce anything else; this is the second lock on the door, and it reads
+text only, sharing nothing with the writer.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from netlist_gen.analysis import Analysis
+from spice_models.errors import DidNotLoad, SingularCircuit
+
+
+class Deck(Protocol):
+    """What the runner needs of a deck (`netlist_gen.deck.Deck`): text, and what to expect of it.
+
+    `files` are further files by bare name, written beside the deck; `saved` are the node names
+    of its ``.save`` card; `analysis` is the one it asks for.
+    """
+
+    @property
+    def text(self) -> str: ...  # noqa: D102
+    @property
+    def files(self) -> Mapping[str, str]: ...  # noqa: D102
+    @property
+    def saved(self) -> tuple[str, ...]: ...  # noqa: D102
+    @property
+    def analysis(self) -> Analysis: ...  # noqa: D102
+
+
+_CARDS = """
+    .title .include .subckt .ends .model .param .func .global
+    .tran .op .save .options .ic .nodeset .temp .end
+"""
+# No `interp` (it resamples on a coarse grid) and no `savecurrents` (twice the time).
+_OPTIONS = """
+    klu sparse noopiter noopac noinit acct noacct numdgt keepopinfo nodedamping
+    method maxord xmu minbreak delmin temp tnom gminsteps srcsteps
+    reltol abstol vntol chgtol trtol absdv reldv pivtol pivrel gmin gshunt rshunt cshunt
+    itl1 itl2 itl3 itl4 itl5 itl6
+"""
+CARDS = frozenset(_CARDS.split())
+OPTIONS = frozenset(_OPTIONS.split())
+FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
+RUN_FILES = frozenset(("deck.cir", "out.raw", "spinit", "command.txt", "stdout.txt", "stderr.txt"))
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?[a-z]*")
+_CONTROL_CHARACTER = re.compile(r"[\x00-\x08\x0b-\x1f\x7f]")
+
+
+@dataclass(frozen=True, slots=True)
+class _Device:
+    """Terminals of a device by kind: `held` have a voltage set through it, `free` do not."""
+
+    fields: int
+    held: int
+    free: int = 0
+    passive: bool = False  # whether field 3 is a value that must be a nonzero number
+
+
+DEVICES = {
+    "r": _Device(4, 2, passive=True),
+    "c": _Device(4, 2, passive=True),
+    "l": _Device(4, 2, passive=True),
+    "v": _Device(4, 2),
+    "i": _Device(4, 0, 2),
+    "e": _Device(4, 2, 2),
+    "g": _Device(4, 0, 4),
+    "f": _Device(5, 0, 2),
+    "h": _Device(5, 2),
+    "b": _Device(4, 0, 2),
+    "d": _Device(4, 2),
+    "q": _Device(5, 3),
+    "j": _Device(5, 3),
+    "m": _Device(6, 4),
+    "s": _Device(6, 2, 2),
+}
+
+
+@dataclass(slots=True)
+class _Scope:
+    """Nodes of the top level or of one subcircuit while it is being read."""
+
+    ports: tuple[str, ...] = ()
+    held: set[str] = field(default_factory=lambda: {"0", "gnd"})
+    free: dict[str, str] = field(default_factory=dict)  # node to the line that names it
+    instances: list[tuple[str, tuple[str, ...]]] = field(default_factory=list)
+
+
+def screen(deck: Deck) -> None:
+    """Refuse a deck that ngspice would misread, or obey, without a word.
+
+    Time is linear in the text, about 1 µs a line.
+
+    Raises
+    ------
+    DidNotLoad
+        A card, device, option, file name or number that is not accepted; the line is quoted.
+    SingularCircuit
+        A node that only current sources and sensing terminals touch.
+    """
+    for name in deck.files:
+        if not FILE_NAME.fullmatch(name) or name in RUN_FILES:
+            raise DidNotLoad(f"include file name {name!r} is not accepted; use letters and digits")
+    if len(set(map(str.lower, deck.saved))) != len(deck.saved) or not deck.saved:
+        raise DidNotLoad(f"saved nodes must be distinct, and at least one: {deck.saved!r}")
+    title, _, body = deck.text.partition("\n")
+    reading = _Reading({name.lower(): text for name, text in deck.files.items()})
+    # ngspice takes the first line for a title, unless it is one of these two.
+    reading.read(body if title[:1] not in "*." else deck.text)
+    _refuse_floating(reading.scopes)
+
+
+class _Reading:
+    """Reads a deck and the files it includes, in place, into `scopes`."""
+
+    def __init__(self, files: Mapping[str, str]) -> None:
+        self.scopes: dict[str, _Scope] = {"": _Scope()}
+        self._files = files
+        self._open: list[str] = []  # included files being read
+        self._within: list[str] = [""]  # subcircuits being read
+
+    def read(self, text: str) -> None:
+        """Read every line of `text`."""
+        if found := _CONTROL_CHARACTER.search(text):
+            raise DidNotLoad(f"the deck holds the control character {found[0]!r}")
+        for line in _joined(text):
+            if line[0] == ".":
+                self._card(line, line.split())
+            elif line[0] == "*":
+                if line.startswith(("*#", "*ng_script")):
+                    raise DidNotLoad(f"a deck may not run commands: {line!r}")
+            else:
+                _read_device(line, self.scopes[self._within[-1]])
+
+    def _card(self, line: str, parts: list[str]) -> None:
+        card = parts[0]
+        if card not in CARDS:
+            raise DidNotLoad(f"the card {card!r} is not accepted: {line!r}")
+        if card == ".include":
+            self._include(line)
+        elif card == ".options":
+            _check_options(line, parts)
+        elif card == ".subckt":
+            ports = tuple(p for p in parts[2:] if "=" not in p and p != "params:")
+            self._within.append(" ".join(parts[1:2]))
+            self.scopes[self._within[-1]] = _Scope(ports=ports)
+        elif card == ".ends" and len(self._within) > 1:
+            self._within.pop()
+
+    def _include(self, line: str) -> None:
+        name = line.removeprefix(".include").strip().strip("\"'")
+        if name not in self._files:
+            raise DidNotLoad(f"{line!r} names no file of this deck; it has {sorted(self._files)}")
+        if name in self._open:
+            raise DidNotLoad(f"{line!r} includes a file within itself")
+        self._open.append(name)
+        self.read(self._files[name])
+        self._open.pop()
+
+
+def _joined(text: str) -> Iterator[str]:
+    """Lines in lower case without blank ones, continuation lines joined to what they continue."""
+    text = text.lower()
+    if "+" in text:
+        text = re.sub(r"\n[ \t]*\+", " ", text)
+    for line in text.split("\n"):
+        if stripped := line.strip():
+            yield stripped
+
+
+def _check_options(line: str, parts: list[str]) -> None:
+    for part in parts[1:]:
+        option = part.partition("=")[0]
+        if option not in OPTIONS:
+            raise DidNotLoad(f"the option {option!r} is not accepted: {line!r}")
+
+
+def _read_device(line: str, scope: _Scope) -> None:
+    """Note which nodes a device line holds or merely touches, and check its fields."""
+    parts = line.split()
+    letter = line[0]
+    if letter == "x":
+        nodes = [p for p in parts[1:] if "=" not in p and p != "params:"]
+        scope.instances.append((nodes[-1] if nodes else "", tuple(nodes[:-1])))
+        return
+    device = DEVICES.get(letter)
+    if device is None:
+        raise DidNotLoad(f"the device {parts[0]!r} is not accepted: {line!r}")
+    if len(parts) < device.fields:
+        raise DidNotLoad(f"{line!r} has {len(parts)} fields; at least {device.fields} are needed")
+    held = device.held
+    if device.passive:
+        _check_value(line, parts[3])
+    else:
+        if letter == "b" and parts[3].startswith("v"):
+            held = 2
+        for node in parts[1 + held : 1 + _terminals(letter, parts, device)]:
+            scope.free.setdefault(node, line)
+        if letter == "g" and set(parts[1:3]) == set(parts[3:5]):
+            held = 2  # controlled by its own voltage: a conductance
+    scope.held.update(parts[1 : 1 + held])
+
+
+def _terminals(letter: str, parts: list[str], device: _Device) -> int:
+    """Return the number of terminals; a source given by an expression has only its output's two."""
+    if letter in "eg" and (len(parts) < 6 or "=" in "".join(parts[3:5]) or parts[3] == "poly"):
+        return 2
+    return device.held + device.free
+
+
+def _check_value(line: str, value: str) -> None:
+    if value[0] not in "+-.0123456789":
+        return  # an expression or a parameter; ngspice complains about a bad one
+    found = NUMBER.fullmatch(value)
+    if found is None:
+        raise DidNotLoad(f"{value!r} is not a number: {line!r}")
+    if line[0] == "r" and float(found[1]) == 0.0:
+        raise DidNotLoad(f"a resistor of 0 Ω: {line!r}")
+
+
+def _refuse_floating(scopes: dict[str, _Scope]) -> None:
+    """Raise SingularCircuit for a node whose voltage nothing sets, at any level."""
+    solved: dict[str, frozenset[int]] = {}
+
+    def holds(name: str) -> frozenset[int]:
+        """Return the ports (by position) that subcircuit `name` holds."""
+        if name not in solved:
+            scope = scopes.get(name)
+            if scope is None:
+                raise DidNotLoad(f"subcircuit {name!r} is not in the deck")
+            solved[name] = frozenset()  # stands while a subcircuit that calls itself is read
+            settle(scope)
+            solved[name] = frozenset(i for i, p in enumerate(scope.ports) if p in scope.held)
+        return solved[name]
+
+    def settle(scope: _Scope) -> None:
+        for subcircuit, nodes in scope.instances:
+            inside = holds(subcircuit)
+            scope.held.update(node for i, node in enumerate(nodes) if i in inside)
+            for node in nodes:
+                scope.free.setdefault(node, f"x... {subcircuit}")
+        for node, line in scope.free.items():
+            if node not in scope.held and node not in scope.ports:
+                raise SingularCircuit(
+                    f"nothing holds the voltage of node {node!r} (only current sources and"
+                    f" sensing inputs touch it): {line!r}. Give it a resistor or a capacitor"
+                )
+
+    settle(scopes[""])
