@@ -33,9 +33,8 @@ EXTRAS = (
 @reports_errors
 def models(as_json: bool) -> None:
     """List the op-amp presets: figures in SI units, and where they were published."""
-    from spice_models.presets import load_presets
-
     from netlist_gen.quantities import show
+    from spice_models.presets import load_presets
 
     presets = load_presets()
     if as_json:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import functools
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
 import click
@@ -89,11 +90,16 @@ def plain(value: Any) -> Any:
     return value
 
 
-def stderr_console() -> Any:
-    """Return a rich console on stderr; progress is drawn only where that is a terminal."""
+@contextmanager
+def stage_display() -> Iterator[Callable[[str], None]]:
+    """Show the stage under way on stderr, only where that is a terminal."""
+    if not sys.stderr.isatty():
+        yield lambda stage: None
+        return
     from rich.console import Console
 
-    return Console(stderr=True, highlight=False)
+    with Console(stderr=True).status("starting") as status:
+        yield lambda stage: status.update(stage)
 
 
 def _error_document(error: TactionError) -> dict[str, Any]:

@@ -12,12 +12,11 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from spice_models.subcircuits import amplifier_lines, opamp_subcircuit
-
 from netlist_gen.analysis import Analysis, OperatingPoint, Tolerances, Transient
 from netlist_gen.circuit import GROUND, Circuit, ResistorMatrix
 from netlist_gen.guards import check_circuit, tolerances
 from netlist_gen.header import header_lines
+from spice_models.subcircuits import amplifier_lines, opamp_subcircuit
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,7 +173,18 @@ def _place(netlist: Any, circuit: Circuit) -> list[str]:
         netlist.R(resistor.name, resistor.a, resistor.b, repr(resistor.ohms))
     for capacitor in circuit.capacitors:
         netlist.C(capacitor.name, capacitor.a, capacitor.b, repr(capacitor.farads))
-    return [line for stage in circuit.amplifiers for line in amplifier_lines(stage)]
+    return [
+        card
+        for stage in circuit.amplifiers
+        for card in amplifier_lines(
+            stage.name,
+            stage.kind,
+            stage.input,
+            stage.output,
+            u_scale=stage.u_scale,
+            v_scale=stage.v_scale,
+        )
+    ]
 
 
 def _place_sources(netlist: Any, circuit: Circuit, analysis: Analysis) -> None:

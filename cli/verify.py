@@ -1,0 +1,65 @@
+"""``taction verify``: the main job."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING
+
+import click
+
+from cli.output import (
+    STATUS,
+    json_option,
+    print_json,
+    reports_errors,
+    scene_argument,
+    stage_display,
+)
+
+if TYPE_CHECKING:
+    from verification.verify import Verdict
+
+
+@click.command(short_help="Netlist, transient, measurements, reference, verdict.")
+@scene_argument
+@json_option
+@click.option("--engine", type=click.Choice(["auto", "ngspice", "statespace"]), default=None)
+@click.option(
+    "--plot",
+    type=click.Path(dir_okay=False),
+    help="Draw outputs, settling band and recovered stress (PNG, SVG or PDF).",
+)
+@reports_errors
+def verify(scene: str, as_json: bool, engine: str | None, plot: str | None) -> None:
+    """Verify SCENE: simulate its board, solve its problem, compare, judge."""
+    from cli.scenes import read_scene
+
+    asked = read_scene(scene, engine)
+    if plot is not None:
+        from verification.report.plots import check_plot_file
+
+        check_plot_file(plot)
+    from verification.verify import verify as run
+
+    with stage_display() as progress:
+        verdict = run(asked, progress)
+    _show(verdict, as_json)
+    if plot is not None:
+        from verification.report.plots import plot_verdict
+
+        plot_verdict(verdict, plot)
+        click.echo(f"drew {plot}", err=True)
+    sys.exit(STATUS[verdict.outcome.value])
+
+
+def _show(verdict: Verdict, as_json: bool) -> None:
+    if as_json:
+        from verification.report.document import verdict_document
+
+        print_json(verdict_document(verdict))
+        return
+    from rich.console import Console
+
+    from verification.report.table import print_verdict
+
+    print_verdict(verdict, Console(highlight=False))

@@ -1,0 +1,49 @@
+"""How long to simulate a board and how finely, from its own time scales."""
+
+from __future__ import annotations
+
+import math
+
+from netlist_gen.analysis import Transient
+from netlist_gen.scene import Scene
+from spice_models.errors import Complaint, EngineError, InputError
+from verification.timescales import TimeScales
+
+REMAINDER = 0.1  # of the steady-state tolerance: what may still ring when the record ends
+MAX_POINTS = 2_000_000
+AFTER_SETTLING = 1.2  # a settled record must also show that it stays so
+
+
+def plan_transient(scene: Scene, scales: TimeScales) -> Transient:
+    """Choose stop time and maximum step of the transient of `scene`.
+
+    The stop time follows the slowest mode that matters, down to a tenth of the steady-state
+    tolerance (or the growth of an unstable one); the step follows the fastest ringing.
+
+    Raises
+    ------
+    EngineError
+        The two are so far apart that the run would never end; the message says what to change.
+    InputError
+        ``analysis.stop`` is shorter than one step.
+    """
+    step = scales.max_step_for(scene.analysis.points_per_period)
+    if scene.analysis.stop == "auto":
+        stop = AFTER_SETTLING * scales.stop_for(REMAINDER * scene.checks.steady_state.tolerance)
+        stop = max(stop, 8 * scene.analysis.points_per_period * step)
+    else:
+        stop = scene.analysis.stop
+        if stop < 8 * step < math.inf:
+            text = f"shorter than eight time steps of {step:.3g} s; longer, or 'auto'"
+            raise InputError(scene.file, Complaint("analysis.stop", f"{stop!r} s", text))
+    if not (math.isfinite(stop) and stop > 0):
+        raise EngineError("no mode of this board shows at its outputs: there is nothing to time")
+    step = min(step, stop / 50)
+    if stop / step > MAX_POINTS:
+        raise EngineError(
+            f"the slowest mode needs {stop:.3g} s and the fastest ringing a step of {step:.3g} s:"
+            f" {stop / step:.2g} points, over {MAX_POINTS:.0g}. The board is on the edge of"
+            " oscillation, or its time scales are too far apart for one transient; give"
+            " analysis.stop or fewer analysis.points_per_period to look at a part of it"
+        )
+    return Transient(stop=stop, max_step=step, initial=scene.analysis.initial)

@@ -1,0 +1,131 @@
+"""A verdict as tables for people."""
+
+from __future__ import annotations
+
+import math
+
+from rich.console import Console, Group, RenderableType
+from rich.markup import escape
+from rich.table import Table
+from rich.text import Text
+
+from netlist_gen.quantities import show
+from verification.measures import ChannelMeasure
+from verification.readings import Reading
+from verification.verdict import Check, Outcome
+from verification.verify import Verdict
+
+COLOUR = {Outcome.PASS: "green", Outcome.FAIL: "red", Outcome.INCONCLUSIVE: "yellow"}
+
+
+def print_verdict(verdict: Verdict, console: Console) -> None:
+    """Print the checks, the channels, the error budget and what it all cost."""
+    console.print(_head(verdict))
+    console.print(_checks(verdict))
+    console.print(_channels(verdict))
+    console.print(_budget(verdict))
+    for warning in verdict.warnings:
+        console.print(f"[yellow]warning[/yellow] {escape(warning)}")
+    console.print(_foot(verdict))
+
+
+def _head(verdict: Verdict) -> RenderableType:
+    s, c = verdict.circuit.scalings, verdict.circuit
+    rows, columns = c.matrices[0].ohms.shape
+    board = (
+        f"{columns} channels, {rows} sensors, {c.amplifier} amplifiers, {c.topology};"
+        f" C = {show(s.capacitance, 'F')}, R = {show(s.resistance, 'ohm')},"
+        f" s = {show(s.gain, 'ohm')}, G0 = {show(s.unit_conductance, 'S')}, lambda = {s.lam:.4g}"
+    )
+    return Group(Text(verdict.scene.name, style="bold"), Text(board))
+
+
+def _checks(verdict: Verdict) -> Table:
+    table = Table("check", "outcome", "value", "±", "limit", "why", title_justify="left")
+    for check in verdict.checks:
+        table.add_row(
+            check.name.replace("_", " "),
+            Text(check.outcome.value, style=COLOUR[check.outcome]),
+            _amount(check.value, check.unit),
+            _amount(check.uncertainty, check.unit),
+            _limit(check),
+            escape(check.reason),
+        )
+    return table
+
+
+def _limit(check: Check) -> str:
+    limit = check.tolerance if check.tolerance is not None else check.expected
+    return _amount(limit, check.unit)
+
+
+def _amount(value: float | None, unit: str) -> str:
+    if value is None or not math.isfinite(value):
+        return "-"
+    if unit == "s":
+        return show(value, "s")
+    return f"{value:.3g}" if unit == "ratio" else f"{100 * value:.3g} %"
+
+
+def _channels(verdict: Verdict) -> Table:
+    table = Table("u", "reference", "final", "rise time", "settling time", "overshoot", "state")
+    for channel in verdict.measurements.channels:
+        table.add_row(
+            str(channel.index + 1),
+            show(channel.target, "V", 5),
+            show(channel.final, "V", 5),
+            _reading(channel.rise_time),
+            _reading(channel.settling_time),
+            "-" if channel.overshoot is None else f"{100 * channel.overshoot:.3g} %",
+            _state(channel),
+        )
+    return table
+
+
+def _reading(reading: Reading | None) -> str:
+    if reading is None:
+        return "-"
+    text = show(reading.value, "s")
+    if reading.fragile and reading.alternative is not None:
+        text += f" (fragile: or {show(reading.alternative, 's')})"
+    return text
+
+
+def _state(channel: ChannelMeasure) -> str:
+    text = str(channel.state.value)
+    if channel.state.value in ("oscillating", "clipped") and channel.frequency is not None:
+        text += f", {show(channel.frequency, 'Hz')}"
+        if channel.growth_rate is not None:
+            text += f", {channel.growth_rate:+.3g} /s"
+    return text
+
+
+def _budget(verdict: Verdict) -> Table:
+    table = Table("error", "largest", "of the step", "how it was found")
+    amplitude = verdict.measurements.amplitude
+    for part in verdict.budget:
+        if part.value is None:
+            table.add_row(part.name.replace("_", " "), "unknown", "", part.how)
+            continue
+        share = f"{100 * part.value / amplitude:.2g} %" if amplitude else "-"
+        table.add_row(part.name.replace("_", " "), show(part.value, "V", 3), share, part.how)
+    return table
+
+
+def _foot(verdict: Verdict) -> Group:
+    cost, timing = verdict.waveforms.cost, verdict.timing
+    ideal = verdict.ideal
+    stages = ", ".join(f"{name} {seconds:.2f} s" for name, seconds in timing.items())
+    lines = [
+        f"{verdict.waveforms.engine}: {cost.points} points to {show(verdict.transient.stop, 's')},"
+        f" step {show(verdict.transient.max_step, 's')} at the most",
+        f"reference: {ideal.solution.certificate_kind} {ideal.solution.certificate:.2g}"
+        f" (bound {ideal.solution.bound:.2g}); the ideal network settles in"
+        f" {show(ideal.settling_time, 's')}",
+        f"time: {stages}",
+    ]
+    colour = COLOUR[verdict.outcome]
+    return Group(
+        *(Text(line, style="dim") for line in lines),
+        Text(verdict.outcome.value.upper(), style=f"bold {colour}"),
+    )

@@ -1,0 +1,112 @@
+"""One transient of a scene by one engine, with a second look at another step.
+
+`ENGINES` is the table of engines; each takes a board and a transient, and gives `Simulation`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from netlist_gen.analysis import Transient
+from netlist_gen.circuit import Circuit, Floats
+from netlist_gen.deck import write_deck
+from netlist_gen.scene import Scene
+from spice_models.errors import SimulatorNotFound
+from verification.engines.ngspice import Run, find_simulator, start
+from verification.waveforms import Waveforms
+
+COARSER = 2.0  # the second run's step over the first's
+ORDER = 2  # of the trapezoidal rule
+SHARE = 1.0 / (COARSER**ORDER - 1.0)  # of the difference that is the finer run's own error
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Simulation:
+    """A transient and what tells its error.
+
+    Attributes
+    ----------
+    fine : Waveforms
+        The answer.
+    coarse : Waveforms or None
+        The same at twice the step; None from an engine that has no step.
+    share : float
+        What part of a difference between the two is the finer one's own error.
+    """
+
+    fine: Waveforms
+    coarse: Waveforms | None
+    share: float
+
+
+class Pending:
+    """A simulation under way; `result` waits for it."""
+
+    def __init__(self, finish: Callable[[], Simulation]) -> None:
+        self._finish = finish
+
+    def result(self) -> Simulation:
+        """Wait and return the simulation, or raise what went wrong with it."""
+        return self._finish()
+
+
+def choose_engine(scene: Scene) -> str:
+    """Return the engine of `scene`; ``auto`` is ngspice where it is found."""
+    if scene.analysis.engine != "auto":
+        return scene.analysis.engine
+    try:
+        find_simulator()
+    except SimulatorNotFound:
+        return "statespace"
+    return "ngspice"
+
+
+def begin(scene: Scene, circuit: Circuit, analysis: Transient, engine: str) -> Pending:
+    """Start a simulation; processes run while the caller does other work.
+
+    Raises
+    ------
+    SimulationError
+        From here or from `Pending.result`.
+    """
+    return ENGINES[engine](scene, circuit, analysis)
+
+
+def outputs(circuit: Circuit, waveforms: Waveforms) -> Floats:
+    """Return u of every channel, shape (P, N), V."""
+    columns = [out.sign * waveforms[out.node] for out in circuit.outputs]
+    return np.stack(columns, axis=1)
+
+
+def _ngspice(scene: Scene, circuit: Circuit, analysis: Transient) -> Pending:
+    simulator = find_simulator()
+    coarse = replace(analysis, max_step=COARSER * analysis.max_step)
+    runs: list[Run] = [
+        start(
+            write_deck(circuit, each, solver=simulator.solver_option),
+            simulator,
+            timeout=scene.analysis.timeout,
+        )
+        for each in (analysis, coarse)
+    ]
+
+    def finish() -> Simulation:
+        first, second = (run.result() for run in runs)
+        return Simulation(first, second, SHARE)
+
+    return Pending(finish)
+
+
+def _statespace(scene: Scene, circuit: Circuit, analysis: Transient) -> Pending:
+    from verification.engines.statespace import simulate
+
+    return Pending(lambda: Simulation(simulate(circuit, analysis), None, 0.0))
+
+
+ENGINES: dict[str, Callable[[Scene, Circuit, Transient], Pending]] = {
+    "ngspice": _ngspice,
+    "statespace": _statespace,
+}

@@ -1,0 +1,158 @@
+"""The pipeline: scene, circuit, deck, waveforms, measurements, verdict."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from netlist_gen.analysis import Transient
+from netlist_gen.circuit import Circuit, Floats
+from netlist_gen.problem import InverseProblem, make_problem
+from netlist_gen.scalings import make_scalings
+from netlist_gen.scene import Scene
+from netlist_gen.synthesis import synthesise
+from verification.budget import ErrorPart, error_budget
+from verification.engines.equilibrium import equilibrium
+from verification.ideal import IdealAnswer, ideal_answer, ideal_network
+from verification.margin import Margin, capacitance_margin
+from verification.measures import Measurements, measure
+from verification.plan import plan_transient
+from verification.simulate import begin, choose_engine, outputs
+from verification.spread import simulation_error
+from verification.stability import Poles, summarise
+from verification.timescales import time_scales
+from verification.verdict import Check, Evidence, Outcome, SimulationError, judge, overall
+from verification.warnings import find_warnings
+from verification.waveforms import Waveforms
+
+PHYSICAL_BOUND = 1e6  # unit voltages; what is above has diverged
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Verdict:
+    """Everything that `verify` found; `outcome` sums it up."""
+
+    scene: Scene
+    problem: InverseProblem
+    circuit: Circuit
+    transient: Transient
+    ideal: IdealAnswer
+    poles: Poles
+    margin: Margin | None
+    waveforms: Waveforms
+    u: Floats
+    measurements: Measurements
+    error: SimulationError
+    budget: tuple[ErrorPart, ...]
+    checks: tuple[Check, ...]
+    warnings: tuple[str, ...]
+    outcome: Outcome
+    timing: dict[str, float]
+
+
+def verify(scene: Scene, progress: Progress = lambda stage: None) -> Verdict:
+    """Verify a scene: simulate its board, solve its problem, compare.
+
+    Parameters
+    ----------
+    scene : Scene
+        What is asked for.
+    progress : callable, optional
+        Told the name of each stage as it begins.
+
+    Raises
+    ------
+    InputError
+        The scene's files or numbers cannot be used.
+    NoVerdictError
+        No engine, or no trustworthy answer.
+    """
+    clock = _Clock(progress)
+    clock.begin("synthesis")
+    problem = make_problem(scene)
+    circuit = synthesise(scene, problem)
+    network = ideal_network(problem, make_scalings(scene), scene)
+    clock.begin("poles")
+    scales = time_scales(circuit, initial=scene.analysis.initial)
+    poles = summarise(scales.poles, complete=True)
+    transient = plan_transient(scene, scales)
+    clock.begin("simulation")
+    pending = begin(scene, circuit, transient, choose_engine(scene))
+    clock.begin("reference", beside="simulation")
+    ideal = ideal_answer(network, scene)
+    rest = equilibrium(circuit)
+    margin = capacitance_margin(circuit) if scene.checks.stability.margin > 1 else None
+    clock.begin("simulation")
+    simulation = pending.result()
+    clock.begin("measures")
+    fine, u = _measured(scene, circuit, ideal, simulation.fine, transient)
+    coarse = None
+    if simulation.coarse is not None:
+        coarse, _ = _measured(scene, circuit, ideal, simulation.coarse, transient)
+    error = simulation_error(fine, coarse, simulation.share)
+    evidence = Evidence(scene.checks, fine, error, poles, margin, ideal.error, ideal.problem)
+    checks = judge(evidence)
+    simulator = error.steady_state * fine.amplitude
+    budget = error_budget(problem, network, circuit, ideal, rest, u[-1], simulator)
+    clock.end()
+    return Verdict(
+        scene=scene,
+        problem=problem,
+        circuit=circuit,
+        transient=transient,
+        ideal=ideal,
+        poles=poles,
+        margin=margin,
+        waveforms=simulation.fine,
+        u=u,
+        measurements=fine,
+        error=error,
+        budget=budget,
+        checks=checks,
+        warnings=find_warnings(evidence),
+        outcome=overall(checks),
+        timing=clock.seconds,
+    )
+
+
+def _measured(
+    scene: Scene, circuit: Circuit, ideal: IdealAnswer, waveforms: Waveforms, transient: Transient
+) -> tuple[Measurements, Floats]:
+    u = outputs(circuit, waveforms)
+    found = measure(
+        waveforms.time,
+        u,
+        ideal.target,
+        ideal.start,
+        band=scene.checks.settling_time.band,
+        bound=PHYSICAL_BOUND * circuit.scalings.unit_voltage,
+        expected_stop=transient.stop,
+    )
+    return found, u
+
+
+class _Clock:
+    """Wall time of each stage, s; `beside` a stage whose processes run meanwhile."""
+
+    def __init__(self, progress: Progress) -> None:
+        self.seconds: dict[str, float] = {}
+        self._progress = progress
+        self._start = self._last = time.perf_counter()
+        self._stage = ""
+
+    def begin(self, stage: str, beside: str = "") -> None:
+        self._close()
+        self._stage = stage
+        self._progress(f"{stage} (while the {beside} runs)" if beside else stage)
+
+    def end(self) -> None:
+        self._close()
+        self.seconds["total"] = time.perf_counter() - self._start
+
+    def _close(self) -> None:
+        now = time.perf_counter()
+        if self._stage:
+            self.seconds[self._stage] = self.seconds.get(self._stage, 0.0) + now - self._last
+        self._last = now
