@@ -43,6 +43,7 @@ lock: ## write requirements/*.txt anew from pyproject.toml, newest versions
 	bash scripts/lock.sh
 
 build: ready ## wheel into dist/
+	rm -rf build
 	$(PYTHON_IN_VENV) -m pip wheel . --no-deps --no-build-isolation --wheel-dir dist
 
 clean: ## remove .venv, caches and build products; leaves ngspice alone
