@@ -53,9 +53,9 @@ def strain(channels: int, span: float) -> Floats:
     s = np.linspace(-1.0, 1.0, 4001)[1:-1]
     d2 = (y[:, None] - s[None, :]) ** 2
     profile = 3.0 / np.pi * np.sqrt(1.0 - s**2)
-    return (
-        3.0 / (2.0 * np.pi) * ((1.0 - d2) / (1.0 + d2) ** 2 * profile).sum(axis=1) * (s[1] - s[0])
-    )
+    response = 3.0 / (2.0 * np.pi) * (1.0 - d2) / (1.0 + d2) ** 2
+    total: Floats = (response * profile).sum(axis=1) * (s[1] - s[0])
+    return total
 
 
 def board(

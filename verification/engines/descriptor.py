@@ -37,6 +37,9 @@ class StateSpace:
         Every node voltage and op-amp state, V.
     states : tuple of str
         Names of x.
+    charge, charge_offset : ndarray (n, size) and (n,)
+        ``x = charge z + charge_offset`` from the charges that voltages z put on the capacitors;
+        z need not be consistent (all zero: everything discharged).
     """
 
     descriptor: Descriptor
@@ -45,6 +48,8 @@ class StateSpace:
     C: Floats
     D: Floats
     states: tuple[str, ...]
+    charge: Floats
+    charge_offset: Floats
 
     @property
     def n(self) -> int:
@@ -120,9 +125,10 @@ def _reduce(descriptor: Descriptor, M: Floats, K: Floats, b: Floats) -> StateSpa
     P, p = known[:, : len(f)], known[:, len(f) :]
     b = b[f] + K[np.ix_(f, o)] @ p
     K = K[np.ix_(f, f)] + K[np.ix_(f, o)] @ P
+    whole = np.hstack([M[f], -(M[np.ix_(f, o)] @ p).sum(axis=1)[:, None]])
     M = M[np.ix_(f, f)] + M[np.ix_(f, o)] @ P
     names = names[len(o) :]
-    d, a, basis, M, K, b = _separate(M, K, b)
+    d, a, basis, M, K, b, whole = _separate(M, K, b, whole)
     n = len(d)
     # 0 = K_ad x + K_aa y + b_a
     right = np.hstack([K[np.ix_(a, d)], b[a]])
@@ -133,19 +139,28 @@ def _reduce(descriptor: Descriptor, M: Floats, K: Floats, b: Floats) -> StateSpa
     rates = K[d] @ inner
     rates[:, n:] += b[d]
     charged = [names[k] for k in d] if basis is None else [f"charge{k + 1}" for k in range(n)]
-    rates = _solve(M[np.ix_(d, d)], rates, charged, "the capacitances do not determine the states")
+    right = np.hstack([rates, whole[d]])
+    rates = _solve(M[np.ix_(d, d)], right, charged, "the capacitances do not determine the states")
     inner = inner if basis is None else basis @ inner
     outer = np.zeros((descriptor.size, n + 2))
     outer[f], outer[o] = inner, P @ inner
     outer[o, n:] += p
-    A, B, C, D = rates[:, :n], rates[:, n:], outer[:, :n], outer[:, n:]
-    return StateSpace(descriptor, A, B, C, D, tuple(charged))
+    return StateSpace(
+        descriptor=descriptor,
+        A=np.ascontiguousarray(rates[:, :n]),
+        B=rates[:, n : n + 2],
+        C=outer[:, :n],
+        D=outer[:, n:],
+        states=tuple(charged),
+        charge=rates[:, n + 2 : -1],
+        charge_offset=rates[:, -1],
+    )
 
 
-Split = tuple[Ints, Ints, Floats | None, Floats, Floats, Floats]
+Split = tuple[Ints, Ints, Floats | None, Floats, Floats, Floats, Floats]
 
 
-def _separate(M: Floats, K: Floats, b: Floats) -> Split:
+def _separate(M: Floats, K: Floats, b: Floats, whole: Floats) -> Split:
     """Find which unknowns carry charge: places d, places a, and the basis if it had to turn.
 
     As a rule they are the nodes with a capacitor. Where capacitors float, or an ideal amplifier
@@ -155,7 +170,7 @@ def _separate(M: Floats, K: Floats, b: Floats) -> Split:
     rows, columns = M.any(axis=1), M.any(axis=0)
     d, a = np.flatnonzero(rows), np.flatnonzero(~rows)
     if np.array_equal(rows, columns) and _condition(M[np.ix_(d, d)]) < SINGULAR:
-        return d, a, None, M, K, b
+        return d, a, None, M, K, b, whole
     weight, pull = np.abs(M).max(axis=1), np.abs(K).max(axis=1)
     rate = np.median(pull[rows] / weight[rows])
     scale = np.where(rows, weight, np.maximum(pull, 1e-300) / rate)[:, None]
@@ -163,7 +178,8 @@ def _separate(M: Floats, K: Floats, b: Floats) -> Split:
     rank = int(np.sum(S[0] / SINGULAR < S))
     places = np.arange(len(S))
     turned = U.T @ (K / scale) @ Vt.T
-    return places[:rank], places[rank:], Vt.T, np.diag(S), turned, U.T @ (b / scale)
+    d, a = places[:rank], places[rank:]
+    return d, a, Vt.T, np.diag(S), turned, U.T @ (b / scale), U.T @ (whole / scale)
 
 
 def _equilibrated(A: Floats) -> tuple[Floats, Floats]:

@@ -81,7 +81,8 @@ class Descriptor:
     Attributes
     ----------
     names : tuple of str
-        Of the unknowns: nodes, then ``<op-amp>.pole1`` and ``<op-amp>.pole2``.
+        Of the unknowns: nodes, then the poles of the op-amps, ``x<op-amp>.p1`` and ``.p2``
+        (the names that the deck's subcircuits have for them).
     node_count : int
         How many of the unknowns are nodes.
     mass, local : Triplets

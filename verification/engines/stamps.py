@@ -87,12 +87,12 @@ class _Stamper:
         stage = [(p, f) for p, f in ((plus, 1.0), (minus, -1.0)) if p != GROUND]
         if math.isfinite(model.gbw):
             rate = 2.0 * math.pi * model.gbw
-            stage = self.lag(f"{cell.name}.pole1", rate / model.dc_gain, rate, stage)
+            stage = self.lag(f"x{cell.name}.p1", rate / model.dc_gain, rate, stage)
         else:
             stage = [(p, model.dc_gain * f) for p, f in stage]
         if math.isfinite(model.second_pole):
             rate = 2.0 * math.pi * model.second_pole
-            stage = self.lag(f"{cell.name}.pole2", rate, rate, stage)
+            stage = self.lag(f"x{cell.name}.p2", rate, rate, stage)
         if out in self.determined:
             self.K += [(out, p, f) for p, f in stage] + [(out, out, -1.0)]
         elif out != GROUND:
