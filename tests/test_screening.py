@@ -1,0 +1,111 @@
+"""Screening: what must not reach ngspice, and what must."""
+
+from __future__ import annotations
+
+import pytest
+from small_decks import SmallDeck, divider, transient
+
+from netlist_gen.analysis import OperatingPoint
+from spice_models.errors import DidNotLoad, SingularCircuit
+from verification.engines.screening import screen
+
+REFUSED = {
+    ".control": ".control\nshell touch it\n.endc",
+    "indented, capital": "  .CONTROL",
+    "command in a comment": "*# shell touch it",
+    "script": "*ng_script",
+    "library": ".lib /etc/passwd",
+    "unknown include": ".include nowhere.inc",
+    "include by path": '.include "../other.inc"',
+    "absolute include": ".include /etc/passwd",
+    "continued include": ".include\n+ /etc/passwd",
+    "unknown option": ".options frobnicate=3",
+    "resampling": ".options interp",
+    "missing field": "R7 out 0",
+    "bad number": "R7 out 0 1.2.3k",
+    "no ohms": "R7 out 0 0.0",
+    "no ohms, otherwise": "R7 out 0 0e-3k",
+    "code model": "A1 [in] [out] model",
+    "unknown subcircuit": "X1 in out nowhere",
+    "control character": "R7 out 0 1.0\x0cx",
+    "carriage return": "R7 out 0 1.0\r.control",
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_refused(case: str) -> None:
+    with pytest.raises(DidNotLoad):
+        screen(transient(REFUSED[case]))
+    with pytest.raises(DidNotLoad):
+        screen(transient(".include a.inc", files={"a.inc": REFUSED[case] + "\n"}))
+
+
+@pytest.mark.parametrize(
+    "name", ["../a", "/a", ".spiceinit", "a b", "a\nb", "", "-n", "deck.cir", "spinit"]
+)
+def test_refused_file_names(name: str) -> None:
+    with pytest.raises(DidNotLoad, match="file name"):
+        screen(transient(files={name: ""}))
+
+
+def test_a_file_that_includes_itself() -> None:
+    with pytest.raises(DidNotLoad, match="within itself"):
+        screen(transient(".include a.inc", files={"a.inc": ".include a.inc\n"}))
+
+
+def test_a_script_in_place_of_a_title() -> None:
+    deck = divider()
+    for first in ("*ng_script", "*# shell touch it", ".control"):
+        with pytest.raises(DidNotLoad):
+            screen(SmallDeck(f"{first}\n{deck.text}", deck.saved, deck.analysis))
+
+
+@pytest.mark.parametrize("saved", [(), ("out", "out"), ("out", "OUT")])
+def test_saved_nodes_are_distinct(saved: tuple[str, ...]) -> None:
+    with pytest.raises(DidNotLoad, match="distinct"):
+        screen(SmallDeck(divider().text, saved, OperatingPoint()))
+
+
+FLOATING = {
+    "current source": "I1 0 f 1e-6",
+    "sensed": "I1 0 f 1e-6\nE1 e 0 f 0 1.0\nR9 e 0 1.0",
+    "transconductance": "G1 0 f out 0 1e-3",
+    "behavioural current": "B1 0 f I = v(out)",
+    "through a subcircuit": "I1 0 f 1e-6\nX1 f e\n+ buffer\nR9 e 0 1.0",
+    "port that nothing holds": "X1 f e buffer\nR9 e 0 1.0",
+}
+BUFFER = ".subckt buffer a b\nE1 b 0 a 0 1.0\n.ends buffer"
+
+
+@pytest.mark.parametrize("case", FLOATING)
+def test_a_node_that_nothing_holds(case: str) -> None:
+    # With KLU, ngspice 46 gives 0 V for node out, in place of 0.99 V, and exit status 0.
+    with pytest.raises(SingularCircuit, match="'f'"):
+        screen(transient(FLOATING[case], BUFFER))
+
+
+ACCEPTED = {
+    "a resistor holds it": "I1 0 f 1e-6\nR9 f 0 1.0",
+    "a capacitor holds it": "I1 0 f 1e-6\nC9 f 0 1e-9",
+    "its own conductance": "I1 0 f 1e-6\nG1 f 0 f 0 1e-3",
+    "behavioural voltage": "I1 0 f 1e-6\nB1 f 0 V = v(out)",
+    "a subcircuit holds it": "I1 0 f 1e-6\nX1 in f buffer",
+    "within an include": "I1 0 f 1e-6\n.include a.inc",
+    "suffixes": "R7 out 0 10k\nR8 out 0 1.5Meg\nR9 out 0 +.5e3ohm\nC9 out 0 10pF",
+    "expressions": "R7 out 0 {2*3}\nE1 e 0 value={v(out)}\nE2 g 0 vol='v(out)'",
+    "comment": "* .control would be a command",
+    "quoted include": '.include "a.inc"',
+}
+
+
+@pytest.mark.parametrize("case", ACCEPTED)
+def test_accepted(case: str) -> None:
+    screen(transient(ACCEPTED[case], BUFFER, files={"a.inc": "R9 f 0 1.0\n"}))
+
+
+def test_a_title_is_no_device() -> None:
+    deck = divider()
+    screen(SmallDeck(deck.text.replace("* taction", "taction", 1), deck.saved, deck.analysis))
+    screen(
+        SmallDeck(deck.text.replace("* taction", ".title taction", 1), deck.saved, deck.analysis)
+    )
