@@ -167,8 +167,9 @@ def last_above(time: Floats, y: Floats, level: float) -> Crossing | None:
     if start is None:
         return None
     found = _falls(time, y, level, start)
-    rivals = {since(lean) for lean in (-1, 1)} - {start, None}
-    spread = [abs(_falls(time, y, level, r).time - found.time) for r in rivals if r is not None]
+    others = {since(lean) for lean in (-1, 1)} - {start, None}
+    rivals = [_falls(time, y, level, other) for other in others if other is not None]
+    spread = [abs(rival.time - found.time) + rival.uncertainty for rival in rivals]
     return Crossing(found.time, max([found.uncertainty, *spread]))
 
 

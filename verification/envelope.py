@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from verification.crossings import lagrange
 from verification.waveforms import Floats
 
 _POINTS = 8192
@@ -49,9 +50,11 @@ def spectrum(y: Floats) -> Floats:
 
 
 def _dominant_period(y: Floats, span: float) -> float | None:
-    """Return the period of a spectral line, or None; a broad hump is no ringing."""
+    """Return the period of the lowest strong spectral line, or None; a hump is no ringing."""
     usable = spectrum(y)[: y.size // 4]
-    k = int(np.argmax(usable))
+    inner = usable[1:-1]
+    lines = (inner >= usable[:-2]) & (inner >= usable[2:]) & (inner > 0.6 * usable.max())
+    k = int(np.argmax(lines)) + 1  # a square wave's harmonics are as strong as its fundamental
     if k < 3 or 2 * k >= usable.size or max(usable[k // 2], usable[2 * k]) > 0.5 * usable[k]:
         return None
     left, top, right = np.log(np.maximum(usable[k - 1 : k + 2], 1e-300))
@@ -79,9 +82,12 @@ def envelope(time: Floats, signals: Floats) -> Envelope:
     signals : ndarray (P, K)
         Finite.
     """
-    n = int(min(max(4 * time.size, 64), _POINTS))
+    n = int(min(max(2 * time.size, 64), _POINTS))
     grid = np.linspace(time[0], time[-1], n)
-    uniform = np.column_stack([np.interp(grid, time, column) for column in signals.T])
+    if time.size < _POINTS // 2:  # chords between few points would add a ringing of their own
+        uniform = lagrange(time, signals, grid, 6)
+    else:
+        uniform = np.column_stack([np.interp(grid, time, column) for column in signals.T])
     span = float(time[-1] - time[0])
     one = mixed(uniform)
     period = _dominant_period(one[n // 2 :], span / 2) or _dominant_period(one, span)

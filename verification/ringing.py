@@ -22,6 +22,7 @@ Complexes = NDArray[np.complex128]
 _FIT_SPAN = 16384  # raw points considered before the end of the stretch
 _FIT_SAMPLES = 300  # uniform samples in one fit
 _SAMPLES_PER_PERIOD = 6.0
+_FEWEST_PERIODS = 8.0
 _COMPONENTS = 6  # principal components of the channels
 _ORDER = 24  # most real states in one fit
 _LINEAR_FRACTION = 0.25  # of a limit cycle's amplitude: below, the growth is still exponential
@@ -94,8 +95,12 @@ def _stretch(time: Floats, env: Envelope) -> tuple[int, str]:
     return max(int(np.searchsorted(time, env.time[keep - 1] + half)), 8), doubt
 
 
-def _uniform(time: Floats, signals: Floats) -> tuple[float, Floats]:
-    """Return step h (s) and samples (n, K) on a uniform grid that ends with the record."""
+def _uniform(time: Floats, signals: Floats, period: float | None) -> tuple[float, Floats]:
+    """Return step h (s) and samples (n, K) on a uniform grid that ends with the record.
+
+    The step resolves the fastest line of the spectrum, but a clipped wave's harmonics must not
+    shorten the stretch to less than eight periods of the dominant one.
+    """
     time, signals = time[-_FIT_SPAN:], signals[-_FIT_SPAN:]
     span = float(time[-1] - time[0])
     n = min(max(time.size, 64), 4096)
@@ -104,7 +109,10 @@ def _uniform(time: Floats, signals: Floats) -> tuple[float, Floats]:
     floor = max(0.01 * float(power.max()), 8 * float(np.median(power)))
     fastest = int(np.flatnonzero(power >= min(floor, float(power.max())))[-1])
     pace = float(np.median(np.diff(time)))
-    wanted = min(span / (_SAMPLES_PER_PERIOD * max(fastest, 1)), span / (_FIT_SAMPLES - 1))
+    wanted = span / (_SAMPLES_PER_PERIOD * max(fastest, 1))
+    if period is not None:
+        wanted = max(wanted, _FEWEST_PERIODS * period / _FIT_SAMPLES)
+    wanted = min(wanted, span / (_FIT_SAMPLES - 1))
     if span / wanted > _FIT_SAMPLES:  # many periods: the last of them
         wanted = max(wanted, pace)
     step = pace * max(round(wanted / pace), 1)
@@ -176,10 +184,11 @@ def fit_modes(
     """
     if time.size < 32:
         return ()
-    used, doubt = _stretch(time, ringing or envelope(time, signals))
+    ringing = ringing or envelope(time, signals)
+    used, doubt = _stretch(time, ringing)
     if used < 32:
         return ()
-    step, samples = _uniform(time[:used], signals[:used])
+    step, samples = _uniform(time[:used], signals[:used], ringing.period)
     size = float(np.linalg.norm(samples))
     samples = samples - samples.mean(axis=0)
     if float(np.linalg.norm(samples)) <= 1e-14 * size or samples.shape[0] < 24:
@@ -202,8 +211,9 @@ def _modes(
     n, channels = samples.shape
     poles = np.log(z) / step
     back = step * np.arange(1 - n, 1)
-    norm = np.maximum(np.exp(-poles.real * step * (n - 1)), 1.0)  # largest value in the stretch
-    columns = np.exp(poles * back[:, None]) / norm
+    length = step * (n - 1)
+    # Each exponential is 1 where it is largest: at the start if it decays, at the end if it grows.
+    columns = np.exp(poles * (back[:, None] + np.where(poles.real < 0, length, 0.0)))
     weights = np.linalg.lstsq(columns, samples.astype(np.complex128), rcond=None)[0]
     left = float(np.linalg.norm(samples - (columns @ weights).real))
     residual = left / float(np.linalg.norm(samples))
@@ -223,9 +233,9 @@ def _modes(
         sigma = float(np.sqrt(2.0) * noise / leverage)
         growth, growth_sigma = float(poles[i].real), max(float(moved[i].real), sigma)
         frequency = float(poles[i].imag) / (2 * np.pi) if pairs[i] == 2.0 else 0.0
-        periods = frequency * step * (n - 1) if frequency else np.inf
+        periods = frequency * length if frequency else np.inf
         own = _doubts(periods, residual, growth, growth_sigma)
-        at_stop = sizes[i] / norm[i]
+        at_stop = sizes[i] * np.exp(min(growth, 0.0) * length)
         found.append(
             Mode(
                 frequency=frequency,
@@ -235,7 +245,7 @@ def _modes(
                 growth_sigma=growth_sigma,
                 residual=residual,
                 channels=tuple(at_stop.tolist()),
-                start=stop - step * (n - 1),
+                start=stop - length,
                 stop=stop,
                 doubt="; ".join(filter(None, (doubt, own))),
             )

@@ -3,7 +3,7 @@
 A record proves that a channel settled when, at its end, the channel
 
 1. is inside the band, and has been for 5 % of its settling time and, while it rings, for three
-   ringing periods (half of one, once the envelope is below half the band);
+   ringing periods, unless what rings is by now below half the band;
 2. does not ring on: what ringing is left is below 5 % of the band, or decays beyond the doubt of
    the fit;
 3. does not drift out again: the limit extrapolated from its last three stretches is in the band.
@@ -25,8 +25,10 @@ from verification.waveforms import Floats
 
 _DWELL = 0.05  # of the settling time that must follow it inside the band
 _DWELL_PERIODS = 3.0
+_SAFE = 0.5  # of the band: a decaying ringing below it will not leave the band again
 _QUIET = 0.05  # of the band: ringing below it is not judged
 _FLAT_TOP = 0.2  # of a period spent within 1 % of one extreme; 0.064 for a sinusoid
+_GOOD_FIT = 0.1  # unexplained part below which a fit's growth rate is believed
 _RUNAWAY = 10.0  # step amplitudes off target, and accelerating
 
 
@@ -72,20 +74,22 @@ class Judgement:
     reason: str
 
 
-def heading(time: Floats, error: Floats, period: float | None) -> tuple[float, float]:
+def heading(time: Floats, error: Floats, period: float) -> tuple[float, float]:
     """Extrapolate where the channel goes.
 
     The means of the last three stretches, each a tenth of the record in whole ringing periods,
-    form a geometric series for an exponential approach (Aitken's extrapolation).
+    form a geometric series for an exponential approach (Aitken's extrapolation), carried on for
+    one more record at most, and for one stretch only where a ringing is longer than a stretch.
 
     Returns
     -------
     limit, ratio : float
-        Limit of `error` (infinite when it does not converge) and how much a stretch's change is
-        of the one before it; the ratio is 0 when nothing moves or the changes alternate.
+        Limit of `error` and how much a stretch's change is of the one before it; the ratio is 0
+        when nothing moves or the changes alternate.
     """
     width = 0.1 * float(time[-1] - time[0])
-    if period is not None and width > period:
+    furthest = 10.0 if width >= period else 1.0
+    if 0 < period <= width:
         width = period * int(width / period)
     first = max(int(np.searchsorted(time, time[-1] - 3 * width)) - 1, 0)
     t, e = time[first:], error[first:]
@@ -96,8 +100,8 @@ def heading(time: Floats, error: Floats, period: float | None) -> tuple[float, f
     if before * last <= 0:
         return float(mean[2]), 0.0
     ratio = last / before
-    limit = float(mean[2]) + last * ratio / (1 - ratio) if ratio < 1 else float(np.inf * last)
-    return limit, ratio
+    stretches = min(ratio / (1 - ratio), furthest) if ratio < 1 else furthest
+    return float(mean[2]) + last * stretches, ratio
 
 
 def _flat_top(time: Floats, error: Floats, period: float) -> bool:
@@ -110,19 +114,30 @@ def _flat_top(time: Floats, error: Floats, period: float) -> bool:
 
 
 def _decays(ring: Ringing) -> bool:
-    """Tell whether the ringing decays: the fit's word, or else the envelope's last half."""
-    if ring.mode is not None and ring.mode.residual < 0.1:
+    """Tell whether the ringing decays: the fit's word, or else the envelope's last half.
+
+    Without a fit and with hardly an envelope nothing is known, and the dwell must prove it.
+    """
+    if ring.mode is not None and ring.mode.residual < _GOOD_FIT:
         return ring.mode.decays
     half = ring.amplitude[-max(ring.amplitude.size // 2, 1) :]
-    return bool(half[-1] < 0.9 * half[0])
+    return half.size < 2 or bool(half[-1] < 0.9 * half[0])
 
 
-def _left(ring: Ringing, end: float) -> float:
-    """Return the ringing's amplitude at `end`; the envelope's last chunk lies before it."""
-    last = float(ring.amplitude[-1])
-    if ring.mode is None or ring.mode.residual > 0.1 or not ring.mode.decays:
-        return last
-    return last * float(np.exp(ring.mode.growth_rate * (end - ring.time[-1])))
+def _left(ring: Ringing, end: float) -> tuple[float, float]:
+    """Return the ringing's amplitude at `end` and its period (0 and 0 if nothing rings).
+
+    The envelope's last chunk lies before the end, and a record of few periods has hardly an
+    envelope: a fit that leaves little unexplained and decays carries it on.
+    """
+    last, mode = float(ring.amplitude[-1]), ring.mode
+    if mode is None or mode.residual > _GOOD_FIT or not mode.decays:
+        return last, ring.period or 0.0
+    if ring.amplitude.size >= 8:
+        return last * float(np.exp(mode.growth_rate * (end - ring.time[-1]))), ring.period or 0.0
+    if mode.frequency * (mode.stop - mode.start) < 1:
+        return last, ring.period or 0.0
+    return ring.share * float(np.exp(mode.growth_rate * (end - mode.stop))), 1 / mode.frequency
 
 
 def sustained(time: Floats, error: Floats, tolerance: float, ring: Ringing) -> ChannelState | None:
@@ -158,8 +173,8 @@ def judge(time: Floats, error: Floats, tolerance: float, step: float, ring: Ring
     if state is not None:
         how = "at a constant amplitude" if state is ChannelState.CLIPPED else "and does not decay"
         return Judgement(state, None, f"it oscillates {how}: it never settles")
-    left = _left(ring, float(time[-1]))
-    limit, ratio = heading(time, error, ring.period)
+    left, period = _left(ring, float(time[-1]))
+    limit, ratio = heading(time, error, period)
     found = settle(time, error, tolerance)
     if found is None:
         return _outside(float(error[-1]), tolerance, step, ring.mode, left, limit, ratio)
@@ -168,8 +183,8 @@ def judge(time: Floats, error: Floats, tolerance: float, step: float, ring: Ring
         return Judgement(ChannelState.NOT_SETTLED, None, reason + ": simulate longer")
     dwell = float(time[-1] - time[0]) - found.value
     need = _DWELL * found.value
-    if ring.period is not None and left > _QUIET * tolerance:
-        need = max(need, ring.period * (0.5 if left < 0.5 * tolerance else _DWELL_PERIODS))
+    if left > _SAFE * tolerance:
+        need = max(need, period * _DWELL_PERIODS)
     if dwell < need:
         reason = f"inside the band for the last {dwell:.4g} s only, {need:.4g} s would prove it"
         return Judgement(ChannelState.NOT_SETTLED, None, reason + ": simulate longer")

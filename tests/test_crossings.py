@@ -1,0 +1,89 @@
+"""Crossings and peaks between points, against closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from verification.crossings import first_above, highest, interpolate, lagrange, last_above
+
+
+def test_a_cubic_is_interpolated_exactly_on_uneven_points(rng):
+    time = np.sort(rng.uniform(0, 1, 12))
+    at = np.linspace(time[0], time[-1], 40)
+
+    def cubic(t):
+        return 2 - t + 3 * t**2 - 5 * t**3
+
+    value, doubt = interpolate(time, cubic(time), at)
+    np.testing.assert_allclose(value, cubic(at), atol=1e-12)
+    assert (doubt >= 0).all()
+    np.testing.assert_allclose(
+        lagrange(time, cubic(time)[:, None], at, 4)[:, 0], cubic(at), atol=1e-12
+    )
+
+
+def test_six_points_converge_with_the_sixth_order():
+    at = np.linspace(1.0, 2.0, 101)
+    errors = []
+    for n in (20, 40):
+        time = np.linspace(0, 3, n + 1)
+        y = np.sin(5 * time)[:, None]
+        errors.append(np.abs(lagrange(time, y, at, 6)[:, 0] - np.sin(5 * at)).max())
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(6, abs=0.3)
+
+
+def test_last_and_first_crossing_of_a_sine():
+    time = np.linspace(0, 2 * np.pi, 101)
+    last, first = last_above(time, np.sin(time), 0.5), first_above(time, np.sin(time), 0.5)
+    assert abs(last.time - 5 * np.pi / 6) <= last.uncertainty < 1e-4
+    assert abs(first.time - np.pi / 6) <= first.uncertainty < 1e-4
+
+
+def test_never_above_and_still_above():
+    time = np.linspace(0, 1, 11)
+    assert last_above(time, time, 2.0) is None
+    assert last_above(time, time, 0.5) == (1.0, 0.0)
+
+
+def test_a_peak_between_points_is_seen():
+    time = np.arange(0, 12, 0.5) + 0.25
+    y = np.exp(-0.05 * time) * np.cos(np.pi * time / 2)  # peaks near 0, 4, 8: between points
+    level = 0.5 * (y[15:17].max() + np.exp(-0.4))  # below the peak near 8, above its points
+    found = last_above(time, y, level)
+    assert y[12:].max() < level
+    grid = np.linspace(0, 12, 2_000_001)
+    truth = grid[np.exp(-0.05 * grid) * np.cos(np.pi * grid / 2) > level][-1]
+    assert abs(found.time - truth) <= found.uncertainty
+
+
+def test_highest_finds_the_top_of_a_coarse_sine():
+    time = np.linspace(0, 3, 31)
+    assert highest(time, np.sin(time)) == pytest.approx(1.0, abs=3e-6)
+
+
+@given(
+    period=st.floats(7, 60),
+    phase=st.floats(0, 2 * np.pi),
+    decay=st.floats(0, 0.05),
+    jitter=st.integers(0, 1000),
+    level=st.floats(0.05, 0.6),
+)
+def test_the_uncertainty_covers_the_truth_down_to_seven_points_a_period(
+    period, phase, decay, jitter, level
+):
+    noise = np.random.default_rng(jitter).uniform(-0.2, 0.2, 80)
+    time = np.arange(80.0) + noise
+
+    def wave(t):
+        return np.exp(-decay * t) * np.cos(2 * np.pi * t / period + phase)
+
+    found = last_above(time, wave(time), level)
+    grid = np.linspace(time[0], time[-1], 200_001)
+    above = grid[wave(grid) > level]
+    if found is None:
+        assert above.size == 0 or wave(grid).max() - level < 0.05
+    elif above.size and found.time < time[-1] and above[-1] < time[-1]:
+        assert abs(found.time - above[-1]) <= found.uncertainty + 2 * (grid[1] - grid[0])
