@@ -22,12 +22,16 @@ from verification.reference.stacked import Factor, factorise
 
 Floats = NDArray[np.float64]
 
-HOMOTOPY = 0.01
+HOMOTOPY = 0.1
 """Factor between two values of mu."""
-STAGE_TOLERANCE = 1e-3
-FINAL_TOLERANCE = 1e-13
+STAGE_TOLERANCE = 1.0
+FINAL_TOLERANCE = 1e-10
 MAX_STEPS = 100
-MAX_REFINEMENTS = 8
+MAX_REFINEMENTS = 12
+ENOUGH = 1e-35
+"""Square of the relative error of u at which refinement ends."""
+FAST = 1e-6
+"""A correction that shrinks the gap by less than this refreshes the factorisation."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,7 +107,7 @@ def _point(s: Scaled, exact: ExactMatrix, v: DoubleDouble, r: DoubleDouble) -> _
     f2 = (exact.transposed(r) - DoubleDouble.of(s.mu) * shifted).hi
     size, dual = float(np.linalg.norm(u.hi)), float(np.linalg.norm(r.hi))
     slack1 = UNIT * (s.norm * size + np.abs(s.eps) + dual)
-    slack2 = UNIT * (s.norm * dual + s.mu * np.abs(shifted.hi))
+    slack2 = UNIT * (s.norm * dual + s.mu * (1.0 + np.abs(shifted.hi)))
     miss = np.linalg.norm(np.abs(f1) + slack1)
     dv = (np.abs(f2) + slack2) / s.mu
     gap = float(0.5 * miss * miss + s.mu * _divergence(s.regulariser, v.hi, dv))
@@ -119,26 +123,27 @@ def _corrected(s: Scaled, exact: ExactMatrix, p: _Point, D: Floats, factor: Fact
 
 
 def _refine(s: Scaled, v: Floats) -> tuple[_Point, int]:
-    """Improve until the gap stops shrinking."""
-    exact = ExactMatrix(s.T)
+    """Improve until the gap stops shrinking or is beyond what doubles can show."""
+    exact, wide = ExactMatrix(s.T), DoubleDouble.of(v)
     D = np.sqrt(s.regulariser.slope(v))
     factor = factorise(s.T, s.gram, D, s.mu)
-    wide = DoubleDouble.of(v)
     r = DoubleDouble.of(s.eps) - exact @ s.regulariser.exact(wide)
     best = _point(s, exact, wide, r)
     for step in range(MAX_REFINEMENTS):
+        peak = float(np.max(np.abs(best.u.hi)))
+        ceiling = float(np.max(s.regulariser.ceiling(best.u.hi)))
+        if best.gap * ceiling <= ENOUGH * s.mu * peak * peak:
+            return best, step
         with np.errstate(all="ignore"):
             trial = _corrected(s, exact, best, D, factor)
         if not trial.gap < best.gap:
             return best, step
-        converged = trial.gap > 0.25 * best.gap
+        slow = trial.gap > FAST * best.gap
         best = trial
-        if converged:
-            break
-        if step == 0:
+        if slow:  # the curvature has changed since it was factorised
             D = np.sqrt(s.regulariser.slope(best.v.hi))
             factor = factorise(s.T, s.gram, D, s.mu)
-    return best, step + 1
+    return best, MAX_REFINEMENTS
 
 
 def solve_maxent(problem: Problem) -> Solution:

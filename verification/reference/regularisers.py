@@ -96,17 +96,19 @@ def _softplus_exact(v: DoubleDouble) -> DoubleDouble:
     return fold + ramp
 
 
+def _signed(v: DoubleDouble, magnitude: DoubleDouble) -> DoubleDouble:
+    sign = np.sign(v.hi)
+    return DoubleDouble(sign * magnitude.hi, sign * magnitude.lo)
+
+
 def _sinh_exact(v: DoubleDouble) -> DoubleDouble:
-    twice = dd.exp(v) - dd.exp(-v)
-    return DoubleDouble(0.5 * twice.hi, 0.5 * twice.lo)
+    rise = dd.expm1(_signed(v, v))
+    return _signed(v, (rise + rise / (dd.ONE + rise)) * dd.HALF)
 
 
 def _tanh_exact(v: DoubleDouble) -> DoubleDouble:
-    sign = np.where(v.hi > 0.0, -2.0, 2.0)
-    small = dd.exp(DoubleDouble(sign * v.hi, sign * v.lo))
-    ratio = (dd.ONE - small) / (dd.ONE + small)
-    turn = -0.5 * sign
-    return DoubleDouble(turn * ratio.hi, turn * ratio.lo)
+    fall = dd.expm1(-_signed(v, v + v))
+    return _signed(v, -fall / (dd.ONE + dd.ONE + fall))
 
 
 def _unfold_exponential(q: Floats, mu: float, h: Floats) -> Floats:

@@ -14,9 +14,16 @@ from numpy.typing import NDArray
 from spice_models.errors import SolverError
 
 Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 CHOLESKY_LIMIT = 1e-12
 """Normal equations are used while mu is above this times ``|T D|^2``; QR below."""
+
+
+NEGLIGIBLE = 1e-16
+"""A channel whose ``|T D|^2`` is below this times mu is not coupled to the others."""
+MANY = 0.9
+"""Leaving channels out pays if fewer than this share remain."""
 
 
 class Factor(Protocol):
@@ -101,8 +108,26 @@ class SVD:
         return np.asarray(y)
 
 
+class _Partial:
+    """Only the channels that D leaves coupled; the others are divided by mu.
+
+    What is neglected is below 1e-8 of a correction, which the next correction makes good.
+    """
+
+    def __init__(self, T: Floats, gram: Floats, D: Floats, mu: float, active: Indices) -> None:
+        self._A, self._mu, self._active = T * D, mu, active
+        inside = np.ix_(active, active)
+        self._inner = factorise(T[:, active], gram[inside], D[active], mu) if len(active) else None
+
+    def solve(self, f1: Floats, f2: Floats) -> Floats:
+        y = (f1 @ self._A + f2) / self._mu
+        if self._inner is not None:
+            y[self._active] = self._inner.solve(f1, f2[self._active])
+        return np.asarray(y)
+
+
 def factorise(T: Floats, gram: Floats, D: Floats, mu: float) -> Factor:
-    """Factorise the stacked system by Cholesky where that is accurate enough, else by QR.
+    """Factorise by Cholesky where that is accurate enough, else by QR.
 
     Parameters
     ----------
@@ -111,12 +136,17 @@ def factorise(T: Floats, gram: Floats, D: Floats, mu: float) -> Factor:
     gram : ndarray (N, N)
         ``T^T T``.
     D : ndarray (N,)
-        Nonnegative.
+        Nonnegative. Channels where it is negligible are left out of the factorisation: for small
+        mu that is most of them.
     mu : float
         Positive.
     """
+    diagonal = gram.diagonal() * D * D
+    active = np.flatnonzero(diagonal > NEGLIGIBLE * mu)
+    if len(active) < MANY * len(D):
+        return _Partial(T, gram, D, mu, active)
     A = T * D
-    if mu > CHOLESKY_LIMIT * float(np.vdot(A, A)):
+    if mu > CHOLESKY_LIMIT * float(np.sum(diagonal)):
         factor = _Cholesky(A, gram * np.outer(D, D), mu)
         if not factor.failed:
             return factor
