@@ -106,13 +106,25 @@ def test_the_command_repeats_the_run(simulator: Simulator, tmp_path: Path) -> No
     assert (folder / "out.raw").read_bytes().partition(b"Binary:")[2] == first
 
 
-def test_a_cancelled_run_ends_and_leaves_nothing(simulator: Simulator) -> None:
-    with start(endless(), simulator, timeout=60.0) as run:
-        process = run._process
-    assert process.returncode == -9
+def test_a_cancelled_run_ends_and_leaves_nothing(simulator: Simulator, tmp_path: Path) -> None:
+    fake = wrapped(simulator, tmp_path, f"echo $$ > {tmp_path}/pid")
+    with start(endless(), fake, timeout=60.0) as run:
+        pid = process_id(tmp_path / "pid")
+    assert not is_running(pid)
     assert not run.folder.exists()
     with pytest.raises(SimulationError, match="cancelled"):
         run.result()
+
+
+def test_a_run_that_nobody_asks_for_ends_with_its_object(
+    simulator: Simulator, tmp_path: Path
+) -> None:
+    fake = wrapped(simulator, tmp_path, f"echo $$ > {tmp_path}/pid")
+    run = start(endless(), fake, timeout=60.0, folder=tmp_path / "run")
+    pid = process_id(tmp_path / "pid")
+    del run
+    assert not is_running(pid)
+    assert not (tmp_path / "run").exists()
 
 
 def test_nothing_of_the_users_surroundings_reaches_the_process(
@@ -219,6 +231,15 @@ def test_timeout_ends_the_whole_group_and_keeps_what_was_written(
     assert 0.0 < partial.time[-1] < 1.0
     assert largest_error(partial) < 1e-6
     assert not is_running(int((folder / "child").read_text()))
+
+
+def process_id(path: Path) -> int:
+    """Wait until a wrapper has written its process id."""
+    for _ in range(500):
+        if path.exists() and (text := path.read_text()).endswith("\n"):
+            return int(text)
+        time.sleep(0.01)
+    raise AssertionError(f"{path} was not written")
 
 
 def is_running(pid: int) -> bool:

@@ -17,6 +17,7 @@ import subprocess
 import tempfile
 import threading
 import time
+import weakref
 from pathlib import Path
 from types import TracebackType
 
@@ -40,11 +41,53 @@ PHYSICAL_BOUND = 1e6
 _ARGUMENTS = ("-b", "-n", "-r", "out.raw", "deck.cir")
 
 
+class _Process:
+    """The process of a run, and a thread that notes when it ended.
+
+    A thread that blocks in wait(2) wakes with the process; ``Popen.wait(timeout)`` would poll.
+    """
+
+    def __init__(self, simulator: Simulator, folder: Path) -> None:
+        self.folder = folder
+        self.started = self.ended = time.perf_counter()
+        self._popen = _launch(simulator, folder)
+        self._watcher = threading.Thread(target=self._watch, daemon=True)
+        self._watcher.start()
+
+    @property
+    def status(self) -> int:
+        """Exit status, negative for a signal; once it has ended."""
+        return int(self._popen.returncode)
+
+    def wait(self, seconds: float) -> bool:
+        """Wait no longer than `seconds`; return whether it has ended."""
+        self._watcher.join(max(seconds, 0.0))
+        return not self._watcher.is_alive()
+
+    def kill(self) -> None:
+        """End whatever is left of the process group, and wait until it has ended."""
+        if self._watcher.is_alive():
+            with contextlib.suppress(ProcessLookupError):  # it may end in between
+                os.killpg(self._popen.pid, signal.SIGKILL)
+            self._watcher.join()
+
+    def discard(self, keep: bool) -> None:
+        """End it and remove its folder, unless that is to be kept."""
+        self.kill()
+        if not keep:
+            shutil.rmtree(self.folder)
+
+    def _watch(self) -> None:
+        self._popen.wait()
+        self.ended = time.perf_counter()
+
+
 class Run:
     """A simulation under way; `start` makes it.
 
-    As a context manager it is cancelled on the way out, so that a failure of one of two runs
-    side by side does not leave the other one behind.
+    It ends, and its folder goes, when it is cancelled, on the way out of a ``with`` block, when
+    the object is dropped without having been asked for its result, or when Python ends: a failure
+    elsewhere leaves no simulator behind.
 
     Attributes
     ----------
@@ -64,16 +107,12 @@ class Run:
     ) -> None:
         self.folder = folder
         self._deck = deck
-        self._simulator = simulator
+        self._engine = simulator.engine
         self._timeout = timeout
         self._keep = keep
         self._bound = bound
-        self._finished = False
-        self._started = self._ended = time.perf_counter()
-        self._process = _launch(simulator, folder)
-        # A thread that blocks in wait(2) wakes with the process; Popen.wait(timeout) would poll.
-        self._watcher = threading.Thread(target=self._watch, daemon=True)
-        self._watcher.start()
+        self._process = _Process(simulator, folder)
+        self._discard = weakref.finalize(self, self._process.discard, keep)
 
     def __enter__(self) -> Run:
         return self
@@ -94,46 +133,30 @@ class Run:
         SimulationError
             One of its kinds; the run folder is kept and named in the message.
         """
-        if self._finished:
+        if not self._discard.alive:
             raise SimulationError("a run gives its result once, and not after it was cancelled")
+        process = self._process
         try:
-            remaining = self._started + self._timeout - time.perf_counter()
-            self._watcher.join(max(remaining, 0.0))
-            timed_out = self._watcher.is_alive()
+            in_time = process.wait(process.started + self._timeout - time.perf_counter())
         finally:  # also on Ctrl-C, which does not reach a process group of its own
-            self._kill()
-        self._finished = True
+            process.kill()
+        self._discard.detach()
         ending = Ending(
-            status=self._process.returncode,
-            timed_out=timed_out,
+            status=process.status,
+            timed_out=not in_time,
             timeout=self._timeout,
-            seconds=self._ended - self._started,
+            seconds=process.ended - process.started,
             errors=(self.folder / "stderr.txt").read_text(encoding="utf-8", errors="replace"),
             folder=self.folder,
         )
-        waveforms = judge(self._deck, ending, engine=self._simulator.engine, bound=self._bound)
+        waveforms = judge(self._deck, ending, engine=self._engine, bound=self._bound)
         if not self._keep:  # the waveforms' memory map outlives its file
             shutil.rmtree(self.folder)
         return waveforms
 
     def cancel(self) -> None:
         """End the process group and remove the run folder, unless `result` was called."""
-        if not self._finished:
-            self._kill()
-            self._finished = True
-            if not self._keep:
-                shutil.rmtree(self.folder)
-
-    def _watch(self) -> None:
-        self._process.wait()
-        self._ended = time.perf_counter()
-
-    def _kill(self) -> None:
-        """End whatever is left of the process group, and wait until it has ended."""
-        if self._watcher.is_alive():
-            with contextlib.suppress(ProcessLookupError):  # it may end in between
-                os.killpg(self._process.pid, signal.SIGKILL)
-            self._watcher.join()
+        self._discard()
 
 
 def start(
