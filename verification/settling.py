@@ -128,16 +128,19 @@ def _left(ring: Ringing, end: float) -> tuple[float, float]:
     """Return the ringing's amplitude at `end` and its period (0 and 0 if nothing rings).
 
     The envelope's last chunk lies before the end, and a record of few periods has hardly an
-    envelope: a fit that leaves little unexplained and decays carries it on.
+    envelope: a fit that leaves little unexplained and decays carries it on. A mode slower than
+    the dominant line is a trend to the envelope, so the larger of the two counts.
     """
-    last, mode = float(ring.amplitude[-1]), ring.mode
+    last, mode, period = float(ring.amplitude[-1]), ring.mode, ring.period or 0.0
     if mode is None or mode.residual > _GOOD_FIT or not mode.decays:
-        return last, ring.period or 0.0
-    if ring.amplitude.size >= 8:
-        return last * float(np.exp(mode.growth_rate * (end - ring.time[-1]))), ring.period or 0.0
+        return last, period
+    fitted = ring.share * float(np.exp(mode.growth_rate * (end - mode.stop)))
     if mode.frequency * (mode.stop - mode.start) < 1:
-        return last, ring.period or 0.0
-    return ring.share * float(np.exp(mode.growth_rate * (end - mode.stop))), 1 / mode.frequency
+        fitted = 0.0  # less than a period is as well a drift
+    elif ring.amplitude.size < 8:
+        return fitted, 1 / mode.frequency
+    carried = last * float(np.exp(mode.growth_rate * (end - ring.time[-1])))
+    return max((carried, period), (fitted, 1 / mode.frequency))
 
 
 def sustained(time: Floats, error: Floats, tolerance: float, ring: Ringing) -> ChannelState | None:
