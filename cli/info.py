@@ -87,7 +87,7 @@ def _python() -> dict[str, Any]:
 
 
 def _simulator() -> dict[str, Any]:
-    from verification.engines.ngspice import find_simulator
+    from verification.engines.simulator import find_simulator
 
     try:
         found = find_simulator()

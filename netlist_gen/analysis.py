@@ -9,9 +9,17 @@ from typing import Literal
 
 @dataclass(frozen=True, slots=True)
 class Tolerances:
-    """ngspice's tolerances: relative, current (A), voltage (V), charge (C) and the parallel
-    conductance gmin (S). Chosen from the scene's own scales, never ngspice's defaults.
-    """  # noqa: D205
+    """What ngspice is told to achieve; chosen from the scene's own scales, never its defaults.
+
+    Attributes
+    ----------
+    relative : float
+        Of Newton's iteration.
+    current, voltage, charge : float
+        Absolute, A, V and C.
+    gmin : float
+        Parallel conductance and least pivot, S.
+    """
 
     relative: float
     current: float
@@ -22,15 +30,28 @@ class Tolerances:
 
 @dataclass(frozen=True, slots=True)
 class Transient:
-    """A transient from t = 0 to `stop` with no step above `max_step` (both s).
+    """A transient from t = 0.
 
-    `initial` is ``"zero"`` (every capacitor discharged when the strain steps on) or ``"rest"``
-    (the equilibrium without strain). `voltages` are initial node voltages in V that replace the
-    zeros of ``"zero"`` (used to start a board along one of its modes).
+    Attributes
+    ----------
+    stop, max_step : float
+        End and largest step, s.
+    truncation : float
+        Local error that one step may make, relative: what bounds the step where the board is
+        faster than `max_step` provides for.
+    initial : str
+        ``"zero"``: every capacitor is discharged when the strain steps on. ``"rest"``: the
+        equilibrium without strain.
+    method : str
+        Integration method.
+    voltages : dict of str to float
+        Initial node voltages in V that replace zeros of ``"zero"``; they start a board along one
+        of its modes.
     """
 
     stop: float
     max_step: float
+    truncation: float = 1e-4
     initial: Literal["zero", "rest"] = "zero"
     method: Literal["trapezoidal", "gear"] = "trapezoidal"
     voltages: Mapping[str, float] = field(default_factory=dict)

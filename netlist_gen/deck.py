@@ -173,18 +173,7 @@ def _place(netlist: Any, circuit: Circuit) -> list[str]:
         netlist.R(resistor.name, resistor.a, resistor.b, repr(resistor.ohms))
     for capacitor in circuit.capacitors:
         netlist.C(capacitor.name, capacitor.a, capacitor.b, repr(capacitor.farads))
-    return [
-        card
-        for stage in circuit.amplifiers
-        for card in amplifier_lines(
-            stage.name,
-            stage.kind,
-            stage.input,
-            stage.output,
-            u_scale=stage.u_scale,
-            v_scale=stage.v_scale,
-        )
-    ]
+    return [line for stage in circuit.amplifiers for line in amplifier_lines(stage)]
 
 
 def _place_sources(netlist: Any, circuit: Circuit, analysis: Analysis) -> None:
@@ -209,7 +198,9 @@ def _options(limits: Tolerances, analysis: Analysis, solver: str) -> list[str]:
         f".options chgtol={limits.charge!r} gmin={limits.gmin!r} pivtol={limits.gmin!r}",
     ]
     if isinstance(analysis, Transient):
-        lines.append(f".options method={'trap' if analysis.method == 'trapezoidal' else 'gear'}")
+        method = "trap" if analysis.method == "trapezoidal" else "gear"
+        trtol = max(analysis.truncation / limits.relative, 1.0)
+        lines.append(f".options method={method} trtol={trtol!r}")
     return lines
 
 

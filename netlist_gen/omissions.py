@@ -58,7 +58,7 @@ def _inverters(scene: Scene, problem: InverseProblem) -> list[Omission]:
 
 def _amplifier(scene: Scene) -> list[Omission]:
     if scene.design.amplifier == "linear":
-        why = "linear amplifiers: the regulariser is the sum of u²"
+        why = "linear amplifiers: the regulariser is the sum of squares"
         return [Omission("antilog stages and bias current", why)]
     if scene.design.bias is False:
         return [Omission("bias current", "design.bias is false")]

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from spice_models.presets import derive, load_presets
 
 from netlist_gen.circuit import Scalings
 from netlist_gen.scene import DEFAULT_RESISTANCE, Scene
 from netlist_gen.series import nearest
 from spice_models.errors import Complaint, InputError
 from spice_models.opamp import OpAmp
+from spice_models.presets import derive, load_presets
 
 
 def make_scalings(scene: Scene) -> Scalings:

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
-from spice_models.presets import preset_names
 
 from netlist_gen.scene import OpAmpChoice, Scene
 from spice_models.errors import Complaint, InputError
+from spice_models.presets import preset_names
 
 MAX_BYTES = 1_000_000
 

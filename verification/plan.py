@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from netlist_gen.analysis import Transient
 from netlist_gen.scene import Scene
@@ -12,6 +13,8 @@ from verification.timescales import TimeScales
 REMAINDER = 0.1  # of the steady-state tolerance: what may still ring when the record ends
 MAX_POINTS = 2_000_000
 AFTER_SETTLING = 1.2  # a settled record must also show that it stays so
+FEWEST_POINTS = 50  # in a record
+FEWEST_PERIODS = 8  # of ringing in a record, however fast it settles or grows
 
 
 def plan_transient(scene: Scene, scales: TimeScales) -> Transient:
@@ -27,18 +30,18 @@ def plan_transient(scene: Scene, scales: TimeScales) -> Transient:
     InputError
         ``analysis.stop`` is shorter than one step.
     """
-    step = scales.max_step_for(scene.analysis.points_per_period)
+    points = scene.analysis.points_per_period
+    step = scales.max_step_for(points)
     if scene.analysis.stop == "auto":
-        stop = AFTER_SETTLING * scales.stop_for(REMAINDER * scene.checks.steady_state.tolerance)
-        stop = max(stop, 8 * scene.analysis.points_per_period * step)
+        stop = max(_auto_stop(scene, scales), FEWEST_PERIODS * points * step)
     else:
         stop = scene.analysis.stop
-        if stop < 8 * step < math.inf:
-            text = f"shorter than eight time steps of {step:.3g} s; longer, or 'auto'"
+        if stop < FEWEST_POINTS * step < math.inf:
+            text = f"shorter than {FEWEST_POINTS} time steps of {step:.3g} s; longer, or 'auto'"
             raise InputError(scene.file, Complaint("analysis.stop", f"{stop!r} s", text))
     if not (math.isfinite(stop) and stop > 0):
         raise EngineError("no mode of this board shows at its outputs: there is nothing to time")
-    step = min(step, stop / 50)
+    step = min(step, stop / FEWEST_POINTS)
     if stop / step > MAX_POINTS:
         raise EngineError(
             f"the slowest mode needs {stop:.3g} s and the fastest ringing a step of {step:.3g} s:"
@@ -46,4 +49,28 @@ def plan_transient(scene: Scene, scales: TimeScales) -> Transient:
             " oscillation, or its time scales are too far apart for one transient; give"
             " analysis.stop or fewer analysis.points_per_period to look at a part of it"
         )
-    return Transient(stop=stop, max_step=step, initial=scene.analysis.initial)
+    return Transient(stop, step, _truncation(points), scene.analysis.initial)
+
+
+def coarser(transient: Transient, ratio: float) -> Transient:
+    """Return the same transient with every step `ratio` times as long (trapezoidal rule)."""
+    return replace(
+        transient,
+        max_step=ratio * transient.max_step,
+        truncation=ratio**3 * transient.truncation,
+    )
+
+
+def _auto_stop(scene: Scene, scales: TimeScales) -> float:
+    if math.isfinite(scales.growth_time):
+        return scales.growth_time
+    return AFTER_SETTLING * scales.stop_for(REMAINDER * scene.checks.steady_state.tolerance)
+
+
+def _truncation(points: float) -> float:
+    """Return twice the local error ``(omega h)³ / 12`` of a mode with `points` on its period.
+
+    So a mode that is faster than the one that sets the maximum step gets nearly as many points,
+    and halving the step halves it everywhere.
+    """
+    return (2 * math.pi / points) ** 3 / 6

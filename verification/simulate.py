@@ -6,7 +6,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from contextlib import ExitStack
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,9 +16,12 @@ from netlist_gen.circuit import Circuit, Floats
 from netlist_gen.deck import write_deck
 from netlist_gen.scene import Scene
 from spice_models.errors import SimulatorNotFound
-from verification.engines.ngspice import Run, find_simulator, start
+from verification.engines.ngspice import start
+from verification.engines.simulator import find_simulator
+from verification.plan import coarser
 from verification.waveforms import Waveforms
 
+PHYSICAL_BOUND = 1e6  # unit voltages; what is above has diverged
 COARSER = 2.0  # the second run's step over the first's
 ORDER = 2  # of the trapezoidal rule
 SHARE = 1.0 / (COARSER**ORDER - 1.0)  # of the difference that is the finer run's own error
@@ -64,15 +68,19 @@ def choose_engine(scene: Scene) -> str:
     return "ngspice"
 
 
-def begin(scene: Scene, circuit: Circuit, analysis: Transient, engine: str) -> Pending:
+def begin(
+    scene: Scene, circuit: Circuit, analysis: Transient, engine: str, *, second_look: bool = True
+) -> Pending:
     """Start a simulation; processes run while the caller does other work.
+
+    With a `second_look` an engine that has a step size runs twice, at two steps.
 
     Raises
     ------
     SimulationError
         From here or from `Pending.result`.
     """
-    return ENGINES[engine](scene, circuit, analysis)
+    return ENGINES[engine](scene, circuit, analysis, second_look)
 
 
 def outputs(circuit: Circuit, waveforms: Waveforms) -> Floats:
@@ -81,32 +89,33 @@ def outputs(circuit: Circuit, waveforms: Waveforms) -> Floats:
     return np.stack(columns, axis=1)
 
 
-def _ngspice(scene: Scene, circuit: Circuit, analysis: Transient) -> Pending:
+def _ngspice(scene: Scene, circuit: Circuit, analysis: Transient, second_look: bool) -> Pending:
     simulator = find_simulator()
-    coarse = replace(analysis, max_step=COARSER * analysis.max_step)
-    runs: list[Run] = [
-        start(
-            write_deck(circuit, each, solver=simulator.solver_option),
-            simulator,
-            timeout=scene.analysis.timeout,
-        )
-        for each in (analysis, coarse)
-    ]
+    bound = PHYSICAL_BOUND * circuit.scalings.unit_voltage
+    wanted = [analysis, coarser(analysis, COARSER)] if second_look else [analysis]
+    with ExitStack() as cleanup:  # what goes wrong with one run ends the other
+        runs = []
+        for each in wanted:
+            deck = write_deck(circuit, each, solver=simulator.solver_option)
+            run = start(deck, simulator, timeout=scene.analysis.timeout, bound=bound)
+            runs.append(cleanup.enter_context(run))
+        under_way = cleanup.pop_all()
 
     def finish() -> Simulation:
-        first, second = (run.result() for run in runs)
-        return Simulation(first, second, SHARE)
+        with under_way:
+            fine, *coarse = [run.result() for run in runs]
+            return Simulation(fine, coarse[0] if coarse else None, SHARE)
 
     return Pending(finish)
 
 
-def _statespace(scene: Scene, circuit: Circuit, analysis: Transient) -> Pending:
+def _statespace(scene: Scene, circuit: Circuit, analysis: Transient, second_look: bool) -> Pending:
     from verification.engines.statespace import simulate
 
     return Pending(lambda: Simulation(simulate(circuit, analysis), None, 0.0))
 
 
-ENGINES: dict[str, Callable[[Scene, Circuit, Transient], Pending]] = {
+ENGINES: dict[str, Callable[[Scene, Circuit, Transient, bool], Pending]] = {
     "ngspice": _ngspice,
     "statespace": _statespace,
 }

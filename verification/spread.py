@@ -15,6 +15,9 @@ def simulation_error(
 ) -> SimulationError:
     """Estimate the error of every measure of `fine` (Richardson's extrapolation).
 
+    A settling time jumps by half a ringing period when a peak moves through the edge of the band,
+    so its whole difference counts, not the extrapolated part.
+
     Parameters
     ----------
     fine, coarse : Measurements
@@ -34,7 +37,7 @@ def simulation_error(
     amplitude = fine.amplitude or 1.0
     return SimulationError(
         steady_state=share * max(abs(a.final - b.final) for a, b in pairs) / amplitude,
-        settling_time=share * _apart(fine.settling_time, coarse.settling_time),
+        settling_time=_apart(fine.settling_time, coarse.settling_time),
         rise_time=share * _largest(_apart(a.rise_time, b.rise_time) for a, b in pairs),
         overshoot=share
         * _largest(abs((a.overshoot or 0.0) - (b.overshoot or 0.0)) for a, b in pairs),

@@ -76,7 +76,7 @@ def poles(circuit: Circuit, at: Equilibrium | None = None) -> Poles:
 def summarise(values: Complexes, *, complete: bool) -> Poles:
     """Sort poles and name the rightmost ones; a board without states is stable."""
     values = values[np.lexsort((-values.imag, -values.real))]
-    rightmost = complex(values[0]) if len(values) else complex(-math.inf, 0.0)
+    rightmost = complex(values[0].real, abs(values[0].imag)) if len(values) else complex(-math.inf)
     oscillating = values[values.imag > 0.0]
     lead = complex(oscillating[0]) if len(oscillating) else complex(-1.0, 0.0)
     return Poles(

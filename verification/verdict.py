@@ -39,8 +39,7 @@ class Check:
     expected, tolerance : float or None
         The wanted value and how far from it is accepted, or the limit in `expected` alone.
     unit : str
-        ``"s"``, or ``"A"``-fractions as ``"step"`` (a fraction of the step amplitude), or
-        ``"ratio"``.
+        ``"s"``, ``"1/s"``, ``"step"`` (a fraction of the step amplitude) or ``"ratio"``.
     """
 
     name: str
@@ -119,8 +118,10 @@ def describe_states(measurements: Measurements) -> str:
     for state, channels in groups.items():
         if state is ChannelState.SETTLED:
             continue
-        where = ", ".join(str(channel.index + 1) for channel in channels)
-        text = f"channel {where} {state.value}"
+        where = "channel " + ", ".join(str(channel.index + 1) for channel in channels)
+        if len(channels) == len(measurements.channels) > 1:
+            where = "every channel"
+        text = f"{where} {state.value}"
         first = channels[0]
         if first.frequency is not None:
             text += f" at {show(first.frequency, 'Hz')}"
@@ -200,8 +201,9 @@ def _stability(evidence: Evidence) -> Check:
     margin = evidence.margin
 
     def check(outcome: Outcome, reason: str) -> Check:
-        value = margin.factor if margin is not None else float(evidence.poles.stable)
-        return Check("stability", outcome, value, None, wanted, None, "ratio", reason)
+        if margin is None:
+            return Check("stability", outcome, pole.real, None, 0.0, None, "1/s", reason)
+        return Check("stability", outcome, margin.factor, None, wanted, None, "ratio", reason)
 
     if not evidence.poles.stable:
         ringing = show(abs(pole.imag) / (2 * math.pi), "Hz")

@@ -16,9 +16,10 @@ from verification.budget import ErrorPart, error_budget
 from verification.engines.equilibrium import equilibrium
 from verification.ideal import IdealAnswer, ideal_answer, ideal_network
 from verification.margin import Margin, capacitance_margin
-from verification.measures import Measurements, measure
+from verification.measures import Measurements
 from verification.plan import plan_transient
-from verification.simulate import begin, choose_engine, outputs
+from verification.record import measure_outputs
+from verification.simulate import begin, choose_engine
 from verification.spread import simulation_error
 from verification.stability import Poles, summarise
 from verification.timescales import time_scales
@@ -26,7 +27,6 @@ from verification.verdict import Check, Evidence, Outcome, SimulationError, judg
 from verification.warnings import find_warnings
 from verification.waveforms import Waveforms
 
-PHYSICAL_BOUND = 1e6  # unit voltages; what is above has diverged
 Progress = Callable[[str], None]
 
 
@@ -87,10 +87,10 @@ def verify(scene: Scene, progress: Progress = lambda stage: None) -> Verdict:
     clock.begin("simulation")
     simulation = pending.result()
     clock.begin("measures")
-    fine, u = _measured(scene, circuit, ideal, simulation.fine, transient)
+    fine, u = measure_outputs(scene, circuit, ideal, simulation.fine, transient)
     coarse = None
     if simulation.coarse is not None:
-        coarse, _ = _measured(scene, circuit, ideal, simulation.coarse, transient)
+        coarse, _ = measure_outputs(scene, circuit, ideal, simulation.coarse, transient)
     error = simulation_error(fine, coarse, simulation.share)
     evidence = Evidence(scene.checks, fine, error, poles, margin, ideal.error, ideal.problem)
     checks = judge(evidence)
@@ -115,22 +115,6 @@ def verify(scene: Scene, progress: Progress = lambda stage: None) -> Verdict:
         outcome=overall(checks),
         timing=clock.seconds,
     )
-
-
-def _measured(
-    scene: Scene, circuit: Circuit, ideal: IdealAnswer, waveforms: Waveforms, transient: Transient
-) -> tuple[Measurements, Floats]:
-    u = outputs(circuit, waveforms)
-    found = measure(
-        waveforms.time,
-        u,
-        ideal.target,
-        ideal.start,
-        band=scene.checks.settling_time.band,
-        bound=PHYSICAL_BOUND * circuit.scalings.unit_voltage,
-        expected_stop=transient.stop,
-    )
-    return found, u
 
 
 class _Clock:

@@ -10,6 +10,8 @@ WELL_ABOVE = 10.0  # a tolerance should be this many times the simulation's own 
 
 def find_warnings(evidence: Evidence) -> tuple[str, ...]:
     """Return warnings: tolerances too close to the simulation's error, fragile readings."""
+    if not evidence.poles.stable:
+        return ()  # it failed; how well a limit could be told no longer matters
     found = []
     wanted, error = evidence.checks, evidence.error
     remedy = "raise analysis.points_per_period"
@@ -23,7 +25,7 @@ def find_warnings(evidence: Evidence) -> tuple[str, ...]:
             f"overshoot: the limit {wanted.overshoot.max:g} is not well above the simulation's own"
             f" error {error.overshoot:.2g}; {remedy}"
         )
-    if evidence.poles.stable and evidence.poles.damping_ratio < 1e-3:
+    if evidence.poles.damping_ratio < 1e-3:
         found.append(
             f"damping ratio {evidence.poles.damping_ratio:.2g}: this board is on the edge of"
             " oscillation; component tolerances decide"

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 
+from rich.box import SIMPLE_HEAD
 from rich.console import Console, Group, RenderableType
 from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
 from netlist_gen.quantities import show
-from verification.measures import ChannelMeasure
+from verification.measures import ChannelMeasure, Measurements
 from verification.readings import Reading
 from verification.verdict import Check, Outcome
 from verification.verify import Verdict
@@ -22,7 +23,7 @@ def print_verdict(verdict: Verdict, console: Console) -> None:
     """Print the checks, the channels, the error budget and what it all cost."""
     console.print(_head(verdict))
     console.print(_checks(verdict))
-    console.print(_channels(verdict))
+    console.print(channel_table(verdict.measurements))
     console.print(_budget(verdict))
     for warning in verdict.warnings:
         console.print(f"[yellow]warning[/yellow] {escape(warning)}")
@@ -41,13 +42,13 @@ def _head(verdict: Verdict) -> RenderableType:
 
 
 def _checks(verdict: Verdict) -> Table:
-    table = Table("check", "outcome", "value", "±", "limit", "why", title_justify="left")
+    table = Table("check", "outcome", "value", "±", "limit", "why", box=SIMPLE_HEAD, pad_edge=False)
     for check in verdict.checks:
         table.add_row(
             check.name.replace("_", " "),
             Text(check.outcome.value, style=COLOUR[check.outcome]),
-            _amount(check.value, check.unit),
-            _amount(check.uncertainty, check.unit),
+            amount(check.value, check.unit),
+            amount(check.uncertainty, check.unit),
             _limit(check),
             escape(check.reason),
         )
@@ -56,20 +57,25 @@ def _checks(verdict: Verdict) -> Table:
 
 def _limit(check: Check) -> str:
     limit = check.tolerance if check.tolerance is not None else check.expected
-    return _amount(limit, check.unit)
+    return amount(limit, check.unit)
 
 
-def _amount(value: float | None, unit: str) -> str:
+def amount(value: float | None, unit: str) -> str:
+    """Return a check's value for people; a dash where there is none."""
     if value is None or not math.isfinite(value):
         return "-"
     if unit == "s":
         return show(value, "s")
+    if unit == "1/s":
+        return f"{value:.4g} /s"
     return f"{value:.3g}" if unit == "ratio" else f"{100 * value:.3g} %"
 
 
-def _channels(verdict: Verdict) -> Table:
-    table = Table("u", "reference", "final", "rise time", "settling time", "overshoot", "state")
-    for channel in verdict.measurements.channels:
+def channel_table(measurements: Measurements) -> Table:
+    """Return the table of channels, numbered from 1."""
+    titles = ("u", "reference", "final", "rise time", "settling time", "overshoot", "state")
+    table = Table(*titles, box=SIMPLE_HEAD, pad_edge=False)
+    for channel in measurements.channels:
         table.add_row(
             str(channel.index + 1),
             show(channel.target, "V", 5),
@@ -101,7 +107,8 @@ def _state(channel: ChannelMeasure) -> str:
 
 
 def _budget(verdict: Verdict) -> Table:
-    table = Table("error", "largest", "of the step", "how it was found")
+    titles = ("error", "largest", "of the step", "how it was found")
+    table = Table(*titles, box=SIMPLE_HEAD, pad_edge=False)
     amplitude = verdict.measurements.amplitude
     for part in verdict.budget:
         if part.value is None:
