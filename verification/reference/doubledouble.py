@@ -18,6 +18,8 @@ Floats = NDArray[np.float64]
 
 UNIT = 2.0**-96
 """Relative error that every function here stays below, for arguments of exp up to 700."""
+PRODUCT = 2.0**-102
+"""Error of a matrix product over the norms of its factors."""
 
 _SPLITTER = 2.0**27 + 1.0
 _MAX_SLICES = 6
@@ -185,7 +187,7 @@ class ExactMatrix:
 
     Notes
     -----
-    The error is well below `UNIT` times ``|T|_F |x|``: six slices of at least 20 bits each reach
+    The error is below `PRODUCT` times ``|T|_F |x|``: six slices of at least 20 bits each reach
     2^-120 of the largest entry, and a matrix whose entries span less is represented exactly.
     """
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from verification.reference.doubledouble import UNIT, DoubleDouble, ExactMatrix
+from verification.reference.doubledouble import PRODUCT, UNIT, DoubleDouble, ExactMatrix
 from verification.reference.problem import RELATIVE_ERROR, SMALLEST_SCALE, Problem, Solution
 from verification.reference.regularisers import Regulariser
 from verification.reference.scaled import Scaled
@@ -27,6 +27,8 @@ HOMOTOPY = 0.1
 STAGE_TOLERANCE = 1.0
 FINAL_TOLERANCE = 1e-10
 MAX_STEPS = 100
+NOISE = 1e-14
+"""Relative rounding error of the objective, which the line search overlooks."""
 MAX_REFINEMENTS = 12
 ENOUGH = 1e-35
 """Square of the relative error of u at which refinement ends."""
@@ -65,7 +67,7 @@ def _newton(s: Scaled, mu: float, v: Floats, tolerance: float) -> tuple[Floats, 
         gap = float(0.5 * g @ g) + mu * _divergence(reg, v, np.abs(toward) / mu)
         if gap <= tolerance * mu * float(np.sum(reg.ceiling(u))):
             return v, step
-        noise = 1e-13 * (abs(objective) + float(s.eps @ s.eps))
+        noise = NOISE * (abs(objective) + float(np.sqrt((r @ r) * (s.eps @ s.eps))))
         if gap <= noise and gap > 0.5 * previous:
             return v, step
         previous = gap
@@ -107,7 +109,7 @@ def _point(s: Scaled, exact: ExactMatrix, v: DoubleDouble, r: DoubleDouble) -> _
     f2 = (exact.transposed(r) - DoubleDouble.of(s.mu) * shifted).hi
     size, dual = float(np.linalg.norm(u.hi)), float(np.linalg.norm(r.hi))
     slack1 = UNIT * (s.norm * size + np.abs(s.eps) + dual)
-    slack2 = UNIT * (s.norm * dual + s.mu * (1.0 + np.abs(shifted.hi)))
+    slack2 = PRODUCT * (s.norm * dual + s.mu * (1.0 + np.abs(shifted.hi)))
     miss = np.linalg.norm(np.abs(f1) + slack1)
     dv = (np.abs(f2) + slack2) / s.mu
     gap = float(0.5 * miss * miss + s.mu * _divergence(s.regulariser, v.hi, dv))

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from verification.reference.doubledouble import UNIT, DoubleDouble, ExactMatrix
+from verification.reference.doubledouble import PRODUCT, DoubleDouble, ExactMatrix
 from verification.reference.problem import RELATIVE_ERROR, SMALLEST_SCALE, Problem, Solution
 from verification.reference.scaled import Scaled
 from verification.reference.stacked import SVD, Factor, factorise
@@ -43,8 +43,8 @@ def _point(s: Scaled, exact: ExactMatrix, least: float, u: DoubleDouble, r: Doub
     f1 = (DoubleDouble.of(s.eps) - exact @ u - r).hi
     f2 = (exact.transposed(r) - DoubleDouble.of(s.mu) * u).hi
     size, dual = float(np.linalg.norm(u.hi)), float(np.linalg.norm(r.hi))
-    slack1 = UNIT * (s.norm * size + float(np.linalg.norm(s.eps)) + dual)
-    slack2 = UNIT * (s.norm * dual + s.mu * size)
+    slack1 = PRODUCT * (s.norm * size + float(np.linalg.norm(s.eps)) + dual)
+    slack2 = PRODUCT * (s.norm * dual + s.mu * size)
     miss1 = float(np.linalg.norm(f1)) + slack1
     return _Point(u, r, f1, f2, miss1 * least + float(np.linalg.norm(f2)) + slack2)
 

@@ -1,0 +1,34 @@
+"""A thousand random problems: does the reference solver ever call a wrong answer good?
+
+Run from the checkout: ``python benchmarks/reference_claims.py [COUNT [SEED]]``. Ends with status 1
+if it does.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
+
+from oracle import count_claims, random_problems  # noqa: E402 - after the path
+
+
+def main(count: int = 1000, seed: int = 1993) -> int:
+    """Count and print; return the exit status."""
+    start = time.perf_counter()
+    claims = count_claims(random_problems(seed, count))
+    print(f"problems            {claims.asked}")
+    print(f"inconclusive        {claims.inconclusive}")
+    print(f"false claims        {len(claims.false)}")
+    print(f"worst error claimed {claims.worst!r} of the largest entry of u")
+    print(f"seconds             {time.perf_counter() - start:.1f}")
+    for problem in claims.false:
+        print(problem)
+    return 1 if claims.false else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(*(int(argument) for argument in sys.argv[1:])))
