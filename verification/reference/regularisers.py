@@ -60,10 +60,11 @@ def _newton(start: Floats, q: Floats, mu: float, h: Floats, g: Function, slope: 
     """Solve ``mu v + h g(v) = q`` from the side on which Newton's iterates are monotone."""
     v = start
     for _ in range(200):
-        step = (mu * v + h * g(v) - q) / (mu + h * slope(v))
-        v = v - step
-        if np.all(np.abs(step) <= 1e-15 * np.abs(v)):
+        linear, curved = mu * v, h * g(v)
+        miss = linear + curved - q
+        if np.all(np.abs(miss) <= 1e-15 * (np.abs(linear) + np.abs(curved) + np.abs(q))):
             break
+        v = v - miss / (mu + h * slope(v))
     return v
 
 
@@ -128,7 +129,7 @@ def _unfold_sinh(q: Floats, mu: float, h: Floats) -> Floats:
 
 
 def _unfold_softplus(q: Floats, mu: float, h: Floats) -> Floats:
-    start = np.where(q > 0.0, q / (mu + h), q / mu)
+    start = np.where(q > h * np.log(2.0), q / (mu + h), _unfold_exponential(q, mu, h))
     return _newton(start, q, mu, h, _softplus, _sigmoid)
 
 
