@@ -179,7 +179,7 @@ class AnalysisChoice(_Model):
     stop: Literal["auto"] | Seconds = "auto"
     initial: Literal["zero", "rest"] = "zero"
     points_per_period: Annotated[Real, Field(ge=8, le=10_000)] = Field(
-        64, description="time points in one period of the fastest ringing mode that matters"
+        125, description="time points in one period of the fastest ringing mode that matters"
     )
     timeout: Seconds = 600.0
 
@@ -217,6 +217,12 @@ class StabilityCheck(_Model):
     margin: Annotated[Real, Field(ge=1)] = 1.0
 
 
+class EnginesAgreeCheck(_Model):
+    """Largest difference between ngspice and the state-space engine, over all time."""
+
+    tolerance: Positive = 1e-3
+
+
 class Checks(_Model):
     """What must hold."""
 
@@ -225,6 +231,7 @@ class Checks(_Model):
     overshoot: OvershootCheck | None = None
     rise_time: RiseTimeCheck | None = None
     stability: StabilityCheck = StabilityCheck()
+    engines_agree: EnginesAgreeCheck = EnginesAgreeCheck()
 
 
 class Scene(_Model):

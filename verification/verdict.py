@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 from netlist_gen.quantities import show
 from netlist_gen.scene import Checks
+from verification.agreement import Agreement
 from verification.margin import Margin
 from verification.measures import ChannelMeasure, Measurements
 from verification.readings import Reading
@@ -69,6 +70,7 @@ class SimulationError:
 class Evidence:
     """Everything that a check may look at.
 
+    `agreement` is None where only one engine ran;
     `margin` is what the scene's stability check asks for, where it asks for more than stability;
     `reference_error` is a fraction of the step amplitude; `reference_problem` says why the
     reference solution cannot be believed, or is empty.
@@ -77,6 +79,7 @@ class Evidence:
     checks: Checks
     measurements: Measurements
     error: SimulationError
+    agreement: Agreement | None
     poles: Poles
     margin: Margin | None
     reference_error: float
@@ -221,6 +224,25 @@ def _stability(evidence: Evidence) -> Check:
     return check(outcome, f"{text}; {margin.text}")
 
 
+def _engines_agree(evidence: Evidence) -> Check | None:
+    agreement, m = evidence.agreement, evidence.measurements
+    if agreement is None or not evidence.poles.stable:
+        return None  # a growing oscillation has no scale to agree on
+    limit, amplitude = evidence.checks.engines_agree.tolerance, m.amplitude or 1.0
+    if agreement.reason:
+        reason = f"the state-space engine has no answer: {agreement.reason}"
+        return _undecided("engines_agree", "step", reason, limit)
+    value, steps = agreement.difference / amplitude, agreement.step_error / amplitude
+    outcome = at_most(value, 0.0, limit)
+    reason = "largest difference to the state-space engine, steps extrapolated"
+    if outcome is Outcome.FAIL and steps > limit:
+        outcome = Outcome.INCONCLUSIVE
+        reason += f"; the simulation's own steps err by {steps:.2g}: raise points_per_period"
+    elif outcome is Outcome.FAIL:
+        reason += f"; channel {agreement.channel + 1} at {show(agreement.time, 's')}"
+    return Check("engines_agree", outcome, value, None, limit, None, "step", reason)
+
+
 def _timed(name: str, reading: Reading, error: float, limit: float | None, text: str) -> Check:
     uncertainty = reading.uncertainty + error
     outcome, reason = Outcome.PASS, text
@@ -248,4 +270,5 @@ CHECKS: tuple[Callable[[Evidence], Check | None], ...] = (
     _rise_time,
     _overshoot,
     _stability,
+    _engines_agree,
 )

@@ -12,6 +12,7 @@ from netlist_gen.problem import InverseProblem, make_problem
 from netlist_gen.scalings import make_scalings
 from netlist_gen.scene import Scene
 from netlist_gen.synthesis import synthesise
+from verification.agreement import Agreement, compare_engines
 from verification.budget import ErrorPart, error_budget
 from verification.engines.equilibrium import equilibrium
 from verification.ideal import IdealAnswer, ideal_answer, ideal_network
@@ -45,6 +46,7 @@ class Verdict:
     u: Floats
     measurements: Measurements
     error: SimulationError
+    agreement: Agreement | None
     budget: tuple[ErrorPart, ...]
     checks: tuple[Check, ...]
     warnings: tuple[str, ...]
@@ -92,7 +94,12 @@ def verify(scene: Scene, progress: Progress = lambda stage: None) -> Verdict:
     if simulation.coarse is not None:
         coarse, _ = measure_outputs(scene, circuit, ideal, simulation.coarse, transient)
     error = simulation_error(fine, coarse, simulation.share)
-    evidence = Evidence(scene.checks, fine, error, poles, margin, ideal.error, ideal.problem)
+    clock.begin("second engine")
+    second = simulation.coarse is not None
+    agreement = compare_engines(circuit, transient, simulation) if second else None
+    evidence = Evidence(
+        scene.checks, fine, error, agreement, poles, margin, ideal.error, ideal.problem
+    )
     checks = judge(evidence)
     simulator = error.steady_state * fine.amplitude
     budget = error_budget(problem, network, circuit, ideal, rest, u[-1], simulator)
@@ -109,6 +116,7 @@ def verify(scene: Scene, progress: Progress = lambda stage: None) -> Verdict:
         u=u,
         measurements=fine,
         error=error,
+        agreement=agreement,
         budget=budget,
         checks=checks,
         warnings=find_warnings(evidence),
