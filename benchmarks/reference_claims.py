@@ -1,7 +1,7 @@
-"""A thousand random problems: does the reference solver ever call a wrong answer good?
+"""A thousand random problems: count the wrong answers that the reference solver calls good.
 
 Run from the checkout: ``python benchmarks/reference_claims.py [COUNT [SEED]]``. Ends with status 1
-if it does.
+if there is one.
 """
 
 from __future__ import annotations

@@ -46,7 +46,7 @@ def test_reach_in_lambda(regulariser: str, bias: bool, lam: float) -> None:
 
 @pytest.mark.parametrize("regulariser", EVERY)
 @pytest.mark.parametrize("scale", [1e-13, 1e-12, 1e3])
-def test_reach_in_the_scale_of_T(regulariser: str, scale: float) -> None:
+def test_reach_in_the_scale_of_the_matrix(regulariser: str, scale: float) -> None:
     base = tactile(6, 1.0)
     for lam in (1.0, 1e-6 * scale * scale, 1e-12):
         problem = Problem(scale * base.T, scale * base.eps, lam, regulariser)

@@ -1,9 +1,8 @@
-"""Newton's method for the regularisers of increasing amplifiers, with a duality-gap certificate.
+"""The regularisers of increasing amplifiers: Newton's method, refined, with a duality gap.
 
-Minimises ``1/2 |T u - eps|^2 + mu sum(phi(u) + beta u)``, ``phi' = g^-1``, after scaling by |T|.
-The unknown is ``q = mu v + h g(v)`` with ``u = g(v)``; a homotopy in mu starts where one Newton
-step nearly suffices. The last digits come from a refinement whose residuals have 106 bits, with the
-dual vector r an unknown of its own, so that the gap is free of cancellation.
+The last digits come from a refinement whose residuals have 106 bits, with the dual vector r an
+unknown of its own, so that the gap ``1/2 |f1|^2 + mu sum(divergence of f2/mu)`` of
+``f1 = eps - T u - r`` and ``f2 = T^T r - mu (v + beta)`` is free of cancellation.
 """
 
 from __future__ import annotations
@@ -15,20 +14,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from verification.reference.doubledouble import PRODUCT, UNIT, DoubleDouble, ExactMatrix
+from verification.reference.newton import (
+    Iterate,
+    divergence,
+    error_bound,
+    homotopy,
+    largest_ratio,
+)
 from verification.reference.problem import RELATIVE_ERROR, SMALLEST_SCALE, Problem, Solution
-from verification.reference.regularisers import Regulariser
 from verification.reference.scaled import Scaled
-from verification.reference.stacked import Factor, factorise
+from verification.reference.stacked import Factor
 
 Floats = NDArray[np.float64]
 
-HOMOTOPY = 0.1
-"""Factor between two values of mu."""
-STAGE_TOLERANCE = 1.0
-FINAL_TOLERANCE = 1e-10
-MAX_STEPS = 100
-NOISE = 1e-14
-"""Relative rounding error of the objective, which the line search overlooks."""
+CLOSE = 1e-10
+"""Square of the relative error of u at which refinement takes over."""
 MAX_REFINEMENTS = 12
 ENOUGH = 1e-35
 """Square of the relative error of u at which refinement ends."""
@@ -48,59 +48,6 @@ class _Point:
     gap: float
 
 
-def _divergence(regulariser: Regulariser, v: Floats, size: Floats) -> float:
-    """Bound ``sum Psi(v + d) - Psi(v) - g(v) d`` for ``|d| <= size``, free of cancellation."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        return float(np.sum(0.5 * size * size * regulariser.steepest(v, size)))
-
-
-def _newton(s: Scaled, mu: float, v: Floats, tolerance: float) -> tuple[Floats, int]:
-    """Minimise at one mu from v; return v and the number of steps."""
-    reg = s.regulariser
-    objective, previous = s.objective(v, mu), float("inf")
-    for step in range(MAX_STEPS):
-        u, D = reg.g(v), np.sqrt(reg.slope(v))
-        r = s.eps - s.T @ u
-        y = factorise(s.T, s.gram, D, mu).solve(r, -mu * D * (v + s.beta))
-        g = s.T @ (D * y)
-        toward = (r - g) @ s.T - mu * (v + s.beta)
-        gap = float(0.5 * g @ g) + mu * _divergence(reg, v, np.abs(toward) / mu)
-        if gap <= tolerance * mu * float(np.sum(reg.ceiling(u))):
-            return v, step
-        noise = NOISE * (abs(objective) + float(np.sqrt((r @ r) * (s.eps @ s.eps))))
-        if gap <= noise and gap > 0.5 * previous:
-            return v, step
-        previous = gap
-        q, dq = mu * v + s.h * u, toward + s.h * D * y
-        decrement = float(mu * y @ y + g @ g)
-        length = 1.0
-        while True:
-            trial = reg.unfold(q + length * dq, mu, s.h)
-            reached = s.objective(trial, mu)
-            if reached <= objective - 1e-4 * length * decrement + noise:
-                break
-            length *= 0.5
-            if length < 1e-10:
-                return v, step
-        v, objective = trial, reached
-    return v, MAX_STEPS
-
-
-def _homotopy(s: Scaled) -> tuple[Floats, int]:
-    """Follow the minimiser from a large mu down to the one asked for."""
-    mu = max(s.mu, float(np.trace(s.gram)))
-    v: Floats = np.full(s.T.shape[1], -s.beta)
-    steps = 0
-    while mu > s.mu:
-        v, taken = _newton(s, mu, v, STAGE_TOLERANCE)
-        kept = mu * (v + s.beta) + s.h * s.regulariser.g(v)  # T^T r + h u: continuous as mu -> 0
-        mu = max(HOMOTOPY * mu, s.mu)
-        v = s.regulariser.unfold(kept - mu * s.beta, mu, s.h)
-        steps += taken
-    v, taken = _newton(s, mu, v, FINAL_TOLERANCE)
-    return v, steps + taken
-
-
 def _point(s: Scaled, exact: ExactMatrix, v: DoubleDouble, r: DoubleDouble) -> _Point:
     """Evaluate the gap of a pair, rounding errors of the evaluation included."""
     u = s.regulariser.exact(v)
@@ -112,15 +59,15 @@ def _point(s: Scaled, exact: ExactMatrix, v: DoubleDouble, r: DoubleDouble) -> _
     slack2 = PRODUCT * (s.norm * dual + s.mu * (1.0 + np.abs(shifted.hi)))
     miss = np.linalg.norm(np.abs(f1) + slack1)
     dv = (np.abs(f2) + slack2) / s.mu
-    gap = float(0.5 * miss * miss + s.mu * _divergence(s.regulariser, v.hi, dv))
+    gap = float(0.5 * miss * miss + s.mu * divergence(s.regulariser, v.hi, dv))
     return _Point(v, r, u, f1, f2, gap if np.isfinite(gap) else np.inf)
 
 
 def _corrected(s: Scaled, exact: ExactMatrix, p: _Point, D: Floats, factor: Factor) -> _Point:
     """Take one Newton step for v and r together."""
     y = factor.solve(p.f1, D * p.f2)
-    dr = p.f1 - s.T @ (D * y)
-    dv = (p.f2 + dr @ s.T + s.h * D * y) / (s.mu + s.h * D * D)
+    dr = p.f1 - s.product(D * y)
+    dv = (p.f2 + s.transposed(dr) + s.h * D * y) / (s.mu + s.h * D * D)
     return _point(s, exact, p.v + DoubleDouble.of(dv), p.r + DoubleDouble.of(dr))
 
 
@@ -128,7 +75,7 @@ def _refine(s: Scaled, v: Floats) -> tuple[_Point, int]:
     """Improve until the gap stops shrinking or is beyond what doubles can show."""
     exact, wide = ExactMatrix(s.T), DoubleDouble.of(v)
     D = np.sqrt(s.regulariser.slope(v))
-    factor = factorise(s.T, s.gram, D, s.mu)
+    factor = s.factor(D, s.mu)
     r = DoubleDouble.of(s.eps) - exact @ s.regulariser.exact(wide)
     best = _point(s, exact, wide, r)
     for step in range(MAX_REFINEMENTS):
@@ -144,7 +91,7 @@ def _refine(s: Scaled, v: Floats) -> tuple[_Point, int]:
         best = trial
         if slow:  # the curvature has changed since it was factorised
             D = np.sqrt(s.regulariser.slope(best.v.hi))
-            factor = factorise(s.T, s.gram, D, s.mu)
+            factor = s.factor(D, s.mu)
     return best, MAX_REFINEMENTS
 
 
@@ -164,16 +111,15 @@ def solve_maxent(problem: Problem) -> Solution:
     """
     start = time.perf_counter()
     s = Scaled.of(problem)
-    v, steps = _homotopy(s)
-    point, refinements = _refine(s, v)
+    end, steps = homotopy(s, lambda u: CLOSE * float(np.sum(s.regulariser.ceiling(u))))
+    point, refinements = _refine(s, end.v)
     reg, u = s.regulariser, point.u.hi
     ceiling, peak = float(np.max(reg.ceiling(u))), float(np.max(np.abs(u)))
-    ratio = point.gap / s.mu
     rounding = float(np.finfo(float).eps) / 2.0 * peak
-    error = ratio + float(np.sqrt(ratio * ratio + 2.0 * ratio * ceiling)) + rounding
+    error = error_bound(point.gap / s.mu, ceiling) + rounding
     allowed = RELATIVE_ERROR * max(peak, SMALLEST_SCALE) - rounding
     in_units = 2.0 * s.scale * s.scale
-    bound = in_units * s.mu * allowed * allowed / (2.0 * (ceiling + allowed))
+    bound = in_units * s.mu * largest_ratio(allowed, ceiling)
     certificate = in_units * point.gap
     trusted = bool(certificate <= bound)
     D2 = reg.slope(point.v.hi)
@@ -181,7 +127,7 @@ def solve_maxent(problem: Problem) -> Solution:
         problem=problem,
         u=u,
         v=point.v.hi,
-        objective=in_units * s.objective(point.v.hi, s.mu),
+        objective=in_units * Iterate.at(s, point.v.hi, s.mu).objective,
         certificate_kind="duality gap",
         certificate=certificate,
         bound=bound,

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from spice_models.errors import SolverError
 from verification.reference.problem import Problem
 from verification.reference.regularisers import REGULARISERS, Regulariser
+from verification.reference.stacked import Factor, factorise
 
 Floats = NDArray[np.float64]
 
@@ -72,9 +73,14 @@ class Scaled:
         """Frobenius norm of the scaled T."""
         return float(np.sqrt(np.trace(self.gram)))
 
-    def objective(self, v: Floats, mu: float) -> float:
-        """Return the value at ``u = g(v)`` for the given mu."""
-        u = self.regulariser.g(v)
-        residual = self.eps - self.T @ u
-        penalty = self.regulariser.energy(v) + self.beta * u
-        return float(0.5 * residual @ residual + mu * np.sum(penalty))
+    def product(self, u: Floats) -> Floats:
+        """Return ``T u`` (M,)."""
+        return np.asarray(self.T @ u)
+
+    def transposed(self, r: Floats) -> Floats:
+        """Return ``T^T r`` (N,)."""
+        return np.asarray(r @ self.T)
+
+    def factor(self, D: Floats, mu: float) -> Factor:
+        """Factorise ``[T D; sqrt(mu) I]``."""
+        return factorise(self.T, self.gram, D, mu)
