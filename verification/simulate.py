@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from netlist_gen.analysis import Transient
 from netlist_gen.circuit import Circuit, Floats
 from netlist_gen.deck import write_deck
 from netlist_gen.scene import Scene
-from spice_models.errors import SimulatorNotFound
+from spice_models.errors import BadEvidence, SimulatorNotFound, StepTooSmall
 from verification.engines.ngspice import start
 from verification.engines.simulator import find_simulator
 from verification.plan import coarser
@@ -38,12 +39,16 @@ class Simulation:
     coarse : Waveforms or None
         The same at twice the step; None from an engine that has no step.
     share : float
-        What part of a difference between the two is the finer one's own error.
+        What part of a difference between the two is the finer one's own error; infinite where
+        there is no second run although one is needed.
+    notes : tuple of str
+        What the engine remarked.
     """
 
     fine: Waveforms
     coarse: Waveforms | None
     share: float
+    notes: tuple[str, ...] = ()
 
 
 class Pending:
@@ -52,9 +57,20 @@ class Pending:
     def __init__(self, finish: Callable[[], Simulation]) -> None:
         self._finish = finish
 
-    def result(self) -> Simulation:
-        """Wait and return the simulation, or raise what went wrong with it."""
-        return self._finish()
+    def result(self, *, running_away: bool = False) -> Simulation:
+        """Wait and return the simulation, or raise what went wrong with it.
+
+        Of a board that is known to be `running_away`, what was recorded before its voltages left
+        every bound, or the step its limit, is a result.
+        """
+        try:
+            return self._finish()
+        except (StepTooSmall, BadEvidence) as error:
+            partial = error.partial
+            if not (running_away and isinstance(partial, Waveforms) and len(partial.time) > 1):
+                raise
+            note = f"the record ends early: {str(error).splitlines()[0]}"
+            return Simulation(partial, None, math.inf, (note,))
 
 
 def choose_engine(scene: Scene) -> str:
@@ -104,7 +120,7 @@ def _ngspice(scene: Scene, circuit: Circuit, analysis: Transient, second_look: b
     def finish() -> Simulation:
         with under_way:
             fine, *coarse = [run.result() for run in runs]
-            return Simulation(fine, coarse[0] if coarse else None, SHARE)
+            return Simulation(fine, coarse[0] if coarse else None, SHARE, fine.flags)
 
     return Pending(finish)
 

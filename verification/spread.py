@@ -32,7 +32,8 @@ def simulation_error(
         Infinite where only one of the two has the measure.
     """
     if coarse is None:
-        return SimulationError(0.0, 0.0, 0.0, 0.0)
+        unknown = 0.0 if share == 0 else math.inf
+        return SimulationError(unknown, unknown, unknown, unknown)
     pairs = list(zip(fine.channels, coarse.channels, strict=True))
     amplitude = fine.amplitude or 1.0
     return SimulationError(

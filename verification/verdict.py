@@ -70,7 +70,7 @@ class SimulationError:
 class Evidence:
     """Everything that a check may look at.
 
-    `agreement` is None where only one engine ran;
+    `agreement` is None where only one engine ran, or where a growing oscillation gives no scale;
     `margin` is what the scene's stability check asks for, where it asks for more than stability;
     `reference_error` is a fraction of the step amplitude; `reference_problem` says why the
     reference solution cannot be believed, or is empty.
@@ -226,8 +226,8 @@ def _stability(evidence: Evidence) -> Check:
 
 def _engines_agree(evidence: Evidence) -> Check | None:
     agreement, m = evidence.agreement, evidence.measurements
-    if agreement is None or not evidence.poles.stable:
-        return None  # a growing oscillation has no scale to agree on
+    if agreement is None:
+        return None
     limit, amplitude = evidence.checks.engines_agree.tolerance, m.amplitude or 1.0
     if agreement.reason:
         reason = f"the state-space engine has no answer: {agreement.reason}"

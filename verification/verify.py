@@ -87,7 +87,7 @@ def verify(scene: Scene, progress: Progress = lambda stage: None) -> Verdict:
     rest = equilibrium(circuit)
     margin = capacitance_margin(circuit) if scene.checks.stability.margin > 1 else None
     clock.begin("simulation")
-    simulation = pending.result()
+    simulation = pending.result(running_away=not poles.stable)
     clock.begin("measures")
     fine, u = measure_outputs(scene, circuit, ideal, simulation.fine, transient)
     coarse = None
@@ -95,8 +95,8 @@ def verify(scene: Scene, progress: Progress = lambda stage: None) -> Verdict:
         coarse, _ = measure_outputs(scene, circuit, ideal, simulation.coarse, transient)
     error = simulation_error(fine, coarse, simulation.share)
     clock.begin("second engine")
-    second = simulation.coarse is not None
-    agreement = compare_engines(circuit, transient, simulation) if second else None
+    comparable = simulation.coarse is not None and poles.stable
+    agreement = compare_engines(circuit, transient, simulation) if comparable else None
     evidence = Evidence(
         scene.checks, fine, error, agreement, poles, margin, ideal.error, ideal.problem
     )
@@ -119,7 +119,7 @@ def verify(scene: Scene, progress: Progress = lambda stage: None) -> Verdict:
         agreement=agreement,
         budget=budget,
         checks=checks,
-        warnings=find_warnings(evidence),
+        warnings=find_warnings(evidence, simulation.notes),
         outcome=overall(checks),
         timing=clock.seconds,
     )

@@ -8,11 +8,14 @@ from verification.verdict import Evidence
 WELL_ABOVE = 10.0  # a tolerance should be this many times the simulation's own error
 
 
-def find_warnings(evidence: Evidence) -> tuple[str, ...]:
-    """Return warnings: tolerances too close to the simulation's error, fragile readings."""
+def find_warnings(evidence: Evidence, notes: tuple[str, ...] = ()) -> tuple[str, ...]:
+    """Return warnings: tolerances too close to the simulation's error, fragile readings.
+
+    `notes` are the engine's own remarks; they come first.
+    """
     if not evidence.poles.stable:
-        return ()  # it failed; how well a limit could be told no longer matters
-    found = []
+        return notes  # it failed; how well a limit could be told no longer matters
+    found = list(notes)
     wanted, error = evidence.checks, evidence.error
     remedy = "raise analysis.points_per_period"
     if wanted.steady_state.tolerance < WELL_ABOVE * error.steady_state:

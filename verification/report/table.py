@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from netlist_gen.quantities import show
-from verification.measures import ChannelMeasure, Measurements
+from verification.measures import Measurements
 from verification.readings import Reading
 from verification.verdict import Check, Outcome
 from verification.verify import Verdict
@@ -83,7 +83,7 @@ def channel_table(measurements: Measurements) -> Table:
             _reading(channel.rise_time),
             _reading(channel.settling_time),
             "-" if channel.overshoot is None else f"{100 * channel.overshoot:.3g} %",
-            _state(channel),
+            str(channel.state.value),
         )
     return table
 
@@ -94,15 +94,6 @@ def _reading(reading: Reading | None) -> str:
     text = show(reading.value, "s")
     if reading.fragile and reading.alternative is not None:
         text += f" (fragile: or {show(reading.alternative, 's')})"
-    return text
-
-
-def _state(channel: ChannelMeasure) -> str:
-    text = str(channel.state.value)
-    if channel.state.value in ("oscillating", "clipped") and channel.frequency is not None:
-        text += f", {show(channel.frequency, 'Hz')}"
-        if channel.growth_rate is not None:
-            text += f", {channel.growth_rate:+.3g} /s"
     return text
 
 
