@@ -38,7 +38,7 @@ def netlist(scene: str, output: str | None, explain: bool, split: bool, as_json:
     asked = read_scene(scene)
     circuit = synthesise(asked, make_problem(asked))
     transient = plan_transient(asked, time_scales(circuit, initial=asked.analysis.initial))
-    matrix = f"{Path(output).stem}_matrix.inc" if split and output is not None else None
+    matrix = _matrix_file(output) if split and output is not None else None
     deck = write_deck(circuit, transient, matrix_file=matrix)
     if explain:
         click.echo(f"{asked.name}: left out, because the scene does not need it:", err=True)
@@ -55,6 +55,16 @@ def netlist(scene: str, output: str | None, explain: bool, split: bool, as_json:
         print_json(document)
     elif output is None:
         click.echo(deck.text, nl=False)
+
+
+def _matrix_file(output: str) -> str:
+    from netlist_gen.guards import FILE_NAME
+
+    name = f"{Path(output).stem}_matrix.inc"
+    if not FILE_NAME.fullmatch(name):
+        text = "with --split the name is part of the deck: letters, digits, '-', '_' and '.' only"
+        raise InputError("-o", Complaint("FILE", repr(output), text))
+    return name
 
 
 def _write(deck: Deck, output: str | None) -> list[str]:

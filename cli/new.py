@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from cli.output import print_json, reports_errors
+from cli.output import json_option, print_json, reports_errors
 from spice_models.errors import Complaint, InputError
 
 
@@ -14,8 +14,9 @@ from spice_models.errors import Complaint, InputError
 @click.argument("file", type=click.Path(dir_okay=False), default="scene.toml")
 @click.option("--force", is_flag=True, help="Overwrite FILE.")
 @click.option("--schema", is_flag=True, help="Print the JSON schema of scene files instead.")
+@json_option
 @reports_errors
-def new(file: str, force: bool, schema: bool) -> None:
+def new(file: str, force: bool, schema: bool, as_json: bool) -> None:
     """Write a commented scene to FILE (scene.toml), every key with its default."""
     if schema:
         from netlist_gen.scene import Scene
@@ -33,4 +34,6 @@ def new(file: str, force: bool, schema: bool) -> None:
     except OSError as error:
         text = f"{error.strerror}; expected a place that can be written to"
         raise InputError(path, Complaint("FILE", "", text)) from None
+    if as_json:
+        print_json({"file": str(path)})
     click.echo(f"wrote {path}; `taction verify {path}` verifies it", err=True)

@@ -6,11 +6,11 @@ import functools
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, TypeVar
+from typing import Any, NoReturn, TypeVar
 
 import click
 
-from spice_models.errors import InputError, SimulationError, TactionError
+from spice_models.errors import InputError, NoVerdictError, SimulationError, TactionError
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -19,7 +19,7 @@ STATUS = {"pass": 0, "fail": 1, "bad input": 2, "inconclusive": 3}
 
 def scene_argument(command: F) -> F:
     """Add the argument SCENE, a path; reading it is the command's business."""
-    return click.argument("scene", type=click.Path(dir_okay=False))(command)
+    return click.argument("scene", type=click.Path())(command)
 
 
 def json_option(command: F) -> F:
@@ -41,10 +41,9 @@ def reports_errors(command: F) -> F:
         try:
             command(*args, **kwargs)
         except TactionError as error:
-            if as_json:
-                print_json(_error_document(error))
-            click.echo(f"taction: {error}", err=True)
-            sys.exit(error.exit_status)
+            _report(error, as_json)
+        except MemoryError:
+            _report(NoVerdictError("out of memory: this scene is too large for it"), as_json)
         except (click.exceptions.Exit, click.ClickException, click.Abort):
             raise
         except KeyboardInterrupt:
@@ -61,6 +60,13 @@ def reports_errors(command: F) -> F:
             sys.exit(3)
 
     return wrapper  # type: ignore[return-value]
+
+
+def _report(error: TactionError, as_json: bool) -> NoReturn:
+    if as_json:
+        print_json(_error_document(error))
+    click.echo(f"taction: {error}", err=True)
+    sys.exit(error.exit_status)
 
 
 def print_json(document: Any) -> None:

@@ -66,8 +66,9 @@ def _read_npy(path: Path, key: str) -> Floats:
     accepted = "a .npy file of real numbers"
     try:
         values = np.load(path, allow_pickle=False)
-    except (OSError, ValueError) as error:
-        raise InputError(path, Complaint(key, repr(path.name), f"{error}; {accepted}")) from None
+    except (OSError, ValueError, EOFError) as error:
+        text = f"{_reason(error)}; expected {accepted}"
+        raise InputError(path, Complaint(key, repr(path.name), text)) from None
     if not isinstance(values, np.ndarray) or values.dtype.kind not in "iuf":
         raise InputError(path, Complaint(key, repr(path.name), f"expected {accepted}"))
     return values.astype(np.float64)
@@ -77,7 +78,7 @@ def _read_csv(path: Path, key: str) -> Floats:
     """Read numbers separated by commas; empty lines and lines that start with # are skipped."""
     rows: list[list[float]] = []
     try:
-        with path.open(encoding="utf-8", newline="") as file:
+        with path.open(encoding="utf-8-sig", newline="") as file:
             for number, cells in enumerate(csv.reader(file), start=1):
                 if not cells or not "".join(cells).strip() or cells[0].lstrip().startswith("#"):
                     continue
@@ -85,17 +86,21 @@ def _read_csv(path: Path, key: str) -> Floats:
                 if len(rows[-1]) != len(rows[0]):
                     text = f"line {number} has {len(rows[-1])} values, the first {len(rows[0])}"
                     raise InputError(path, Complaint(key, repr(path.name), text))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        text = f"{error}; expected numbers separated by commas"
+    except (OSError, ValueError, csv.Error) as error:  # ValueError: no text, or no file name
+        text = f"{_reason(error)}; expected numbers separated by commas"
         raise InputError(path, Complaint(key, repr(path.name), text)) from None
     return np.array(rows, dtype=np.float64).reshape(len(rows), len(rows[0]) if rows else 0)
+
+
+def _reason(error: Exception) -> str:
+    return (error.strerror if isinstance(error, OSError) else None) or str(error)
 
 
 def _numbers(cells: list[str], path: Path, key: str, line: int) -> list[float]:
     numbers = []
     for column, cell in enumerate(cells, start=1):
         try:
-            number = float(cell)
+            number = math.nan if "_" in cell else float(cell)  # Python reads 1_5 as 15
         except ValueError:
             number = math.nan
         if not math.isfinite(number):

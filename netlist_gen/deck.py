@@ -14,7 +14,7 @@ from typing import Any
 
 from netlist_gen.analysis import Analysis, OperatingPoint, Tolerances, Transient
 from netlist_gen.circuit import GROUND, Circuit, ResistorMatrix
-from netlist_gen.guards import check_circuit, tolerances
+from netlist_gen.guards import check_circuit, check_request, tolerances
 from netlist_gen.header import header_lines
 from spice_models.subcircuits import amplifier_lines, opamp_subcircuit
 
@@ -72,6 +72,7 @@ def write_deck(
     """
     check_circuit(circuit)
     nodes = tuple(saved) if saved is not None else tuple(o.node for o in circuit.outputs)
+    check_request(analysis, nodes, solver, matrix_file)
     files = {}
     if matrix_file is None:
         body, lines = _flat(circuit, analysis)

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable
 
 import numpy as np
 
-from netlist_gen.analysis import Tolerances
+from netlist_gen.analysis import Analysis, Tolerances, Transient
 from netlist_gen.circuit import GROUND, Circuit
 
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+SCENE_NAME = re.compile(r"[A-Za-z0-9_.-]*")
+FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 
 
 def check_circuit(circuit: Circuit) -> None:
@@ -24,6 +27,12 @@ def check_circuit(circuit: Circuit) -> None:
         A name that is not ``[A-Za-z][A-Za-z0-9_]*`` or a value that is not finite and above zero.
         No scene can cause it; it guards against circuits made by other means.
     """
+    if not SCENE_NAME.fullmatch(circuit.name):
+        raise ValueError(f"{circuit.name!r} is no name for a scene")
+    _check_names(circuit.amplifier, circuit.topology)
+    for item in circuit.omissions:
+        if not (item.what + item.why).isprintable():
+            raise ValueError(f"{item!r} does not fit on a comment line")
     for resistor in circuit.resistors:
         _check_names(resistor.name, resistor.a, resistor.b)
         _check_value(resistor.name, resistor.ohms)
@@ -46,6 +55,29 @@ def check_circuit(circuit: Circuit) -> None:
         _check_names(matrix.name, *matrix.sinks, *matrix.plus, *filter(None, matrix.minus))
         if not np.all(matrix.ohms > 0):
             raise ValueError(f"matrix {matrix.name} has a resistance that is not above zero")
+
+
+def check_request(
+    analysis: Analysis, saved: Iterable[str], solver: str, matrix_file: str | None
+) -> None:
+    """Prove the same of what a deck asks for.
+
+    Raises
+    ------
+    ValueError
+        A node, an option or a file name that must not be in a deck, or a time that is not finite
+        and above zero.
+    """
+    _check_names(*saved, solver)
+    if matrix_file is not None and not FILE_NAME.fullmatch(matrix_file):
+        raise ValueError(f"{matrix_file!r} is no file name for a deck: letters, digits, '_.-'")
+    if isinstance(analysis, Transient):
+        _check_value("stop", analysis.stop)
+        _check_value("max_step", analysis.max_step)
+        _check_names(*analysis.voltages)
+        for node, volts in analysis.voltages.items():
+            if not math.isfinite(volts):
+                raise ValueError(f"the initial voltage of {node} is {volts!r}; it must be finite")
 
 
 def tolerances(circuit: Circuit, relative: float) -> Tolerances:

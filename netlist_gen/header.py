@@ -8,8 +8,7 @@ from netlist_gen.circuit import Circuit
 def header_lines(circuit: Circuit) -> list[str]:
     """Return the header of `circuit` as SPICE comments.
 
-    Nothing in it is user text
-    but the scene's name, which holds letters, digits and ``-_.`` only.
+    Nothing in it is user text but the scene's name, which holds letters, digits and ``-_.`` only.
     """
     s = circuit.scalings
     sensors, channels = circuit.matrices[0].ohms.shape

@@ -13,14 +13,17 @@ from quantiphy import QuantiPhyError, Quantity
 
 UNITS: dict[str, tuple[str, ...]] = {
     "F": ("F", "farad", "farads"),
-    "ohm": ("ohm", "ohms", "Ohm", "Ω", "Ω"),
+    "ohm": ("ohm", "ohms", "Ohm", "Ohms", "\N{GREEK CAPITAL LETTER OMEGA}", "\N{OHM SIGN}"),
     "S": ("S", "siemens", "mho"),
     "V": ("V", "volt", "volts"),
     "A": ("A", "amp", "amps"),
-    "Hz": ("Hz", "hz"),
+    "Hz": ("Hz",),  # no "hz": "1mhz", a millihertz, is never what was meant
     "s": ("s", "sec"),
 }
-_MEG = re.compile(r"^\s*([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)\s*meg(?![a-z]*egs)\s*", re.IGNORECASE)
+# quantiphy alone would also take names of constants, "C = 10pF", "1kohm # a comment" and "1_000".
+_QUANTITY = re.compile(
+    r"\s*([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)\s*([^\W\d_]*)\s*"
+)
 EXAMPLES = {
     "F": "10pF",
     "ohm": "1.8Mohm",
@@ -51,24 +54,32 @@ def parse(value: object, unit: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise ValueError(f"expected {wanted}")
     if isinstance(value, str):
-        number, found = _read(value, wanted)
+        number, found = _read(value, unit, wanted)
         if found and found not in UNITS[unit]:
             raise ValueError(f"the unit is {found!r}; expected {wanted}")
     else:
-        number = float(value)
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
     if not math.isfinite(number):
         raise ValueError(f"not finite; expected {wanted}")
     return number
 
 
-def _read(text: str, wanted: str) -> tuple[float, str]:
+def _read(text: str, unit: str, wanted: str) -> tuple[float, str]:
     if "," in text:  # quantiphy would read "1,5pF" as 15 pF
         raise ValueError(f"no comma, a decimal point is a '.'; expected {wanted}")
-    match = _MEG.match(text)
-    if match:
-        text = f"{match.group(1)}M{text[match.end() :]}"
+    match = _QUANTITY.fullmatch(text)
+    if match is None:
+        raise ValueError(f"not a number with a prefix and a unit; expected {wanted}")
+    digits, suffix = match.groups()
+    if suffix in UNITS[unit]:  # quantiphy would take the m of "1mho" for milli
+        return float(digits), suffix
+    if suffix.lower().startswith("meg"):
+        suffix = "M" + suffix[3:]
     try:
-        quantity = Quantity(text, ignore_sf=False)
+        quantity = Quantity(digits + suffix, ignore_sf=False)
     except QuantiPhyError as error:
         raise ValueError(f"not a number with a prefix and a unit; expected {wanted}") from error
     return float(quantity.real), str(quantity.units)

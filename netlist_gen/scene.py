@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    GetJsonSchemaHandler,
+    PrivateAttr,
+    StrictBool,
+    model_validator,
+)
 from pydantic_core import CoreSchema, core_schema
 
 from netlist_gen.quantities import EXAMPLES, parse
+from spice_models.presets import preset_names
 
 NAME_PATTERN = r"^[A-Za-z0-9_.-]+$"
 DEFAULT_RESISTANCE = 1.786e6
@@ -17,25 +28,34 @@ DEFAULT_RESISTANCE = 1.786e6
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """Annotation of a field that holds a quantity in `unit`: ``"10pF"`` or a number."""
+    """Annotation of a field that holds a quantity in `unit`: ``"10pF"`` or a number.
+
+    `zero` accepts zero too, and a `word` stands for itself.
+    """
 
     unit: str
     zero: bool = False
+    word: str = ""
 
-    def check(self, value: object) -> float:
+    def check(self, value: object) -> float | str:
         """Return the quantity in base units; ValueError says what would be accepted."""
-        number = parse(value, self.unit)
+        if self.word and value == self.word:
+            return self.word
+        try:
+            number = parse(value, self.unit)
+        except ValueError as error:
+            raise ValueError(f"{error}, or {self.word!r}" if self.word else str(error)) from None
         if number < 0 or (number == 0 and not self.zero):
             raise ValueError(f"must be {'zero or more' if self.zero else 'above zero'}")
         return number
 
     def __get_pydantic_core_schema__(self, source: object, handler: object) -> CoreSchema:
-        return core_schema.no_info_plain_validator_function(
-            self.check,
-        )
+        return core_schema.no_info_plain_validator_function(self.check)
 
     def __get_pydantic_json_schema__(self, schema: object, handler: object) -> dict[str, Any]:
         example = f"a number in {self.unit}, or a quantity such as {EXAMPLES[self.unit]!r}"
+        if self.word:
+            example += f", or {self.word!r}"
         return {"anyOf": [{"type": "number"}, {"type": "string"}], "description": example}
 
 
@@ -47,6 +67,7 @@ Siemens = Annotated[float, Unit("S")]
 Volts = Annotated[float, Unit("V")]
 Hertz = Annotated[float, Unit("Hz")]
 Seconds = Annotated[float, Unit("s")]
+SecondsOrAuto = Annotated[Literal["auto"] | float, Unit("s", word="auto")]
 
 
 def _no_text(value: object) -> object:
@@ -65,7 +86,7 @@ FileName = Annotated[str, Field(min_length=1)]
 
 
 class _Model(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
+    model_config = ConfigDict(frozen=True, extra="forbid")
 
 
 class CylinderLoad(_Model):
@@ -75,7 +96,7 @@ class CylinderLoad(_Model):
     force: NonNegative = Field(3.0, description="p, force per unit length")
     half_width: Positive = Field(1.0, description="a, half width of the contact")
     centre: Real = Field(0.0, description="y of the contact's middle")
-    normalised: bool = Field(False, description="true: Hertz, 2p/(pi a²), integrates to p")
+    normalised: StrictBool = Field(False, description="true: Hertz, 2p/(pi a²), integrates to p")
 
 
 class CsvLoad(_Model):
@@ -92,6 +113,16 @@ class Noise(_Model):
     seed: Seed = 1
 
 
+def _cylinder_by_default(value: object) -> object:
+    """Every key has a default but problem.kind, so a load without a kind is a cylinder."""
+    if isinstance(value, dict) and "kind" not in value:
+        return {"kind": "cylinder", **value}
+    return value
+
+
+AnyLoad = Annotated[CylinderLoad | CsvLoad, Field(discriminator="kind")]
+
+
 class TactileProblem(_Model):
     """Strain under an elastic layer, eqs (1) to (4), with the corrected kernels."""
 
@@ -106,7 +137,7 @@ class TactileProblem(_Model):
     quadrature: Literal["none", "rectangle"] = Field(
         "none", description="none: as eq (4) is printed; rectangle: times the spacing"
     )
-    load: Annotated[CylinderLoad | CsvLoad, Field(discriminator="kind")] = CylinderLoad()
+    load: Annotated[AnyLoad, BeforeValidator(_cylinder_by_default)] = CylinderLoad()
     noise: Noise = Noise()
 
 
@@ -135,6 +166,28 @@ class OpAmpChoice(_Model):
     input_capacitance: FaradsOrZero | None = None
     output_resistance: OhmsOrZero | None = None
 
+    @model_validator(mode="before")
+    @classmethod
+    def _by_name(cls, data: Any) -> Any:
+        return {"base": data} if isinstance(data, str) else data
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        table = handler(core)
+        return {"anyOf": [{"type": "string", "enum": list(preset_names())}, table]}
+
+
+def contradictions(design: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield the keys of a design that others exclude, each with the reason."""
+    if design.get("lambda") is not None and design.get("resistance") is not None:
+        yield "lambda", "excludes 'resistance': give one of the two"
+    if design.get("amplifier", "linear") == "linear":
+        for key in ("exponential_slope", "bias"):
+            if design.get(key) is not None:
+                yield key, 'needs amplifier = "exponential"'
+
 
 class Design(_Model):
     """The board's components."""
@@ -148,27 +201,16 @@ class Design(_Model):
     unit_conductance: Siemens = 3.313e-7
     unit_voltage: Volts = 1.0
     exponential_slope: Volts | None = None
-    bias: bool | None = Field(None, description="entropy bias current I_b")
+    bias: StrictBool | None = Field(None, description="entropy bias current I_b")
     opamp: OpAmpChoice = OpAmpChoice()
     stray_capacitance: FaradsOrZero = 1e-11
     inverter_resistance: Ohms = 1e4
     resistor_series: Literal["exact", "E24", "E96", "E192"] = "exact"
 
-    @model_validator(mode="before")
-    @classmethod
-    def _name_a_preset(cls, data: Any) -> Any:
-        if isinstance(data, dict) and isinstance(data.get("opamp"), str):
-            return {**data, "opamp": {"base": data["opamp"]}}
-        return data
-
     @model_validator(mode="after")
-    def _one_of_two(self) -> Self:
-        if self.resistance is not None and self.lam is not None:
-            raise ValueError("'lambda' and 'resistance' exclude each other: give one of the two")
-        if self.amplifier == "linear":
-            for key in ("exponential_slope", "bias"):
-                if getattr(self, key) is not None:
-                    raise ValueError(f"'{key}' needs amplifier = \"exponential\"")
+    def _consistent(self) -> Self:
+        for key, reason in contradictions(self.model_dump(by_alias=True)):
+            raise ValueError(f"'{key}' {reason}")
         return self
 
 
@@ -176,7 +218,7 @@ class AnalysisChoice(_Model):
     """How the board is analysed."""
 
     engine: Literal["auto", "ngspice", "statespace"] = "auto"
-    stop: Literal["auto"] | Seconds = "auto"
+    stop: SecondsOrAuto = "auto"
     initial: Literal["zero", "rest"] = "zero"
     points_per_period: Annotated[Real, Field(ge=8, le=10_000)] = Field(
         125, description="time points in one period of the fastest ringing mode that matters"
@@ -200,7 +242,7 @@ class SettlingTimeCheck(_Model):
 class OvershootCheck(_Model):
     """Overshoot as a fraction of the step amplitude."""
 
-    max: NonNegative
+    max: NonNegative = Field(description="fraction of the step amplitude")
 
 
 class RiseTimeCheck(_Model):
@@ -238,7 +280,9 @@ class Scene(_Model):
     """Everything asked for. `folder` is where the files that it names are."""
 
     name: Annotated[str, Field(pattern=NAME_PATTERN, max_length=64)] = "scene"
-    problem: Annotated[TactileProblem | MatrixProblem, Field(discriminator="kind")]
+    problem: Annotated[TactileProblem | MatrixProblem, Field(discriminator="kind")] = Field(
+        description="a table with kind = 'tactile' or 'matrix'"
+    )
     design: Design = Design()
     analysis: AnalysisChoice = AnalysisChoice()
     checks: Checks = Checks()

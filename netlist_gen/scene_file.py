@@ -9,12 +9,18 @@ from pathlib import Path
 from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
 
-from netlist_gen.scene import OpAmpChoice, Scene
+from netlist_gen.scene import Scene, contradictions
 from spice_models.errors import Complaint, InputError
 from spice_models.presets import preset_names
 
 MAX_BYTES = 1_000_000
+TEXTS = {  # of pydantic's complaints that speak of Python
+    "model_type": "expected a table",
+    "model_attributes_type": "expected a table",
+    "string_pattern_mismatch": "letters, digits, '-', '_' and '.' only",
+}
 
 
 def load_scene(path: str | Path) -> Scene:
@@ -32,76 +38,106 @@ def load_scene(path: str | Path) -> Scene:
 
 def parse_scene(data: Mapping[str, Any], file: str | Path) -> Scene:
     """Validate `data` as a scene that stands in `file` (see `load_scene`)."""
+    complaints = [*_contradictions(data), *_unknown_preset(data)]
     try:
         scene = Scene.model_validate(dict(data))
     except ValidationError as error:
-        raise InputError(file, *_complaints(error, data)) from None
+        complaints = [*_complaints(error, data), *complaints]
+    if complaints:
+        raise InputError(file, *complaints)
     scene._file = Path(file)
-    if scene.design.opamp.base not in preset_names():
-        raise InputError(file, _unknown_preset(scene.design.opamp))
     return scene
 
 
 def _read_toml(path: Path) -> dict[str, Any]:
     accepted = "a scene file in TOML; `taction new` writes one"
     try:
+        if path.exists() and not path.is_file():
+            raise InputError(
+                path, Complaint("file", "", f"not a regular file; expected {accepted}")
+            )
         if path.stat().st_size > MAX_BYTES:
             raise InputError(path, Complaint("file", "", f"over {MAX_BYTES} bytes; {accepted}"))
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         reason = error.strerror or str(error)
         raise InputError(path, Complaint("file", "", f"{reason}; expected {accepted}")) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(path, Complaint("TOML", "", f"{error}; expected {accepted}")) from None
+    except RecursionError:
+        text = f"nested too deeply; expected {accepted}"
+        raise InputError(path, Complaint("TOML", "", text)) from None
 
 
-def _unknown_preset(choice: OpAmpChoice) -> Complaint:
+def _contradictions(data: Mapping[str, Any]) -> Iterator[Complaint]:
+    """Keys that exclude each other, found beside every other mistake."""
+    design = data.get("design")
+    if isinstance(design, Mapping):
+        for key, reason in contradictions(design):
+            yield Complaint(f"design.{key}", _value(design[key]), reason)
+
+
+def _unknown_preset(data: Mapping[str, Any]) -> Iterator[Complaint]:
+    design = data.get("design")
+    choice = design.get("opamp") if isinstance(design, Mapping) else None
+    base = choice.get("base") if isinstance(choice, Mapping) else choice
     known = preset_names()
-    return Complaint(
-        "design.opamp.base",
-        repr(choice.base),
-        f"{_nearest(choice.base, known)}one of {_list(known)}",
-    )
+    if isinstance(base, str) and base not in known:
+        text = f"{_nearest(base, known)}one of {_list(known)}"
+        yield Complaint("design.opamp.base", _value(base), text)
 
 
 def _complaints(error: ValidationError, data: Mapping[str, Any]) -> Iterator[Complaint]:
     for item in error.errors(include_url=False):
-        keys = _real_path(item["loc"], data)
+        kind, context = item["type"], item.get("ctx", {})
+        if kind == "value_error" and item["loc"] == ("design",):
+            continue  # `_contradictions` has it, with its key
+        missing = kind == "missing"
+        keys = _real_path(item["loc"], data, missing=missing)
         key = ".".join(keys) or "scene"
-        value = _value(item["input"]) if item["type"] != "missing" else ""
-        if item["type"] == "extra_forbidden":
-            known = _known_keys(keys[:-1], data)
+        if missing:
+            field = _fields(keys[:-1], data)[keys[-1]]
+            yield Complaint(key, "", f"required; {field.description}")
+        elif kind == "extra_forbidden":
+            known = list(_fields(keys[:-1], data))
             hint = f"unknown key; {_nearest(keys[-1], known)}known here: {_list(known)}"
-            yield Complaint(key, value, hint)
-        elif item["type"] in ("union_tag_invalid", "union_tag_not_found"):
-            wanted = item["ctx"].get("expected_tags", "'tactile', 'matrix'")
-            yield Complaint(f"{key}.kind", "", f"required; one of {wanted}")
+            yield Complaint(key, _value(item["input"]), hint)
+        elif kind == "union_tag_invalid":
+            tag = str(context["tag"])
+            wanted = [name.strip("' ") for name in context["expected_tags"].split(",")]
+            text = f"{_nearest(tag, wanted)}one of {_list(wanted)}"
+            yield Complaint(f"{key}.kind", _value(tag), text)
+        elif kind == "union_tag_not_found":
+            yield Complaint(f"{key}.kind", "", "required; 'tactile' or 'matrix'")
         else:
-            yield Complaint(key, value, item["msg"].removeprefix("Value error, "))
+            text = TEXTS.get(kind, item["msg"].removeprefix("Value error, "))
+            yield Complaint(key, _value(item["input"]), text)
 
 
-def _real_path(location: Sequence[int | str], data: Any) -> list[str]:
-    """Drop the union tags that pydantic puts into a location: they are no keys of the file."""
+def _real_path(location: Sequence[int | str], data: Any, *, missing: bool) -> list[str]:
+    """Drop what pydantic puts into a location and is no key of the file (a union's tags)."""
     keys: list[str] = []
     for place, part in enumerate(location):
-        last = place == len(location) - 1
         inside = isinstance(data, Mapping) and part in data
-        if inside or last:
+        if inside or (missing and place == len(location) - 1):
             keys.append(str(part))
         if inside:
             data = data[part]
     return keys
 
 
-def _known_keys(path: Sequence[str], data: Any) -> list[str]:
-    """Return the keys that are known at `path`, following the discriminators in `data`."""
+def _fields(path: Sequence[str], data: Any) -> dict[str, FieldInfo]:
+    """Return the fields that are known at `path`, following the discriminators in `data`."""
     model: type[BaseModel] = Scene
     for key in path:
         data = data[key] if isinstance(data, Mapping) else {}
-        field = next(f for n, f in model.model_fields.items() if key in (n, f.alias))
         kind = data.get("kind") if isinstance(data, Mapping) else None
-        model = _pick(field.annotation, kind)
-    return [field.alias or name for name, field in model.model_fields.items()]
+        model = _pick(_by_alias(model)[key].annotation, kind)
+    return _by_alias(model)
+
+
+def _by_alias(model: type[BaseModel]) -> dict[str, FieldInfo]:
+    return {field.alias or name: field for name, field in model.model_fields.items()}
 
 
 def _pick(annotation: Any, kind: object) -> type[BaseModel]:
