@@ -16,7 +16,7 @@ from netlist_gen.analysis import Transient
 from netlist_gen.circuit import Circuit, Floats
 from netlist_gen.deck import write_deck
 from netlist_gen.scene import Scene
-from spice_models.errors import BadEvidence, SimulatorNotFound, StepTooSmall
+from spice_models.errors import BadEvidence, SimulatorNotFound, SimulatorTooOld, StepTooSmall
 from verification.engines.ngspice import start
 from verification.engines.simulator import find_simulator
 from verification.plan import coarser
@@ -74,12 +74,12 @@ class Pending:
 
 
 def choose_engine(scene: Scene) -> str:
-    """Return the engine of `scene`; ``auto`` is ngspice where it is found."""
+    """Return the engine of `scene`; ``auto`` is ngspice where one that will do is found."""
     if scene.analysis.engine != "auto":
         return scene.analysis.engine
     try:
         find_simulator()
-    except SimulatorNotFound:
+    except (SimulatorNotFound, SimulatorTooOld):
         return "statespace"
     return "ngspice"
 

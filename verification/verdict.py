@@ -86,6 +86,7 @@ class Evidence:
     reference_problem: str
 
 
+NO_STEP = "nothing to judge: with this strain and initial state no output has to move"
 UNSTEADY = (ChannelState.OSCILLATING, ChannelState.CLIPPED, ChannelState.DIVERGED)
 
 
@@ -143,6 +144,8 @@ def _steady_state(evidence: Evidence) -> Check:
     trouble = describe_states(m)
     if evidence.reference_problem:
         outcome, reason = Outcome.INCONCLUSIVE, evidence.reference_problem
+    elif not m.amplitude:
+        return _undecided("steady_state", "step", NO_STEP, limit)
     elif any(c.state in UNSTEADY for c in m.channels):
         outcome, reason = Outcome.FAIL, f"no steady state: {trouble}"
     elif trouble:
@@ -156,6 +159,8 @@ def _settling_time(evidence: Evidence) -> Check:
     band = f"to ±{100 * wanted.band:g} % of the step amplitude"
     if evidence.reference_problem:
         return _undecided("settling_time", "s", evidence.reference_problem, wanted.max)
+    if not evidence.measurements.amplitude:
+        return _undecided("settling_time", "s", NO_STEP, wanted.max)
     if reading is None:
         trouble = evidence.measurements.reason
         return Check("settling_time", Outcome.FAIL, None, None, wanted.max, None, "s", trouble)
@@ -166,6 +171,8 @@ def _rise_time(evidence: Evidence) -> Check | None:
     wanted = evidence.checks.rise_time
     if wanted is None:
         return None
+    if evidence.reference_problem:
+        return _undecided("rise_time", "s", evidence.reference_problem, wanted.max)
     channels = evidence.measurements.channels
     number = wanted.channel or (len(channels) + 1) // 2
     if number > len(channels):
@@ -178,7 +185,10 @@ def _rise_time(evidence: Evidence) -> Check | None:
     check = _timed("rise_time", channel.rise_time, evidence.error.rise_time, wanted.max, text)
     if wanted.min is None or check.outcome is not Outcome.PASS:
         return check
-    lower = at_most(-channel.rise_time.value, check.uncertainty or 0.0, -wanted.min)
+    values = [channel.rise_time.value, channel.rise_time.alternative or channel.rise_time.value]
+    doubt = check.uncertainty or 0.0
+    lower, other = (at_most(-value, doubt, -wanted.min) for value in values)
+    lower = lower if lower is other else Outcome.INCONCLUSIVE  # fragile, and a hair decides
     reason = f"{text}; at least {show(wanted.min, 's')}"
     return Check("rise_time", lower, check.value, check.uncertainty, wanted.max, None, "s", reason)
 
