@@ -74,7 +74,8 @@ def check_request(
     if isinstance(analysis, Transient):
         _check_value("stop", analysis.stop)
         _check_value("max_step", analysis.max_step)
-        _check_names(*analysis.voltages)
+        # a dot leads into a subcircuit, as in "xv_1.p1"
+        _check_names(*(part for node in analysis.voltages for part in node.split(".")))
         for node, volts in analysis.voltages.items():
             if not math.isfinite(volts):
                 raise ValueError(f"the initial voltage of {node} is {volts!r}; it must be finite")
