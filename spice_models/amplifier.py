@@ -18,10 +18,12 @@ class AmplifierKind:
     name : str
         As a scene names it.
     expression : str
-        ``g`` as an ngspice B-source expression of ``{x}``, which stands for ``v / Ve``; empty for
+        ``g`` as an ngspice B-source expression of ``{x}``, which stands for ``v / Ve``; a product or
+        a call, so that a minus sign before it negates all of it; empty for
         the linear one, which is an op-amp and no behavioural source.
     biased : bool
-        Whether a bias current I_b = Ve / R means something (entropy regulariser only).
+        Whether a bias current I_b = Ve / R flows where the scene does not say: with exponential
+        amplifiers it turns ``sum (u log u - u)`` into the entropy.
     """
 
     name: str
@@ -37,10 +39,16 @@ class AmplifierKind:
 # a bare exp(x) 45, and 18 wrong answers with a result file (its overflow is clamped).
 _EXPONENTIAL = "exp(min({x},30))*(1+max({x}-30,0))"
 
+# The same for sinh, on both sides: beyond 30, tanh(30) is 1 to the last digit.
+_SINH = "sinh(max(min({x},30),-30))*(1+max(abs({x})-30,0))"
+
 AMPLIFIERS: dict[str, AmplifierKind] = {
     kind.name: kind
     for kind in (
         AmplifierKind("linear", "", biased=False),
         AmplifierKind("exponential", _EXPONENTIAL, biased=True),
+        AmplifierKind("sinh", _SINH, biased=False),
+        AmplifierKind("softplus", "(max({x},0)+ln(1+exp(-abs({x}))))", biased=False),
+        AmplifierKind("tanh", "tanh({x})", biased=False),
     )
 }

@@ -56,7 +56,7 @@ def ideal_network(problem: InverseProblem, scalings: Scalings, scene: Scene) -> 
         s=scalings.gain,
         amplifier=scene.design.amplifier,
         Ve=scalings.exponential_slope,
-        bias=scene.design.amplifier != "linear" and scene.design.bias is not False,
+        bias=scene.design.biased,
     )
 
 

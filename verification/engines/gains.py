@@ -18,6 +18,8 @@ from spice_models.errors import EngineError
 
 Floats = NDArray[np.float64]
 
+HUGE = 1e300
+NEWTON_STEPS = 200  # bisection alone would get there
 LARGEST_EXPONENT = 690.0  # exp(690) is near 1e300: room for a gain, none for an overflow
 
 
@@ -51,8 +53,53 @@ def _exponential_from_coordinate(q: Floats, h: Floats) -> Floats:
     return np.where(large, np.log(np.where(large, omega, 1.0)) - log_h, q - omega)
 
 
+def _by_newton(
+    value: Callable[[Floats], Floats], slope: Callable[[Floats], Floats]
+) -> Callable[[Floats, Floats], Floats]:
+    """Return ``(q, h) -> y`` by Newton's method inside a bracket that never loses the root.
+
+    ``y + h g(y)`` increases with a slope of at least 1, so the root lies between q and
+    ``q - h g(q)``; a step that leaves the bracket is replaced by its middle.
+    """
+
+    def solve(q: Floats, h: Floats) -> Floats:
+        with np.errstate(over="ignore", invalid="ignore"):
+            other = q - h * np.clip(value(q), -HUGE, HUGE)
+            low, high = np.minimum(q, other), np.maximum(q, other)
+            y = np.clip(np.zeros_like(q), low, high)
+            for _ in range(NEWTON_STEPS):
+                excess = y + h * value(y) - q
+                low, high = np.where(excess <= 0, y, low), np.where(excess >= 0, y, high)
+                step = y - excess / (1.0 + h * slope(y))
+                inside = (step >= low) & (step <= high)
+                following = np.where(inside, step, 0.5 * (low + high))
+                if np.all(np.abs(following - y) <= 4e-16 * np.abs(following)):
+                    return following
+                y = following
+        return y
+
+    return solve
+
+
+def _softplus(y: Floats) -> Floats:
+    return np.maximum(y, 0.0) + np.log1p(np.exp(-np.abs(y)))
+
+
+def _sigmoid(y: Floats) -> Floats:
+    small = np.exp(-np.abs(y))
+    return np.where(y >= 0, 1.0, small) / (1.0 + small)
+
+
+def _sech2(y: Floats) -> Floats:
+    small = np.exp(-2.0 * np.abs(y))
+    return 4.0 * small / (1.0 + small) ** 2
+
+
 GAINS: dict[str, Gain] = {
     "exponential": Gain(np.exp, np.exp, _exponential_from_coordinate, LARGEST_EXPONENT),
+    "sinh": Gain(np.sinh, np.cosh, _by_newton(np.sinh, np.cosh), LARGEST_EXPONENT),
+    "softplus": Gain(_softplus, _sigmoid, _by_newton(_softplus, _sigmoid), HUGE),
+    "tanh": Gain(np.tanh, _sech2, _by_newton(np.tanh, _sech2), HUGE),
 }
 
 
