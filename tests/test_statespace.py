@@ -158,5 +158,11 @@ def test_what_is_not_linear_or_not_there_is_refused() -> None:
         exact(board(T, eps, IDEAL, exponential=True))
     with pytest.raises(EngineError, match="no node or op-amp state 'nowhere'"):
         exact(paper_board(), nodes=("nowhere",))
+
+
+def test_a_diverging_board_gives_what_comes_before_the_range_of_floats_ends() -> None:
+    record = simulate(paper_board(5e-12), Transient(stop=1.0, max_step=1e-3))
+    assert 1e200 < np.abs(record.values).max() < np.inf
+    assert record.time[-1] == pytest.approx(np.log(1e308) / 7462.0, rel=0.05)
     with pytest.raises(EngineError, match="leaves the range of floats"):
-        simulate(paper_board(5e-12), Transient(stop=1.0, max_step=1e-3))
+        simulate(paper_board(5e-12), Transient(1.0, 1.0), times=np.array([0.5, 1.0]))

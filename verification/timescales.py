@@ -10,8 +10,9 @@ from typing import Literal
 import numpy as np
 
 from netlist_gen.circuit import Circuit
-from verification.engines.descriptor import StateSpace, linearise
+from verification.engines.descriptor import linearise
 from verification.engines.equilibrium import Equilibrium
+from verification.engines.initial import initial_state
 from verification.engines.modes import Complexes, Floats, Modes, decompose
 
 GROWN = 10.0  # an instability counts as seen once it is this many step amplitudes high
@@ -140,20 +141,13 @@ def time_scales(
     modes = decompose(space.A)
     C, _ = space.rows(tuple(output.node for output in circuit.outputs))
     target = -np.linalg.solve(space.A, space.B.sum(axis=1))
-    start = starting_state(space, initial)
+    start = initial_state(space, initial)
     step = float(np.abs(C @ (target - start)).max(initial=0.0))
     share = modes.amplitudes(C, start - target) / (step if step > 0.0 else 1.0)
     weight = np.abs(share).max(axis=0) if step > 0.0 else np.ones(space.n)
     if not np.all(np.isfinite(weight)):  # defective: every mode counts as excited
         weight = np.ones(space.n)
     return _scales(modes, weight, share, error, points)
-
-
-def starting_state(space: StateSpace, initial: Literal["zero", "rest"]) -> Floats:
-    """State at t = 0: all zero, or the equilibrium with the current sources off, shape (n,)."""
-    if initial == "zero" or not np.any(space.B[:, 1]):
-        return np.zeros(space.n)
-    return np.asarray(-np.linalg.solve(space.A, space.B[:, 1]))
 
 
 def _scales(

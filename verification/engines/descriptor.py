@@ -69,7 +69,7 @@ class StateSpace:
         EngineError
             A node that the circuit does not have.
         """
-        C, D = np.zeros((len(names), self.n)), np.zeros((len(names), 2))
+        C, D = np.zeros((len(names), self.n)), np.zeros((len(names), self.D.shape[1]))
         for k, name in enumerate(names):
             if name != "0":
                 place = self.descriptor.place(name)
@@ -115,6 +115,24 @@ def linearise(circuit: Circuit | Descriptor, at: Equilibrium | None = None) -> S
     return _reduce(descriptor, M, K, b)
 
 
+def open_loop(descriptor: Descriptor) -> StateSpace:
+    """State space with the outputs of the m behavioural amplifiers as further inputs.
+
+    B and D then have ``2 + m`` columns: ``z = C x + D [on, 1, v_out]``.
+
+    Raises
+    ------
+    EngineError
+        As `linearise`; also for a capacitor at such an output, whose current would need the
+        output's time derivative.
+    """
+    devices = descriptor.devices
+    b = np.zeros((descriptor.size, 2 + devices.count))
+    b[:, 0], b[:, 1] = descriptor.switched, descriptor.constant
+    b[devices.output, 2 + np.arange(devices.count)] = 1.0
+    return _reduce(descriptor, descriptor.dense_mass(), descriptor.dense_stiffness(), b)
+
+
 def _reduce(descriptor: Descriptor, M: Floats, K: Floats, b: Floats) -> StateSpace:
     """Eliminate voltages that ideal sources determine, then whatever carries no charge."""
     o, f = np.flatnonzero(descriptor.determined), np.flatnonzero(~descriptor.determined)
@@ -125,7 +143,10 @@ def _reduce(descriptor: Descriptor, M: Floats, K: Floats, b: Floats) -> StateSpa
     P, p = known[:, : len(f)], known[:, len(f) :]
     b = b[f] + K[np.ix_(f, o)] @ p
     K = K[np.ix_(f, f)] + K[np.ix_(f, o)] @ P
-    whole = np.hstack([M[f], -(M[np.ix_(f, o)] @ p).sum(axis=1)[:, None]])
+    held = M[np.ix_(f, o)] @ p
+    if np.any(held[:, 2:]):
+        raise EngineError("a capacitor at the output of a behavioural amplifier: not supported")
+    whole = np.hstack([M[f], -held[:, :2].sum(axis=1)[:, None]])
     M = M[np.ix_(f, f)] + M[np.ix_(f, o)] @ P
     names = names[len(o) :]
     d, a, basis, M, K, b, whole = _separate(M, K, b, whole)
@@ -133,26 +154,26 @@ def _reduce(descriptor: Descriptor, M: Floats, K: Floats, b: Floats) -> StateSpa
     # 0 = K_ad x + K_aa y + b_a
     right = np.hstack([K[np.ix_(a, d)], b[a]])
     loose = [names[k] for k in a] if basis is None else names
-    inner = np.zeros((len(f), n + 2))
+    inner = np.zeros((len(f), n + b.shape[1]))
     inner[d, np.arange(n)] = 1.0
     inner[a] = -_solve(K[np.ix_(a, a)], right, loose, "nodes without capacitance stay undetermined")
     rates = K[d] @ inner
     rates[:, n:] += b[d]
     charged = [names[k] for k in d] if basis is None else [f"charge{k + 1}" for k in range(n)]
-    right = np.hstack([rates, whole[d]])
+    inputs, right = rates.shape[1], np.hstack([rates, whole[d]])
     rates = _solve(M[np.ix_(d, d)], right, charged, "the capacitances do not determine the states")
     inner = inner if basis is None else basis @ inner
-    outer = np.zeros((descriptor.size, n + 2))
+    outer = np.zeros((descriptor.size, inner.shape[1]))
     outer[f], outer[o] = inner, P @ inner
     outer[o, n:] += p
     return StateSpace(
         descriptor=descriptor,
         A=np.ascontiguousarray(rates[:, :n]),
-        B=rates[:, n : n + 2],
+        B=rates[:, n:inputs],
         C=outer[:, :n],
         D=outer[:, n:],
         states=tuple(charged),
-        charge=rates[:, n + 2 : -1],
+        charge=rates[:, inputs:-1],
         charge_offset=rates[:, -1],
     )
 

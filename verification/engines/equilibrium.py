@@ -22,6 +22,7 @@ from verification.engines.stamps import stamp
 
 MAX_STEPS = 200
 STAGES = 10.0 ** np.arange(0, -17, -2)  # of the homotopy: added diagonal feedback, times H
+POLISHED = 1e-13  # residual above which the last steps are taken on all unknowns
 CERTIFICATE = 1e-9  # largest residual accepted, relative to the terms that cancel in it
 
 Response = Callable[[Descriptor], tuple[Floats, Floats]]
@@ -131,11 +132,35 @@ def equilibrium(circuit: Circuit | Descriptor, *, sources_on: bool = True) -> Eq
     z[devices.input] = devices.v_scale * y
     z[devices.output] = -devices.u_scale * gain.value(y)
     residual = _residual(descriptor, z, drive)
+    if residual > POLISHED:
+        z = _polish(descriptor, z, drive)
+        y, residual = z[devices.input] / devices.v_scale, _residual(descriptor, z, drive)
     if not residual <= CERTIFICATE:
         message = f"the equilibrium has a relative residual of {residual:.3g}"
         raise EngineError(message)
     slopes = -devices.u_scale / devices.v_scale * gain.slope(y)
     return Equilibrium(descriptor, z, slopes, residual, steps)
+
+
+def _polish(descriptor: Descriptor, z: Floats, drive: Floats) -> Floats:
+    """Take Newton steps on all unknowns at once: the loop's gain magnifies its rounding.
+
+    As corrections of z they also refine each other, so that every row's residual falls to the
+    rounding of its own terms.
+    """
+    devices = descriptor.devices
+    gain, stiffness = gain_of(devices.kind), descriptor.dense_stiffness()
+    for _ in range(4):
+        y = np.minimum(z[devices.input] / devices.v_scale, gain.upper)
+        F = stiffness @ z + drive
+        F[devices.output] -= devices.u_scale * gain.value(y)
+        K = stiffness.copy()
+        K[devices.output, devices.input] -= devices.u_scale / devices.v_scale * gain.slope(y)
+        K *= np.maximum(np.abs(z), 1e-12 * np.abs(z).max())  # columns: unknowns in their own size
+        scale = np.abs(K).max(axis=1)
+        dz = np.linalg.solve(K / scale[:, None], -F / scale)
+        z = z + np.maximum(np.abs(z), 1e-12 * np.abs(z).max()) * dz
+    return z
 
 
 def _residual(descriptor: Descriptor, z: Floats, drive: Floats) -> float:
@@ -194,9 +219,10 @@ def _newton(H: Floats, h: Floats, a: Floats, gain: Gain, q: Floats) -> tuple[Flo
 
     def evaluate(q: Floats) -> tuple[Floats, Floats, float, bool]:
         y = gain.from_coordinate(q, h)
-        if np.any(y > gain.upper):
+        with np.errstate(over="ignore"):
+            g = gain.value(y)
+        if np.any(y > gain.upper) or not np.all(np.isfinite(g)):
             return y, np.full_like(y, np.inf), np.inf, False
-        g = gain.value(y)
         F = y + H @ g - a
         terms = np.abs(y) + np.abs(H) @ g + np.abs(a)
         return y, F, float(F @ F), bool(np.all(np.abs(F) <= 1e-14 * (terms + len(y))))

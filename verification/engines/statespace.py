@@ -13,16 +13,16 @@ import numpy as np
 from netlist_gen.analysis import Transient
 from netlist_gen.circuit import Circuit
 from spice_models.errors import EngineError
+from verification.engines import implicit
 from verification.engines.descriptor import StateSpace, linearise
 from verification.engines.equilibrium import equilibrium
 from verification.engines.flows import Flow, LadderFlow, ModalFlow
+from verification.engines.initial import Initial, initial_state
 from verification.engines.modes import Complexes, Floats, decompose
 from verification.waveforms import Cost, Waveforms
 
 ENGINE = "statespace"
 TRUSTED = 1e-9  # modal error, in step amplitudes, below which no second way is tried
-
-Initial = Literal["zero", "rest"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,32 +67,6 @@ class Exact:
         if isinstance(self.flow, ModalFlow):
             return self.final + self.flow.uniform(step, count)
         return self.at(np.arange(count) * np.float64(step))
-
-
-def initial_state(
-    space: StateSpace, initial: Initial, voltages: Mapping[str, float] | None = None
-) -> Floats:
-    """State at t = 0, shape (n,).
-
-    ``"rest"`` is the equilibrium with the current sources off; ``"zero"`` has every capacitor and
-    op-amp discharged, except that `voltages` (V, by node or op-amp state) charge what is connected
-    to them.
-
-    Raises
-    ------
-    EngineError
-        A name that the circuit does not have, or no equilibrium.
-    """
-    descriptor = space.descriptor
-    if initial == "rest":
-        if not np.any(descriptor.constant) and not descriptor.devices.count:
-            return np.zeros(space.n)
-        z = equilibrium(descriptor, sources_on=False).values
-    else:
-        z = np.zeros(descriptor.size)
-        for name, volts in (voltages or {}).items():
-            z[descriptor.place(name)] = volts
-    return np.asarray(space.charge @ z + space.charge_offset)
 
 
 def exact(
@@ -169,25 +143,32 @@ def simulate(
     nodes: Iterable[str] | None = None,
     times: Floats | None = None,
 ) -> Waveforms:
-    """Simulate a transient.
+    """Simulate a transient: exactly if the board is linear, else by `implicit.simulate`.
 
     Parameters
     ----------
     circuit : Circuit
         The board.
     analysis : Transient
-        `max_step` is the spacing of the points (a linear board has no step); `method` plays no
-        part.
+        `max_step` is the spacing of the points, not of steps; `method` plays no part.
     nodes : iterable of str, optional
         By default the outputs' nodes.
     times : ndarray (P,), optional
         Instants wanted, strictly increasing, s; by default uniform from 0 to `stop`.
 
+    Returns
+    -------
+    Waveforms
+        Of a board that leaves the range of floats, what comes before (an `EngineError` where
+        `times` were asked for).
+
     Raises
     ------
     EngineError
-        As `exact`.
+        As `exact` and `implicit.simulate`.
     """
+    if circuit.amplifiers:
+        return implicit.simulate(circuit, analysis, nodes=nodes, times=times)
     began = clock.perf_counter()
     solution = exact(
         circuit,
@@ -196,13 +177,18 @@ def simulate(
         nodes=nodes,
         stop=analysis.stop if times is None else float(times[-1]),
     )
+    uniform = times is None
     if times is None:
-        count = math.ceil(analysis.stop / analysis.max_step * (1.0 - 1e-12)) + 1
-        times = np.linspace(0.0, analysis.stop, count)
-        values = solution.uniform(analysis.stop / (count - 1), count)
+        solved = implicit.record_times(analysis, analysis.stop)
+        values = solution.uniform(float(solved[1]), len(solved))
     else:
-        values = solution.at(times)
-    if not np.all(np.isfinite(values)):
-        raise EngineError("the board is unstable and leaves the range of floats before the end")
-    cost = Cost(clock.perf_counter() - began, len(times), 1)
-    return Waveforms(times, solution.nodes, values, ENGINE, cost)
+        solved, values = times, solution.at(times)
+    flags: tuple[str, ...] = ()
+    lost = np.flatnonzero(~np.isfinite(values).all(axis=1))
+    if lost.size:
+        if not uniform or lost[0] < 2:
+            raise EngineError("the board is unstable and leaves the range of floats")
+        solved, values = solved[: lost[0]], values[: lost[0]]
+        flags = (f"the board diverges: it leaves the range of floats after {solved[-1]!r} s",)
+    cost = Cost(clock.perf_counter() - began, len(solved), 1)
+    return Waveforms(solved, solution.nodes, values, ENGINE, cost, flags)
