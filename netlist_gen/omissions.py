@@ -60,8 +60,8 @@ def _amplifier(scene: Scene) -> list[Omission]:
     if scene.design.amplifier == "linear":
         why = "linear amplifiers: the regulariser is the sum of squares"
         return [Omission("antilog stages and bias current", why)]
-    if scene.design.bias is False:
-        return [Omission("bias current", "design.bias is false")]
+    if not scene.design.biased:
+        return [Omission("bias current", "design.bias is false, or the amplifier needs none")]
     return []
 
 

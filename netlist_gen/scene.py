@@ -20,6 +20,7 @@ from pydantic import (
 from pydantic_core import CoreSchema, core_schema
 
 from netlist_gen.quantities import EXAMPLES, parse
+from spice_models.amplifier import AMPLIFIERS
 from spice_models.presets import preset_names
 
 NAME_PATTERN = r"^[A-Za-z0-9_.-]+$"
@@ -186,14 +187,14 @@ def contradictions(design: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     if design.get("amplifier", "linear") == "linear":
         for key in ("exponential_slope", "bias"):
             if design.get(key) is not None:
-                yield key, 'needs amplifier = "exponential"'
+                yield key, "needs a nonlinear amplifier, such as 'exponential'"
 
 
 class Design(_Model):
     """The board's components."""
 
     topology: Literal["integrator", "passive"] = "integrator"
-    amplifier: Literal["linear", "exponential"] = "linear"
+    amplifier: Literal["linear", "exponential", "sinh", "softplus", "tanh"] = "linear"
     capacitance: Farads = 1e-11
     resistance: Ohms | None = None
     lam: Positive | None = Field(None, alias="lambda", description="regularisation parameter")
@@ -201,7 +202,7 @@ class Design(_Model):
     unit_conductance: Siemens = 3.313e-7
     unit_voltage: Volts = 1.0
     exponential_slope: Volts | None = None
-    bias: StrictBool | None = Field(None, description="entropy bias current I_b")
+    bias: StrictBool | None = Field(None, description="bias current I_b = Ve/R")
     opamp: OpAmpChoice = OpAmpChoice()
     stray_capacitance: FaradsOrZero = 1e-11
     inverter_resistance: Ohms = 1e4
@@ -212,6 +213,11 @@ class Design(_Model):
         for key, reason in contradictions(self.model_dump(by_alias=True)):
             raise ValueError(f"'{key}' {reason}")
         return self
+
+    @property
+    def biased(self) -> bool:
+        """Whether a bias current flows; where the scene does not say, the amplifier's kind does."""
+        return AMPLIFIERS[self.amplifier].biased if self.bias is None else self.bias
 
 
 class AnalysisChoice(_Model):

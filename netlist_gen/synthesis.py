@@ -177,12 +177,12 @@ class _Board:
         parts.resistors.append(Resistor(f"r_{n}", v, GROUND, preferred(1.0 / left, self.scene)))
         parts.capacitors.append(Capacitor(f"c_{n}", v, GROUND, self.design.capacitance))
         parts.stray_at(v)
-        if not self.linear and self.design.bias is not False:
+        if self.design.biased:
             text = "topology 'passive' has no virtual ground to inject it into; set bias = false"
             raise InputError(self.scene.file, Complaint("design.bias", "true", text))
 
     def _biased(self, n: int, volts: float) -> bool:
-        wanted = not self.linear and self.design.bias is not False
+        wanted = self.design.biased
         if wanted and n == 1:
             self.parts.voltages.append(VoltageSource(BIAS, BIAS, volts))
         return wanted
