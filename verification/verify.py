@@ -14,6 +14,7 @@ from netlist_gen.scene import Scene
 from netlist_gen.synthesis import synthesise
 from verification.agreement import Agreement, compare_engines
 from verification.budget import ErrorPart, error_budget
+from verification.constraint import ConstraintPlane, constraint_plane
 from verification.engines.equilibrium import equilibrium
 from verification.ideal import IdealAnswer, ideal_answer, ideal_network
 from verification.margin import Margin, capacitance_margin
@@ -42,6 +43,7 @@ class Verdict:
     ideal: IdealAnswer
     poles: Poles
     margin: Margin | None
+    constraint: ConstraintPlane | None
     waveforms: Waveforms
     u: Floats
     measurements: Measurements
@@ -85,6 +87,7 @@ def verify(scene: Scene, progress: Progress = lambda stage: None) -> Verdict:
     clock.begin("reference", beside="simulation")
     ideal = ideal_answer(network, scene)
     rest = equilibrium(circuit)
+    constraint = constraint_plane(circuit)
     margin = capacitance_margin(circuit) if scene.checks.stability.margin > 1 else None
     clock.begin("simulation")
     simulation = pending.result(running_away=not poles.stable)
@@ -112,6 +115,7 @@ def verify(scene: Scene, progress: Progress = lambda stage: None) -> Verdict:
         ideal=ideal,
         poles=poles,
         margin=margin,
+        constraint=constraint,
         waveforms=simulation.fine,
         u=u,
         measurements=fine,

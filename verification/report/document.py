@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from typing import Any
 
 from verification.measures import ChannelMeasure
@@ -31,6 +32,7 @@ def verdict_document(verdict: Verdict) -> dict[str, Any]:
             "frequency": verdict.poles.frequency,
             "margin": None if verdict.margin is None else verdict.margin.factor,
         },
+        "constraint_plane": None if verdict.constraint is None else asdict(verdict.constraint),
         "error_budget": {
             part.name: {"value": part.value, "unit": "V", "how": part.how}
             for part in verdict.budget

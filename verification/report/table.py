@@ -122,6 +122,14 @@ def _foot(verdict: Verdict) -> Group:
         f" {show(ideal.settling_time, 's')}",
         f"time: {stages}",
     ]
+    plane = verdict.constraint
+    if plane is not None:
+        lines.insert(
+            2,
+            f"constraint plane: amplifier alone rises in {show(plane.amplifier_rise_time, 's')}, its"
+            f" stage with its capacitance in {show(plane.stage_rise_time, 's')} with"
+            f" {100 * plane.stage_overshoot:.0f} % overshoot",
+        )
     colour = COLOUR[verdict.outcome]
     return Group(
         *(Text(line, style="dim") for line in lines),
