@@ -126,8 +126,8 @@ def _foot(verdict: Verdict) -> Group:
     if plane is not None:
         lines.insert(
             2,
-            f"constraint plane: amplifier alone rises in {show(plane.amplifier_rise_time, 's')}, its"
-            f" stage with its capacitance in {show(plane.stage_rise_time, 's')} with"
+            f"constraint plane: amplifier alone rises in {show(plane.amplifier_rise_time, 's')},"
+            f" its stage with capacitance in {show(plane.stage_rise_time, 's')} with"
             f" {100 * plane.stage_overshoot:.0f} % overshoot",
         )
     colour = COLOUR[verdict.outcome]
