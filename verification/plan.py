@@ -49,7 +49,9 @@ def plan_transient(scene: Scene, scales: TimeScales) -> Transient:
             " oscillation, or its time scales are too far apart for one transient; give"
             " analysis.stop or fewer analysis.points_per_period to look at a part of it"
         )
-    return Transient(stop, step, _truncation(points), scene.analysis.initial)
+    if scene.analysis.stop == "auto":
+        stop = _six_digits(stop)
+    return Transient(stop, _six_digits(step), _truncation(points), scene.analysis.initial)
 
 
 def coarser(transient: Transient, ratio: float) -> Transient:
@@ -65,6 +67,11 @@ def _auto_stop(scene: Scene, scales: TimeScales) -> float:
     if math.isfinite(scales.growth_time):
         return scales.growth_time
     return AFTER_SETTLING * scales.stop_for(REMAINDER * scene.checks.steady_state.tolerance)
+
+
+def _six_digits(seconds: float) -> float:
+    """Round away what two eigenvalue routines may differ in, for the same deck on any machine."""
+    return float(f"{seconds:.6g}")
 
 
 def _truncation(points: float) -> float:
