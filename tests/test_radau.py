@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from spice_models.errors import EngineError
 from verification.engines.modes import Complexes, Floats
-from verification.engines.radau import Radau, Solve, tableau
+from verification.engines.radau import Radau, Solve
+from verification.engines.tableau import tableau
 
 
 class Linear:
