@@ -3,23 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
-    BaseModel,
     BeforeValidator,
-    ConfigDict,
     Field,
     GetJsonSchemaHandler,
     PrivateAttr,
     StrictBool,
     model_validator,
 )
-from pydantic_core import CoreSchema, core_schema
+from pydantic_core import CoreSchema
 
-from netlist_gen.quantities import EXAMPLES, parse
+from netlist_gen.fields import (
+    Count,
+    Farads,
+    FaradsOrZero,
+    FileName,
+    Hertz,
+    Model,
+    NonNegative,
+    Ohms,
+    OhmsOrZero,
+    Positive,
+    Real,
+    Seconds,
+    SecondsOrAuto,
+    Seed,
+    Siemens,
+    Volts,
+)
+from netlist_gen.tolerances import Regression
 from spice_models.amplifier import AMPLIFIERS
 from spice_models.presets import preset_names
 
@@ -27,70 +42,7 @@ NAME_PATTERN = r"^[A-Za-z0-9_.-]+$"
 DEFAULT_RESISTANCE = 1.786e6
 
 
-@dataclass(frozen=True, slots=True)
-class Unit:
-    """Annotation of a field that holds a quantity in `unit`: ``"10pF"`` or a number.
-
-    `zero` accepts zero too, and a `word` stands for itself.
-    """
-
-    unit: str
-    zero: bool = False
-    word: str = ""
-
-    def check(self, value: object) -> float | str:
-        """Return the quantity in base units; ValueError says what would be accepted."""
-        if self.word and value == self.word:
-            return self.word
-        try:
-            number = parse(value, self.unit)
-        except ValueError as error:
-            raise ValueError(f"{error}, or {self.word!r}" if self.word else str(error)) from None
-        if number < 0 or (number == 0 and not self.zero):
-            raise ValueError(f"must be {'zero or more' if self.zero else 'above zero'}")
-        return number
-
-    def __get_pydantic_core_schema__(self, source: object, handler: object) -> CoreSchema:
-        return core_schema.no_info_plain_validator_function(self.check)
-
-    def __get_pydantic_json_schema__(self, schema: object, handler: object) -> dict[str, Any]:
-        example = f"a number in {self.unit}, or a quantity such as {EXAMPLES[self.unit]!r}"
-        if self.word:
-            example += f", or {self.word!r}"
-        return {"anyOf": [{"type": "number"}, {"type": "string"}], "description": example}
-
-
-Farads = Annotated[float, Unit("F")]
-FaradsOrZero = Annotated[float, Unit("F", zero=True)]
-Ohms = Annotated[float, Unit("ohm")]
-OhmsOrZero = Annotated[float, Unit("ohm", zero=True)]
-Siemens = Annotated[float, Unit("S")]
-Volts = Annotated[float, Unit("V")]
-Hertz = Annotated[float, Unit("Hz")]
-Seconds = Annotated[float, Unit("s")]
-SecondsOrAuto = Annotated[Literal["auto"] | float, Unit("s", word="auto")]
-
-
-def _no_text(value: object) -> object:
-    """Refuse "7" for 7: TOML has numbers, and a quoted one is a slip worth naming."""
-    if isinstance(value, str | bool):
-        raise ValueError("expected a plain number, without quotes or unit")
-    return value
-
-
-Real = Annotated[float, BeforeValidator(_no_text), Field(allow_inf_nan=False)]
-Positive = Annotated[Real, Field(gt=0)]
-NonNegative = Annotated[Real, Field(ge=0)]
-Count = Annotated[int, BeforeValidator(_no_text), Field(ge=1, le=100_000)]
-Seed = Annotated[int, BeforeValidator(_no_text), Field(ge=0)]
-FileName = Annotated[str, Field(min_length=1)]
-
-
-class _Model(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class CylinderLoad(_Model):
+class CylinderLoad(Model):
     """Stress under a cylinder, eq (18): ``p/(pi a²) sqrt(a² - y²)`` as printed."""
 
     kind: Literal["cylinder"] = "cylinder"
@@ -100,14 +52,14 @@ class CylinderLoad(_Model):
     normalised: StrictBool = Field(False, description="true: Hertz, 2p/(pi a²), integrates to p")
 
 
-class CsvLoad(_Model):
+class CsvLoad(Model):
     """Stress profile from a CSV file beside the scene: columns y and stress."""
 
     kind: Literal["csv"]
     file: FileName = Field(description="CSV with two columns, y and stress; y increasing")
 
 
-class Noise(_Model):
+class Noise(Model):
     """Gaussian noise added to the strain."""
 
     variance: NonNegative = 0.0
@@ -124,7 +76,7 @@ def _cylinder_by_default(value: object) -> object:
 AnyLoad = Annotated[CylinderLoad | CsvLoad, Field(discriminator="kind")]
 
 
-class TactileProblem(_Model):
+class TactileProblem(Model):
     """Strain under an elastic layer, eqs (1) to (4), with the corrected kernels."""
 
     kind: Literal["tactile"]
@@ -142,7 +94,7 @@ class TactileProblem(_Model):
     noise: Noise = Noise()
 
 
-class MatrixProblem(_Model):
+class MatrixProblem(Model):
     """A matrix and a strain vector from files beside the scene."""
 
     kind: Literal["matrix"]
@@ -152,7 +104,7 @@ class MatrixProblem(_Model):
     noise: Noise = Noise()
 
 
-class OpAmpChoice(_Model):
+class OpAmpChoice(Model):
     """A preset, or a preset with some figures changed."""
 
     base: str = "ua741"
@@ -190,7 +142,7 @@ def contradictions(design: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
                 yield key, "needs a nonlinear amplifier, such as 'exponential'"
 
 
-class Design(_Model):
+class Design(Model):
     """The board's components."""
 
     topology: Literal["integrator", "passive"] = "integrator"
@@ -220,7 +172,7 @@ class Design(_Model):
         return AMPLIFIERS[self.amplifier].biased if self.bias is None else self.bias
 
 
-class AnalysisChoice(_Model):
+class AnalysisChoice(Model):
     """How the board is analysed."""
 
     engine: Literal["auto", "ngspice", "statespace"] = "auto"
@@ -232,26 +184,26 @@ class AnalysisChoice(_Model):
     timeout: Seconds = 600.0
 
 
-class SteadyStateCheck(_Model):
+class SteadyStateCheck(Model):
     """Final outputs against the reference, as a fraction of the step amplitude."""
 
     tolerance: Positive = 1e-3
 
 
-class SettlingTimeCheck(_Model):
+class SettlingTimeCheck(Model):
     """Settling to ``±band`` (a fraction of the step amplitude) within `max`."""
 
     band: Annotated[Positive, Field(lt=1)] = 0.01
     max: Seconds | None = None
 
 
-class OvershootCheck(_Model):
+class OvershootCheck(Model):
     """Overshoot as a fraction of the step amplitude."""
 
     max: NonNegative = Field(description="fraction of the step amplitude")
 
 
-class RiseTimeCheck(_Model):
+class RiseTimeCheck(Model):
     """10-90 % rise time of one channel; the middle one where none is named."""
 
     max: Seconds | None = None
@@ -259,19 +211,19 @@ class RiseTimeCheck(_Model):
     channel: Count | None = None
 
 
-class StabilityCheck(_Model):
+class StabilityCheck(Model):
     """`margin`: by what factor C may shrink before the board oscillates; 1: stable as it is."""
 
     margin: Annotated[Real, Field(ge=1)] = 1.0
 
 
-class EnginesAgreeCheck(_Model):
+class EnginesAgreeCheck(Model):
     """Largest difference between ngspice and the state-space engine, over all time."""
 
     tolerance: Positive = 1e-3
 
 
-class Checks(_Model):
+class Checks(Model):
     """What must hold."""
 
     steady_state: SteadyStateCheck = SteadyStateCheck()
@@ -282,7 +234,7 @@ class Checks(_Model):
     engines_agree: EnginesAgreeCheck = EnginesAgreeCheck()
 
 
-class Scene(_Model):
+class Scene(Model):
     """Everything asked for. `folder` is where the files that it names are."""
 
     name: Annotated[str, Field(pattern=NAME_PATTERN, max_length=64)] = "scene"
@@ -292,6 +244,7 @@ class Scene(_Model):
     design: Design = Design()
     analysis: AnalysisChoice = AnalysisChoice()
     checks: Checks = Checks()
+    regression: Regression = Regression()
     _file: Path = PrivateAttr(Path("scene.toml"))
 
     @property

@@ -10,9 +10,10 @@ from typing import Any, Literal, get_args
 
 from pydantic import BaseModel
 
+from netlist_gen.fields import Unit
 from netlist_gen.quantities import parse
 from netlist_gen.scalings import choose_opamp, make_scalings
-from netlist_gen.scene import Scene, Unit
+from netlist_gen.scene import Scene
 from spice_models.errors import Complaint, InputError
 from spice_models.opamp import phase_margin
 

@@ -1,0 +1,76 @@
+"""Types of a scene's fields: quantities with their units, plain numbers, and the models' base."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic_core import CoreSchema, core_schema
+
+from netlist_gen.quantities import EXAMPLES, parse
+
+
+@dataclass(frozen=True, slots=True)
+class Unit:
+    """Annotation of a field that holds a quantity in `unit`: ``"10pF"`` or a number.
+
+    `zero` accepts zero too, and a `word` stands for itself.
+    """
+
+    unit: str
+    zero: bool = False
+    word: str = ""
+
+    def check(self, value: object) -> float | str:
+        """Return the quantity in base units; ValueError says what would be accepted."""
+        if self.word and value == self.word:
+            return self.word
+        try:
+            number = parse(value, self.unit)
+        except ValueError as error:
+            raise ValueError(f"{error}, or {self.word!r}" if self.word else str(error)) from None
+        if number < 0 or (number == 0 and not self.zero):
+            raise ValueError(f"must be {'zero or more' if self.zero else 'above zero'}")
+        return number
+
+    def __get_pydantic_core_schema__(self, source: object, handler: object) -> CoreSchema:
+        return core_schema.no_info_plain_validator_function(self.check)
+
+    def __get_pydantic_json_schema__(self, schema: object, handler: object) -> dict[str, Any]:
+        example = f"a number in {self.unit}, or a quantity such as {EXAMPLES[self.unit]!r}"
+        if self.word:
+            example += f", or {self.word!r}"
+        return {"anyOf": [{"type": "number"}, {"type": "string"}], "description": example}
+
+
+Farads = Annotated[float, Unit("F")]
+FaradsOrZero = Annotated[float, Unit("F", zero=True)]
+Ohms = Annotated[float, Unit("ohm")]
+OhmsOrZero = Annotated[float, Unit("ohm", zero=True)]
+Siemens = Annotated[float, Unit("S")]
+Volts = Annotated[float, Unit("V")]
+Hertz = Annotated[float, Unit("Hz")]
+Seconds = Annotated[float, Unit("s")]
+SecondsOrAuto = Annotated[Literal["auto"] | float, Unit("s", word="auto")]
+
+
+def _no_text(value: object) -> object:
+    """Refuse "7" for 7: TOML has numbers, and a quoted one is a slip worth naming."""
+    if isinstance(value, str | bool):
+        raise ValueError("expected a plain number, without quotes or unit")
+    return value
+
+
+Real = Annotated[float, BeforeValidator(_no_text), Field(allow_inf_nan=False)]
+Positive = Annotated[Real, Field(gt=0)]
+NonNegative = Annotated[Real, Field(ge=0)]
+Count = Annotated[int, BeforeValidator(_no_text), Field(ge=1, le=100_000)]
+Seed = Annotated[int, BeforeValidator(_no_text), Field(ge=0)]
+FileName = Annotated[str, Field(min_length=1)]
+
+
+class Model(BaseModel):
+    """A table of the scene: frozen, and an unknown key is an error."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
