@@ -76,7 +76,7 @@ def grid(points: int, span: float) -> Floats:
     """Positions y of `points` equally spaced points over `span`, centred on 0, shape (points,)."""
     if points == 1:
         return np.zeros(1)
-    return span * (np.arange(points) / (points - 1) - 0.5)
+    return span * (2 * np.arange(points) - (points - 1)) / (2 * (points - 1))  # -y[::-1] exactly
 
 
 def cylinder_stress(y: Floats, load: CylinderLoad) -> Floats:
