@@ -49,7 +49,8 @@ class Amplified:
         self.space, self.nodes = space, nodes
         self.size = space.n
         self.devices = space.descriptor.devices
-        self.gain = gain_of(self.devices.kind)
+        # a linear board has no amplifiers, so it does not matter which kind they are not
+        self.gain = gain_of(self.devices.kind or "exponential")
         on = np.ones(2)
         self.constant = space.B[:, :2] @ on
         self.E = space.B[:, 2:]
@@ -164,7 +165,8 @@ def simulate(
     rest = equilibrium(descriptor)
     x0 = initial_state(space, analysis.initial, analysis.voltages)
     floor = voltage_floor(space, rest, x0)
-    limit = ESCAPED * max(float(floor.max(initial=0.0)), float(system.devices.u_scale.max()))
+    largest = max(floor.max(initial=0.0), system.devices.u_scale.max(initial=0.0))
+    limit = ESCAPED * float(largest)
     stop = analysis.stop if times is None else float(times[-1])
     first = first_step(system, x0, floor, stop)
     dense = Radau(system, x0, tolerance, floor, first, limit).run(stop)
