@@ -58,21 +58,25 @@ def _by_newton(
 ) -> Callable[[Floats, Floats], Floats]:
     """Return ``(q, h) -> y`` by Newton's method inside a bracket that never loses the root.
 
-    ``y + h g(y)`` increases with a slope of at least 1, so the root lies between q and
-    ``q - h g(q)``; a step that leaves the bracket is replaced by its middle.
+    ``y + h g(y)`` increases with a slope of at least 1, so the root lies between 0 and
+    ``q - h g(0)``; a step that leaves the bracket, or follows one that left a tenth of the residual,
+    is replaced by its middle.
     """
 
     def solve(q: Floats, h: Floats) -> Floats:
         with np.errstate(over="ignore", invalid="ignore"):
-            other = q - h * np.clip(value(q), -HUGE, HUGE)
-            low, high = np.minimum(q, other), np.maximum(q, other)
-            y = np.clip(np.zeros_like(q), low, high)
+            far = q - h * value(np.zeros_like(q))
+            low, high = np.minimum(far, 0.0), np.maximum(far, 0.0)
+            y = np.zeros_like(q)
+            before = np.full_like(q, np.inf)
             for _ in range(NEWTON_STEPS):
                 excess = y + h * value(y) - q
                 low, high = np.where(excess <= 0, y, low), np.where(excess >= 0, y, high)
                 step = y - excess / (1.0 + h * slope(y))
-                inside = (step >= low) & (step <= high)
-                following = np.where(inside, step, 0.5 * (low + high))
+                # Far out on an exponential, Newton's step is 1 whatever the distance.
+                good = (step >= low) & (step <= high) & (np.abs(excess) <= 0.1 * before)
+                before = np.abs(excess)
+                following = np.where(good | (excess == 0), step, 0.5 * (low + high))
                 if np.all(np.abs(following - y) <= 4e-16 * np.abs(following)):
                     return following
                 y = following
