@@ -13,6 +13,7 @@ COMMANDS: dict[str, tuple[str, str, str]] = {
     "netlist": ("cli.netlist", "netlist", "Write the ngspice deck of a scene."),
     "solve": ("cli.solve", "solve", "The reference solution alone, with its certificate."),
     "simulate": ("cli.simulate", "simulate", "Waveforms and measurements of a scene."),
+    "tune": ("cli.tune", "tune", "Gain for least settling time under an overshoot limit."),
     "models": ("cli.info", "models", "The op-amp presets and their figures."),
     "new": ("cli.new", "new", "Write a commented scene file."),
     "doctor": ("cli.info", "doctor", "What is installed, and what that means."),

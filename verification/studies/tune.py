@@ -1,0 +1,255 @@
+"""The paper's CONSOLE step: the design with the least settling time under a limit on overshoot.
+
+The state-space engine judges every candidate; the solution that the board computes stays the same,
+because lambda is held (R follows). Settling time jumps where a ringing peak crosses the band, so
+the search is a grid, then Nelder and Mead's simplex from the best points of it, never a gradient.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from netlist_gen.circuit import Floats
+from netlist_gen.problem import InverseProblem, make_problem
+from netlist_gen.scalings import make_scalings
+from netlist_gen.scene import Scene
+from netlist_gen.synthesis import synthesise
+from spice_models.errors import Complaint, EngineError, InputError
+from verification.engines.statespace import simulate
+from verification.ideal import IdealAnswer, ideal_answer, ideal_network
+from verification.margin import with_capacitance
+from verification.plan import plan_transient
+from verification.record import measure_outputs
+from verification.stability import poles
+from verification.studies.axes import with_values
+from verification.studies.keys import find_key, own_value
+from verification.timescales import time_scales
+
+GRID = {1: 25, 2: 9, 3: 5}  # points a parameter, by how many there are
+REACH = 20.0  # the grid spans the scene's own value over and times this
+STARTS = 3
+STEPS = 40  # evaluations of one simplex
+RESOLUTION = (
+    40.0  # points on a ringing period: settling times good to a few per cent while searching
+)
+LONGEST = 100_000  # points of a candidate's record; beyond, it rings too long to be a good design
+MARGIN_POINTS = 4
+INFEASIBLE = 1e6  # added to the objective outside the constraints, so that less outside is better
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """One design that was tried.
+
+    Attributes
+    ----------
+    values : dict of str to float
+        Parameter values by dotted path.
+    settling_time : float
+        s; infinite if it does not settle.
+    overshoot : float
+        Fraction of the step amplitude; infinite for an unstable board.
+    stable : bool
+        With the margin that was asked for.
+    """
+
+    values: dict[str, float]
+    settling_time: float
+    overshoot: float
+    stable: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Tuning:
+    """What a search found.
+
+    Attributes
+    ----------
+    before, after : Candidate
+        The scene as it was, and the best design that keeps the limits.
+    scene : Scene
+        The scene with the best design in it.
+    frontier : tuple of Candidate
+        The trade-off: no design that was tried has both less overshoot and less settling time.
+    tried : int
+        Designs evaluated.
+    overshoot_limit, margin : float
+        The limits.
+    """
+
+    before: Candidate
+    after: Candidate
+    scene: Scene
+    frontier: tuple[Candidate, ...]
+    tried: int
+    overshoot_limit: float
+    margin: float
+
+
+def tune(
+    scene: Scene,
+    keys: Iterable[str] = ("gain",),
+    *,
+    overshoot: float = 0.05,
+    margin: float | None = None,
+    progress: Callable[[str], None] = lambda stage: None,
+) -> Tuning:
+    """Search for the least settling time over `keys`.
+
+    Parameters
+    ----------
+    keys : iterable of str
+        One to three numeric keys of the scene.
+    overshoot : float
+        Limit, fraction of the step amplitude.
+    margin : float, optional
+        Factor by which C may shrink; by default the scene's own check.
+
+    Raises
+    ------
+    InputError
+        A key that is none, or too many.
+    EngineError
+        No design within reach keeps the limits.
+    """
+    paths = [find_key(scene, key).path for key in keys]
+    if not 1 <= len(paths) <= max(GRID):
+        text = f"one to {max(GRID)} keys can be tuned at once"
+        raise InputError("--over", Complaint("keys", ",".join(paths), text))
+    search = _Search(scene, paths, overshoot, margin or scene.checks.stability.margin)
+    own = np.log([_own(scene, path) for path in paths])
+    before = search.assess(own)
+    spread = np.linspace(-math.log(REACH), math.log(REACH), GRID[len(paths)])
+    grid = [own + np.array(offset) for offset in product(spread, repeat=len(paths))]
+    for done, point in enumerate(grid):
+        progress(f"grid {done + 1} of {len(grid)}")
+        search.assess(point)
+    for number, start in enumerate(search.best(STARTS)):
+        progress(f"simplex {number + 1} of {STARTS}")
+        search.descend(start, float(spread[1] - spread[0]))
+    after = search.best(1)[0]
+    if search.objective(after) >= INFEASIBLE:
+        raise EngineError(
+            f"no design within a factor of {REACH:g} keeps an overshoot of"
+            f" {100 * overshoot:g} % and a margin of {search.margin:g} in C; tried"
+            f" {len(search.seen)}. Loosen a limit, or tune another key, such as capacitance"
+        )
+    return Tuning(
+        before=before,
+        after=after,
+        scene=search.scene_at(np.log([after.values[path] for path in paths])),
+        frontier=_frontier(search.seen),
+        tried=len(search.seen),
+        overshoot_limit=overshoot,
+        margin=search.margin,
+    )
+
+
+def _own(scene: Scene, path: str) -> float:
+    value = own_value(scene, find_key(scene, path))
+    if value is None or value <= 0:
+        text = "has no value above zero of its own to start from"
+        raise InputError("--over", Complaint(path, repr(value), text))
+    return value
+
+
+def _frontier(seen: Iterable[Candidate]) -> tuple[Candidate, ...]:
+    """Return the designs that no other one beats in both respects, by growing overshoot."""
+    found: list[Candidate] = []
+    able = [c for c in seen if c.stable and math.isfinite(c.settling_time)]
+    for candidate in sorted(able, key=lambda c: (c.overshoot, c.settling_time)):
+        if not found or candidate.settling_time < found[-1].settling_time:
+            found.append(candidate)
+    return tuple(found)
+
+
+class _Search:
+    """Candidates of one search, each evaluated once."""
+
+    def __init__(self, scene: Scene, paths: list[str], overshoot: float, margin: float) -> None:
+        analysis = scene.analysis.model_copy(
+            update={"points_per_period": RESOLUTION, "stop": "auto"}
+        )
+        self.base = scene.model_copy(update={"analysis": analysis})
+        self.original, self.paths = scene, paths
+        self.overshoot, self.margin = overshoot, margin
+        self.problem: InverseProblem = make_problem(scene)
+        self.lam = make_scalings(scene).lam
+        self.seen: list[Candidate] = []
+        self._ideal: IdealAnswer | None = None
+
+    def scene_at(self, point: Floats, *, base: Scene | None = None) -> Scene:
+        """Return the scene with the values of `point` (logarithms) and lambda held."""
+        values = dict(zip(self.paths, np.exp(point).tolist(), strict=True))
+        held = {} if "design.resistance" in values else {"design.lambda": self.lam}
+        return with_values(base or self.original, {**held, **values})
+
+    def objective(self, candidate: Candidate) -> float:
+        """Settling time, logarithmic, with the constraints as steps and slopes."""
+        if not candidate.stable or not math.isfinite(candidate.settling_time):
+            return 2 * INFEASIBLE
+        excess = max(candidate.overshoot - self.overshoot, 0.0)
+        return math.log(candidate.settling_time) + (INFEASIBLE * (1 + excess) if excess else 0.0)
+
+    def best(self, count: int) -> list[Candidate]:
+        """Return the best candidates so far."""
+        return sorted(self.seen, key=self.objective)[:count]
+
+    def assess(self, point: Floats) -> Candidate:
+        """Evaluate one design and remember it."""
+        values = dict(zip(self.paths, np.exp(point).tolist(), strict=True))
+        try:
+            settling, overshoot, stable = self._measure(self.scene_at(point, base=self.base))
+        except EngineError:  # rings too long, or no state-space form: no design to recommend
+            settling, overshoot, stable = math.inf, math.inf, False
+        candidate = Candidate(values, settling, overshoot, stable)
+        self.seen.append(candidate)
+        return candidate
+
+    def descend(self, start: Candidate, size: float) -> None:
+        """Follow a simplex from `start`; `size` is its first edge, logarithmic."""
+        from scipy.optimize import minimize
+
+        x0 = np.log([start.values[path] for path in self.paths])
+        simplex = np.vstack([x0, x0 + 0.5 * size * np.eye(len(x0))])
+        options: Any = {
+            "initial_simplex": simplex,
+            "maxfev": STEPS,
+            "xatol": 1e-3,
+            "fatol": 1e-4,
+        }
+
+        def goal(point: Floats) -> float:
+            return self.objective(self.assess(point))
+
+        minimize(goal, x0.tolist(), method="Nelder-Mead", options=options)
+
+    def _measure(self, scene: Scene) -> tuple[float, float, bool]:
+        circuit = synthesise(scene, self.problem)
+        scales = time_scales(circuit, initial=scene.analysis.initial)
+        if not np.all(scales.poles.real < 0):
+            return math.inf, math.inf, False
+        own = circuit.scalings.capacitance
+        for factor in np.geomspace(self.margin, 1.0, MARGIN_POINTS, endpoint=False).tolist():
+            if self.margin > 1 and not poles(with_capacitance(circuit, own / factor)).stable:
+                return math.inf, math.inf, False
+        transient = plan_transient(scene, scales)
+        if transient.stop / transient.max_step > LONGEST:
+            return math.inf, math.inf, True
+        waveforms = simulate(circuit, transient)
+        found, _ = measure_outputs(scene, circuit, self._reference(scene), waveforms, transient)
+        settling = math.inf if found.settling_time is None else found.settling_time.value
+        return settling, max(channel.overshoot or 0.0 for channel in found.channels), True
+
+    def _reference(self, scene: Scene) -> IdealAnswer:
+        """Return the reference; lambda is held, so one answer serves every candidate."""
+        if self._ideal is None or "design.resistance" in self.paths:
+            network = ideal_network(self.problem, make_scalings(scene), scene)
+            self._ideal = ideal_answer(network, scene)
+        return self._ideal
