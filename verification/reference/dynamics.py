@@ -160,8 +160,8 @@ class Transient:
     stiffness: float
 
 
-class _Scaled:
-    """Right-hand side, Jacobian and energy in x and ``t/(R C)``."""
+class ScaledNetwork:
+    """Right-hand side, Jacobian and energy in x and ``t/(R C)``, for any integrator."""
 
     def __init__(self, network: IdealNetwork) -> None:
         self.T, self.eps, self.mu = network.T, network.eps, network.mu
@@ -175,9 +175,11 @@ class _Scaled:
         return np.asarray(-(x + self.beta) - (miss @ self.T).T / self.mu)
 
     def jacobian(self, _: float, x: Floats) -> Floats:
+        """Return the derivative of `slope`, shape (N, N)."""
         return np.asarray(-self.gram * self.g.slope(x) - np.eye(len(x)))
 
     def energy(self, x: Floats) -> float:
+        """Return the energy P in units of its own, up to a constant."""
         u = self.g.g(x)
         miss = self.T @ u - self.eps
         return float(miss @ miss / (2.0 * self.mu) + np.sum(self.g.energy(x) + self.beta * u))
@@ -212,7 +214,7 @@ def ideal_transient(network: IdealNetwork, v0: Floats, stop: float | None = None
     SolverError
         The steady state cannot be computed at all.
     """
-    scaled, unit = _Scaled(network), network.R * network.C
+    scaled, unit = ScaledNetwork(network), network.R * network.C
     rest = solve(network.problem)
     x0 = np.asarray(v0, dtype=np.float64) / network.unit
     at_rest = rest.u if rest.v is None else rest.v
@@ -240,7 +242,7 @@ def ideal_transient(network: IdealNetwork, v0: Floats, stop: float | None = None
 
 
 def _integrate(
-    scaled: _Scaled, x0: Floats, end: float
+    scaled: ScaledNetwork, x0: Floats, end: float
 ) -> Outcome | tuple[Floats, Callable[[Floats], Floats]]:
     """Run Radau; return its steps (P,) and its interpolant ``t -> x (N, K)``, or why not."""
     from scipy.integrate import solve_ivp
@@ -259,7 +261,7 @@ def _integrate(
 
 
 def _second_opinion(
-    scaled: _Scaled, x0: Floats, steps: Floats, dense: Callable[[Floats], Floats]
+    scaled: ScaledNetwork, x0: Floats, steps: Floats, dense: Callable[[Floats], Floats]
 ) -> float:
     """Return the largest difference of the outputs to LSODA; infinite if that fails.
 
@@ -277,7 +279,9 @@ def _second_opinion(
     return float(difference) if np.isfinite(difference) else float("inf")
 
 
-def _energy_residual(scaled: _Scaled, steps: Floats, dense: Callable[[Floats], Floats]) -> float:
+def _energy_residual(
+    scaled: ScaledNetwork, steps: Floats, dense: Callable[[Floats], Floats]
+) -> float:
     """Compare the energy lost with the energy dissipated, by Gauss quadrature in each step."""
     half = 0.5 * np.diff(steps)
     t = (steps[:-1, None] + half[:, None] * (1.0 + _GAUSS_NODES)).ravel()

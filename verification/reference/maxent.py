@@ -111,8 +111,8 @@ def solve_maxent(problem: Problem) -> Solution:
     """
     start = time.perf_counter()
     s = Scaled.of(problem)
-    end, steps = homotopy(s, lambda u: CLOSE * float(np.sum(s.regulariser.ceiling(u))))
-    point, refinements = _refine(s, end.v)
+    near = homotopy(s, lambda u: CLOSE * float(np.sum(s.regulariser.ceiling(u))))
+    point, refinements = _refine(s, near.primal.v)
     reg, u = s.regulariser, point.u.hi
     ceiling, peak = float(np.max(reg.ceiling(u))), float(np.max(np.abs(u)))
     rounding = float(np.finfo(float).eps) / 2.0 * peak
@@ -134,7 +134,7 @@ def solve_maxent(problem: Problem) -> Solution:
         error_bound=error,
         trusted=trusted,
         condition=float(np.sqrt(1.0 + s.gram.diagonal() @ D2 / s.mu)),
-        iterations=steps + refinements,
+        iterations=near.steps + refinements,
         seconds=time.perf_counter() - start,
         reason="" if trusted else _reason(certificate, bound),
     )

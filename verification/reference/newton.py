@@ -117,9 +117,16 @@ class Iterate:
         return cls(v, u, residual, 0.5 * float(residual @ residual) + mu * penalty)
 
 
-def newton(
-    s: System, mu: float, now: Iterate, enough: Callable[[Floats], float]
-) -> tuple[Iterate, int]:
+@dataclass(frozen=True, slots=True, eq=False)
+class Pair:
+    """The last iterate, a dual vector r (M,) for its gap, and the steps taken to get there."""
+
+    primal: Iterate
+    dual: Floats
+    steps: int
+
+
+def newton(s: System, mu: float, now: Iterate, enough: Callable[[Floats], float]) -> Pair:
     """Minimise at one mu.
 
     Parameters
@@ -135,29 +142,29 @@ def newton(
 
     Returns
     -------
-    Iterate
-        The last, certified or not: what it is worth is for the caller to find out.
-    int
-        Newton steps taken.
+    Pair
+        Certified or not: what it is worth is for the caller to find out.
     """
     reg, previous = s.regulariser, float("inf")
     size = float(np.linalg.norm(s.eps))
+    dual = now.residual
     for step in range(MAX_STEPS):
         D = np.sqrt(reg.slope(now.v))
         y = s.factor(D, mu).solve(now.residual, -mu * D * (now.v + s.beta))
         g = s.product(D * y)
-        toward = s.transposed(now.residual - g) - mu * (now.v + s.beta)  # mu times the step in v
+        dual = now.residual - g
+        toward = s.transposed(dual) - mu * (now.v + s.beta)  # mu times the step in v
         gap = 0.5 * float(g @ g) + mu * divergence(reg, now.v, np.abs(toward) / mu)
         noise = NOISE * (abs(now.objective) + size * float(np.linalg.norm(now.residual)))
         if gap <= mu * enough(now.u) or (gap <= noise and gap > 0.5 * previous):
-            return now, step
+            return Pair(now, dual, step)
         previous = gap
         dq = toward + s.h * D * y
         trial = _search(s, mu, now, dq, float(mu * y @ y + g @ g), noise)
         if trial is None:
-            return now, step
+            return Pair(now, dual, step)
         now = trial
-    return now, MAX_STEPS
+    return Pair(now, dual, MAX_STEPS)
 
 
 def _search(
@@ -173,7 +180,7 @@ def _search(
     return None
 
 
-def homotopy(s: System, enough: Callable[[Floats], float]) -> tuple[Iterate, int]:
+def homotopy(s: System, enough: Callable[[Floats], float]) -> Pair:
     """Follow the minimiser from a large mu down to the one asked for.
 
     Parameters
@@ -185,19 +192,18 @@ def homotopy(s: System, enough: Callable[[Floats], float]) -> tuple[Iterate, int
 
     Returns
     -------
-    Iterate
-        The last.
-    int
-        Newton steps taken.
+    Pair
+        At the last mu, with all steps counted.
     """
     reg, steps = s.regulariser, 0
     mu = max(s.mu, s.norm**2)
     now = Iterate.at(s, np.full(len(s.h), -s.beta), mu)
     while mu > s.mu:
-        now, taken = newton(s, mu, now, lambda u: STAGE * float(np.sum(reg.ceiling(u))))
-        kept = mu * (now.v + s.beta) + s.h * now.u  # T^T r + h u: continuous as mu goes to 0
+        stage = newton(s, mu, now, lambda u: STAGE * float(np.sum(reg.ceiling(u))))
+        v, u = stage.primal.v, stage.primal.u
+        kept = mu * (v + s.beta) + s.h * u  # T^T r + h u: continuous as mu goes to 0
         mu = max(HOMOTOPY * mu, s.mu)
         now = Iterate.at(s, reg.unfold(kept - mu * s.beta, mu, s.h), mu)
-        steps += taken
-    now, taken = newton(s, mu, now, enough)
-    return now, steps + taken
+        steps += stage.steps
+    last = newton(s, mu, now, enough)
+    return Pair(last.primal, last.dual, steps + last.steps)

@@ -71,19 +71,78 @@ class Problem:
         elif self.eps.shape != (self.T.shape[0],):
             shape = f"shape {self.eps.shape}"
             found.append(Complaint("eps", shape, f"one entry a row of T: ({self.T.shape[0]},)"))
-        for key, array in (("T", self.T), ("eps", self.eps)):
-            if not np.all(np.isfinite(array)):
-                found.append(Complaint(key, "", "every entry must be finite"))
-        if self.regulariser not in REGULARISERS:
-            known = ", ".join(REGULARISERS)
-            found.append(Complaint("regulariser", self.regulariser, f"one of {known}"))
-        linear = self.regulariser == "linear"
-        if not math.isfinite(self.lam) or self.lam < 0.0 or (self.lam == 0.0 and not linear):
-            accepted = "at least 0" if linear else "positive"
-            found.append(Complaint("lam", repr(self.lam), f"must be finite and {accepted}"))
-        if self.bias and linear:
-            found.append(Complaint("bias", "True", "the linear regulariser has no bias current"))
-        return found
+        found += _not_finite(T=self.T, eps=self.eps)
+        return found + _unusable(self.lam, self.regulariser, self.bias)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ToeplitzProblem:
+    """The same with a square Toeplitz matrix that is never formed; dimensionless.
+
+    Attributes
+    ----------
+    column, row : ndarray (N,)
+        First column and first row of T; their first entries agree.
+    eps : ndarray (N,)
+        Finite.
+    lam, regulariser, bias
+        As in `Problem`; lam must be positive.
+
+    Raises
+    ------
+    InputError
+        Every wrong value at once.
+    """
+
+    column: Floats
+    row: Floats
+    eps: Floats
+    lam: float
+    regulariser: str = "linear"
+    bias: bool = False
+
+    def __post_init__(self) -> None:
+        for key in ("column", "row", "eps"):
+            object.__setattr__(self, key, _frozen(getattr(self, key)))
+        object.__setattr__(self, "lam", float(self.lam))
+        complaints = tuple(self._complaints())
+        if complaints:
+            raise InputError("reference problem", *complaints)
+
+    def _complaints(self) -> list[Complaint]:
+        found = []
+        shapes = (self.column.shape, self.row.shape, self.eps.shape)
+        if self.column.ndim != 1 or len(set(shapes)) > 1 or 0 in self.column.shape:
+            found.append(Complaint("column, row, eps", str(shapes), "all of one shape (N,)"))
+        elif self.column[0] != self.row[0]:
+            value = f"{float(self.row[0])!r}"
+            found.append(Complaint("row[0]", value, f"column[0] = {float(self.column[0])!r}"))
+        found += _not_finite(column=self.column, row=self.row, eps=self.eps)
+        if self.lam == 0.0:
+            found.append(Complaint("lam", "0.0", "must be positive"))
+        return found + _unusable(self.lam, self.regulariser, self.bias)
+
+
+def _not_finite(**arrays: Floats) -> list[Complaint]:
+    return [
+        Complaint(key, "", "every entry must be finite")
+        for key, array in arrays.items()
+        if not np.all(np.isfinite(array))
+    ]
+
+
+def _unusable(lam: float, regulariser: str, bias: bool) -> list[Complaint]:
+    found = []
+    if regulariser not in REGULARISERS:
+        known = ", ".join(REGULARISERS)
+        found.append(Complaint("regulariser", regulariser, f"one of {known}"))
+    linear = regulariser == "linear"
+    if not math.isfinite(lam) or lam < 0.0 or (lam == 0.0 and not linear):
+        accepted = "at least 0" if linear else "positive"
+        found.append(Complaint("lam", repr(lam), f"must be finite and {accepted}"))
+    if bias and linear:
+        found.append(Complaint("bias", "True", "the linear regulariser has no bias current"))
+    return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,7 +151,7 @@ class Solution:
 
     Attributes
     ----------
-    problem : Problem
+    problem : Problem or ToeplitzProblem
         What was asked, so that every figure below can be computed again.
     u : ndarray (N,)
         The minimiser.
@@ -110,7 +169,8 @@ class Solution:
     error_bound : float
         Upper bound on ``max |u - u*|``; infinite where none can be given.
     trusted : bool
-        The certificate is below its bound, so ``error_bound <= 1e-12 max |u|``.
+        The certificate is below its bound, so the error is below ``1e-12 max |u|``, or below the
+        tolerance asked for a Toeplitz problem.
     condition : float
         Condition number of the equations that were solved last.
     iterations : int
@@ -121,7 +181,7 @@ class Solution:
         Why it is not trusted and what to do; empty if it is.
     """
 
-    problem: Problem = field(repr=False)
+    problem: Problem | ToeplitzProblem = field(repr=False)
     u: Floats
     v: Floats | None
     objective: float
