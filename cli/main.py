@@ -14,6 +14,7 @@ COMMANDS: dict[str, tuple[str, str, str]] = {
     "solve": ("cli.solve", "solve", "The reference solution alone, with its certificate."),
     "simulate": ("cli.simulate", "simulate", "Waveforms and measurements of a scene."),
     "tune": ("cli.tune", "tune", "Gain for least settling time under an overshoot limit."),
+    "onset": ("cli.onset", "onset", "Every stability crossing over a range, confirmed."),
     "models": ("cli.info", "models", "The op-amp presets and their figures."),
     "new": ("cli.new", "new", "Write a commented scene file."),
     "doctor": ("cli.info", "doctor", "What is installed, and what that means."),

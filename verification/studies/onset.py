@@ -1,0 +1,161 @@
+"""Onset of oscillation: where one value takes a board across its edge of stability.
+
+Poles say where; transients that ngspice integrates on both sides, started along the mode in
+question, say whether that is so. Neither is corrected by the other: where they disagree, the
+answer is that they disagree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from netlist_gen.circuit import Circuit
+from netlist_gen.problem import make_problem
+from netlist_gen.scene import Scene
+from netlist_gen.synthesis import synthesise
+from spice_models.errors import Complaint, InputError, SimulatorNotFound, SimulatorTooOld
+from verification.engines.simulator import find_simulator
+from verification.stability import poles
+from verification.studies.axes import Axis, parse_axis, with_value
+from verification.studies.confirm import Confirmation, confirm
+from verification.studies.locus import Crossing, Scan
+from verification.studies.scan import scan
+
+AROUND = 30.0  # the default range is the scene's own value over and times this
+POINTS = 61  # of the grid that a scan begins with: 20 a decade in the default range
+TIMEOUT = 600.0  # of one transient, s
+
+Build = Callable[[float], Circuit]
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """A crossing and what the transients beside it say."""
+
+    crossing: Crossing
+    confirmation: Confirmation
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Onset:
+    """Every crossing of a scene over one axis."""
+
+    scene: Scene
+    axis: Axis
+    scan: Scan
+    findings: tuple[Finding, ...]
+
+    @property
+    def disagreement(self) -> bool:
+        """Whether a transient contradicts a pole."""
+        return any(each.confirmation.confirmed is False for each in self.findings)
+
+
+def parse_onset_axis(scene: Scene, text: str) -> Axis:
+    """Read ``--over`` of an onset: a bare key takes the scene's value / 30 to its value * 30.
+
+    Raises
+    ------
+    InputError
+        See `verification.studies.axes.parse_axis`; also for a key that does not vary continuously
+        or a list of fewer than two values.
+    """
+    axis = parse_axis(scene, text, points=POINTS, around=AROUND)
+    if axis.key.kind != "real":
+        accepted = "an onset needs a key that varies continuously, such as C or gain"
+        raise InputError("--over", Complaint("key", repr(axis.name), accepted))
+    if len(set(axis.values)) < 2:
+        accepted = f"an onset needs a range, such as {axis.name}=LOW:HIGH, or two values"
+        raise InputError("--over", Complaint("values", repr(text), accepted))
+    return axis
+
+
+def board_over(scene: Scene, axis: Axis) -> Build:
+    """Return the board of `scene` as a function of the value on `axis`.
+
+    It raises InputError for a value with which there is no board.
+    """
+    path = axis.key.path
+    problem = None if path.startswith("problem.") else make_problem(scene)
+
+    def build(value: float) -> Circuit:
+        changed = with_value(scene, path, value)
+        return synthesise(changed, problem or make_problem(changed))
+
+    return build
+
+
+def onset(
+    scene: Scene,
+    axis: Axis,
+    *,
+    transients: bool = True,
+    progress: Progress = lambda stage: None,
+) -> Onset:
+    """Find every crossing of `scene` over `axis` and put each on trial.
+
+    Parameters
+    ----------
+    scene : Scene
+        The board and its load; exponential boards are linearised at the equilibrium that each
+        value has.
+    axis : Axis
+        From `parse_onset_axis`.
+    transients : bool
+        Whether to confirm crossings with ngspice.
+    progress : callable, optional
+        Told what is under way.
+
+    Raises
+    ------
+    InputError, EngineError
+        No value on the axis gives a board with poles.
+    """
+    build = board_over(scene, axis)
+    values = [float(value) for value in axis.values]
+    logarithmic = axis.scale != "lin" and min(values) > 0.0
+    timeout = scene.analysis.timeout
+    found = crossings(build, values, logarithmic=logarithmic, progress=progress)
+    trials = confirmations(build, found, transients=transients, timeout=timeout, progress=progress)
+    return Onset(scene, axis, found, trials)
+
+
+def crossings(
+    build: Build,
+    values: Sequence[float],
+    *,
+    logarithmic: bool = True,
+    progress: Progress = lambda stage: None,
+) -> Scan:
+    """Find every crossing of a board given as a function of one value; see `scan.scan`."""
+    progress(f"poles at {len(values)} values and more")
+    return scan(lambda value: poles(build(value)).poles, values, logarithmic=logarithmic)
+
+
+def confirmations(
+    build: Build,
+    found: Scan,
+    *,
+    transients: bool = True,
+    timeout: float = TIMEOUT,
+    progress: Progress = lambda stage: None,
+) -> tuple[Finding, ...]:
+    """Put every crossing of a scan on trial; without ngspice they stay unconfirmed."""
+    why, simulator = "transients were not asked for", None
+    if transients and found.crossings:
+        try:
+            simulator = find_simulator()
+        except (SimulatorNotFound, SimulatorTooOld) as error:
+            why = f"ngspice is needed to confirm a crossing: {error}"
+    findings = []
+    for number, crossing in enumerate(found.crossings, start=1):
+        progress(f"transients beside crossing {number} of {len(found.crossings)}")
+        confirmation = (
+            Confirmation(None, why)
+            if simulator is None
+            else confirm(build, crossing, simulator, logarithmic=found.logarithmic, timeout=timeout)
+        )
+        findings.append(Finding(crossing, confirmation))
+    return tuple(findings)
