@@ -8,12 +8,14 @@ because N² objects cost twenty times as much as the lines. Every number is a pl
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from netlist_gen.analysis import Analysis, OperatingPoint, Tolerances, Transient
-from netlist_gen.circuit import GROUND, Circuit, ResistorMatrix
+from netlist_gen.circuit import GROUND, Circuit, Floats, ResistorMatrix
 from netlist_gen.guards import check_circuit, check_request, tolerances
 from netlist_gen.header import header_lines
 from spice_models.subcircuits import amplifier_lines, opamp_subcircuit
@@ -88,35 +90,50 @@ def write_deck(
     return Deck(str(body) + "\n".join(tail) + "\n", nodes, analysis, files)
 
 
-def matrix_lines(matrix: ResistorMatrix) -> Iterator[str]:
-    """One line a resistor, row by row: ``Rf_3_5`` is row 3, column 5."""
-    for k, (row, signs) in enumerate(
-        zip(matrix.ohms.tolist(), matrix.negative.tolist(), strict=True)
-    ):
-        name = f"{matrix.name}_{k + 1}_"
-        if matrix.by_column:
-            ends = [
-                f"{minus if negative else plus} {matrix.sinks[k]}"
-                for plus, minus, negative in zip(matrix.plus, matrix.minus, signs, strict=True)
+def matrix_lines(matrices: Iterable[ResistorMatrix]) -> list[str]:
+    """One line a resistor, matrix by matrix and row by row: ``Rf_3_5`` is row 3, column 5."""
+    lines: list[str] = []
+    printed: dict[int, list[list[str]]] = {}  # forward and feedback resistors are one array
+    for matrix in matrices:
+        if id(matrix.ohms) not in printed:
+            printed[id(matrix.ohms)] = _printed(matrix.ohms)
+        for k, row in enumerate(printed[id(matrix.ohms)]):
+            name = f"{matrix.name}_{k + 1}_"
+            lines += [
+                f"{name}{n} {drive} {sink} {ohms}"
+                for n, (drive, sink, ohms) in enumerate(zip(*_ends(matrix, k), row, strict=True), 1)
+                if ohms
             ]
-        else:
-            plus, minus = matrix.plus[k], matrix.minus[k]
-            ends = [
-                f"{minus if negative else plus} {sink}"
-                for sink, negative in zip(matrix.sinks, signs, strict=True)
-            ]
-        yield from [
-            f"{name}{n} {end} {ohms!r}"
-            for n, (end, ohms) in enumerate(zip(ends, row, strict=True), 1)
-            if ohms != math.inf
-        ]
+    return lines
+
+
+def _printed(ohms: Floats) -> list[list[str]]:
+    """Return the text of every entry, empty where it is infinite.
+
+    Printing takes the most time, so each distinct value is printed once; a kernel or a resistor
+    series has few.
+    """
+    values, places = np.unique(ohms, return_inverse=True)
+    texts = np.array([repr(v) if v != math.inf else "" for v in values.tolist()], dtype=object)
+    rows: list[list[str]] = texts[places].reshape(ohms.shape).tolist()
+    return rows
+
+
+def _ends(matrix: ResistorMatrix, k: int) -> tuple[Sequence[str], Sequence[str]]:
+    """Return the driving and the summing nodes of row `k`."""
+    signs = matrix.negative[k].tolist()
+    if not matrix.by_column:
+        ends = matrix.plus[k], matrix.minus[k]
+        return [ends[sign] for sign in signs], matrix.sinks
+    pairs = zip(matrix.plus, matrix.minus, signs, strict=True)
+    drives = [minus if negative else plus for plus, minus, negative in pairs]
+    return drives, [matrix.sinks[k]] * len(drives)
 
 
 def _flat(circuit: Circuit, analysis: Analysis) -> tuple[Any, list[str]]:
     netlist = _new_netlist(circuit)
     lines = _place(netlist, circuit)
-    for matrix in circuit.matrices:
-        lines.extend(matrix_lines(matrix))
+    lines += matrix_lines(circuit.matrices)
     _place_sources(netlist, circuit, analysis)
     return netlist, lines
 
@@ -138,7 +155,7 @@ def _split(circuit: Circuit, analysis: Analysis, matrix_file: str) -> tuple[Any,
     text = [
         "* the resistor matrix of a taction board: swap this file for another of the same ports",
         ".subckt matrix " + " ".join(pads),
-        *(line for matrix in circuit.matrices for line in matrix_lines(matrix)),
+        *matrix_lines(circuit.matrices),
         ".ends matrix",
         "",
     ]
@@ -168,12 +185,15 @@ def _pads(circuit: Circuit) -> list[str]:
 
 def _place(netlist: Any, circuit: Circuit) -> list[str]:
     """Put every part but matrices and sources into `netlist`; return lines to add as text."""
+    from netlist_gen.card import Card
+
     for cell in circuit.opamps:
-        netlist.X(cell.name, cell.model, cell.noninverting, cell.inverting, cell.output)
+        nodes = cell.noninverting, cell.inverting, cell.output
+        Card(netlist, "X" + cell.name, *nodes, cell.model)
     for resistor in circuit.resistors:
-        netlist.R(resistor.name, resistor.a, resistor.b, repr(resistor.ohms))
+        Card(netlist, "R" + resistor.name, resistor.a, resistor.b, repr(resistor.ohms))
     for capacitor in circuit.capacitors:
-        netlist.C(capacitor.name, capacitor.a, capacitor.b, repr(capacitor.farads))
+        Card(netlist, "C" + capacitor.name, capacitor.a, capacitor.b, repr(capacitor.farads))
     return [line for stage in circuit.amplifiers for line in amplifier_lines(stage)]
 
 
