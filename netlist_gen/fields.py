@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field
 from pydantic_core import CoreSchema, core_schema
 
 from netlist_gen.quantities import EXAMPLES, parse
@@ -54,19 +54,12 @@ Hertz = Annotated[float, Unit("Hz")]
 Seconds = Annotated[float, Unit("s")]
 SecondsOrAuto = Annotated[Literal["auto"] | float, Unit("s", word="auto")]
 
-
-def _no_text(value: object) -> object:
-    """Refuse "7" for 7: TOML has numbers, and a quoted one is a slip worth naming."""
-    if isinstance(value, str | bool):
-        raise ValueError("expected a plain number, without quotes or unit")
-    return value
-
-
-Real = Annotated[float, BeforeValidator(_no_text), Field(allow_inf_nan=False)]
+# Strict: "7" for 7 is a slip worth naming, and true is no number.
+Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[Real, Field(gt=0)]
 NonNegative = Annotated[Real, Field(ge=0)]
-Count = Annotated[int, BeforeValidator(_no_text), Field(ge=1, le=100_000)]
-Seed = Annotated[int, BeforeValidator(_no_text), Field(ge=0)]
+Count = Annotated[int, Field(strict=True, ge=1, le=100_000)]
+Seed = Annotated[int, Field(strict=True, ge=0)]
 FileName = Annotated[str, Field(min_length=1)]
 
 

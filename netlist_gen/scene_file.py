@@ -19,6 +19,8 @@ MAX_BYTES = 1_000_000
 TEXTS = {  # of pydantic's complaints that speak of Python
     "model_type": "expected a table",
     "model_attributes_type": "expected a table",
+    "float_type": "expected a plain number, without quotes or unit",
+    "int_type": "expected a plain whole number, without quotes or unit",
     "string_pattern_mismatch": "letters, digits, '-', '_' and '.' only",
 }
 
