@@ -68,6 +68,20 @@ def rounded_network(network: IdealNetwork, circuit: Circuit) -> IdealNetwork:
     return changed if circuit.topology == "passive" else replace(changed, R=ohms["r_1"])
 
 
+def initial_voltages(scene: Scene, network: IdealNetwork) -> Floats:
+    """Return v of every signal node when the strain steps on, shape (N,), V.
+
+    Raises
+    ------
+    SolverError
+        The scene starts from rest, and the network without strain has no solution.
+    """
+    if scene.analysis.initial == "zero" or network.amplifier == "linear":
+        return np.zeros(network.T.shape[1])
+    asleep = solve(replace(network, eps=np.zeros_like(network.eps)).problem)
+    return network.unit * (asleep.v if asleep.v is not None else asleep.u)
+
+
 def ideal_answer(network: IdealNetwork, scene: Scene) -> IdealAnswer:
     """Solve for the steady state, and for the transient from the scene's initial state.
 
@@ -76,10 +90,7 @@ def ideal_answer(network: IdealNetwork, scene: Scene) -> IdealAnswer:
     SolverError
         Nothing at all can be returned.
     """
-    initial = np.zeros(network.T.shape[1])
-    if scene.analysis.initial == "rest" and network.amplifier != "linear":
-        asleep = solve(replace(network, eps=np.zeros_like(network.eps)).problem)
-        initial = network.unit * (asleep.v if asleep.v is not None else asleep.u)
+    initial = initial_voltages(scene, network)
     band = scene.checks.settling_time.band
     if network.amplifier == "linear":
         solution = solve(network.problem)
