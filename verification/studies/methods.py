@@ -1,0 +1,90 @@
+"""What a work-precision study compares: one entry of `METHODS` an integration method.
+
+To add a method is to add an entry, and its function to `verification.studies.runs`. Orders are those
+of the largest error over time as a function of the mean step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+from verification.studies import runs
+from verification.studies.runs import Run
+
+TOLERANCES = tuple(10.0**-k for k in range(2, 12))
+POINTS = (16.0, 32.0, 64.0, 125.0, 250.0, 500.0, 1000.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Method:
+    """One integration method of one engine.
+
+    Attributes
+    ----------
+    name, engine : str
+        What it is called; who runs it (``"ngspice"``, ``"statespace"`` or ``"scipy"``).
+    solver : str
+        Who integrates; a reference by the same solver would be no reference.
+    problem : str
+        ``"board"``: the whole circuit; ``"ideal"``: the network with ideal op-amps.
+    setting : str
+        What the ladder changes; empty for a method without a step.
+    ladder : tuple of float
+        Coarse to fine.
+    run : callable
+        ``(task, setting) -> Run``; ngspice takes a time limit in s as third argument.
+    order : float or None
+        Theoretical order; None where the method has none or varies it.
+    theory : str
+        The same in words.
+    linear_only : bool
+        Whether it needs a board without behavioural amplifiers.
+    """
+
+    name: str
+    engine: Literal["ngspice", "statespace", "scipy"]
+    solver: str
+    problem: Literal["board", "ideal"]
+    setting: str
+    ladder: tuple[float, ...]
+    run: Callable[..., Run]
+    order: float | None
+    theory: str
+    linear_only: bool = False
+
+
+VARIES = "1 to 5, chosen by the integrator"
+
+METHODS: tuple[Method, ...] = (
+    Method(
+        "ngspice trapezoidal", "ngspice", "trapezoidal", "board", "points per period", POINTS,
+        runs.trapezoidal, 2.0, "2",
+    ),
+    Method(
+        "ngspice Gear", "ngspice", "Gear", "board", "points per period", POINTS,
+        runs.gear, 2.0, "2 (ngspice's maximum order, unless told otherwise)",
+    ),
+    Method(
+        "state space, exact", "statespace", "modes", "board", "", (0.0,),
+        runs.exact, None, "no step: rounding alone", linear_only=True,
+    ),
+    Method(
+        "state space, implicit", "statespace", "Radau IIA, 5 stages", "board", "tolerance",
+        TOLERANCES[:-1], runs.implicit, 6.0,
+        "6 (dense output of five Radau IIA stages; 9 at the ends of steps)",
+    ),
+    Method(
+        "ideal network, Radau", "scipy", "Radau", "ideal", "tolerance", TOLERANCES,
+        runs.radau, 5.0, "5",
+    ),
+    Method(
+        "ideal network, BDF", "scipy", "BDF", "ideal", "tolerance", TOLERANCES,
+        runs.bdf, None, VARIES,
+    ),
+    Method(
+        "ideal network, LSODA", "scipy", "LSODA", "ideal", "tolerance", TOLERANCES,
+        runs.lsoda, None, "1 to 12, chosen by the integrator",
+    ),
+)  # fmt: skip

@@ -1,0 +1,138 @@
+"""How far a record is from its reference, in named norms.
+
+With the step amplitude A and the ringing pole p (the slowest decaying, or fastest growing, of the
+oscillating modes that the step shows):
+
+- ``final``: largest difference of any output at the end of the record, over A;
+- ``maximum``: largest difference of any output at any recorded instant, over A;
+- ``settling_time``: difference of the settling times over the reference's;
+- ``frequency``: fitted frequency against ``|Im p| / 2 pi``, relative;
+- ``growth_rate``: fitted growth rate minus ``Re p``, over ``|p|`` (relative to Re p itself it would
+  say nothing on the edge of oscillation, where Re p is 0).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from netlist_gen.circuit import Floats
+from verification.readings import settle
+from verification.ringing import fit_modes
+from verification.studies.runs import Run
+
+NORMS = ("final", "maximum", "settling_time", "frequency", "growth_rate")
+MARGIN = 1.25  # of what is left at the end of the record: the narrowest band that settles in it
+LAST = 0.8  # of the record: what happens later does not widen the band
+RIVAL = 0.2  # relative distance of the fitted pole beyond which it is another mode
+
+Errors = dict[str, float | None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scale:
+    """What the errors are measured by.
+
+    Attributes
+    ----------
+    target : ndarray (N,)
+        Equilibrium, V.
+    amplitude : float
+        Step amplitude A, V.
+    band : float
+        Half width of the settling band, fraction of A.
+    settling_time : float or None
+        The reference's, s; None where it does not settle in the record.
+    pole : complex or None
+        Ringing pole, 1/s; None where nothing rings.
+    """
+
+    target: Floats
+    amplitude: float
+    band: float
+    settling_time: float | None
+    pole: complex | None
+
+
+def make_scale(
+    time: Floats, u: Floats, start: Floats, target: Floats, band: float, pole: complex | None
+) -> Scale:
+    """Take the scale from the reference record.
+
+    The scene's band, or a wider one where the record is too short to settle to it.
+
+    Parameters
+    ----------
+    time, u : ndarray (P,) and (P, N)
+        Reference record, s and V.
+    start, target : ndarray (N,)
+        Outputs just after the step and at the equilibrium, V.
+    band : float
+        The scene's, fraction of the step amplitude.
+    pole : complex or None
+        As `Scale` has it.
+    """
+    amplitude = float(np.abs(target - start).max()) or 1.0
+    late = np.abs(u[time >= LAST * time[-1]] - target).max() / amplitude
+    if late > band:
+        band = float(f"{MARGIN * late:.2g}")
+    found = settling_time(time, u, target, band * amplitude)
+    return Scale(target, amplitude, band, found, pole)
+
+
+def settling_time(time: Floats, u: Floats, target: Floats, tolerance: float) -> float | None:
+    """Return when the last channel entered its band for good, s; None if one did not."""
+    if len(time) < 8:
+        return None
+    found = [settle(time, column, tolerance) for column in (u - target).T]
+    times = [reading.value for reading in found if reading is not None]
+    return max(times) if len(times) == len(found) else None
+
+
+def ringing_errors(time: Floats, u: Floats, pole: complex | None) -> tuple[float, float] | None:
+    """Return the errors of frequency and growth rate of the fitted mode nearest to `pole`."""
+    if pole is None:
+        return None
+    fitted = [
+        complex(mode.growth_rate, 2 * math.pi * mode.frequency)
+        for mode in fit_modes(time, u)
+        if mode.frequency > 0
+    ]
+    nearest = min(fitted, key=lambda p: abs(p - pole), default=None)
+    if nearest is None or abs(nearest - pole) > RIVAL * abs(pole):
+        return None
+    return abs(nearest.imag / pole.imag - 1.0), abs(nearest.real - pole.real) / abs(pole)
+
+
+def measure_errors(run: Run, reference: Floats, scale: Scale) -> Errors:
+    """Compare a run with its reference at the same instants.
+
+    Parameters
+    ----------
+    run : Run
+        What is judged.
+    reference : ndarray (P, N)
+        V.
+    scale : Scale
+        What to measure by.
+
+    Returns
+    -------
+    dict of str to float or None
+        One entry a norm; None where the norm does not apply.
+    """
+    difference = np.abs(run.u - reference) / scale.amplitude
+    settled = settling_time(run.time, run.u, scale.target, scale.band * scale.amplitude)
+    ringing = ringing_errors(run.time, run.u, scale.pole)
+    late = None
+    if settled is not None and scale.settling_time:
+        late = abs(settled / scale.settling_time - 1.0)
+    return {
+        "final": float(difference[-1].max()),
+        "maximum": float(difference.max()),
+        "settling_time": late,
+        "frequency": None if ringing is None else ringing[0],
+        "growth_rate": None if ringing is None else ringing[1],
+    }
