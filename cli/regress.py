@@ -1,0 +1,95 @@
+"""``taction regress``: every scene of a folder against a stored baseline."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
+import click
+
+from cli.output import STATUS, json_option, print_json, reports_errors, stage_display
+from spice_models.errors import InputError
+
+if TYPE_CHECKING:
+    from verification.studies.regress import RegressionReport
+
+
+@click.command(short_help="Verify a folder of scenes and compare with a stored baseline.")
+@click.argument("folder", metavar="DIR", type=click.Path())
+@click.option(
+    "--baseline", required=True, type=click.Path(), metavar="FILE", help="The stored results, JSON."
+)
+@click.option("--update", is_flag=True, help="Write FILE anew where a result changed.")
+@click.option("--junit", type=click.Path(), metavar="FILE", help="Write a JUnit XML report.")
+@click.option("--markdown", type=click.Path(), metavar="FILE", help="Write a Markdown summary.")
+@json_option
+@reports_errors
+def regress(
+    folder: str,
+    baseline: str,
+    update: bool,
+    junit: str | None,
+    markdown: str | None,
+    as_json: bool,
+) -> None:
+    """Verify every scene (*.toml) in DIR and compare it with the baseline.
+
+    Ends with 1 if a check failed or a result moved by more than the tolerances in the scene's table
+    [regression]; with --update a change is accepted, a failed check is not.
+    """
+    from pathlib import Path
+
+    from verification.report.files import check_folder
+    from verification.report.junit import regression_junit
+    from verification.report.markdown import regression_markdown
+    from verification.studies.baseline import baseline_text, load_baseline
+    from verification.studies.regress import regress as run
+    from verification.studies.regress import updated_baseline
+
+    for path, option in ((baseline, "--baseline"), (junit, "--junit"), (markdown, "--markdown")):
+        if path is not None:
+            check_folder(path, option)
+    entries = {} if update and not Path(baseline).exists() else load_baseline(baseline)
+    with stage_display() as progress:
+        report = run(folder, baseline, entries, updated=update, progress=progress)
+    texts: dict[str, Callable[[], str]] = {}
+    if update:
+        texts[baseline] = lambda: baseline_text(updated_baseline(report, entries))
+    if junit is not None:
+        texts[junit] = lambda: regression_junit(report)
+    if markdown is not None:
+        texts[markdown] = lambda: regression_markdown(report)
+    written = _write(texts)
+    _show(report, as_json)
+    if report.interrupted:
+        click.echo("taction: interrupted; what was done is kept", err=True)
+    sys.exit(report.exit_status if written else STATUS["bad input"])
+
+
+def _write(texts: Mapping[str, Callable[[], str]]) -> bool:
+    """Write every file, also after one that cannot be written; return whether all were."""
+    from verification.report.files import write_atomically
+
+    complete = True
+    for path, text in texts.items():
+        try:
+            write_atomically(path, text())
+            click.echo(f"wrote {path}", err=True)
+        except InputError as error:
+            click.echo(f"taction: {error}", err=True)
+            complete = False
+    return complete
+
+
+def _show(report: RegressionReport, as_json: bool) -> None:
+    if as_json:
+        from verification.report.regression import regression_document
+
+        print_json(regression_document(report))
+        return
+    from rich.console import Console
+
+    from verification.report.regression import print_regression
+
+    print_regression(report, Console(highlight=False, soft_wrap=not sys.stdout.isatty()))
