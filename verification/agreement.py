@@ -11,6 +11,7 @@ from netlist_gen.circuit import Circuit, Floats
 from spice_models.errors import EngineError
 from verification.crossings import lagrange
 from verification.simulate import Simulation, outputs
+from verification.waveforms import Waveforms
 
 MAX_INSTANTS = 20_000
 STENCIL = 4  # a cubic: more points would magnify rounding where steps grow from tiny ones
@@ -82,3 +83,13 @@ def compare_engines(circuit: Circuit, transient: Transient, simulation: Simulati
         differences=difference,
         reason="",
     )
+
+
+def exact_record(circuit: Circuit, transient: Transient) -> Waveforms | None:
+    """Return what the state-space engine has for a transient, or None where it has no answer."""
+    from verification.engines.statespace import simulate
+
+    try:
+        return simulate(circuit, transient)
+    except EngineError:
+        return None

@@ -12,7 +12,7 @@ from netlist_gen.problem import InverseProblem, make_problem
 from netlist_gen.scalings import make_scalings
 from netlist_gen.scene import Scene
 from netlist_gen.synthesis import synthesise
-from verification.agreement import Agreement, compare_engines
+from verification.agreement import Agreement, compare_engines, exact_record
 from verification.budget import ErrorPart, error_budget
 from verification.constraint import ConstraintPlane, constraint_plane
 from verification.engines.equilibrium import equilibrium
@@ -56,7 +56,14 @@ class Verdict:
     timing: dict[str, float]
 
 
-def verify(scene: Scene, progress: Progress = lambda stage: None) -> Verdict:
+def verify(
+    scene: Scene,
+    progress: Progress = lambda stage: None,
+    *,
+    problem: InverseProblem | None = None,
+    second_look: bool = True,
+    details: bool = True,
+) -> Verdict:
     """Verify a scene: simulate its board, solve its problem, compare.
 
     Parameters
@@ -65,6 +72,13 @@ def verify(scene: Scene, progress: Progress = lambda stage: None) -> Verdict:
         What is asked for.
     progress : callable, optional
         Told the name of each stage as it begins.
+    problem : InverseProblem, optional
+        The scene's problem where it is at hand already; its files are not read then.
+    second_look : bool
+        False: a stepping engine runs once, and its error is measured against the state-space
+        engine instead of a second run; the two are no longer judged against each other.
+    details : bool
+        False: without what no check needs, the constraint plane's figures and the error budget.
 
     Raises
     ------
@@ -75,7 +89,7 @@ def verify(scene: Scene, progress: Progress = lambda stage: None) -> Verdict:
     """
     clock = _Clock(progress)
     clock.begin("synthesis")
-    problem = make_problem(scene)
+    problem = make_problem(scene) if problem is None else problem
     circuit = synthesise(scene, problem)
     network = ideal_network(problem, make_scalings(scene), scene)
     clock.begin("poles")
@@ -83,20 +97,24 @@ def verify(scene: Scene, progress: Progress = lambda stage: None) -> Verdict:
     poles = summarise(scales.poles, complete=True)
     transient = plan_transient(scene, scales)
     clock.begin("simulation")
-    pending = begin(scene, circuit, transient, choose_engine(scene))
+    engine = choose_engine(scene)
+    pending = begin(scene, circuit, transient, engine, second_look=second_look)
     clock.begin("reference", beside="simulation")
     ideal = ideal_answer(network, scene)
-    rest = equilibrium(circuit)
-    constraint = constraint_plane(circuit)
+    rest = equilibrium(circuit) if details else None
+    constraint = constraint_plane(circuit) if details else None
     margin = capacitance_margin(circuit) if scene.checks.stability.margin > 1 else None
     clock.begin("simulation")
     simulation = pending.result(running_away=not poles.stable)
     clock.begin("measures")
     fine, u = measure_outputs(scene, circuit, ideal, simulation.fine, transient)
+    second, share = simulation.coarse, simulation.share
+    if second is None and share and not second_look and poles.stable:
+        second, share = exact_record(circuit, transient), 1.0
     coarse = None
-    if simulation.coarse is not None:
-        coarse, _ = measure_outputs(scene, circuit, ideal, simulation.coarse, transient)
-    error = simulation_error(fine, coarse, simulation.share)
+    if second is not None:
+        coarse, _ = measure_outputs(scene, circuit, ideal, second, transient)
+    error = simulation_error(fine, coarse, share)
     clock.begin("second engine")
     comparable = simulation.coarse is not None and poles.stable
     agreement = compare_engines(circuit, transient, simulation) if comparable else None
@@ -105,7 +123,9 @@ def verify(scene: Scene, progress: Progress = lambda stage: None) -> Verdict:
     )
     checks = judge(evidence)
     simulator = error.steady_state * fine.amplitude
-    budget = error_budget(problem, network, circuit, ideal, rest, u[-1], simulator)
+    budget: tuple[ErrorPart, ...] = ()
+    if rest is not None:
+        budget = error_budget(problem, network, circuit, ideal, rest, u[-1], simulator)
     clock.end()
     return Verdict(
         scene=scene,
