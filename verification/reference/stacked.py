@@ -70,6 +70,8 @@ class SVD:
 
     Attributes
     ----------
+    sigma : ndarray (min(M, N),)
+        Singular values, descending.
     least : float
         Lower bound on the least singular value of the stacked matrix; 0 if rank-deficient.
     condition : float
@@ -83,11 +85,11 @@ class SVD:
 
     def __init__(self, T: Floats, mu: float) -> None:
         try:
-            self._U, self._sigma, self._Vt = np.linalg.svd(T, full_matrices=False)
+            self._U, self.sigma, self._Vt = np.linalg.svd(T, full_matrices=False)
         except np.linalg.LinAlgError as error:
             raise SolverError(f"singular value decomposition of T: {error}") from error
         self._l = mu
-        sigma, tall = self._sigma, T.shape[0] >= T.shape[1]
+        sigma, tall = self.sigma, T.shape[0] >= T.shape[1]
         doubt = 4.0 * max(T.shape) * float(np.finfo(float).eps) * sigma[0]
         keep = sigma > doubt
         inverse = 1.0 / np.where(keep, sigma * sigma + mu, 1.0)
@@ -102,7 +104,7 @@ class SVD:
     def solve(self, f1: Floats, f2: Floats) -> Floats:
         """Return y (N,) for f1 (M,), f2 (N,); without the directions T cannot see if mu = 0."""
         inner = self._Vt @ f2
-        y = (self._gain * (self._sigma * (f1 @ self._U) + inner)) @ self._Vt
+        y = (self._gain * (self.sigma * (f1 @ self._U) + inner)) @ self._Vt
         if self._l > 0.0:
             y = y + (f2 - inner @ self._Vt) / self._l
         return np.asarray(y)
