@@ -73,7 +73,9 @@ def _window(found: Onset, samples: Sequence[Sample]) -> tuple[float, float, floa
         ].tolist()
         if abs(p.real) < SHOWN * abs(p)
     ]
-    omega = [abs(each.crossing.pole) for each in found.findings if each.crossing.frequency]
+    ringing = [each.crossing for each in found.findings if each.crossing.frequency]
+    decisive = [crossing for crossing in ringing if crossing.changes_stability]
+    omega = [abs(crossing.pole) for crossing in decisive or ringing]
     top = HEADROOM * max(omega or [p.imag for p in near] or [1.0])
     real = [p.real for p in near if p.imag < top] or [-top, top]
     left, right = np.percentile(real, (5, 95)).tolist()

@@ -19,7 +19,7 @@ from netlist_gen.analysis import Transient
 from netlist_gen.circuit import Circuit
 from netlist_gen.deck import write_deck
 from spice_models.errors import EngineError, InputError, SimulationError
-from verification.engines.descriptor import linearise
+from verification.engines.descriptor import StateSpace, linearise
 from verification.engines.equilibrium import equilibrium
 from verification.engines.modes import Complexes
 from verification.engines.ngspice import Run, start
@@ -148,7 +148,7 @@ def _prepare(build: Build, crossing: Crossing, side: int, logarithmic: bool) -> 
     rivals = rivals[np.abs(rivals - pole) > 1e-6 * abs(pole)]
     rivals = rivals[np.abs(rivals - pole.conjugate()) > 1e-6 * abs(pole)]
     fastest = float(rivals.real.max(initial=0.0))
-    return _Trial(value, pole, fastest, circuit, _along(circuit, pole, fastest))
+    return _Trial(value, pole, fastest, circuit, along(circuit, pole, fastest))
 
 
 def _follow(build: Build, crossing: Crossing, value: float) -> tuple[float, complex]:
@@ -165,15 +165,49 @@ def _follow(build: Build, crossing: Crossing, value: float) -> tuple[float, comp
     return value, pole
 
 
-def _along(circuit: Circuit, pole: complex, fastest: float) -> Transient:
-    """Plan a transient from the equilibrium plus the mode of `pole`."""
-    space = linearise(circuit)
+def along(circuit: Circuit, pole: complex, fastest: float = 0.0) -> Transient:
+    """Plan a transient that starts from the equilibrium plus the mode of `pole`.
+
+    Parameters
+    ----------
+    circuit : Circuit
+        The board.
+    pole : complex
+        One of its poles, 1/s.
+    fastest : float
+        Growth rate of its fastest other instability, 1/s: the record ends before that takes over.
+
+    Returns
+    -------
+    Transient
+        `FOLDS` e-foldings long where that is between `FEWEST` and `MOST` periods.
+
+    Raises
+    ------
+    EngineError
+        No state space, or no equilibrium.
+    """
     rest = equilibrium(circuit)
-    x: Complexes = np.ones(space.n, dtype=np.complex128)
-    shifted = space.A - pole * (1.0 + 1e-9) * np.eye(space.n)  # exactly the pole is singular
-    for _ in range(3):
-        x = np.asarray(np.linalg.solve(shifted, x), dtype=np.complex128)
-        x /= np.abs(x).max()
+    space = linearise(circuit, rest)
+    length, step = _span(pole, fastest)
+    shape = space.C @ _mode(space, pole)
+    nodes = shape[: space.descriptor.node_count]
+    scale = circuit.scalings.unit_voltage / float(np.abs(nodes).max())
+    devices = space.descriptor.devices
+    if devices.count:
+        swing = float(np.max(np.abs(shape[devices.input]) / devices.v_scale))
+        scale = min(scale, SMALL / (swing * math.exp(max(pole.real, 0.0) * length)))
+    start_at = rest.values + scale * shape.real
+    return Transient(
+        stop=length,
+        max_step=step,
+        truncation=(_TURN / POINTS) ** 3 / 6.0,
+        voltages=dict(zip(space.nodes, start_at.tolist(), strict=True)),
+    )
+
+
+def _span(pole: complex, fastest: float) -> tuple[float, float]:
+    """Length and maximum step of a record of the mode of `pole`, s."""
     length = FOLDS / abs(pole.real)
     if pole.imag:
         period = _TURN / abs(pole.imag)
@@ -184,22 +218,17 @@ def _along(circuit: Circuit, pole: complex, fastest: float) -> Transient:
         step = length / (4 * POINTS)
     if fastest > max(pole.real, 0.0):
         length = min(length, RUNAWAY / fastest)
-    shape = space.C @ x
-    grown = math.exp(max(pole.real, 0.0) * length)
-    scale = circuit.scalings.unit_voltage / float(
-        np.abs(shape[: space.descriptor.node_count]).max()
-    )
-    devices = space.descriptor.devices
-    if devices.count:
-        swing = float(np.max(np.abs(shape[devices.input]) / devices.v_scale))
-        scale = min(scale, SMALL / (grown * swing))
-    start_at = rest.values + scale * shape.real
-    return Transient(
-        stop=length,
-        max_step=step,
-        truncation=(_TURN / POINTS) ** 3 / 6.0,
-        voltages=dict(zip(space.nodes, start_at.tolist(), strict=True)),
-    )
+    return length, step
+
+
+def _mode(space: StateSpace, pole: complex) -> Complexes:
+    """Eigenvector of `pole` by inverse iteration, shape (n,)."""
+    x: Complexes = np.cos(np.arange(1.0, space.n + 1)).astype(np.complex128)  # no symmetry
+    shifted = space.A - pole * (1.0 + 1e-9) * np.eye(space.n)  # exactly the pole is singular
+    for _ in range(3):
+        x = np.asarray(np.linalg.solve(shifted, x), dtype=np.complex128)
+        x /= np.abs(x).max()
+    return x
 
 
 def _start(trial: _Trial, simulator: Simulator, timeout: float) -> Run:
