@@ -31,7 +31,7 @@ def plot_tradeoff(tuning: Tuning, path: str) -> None:
             label = f"{name}: {show(candidate.settling_time, 's')}"
             axes.plot(100 * candidate.overshoot, candidate.settling_time, mark, ms=12, label=label)
         axes.set(xlabel="overshoot (% of the step)", ylabel="settling time (s)", yscale="log")
-        axes.set_xscale("symlog", linthresh=1.0)
+        axes.margins(0.08)
         axes.set_title(f"{tuning.scene.name}: settling time against overshoot")
         axes.legend(fontsize="small")
         save(figure, path)
