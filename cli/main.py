@@ -16,6 +16,7 @@ COMMANDS: dict[str, tuple[str, str, str]] = {
     "tune": ("cli.tune", "tune", "Gain for least settling time under an overshoot limit."),
     "onset": ("cli.onset", "onset", "Every stability crossing over a range, confirmed."),
     "regress": ("cli.regress", "regress", "A folder of scenes against a stored baseline, for CI."),
+    "accuracy": ("cli.accuracy", "accuracy", "Error against run time over engines and methods."),
     "models": ("cli.info", "models", "The op-amp presets and their figures."),
     "new": ("cli.new", "new", "Write a commented scene file."),
     "doctor": ("cli.info", "doctor", "What is installed, and what that means."),

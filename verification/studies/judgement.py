@@ -41,8 +41,8 @@ class Judgement:
     scale : Scale or None
         What errors are measured by; None where there is no reference.
     floor : dict of str to float or None
-        Error of the preferred reference: its difference to the second one, relative errors of
-        the mode fitted to it against the pole. None where it is not known.
+        Error of the preferred reference: its difference to the second one; of the mode fitted
+        to it, against the pole of the board at its equilibrium. None where it is not known.
     omissions : tuple of str
         What could not be measured.
     """
@@ -112,7 +112,9 @@ def _judge(
     if not references:
         return Judgement(omissions=(*omissions, f"{problem}: no errors without a reference"))
     time, best = references[0]
-    scale = make_scale(time, best.u, best.u[0], target, band, pole)
+    shown = max(runs, key=lambda run: len(run.time)).time  # the union of all has needless clusters
+    shape = best.u[np.searchsorted(time, shown)]
+    scale = make_scale(shown, shape, best.u[0], target, band, pole)
     errors = {}
     for tally in done:
         other = [(t, r) for t, r in references if r.solver != tally.method.solver]
@@ -124,7 +126,9 @@ def _judge(
         else:
             omissions.append(f"{tally.method.name}: no reference by another solver")
     names = tuple(reference.name for _, reference in references)
-    return Judgement(errors, names, scale, _floor(references, scale), tuple(omissions))
+    return Judgement(
+        errors, names, scale, _floor(references, scale), tuple(dict.fromkeys(omissions))
+    )
 
 
 def _needed(
@@ -146,18 +150,18 @@ def _floor(references: Sequence[tuple[Floats, Reference]], scale: Scale) -> Erro
         at, second = references[1]
         apart = np.abs(second.u - best.u[np.searchsorted(time, at)]) / scale.amplitude
         floor["maximum"], floor["final"] = float(apart.max()), float(apart[-1].max())
-    ringing = ringing_errors(time, best.u, scale.pole)
+    ringing = ringing_errors(scale.ringing, scale.pole)
     if ringing is not None:
         floor["frequency"], floor["growth_rate"] = ringing
     return floor
 
 
 def _board_target(task: Task) -> Floats:
-    """Outputs at the board's equilibrium, shape (N,), V."""
+    """Return the outputs at the board's equilibrium, shape (N,), V."""
     rest = equilibrium(task.circuit)
     return np.array([out.sign * rest[out.node] for out in task.circuit.outputs])
 
 
 def _ideal_target(task: Task) -> Floats:
-    """Outputs of the ideal network at rest, shape (N,), V."""
+    """Return the outputs of the ideal network at rest, shape (N,), V."""
     return np.asarray(solve(task.network.problem).u * task.network.U0)

@@ -1,7 +1,7 @@
 """What a work-precision study compares: one entry of `METHODS` an integration method.
 
-To add a method is to add an entry, and its function to `verification.studies.runs`. Orders are those
-of the largest error over time as a function of the mean step.
+To add a method is to add an entry, and its function to `verification.studies.runs`. Orders are
+those of the largest error over time as a function of the mean step.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """How far a record is from its reference, in named norms.
 
-With the step amplitude A and the ringing pole p (the slowest decaying, or fastest growing, of the
-oscillating modes that the step shows):
+With the step amplitude A and the ringing mode p (the slowest decaying, or fastest growing, of the
+oscillating modes that the step shows, as fitted to the reference):
 
 - ``final``: largest difference of any output at the end of the record, over A;
 - ``maximum``: largest difference of any output at any recorded instant, over A;
@@ -45,14 +45,17 @@ class Scale:
         Half width of the settling band, fraction of A.
     settling_time : float or None
         The reference's, s; None where it does not settle in the record.
+    ringing : complex or None
+        Mode fitted to the reference, 1/s; None where nothing rings long enough.
     pole : complex or None
-        Ringing pole, 1/s; None where nothing rings.
+        The pole that it belongs to.
     """
 
     target: Floats
     amplitude: float
     band: float
     settling_time: float | None
+    ringing: complex | None
     pole: complex | None
 
 
@@ -72,14 +75,14 @@ def make_scale(
     band : float
         The scene's, fraction of the step amplitude.
     pole : complex or None
-        As `Scale` has it.
+        Of the linearised board, the one that rings longest, 1/s.
     """
     amplitude = float(np.abs(target - start).max()) or 1.0
     late = np.abs(u[time >= LAST * time[-1]] - target).max() / amplitude
     if late > band:
         band = float(f"{MARGIN * late:.2g}")
     found = settling_time(time, u, target, band * amplitude)
-    return Scale(target, amplitude, band, found, pole)
+    return Scale(target, amplitude, band, found, fit_ringing(time, u, pole), pole)
 
 
 def settling_time(time: Floats, u: Floats, target: Floats, tolerance: float) -> float | None:
@@ -91,19 +94,26 @@ def settling_time(time: Floats, u: Floats, target: Floats, tolerance: float) -> 
     return max(times) if len(times) == len(found) else None
 
 
-def ringing_errors(time: Floats, u: Floats, pole: complex | None) -> tuple[float, float] | None:
-    """Return the errors of frequency and growth rate of the fitted mode nearest to `pole`."""
-    if pole is None:
+def fit_ringing(time: Floats, u: Floats, expected: complex | None) -> complex | None:
+    """Fit the modes of a record; return the one nearest to `expected`, 1/s, if it is there."""
+    if expected is None:
         return None
     fitted = [
         complex(mode.growth_rate, 2 * math.pi * mode.frequency)
         for mode in fit_modes(time, u)
         if mode.frequency > 0
     ]
-    nearest = min(fitted, key=lambda p: abs(p - pole), default=None)
-    if nearest is None or abs(nearest - pole) > RIVAL * abs(pole):
+    nearest = min(fitted, key=lambda p: abs(p - expected), default=None)
+    if nearest is None or abs(nearest - expected) > RIVAL * abs(expected):
         return None
-    return abs(nearest.imag / pole.imag - 1.0), abs(nearest.real - pole.real) / abs(pole)
+    return nearest
+
+
+def ringing_errors(found: complex | None, expected: complex | None) -> tuple[float, float] | None:
+    """Return the errors of frequency and growth rate, where both modes are there."""
+    if found is None or expected is None:
+        return None
+    return abs(found.imag / expected.imag - 1.0), abs(found.real - expected.real) / abs(expected)
 
 
 def measure_errors(run: Run, reference: Floats, scale: Scale) -> Errors:
@@ -125,7 +135,7 @@ def measure_errors(run: Run, reference: Floats, scale: Scale) -> Errors:
     """
     difference = np.abs(run.u - reference) / scale.amplitude
     settled = settling_time(run.time, run.u, scale.target, scale.band * scale.amplitude)
-    ringing = ringing_errors(run.time, run.u, scale.pole)
+    ringing = ringing_errors(fit_ringing(run.time, run.u, scale.ringing), scale.ringing)
     late = None
     if settled is not None and scale.settling_time:
         late = abs(settled / scale.settling_time - 1.0)

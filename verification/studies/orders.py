@@ -47,9 +47,9 @@ def fit_order(
 ) -> Order:
     """Fit a straight line to ``ln error`` over ``ln step`` where the ladder is asymptotic.
 
-    Points with an error above `LARGEST`, or below ten times `floor`, are left out; of what remains the
-    longest run of neighbours is taken that a straight line fits (`SCATTER`), the finer one of two
-    of the same length.
+    Points with an error above `LARGEST`, or below ten times `floor`, are left out; of what remains
+    the longest run of neighbours is taken that a straight line fits (`SCATTER`), the finer one of
+    two of the same length.
 
     Parameters
     ----------

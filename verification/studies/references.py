@@ -7,6 +7,7 @@ problem there are two, so their difference says how far they can be believed.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -110,15 +111,16 @@ def ideal_lsoda(task: Task, time: Floats) -> Reference:
     return _ideal(task, time, "LSODA", TIGHTEST)
 
 
-def _ideal(task: Task, time: Floats, method: str, tolerance: float) -> Reference:
+def _ideal(
+    task: Task, time: Floats, method: Literal["DOP853", "LSODA"], tolerance: float
+) -> Reference:
     from scipy.integrate import solve_ivp
 
     network, scaled = task.network, ScaledNetwork(task.network)
     unit = network.R * network.C
-    options = {"jac": scaled.jacobian} if method == "LSODA" else {}
     found = solve_ivp(
         scaled.slope, (0.0, float(time[-1]) / unit), task.v0 / network.unit, method,
-        t_eval=time / unit, rtol=tolerance, atol=tolerance, **options,
+        t_eval=time / unit, rtol=tolerance, atol=tolerance,
     )  # fmt: skip
     if not found.success or found.y.shape[1] != len(time) or not np.all(np.isfinite(found.y)):
         raise EngineError(f"{method} gave up: {found.message}")

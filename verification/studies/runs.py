@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from netlist_gen.analysis import Transient
 from netlist_gen.circuit import Circuit, Floats
-from netlist_gen.deck import write_deck
+from netlist_gen.deck import Deck, write_deck
 from spice_models.errors import EngineError, TimedOut
 from verification.engines import implicit as amplified
 from verification.engines import ngspice, statespace
@@ -144,7 +144,7 @@ def _ngspice(
 
 def _told(
     task: Task,
-    deck: ngspice.Deck,
+    deck: Deck,
     simulator: Simulator,
     place: Path,
     *,
