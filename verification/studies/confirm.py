@@ -134,35 +134,32 @@ def _prepare(build: Build, crossing: Crossing, side: int, logarithmic: bool) -> 
     unstable = crossing.unstable_above == (side > 0)
     aside = ASIDE
     while True:
-        shift = 1.0 + side * aside
-        value = crossing.value * (shift if side > 0 or not logarithmic else 1.0 / (1.0 + aside))
-        value, pole = _follow(build, crossing, value)
+        down = 1.0 / (1.0 + aside) if logarithmic else 1.0 - aside
+        value = crossing.value * (1.0 + aside if side > 0 else down)
+        pole, others = _follow(build, crossing, value)
         limit = STEEP * abs(pole.imag) if crossing.frequency else math.inf
         if (pole.real > 0.0) == unstable and abs(pole.real) <= limit:
             break
         if aside <= NEAREST:
             raise EngineError(f"the pole on the axis could not be followed to {value!r}")
         aside *= 0.5
+    rivals = [p.real for p in others if p not in (pole, pole.conjugate())]
+    fastest = max(rivals, default=0.0)
     circuit = build(value)
-    rivals = poles(circuit).poles
-    rivals = rivals[np.abs(rivals - pole) > 1e-6 * abs(pole)]
-    rivals = rivals[np.abs(rivals - pole.conjugate()) > 1e-6 * abs(pole)]
-    fastest = float(rivals.real.max(initial=0.0))
     return _Trial(value, pole, fastest, circuit, along(circuit, pole, fastest))
 
 
-def _follow(build: Build, crossing: Crossing, value: float) -> tuple[float, complex]:
-    """Follow the pole from the axis to `value` in small steps, to the nearest one each time."""
+def _follow(build: Build, crossing: Crossing, value: float) -> tuple[complex, list[complex]]:
+    """Follow the pole from the axis to `value`, each time to the nearest; with all poles there."""
     pole = crossing.pole
-    for share in (0.25, 0.5, 0.75, 1.0):
+    for share in (0.5, 1.0):
         near = crossing.value + share * (value - crossing.value)
         found: list[complex] = poles(build(near)).poles.tolist()
-        if not crossing.frequency:
-            found = [each for each in found if each.imag == 0.0]
-        if not found:
+        eligible = [p for p in found if crossing.frequency or p.imag == 0.0]
+        if not eligible:
             raise EngineError("the real pole on the axis becomes a pair beside it")
-        pole = min(found, key=lambda each: abs(each - pole))
-    return value, pole
+        pole = min(eligible, key=lambda each: abs(each - pole))
+    return pole, found
 
 
 def along(circuit: Circuit, pole: complex, fastest: float = 0.0) -> Transient:
