@@ -50,7 +50,9 @@ def exact_solution(
 def error_of(solution: Solution) -> float:
     """Return ``max |u - u*|``; infinite if arbitrary precision finds no solution near it."""
     start = solution.u if solution.v is None else solution.v
-    found = exact_solution(solution.problem, start)
+    problem = solution.problem
+    assert isinstance(problem, Problem)
+    found = exact_solution(problem, start)
     if found is None:
         return float("inf")
     return float(max(abs(a - b) for a, b in zip(found[0], solution.u.tolist(), strict=True)))
@@ -92,7 +94,7 @@ def _matrix(rng: np.random.Generator, rows: int, channels: int) -> np.ndarray:
 def kernel(sensors: np.ndarray, channels: np.ndarray, depth: float) -> np.ndarray:
     """Kernel (19) for unit modulus, shape (sensors, channels)."""
     d2 = (sensors[:, None] - channels) ** 2
-    return 1.5 / np.pi * (depth**2 - d2) / (depth**2 + d2) ** 2
+    return np.asarray(1.5 / np.pi * (depth**2 - d2) / (depth**2 + d2) ** 2)
 
 
 @dataclass(frozen=True)
