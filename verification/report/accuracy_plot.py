@@ -67,8 +67,9 @@ def _work(axes: Axes, study: Study, problem: str) -> None:
         middle = np.array([p.seconds for p in points], dtype=np.float64)
         spread = np.array([[p.fastest, p.slowest] for p in points], dtype=np.float64).T
         bars = np.abs(spread - middle) if points else None
+        errors = np.array([_error(p) for p in points], dtype=np.float64)
         axes.errorbar(
-            middle, [_error(p) for p in points], xerr=bars, label=method.name, color=colour,
+            middle, errors, xerr=bars, label=method.name, color=colour,
             marker=mark, ms=5, lw=1.2, elinewidth=0.8, capsize=2,
         )  # fmt: skip
     axes.set(xscale="log", yscale="log", xlabel="wall time (s), median", ylabel=_LABEL)
