@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from verification.report.regression import off_text, remarks, value_text
+from verification.report.regression import change_line, remarks, value_text
 from verification.studies.compare import Difference
 from verification.studies.regress import RegressionReport, SceneResult, Status
 from verification.verdict import Check, Outcome
@@ -113,12 +113,7 @@ def _group_case(group: str, changes: list[Difference], said: str, *, accepted: b
     name = f"baseline {group}"
     if not changes:
         return _Case(name)
-    lines = [
-        f"{d.name}: {value_text(d.value, d.unit)}, baseline {value_text(d.baseline, d.unit)},"
-        f" tolerance {value_text(d.tolerance, d.unit)}, {off_text(d.off)} tolerances off"
-        + (f" ({d.note})" if d.note else "")
-        for d in changes
-    ]
+    lines = list(map(change_line, changes))
     more = f" and {len(changes) - 1} more" if len(changes) > 1 else ""
     text = "\n".join([*lines, *([said] if said else [])])
     return _Case(name, "skipped" if accepted else "failure", lines[0] + more, text)

@@ -19,6 +19,7 @@ from verification.studies.regress import RegressionReport, SceneResult, Status
 SHOWN = 12  # changed quantities a scene in a report for people; the JSON has all
 SUMMARY = ("scene", "status", "checks", "tolerances off", "simulator", "baseline from")
 CHANGES = ("what", "value", "baseline", "tolerance", "tolerances off", "note")
+PREFIX = {"checks": "check ", "states": "state ", "waveforms": "waveform "}
 COLOUR = {
     Status.SAME: "green",
     Status.NEWLY_PASSING: "green",
@@ -43,7 +44,7 @@ def change_rows(result: SceneResult) -> list[tuple[str, ...]]:
     """Return the changed quantities under the titles `CHANGES`, `SHOWN` of them at the most."""
     rows: list[tuple[str, ...]] = [
         (
-            f"{d.group}: {d.name}",
+            PREFIX.get(d.group, "") + d.name,
             value_text(d.value, d.unit),
             value_text(d.baseline, d.unit),
             value_text(d.tolerance, d.unit),
@@ -54,6 +55,15 @@ def change_rows(result: SceneResult) -> list[tuple[str, ...]]:
     ]
     more = len(result.changes) - SHOWN
     return [*rows, (f"and {more} more (--json has all)", "", "", "", "", "")] if more > 0 else rows
+
+
+def change_line(d: Difference) -> str:
+    """Return one changed quantity in a line."""
+    now, then = value_text(d.value, d.unit), value_text(d.baseline, d.unit)
+    text = f"{PREFIX.get(d.group, '')}{d.name}: {now}, baseline {then}"
+    if d.tolerance is not None:
+        text += f", tolerance {value_text(d.tolerance, d.unit)}, {off_text(d.off)} tolerances off"
+    return f"{text} ({d.note})" if d.note else text
 
 
 def remarks(result: SceneResult) -> list[str]:

@@ -73,8 +73,15 @@ class Entry(BaseModel):
     time: list[Finite]
     outputs: dict[str, list[Finite]]
 
+    @property
+    def stable(self) -> bool:
+        """Whether the board has no growing mode."""
+        return self.poles["growth_rate"] < 0.0
+
     @model_validator(mode="after")
     def _in_step(self) -> Self:
+        if "growth_rate" not in self.poles:
+            raise ValueError("its poles have no growth_rate")
         if any(b <= a for a, b in zip(self.time[:-1], self.time[1:], strict=True)):
             raise ValueError("its time does not increase")
         if any(len(samples) != len(self.time) for samples in self.outputs.values()):

@@ -1,0 +1,114 @@
+"""pytest plugin: the fixture `taction_scene`, and ``*.scene.toml`` files as tests.
+
+pytest loads it wherever taction is installed, so nothing of taction is imported before a scene is
+verified.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import pytest
+
+if TYPE_CHECKING:
+    from verification.studies.regress import SceneResult
+    from verification.verify import Verdict
+
+SUFFIX = ".scene.toml"
+TactionScene: TypeAlias = "Callable[..., Verdict]"
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the option that compares collected scenes with a baseline."""
+    parser.getgroup("taction").addoption(
+        "--taction-baseline",
+        metavar="FILE",
+        help=f"compare collected *{SUFFIX} files with this baseline of `taction regress`",
+    )
+
+
+def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Collector | None:
+    """Collect ``*.scene.toml`` files."""
+    if not file_path.name.endswith(SUFFIX):
+        return None
+    collector: pytest.Collector = SceneFile.from_parent(parent, path=file_path)
+    return collector
+
+
+class SceneFile(pytest.File):
+    """A scene file: one test."""
+
+    def collect(self) -> Iterator[pytest.Item]:
+        """Yield the test, named after what it does."""
+        compared = self.config.getoption("--taction-baseline") is not None
+        yield SceneItem.from_parent(self, name="regress" if compared else "verify")
+
+
+class SceneItem(pytest.Item):
+    """A scene verified, and compared with its baseline where one is given."""
+
+    def runtest(self) -> None:
+        """Verify the scene; anything but a pass fails.
+
+        Raises
+        ------
+        SceneFailed
+            A check failed, nothing could be decided, or a result is not what the baseline holds.
+        """
+        from verification.studies.baseline import git_revision, load_baseline
+        from verification.studies.regress import Status, judge_scene
+
+        file = self.config.getoption("--taction-baseline")
+        then = None
+        if file is not None:
+            then = load_baseline(self.config.invocation_params.dir / file).get(self.path.name)
+        result = judge_scene(self.path, then, git_revision(self.path.parent))
+        if result.fails or result.status in (Status.NO_VERDICT, Status.BAD_INPUT):
+            raise SceneFailed(result)
+
+    def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
+        """Tell what failed, without a traceback of taction."""
+        if isinstance(excinfo.value, SceneFailed):
+            return str(excinfo.value)
+        return super().repr_failure(excinfo, style)
+
+    def reportinfo(self) -> tuple[Path, None, str]:
+        """Say where the test is."""
+        return self.path, None, f"{self.path.name}: {self.name}"
+
+
+class SceneFailed(Exception):  # noqa: N818 - a failed test, not an error of taction
+    """A scene that did not pass; its text is what pytest shows."""
+
+    def __init__(self, result: SceneResult) -> None:
+        from verification.report.regression import change_line, remarks
+
+        lines = [*remarks(result), *map(change_line, result.changes)]
+        super().__init__("\n  ".join([f"{result.file}: {result.status.value}", *lines]))
+
+
+@pytest.fixture
+def taction_scene(request: pytest.FixtureRequest) -> TactionScene:
+    """Return the function ``taction_scene(path, engine=None) -> Verdict``, which verifies a scene.
+
+    `path` counts from the test's own folder. A scene is verified once a session, however many
+    tests ask for it.
+    """
+    folder, done = request.path.parent, request.config.stash.setdefault(VERDICTS, {})
+
+    def run(path: str | Path, engine: str | None = None) -> Verdict:
+        from cli.scenes import read_scene
+        from verification.verify import verify
+
+        file = (folder / path).resolve()
+        key = (file, file.stat().st_mtime_ns if file.exists() else 0, engine)
+        if key not in done:
+            done[key] = verify(read_scene(str(file), engine))
+        return done[key]
+
+    return run
+
+
+VERDICTS: pytest.StashKey[dict[tuple[Path, int, str | None], Verdict]] = pytest.StashKey()
