@@ -11,6 +11,7 @@ import numpy as np
 from netlist_gen.circuit import Floats
 from netlist_gen.quantities import show
 from spice_models.errors import Complaint, InputError
+from verification.agreement import Agreement
 from verification.report.table import amount
 from verification.verify import Verdict
 
@@ -63,13 +64,17 @@ def plot_verdict(verdict: Verdict, path: str) -> None:
     from matplotlib.figure import Figure
 
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(11, 7.2), layout="constrained")
+        two_engines = verdict.agreement is not None and not verdict.agreement.reason
+        figure = Figure(figsize=(11, 9.2 if two_engines else 7.2), layout="constrained")
         FigureCanvasAgg(figure)
-        grid = figure.add_gridspec(2, 2, width_ratios=(1.7, 1), height_ratios=(1, 1))
+        heights = (1, 1, 0.55) if two_engines else (1, 1)
+        grid = figure.add_gridspec(len(heights), 2, width_ratios=(1.7, 1), height_ratios=heights)
         _early(figure.add_subplot(grid[0, 0]), verdict)
         _settling(figure.add_subplot(grid[1, 0]), verdict)
         _stress(figure.add_subplot(grid[0, 1]), verdict)
         _summary(figure.add_subplot(grid[1, 1]), verdict)
+        if verdict.agreement is not None and two_engines:
+            _difference(figure.add_subplot(grid[2, 0]), verdict, verdict.agreement)
         figure.suptitle(f"{verdict.scene.name}: {verdict.outcome.value}", fontweight="bold")
         save(figure, path)
 
@@ -123,6 +128,18 @@ def _settling(axes: Axes, verdict: Verdict) -> None:
     axes.set(xlabel=f"time ({name})", ylabel="deviation (% of the step)", xlim=(0, t[-1] / size))
     axes.set_title("deviation from the reference")
     axes.legend(fontsize="small", loc="upper right")
+
+
+def _difference(axes: Axes, verdict: Verdict, agreement: Agreement) -> None:
+    """Draw ngspice minus the state-space engine, which is on the record above to line width."""
+    size, name = time_unit(float(verdict.waveforms.time[-1]))
+    scale = 100.0 / (verdict.measurements.amplitude or 1.0)
+    columns = agreement.differences.T
+    for colour, column in zip(_colours(len(columns)), columns, strict=True):
+        axes.plot(agreement.instants / size, scale * column, color=colour, lw=0.5)
+    end = verdict.waveforms.time[-1] / size
+    axes.set(xlabel=f"time ({name})", ylabel="% of the step", xlim=(0, end))
+    axes.set_title("ngspice (steps extrapolated) minus the state-space engine")
 
 
 def _traces(axes: Axes, verdict: Verdict, end: float) -> None:
