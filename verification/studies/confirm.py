@@ -144,7 +144,7 @@ def _prepare(build: Build, crossing: Crossing, side: int, logarithmic: bool) -> 
             raise EngineError(f"the pole on the axis could not be followed to {value!r}")
         aside *= 0.5
     rivals = [p.real for p in others if p not in (pole, pole.conjugate())]
-    fastest = max(rivals, default=0.0)
+    fastest = max([0.0, *rivals])
     circuit = build(value)
     return _Trial(value, pole, fastest, circuit, along(circuit, pole, fastest))
 
