@@ -47,32 +47,61 @@ class Agreement:
     reason: str
 
 
-def compare_engines(circuit: Circuit, transient: Transient, simulation: Simulation) -> Agreement:
-    """Simulate with the state-space engine what ngspice simulated, and compare the outputs.
+@dataclass(frozen=True, slots=True, eq=False)
+class Other:
+    """The state-space engine's answer at instants of the stepping engine's second run.
 
-    ngspice's answer at step zero is extrapolated from its two runs, so what is left is not the
-    error of its steps.
+    Attributes
+    ----------
+    instants : ndarray (Q,)
+        s.
+    second : ndarray (Q, N)
+        What the second run has there, V.
+    exact : ndarray (Q, N)
+        What the state-space engine has there, V; not numbers where it has no answer.
+    reason : str
+        Why it has no answer, or empty.
+    """
+
+    instants: Floats
+    second: Floats
+    exact: Floats
+    reason: str
+
+
+def other_engine(circuit: Circuit, transient: Transient, second: Waveforms) -> Other:
+    """Simulate with the state-space engine what ngspice simulates.
+
+    The instants are those of ngspice's second run, which ends while the first is under way.
     """
     from verification.engines.statespace import simulate
 
-    fine, coarse = simulation.fine, simulation.coarse
-    every = max(len(fine.time) // MAX_INSTANTS, 1)
-    shown = slice(None, None, every)
-    instants = np.asarray(fine.time[shown])
-    u = outputs(circuit, fine)[shown]
-    correction = np.zeros_like(u)
-    if coarse is not None and len(coarse.time) >= STENCIL:
-        inside = (instants >= coarse.time[0]) & (instants <= coarse.time[-1])
-        instants, u = instants[inside], u[inside]
-        twice = lagrange(coarse.time, outputs(circuit, coarse), instants, STENCIL)
-        correction = simulation.share * (u - twice)
+    shown = slice(None, None, max(len(second.time) // MAX_INSTANTS, 1))
+    instants = np.asarray(second.time[shown])
+    u = outputs(circuit, second)[shown]
     nodes = tuple(output.node for output in circuit.outputs)
     try:
         exact = simulate(circuit, transient, nodes=nodes, times=instants)
     except EngineError as error:
-        nothing = np.full_like(u, np.nan)
-        return Agreement(np.nan, np.nan, np.nan, 0, instants, nothing, str(error))
-    difference = u + correction - outputs(circuit, exact)
+        return Other(instants, u, np.full_like(u, np.nan), str(error))
+    return Other(instants, u, outputs(circuit, exact), "")
+
+
+def compare_engines(circuit: Circuit, simulation: Simulation, other: Other) -> Agreement:
+    """Compare the outputs that ngspice and the state-space engine find.
+
+    ngspice's answer at step zero is extrapolated from its two runs, so what is left is not the
+    error of its steps.
+    """
+    fine, instants = simulation.fine, other.instants
+    if other.reason or len(fine.time) < STENCIL:
+        reason = other.reason or f"the record has {len(fine.time)} points"
+        return Agreement(np.nan, np.nan, np.nan, 0, instants, other.exact * np.nan, reason)
+    inside = (instants >= fine.time[0]) & (instants <= fine.time[-1])
+    instants = instants[inside]
+    u = lagrange(fine.time, outputs(circuit, fine), instants, STENCIL)
+    correction = simulation.share * (u - other.second[inside])
+    difference = u + correction - other.exact[inside]
     place, channel = np.unravel_index(int(np.argmax(np.abs(difference))), difference.shape)
     return Agreement(
         difference=float(abs(difference[place, channel])),

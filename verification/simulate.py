@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from concurrent.futures import Future
 from contextlib import ExitStack
 from dataclasses import dataclass
 
@@ -16,7 +17,13 @@ from netlist_gen.analysis import Transient
 from netlist_gen.circuit import Circuit, Floats
 from netlist_gen.deck import write_deck
 from netlist_gen.scene import Scene
-from spice_models.errors import BadEvidence, SimulatorNotFound, SimulatorTooOld, StepTooSmall
+from spice_models.errors import (
+    BadEvidence,
+    SimulationError,
+    SimulatorNotFound,
+    SimulatorTooOld,
+    StepTooSmall,
+)
 from verification.engines.ngspice import start
 from verification.engines.simulator import find_simulator
 from verification.plan import coarser
@@ -52,10 +59,34 @@ class Simulation:
 
 
 class Pending:
-    """A simulation under way; `result` waits for it."""
+    """A simulation under way; `result` waits for it.
 
-    def __init__(self, finish: Callable[[], Simulation]) -> None:
-        self._finish = finish
+    Parameters
+    ----------
+    fine, coarse : callable
+        Wait for a run and return its waveforms; `coarse` only where there is a second run.
+    share : float
+        As `Simulation.share`.
+    """
+
+    def __init__(
+        self,
+        fine: Callable[[], Waveforms],
+        coarse: Callable[[], Waveforms] | None = None,
+        share: float = 0.0,
+    ) -> None:
+        self.share = share
+        self._fine = fine
+        self._coarse = coarse
+        self._second: Future[Waveforms] | None = None
+
+    def second_look(self) -> Waveforms | None:
+        """Wait for the second run, which ends long before the first; None without a sound one.
+
+        What went wrong with it is raised by `result`.
+        """
+        second = self._ask()
+        return None if second is None or second.exception() else second.result()
 
     def result(self, *, running_away: bool = False) -> Simulation:
         """Wait and return the simulation, or raise what went wrong with it.
@@ -64,13 +95,25 @@ class Pending:
         every bound, or the step its limit, is a result.
         """
         try:
-            return self._finish()
+            fine, second = self._fine(), self._ask()
+            coarse = None if second is None else second.result()
+            return Simulation(fine, coarse, self.share, fine.flags)
         except (StepTooSmall, BadEvidence) as error:
             partial = error.partial
             if not (running_away and isinstance(partial, Waveforms) and len(partial.time) > 1):
                 raise
             note = f"the record ends early: {str(error).splitlines()[0]}"
             return Simulation(partial, None, math.inf, (note,))
+
+    def _ask(self) -> Future[Waveforms] | None:
+        """Wait for the second run, once, and keep its waveforms or its error."""
+        if self._coarse is not None and self._second is None:
+            self._second = Future()
+            try:
+                self._second.set_result(self._coarse())
+            except SimulationError as error:
+                self._second.set_exception(error)
+        return self._second
 
 
 def choose_engine(scene: Scene) -> str:
@@ -117,18 +160,20 @@ def _ngspice(scene: Scene, circuit: Circuit, analysis: Transient, second_look: b
             runs.append(cleanup.enter_context(run))
         under_way = cleanup.pop_all()
 
-    def finish() -> Simulation:
-        with under_way:
-            fine, *coarse = [run.result() for run in runs]
-            return Simulation(fine, coarse[0] if coarse else None, SHARE, fine.flags)
+    def finish() -> Waveforms:
+        try:
+            return runs[0].result()
+        except BaseException:  # also Ctrl-C: the other run ends with this one
+            under_way.close()
+            raise
 
-    return Pending(finish)
+    return Pending(finish, runs[1].result if second_look else None, SHARE)
 
 
 def _statespace(scene: Scene, circuit: Circuit, analysis: Transient, second_look: bool) -> Pending:
     from verification.engines.statespace import simulate
 
-    return Pending(lambda: Simulation(simulate(circuit, analysis), None, 0.0))
+    return Pending(lambda: simulate(circuit, analysis))
 
 
 ENGINES: dict[str, Callable[[Scene, Circuit, Transient, bool], Pending]] = {

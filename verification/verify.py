@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,7 +13,7 @@ from netlist_gen.problem import InverseProblem, make_problem
 from netlist_gen.scalings import make_scalings
 from netlist_gen.scene import Scene
 from netlist_gen.synthesis import synthesise
-from verification.agreement import Agreement, compare_engines, exact_record
+from verification.agreement import Agreement, compare_engines, exact_record, other_engine
 from verification.budget import ErrorPart, error_budget
 from verification.constraint import ConstraintPlane, constraint_plane
 from verification.engines.equilibrium import equilibrium
@@ -105,19 +106,23 @@ def verify(
     constraint = constraint_plane(circuit) if details else None
     margin = capacitance_margin(circuit) if scene.checks.stability.margin > 1 else None
     clock.begin("simulation")
+    second, share = pending.second_look(), pending.share
+    clock.begin("second look", beside="simulation")
+    if not second_look and share and poles.stable:
+        second, share = exact_record(circuit, transient), 1.0
+    coarse = other = None
+    if second is not None:
+        coarse, _ = measure_outputs(scene, circuit, ideal, second, transient)
+    if second is not None and second_look and poles.stable:
+        other = other_engine(circuit, transient, second)
+    clock.begin("simulation")
     simulation = pending.result(running_away=not poles.stable)
     clock.begin("measures")
     fine, u = measure_outputs(scene, circuit, ideal, simulation.fine, transient)
-    second, share = simulation.coarse, simulation.share
-    if second is None and share and not second_look and poles.stable:
-        second, share = exact_record(circuit, transient), 1.0
-    coarse = None
-    if second is not None:
-        coarse, _ = measure_outputs(scene, circuit, ideal, second, transient)
+    if math.isinf(simulation.share):  # the record ends early: nothing tells its error
+        coarse, share = None, math.inf
     error = simulation_error(fine, coarse, share)
-    clock.begin("second engine")
-    comparable = simulation.coarse is not None and poles.stable
-    agreement = compare_engines(circuit, transient, simulation) if comparable else None
+    agreement = compare_engines(circuit, simulation, other) if other is not None else None
     evidence = Evidence(
         scene.checks, fine, error, agreement, poles, margin, ideal.error, ideal.problem
     )
