@@ -72,6 +72,8 @@ def test_a_bare_key_takes_a_range_around_its_own_value(scene: Scene) -> None:
     axis = parse_axis(scene, "gain", around=30.0, points=3)
     assert axis.default
     assert axis.values == pytest.approx([2.3e6 / 30.0, 2.3e6, 69e6])
+    axis = parse_axis(scene, "phase_margin", around=30.0, points=61)
+    assert 80.0 < float(axis.values[-1]) < 90.0
 
 
 def test_groups_span_a_grid_and_zipped_keys_change_together(scene: Scene) -> None:

@@ -105,7 +105,8 @@ def parse_axis(
     points : int
         Of a range that does not say how many.
     around : float, optional
-        Accept a bare ``KEY`` and take the scene's own value over this to its value times this.
+        Accept a bare ``KEY`` and take the scene's own value over this to its value times this, as
+        far as the key takes such values.
 
     Raises
     ------
@@ -162,7 +163,15 @@ def _default_axis(scene: Scene, key: Key, name: str, around: float, points: int)
         text = f"the scene has {own!r} there, no range follows from it; give {name}=LOW:HIGH"
         raise _wrong(name, text)
     values = np.geomspace(own / around, own * around, points).tolist()
-    return Axis(key, name, tuple(values), "log", default=True)
+    return Axis(key, name, tuple(v for v in values if _takes(scene, key, v)), "log", default=True)
+
+
+def _takes(scene: Scene, key: Key, value: float) -> bool:
+    try:
+        with_value(scene, key.path, value)
+    except InputError:
+        return False
+    return True
 
 
 def points(groups: Sequence[Sequence[Axis]]) -> Iterator[dict[str, Value]]:
