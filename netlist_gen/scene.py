@@ -181,7 +181,16 @@ class AnalysisChoice(Model):
     points_per_period: Annotated[Real, Field(ge=8, le=10_000)] = Field(
         125, description="time points in one period of the fastest ringing mode that matters"
     )
+    error: Annotated[Positive, Field(lt=1)] | None = Field(
+        None, description="largest error of the transient, fraction of the step amplitude"
+    )
     timeout: Seconds = 600.0
+
+    @model_validator(mode="after")
+    def _one_resolution(self) -> Self:
+        if self.error is not None and "points_per_period" in self.model_fields_set:
+            raise ValueError("'error' excludes 'points_per_period', which follows from it")
+        return self
 
 
 class SteadyStateCheck(Model):

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
+
 from netlist_gen.analysis import Transient
 from netlist_gen.scene import Scene
 from spice_models.errors import Complaint, EngineError, InputError
@@ -14,6 +16,7 @@ REMAINDER = 0.1  # of the steady-state tolerance: what may still ring when the r
 MAX_POINTS = 2_000_000
 AFTER_SETTLING = 1.2  # a settled record must also show that it stays so
 FEWEST_POINTS = 50  # in a record
+FEWEST_PER_PERIOD = 16.0  # points, however large an error is asked for
 FEWEST_PERIODS = 8  # of ringing in a record, however fast it settles or grows
 
 
@@ -21,7 +24,8 @@ def plan_transient(scene: Scene, scales: TimeScales) -> Transient:
     """Choose stop time and maximum step of the transient of `scene`.
 
     The stop time follows the slowest mode that matters, down to a tenth of the steady-state
-    tolerance (or the growth of an unstable one); the step follows the fastest ringing.
+    tolerance (or the growth of an unstable one); the step follows the fastest ringing, or the
+    error that the scene asks for (`step_for_error`).
 
     Raises
     ------
@@ -30,7 +34,7 @@ def plan_transient(scene: Scene, scales: TimeScales) -> Transient:
     InputError
         ``analysis.stop`` is shorter than one step.
     """
-    points = scene.analysis.points_per_period
+    points = _points(scene, scales)
     step = scales.max_step_for(points)
     if scene.analysis.stop == "auto":
         stop = max(_auto_stop(scene, scales), FEWEST_PERIODS * points * step)
@@ -47,11 +51,43 @@ def plan_transient(scene: Scene, scales: TimeScales) -> Transient:
             f"the slowest mode needs {stop:.3g} s and the fastest ringing a step of {step:.3g} s:"
             f" {stop / step:.2g} points, over {MAX_POINTS:.0g}. The board is on the edge of"
             " oscillation, or its time scales are too far apart for one transient; give"
-            " analysis.stop or fewer analysis.points_per_period to look at a part of it"
+            " analysis.stop or fewer analysis.points_per_period (a larger analysis.error) to look"
+            " at a part of it"
         )
     if scene.analysis.stop == "auto":
         stop = _six_digits(stop)
     return Transient(stop, _six_digits(step), _truncation(points), scene.analysis.initial)
+
+
+def step_for_error(scales: TimeScales, error: float, stop: float) -> float:
+    """Return the step at which the trapezoidal rule errs by at most `error`, s: an estimate.
+
+    A step of h moves a pole p by ``p³h²/12``, so a mode of amplitude a is wrong by
+    ``a |p|³ h² t exp(Re p t) / 12`` after the time t, most at ``t = -1 / Re p``: the phase error
+    piles up until the ringing has died. All modes add, as if in phase, but those with
+    ``|p| h > 1``: the truncation error holds those. Never fewer than 16 points on a ringing period.
+
+    Parameters
+    ----------
+    scales : TimeScales
+        Of the board.
+    error : float
+        Fraction of the step amplitude.
+    stop : float
+        End of the record, s.
+    """
+    p, rate = np.abs(scales.poles), scales.poles.real
+    worst = np.where(rate < 0.0, np.minimum(1.0 / np.maximum(-rate, 1e-300), stop), stop)
+    with np.errstate(over="ignore"):
+        share = scales.amplitudes * p**3 * worst * np.exp(rate * worst) / 12.0
+    order = np.argsort(p)
+    step, total = scales.max_step_for(FEWEST_PER_PERIOD), 0.0
+    for speed, part in zip(p[order].tolist(), share[order].tolist(), strict=True):
+        if speed * step > 1.0:
+            break
+        total += part
+        step = min(step, math.sqrt(error / total)) if total > 0.0 else step
+    return step
 
 
 def coarser(transient: Transient, ratio: float) -> Transient:
@@ -72,6 +108,15 @@ def _auto_stop(scene: Scene, scales: TimeScales) -> float:
 def _six_digits(seconds: float) -> float:
     """Round away what two eigenvalue routines may differ in, for the same deck on any machine."""
     return float(f"{seconds:.6g}")
+
+
+def _points(scene: Scene, scales: TimeScales) -> float:
+    """Points on the period of the fastest ringing; what is set beside an error is a second try."""
+    choice = scene.analysis
+    if choice.error is None or "points_per_period" in choice.model_fields_set:
+        return choice.points_per_period
+    stop = _auto_stop(scene, scales) if choice.stop == "auto" else choice.stop
+    return scales.max_step_for(1.0) / step_for_error(scales, choice.error, stop)
 
 
 def _truncation(points: float) -> float:
