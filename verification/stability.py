@@ -8,12 +8,25 @@ from dataclasses import dataclass
 import numpy as np
 
 from netlist_gen.circuit import Circuit
+from verification.engines.arnoldi import rightmost_poles
 from verification.engines.descriptor import linearise
-from verification.engines.equilibrium import Equilibrium
-from verification.engines.modes import Complexes
+from verification.engines.equations import Descriptor
+from verification.engines.equilibrium import LARGE, Equilibrium, equilibrium
+from verification.engines.modes import Complexes, Floats
+from verification.engines.stamps import stamp
+from verification.engines.structure import Structure
+from verification.engines.winding import count_right
 from verification.timescales import Ringing, TimeScales, time_scales
 
-__all__ = ["Poles", "Ringing", "TimeScales", "poles", "summarise", "time_scales"]
+__all__ = [
+    "Poles",
+    "Ringing",
+    "TimeScales",
+    "count_unstable",
+    "poles",
+    "summarise",
+    "time_scales",
+]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,11 +79,41 @@ def poles(circuit: Circuit, at: Equilibrium | None = None) -> Poles:
 
     Notes
     -----
-    Costs one dense eigenproblem without vectors, about 10 n³ flops (n = 91: 3 ms).
+    Costs one dense eigenproblem without vectors, about 10 n³ flops (n = 91: 3 ms); above
+    `LARGE` unknowns Arnoldi's method finds only the rightmost poles (500 channels: 2 s).
     """
-    return summarise(
-        np.linalg.eigvals(linearise(circuit, at).A).astype(np.complex128), complete=True
-    )
+    descriptor = stamp(circuit)
+    if descriptor.size > LARGE:
+        return summarise(rightmost_poles(descriptor, _slopes(descriptor, at)), complete=False)
+    values = np.linalg.eigvals(linearise(descriptor, at).A)
+    return summarise(values.astype(np.complex128), complete=True)
+
+
+def count_unstable(circuit: Circuit, at: Equilibrium | None = None) -> int:
+    """Count the poles right of the imaginary axis without finding any, by a winding number.
+
+    Parameters
+    ----------
+    circuit, at
+        As `poles` has them; the two must agree, and share nothing but the equations.
+
+    Raises
+    ------
+    EngineError
+        A pole lies on the axis to working precision, or no equilibrium.
+
+    Notes
+    -----
+    See `verification.engines.winding.count_right` (N = 7: 0.15 s, N = 128: 2.5 s).
+    """
+    descriptor = stamp(circuit)
+    return count_right(Structure(descriptor, _slopes(descriptor, at)))
+
+
+def _slopes(descriptor: Descriptor, at: Equilibrium | None) -> Floats | None:
+    if not descriptor.devices.count:
+        return None
+    return (at or equilibrium(descriptor)).slopes
 
 
 def summarise(values: Complexes, *, complete: bool) -> Poles:

@@ -10,10 +10,12 @@ from typing import Literal
 import numpy as np
 
 from netlist_gen.circuit import Circuit
+from verification.engines.coarse import coarsen
 from verification.engines.descriptor import linearise
-from verification.engines.equilibrium import Equilibrium
+from verification.engines.equilibrium import LARGE, Equilibrium
 from verification.engines.initial import initial_state
 from verification.engines.modes import Complexes, Floats, Modes, decompose
+from verification.engines.stamps import stamp
 
 GROWN = 10.0  # an instability counts as seen once it is this many step amplitudes high
 INVISIBLE = 1e-12  # amplitude that rounding and asymmetry lend to a mode nothing excites
@@ -62,6 +64,9 @@ class TimeScales:
         Suggested stop time, s.
     max_step : float
         Suggested maximum step, s.
+    complete : bool
+        Whether `poles` are those of the board itself; False for a large board, where they are
+        those of its coarse image (`engines.coarse`) and not to be judged by.
     """
 
     poles: Complexes
@@ -72,6 +77,7 @@ class TimeScales:
     growth_time: float
     stop: float
     max_step: float
+    complete: bool = True
 
     def stop_for(self, error: float) -> float:
         """Time after which all decaying modes together stay below `error` step amplitudes, s.
@@ -137,9 +143,12 @@ def time_scales(
     EngineError
         No state-space form, or no equilibrium.
     """
-    space = linearise(circuit, at)
+    descriptor = stamp(circuit)
+    large = descriptor.size > LARGE
+    space = linearise(coarsen(descriptor)) if large else linearise(descriptor, at)
     modes = decompose(space.A)
-    C, _ = space.rows(tuple(output.node for output in circuit.outputs))
+    shown = {output.node for output in circuit.outputs}.intersection(space.nodes)
+    C, _ = space.rows(tuple(sorted(shown)))
     target = -np.linalg.solve(space.A, space.B.sum(axis=1))
     start = initial_state(space, initial)
     step = float(np.abs(C @ (target - start)).max(initial=0.0))
@@ -147,7 +156,7 @@ def time_scales(
     weight = np.abs(share).max(axis=0) if step > 0.0 else np.ones(space.n)
     if not np.all(np.isfinite(weight)):  # defective: every mode counts as excited
         weight = np.ones(space.n)
-    return _scales(modes, weight, share, error, points)
+    return replace(_scales(modes, weight, share, error, points), complete=not large)
 
 
 def _scales(

@@ -126,6 +126,17 @@ class Descriptor:
             np.add.at(K, np.ix_(part.drivers[felt], part.sinks), part.conductance.T[felt])
         return K
 
+    def stiffness_times(self, z: Floats, *, magnitudes: bool = False) -> Floats:
+        """K z, or ``|K| |z|``, without forming K; shape (size,)."""
+        f = np.abs if magnitudes else np.asarray
+        z, local = f(z), self.local
+        found = np.zeros(self.size)
+        found += np.bincount(local.rows, f(local.values) * z[local.columns], minlength=self.size)
+        for part in self.couplings:
+            np.add.at(found, part.sinks, f(part.conductance) @ z[part.drivers])
+            np.add.at(found, part.drivers, f(part.conductance.T @ z[part.sinks]) * part.loaded)
+        return found
+
     def drive(self, *, sources_on: bool) -> Floats:
         """B with the current sources on or off, shape (size,)."""
         return self.constant + self.switched if sources_on else self.constant

@@ -19,13 +19,14 @@ from spice_models.errors import EngineError
 from verification.engines.equations import Descriptor, Floats
 from verification.engines.gains import Gain, gain_of
 from verification.engines.stamps import stamp
+from verification.engines.structure import Structure
 
 MAX_STEPS = 200
 STAGES = 10.0 ** np.arange(0, -17, -2)  # of the homotopy: added diagonal feedback, times H
 POLISHED = 1e-13  # residual above which the last steps are taken on all unknowns
 CERTIFICATE = 1e-9  # largest residual accepted, relative to the terms that cancel in it
 
-Response = Callable[[Descriptor], tuple[Floats, Floats]]
+LARGE = 600  # unknowns above which a board is solved through its structure
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,6 +94,22 @@ def dense_response(descriptor: Descriptor) -> tuple[Callable[[Floats], Floats], 
     return solve, solve(unit)
 
 
+def structured_response(descriptor: Descriptor) -> tuple[Callable[[Floats], Floats], Floats]:
+    """As `dense_response`, through the structure of a large board: one solve a column."""
+    solve_shifted = Structure(descriptor).factor(0.0).solve
+
+    def solve(r: Floats) -> Floats:
+        z = -solve_shifted(r)
+        return np.asarray(z - solve_shifted(r - descriptor.stiffness_times(z)))
+
+    columns = np.zeros((descriptor.size, descriptor.devices.count))
+    for k, place in enumerate(descriptor.devices.output.tolist()):
+        unit = np.zeros(descriptor.size)
+        unit[place] = -1.0
+        columns[:, k] = -solve_shifted(unit)
+    return solve, columns
+
+
 def equilibrium(circuit: Circuit | Descriptor, *, sources_on: bool = True) -> Equilibrium:
     """Find the DC equilibrium.
 
@@ -116,11 +133,13 @@ def equilibrium(circuit: Circuit | Descriptor, *, sources_on: bool = True) -> Eq
 
     Notes
     -----
-    Costs one dense factorisation of all unknowns, and one of size m per Newton step.
+    Costs one factorisation of all unknowns, dense or (above `LARGE` unknowns) structured with m
+    solves, and one dense factorisation of size m per Newton step.
     """
     descriptor = stamp(circuit) if isinstance(circuit, Circuit) else circuit
     drive = descriptor.drive(sources_on=sources_on)
-    solve, columns = dense_response(descriptor)
+    response = structured_response if descriptor.size > LARGE else dense_response
+    solve, columns = response(descriptor)
     z = solve(-drive)
     devices = descriptor.devices
     if not devices.count:
@@ -149,30 +168,38 @@ def _polish(descriptor: Descriptor, z: Floats, drive: Floats) -> Floats:
     rounding of its own terms.
     """
     devices = descriptor.devices
-    gain, stiffness = gain_of(devices.kind), descriptor.dense_stiffness()
+    gain = gain_of(devices.kind)
     for _ in range(4):
         y = np.minimum(z[devices.input] / devices.v_scale, gain.upper)
-        F = stiffness @ z + drive
+        F = descriptor.stiffness_times(z) + drive
         F[devices.output] -= devices.u_scale * gain.value(y)
-        K = stiffness.copy()
-        K[devices.output, devices.input] -= devices.u_scale / devices.v_scale * gain.slope(y)
-        K *= np.maximum(np.abs(z), 1e-12 * np.abs(z).max())  # columns: unknowns in their own size
-        scale = np.abs(K).max(axis=1)
-        dz = np.linalg.solve(K / scale[:, None], -F / scale)
-        z = z + np.maximum(np.abs(z), 1e-12 * np.abs(z).max()) * dz
+        slopes = -devices.u_scale / devices.v_scale * gain.slope(y)
+        z = z + _newton_step(descriptor, slopes, F, np.abs(z))
     return z
+
+
+def _newton_step(descriptor: Descriptor, slopes: Floats, F: Floats, size: Floats) -> Floats:
+    """Solve ``(K + slopes) dz = -F``, the unknowns counted in their own `size`."""
+    if descriptor.size > LARGE:
+        return np.asarray(Structure(descriptor, slopes).factor(0.0).solve(F))
+    devices, K = descriptor.devices, descriptor.dense_stiffness()
+    K[devices.output, devices.input] += slopes
+    size = np.maximum(size, 1e-12 * size.max())
+    K *= size
+    scale = np.abs(K).max(axis=1)
+    return np.asarray(size * np.linalg.solve(K / scale[:, None], -F / scale))
 
 
 def _residual(descriptor: Descriptor, z: Floats, drive: Floats) -> float:
     """Largest ``|K z + b + f|`` relative to the largest term of its row."""
-    K = descriptor.dense_stiffness()
     f = np.zeros(descriptor.size)
     devices = descriptor.devices
     if devices.count:
         value = gain_of(devices.kind).value(z[devices.input] / devices.v_scale)
         f[devices.output] = -devices.u_scale * value
-    terms = np.abs(K) @ np.abs(z) + np.abs(drive) + np.abs(f)
-    return float(np.max(np.abs(K @ z + drive + f) / np.where(terms > 0.0, terms, 1.0), initial=0.0))
+    terms = descriptor.stiffness_times(z, magnitudes=True) + np.abs(drive) + np.abs(f)
+    rest = np.abs(descriptor.stiffness_times(z) + drive + f)
+    return float(np.max(rest / np.where(terms > 0.0, terms, 1.0), initial=0.0))
 
 
 def solve_loop(H: Floats, a: Floats, gain: Gain) -> tuple[Floats, int]:

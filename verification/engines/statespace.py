@@ -15,13 +15,14 @@ from netlist_gen.circuit import Circuit
 from spice_models.errors import EngineError
 from verification.engines import implicit
 from verification.engines.descriptor import StateSpace, linearise
-from verification.engines.equilibrium import equilibrium
+from verification.engines.equilibrium import LARGE, equilibrium
 from verification.engines.flows import Flow, LadderFlow, ModalFlow
 from verification.engines.initial import Initial, initial_state
 from verification.engines.modes import Complexes, Floats, decompose
 from verification.waveforms import Cost, Waveforms
 
 ENGINE = "statespace"
+CELL = 4  # unknowns that an op-amp brings, its inverting input and output among them
 TRUSTED = 1e-9  # modal error, in step amplitudes, below which no second way is tried
 
 
@@ -145,6 +146,8 @@ def simulate(
 ) -> Waveforms:
     """Simulate a transient: exactly if the board is linear, else by `implicit.simulate`.
 
+    A linear board of more than about `LARGE` unknowns goes through `stepping.simulate`.
+
     Parameters
     ----------
     circuit : Circuit
@@ -169,6 +172,10 @@ def simulate(
     """
     if circuit.amplifiers:
         return implicit.simulate(circuit, analysis, nodes=nodes, times=times)
+    if CELL * len(circuit.opamps) > LARGE:
+        from verification.engines import stepping
+
+        return stepping.simulate(circuit, analysis, nodes=nodes, times=times)
     began = clock.perf_counter()
     solution = exact(
         circuit,
