@@ -17,6 +17,7 @@ from cli.output import (
 )
 
 if TYPE_CHECKING:
+    from verification.margin import Margin
     from verification.verify import Verdict
 
 
@@ -29,8 +30,13 @@ if TYPE_CHECKING:
     type=click.Path(dir_okay=False),
     help="Draw outputs, settling band and recovered stress (PNG, SVG or PDF).",
 )
+@click.option(
+    "--margins",
+    is_flag=True,
+    help="Say how much smaller C, and how much larger gain, to the next stability crossing.",
+)
 @reports_errors
-def verify(scene: str, as_json: bool, engine: str | None, plot: str | None) -> None:
+def verify(scene: str, as_json: bool, engine: str | None, plot: str | None, margins: bool) -> None:
     """Verify SCENE: simulate its board, solve its problem, compare, judge."""
     from cli.scenes import read_scene
 
@@ -43,7 +49,7 @@ def verify(scene: str, as_json: bool, engine: str | None, plot: str | None) -> N
 
     with stage_display() as progress:
         verdict = run(asked, progress)
-    _show(verdict, as_json)
+    _show(verdict, as_json, _margins(verdict) if margins else {})
     if plot is not None:
         from verification.report.plots import plot_verdict
 
@@ -52,14 +58,27 @@ def verify(scene: str, as_json: bool, engine: str | None, plot: str | None) -> N
     sys.exit(STATUS[verdict.outcome.value])
 
 
-def _show(verdict: Verdict, as_json: bool) -> None:
+def _margins(verdict: Verdict) -> dict[str, Margin]:
+    from verification.margin import capacitance_margin, gain_margin
+
+    board = verdict.circuit
+    return {"capacitance": capacitance_margin(board), "gain": gain_margin(board)}
+
+
+def _show(verdict: Verdict, as_json: bool, margins: dict[str, Margin]) -> None:
     if as_json:
         from verification.report.document import verdict_document
 
-        print_json(verdict_document(verdict))
+        document = verdict_document(verdict)
+        if margins:
+            found = {name: {"factor": m.factor, "text": m.text} for name, m in margins.items()}
+            document["stability"]["margins"] = found
+        print_json(document)
         return
     from rich.console import Console
 
     from verification.report.table import print_verdict
 
     print_verdict(verdict, Console(highlight=False))
+    for margin in margins.values():
+        click.echo(f"margin: {margin.text}")

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
+from cli.main import main
 from netlist_gen.circuit import Circuit
 from netlist_gen.problem import make_problem
 from netlist_gen.scene_file import load_scene
@@ -13,7 +16,8 @@ from netlist_gen.synthesis import synthesise
 from verification.margin import REACH, capacitance_margin, gain_margin, with_capacitance, with_gain
 from verification.studies.axes import with_value
 
-SCENE = load_scene(Path(__file__).parents[1] / "scenes" / "tuned-breadboard.toml")
+FILE = Path(__file__).parents[1] / "scenes" / "tuned-breadboard.toml"
+SCENE = load_scene(FILE)
 
 
 def board(path: str = "name", value: float | str = "tuned") -> Circuit:
@@ -51,3 +55,12 @@ def test_an_unstable_board_has_no_margin() -> None:
 def test_a_board_that_nothing_upsets_has_the_largest_margin_that_is_looked_for() -> None:
     margin = capacitance_margin(board("design.gain", 1e5))
     assert (margin.factor, margin.text) == (REACH, "no crossing up to C/100")
+
+
+def test_verify_reports_both_margins_when_asked() -> None:
+    arguments = ["verify", str(FILE), "--engine", "statespace", "--json"]
+    runner = CliRunner()
+    found = json.loads(runner.invoke(main, [*arguments, "--margins"]).stdout)["stability"]
+    assert found["margins"]["capacitance"]["factor"] == pytest.approx(2.41911, rel=1e-5)
+    assert found["margins"]["gain"]["factor"] == pytest.approx(2.04498, rel=1e-5)
+    assert "margins" not in json.loads(runner.invoke(main, arguments).stdout)["stability"]

@@ -115,7 +115,8 @@ class _Line:
         a, m, b = triple
         for step in range(60):
             near = abs(m.real(k))
-            if not near < min(abs(a.real(k)), abs(b.real(k))) or _width(a, b) < NARROW:
+            ends = abs(a.real(k)), abs(b.real(k))
+            if not near < min(ends) or max(ends) == math.inf or _width(a, b) < NARROW:
                 return
             top, height = _vertex(a, m, b, k)
             if step and height * np.sign(m.real(k)) > REACH * near:
@@ -204,7 +205,7 @@ def _bends(a: Sample, m: Sample, b: Sample, k: int) -> bool:
     share = (m.place - a.place) / (b.place - a.place)
     chord = (1.0 - share) * a.real(k) + share * b.real(k)
     nearest = min(abs(each.real(k)) for each in (a, m, b))
-    return abs(m.real(k) - chord) > BEND * nearest
+    return math.isfinite(chord) and abs(m.real(k) - chord) > BEND * nearest
 
 
 def _vertex(a: Sample, m: Sample, b: Sample, k: int) -> tuple[float, float]:
