@@ -107,7 +107,7 @@ def _show(tuning: Tuning, verdict: Verdict) -> None:
     scalings = verdict.circuit.scalings
     console.print(
         f"{tuning.tried} designs tried, {len(tuning.frontier)} on the trade-off; lambda held at"
-        f" {scalings.lam:.4g}, so R = {show(scalings.resistance, 'ohm')}. In the scene's \\[design]:"
+        f" {scalings.lam:.4g}, so R = {show(scalings.resistance, 'ohm')}. The scene's \\[design]:"
     )
     for path, value in tuning.after.values.items():
         console.print(f"  {path.removeprefix('design.')} = {value!r}")

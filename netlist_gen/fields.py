@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
@@ -44,6 +45,28 @@ class Unit:
         return {"anyOf": [{"type": "number"}, {"type": "string"}], "description": example}
 
 
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """Annotation of a positive number, or the name of a rule that finds one."""
+
+    names: tuple[str, ...]
+
+    def check(self, value: object) -> float | str:
+        """Return the number or the name; ValueError says what would be accepted."""
+        if isinstance(value, str) and value in self.names:
+            return value
+        if isinstance(value, int | float) and value is not True and 0 < value < math.inf:
+            return float(value)
+        known = ", ".join(repr(name) for name in self.names)
+        raise ValueError(f"expected a number above zero, or one of the rules {known}")
+
+    def __get_pydantic_core_schema__(self, source: object, handler: object) -> CoreSchema:
+        return core_schema.no_info_plain_validator_function(self.check)
+
+    def __get_pydantic_json_schema__(self, schema: object, handler: object) -> dict[str, Any]:
+        return {"anyOf": [{"type": "number", "exclusiveMinimum": 0}, {"enum": list(self.names)}]}
+
+
 Farads = Annotated[float, Unit("F")]
 FaradsOrZero = Annotated[float, Unit("F", zero=True)]
 Ohms = Annotated[float, Unit("ohm")]
@@ -53,6 +76,9 @@ Volts = Annotated[float, Unit("V")]
 Hertz = Annotated[float, Unit("Hz")]
 Seconds = Annotated[float, Unit("s")]
 SecondsOrAuto = Annotated[Literal["auto"] | float, Unit("s", word="auto")]
+LambdaOrRule = Annotated[
+    float | str, Rule(("discrepancy", "gcv", "l-curve", "quasi-optimality", "mse"))
+]
 
 # Strict: "7" for 7 is a slip worth naming, and true is no number.
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]

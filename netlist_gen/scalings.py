@@ -28,6 +28,9 @@ def make_scalings(scene: Scene) -> Scalings:
     product = 1.0 / (design.gain * design.unit_conductance**2)
     if design.amplifier != "linear":
         product *= 2.0 * slope / design.unit_voltage
+    if isinstance(design.lam, str):
+        text = "a rule has to choose the number first; see verification.lambda_rule"
+        raise InputError(scene.file, Complaint("design.lambda", repr(design.lam), text))
     given = design.lam or design.resistance or DEFAULT_RESISTANCE
     other = product / given
     if not (np.isfinite(other) and other > 0):

@@ -22,6 +22,7 @@ from netlist_gen.fields import (
     FaradsOrZero,
     FileName,
     Hertz,
+    LambdaOrRule,
     Model,
     NonNegative,
     Ohms,
@@ -149,7 +150,9 @@ class Design(Model):
     amplifier: Literal["linear", "exponential", "sinh", "softplus", "tanh"] = "linear"
     capacitance: Farads = 1e-11
     resistance: Ohms | None = None
-    lam: Positive | None = Field(None, alias="lambda", description="regularisation parameter")
+    lam: LambdaOrRule | None = Field(
+        None, alias="lambda", description="regularisation parameter, or the rule that chooses it"
+    )
     gain: Ohms = 6.252e6
     unit_conductance: Siemens = 3.313e-7
     unit_voltage: Volts = 1.0
@@ -255,11 +258,24 @@ class Scene(Model):
     checks: Checks = Checks()
     regression: Regression = Regression()
     _file: Path = PrivateAttr(Path("scene.toml"))
+    _lambda_rule: str = PrivateAttr("")
 
     @property
     def file(self) -> Path:
         """Where the scene was read."""
         return self._file
+
+    @property
+    def lambda_rule(self) -> str:
+        """The rule that chose lambda; empty where the scene gave a number."""
+        return self._lambda_rule
+
+    def with_lambda(self, lam: float, rule: str) -> Scene:
+        """Return the scene with the lambda that `rule` chose."""
+        design = self.design.model_copy(update={"lam": lam})
+        chosen = self.model_copy(update={"design": design})
+        chosen._lambda_rule = rule
+        return chosen
 
     @property
     def folder(self) -> Path:

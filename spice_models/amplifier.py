@@ -18,9 +18,9 @@ class AmplifierKind:
     name : str
         As a scene names it.
     expression : str
-        ``g`` as an ngspice B-source expression of ``{x}``, which stands for ``v / Ve``; a product or
-        a call, so that a minus sign before it negates all of it; empty for
-        the linear one, which is an op-amp and no behavioural source.
+        ``g`` as an ngspice B-source expression of ``{x}``, which stands for ``v / Ve``; a product
+        or a call, so that a minus sign before it negates all of it. Empty for the linear one,
+        which is an op-amp and no behavioural source.
     biased : bool
         Whether a bias current I_b = Ve / R flows where the scene does not say: with exponential
         amplifiers it turns ``sum (u log u - u)`` into the entropy.

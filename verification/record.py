@@ -12,6 +12,7 @@ from netlist_gen.scalings import make_scalings
 from netlist_gen.scene import Scene
 from netlist_gen.synthesis import synthesise
 from verification.ideal import IdealAnswer, ideal_answer, ideal_network
+from verification.lambda_rule import resolve_lambda
 from verification.measures import Measurements, measure
 from verification.plan import plan_transient
 from verification.simulate import PHYSICAL_BOUND, begin, choose_engine, outputs
@@ -38,6 +39,7 @@ def record_transient(scene: Scene, progress: Callable[[str], None] = lambda stag
         As `verification.verify.verify`.
     """
     progress("synthesis")
+    scene = resolve_lambda(scene)
     problem = make_problem(scene)
     circuit = synthesise(scene, problem)
     transient = plan_transient(scene, time_scales(circuit, initial=scene.analysis.initial))

@@ -18,6 +18,7 @@ from verification.budget import ErrorPart, error_budget
 from verification.constraint import ConstraintPlane, constraint_plane
 from verification.engines.equilibrium import equilibrium
 from verification.ideal import IdealAnswer, ideal_answer, ideal_network
+from verification.lambda_rule import resolve_lambda
 from verification.margin import Margin, capacitance_margin
 from verification.measures import Measurements
 from verification.plan import plan_transient
@@ -90,6 +91,7 @@ def verify(
     """
     clock = _Clock(progress)
     clock.begin("synthesis")
+    scene = resolve_lambda(scene)
     problem = make_problem(scene) if problem is None else problem
     circuit = synthesise(scene, problem)
     network = ideal_network(problem, make_scalings(scene), scene)

@@ -44,6 +44,7 @@ def verdict_document(verdict: Verdict) -> dict[str, Any]:
             "overshoot": verdict.error.overshoot,
         },
         "lambda": scalings.lam,
+        "lambda_rule": verdict.scene.lambda_rule or None,
         "resistance": scalings.resistance,
         "certificate": {
             "kind": verdict.ideal.solution.certificate_kind,

@@ -38,6 +38,8 @@ def _head(verdict: Verdict) -> RenderableType:
         f" C = {show(s.capacitance, 'F')}, R = {show(s.resistance, 'ohm')},"
         f" s = {show(s.gain, 'ohm')}, G0 = {show(s.unit_conductance, 'S')}, lambda = {s.lam:.4g}"
     )
+    if verdict.scene.lambda_rule:
+        board += f" (chosen by {verdict.scene.lambda_rule})"
     return Group(Text(verdict.scene.name, style="bold"), Text(board))
 
 
