@@ -8,24 +8,28 @@ import numpy as np
 import pytest
 
 from spice_models.errors import EngineError
-from verification.engines.modes import Complexes
+from verification.stability import Poles, summarise
 from verification.studies.locus import Scan
 from verification.studies.scan import scan
 
 GRID = np.geomspace(0.1, 10.0, 31).tolist()
 
 
-def poles_of(*laws: Callable[[float], complex]) -> Callable[[float], Complexes]:
+def poles_of(*laws: Callable[[float], complex]) -> Callable[[float], Poles]:
     """Poles, rightmost first, from laws in the logarithm of the value; pairs are completed."""
 
-    def read(value: float) -> Complexes:
+    def read(value: float) -> Poles:
         x = float(np.log(value))
         listed = [complex(law(x)) for law in laws]
         listed += [p.conjugate() for p in listed if p.imag]
         found = np.array(listed)
-        return found[np.lexsort((-found.imag, -found.real))]
+        return summarise(found, complete=True)
 
     return read
+
+
+def pair(pole: complex) -> Poles:
+    return summarise(np.array([pole, np.conj(pole)]), complete=True)
 
 
 def places(found: Scan) -> list[float]:
@@ -82,29 +86,40 @@ def test_modes_that_cross_at_the_same_value_are_listed_by_frequency() -> None:
 
 
 def test_rounding_at_a_crossing_does_not_make_several_of_it(rng: np.random.Generator) -> None:
-    def read(value: float) -> Complexes:
+    def read(value: float) -> Poles:
         noise = 1e-8 * float(rng.standard_normal())
-        return np.array([np.log(value) - 0.3 + noise + 1j, np.log(value) - 0.3 + noise - 1j])
+        return pair(np.log(value) - 0.3 + noise + 1j)
 
     assert places(scan(read, GRID)) == pytest.approx([0.3], abs=1e-6)
 
 
 def test_a_linear_scan_reaches_zero() -> None:
     found = scan(
-        lambda v: np.array([0.3 - v, -5.0], dtype=complex), [0.0, 0.5, 1.0], logarithmic=False
+        lambda v: summarise(np.array([0.3 - v, -5.0], dtype=complex), complete=True),
+        [0.0, 0.5, 1.0],
+        logarithmic=False,
     )
     assert found.crossings[0].value == pytest.approx(0.3, rel=1e-8)
     assert found.stable_ranges == ((found.crossings[0].value, 1.0),)
 
 
 def test_values_without_poles_are_kept_with_their_reason() -> None:
-    def read(value: float) -> Complexes:
+    def read(value: float) -> Poles:
         if value > 2.0:
             raise EngineError("no equilibrium")
-        return np.array([np.log(value) + 1j, np.log(value) - 1j])
+        return pair(np.log(value) + 1j)
 
     found = scan(read, GRID)
     assert places(found) == pytest.approx([0.0], abs=1e-8)
     assert {s.failure for s in found.samples if s.value > 2.0} == {"no equilibrium"}
     with pytest.raises(EngineError, match="no equilibrium"):
         scan(read, [3.0, 4.0])
+
+
+def test_of_incomplete_poles_only_the_rightmost_one_counts() -> None:
+    laws = poles_of(lambda x: x - 0.3 + 1j, lambda x: x - 0.4 + 2j, lambda x: x - 0.5)
+    found = scan(lambda v: summarise(laws(v).poles[:3], complete=False), GRID)
+    assert places(found) == pytest.approx([0.3], rel=1e-6)
+    assert not found.complete
+    assert (found.crossings[0].below, found.crossings[0].above) == (0, 1)
+    assert found.stable_ranges == ((0.1, found.crossings[0].value),)

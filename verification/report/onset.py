@@ -36,20 +36,23 @@ def onset_document(found: Onset) -> dict[str, Any]:
             "scale": "logarithmic" if found.scan.logarithmic else "linear",
             "default": found.axis.default,
         },
-        "crossings": [_finding(each) for each in found.findings],
+        "complete": found.scan.complete,
+        "crossings": [_finding(each, found.scan.complete) for each in found.findings],
         "stable_ranges": [list(pair) for pair in found.scan.stable_ranges],
         "failures": [{"value": s.value, "reason": s.failure} for s in samples if s.failure],
     }
 
 
-def _finding(found: Finding) -> dict[str, Any]:
+def _finding(found: Finding, complete: bool) -> dict[str, Any]:
     crossing, trial = found.crossing, found.confirmation
     return {
         "value": crossing.value,
         "frequency": crossing.frequency,
         "direction": direction(crossing),
         "changes_stability": crossing.changes_stability,
-        "unstable_poles": {"below": crossing.below, "above": crossing.above},
+        "unstable_poles": (
+            {"below": crossing.below, "above": crossing.above} if complete else None
+        ),
         "confirmed": trial.confirmed,
         "reason": trial.reason,
         "below": _side(trial.below),
@@ -104,6 +107,11 @@ def print_onset(found: Onset, console: Console) -> None:
         if each.confirmation.reason:
             where = show(each.crossing.value, unit, 7)
             console.print(f"{where}: {escape(each.confirmation.reason)}")
+    if not found.scan.complete:
+        console.print(
+            "large board: only its rightmost poles were looked for, so modes that begin or cease to"
+            " grow while others do are not listed"
+        )
     ranges = ", ".join(f"{show(a, unit)} to {show(b, unit)}" for a, b in found.scan.stable_ranges)
     console.print(f"stable: {ranges or 'nowhere in this range'}")
 
@@ -111,12 +119,13 @@ def print_onset(found: Onset, console: Console) -> None:
 def _table(found: Onset) -> Table:
     titles = ("crossing", "frequency", "unstable", "confirmed", "rate below", "rate above")
     table = Table(*titles, box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    complete = found.scan.complete
     for each in found.findings:
         crossing, trial = each.crossing, each.confirmation
         table.add_row(
             show(crossing.value, found.axis.key.unit, 7),
             show(crossing.frequency, "Hz", 5) if crossing.frequency else "real pole",
-            f"{crossing.below} → {crossing.above}",
+            f"{_count(crossing.below, complete)} → {_count(crossing.above, complete)}",
             SAYS[trial.confirmed],
             _rates(trial.below),
             _rates(trial.above),
@@ -127,6 +136,10 @@ def _table(found: Onset) -> Table:
     )
     table.caption_justify = "left"
     return table
+
+
+def _count(unstable: int, complete: bool) -> str:
+    return str(unstable) if complete or not unstable else "some"
 
 
 def _rates(side: Side | None) -> str:

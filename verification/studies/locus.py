@@ -21,7 +21,9 @@ class Sample:
     value : float
         The value itself.
     poles : ndarray
-        1/s, rightmost first; all of them, or at least all unstable ones and some more.
+        1/s, rightmost first.
+    complete : bool
+        Whether they are all poles; of a large board only the first one counts.
     failure : str
         Why there are none; empty where there are.
     """
@@ -29,12 +31,18 @@ class Sample:
     place: float
     value: float
     poles: Complexes
+    complete: bool = True
     failure: str = ""
 
     @property
+    def known(self) -> int:
+        """How many poles from the right are known to be the first ones."""
+        return len(self.poles) if self.complete else min(len(self.poles), 1)
+
+    @property
     def unstable(self) -> int:
-        """Number of poles on or right of the imaginary axis."""
-        return int(np.sum(self.poles.real >= 0.0))
+        """Number of poles on or right of the imaginary axis; 1 for any of an incomplete set."""
+        return int(np.sum(self.poles.real[: self.known] >= 0.0))
 
     @property
     def stable(self) -> bool:
@@ -43,7 +51,7 @@ class Sample:
 
     def real(self, k: int) -> float:
         """Real part of the k-th pole from the right (from 0), 1/s; minus infinity beyond all."""
-        return float(self.poles.real[k]) if k < len(self.poles) else -math.inf
+        return float(self.poles.real[k]) if k < self.known else -math.inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +67,7 @@ class Crossing:
     unstable_above : bool
         Whether it is in the right half plane above `value` (else below).
     below, above : int
-        Number of unstable poles on either side.
+        Number of unstable poles on either side; 1 for any where the scan is not `complete`.
     """
 
     value: float
@@ -86,6 +94,11 @@ class Scan:
     samples: tuple[Sample, ...]
     crossings: tuple[Crossing, ...]
     logarithmic: bool
+
+    @property
+    def complete(self) -> bool:
+        """Whether all poles were seen, else only crossings of the rightmost one are listed."""
+        return all(sample.complete for sample in self.samples)
 
     @property
     def stable_ranges(self) -> tuple[tuple[float, float], ...]:

@@ -131,7 +131,7 @@ def crossings(
 ) -> Scan:
     """Find every crossing of a board given as a function of one value; see `scan.scan`."""
     progress(f"poles at {len(values)} values and more")
-    return scan(lambda value: poles(build(value)).poles, values, logarithmic=logarithmic)
+    return scan(lambda value: poles(build(value)), values, logarithmic=logarithmic)
 
 
 def confirmations(

@@ -17,7 +17,7 @@ from itertools import pairwise
 import numpy as np
 
 from spice_models.errors import EngineError, InputError, TactionError
-from verification.engines.modes import Complexes
+from verification.stability import Poles
 from verification.studies.locus import Crossing, Sample, Scan
 
 TOLERANCE = 1e-8  # of a crossing's value
@@ -27,7 +27,7 @@ REACH = 0.9  # a parabola through three points that ends this far from the axis 
 NARROW = 1e-6  # relative width below which rounding decides on which side of the axis a pole is
 SAME = 1e-3  # relative difference of frequencies that count as one
 
-Reader = Callable[[float], Complexes]
+Reader = Callable[[float], Poles]
 
 
 def scan(
@@ -38,7 +38,8 @@ def scan(
     Parameters
     ----------
     read : callable
-        All poles at a value, 1/s, rightmost first.
+        Poles at a value. Where they are not complete, as those of a large board, crossings
+        between modes of a board that is unstable anyway cannot be told, and are not listed.
     values : sequence of float
         The grid to begin with; above zero if `logarithmic`.
     logarithmic : bool
@@ -81,10 +82,11 @@ class _Line:
         if value is None:
             value = math.exp(place) if self.logarithmic else place
         try:
-            sample = Sample(place, value, self.read(value))
+            found = self.read(value)
+            sample = Sample(place, value, found.poles, found.complete)
         except (InputError, EngineError) as error:
             self._error = self._error or error
-            sample = Sample(place, value, np.zeros(0, dtype=np.complex128), str(error))
+            sample = Sample(place, value, np.zeros(0, dtype=np.complex128), failure=str(error))
         insort(self.samples, sample, key=lambda each: each.place)
         return sample
 
@@ -198,7 +200,7 @@ def _equal(*samples: Sample) -> bool:
 def _beside_the_axis(sample: Sample) -> tuple[int, ...]:
     """Last unstable and first stable pole, by place from the right."""
     count = sample.unstable
-    return tuple(k for k in (count - 1, count) if 0 <= k < len(sample.poles))
+    return tuple(k for k in (count - 1, count) if 0 <= k < sample.known)
 
 
 def _bends(a: Sample, m: Sample, b: Sample, k: int) -> bool:
