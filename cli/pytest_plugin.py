@@ -6,13 +6,14 @@ verified.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import pytest
 
 if TYPE_CHECKING:
+    from verification.studies.baseline import Entry
     from verification.studies.regress import SceneResult
     from verification.verify import Verdict
 
@@ -41,13 +42,33 @@ class SceneFile(pytest.File):
     """A scene file: one test."""
 
     def collect(self) -> Iterator[pytest.Item]:
-        """Yield the test, named after what it does."""
-        compared = self.config.getoption("--taction-baseline") is not None
-        yield SceneItem.from_parent(self, name="regress" if compared else "verify")
+        """Yield the test, named after what it does.
+
+        Raises
+        ------
+        pytest.Collector.CollectError
+            The baseline cannot be read.
+        """
+        file = self.config.getoption("--taction-baseline")
+        if file is None:
+            yield SceneItem.from_parent(self, name="verify", baseline={})
+            return
+        from spice_models.errors import InputError
+        from verification.studies.baseline import load_baseline
+
+        try:
+            baseline = load_baseline(self.config.invocation_params.dir / file)
+        except InputError as error:
+            raise self.CollectError(str(error)) from None
+        yield SceneItem.from_parent(self, name="regress", baseline=baseline)
 
 
 class SceneItem(pytest.Item):
-    """A scene verified, and compared with its baseline where one is given."""
+    """A scene verified, and compared with its entry of a baseline where there is one."""
+
+    def __init__(self, *, baseline: Mapping[str, Entry], **rest: Any) -> None:
+        super().__init__(**rest)
+        self._then = baseline.get(self.path.name)
 
     def runtest(self) -> None:
         """Verify the scene; anything but a pass fails.
@@ -57,14 +78,10 @@ class SceneItem(pytest.Item):
         SceneFailed
             A check failed, nothing could be decided, or a result is not what the baseline holds.
         """
-        from verification.studies.baseline import git_revision, load_baseline
+        from verification.studies.baseline import git_revision
         from verification.studies.regress import Status, judge_scene
 
-        file = self.config.getoption("--taction-baseline")
-        then = None
-        if file is not None:
-            then = load_baseline(self.config.invocation_params.dir / file).get(self.path.name)
-        result = judge_scene(self.path, then, git_revision(self.path.parent))
+        result = judge_scene(self.path, self._then, git_revision(self.path.parent))
         if result.fails or result.status in (Status.NO_VERDICT, Status.BAD_INPUT):
             raise SceneFailed(result)
 
@@ -86,7 +103,8 @@ class SceneFailed(Exception):  # noqa: N818 - a failed test, not an error of tac
         from verification.report.regression import change_line, remarks
 
         lines = [*remarks(result), *map(change_line, result.changes)]
-        super().__init__("\n  ".join([f"{result.file}: {result.status.value}", *lines]))
+        how = result.status.value if result.baseline or not result.checks else "fail"
+        super().__init__("\n  ".join([f"{result.file}: {how}", *lines]))
 
 
 @pytest.fixture
