@@ -45,19 +45,19 @@ def count_right(structure: Structure, abscissa: float = 0.0) -> int:
     Costs some 50 to 100 structured factorisations and dense eigenproblems of half the size of the
     Schur complement each (N = 7: 0.1 s; N = 128: seconds).
     """
-    rates, cell_poles = _cells(structure)
+    rates, cells = cell_poles(structure)
     fastest = float(rates.max(initial=1.0))
     top = BEYOND * fastest
     low, high = _Point(structure, abscissa + 1j * top), _Point(structure, abscissa + 2j * top)
     degree = (high.size - low.size) / math.log(2.0)
     turned = _follow(structure, abscissa, fastest, top)
-    offset = abscissa - cell_poles.real
+    offset = abscissa - cells.real
     if np.any(offset == 0.0):
         raise EngineError(f"a pole of a single cell lies on the line at {abscissa!r} /s")
-    ends = (np.arctan((omega - cell_poles.imag) / np.abs(offset)) for omega in (top, 0.0))
+    ends = (np.arctan((omega - cells.imag) / np.abs(offset)) for omega in (top, 0.0))
     upper, lower = ends
     turned += float(np.sum(np.sign(offset) * (upper - lower)))
-    right = float(0.5 * (len(cell_poles) + degree - turned / (0.5 * math.pi)))
+    right = float(0.5 * (len(cells) + degree - turned / (0.5 * math.pi)))
     if abs(right - round(right)) > 0.05:
         raise EngineError(f"the winding number came out as {right!r}: no whole number of poles")
     return round(right)
@@ -101,8 +101,8 @@ def _ratio(here: _Point, there: _Point) -> Complexes:
     return np.asarray(np.linalg.eigvals(np.linalg.solve(here.schur, there.schur)))
 
 
-def _cells(structure: Structure) -> tuple[Floats, Complexes]:
-    """Rates of the board (1/s) and the poles of all its cells."""
+def cell_poles(structure: Structure) -> tuple[Floats, Complexes]:
+    """Return the board's rates (1/s) and the poles of all its cells, each by itself."""
     found, rates = [], []
     for group in structure.groups:
         M, K = group.mass, group.stiffness
@@ -115,8 +115,9 @@ def _cells(structure: Structure) -> tuple[Floats, Complexes]:
         theta = np.linalg.eigvals(np.linalg.solve(shift * M - K, M))
         theta = theta[np.abs(theta) > 1e-13 * np.abs(theta).max()]
         found.append(shift - 1.0 / theta)
-    M = abs(structure.parts["oo"][0]).max(axis=1).toarray().ravel()
-    K = abs(structure.parts["oo"][1]).max(axis=1).toarray().ravel()
-    rates.append(K[M > 0.0] / M[M > 0.0])
+    if len(structure.outer):
+        M = abs(structure.parts["oo"][0]).max(axis=1).toarray().ravel()
+        K = abs(structure.parts["oo"][1]).max(axis=1).toarray().ravel()
+        rates.append(K[M > 0.0] / M[M > 0.0])
     poles = np.concatenate([*found, np.zeros(0)]).astype(np.complex128)
-    return np.concatenate(rates), poles
+    return np.concatenate([*rates, np.zeros(0)]), poles
