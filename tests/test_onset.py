@@ -164,20 +164,35 @@ def test_a_mode_hidden_by_a_faster_instability_is_left_undecided(ngspice: str) -
     assert "hides the mode" in finding.confirmation.reason
 
 
-def test_an_integration_that_damps_is_reported_as_a_disagreement(
-    ngspice: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture
+def damping(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let confirmations integrate with Gear's method and steps that damp a growing mode."""
+
     def damped(circuit: Circuit, analysis: Any, **options: Any) -> Any:
         coarse = replace(analysis, method="gear", max_step=8.0 * analysis.max_step, truncation=1e3)
         return write_deck(circuit, coarse, **options)
 
     monkeypatch.setattr(confirm_module, "write_deck", damped)
+
+
+@pytest.mark.usefixtures("ngspice", "damping")
+def test_an_integration_that_damps_is_reported_as_a_disagreement() -> None:
     crossing = Crossing(TAU * (24.0 + math.sqrt(575.0)) / R, 357007.0, False, 2, 0)
     trial = confirm(window, crossing, find_simulator(), logarithmic=True, timeout=60.0)
     assert trial.confirmed is False
     assert "the transient grows with -" in trial.reason
     assert trial.below is not None
     assert trial.below.predicted.real > 0.0
+
+
+@pytest.mark.usefixtures("ngspice", "damping")
+def test_the_command_ends_with_3_where_a_transient_contradicts_the_poles() -> None:
+    result = run("--over", "C=4pF:5pF:3", "--json")
+    assert result.exit_code == 3
+    (crossing,) = json.loads(result.stdout)["crossings"]
+    assert crossing["confirmed"] is False
+    assert crossing["below"]["measured"]["growth_rate"] < 0.0
+    assert crossing["below"]["predicted"]["growth_rate"] > 0.0
 
 
 def test_without_ngspice_crossings_are_found_and_stay_undecided(

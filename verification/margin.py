@@ -33,10 +33,12 @@ class Margin:
 
 
 def with_capacitance(circuit: Circuit, farads: float) -> Circuit:
-    """Return `circuit` with another C at every signal node."""
+    """Return `circuit` with another C; parts that differ from each other scale alike."""
+    factor = farads / circuit.scalings.capacitance
     signal = {f"c_{node.removeprefix('v_')}" for node in circuit.signal_nodes}
     capacitors = tuple(
-        replace(part, farads=farads) if part.name in signal else part for part in circuit.capacitors
+        replace(part, farads=part.farads * factor) if part.name in signal else part
+        for part in circuit.capacitors
     )
     scalings = replace(circuit.scalings, capacitance=farads)
     return replace(circuit, capacitors=capacitors, scalings=scalings)
