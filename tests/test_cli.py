@@ -7,32 +7,18 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
 from making import SCENES, write_matrix_scene
+from running import document, taction
 
 from cli import output
-from cli.main import COMMANDS, main
+from cli.main import COMMANDS
 
 TUNED = str(SCENES / "tuned-breadboard.toml")
 PAPER = SCENES / "paper-breadboard.toml"
 FAST = ("--engine", "statespace")
-
-
-def taction(*words: str) -> Result:
-    return CliRunner().invoke(main, list(words))
-
-
-def document(result: Result) -> Any:
-    """The one JSON document on stdout; numbers that JSON does not know are refused."""
-
-    def refuse(word: str) -> None:
-        raise AssertionError(f"{word} is no JSON")
-
-    return json.loads(result.stdout, parse_constant=refuse)
 
 
 def changed(folder: Path, old: str, new: str) -> str:
@@ -240,32 +226,6 @@ def test_simulate_writes_what_it_measured(tmp_path: Path) -> None:
     assert raw.exit_code == 0
     assert b"Plotname: Transient Analysis" in (tmp_path / "waves.raw").read_bytes()[:400]
     assert taction("simulate", TUNED, "-o", "waves.txt").exit_code == 2
-
-
-def test_models_and_doctor() -> None:
-    models = document(taction("models", "--json"))
-    assert set(models) == {"ideal", "ua741", "lf353", "tl084", "lf356", "ne5534", "op27"}
-    assert models["ideal"]["gbw"] is None  # infinite
-    assert models["ua741"]["source"]
-    assert "ua741" in taction("models").stdout
-    findings = document(taction("doctor", "--json"))["findings"]
-    assert [finding["what"] for finding in findings[:2]] == ["Python", "ngspice"]
-
-
-def test_new_does_not_overwrite(tmp_path: Path) -> None:
-    file = tmp_path / "board.toml"
-    assert document(taction("new", str(file), "--json")) == {"file": str(file)}
-    again = taction("new", str(file))
-    assert again.exit_code == 2
-    assert "--force" in again.stderr
-    assert taction("new", str(file), "--force").exit_code == 0
-    assert taction("new", str(tmp_path / "no" / "x.toml")).exit_code == 2
-
-
-def test_a_new_scene_verifies(tmp_path: Path) -> None:
-    file = tmp_path / "board.toml"
-    taction("new", str(file))
-    assert taction("verify", str(file), *FAST).exit_code == 0
 
 
 def test_every_command_takes_json_and_help() -> None:
