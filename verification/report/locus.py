@@ -15,11 +15,13 @@ from verification.studies.onset import Onset
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
 DAMPING = (1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7)
 LABEL_ROOM = 0.1  # of the pole map's width: what the label of a damping line takes
 HEADROOM = 1.25
+SHORT = 10.0  # ratio of its ends below which a logarithmic axis may show no decade at all
 SHOWN = 0.5  # damping ratio up to which a mode is on the pictures
 NEAR = 6  # modes of each sample, nearest the axis, that decide how far the pictures reach
 
@@ -46,7 +48,7 @@ def plot_onset(found: Onset, path: str) -> None:
         damping = figure.add_subplot(grid[0, 1])
         _damping(damping, found, samples)
         _frequency(figure.add_subplot(grid[1, 1], sharex=damping), found, samples)
-        damping.tick_params(labelbottom=False)
+        damping.tick_params(which="both", labelbottom=False)
         figure.suptitle(f"{found.scene.name}: poles over {found.axis.name}", fontweight="bold")
         save(figure, path)
 
@@ -85,7 +87,6 @@ def _window(found: Onset, samples: Sequence[Sample]) -> tuple[float, float, floa
 
 def _pole_map(figure: Figure, axes: Axes, found: Onset, samples: Sequence[Sample]) -> None:
     from matplotlib.colors import LogNorm, Normalize
-    from matplotlib.ticker import EngFormatter
 
     left, right, top = _window(found, samples)
     value, real, imag = _points(samples)
@@ -100,9 +101,8 @@ def _pole_map(figure: Figure, axes: Axes, found: Onset, samples: Sequence[Sample
     axes.set(xlim=(left / size, right / size), ylim=(0.0, top / size), title="pole map")
     axes.set(xlabel=f"real part ({unit}/s)", ylabel=f"imaginary part ({unit}rad/s)")
     label = found.axis.name + (f" ({found.axis.key.unit})" if found.axis.key.unit else "")
-    bar = figure.colorbar(
-        dots, ax=axes, location="bottom", aspect=50, pad=0.01, format=EngFormatter()
-    )
+    bar = figure.colorbar(dots, ax=axes, location="bottom", aspect=50, pad=0.01)
+    _engineering(bar.ax.xaxis, "", samples[0].value, samples[-1].value)
     bar.set_label(label)
 
 
@@ -135,15 +135,23 @@ def _damping_lines(axes: Axes, left: float, right: float, top: float, size: floa
         )
 
 
+def _engineering(axis: Axis, unit: str, low: float, high: float) -> None:
+    """Label an axis with SI prefixes; a logarithmic one between its decades too if it is short."""
+    from matplotlib.ticker import EngFormatter, NullFormatter
+
+    short = low > 0.0 and high < SHORT * low
+    axis.set_major_formatter(EngFormatter(unit=unit))
+    axis.set_minor_formatter(EngFormatter(unit=unit) if short else NullFormatter())
+
+
 def _over(axes: Axes, found: Onset) -> None:
     """Set up an axis over the swept value, with crossings and stable ranges on it."""
-    from matplotlib.ticker import EngFormatter
-
     if found.scan.logarithmic:
         axes.set_xscale("log")
     unit = found.axis.key.unit
-    axes.xaxis.set_major_formatter(EngFormatter(unit=unit))
-    axes.set_xlim(found.scan.samples[0].value, found.scan.samples[-1].value)
+    low, high = found.scan.samples[0].value, found.scan.samples[-1].value
+    _engineering(axes.xaxis, unit, low, high)
+    axes.set_xlim(low, high)
     for low, high in found.scan.stable_ranges:
         axes.axvspan(low, high, color="C2", alpha=0.08, lw=0)
     for each in found.findings:
@@ -173,8 +181,6 @@ def _damping(axes: Axes, found: Onset, samples: Sequence[Sample]) -> None:
 
 
 def _frequency(axes: Axes, found: Onset, samples: Sequence[Sample]) -> None:
-    from matplotlib.ticker import EngFormatter
-
     value, real, imag = _points(samples)
     _over(axes, found)
     hertz = imag / (2.0 * math.pi)
@@ -187,6 +193,6 @@ def _frequency(axes: Axes, found: Onset, samples: Sequence[Sample]) -> None:
             axes.plot(crossing.value, crossing.frequency, "o", mfc="none", mec="k", ms=7)
     if len(hertz) and hertz.max() > 5.0 * hertz.min():
         axes.set_yscale("log")
-    axes.yaxis.set_major_formatter(EngFormatter(unit="Hz"))
+    _engineering(axes.yaxis, "Hz", *axes.get_ylim())
     axes.set(xlabel=found.axis.name, ylabel="ringing frequency")
     axes.legend(fontsize="x-small", loc="best")
