@@ -5,7 +5,7 @@
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help setup ready demo test lint format lock build clean
+.PHONY: help setup ready demo test regress lint format bench lock build clean
 
 PYTHON_IN_VENV := .venv/bin/python
 JOBS ?= 2
@@ -30,6 +30,9 @@ demo: ready ## set up, then verify the seven-channel breadboard
 test: ready ## set up, then all tests; ARGS="-k deck -x" goes to pytest
 	$(PYTHON_IN_VENV) -m pytest -n $(JOBS) $(ARGS)
 
+regress: ready ## verify scenes/ against scenes/baseline.json; ARGS=--update accepts what changed
+	.venv/bin/taction regress scenes/ --baseline scenes/baseline.json $(ARGS)
+
 lint: ready ## ruff (rules and format) and mypy --strict
 	$(PYTHON_IN_VENV) -m ruff check .
 	$(PYTHON_IN_VENV) -m ruff format --check .
@@ -38,6 +41,11 @@ lint: ready ## ruff (rules and format) and mypy --strict
 format: ready ## rewrite the sources as ruff wants them
 	$(PYTHON_IN_VENV) -m ruff check --fix .
 	$(PYTHON_IN_VENV) -m ruff format .
+
+bench: ready ## speed against named baselines, as tables; ARGS=5 takes 5 rounds instead of 20
+	$(PYTHON_IN_VENV) benchmarks/emission.py $(ARGS)
+	$(PYTHON_IN_VENV) benchmarks/verify_overhead.py $(ARGS)
+	$(PYTHON_IN_VENV) benchmarks/startup.py $(ARGS)
 
 lock: ## write requirements/*.txt anew from pyproject.toml, newest versions
 	bash scripts/lock.sh
