@@ -87,7 +87,7 @@ class TimeScales:
         """
         decaying = self.poles.real < 0.0
         weight, rate = self.amplitudes[decaying], self.poles.real[decaying]
-        settled = _last_crossing(weight, rate, error)
+        settled = last_crossing(weight, rate, error)
         return max(settled, self.growth_time) if math.isfinite(self.growth_time) else settled
 
     def max_step_for(self, points: float) -> float:
@@ -102,7 +102,7 @@ class TimeScales:
         return 2.0 * math.pi / float(large.max()) / points if len(large) else math.inf
 
 
-def _last_crossing(weight: Floats, rate: Floats, level: float) -> float:
+def last_crossing(weight: Floats, rate: Floats, level: float) -> float:
     """Solve ``sum weight exp(rate t) = level`` for t (rates negative) by bisection."""
     if not len(weight) or weight.sum() <= level:
         return 0.0
