@@ -128,7 +128,9 @@ def _map(
     colours = "RdBu_r" if quantity.scale == "symlog" else "viridis"
     across, down = rulers
     mesh = axes.pcolormesh(across.edges, down.edges, shown, norm=norm, cmap=colours)
-    figure.colorbar(mesh, ax=axes, format=_prefixes(quantity.unit) if quantity.unit else None)
+    bar = figure.colorbar(mesh, ax=axes)
+    if quantity.scale == "log":
+        _tick(bar.ax.yaxis, quantity.unit, low, high)
 
 
 def _outcomes(
@@ -176,7 +178,8 @@ def _curves(figure: Figure, plan: Plan, data: dict[str, Any]) -> None:
             axes.axhline(0.0, color="k", lw=1.0)
         elif quantity.scale == "log" and np.isfinite(data[quantity.name]).any():
             axes.set_yscale("log")
-            axes.yaxis.set_major_formatter(_prefixes(quantity.unit))
+            numbers = data[quantity.name]
+            _tick(axes.yaxis, quantity.unit, float(np.nanmin(numbers)), float(np.nanmax(numbers)))
     _strip(panels.flat[3], plan, data["outcome"], ruler)
     for axes in panels.flat:
         ruler.mark(axes, "x")
@@ -227,21 +230,24 @@ class _Ruler:
         if self.log:
             label[f"{which}scale"] = "log"
         axes.set(**label)
-        from matplotlib.ticker import NullFormatter
-
-        format_value = _prefixes(self.axis.key.unit)
         if self.by_value:
             ruler = axes.xaxis if which == "x" else axes.yaxis
-            ruler.set_major_formatter(format_value)
-            ruler.set_minor_formatter(format_value if self.narrow else NullFormatter())
+            _tick(ruler, self.axis.key.unit, self.edges[0], self.edges[-1] if self.log else 0.0)
         else:
-            names = [format_value(v) if isinstance(v, float) else str(v) for v in self.axis.values]
+            write = _prefixes(self.axis.key.unit)
+            names = [write(v) if isinstance(v, float) else str(v) for v in self.axis.values]
             (axes.set_xticks if which == "x" else axes.set_yticks)(self.places, names)
 
-    @property
-    def narrow(self) -> bool:
-        """Whether the axis has hardly a decade, so that decades alone would not label it."""
-        return self.log and self.edges[-1] < 12.0 * self.edges[0]
+
+def _tick(ruler: Any, unit: str, low: float, high: float) -> None:
+    """Write values with SI prefixes; on a logarithmic axis at 1, 2 and 5 where it is short."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    ruler.set_major_formatter(_prefixes(unit))
+    if high > 0.0:
+        short = high < 2000.0 * low
+        ruler.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if short else (1.0,)))
+        ruler.set_minor_formatter(NullFormatter())
 
 
 def _prefixes(unit: str) -> Any:
