@@ -22,7 +22,7 @@ PRODUCT = 2.0**-102
 """Error of a matrix product over the norms of its factors."""
 
 _SPLITTER = 2.0**27 + 1.0
-_MAX_SLICES = 6
+_PRODUCT_BITS = 110
 _UNDERFLOW = -745.2
 _NEAR = 0.34
 
@@ -150,10 +150,10 @@ def log1p(x: DoubleDouble) -> DoubleDouble:
 
 
 def _slices(x: DoubleDouble, bits: int) -> list[Floats]:
-    """Split into at most six arrays that are small integers times one power of two each."""
+    """Split into arrays that are integers of 53 - `bits` bits times one power of two each."""
     out: list[Floats] = []
     high, low = x.hi, x.lo
-    while len(out) < _MAX_SLICES:
+    while len(out) * (53 - bits) < _PRODUCT_BITS:
         peak = float(np.max(np.abs(high)))
         if peak == 0.0:
             break
@@ -187,8 +187,8 @@ class ExactMatrix:
 
     Notes
     -----
-    The error is below `PRODUCT` times ``|T|_F |x|``: six slices of at least 20 bits each reach
-    2^-120 of the largest entry, and a matrix whose entries span less is represented exactly.
+    The error is below `PRODUCT` times ``|T|_F |x|``: the slices reach 2^-110 of the largest
+    entry, and a matrix whose entries span less is represented exactly.
     """
 
     def __init__(self, T: Floats) -> None:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from verification.reference.doubledouble import PRODUCT, UNIT, DoubleDouble, ExactMatrix
 from verification.reference.newton import (
     Iterate,
+    Pair,
     divergence,
     error_bound,
     homotopy,
@@ -29,7 +30,11 @@ Floats = NDArray[np.float64]
 
 CLOSE = 1e-10
 """Square of the relative error of u at which refinement takes over."""
-MAX_REFINEMENTS = 12
+MAX_REFINEMENTS = 20
+STALLED = 0.5
+"""A correction that shrinks the gap by less than this is the last."""
+SHORTENED = (1.0, 0.25, 0.0625, 0.015625)
+"""Shares of a correction that are tried."""
 ENOUGH = 1e-35
 """Square of the relative error of u at which refinement ends."""
 FAST = 1e-6
@@ -63,35 +68,55 @@ def _point(s: Scaled, exact: ExactMatrix, v: DoubleDouble, r: DoubleDouble) -> _
     return _Point(v, r, u, f1, f2, gap if np.isfinite(gap) else np.inf)
 
 
-def _corrected(s: Scaled, exact: ExactMatrix, p: _Point, D: Floats, factor: Factor) -> _Point:
-    """Take one Newton step for v and r together."""
+def _corrected(
+    s: Scaled, exact: ExactMatrix, p: _Point, D: Floats, factor: Factor
+) -> _Point | None:
+    """Take one Newton step for v and r together, shortened until the gap falls; None if never."""
     y = factor.solve(p.f1, D * p.f2)
     dr = p.f1 - s.product(D * y)
     dv = (p.f2 + s.transposed(dr) + s.h * D * y) / (s.mu + s.h * D * D)
-    return _point(s, exact, p.v + DoubleDouble.of(dv), p.r + DoubleDouble.of(dr))
+    for length in SHORTENED:
+        v, r = p.v + DoubleDouble.of(length * dv), p.r + DoubleDouble.of(length * dr)
+        trial = _point(s, exact, v, r)
+        if trial.gap < p.gap:
+            return trial
+    return None
 
 
-def _refine(s: Scaled, v: Floats) -> tuple[_Point, int]:
+def _first(s: Scaled, exact: ExactMatrix, near: Pair) -> _Point:
+    """Return where to start: one step further if Newton's method converged."""
+    v = near.primal.v
+    if near.ahead is None:
+        wide = DoubleDouble.of(v)
+        r = DoubleDouble.of(s.eps) - exact @ s.regulariser.exact(wide)
+        return _point(s, exact, wide, r)
+    q = s.mu * v + s.h * near.primal.u + near.ahead
+    v = s.regulariser.unfold(q, s.mu, s.h)
+    return _point(s, exact, DoubleDouble.of(v), DoubleDouble.of(near.dual))
+
+
+def _refine(s: Scaled, near: Pair) -> tuple[_Point, int]:
     """Improve until the gap stops shrinking or is beyond what doubles can show."""
-    exact, wide = ExactMatrix(s.T), DoubleDouble.of(v)
-    D = np.sqrt(s.regulariser.slope(v))
-    factor = s.factor(D, s.mu)
-    r = DoubleDouble.of(s.eps) - exact @ s.regulariser.exact(wide)
-    best = _point(s, exact, wide, r)
+    exact = ExactMatrix(s.T)
+    best = _first(s, exact, near)
+    stale = True
     for step in range(MAX_REFINEMENTS):
         peak = float(np.max(np.abs(best.u.hi)))
         ceiling = float(np.max(s.regulariser.ceiling(best.u.hi)))
         if best.gap * ceiling <= ENOUGH * s.mu * peak * peak:
             return best, step
-        with np.errstate(all="ignore"):
-            trial = _corrected(s, exact, best, D, factor)
-        if not trial.gap < best.gap:
-            return best, step
-        slow = trial.gap > FAST * best.gap
-        best = trial
-        if slow:  # the curvature has changed since it was factorised
+        if stale:
             D = np.sqrt(s.regulariser.slope(best.v.hi))
             factor = s.factor(D, s.mu)
+        with np.errstate(all="ignore"):
+            trial = _corrected(s, exact, best, D, factor)
+        if trial is None:
+            return best, step
+        shrunk = trial.gap / best.gap
+        best = trial
+        if shrunk > STALLED:
+            return best, step + 1
+        stale = shrunk > FAST  # the curvature has changed
     return best, MAX_REFINEMENTS
 
 
@@ -112,7 +137,7 @@ def solve_maxent(problem: Problem) -> Solution:
     start = time.perf_counter()
     s = Scaled.of(problem)
     near = homotopy(s, lambda u: CLOSE * float(np.sum(s.regulariser.ceiling(u))))
-    point, refinements = _refine(s, near.primal.v)
+    point, refinements = _refine(s, near)
     reg, u = s.regulariser, point.u.hi
     ceiling, peak = float(np.max(reg.ceiling(u))), float(np.max(np.abs(u)))
     rounding = float(np.finfo(float).eps) / 2.0 * peak

@@ -119,10 +119,23 @@ class Iterate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pair:
-    """The last iterate, a dual vector r (M,) for its gap, and the steps taken to get there."""
+    """How far Newton's method came.
+
+    Attributes
+    ----------
+    primal : Iterate
+        The last iterate.
+    dual : ndarray (M,)
+        Dual vector that goes with it for the gap.
+    ahead : ndarray (N,) or None
+        The Newton step in q that was not needed; None if the gap stayed above what was asked.
+    steps : int
+        Steps taken.
+    """
 
     primal: Iterate
     dual: Floats
+    ahead: Floats | None
     steps: int
 
 
@@ -154,17 +167,19 @@ def newton(s: System, mu: float, now: Iterate, enough: Callable[[Floats], float]
         g = s.product(D * y)
         dual = now.residual - g
         toward = s.transposed(dual) - mu * (now.v + s.beta)  # mu times the step in v
-        gap = 0.5 * float(g @ g) + mu * divergence(reg, now.v, np.abs(toward) / mu)
-        noise = NOISE * (abs(now.objective) + size * float(np.linalg.norm(now.residual)))
-        if gap <= mu * enough(now.u) or (gap <= noise and gap > 0.5 * previous):
-            return Pair(now, dual, step)
-        previous = gap
         dq = toward + s.h * D * y
+        gap = 0.5 * float(g @ g) + mu * divergence(reg, now.v, np.abs(toward) / mu)
+        if gap <= mu * enough(now.u):
+            return Pair(now, dual, dq, step)
+        noise = NOISE * (abs(now.objective) + size * float(np.linalg.norm(now.residual)))
+        if gap <= noise and gap > 0.5 * previous:
+            return Pair(now, dual, None, step)
+        previous = gap
         trial = _search(s, mu, now, dq, float(mu * y @ y + g @ g), noise)
         if trial is None:
-            return Pair(now, dual, step)
+            return Pair(now, dual, None, step)
         now = trial
-    return Pair(now, dual, MAX_STEPS)
+    return Pair(now, dual, None, MAX_STEPS)
 
 
 def _search(
@@ -206,4 +221,4 @@ def homotopy(s: System, enough: Callable[[Floats], float]) -> Pair:
         now = Iterate.at(s, reg.unfold(kept - mu * s.beta, mu, s.h), mu)
         steps += stage.steps
     last = newton(s, mu, now, enough)
-    return Pair(last.primal, last.dual, steps + last.steps)
+    return Pair(last.primal, last.dual, last.ahead, steps + last.steps)
