@@ -65,13 +65,13 @@ def test_a_second_order_step(volts: float) -> None:
 
 
 def test_a_peak_that_just_reaches_the_band_is_fragile() -> None:
-    peak = np.exp(-np.pi * ZETA / np.sqrt(1 - ZETA**2) * 3)
+    peak = float(np.exp(-np.pi * ZETA / np.sqrt(1 - ZETA**2) * 3))
     for factor, late in ((0.9999, True), (1.0001, False)):
         found = measure_exact(second_order(), np.array([1.0]), band=factor * peak)
         reading = found.settling_time
         assert reading is not None
         assert reading.fragile
-        half = np.pi / (OMEGA * np.sqrt(1 - ZETA**2))
+        half = float(np.pi / (OMEGA * np.sqrt(1 - ZETA**2)))
         assert (reading.value > 2.9 * half) is late
         assert reading.alternative is not None
         assert (reading.alternative > 2.9 * half) is not late
