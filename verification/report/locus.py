@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 DAMPING = (1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7)
 LABEL_ROOM = 0.1  # of the pole map's width: what the label of a damping line takes
 HEADROOM = 1.25
-SHORT = 10.0  # ratio of its ends below which a logarithmic axis may show no decade at all
+SHORT = 15.0  # ratio of its ends below which a logarithmic axis shows too few decades
 SHOWN = 0.5  # damping ratio up to which a mode is on the pictures
 NEAR = 6  # modes of each sample, nearest the axis, that decide how far the pictures reach
 
