@@ -59,7 +59,7 @@ def _by_newton(
     """Return ``(q, h) -> y`` by Newton's method inside a bracket that never loses the root.
 
     ``y + h g(y)`` increases with a slope of at least 1, so the root lies between 0 and
-    ``q - h g(0)``; a step that leaves the bracket, or follows one that left a tenth of the residual,
+    ``q - h g(0)``; a step that leaves the bracket, or follows one that left a tenth of the rest,
     is replaced by its middle.
     """
 
