@@ -11,6 +11,7 @@ import time as clock
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
+from netlist_gen.circuit import Circuit
 from netlist_gen.problem import make_problem
 from netlist_gen.scalings import make_scalings
 from netlist_gen.scene import Scene
@@ -157,7 +158,7 @@ def study(
     problem = make_problem(scene)
     circuit = synthesise(scene, problem)
     network = ideal_network(problem, make_scalings(scene), scene)
-    applicable, omissions = _applicable(methods, linear=not circuit.amplifiers)
+    applicable, omissions = _applicable(methods, circuit)
     progress("time of an ngspice point")
     extent = study_extent(scene, circuit, network, applicable, LADDERS * budget)
     task = Task(circuit, extent.transient, network, initial_voltages(scene, network))
@@ -183,7 +184,7 @@ def study(
     )
 
 
-def _applicable(methods: Sequence[Method], *, linear: bool) -> tuple[list[Method], list[str]]:
+def _applicable(methods: Sequence[Method], circuit: Circuit) -> tuple[list[Method], list[str]]:
     """Leave out what this board or this machine has no use for, and say so."""
     try:
         find_simulator()
@@ -192,8 +193,8 @@ def _applicable(methods: Sequence[Method], *, linear: bool) -> tuple[list[Method
         missing = str(error).splitlines()[0]
     kept, omissions = [], []
     for method in methods:
-        if method.linear_only and not linear:
-            omissions.append(f"{method.name}: not run, the board's amplifiers are not linear")
+        if reason := method.refuses(circuit):
+            omissions.append(f"{method.name}: not run, {reason}")
         elif method.engine == "ngspice" and missing:
             omissions.append(f"{method.name}: not run, {missing}")
         else:

@@ -7,7 +7,7 @@ repeats, cheapest first. A run that uses up its time is a point of its own, not 
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 from spice_models.errors import NoVerdictError
@@ -73,20 +73,19 @@ def run_ladders(
     end = clock.perf_counter() + seconds
     tallies: dict[tuple[str, float], Tally] = {}
     stopped: dict[str, str] = {}
-    for rung in range(max((len(m.ladder) for m in methods), default=0)):
-        for method in methods:
-            if rung >= len(method.ladder) or method.name in stopped:
-                continue
-            left = end - clock.perf_counter()
-            if SHARE * left < LEAST:
-                stopped[method.name] = "the budget was used up"
-                continue
-            tally = Tally(method, method.ladder[rung])
-            progress(f"{method.name}, {tally.name}")
-            _attempt(task, tally, SHARE * left, worker)
-            tallies[method.name, tally.setting] = tally
-            if tally.status == "timeout":
-                stopped[method.name] = "the setting before timed out"
+    for method, setting in _schedule(methods):
+        if method.name in stopped:
+            continue
+        left = end - clock.perf_counter()
+        if SHARE * left < LEAST:
+            stopped[method.name] = "the budget was used up"
+            continue
+        tally = Tally(method, setting)
+        progress(f"{method.name}, {tally.name}")
+        _attempt(task, tally, SHARE * left, worker)
+        tallies[method.name, setting] = tally
+        if tally.status == "timeout":
+            stopped[method.name] = "the setting before timed out"
     _repeat(task, list(tallies.values()), end, worker, progress)
     ordered = [
         tallies[method.name, setting]
@@ -95,6 +94,16 @@ def run_ladders(
         if (method.name, setting) in tallies
     ]
     return ordered, _not_run(methods, tallies, stopped)
+
+
+def _schedule(methods: Sequence[Method]) -> Iterator[tuple[Method, float]]:
+    """Yield what to run: the ideal network, which is cheap, then the board; coarse to fine."""
+    for problem in ("ideal", "board"):
+        mine = [method for method in methods if method.problem == problem]
+        for rung in range(max((len(method.ladder) for method in mine), default=0)):
+            for method in mine:
+                if rung < len(method.ladder):
+                    yield method, method.ladder[rung]
 
 
 def _attempt(task: Task, tally: Tally, allowed: float, worker: Worker) -> None:

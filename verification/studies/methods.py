@@ -10,10 +10,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
+from netlist_gen.circuit import Circuit
 from verification.studies import runs
 from verification.studies.runs import Run
 
 TOLERANCES = tuple(10.0**-k for k in range(2, 12))
+STEPPED = (1e-3, 1e-4, 1e-6, 1e-7, 1e-9)  # it doubles its step: tolerances between change nothing
 POINTS = (16.0, 32.0, 64.0, 125.0, 250.0, 500.0, 1000.0)
 
 
@@ -39,8 +41,8 @@ class Method:
         Theoretical order; None where the method has none or varies it.
     theory : str
         The same in words.
-    linear_only : bool
-        Whether it needs a board without behavioural amplifiers.
+    refuses : callable
+        ``circuit -> reason``: why the method is not for this board; empty if it is.
     """
 
     name: str
@@ -52,7 +54,7 @@ class Method:
     run: Callable[..., Run]
     order: float | None
     theory: str
-    linear_only: bool = False
+    refuses: Callable[[Circuit], str] = runs.any_board
 
 
 VARIES = "1 to 5, chosen by the integrator"
@@ -68,12 +70,17 @@ METHODS: tuple[Method, ...] = (
     ),
     Method(
         "state space, exact", "statespace", "modes", "board", "", (0.0,),
-        runs.exact, None, "no step: rounding alone", linear_only=True,
+        runs.exact, None, "no step: rounding alone", runs.small_linear_board,
     ),
     Method(
         "state space, implicit", "statespace", "Radau IIA, 5 stages", "board", "tolerance",
         TOLERANCES[:-1], runs.implicit, 6.0,
-        "6 (dense output of five Radau IIA stages; 9 at the ends of steps)",
+        "6 (dense output of five Radau IIA stages; 9 at the ends of steps)", runs.small_board,
+    ),
+    Method(
+        "state space, structured", "statespace", "Radau IIA, 7 stages", "board", "tolerance",
+        STEPPED, runs.structured, 8.0,
+        "8 (dense output of seven Radau IIA stages; 13 at the ends of steps)", runs.linear_board,
     ),
     Method(
         "ideal network, Radau", "scipy", "Radau", "ideal", "tolerance", TOLERANCES,

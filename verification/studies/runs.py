@@ -18,13 +18,14 @@ from netlist_gen.circuit import Circuit, Floats
 from netlist_gen.deck import Deck, write_deck
 from spice_models.errors import EngineError, TimedOut
 from verification.engines import implicit as amplified
-from verification.engines import ngspice, statespace
+from verification.engines import ngspice, statespace, stepping
+from verification.engines.equilibrium import LARGE
 from verification.engines.simulator import Simulator, find_simulator
 from verification.plan import coarser
 from verification.reference import IdealNetwork
 from verification.reference.dynamics import ScaledNetwork
 from verification.simulate import PHYSICAL_BOUND, outputs
-from verification.waveforms import Waveforms
+from verification.waveforms import Cost, Waveforms
 
 BASE_POINTS = 125.0  # points per period of `Task.transient`
 MAX_INSTANTS = 4000  # of a record that are compared with the reference,
@@ -87,6 +88,27 @@ class Run:
     factorisations: int | None
 
 
+def any_board(circuit: Circuit) -> str:
+    """Return why a board is not for a method, here never: an empty string."""
+    return ""
+
+
+def linear_board(circuit: Circuit) -> str:
+    """Return why a method for linear boards does not take this one, or nothing."""
+    return "the board's amplifiers are not linear" if circuit.amplifiers else ""
+
+
+def small_board(circuit: Circuit) -> str:
+    """Return why a method with dense matrices of all states does not take this one, or nothing."""
+    size = statespace.CELL * len(circuit.opamps)
+    return f"about {size} unknowns are too many for dense matrices" if size > LARGE else ""
+
+
+def small_linear_board(circuit: Circuit) -> str:
+    """Return why a dense method for linear boards does not take this one, or nothing."""
+    return linear_board(circuit) or small_board(circuit)
+
+
 def trapezoidal(task: Task, points: float, timeout: float = np.inf) -> Run:
     """Run ngspice's trapezoidal rule with `points` points on a ringing period."""
     return _ngspice(task, points, timeout, "trapezoidal")
@@ -99,7 +121,18 @@ def gear(task: Task, points: float, timeout: float = np.inf) -> Run:
 
 def exact(task: Task, _: float) -> Run:
     """Run the exact engine, recording `BASE_POINTS` on a ringing period."""
-    return replace(_thin(task, statespace.simulate(task.circuit, task.transient)), steps=0)
+    began = clock.perf_counter()
+    transient = task.transient
+    found = statespace.exact(task.circuit, initial=transient.initial, stop=transient.stop)
+    time = amplified.record_times(transient, transient.stop)
+    values = found.uniform(float(time[1]), len(time))
+    cost = Cost(clock.perf_counter() - began, 0, 1)
+    return _thin(task, Waveforms(time, found.nodes, values, statespace.ENGINE, cost))
+
+
+def structured(task: Task, tolerance: float) -> Run:
+    """Run the engine for large linear boards, which never forms a dense matrix of all states."""
+    return _thin(task, stepping.simulate(task.circuit, task.transient, tolerance=tolerance))
 
 
 def implicit(task: Task, tolerance: float) -> Run:
