@@ -11,7 +11,7 @@ from boards import board, kernel, paper_board, single_mode, strain, two_pole
 from netlist_gen.analysis import Transient
 from netlist_gen.circuit import Circuit
 from spice_models.errors import EngineError
-from verification.engines import stepping
+from verification.engines import implicit, stepping
 from verification.engines.arnoldi import nearest_poles, rightmost_poles
 from verification.engines.coarse import coarsen
 from verification.engines.descriptor import linearise
@@ -196,3 +196,31 @@ def test_the_equilibrium_of_a_wide_exponential_board() -> None:
     T, eps = kernel(40, 3.0), np.maximum(strain(40, 3.0), 0.05)
     gradient = 2.0 * T.T @ (T @ u - eps) + circuit.scalings.lam * (np.log(u) + 1.0)
     assert np.abs(gradient).max() < 1e-2 * circuit.scalings.lam
+
+
+@pytest.mark.parametrize(
+    ("circuit", "analysis"),
+    [
+        (exponential_board(5), Transient(1e-4, 1e-6)),
+        (exponential_board(5), Transient(1e-4, 1e-6, initial="rest")),
+        (exponential_board(5), Transient(1e-4, 1e-6, voltages={"v2": -0.4})),
+        (wide_board(5), Transient(1e-4, 1e-6)),
+    ],
+)
+def test_a_large_exponential_board_takes_the_same_course(
+    circuit: Circuit, analysis: Transient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    nodes = (*(output.node for output in circuit.outputs), "w2")
+    wanted = implicit.simulate(circuit, analysis, nodes=nodes)
+    monkeypatch.setattr(implicit, "LARGE", 0)
+    found = implicit.simulate(circuit, analysis, nodes=nodes)
+    assert np.abs(found.values - wanted.values).max() < 1e-8 * np.abs(wanted.values).max()
+
+
+def test_a_large_exponential_board_beyond_all_bounds_is_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(implicit, "LARGE", 0)
+    far = Transient(1e-4, 1e-6, voltages={"v1": 1e4})
+    with pytest.raises(EngineError, match="beyond the range of floats in the initial state"):
+        implicit.simulate(exponential_board(3), far)

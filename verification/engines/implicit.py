@@ -18,16 +18,18 @@ from netlist_gen.analysis import Transient
 from netlist_gen.circuit import Circuit
 from spice_models.errors import EngineError
 from verification.engines.descriptor import StateSpace, open_loop
-from verification.engines.equilibrium import Equilibrium, equilibrium, solve_loop
+from verification.engines.equilibrium import LARGE, Equilibrium, equilibrium, solve_loop
 from verification.engines.gains import gain_of
 from verification.engines.initial import initial_state
 from verification.engines.modes import Complexes, Floats
 from verification.engines.radau import Radau, Solve
 from verification.engines.stamps import stamp
+from verification.engines.wide import Wide
 from verification.waveforms import Cost, Waveforms
 
 TOLERANCE = 1e-9  # of a step, relative to each voltage's own scale
 ESCAPED = 1e8  # of the board's largest voltage: beyond, it has diverged and the record ends
+FIRST = 0.01  # of its magnitude: what no unknown exceeds in the first step
 FLOOR = 1e-3  # of the board's largest voltage: below, an error counts absolutely
 
 
@@ -122,6 +124,18 @@ class Amplified:
             y = np.stack([solve_loop(self.H, column, self.gain)[0] for column in y.T], axis=1)
         return np.asarray(watched[:, :K] + self.d + self.outputs(y).T @ self.Da.T)
 
+    def start(self, analysis: Transient) -> Floats:
+        """States just after the strain steps on, shape (n,)."""
+        return initial_state(self.space, analysis.initial, analysis.voltages)
+
+    def magnitudes(self, rest: Equilibrium) -> Floats:
+        """Magnitudes of the states at an equilibrium, shape (n,)."""
+        return np.abs(self.space.charge @ rest.values + self.space.charge_offset)
+
+    def speed(self, z: Floats, floor: Floats) -> float:
+        """Fastest relative rate of a state, 1/s."""
+        return float(np.max(np.abs(self.rate(z)) / floor, initial=0.0))
+
 
 def simulate(
     circuit: Circuit,
@@ -155,21 +169,24 @@ def simulate(
     Notes
     -----
     A step costs about four Newton iterations of six products with A; a change of step or of the
-    operating point costs one real and two complex inverses of size n (n = 91: 4 ms).
+    operating point costs one real and two complex inverses of size n (n = 91: 4 ms). Above
+    `LARGE` unknowns both go through the board's structure (see `wide`).
     """
     began = clock.perf_counter()
     descriptor = stamp(circuit)
-    space = open_loop(descriptor)
     wanted = tuple(nodes) if nodes is not None else tuple(o.node for o in circuit.outputs)
-    system = Amplified(space, wanted)
-    rest = equilibrium(descriptor)
-    x0 = initial_state(space, analysis.initial, analysis.voltages)
-    floor = voltage_floor(space, rest, x0)
+    large = descriptor.size > LARGE
+    system = Wide(descriptor, wanted) if large else Amplified(open_loop(descriptor), wanted)
+    z = system.start(analysis)
+    floor = voltage_floor(system.magnitudes(equilibrium(descriptor)), z)
     largest = max(floor.max(initial=0.0), system.devices.u_scale.max(initial=0.0))
     limit = ESCAPED * float(largest)
     stop = analysis.stop if times is None else float(times[-1])
-    first = first_step(system, x0, floor, stop)
-    dense = Radau(system, x0, tolerance, floor, first, limit).run(stop)
+    speed = system.speed(z, floor)
+    if not math.isfinite(speed):
+        raise EngineError("an amplifier is beyond the range of floats in the initial state")
+    first = min(FIRST / speed if speed > 0.0 else stop, stop)
+    dense = Radau(system, z, tolerance, floor, first, limit).run(stop)
     diverges = f"the board diverges: it passes {limit:.3g} V at {dense.ends[-1]!r} s"
     if times is not None and dense.escaped:
         raise EngineError(diverges)
@@ -192,18 +209,8 @@ def record_times(analysis: Transient, end: float) -> Floats:
     return np.append(times[times < end], end)
 
 
-def voltage_floor(space: StateSpace, rest: Equilibrium, x0: Floats) -> Floats:
-    """Magnitude of each state below which its error counts absolutely, shape (n,)."""
-    target = np.abs(space.charge @ rest.values + space.charge_offset)
-    typical = np.maximum(target, np.abs(x0))
+def voltage_floor(rest: Floats, z: Floats) -> Floats:
+    """Magnitude of each unknown below which its error counts absolutely, V; shape (size,)."""
+    typical = np.maximum(rest, np.abs(z))
     largest = float(typical.max(initial=0.0))
     return np.maximum(typical, FLOOR * (largest if largest > 0.0 else 1.0))
-
-
-def first_step(system: Amplified, x0: Floats, floor: Floats, stop: float) -> float:
-    """Return a first step in which no state moves more than a hundredth of its scale, s."""
-    rate = system.rate(x0)
-    if not np.all(np.isfinite(rate)):
-        raise EngineError("an amplifier is beyond the range of floats in the initial state")
-    speed = float(np.max(np.abs(rate) / floor, initial=0.0))
-    return min(0.01 / speed if speed > 0.0 else stop, stop)
