@@ -149,18 +149,19 @@ def log1p(x: DoubleDouble) -> DoubleDouble:
     return start + t + DoubleDouble.of(0.5 * t.hi * t.hi)
 
 
-def _slices(x: DoubleDouble, bits: int) -> list[Floats]:
+def _slices(high: Floats, low: Floats | None, bits: int) -> list[Floats]:
     """Split into arrays that are integers of 53 - `bits` bits times one power of two each."""
     out: list[Floats] = []
-    high, low = x.hi, x.lo
     while len(out) * (53 - bits) < _PRODUCT_BITS:
-        peak = float(np.max(np.abs(high)))
+        peak = max(float(high.max()), -float(high.min()))
         if peak == 0.0:
             break
         anchor = 2.0 ** (ceil(log2(peak)) + bits)
         part = (high + anchor) - anchor
         out.append(part)
-        high, low = _two_sum(high - part, low)
+        high = high - part
+        if low is not None:
+            high, low = _two_sum(high, low)
     return out
 
 
@@ -194,7 +195,7 @@ class ExactMatrix:
     def __init__(self, T: Floats) -> None:
         self._shape = T.shape
         self._bits = ceil((53 + log2(max(T.shape))) / 2)
-        self._parts = _slices(DoubleDouble.of(T), self._bits)
+        self._parts = _slices(T, None, self._bits)
 
     def __matmul__(self, x: DoubleDouble) -> DoubleDouble:
         return self._product(self._parts, x, self._shape[0])
@@ -204,7 +205,7 @@ class ExactMatrix:
         return self._product([part.T for part in self._parts], x, self._shape[1])
 
     def _product(self, parts: list[Floats], x: DoubleDouble, rows: int) -> DoubleDouble:
-        slices = _slices(x, self._bits)
+        slices = _slices(x.hi, x.lo, self._bits)
         if not parts or not slices:
             return DoubleDouble.of(np.zeros(rows))
         columns = np.stack(slices, axis=1)

@@ -37,18 +37,20 @@ class Factor(Protocol):
 class _Cholesky:
     """Normal equations: fastest, error about ``condition^2 * 1e-16``."""
 
-    def __init__(self, A: Floats, gram: Floats, mu: float) -> None:
+    def __init__(self, T: Floats, gram: Floats, D: Floats, mu: float) -> None:
         from scipy.linalg.lapack import dpotrf
 
-        H = gram
+        H = gram * D
+        H *= D[:, None]
         H.flat[:: len(H) + 1] += mu
-        self._L, self.failed = dpotrf(H, lower=1, overwrite_a=1)
-        self._A = A
+        # Transposed it is in LAPACK's order, and it is symmetric: no copy.
+        self._L, self.failed = dpotrf(H.T, lower=1, clean=0, overwrite_a=1)
+        self._T, self._D = T, D
 
     def solve(self, f1: Floats, f2: Floats) -> Floats:
         from scipy.linalg.lapack import dpotrs
 
-        return np.asarray(dpotrs(self._L, f1 @ self._A + f2, lower=1)[0])
+        return np.asarray(dpotrs(self._L, self._D * (f1 @ self._T) + f2, lower=1)[0])
 
 
 class _QR:
@@ -88,13 +90,13 @@ class SVD:
             self._U, self.sigma, self._Vt = np.linalg.svd(T, full_matrices=False)
         except np.linalg.LinAlgError as error:
             raise SolverError(f"singular value decomposition of T: {error}") from error
-        self._l = mu
-        sigma, tall = self.sigma, T.shape[0] >= T.shape[1]
+        self._mu, self._complete = mu, T.shape[0] >= T.shape[1]
+        sigma = self.sigma
         doubt = 4.0 * max(T.shape) * float(np.finfo(float).eps) * sigma[0]
         keep = sigma > doubt
         inverse = 1.0 / np.where(keep, sigma * sigma + mu, 1.0)
         self._gain = np.where(keep, inverse, 1.0 / mu if mu > 0.0 else 0.0)
-        last = float(sigma[-1]) if tall else 0.0
+        last = float(sigma[-1]) if self._complete else 0.0
         smallest = np.hypot(last, np.sqrt(mu))
         self.least = float(np.hypot(max(last - doubt, 0.0), np.sqrt(mu)))
         self.condition = (
@@ -105,8 +107,10 @@ class SVD:
         """Return y (N,) for f1 (M,), f2 (N,); without the directions T cannot see if mu = 0."""
         inner = self._Vt @ f2
         y = (self._gain * (self.sigma * (f1 @ self._U) + inner)) @ self._Vt
-        if self._l > 0.0:
-            y = y + (f2 - inner @ self._Vt) / self._l
+        if self._mu > 0.0 and not self._complete:
+            beyond = f2 - inner @ self._Vt
+            beyond -= (self._Vt @ beyond) @ self._Vt  # what rounding left is divided by mu
+            y = y + beyond / self._mu
         return np.asarray(y)
 
 
@@ -117,12 +121,12 @@ class _Partial:
     """
 
     def __init__(self, T: Floats, gram: Floats, D: Floats, mu: float, active: Indices) -> None:
-        self._A, self._mu, self._active = T * D, mu, active
+        self._T, self._D, self._mu, self._active = T, D, mu, active
         inside = np.ix_(active, active)
         self._inner = factorise(T[:, active], gram[inside], D[active], mu) if len(active) else None
 
     def solve(self, f1: Floats, f2: Floats) -> Floats:
-        y = (f1 @ self._A + f2) / self._mu
+        y = (self._D * (f1 @ self._T) + f2) / self._mu
         if self._inner is not None:
             y[self._active] = self._inner.solve(f1, f2[self._active])
         return np.asarray(y)
@@ -147,9 +151,8 @@ def factorise(T: Floats, gram: Floats, D: Floats, mu: float) -> Factor:
     active = np.flatnonzero(diagonal > NEGLIGIBLE * mu)
     if len(active) < MANY * len(D):
         return _Partial(T, gram, D, mu, active)
-    A = T * D
     if mu > CHOLESKY_LIMIT * float(np.sum(diagonal)):
-        factor = _Cholesky(A, gram * np.outer(D, D), mu)
+        factor = _Cholesky(T, gram, D, mu)
         if not factor.failed:
             return factor
-    return _QR(A, mu)
+    return _QR(T * D, mu)
