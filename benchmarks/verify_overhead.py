@@ -33,11 +33,20 @@ SCENE = ROOT / "scenes" / "paper-breadboard.toml"
 
 
 def ngspice(folder: Path) -> subprocess.Popen[bytes]:
-    """Start ngspice on the deck in `folder`, in the environment of the tool's own runs."""
-    words = [find_simulator().executable, "-b", "-n", "-r", "out.raw", "deck.cir"]
+    """Start ngspice on the deck in `folder`, in the environment of the tool's own runs.
+
+    Also in a session of its own as they are: a busy machine may share its time among sessions.
+    """
     quiet = subprocess.DEVNULL
-    where = environment(folder)
-    return subprocess.Popen(words, cwd=folder, env=where, stdin=quiet, stdout=quiet, stderr=quiet)
+    return subprocess.Popen(
+        [find_simulator().executable, "-b", "-n", "-r", "out.raw", "deck.cir"],
+        cwd=folder,
+        env=environment(folder),
+        stdin=quiet,
+        stdout=quiet,
+        stderr=quiet,
+        start_new_session=True,
+    )
 
 
 def wait(*runs: subprocess.Popen[bytes]) -> None:
