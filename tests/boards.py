@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -184,4 +186,22 @@ def single_mode(rc: float, tau: float = 0.455e-6, gain: float = 100.0) -> Circui
         constraint_nodes=("b2",),
         outputs=(Output("v", 1.0),),
         omissions=(),
+    )
+
+
+def lags(count: int, tau: float) -> Circuit:
+    """Buffered RC stages of one time constant after a 1 V source: a Jordan block of that size."""
+    places = range(1, count + 1)
+    ends = ["in", *(f"b{k}" for k in places)]
+    return replace(
+        single_mode(1e-6),
+        models={"op": OpAmp("op", 1e15)},
+        opamps=tuple(
+            OpAmpCell(f"X{k}", "op", f"c{k}", f"b{k}", f"b{k}") for k in range(1, count + 1)
+        ),
+        resistors=tuple(Resistor(f"R{k}", ends[k - 1], f"c{k}", 1e3) for k in places),
+        capacitors=tuple(Capacitor(f"C{k}", f"c{k}", "0", tau / 1e3) for k in places),
+        currents=(),
+        voltages=(VoltageSource("V", "in", 1.0),),
+        outputs=(Output(f"b{count}", 1.0),),
     )

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from boards import paper_board, single_mode
+from boards import lags, paper_board, single_mode
 from scipy.optimize import brentq
 
 from netlist_gen.analysis import Transient
@@ -137,3 +137,20 @@ def test_defective_modes_are_measured_too() -> None:
     assert found.rise_time is not None
     assert found.rise_time.value == pytest.approx((high - low) / OMEGA, rel=1e-6)
     assert found.overshoot < 1e-8
+
+
+@pytest.mark.parametrize("count", [2, 5])
+def test_a_chain_of_equal_lags(count: int) -> None:
+    tau = 1e-6
+    found = measure_exact(lags(count, tau), np.array([1.0])).channels[0]
+
+    def left(x: float) -> float:
+        return float(
+            np.exp(-x) * sum(x**k / np.prod(np.arange(1.0, k + 1.0)) for k in range(count))
+        )
+
+    times = [brentq(lambda x, rest=rest: left(x) - rest, 1e-9, 40.0) for rest in (0.9, 0.1, 0.01)]
+    assert found.rise_time is not None
+    assert found.rise_time.value == pytest.approx(tau * (times[1] - times[0]), rel=1e-9)
+    assert found.settling_time is not None
+    assert found.settling_time.value == pytest.approx(tau * times[2], rel=1e-9)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from boards import paper_board, single_mode
+from boards import lags, paper_board, single_mode
 
 from verification.stability import poles, summarise, time_scales
 
@@ -61,3 +63,18 @@ def test_a_board_without_oscillating_poles_has_no_frequency() -> None:
     assert (found.damping_ratio, found.frequency) == (1.0, 0.0)
     nothing = summarise(np.zeros(0, dtype=np.complex128), complete=True)
     assert nothing.stable
+
+
+def test_defective_modes_are_given_time() -> None:
+    scales = time_scales(lags(5, 1e-6))
+    assert scales.slowest == pytest.approx(1e-6, rel=0.05)
+    x = scales.stop / 1e-6
+    left = np.exp(-x) * sum(x**k / np.prod(np.arange(1.0, k + 1.0)) for k in range(5))
+    assert left < 1e-4
+    assert scales.rise_time == np.inf
+
+
+def test_a_board_without_a_step_still_has_time_scales() -> None:
+    scales = time_scales(replace(paper_board(), currents=()))
+    assert 0.0 < scales.stop < np.inf
+    assert 0.0 < scales.max_step < np.inf

@@ -14,6 +14,7 @@ import numpy as np
 from spice_models.errors import EngineError
 from verification.engines.modes import Floats
 from verification.engines.statespace import Exact
+from verification.timescales import UNRESOLVED
 from verification.waveforms import Floats as Array
 
 FINENESS = 0.25  # step times |p| of the fastest mode alive: 25 points a period
@@ -43,7 +44,8 @@ class Continuous:
         self.solution, self.signs = solution, signs
         self.weight = np.abs(solution.share).max(axis=1)
         if solution.form != "modes":
-            self.weight = np.full(len(solution.poles), np.abs(solution.start).max() + detail)
+            step = float(np.abs(solution.final - solution.start).max(initial=detail))
+            self.weight = np.full(len(solution.poles), UNRESOLVED * step)
         self.time = self._grid(detail, horizon)
         self.u: Array = solution.at(self.time) * signs
         self.slope: Array = solution.derivative(self.time) * signs

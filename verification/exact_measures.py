@@ -97,17 +97,24 @@ def measure_exact(
 
 def _horizon(solution: Exact, offset: Floats, tolerance: float) -> float:
     """Instant after which no channel can cross a level of interest any more, s."""
+    inner = (1.0 - 2.0 * GRAZE) * tolerance - np.abs(offset)
+    room = np.maximum(inner, RISE_TAIL * tolerance)
     decaying = solution.poles.real < 0.0
     rate = solution.poles.real[decaying]
-    share = np.abs(solution.share[decaying])
-    if solution.form != "modes":
-        share = np.full(share.shape, float(np.abs(solution.final - solution.start).max()))
-    latest_times = [1.0 / float(np.abs(solution.poles).max(initial=1.0))]
-    for n, away in enumerate(np.abs(offset).tolist()):
-        inner = (1.0 - 2.0 * GRAZE) * tolerance - away
-        room = max(inner, RISE_TAIL * tolerance)
-        latest_times.append(last_crossing(share[:, n], rate, room))
-    return 1.05 * max(latest_times)
+    shortest = 1.0 / float(np.abs(solution.poles).max(initial=1.0))
+    if solution.form == "modes":
+        share = np.abs(solution.share[decaying])
+        ends = [last_crossing(share[:, n], rate, float(left)) for n, left in enumerate(room)]
+        return 1.05 * max([shortest, *ends])
+    # Defective modes have no amplitudes: look for a stretch of three times its past that is calm.
+    end = shortest
+    limit = 1e4 / float(np.abs(rate).min(initial=np.inf)) if len(rate) else shortest
+    while end < limit:
+        stretch = np.linspace(end, 4.0 * end, 200)
+        if np.all(np.abs(solution.at(stretch) - solution.final) <= room):
+            break
+        end *= 1.5
+    return end
 
 
 def _channel(board: _Board, n: int) -> ChannelMeasure:

@@ -12,13 +12,15 @@ import numpy as np
 from netlist_gen.circuit import Circuit
 from verification.engines.coarse import coarsen
 from verification.engines.descriptor import linearise
-from verification.engines.equilibrium import LARGE, Equilibrium
+from verification.engines.equilibrium import LARGE, Equilibrium, equilibrium
 from verification.engines.initial import initial_state
 from verification.engines.modes import Complexes, Floats, Modes, decompose
 from verification.engines.stamps import stamp
 
 GROWN = 10.0  # an instability counts as seen once it is this many step amplitudes high
 INVISIBLE = 1e-12  # amplitude that rounding and asymmetry lend to a mode nothing excites
+RESOLVED = 1e6  # step amplitudes: modes that must cancel to more than that are defective
+UNRESOLVED = 1e3  # amplitude given to each of them else: t^k exp(-t) peaks higher than exp(-t)
 RINGS = 1.0 / math.sqrt(2.0)  # a mode rings if its damping ratio is below this
 
 
@@ -57,7 +59,8 @@ class TimeScales:
     ringing : tuple of Ringing
         Oscillating modes that matter, the fastest first.
     rise_time : float
-        10-90 % of the output with the largest step, s; infinite where it is never reached.
+        10-90 % of the output with the largest step, s; infinite where it is never reached, or
+        where modes are defective.
     growth_time : float
         When the fastest growing mode stands `GROWN` step amplitudes high, s; infinite if stable.
     stop : float
@@ -145,17 +148,24 @@ def time_scales(
     """
     descriptor = stamp(circuit)
     large = descriptor.size > LARGE
-    space = linearise(coarsen(descriptor)) if large else linearise(descriptor, at)
+    if large:
+        descriptor, at = coarsen(descriptor), None
+    at = at or equilibrium(descriptor)
+    space = linearise(descriptor, at)
     modes = decompose(space.A)
     shown = {output.node for output in circuit.outputs}.intersection(space.nodes)
     C, _ = space.rows(tuple(sorted(shown)))
-    target = -np.linalg.solve(space.A, space.B.sum(axis=1))
-    start = initial_state(space, initial)
-    step = float(np.abs(C @ (target - start)).max(initial=0.0))
-    share = modes.amplitudes(C, start - target) / (step if step > 0.0 else 1.0)
-    weight = np.abs(share).max(axis=0) if step > 0.0 else np.ones(space.n)
-    if not np.all(np.isfinite(weight)):  # defective: every mode counts as excited
-        weight = np.ones(space.n)
+    target = space.charge @ at.values + space.charge_offset
+    deviation = initial_state(space, initial) - target
+    step = float(np.abs(C @ deviation).max(initial=0.0))
+    share = np.zeros((len(C), space.n), dtype=np.complex128)
+    weight = np.ones(space.n)
+    if step > 0.0:
+        with np.errstate(invalid="ignore", over="ignore"):
+            share = modes.amplitudes(C, deviation) / step
+            weight = np.abs(share).max(axis=0, initial=0.0)
+        if not weight.sum() < RESOLVED:
+            share, weight = np.zeros_like(share), np.full(space.n, UNRESOLVED)
     return replace(_scales(modes, weight, share, error, points), complete=not large)
 
 
@@ -189,7 +199,7 @@ def _ringing(poles_: Complexes, amplitudes: Floats) -> Iterable[Ringing]:
 
 def _rise_time(p: Complexes, share: Complexes) -> float:
     """10-90 % of the output with the largest step, on a grid of 2000 points; an estimate."""
-    if not np.all(np.isfinite(share)) or not np.any(share):
+    if not np.any(share):
         return math.inf
     row = share[int(np.argmax(np.abs(share.sum(axis=1))))]
     row = row / -row.sum()

@@ -154,6 +154,9 @@ class LadderFlow:
         X = np.repeat(self.deviation[:, None], len(times), axis=1)
         X = _taylor(self.A * self.step, X, rest / self.step)
         number = count.astype(np.int64)
+        while number.max(initial=0) >> len(self.powers):  # later than was said at the start
+            self.powers.append(self.powers[-1] @ self.powers[-1])
+            self.error *= 2.0
         for level, power in enumerate(self.powers):
             chosen = (number >> level & 1).astype(np.bool_)
             if chosen.any():
