@@ -36,6 +36,7 @@ from netlist_gen.fields import (
     Volts,
 )
 from netlist_gen.tolerances import Regression
+from netlist_gen.variation import Tolerances
 from spice_models.amplifier import AMPLIFIERS
 from spice_models.presets import preset_names
 
@@ -256,6 +257,7 @@ class Scene(Model):
     design: Design = Design()
     analysis: AnalysisChoice = AnalysisChoice()
     checks: Checks = Checks()
+    tolerances: Tolerances = Tolerances()
     regression: Regression = Regression()
     _file: Path = PrivateAttr(Path("scene.toml"))
     _lambda_rule: str = PrivateAttr("")
