@@ -20,7 +20,7 @@ from verification.engines.stamps import stamp
 GROWN = 10.0  # an instability counts as seen once it is this many step amplitudes high
 INVISIBLE = 1e-12  # amplitude that rounding and asymmetry lend to a mode nothing excites
 RESOLVED = 1e6  # step amplitudes: modes that must cancel to more than that are defective
-UNRESOLVED = 1e3  # amplitude given to each of them else: t^k exp(-t) peaks higher than exp(-t)
+UNRESOLVED = 1e6  # amplitude given to each of them else: t^k exp(-t) peaks higher than exp(-t)
 RINGS = 1.0 / math.sqrt(2.0)  # a mode rings if its damping ratio is below this
 
 
