@@ -20,12 +20,13 @@ FEWEST_PER_PERIOD = 16.0  # points, however large an error is asked for
 FEWEST_PERIODS = 8  # of ringing in a record, however fast it settles or grows
 
 
-def plan_transient(scene: Scene, scales: TimeScales) -> Transient:
+def plan_transient(scene: Scene, scales: TimeScales, engine: str = "ngspice") -> Transient:
     """Choose stop time and maximum step of the transient of `scene`.
 
     The stop time follows the slowest mode that matters, down to a tenth of the steady-state
     tolerance (or the growth of an unstable one); the step follows the fastest ringing, or the
-    error that the scene asks for (`step_for_error`).
+    error that the scene asks for (`step_for_error`). The step of the state-space engine is none
+    but the spacing of its record, so an error does not change it.
 
     Raises
     ------
@@ -34,7 +35,7 @@ def plan_transient(scene: Scene, scales: TimeScales) -> Transient:
     InputError
         ``analysis.stop`` is shorter than one step.
     """
-    points = _points(scene, scales)
+    points = _points(scene, scales, engine)
     step = scales.max_step_for(points)
     if scene.analysis.stop == "auto":
         stop = max(_auto_stop(scene, scales), FEWEST_PERIODS * points * step)
@@ -110,10 +111,11 @@ def _six_digits(seconds: float) -> float:
     return float(f"{seconds:.6g}")
 
 
-def _points(scene: Scene, scales: TimeScales) -> float:
+def _points(scene: Scene, scales: TimeScales, engine: str) -> float:
     """Points on the period of the fastest ringing; what is set beside an error is a second try."""
     choice = scene.analysis
-    if choice.error is None or "points_per_period" in choice.model_fields_set:
+    explicit = "points_per_period" in choice.model_fields_set
+    if choice.error is None or explicit or engine == "statespace":
         return choice.points_per_period
     stop = _auto_stop(scene, scales) if choice.stop == "auto" else choice.stop
     return scales.max_step_for(1.0) / step_for_error(scales, choice.error, stop)

@@ -42,9 +42,11 @@ def record_transient(scene: Scene, progress: Callable[[str], None] = lambda stag
     scene = resolve_lambda(scene)
     problem = make_problem(scene)
     circuit = synthesise(scene, problem)
-    transient = plan_transient(scene, time_scales(circuit, initial=scene.analysis.initial))
+    engine = choose_engine(scene)
+    scales = time_scales(circuit, initial=scene.analysis.initial)
+    transient = plan_transient(scene, scales, engine)
     progress("simulation")
-    pending = begin(scene, circuit, transient, choose_engine(scene), second_look=False)
+    pending = begin(scene, circuit, transient, engine, second_look=False)
     ideal = ideal_answer(ideal_network(problem, make_scalings(scene), scene), scene)
     waveforms = pending.result().fine
     progress("measures")

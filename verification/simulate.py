@@ -32,6 +32,8 @@ from verification.waveforms import Waveforms
 PHYSICAL_BOUND = 1e6  # unit voltages; what is above has diverged
 COARSER = 2.0  # the second run's step over the first's
 ORDER = 2  # of the trapezoidal rule
+STEP_SHARE = 0.05  # of a wanted error: the state-space engine's tolerance
+LEAST_TOLERANCE, MOST_TOLERANCE = 1e-10, 1e-3  # rounding ends below, steps lose track above
 SHARE = 1.0 / (COARSER**ORDER - 1.0)  # of the difference that is the finer run's own error
 
 
@@ -117,14 +119,29 @@ class Pending:
 
 
 def choose_engine(scene: Scene) -> str:
-    """Return the engine of `scene`; ``auto`` is ngspice where one that will do is found."""
+    """Return the engine of `scene`; ``auto`` is ngspice where one that will do is found.
+
+    A scene that asks for an error gets the cheapest engine for it, the state space, unless it
+    also asks for a comparison of the two.
+    """
     if scene.analysis.engine != "auto":
         return scene.analysis.engine
+    compared = "engines_agree" in scene.checks.model_fields_set
+    if scene.analysis.error is not None and not compared:
+        return "statespace"
     try:
         find_simulator()
     except (SimulatorNotFound, SimulatorTooOld):
         return "statespace"
     return "ngspice"
+
+
+def state_space_tolerance(wanted: float) -> float:
+    """Return the tolerance of the state-space engine's steps for an error of `wanted`.
+
+    Errors of steps add up over a ringing, so it is well below.
+    """
+    return min(max(STEP_SHARE * wanted, LEAST_TOLERANCE), MOST_TOLERANCE)
 
 
 def begin(
@@ -173,7 +190,9 @@ def _ngspice(scene: Scene, circuit: Circuit, analysis: Transient, second_look: b
 def _statespace(scene: Scene, circuit: Circuit, analysis: Transient, second_look: bool) -> Pending:
     from verification.engines.statespace import simulate
 
-    return Pending(lambda: simulate(circuit, analysis))
+    wanted = scene.analysis.error
+    tolerance = None if wanted is None else state_space_tolerance(wanted)
+    return Pending(lambda: simulate(circuit, analysis, tolerance=tolerance))
 
 
 ENGINES: dict[str, Callable[[Scene, Circuit, Transient, bool], Pending]] = {

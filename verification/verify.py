@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from netlist_gen.analysis import Transient
 from netlist_gen.circuit import Circuit, Floats
@@ -14,6 +14,7 @@ from netlist_gen.scalings import make_scalings
 from netlist_gen.scene import Scene
 from netlist_gen.synthesis import synthesise
 from verification.agreement import Agreement, compare_engines, exact_record, other_engine
+from verification.attained import Accuracy, attained, both_tries, finer
 from verification.budget import ErrorPart, error_budget
 from verification.constraint import ConstraintPlane, constraint_plane
 from verification.engines.equilibrium import equilibrium
@@ -50,6 +51,7 @@ class Verdict:
     u: Floats
     measurements: Measurements
     error: SimulationError
+    accuracy: Accuracy | None
     agreement: Agreement | None
     budget: tuple[ErrorPart, ...]
     checks: tuple[Check, ...]
@@ -63,6 +65,7 @@ def verify(
     progress: Progress = lambda stage: None,
     *,
     problem: InverseProblem | None = None,
+    circuit: Circuit | None = None,
     second_look: bool = True,
     details: bool = True,
 ) -> Verdict:
@@ -76,6 +79,8 @@ def verify(
         Told the name of each stage as it begins.
     problem : InverseProblem, optional
         The scene's problem where it is at hand already; its files are not read then.
+    circuit : Circuit, optional
+        The board to verify in place of the one that the scene's synthesis would give.
     second_look : bool
         False: a stepping engine runs once, and its error is measured against the state-space
         engine instead of a second run; the two are no longer judged against each other.
@@ -93,14 +98,14 @@ def verify(
     clock.begin("synthesis")
     scene = resolve_lambda(scene)
     problem = make_problem(scene) if problem is None else problem
-    circuit = synthesise(scene, problem)
+    circuit = synthesise(scene, problem) if circuit is None else circuit
     network = ideal_network(problem, make_scalings(scene), scene)
     clock.begin("poles")
     scales = time_scales(circuit, initial=scene.analysis.initial)
     poles = summarise(scales.poles, complete=True)
-    transient = plan_transient(scene, scales)
-    clock.begin("simulation")
     engine = choose_engine(scene)
+    transient = plan_transient(scene, scales, engine)
+    clock.begin("simulation")
     pending = begin(scene, circuit, transient, engine, second_look=second_look)
     clock.begin("reference", beside="simulation")
     ideal = ideal_answer(network, scene)
@@ -124,6 +129,11 @@ def verify(
     if math.isinf(simulation.share):  # the record ends early: nothing tells its error
         coarse, share = None, math.inf
     error = simulation_error(fine, coarse, share)
+    accuracy = attained(scene, circuit, scales, transient, simulation, fine.amplitude)
+    if accuracy is not None and (again := finer(scene, accuracy)) is not None:
+        options = {"second_look": second_look, "details": details}
+        verdict = verify(again, progress, problem=problem, circuit=circuit, **options)
+        return replace(verdict, scene=scene, accuracy=both_tries(accuracy, verdict.accuracy))
     agreement = compare_engines(circuit, simulation, other) if other is not None else None
     evidence = Evidence(
         scene.checks, fine, error, agreement, poles, margin, ideal.error, ideal.problem
@@ -147,6 +157,7 @@ def verify(
         u=u,
         measurements=fine,
         error=error,
+        accuracy=accuracy,
         agreement=agreement,
         budget=budget,
         checks=checks,

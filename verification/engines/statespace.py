@@ -137,12 +137,18 @@ def choose_flow(
     return modal, "modes"
 
 
+def is_large(circuit: Circuit) -> bool:
+    """Whether a board has about too many unknowns for dense matrices of all of them."""
+    return CELL * len(circuit.opamps) > LARGE
+
+
 def simulate(
     circuit: Circuit,
     analysis: Transient,
     *,
     nodes: Iterable[str] | None = None,
     times: Floats | None = None,
+    tolerance: float | None = None,
 ) -> Waveforms:
     """Simulate a transient: exactly if the board is linear, else by `implicit.simulate`.
 
@@ -158,6 +164,8 @@ def simulate(
         By default the outputs' nodes.
     times : ndarray (P,), optional
         Instants wanted, strictly increasing, s; by default uniform from 0 to `stop`.
+    tolerance : float, optional
+        Of one step, where there are steps; by default as `implicit` and `stepping` have it.
 
     Returns
     -------
@@ -171,11 +179,13 @@ def simulate(
         As `exact` and `implicit.simulate`.
     """
     if circuit.amplifiers:
-        return implicit.simulate(circuit, analysis, nodes=nodes, times=times)
-    if CELL * len(circuit.opamps) > LARGE:
+        allowed = implicit.TOLERANCE if tolerance is None else tolerance
+        return implicit.simulate(circuit, analysis, nodes=nodes, times=times, tolerance=allowed)
+    if is_large(circuit):
         from verification.engines import stepping
 
-        return stepping.simulate(circuit, analysis, nodes=nodes, times=times)
+        allowed = stepping.TOLERANCE if tolerance is None else tolerance
+        return stepping.simulate(circuit, analysis, nodes=nodes, times=times, tolerance=allowed)
     began = clock.perf_counter()
     solution = exact(
         circuit,

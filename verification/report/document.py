@@ -43,6 +43,7 @@ def verdict_document(verdict: Verdict) -> dict[str, Any]:
             "rise_time": verdict.error.rise_time,
             "overshoot": verdict.error.overshoot,
         },
+        "accuracy": None if verdict.accuracy is None else asdict(verdict.accuracy),
         "lambda": scalings.lam,
         "lambda_rule": verdict.scene.lambda_rule or None,
         "resistance": scalings.resistance,

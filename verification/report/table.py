@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from netlist_gen.quantities import show
+from verification.attained import Accuracy
 from verification.measures import Measurements
 from verification.readings import Reading
 from verification.verdict import Check, Outcome
@@ -112,6 +113,16 @@ def _budget(verdict: Verdict) -> Table:
     return table
 
 
+def _accuracy(accuracy: Accuracy) -> str:
+    achieved = "unknown" if accuracy.achieved is None else f"{accuracy.achieved:.2g}"
+    verb = "reached" if accuracy.reached else "NOT reached"
+    tries = ", at the second try" if accuracy.tries > 1 else ""
+    return (
+        f"error {accuracy.wanted:g} of the step asked for, {achieved} {verb}{tries}, in"
+        f" {show(accuracy.seconds, 's', 3)}: {accuracy.method} ({accuracy.how})"
+    )
+
+
 def _foot(verdict: Verdict) -> Group:
     cost, timing = verdict.waveforms.cost, verdict.timing
     ideal = verdict.ideal
@@ -124,6 +135,8 @@ def _foot(verdict: Verdict) -> Group:
         f" {show(ideal.settling_time, 's')}",
         f"time: {stages}",
     ]
+    if verdict.accuracy is not None:
+        lines.insert(1, _accuracy(verdict.accuracy))
     plane = verdict.constraint
     if plane is not None:
         lines.insert(

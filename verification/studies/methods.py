@@ -75,7 +75,7 @@ METHODS: tuple[Method, ...] = (
     Method(
         "state space, implicit", "statespace", "Radau IIA, 5 stages", "board", "tolerance",
         TOLERANCES[:-1], runs.implicit, 6.0,
-        "6 (dense output of five Radau IIA stages; 9 at the ends of steps)", runs.small_board,
+        "6 (dense output of five Radau IIA stages; 9 at the ends of steps)",
     ),
     Method(
         "state space, structured", "statespace", "Radau IIA, 7 stages", "board", "tolerance",

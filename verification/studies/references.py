@@ -132,7 +132,7 @@ def _ideal(
 REFERENCES = {
     "board": (
         (small_linear_board, board_exact),
-        (small_board, board_implicit),
+        (any_board, board_implicit),
         (linear_board, board_structured),
         (small_board, board_lsoda),
     ),

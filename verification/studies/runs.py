@@ -19,7 +19,6 @@ from netlist_gen.deck import Deck, write_deck
 from spice_models.errors import EngineError, TimedOut
 from verification.engines import implicit as amplified
 from verification.engines import ngspice, statespace, stepping
-from verification.engines.equilibrium import LARGE
 from verification.engines.simulator import Simulator, find_simulator
 from verification.plan import coarser
 from verification.reference import IdealNetwork
@@ -100,8 +99,7 @@ def linear_board(circuit: Circuit) -> str:
 
 def small_board(circuit: Circuit) -> str:
     """Return why a method with dense matrices of all states does not take this one, or nothing."""
-    size = statespace.CELL * len(circuit.opamps)
-    return f"about {size} unknowns are too many for dense matrices" if size > LARGE else ""
+    return "too many unknowns for dense matrices" if statespace.is_large(circuit) else ""
 
 
 def small_linear_board(circuit: Circuit) -> str:
