@@ -237,7 +237,7 @@ def _settle_in() -> None:
     """Prepare a worker: Ctrl-C is the parent's business, and its death is the worker's end."""
     os.environ.update(dict.fromkeys(THREADS, "1"))
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))
+    signal.signal(signal.SIGTERM, _end)
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_outlive, args=(parent.sentinel,), daemon=True).start()
@@ -249,9 +249,25 @@ def _outlive(sentinel: int) -> None:
     os.kill(os.getpid(), signal.SIGTERM)
 
 
+_BUSY = threading.Event()  # whether this worker is at a task
+
+
+def _end(number: int, frame: object) -> None:
+    """End this worker; a task is unwound first, which ends its simulator.
+
+    Without a task it ends at once: the executor's own code swallows exceptions.
+    """
+    if not _BUSY.is_set():
+        os._exit(128 + number)
+    sys.exit(128 + number)
+
+
 def _guarded(fn: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
-    """Call `fn`; a SIGTERM unwinds it, which ends its simulator, and then ends the process."""
+    """Call `fn`; where that is ended by `_end`, end the process."""
     try:
+        _BUSY.set()
         return fn(*args, **kwargs)
     except SystemExit as end:  # the executor would send it to the parent and go on
         os._exit(end.code if isinstance(end.code, int) else 1)
+    finally:
+        _BUSY.clear()
