@@ -10,6 +10,8 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
+
 ROOT = Path(__file__).parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
@@ -21,12 +23,15 @@ def main(count: int = 1000, seed: int = 1993) -> int:
     start = time.perf_counter()
     claims = count_claims(random_problems(seed, count))
     print(f"problems            {claims.asked}")
-    print(f"inconclusive        {claims.inconclusive}")
+    blind = sum(problem.lam == 0.0 for problem in claims.inconclusive)
+    print(f"inconclusive        {len(claims.inconclusive)}, {blind} of them with lambda = 0")
     print(f"false claims        {len(claims.false)}")
     print(f"worst error claimed {claims.worst!r} of the largest entry of u")
     print(f"seconds             {time.perf_counter() - start:.1f}")
-    for problem in claims.false:
-        print(problem)
+    for problem in (*claims.inconclusive, *claims.false):
+        if problem.lam > 0.0:
+            size = float(np.linalg.norm(problem.T))
+            print(f"  {problem.regulariser}, {problem.T.shape}, lam {problem.lam!r}, |T| {size!r}")
     return 1 if claims.false else 0
 
 

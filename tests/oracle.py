@@ -99,27 +99,27 @@ def kernel(sensors: np.ndarray, channels: np.ndarray, depth: float) -> np.ndarra
 
 @dataclass(frozen=True)
 class Claims:
-    """How many answers were claimed, how many of the claims were false, and the worst error."""
+    """How many were asked, which had no answer, which claims were false, and the worst error."""
 
     asked: int
-    inconclusive: int
+    inconclusive: tuple[Problem, ...]
     false: tuple[Problem, ...]
     worst: float
 
 
 def count_claims(problems: Iterator[Problem]) -> Claims:
     """Solve every problem and check every trusted answer against arbitrary precision."""
-    asked = inconclusive = 0
-    false, worst = [], 0.0
+    asked, worst = 0, 0.0
+    inconclusive, false = [], []
     for problem in problems:
         asked += 1
         solution = solve(problem)
         if not solution.trusted:
-            inconclusive += 1
+            inconclusive.append(problem)
             continue
         error, peak = error_of(solution), float(np.max(np.abs(solution.u)))
         if not error <= solution.error_bound:
             false.append(problem)
         if peak > 1e-12:
             worst = max(worst, error / peak)
-    return Claims(asked, inconclusive, tuple(false), worst)
+    return Claims(asked, tuple(inconclusive), tuple(false), worst)

@@ -56,6 +56,8 @@ class _Point:
 def _point(s: Scaled, exact: ExactMatrix, v: DoubleDouble, r: DoubleDouble) -> _Point:
     """Evaluate the gap of a pair, rounding errors of the evaluation included."""
     u = s.regulariser.exact(v)
+    if not (np.all(np.isfinite(u.hi)) and np.all(np.isfinite(r.hi))):
+        return _Point(v, r, u, s.eps, v.hi, float("inf"))
     f1 = (DoubleDouble.of(s.eps) - exact @ u - r).hi
     shifted = v + DoubleDouble.of(s.beta)
     f2 = (exact.transposed(r) - DoubleDouble.of(s.mu) * shifted).hi
@@ -85,14 +87,16 @@ def _corrected(
 
 def _first(s: Scaled, exact: ExactMatrix, near: Pair) -> _Point:
     """Return where to start: one step further if Newton's method converged."""
-    v = near.primal.v
-    if near.ahead is None:
-        wide = DoubleDouble.of(v)
-        r = DoubleDouble.of(s.eps) - exact @ s.regulariser.exact(wide)
-        return _point(s, exact, wide, r)
-    q = s.mu * v + s.h * near.primal.u + near.ahead
-    v = s.regulariser.unfold(q, s.mu, s.h)
-    return _point(s, exact, DoubleDouble.of(v), DoubleDouble.of(near.dual))
+    if near.ahead is not None:
+        q = s.mu * near.primal.v + s.h * near.primal.u + near.ahead
+        with np.errstate(all="ignore"):
+            v = s.regulariser.unfold(q, s.mu, s.h)
+            further = _point(s, exact, DoubleDouble.of(v), DoubleDouble.of(near.dual))
+        if np.isfinite(further.gap):
+            return further
+    wide = DoubleDouble.of(near.primal.v)
+    r = DoubleDouble.of(s.eps) - exact @ s.regulariser.exact(wide)
+    return _point(s, exact, wide, r)
 
 
 def _refine(s: Scaled, near: Pair) -> tuple[_Point, int]:

@@ -23,7 +23,7 @@ from verification.reference.stacked import Factor
 
 Floats = NDArray[np.float64]
 
-HOMOTOPY = 0.1
+HOMOTOPY = 0.01
 """Factor between two values of mu."""
 STAGE = 1.0
 """Square of the relative error of u at which a stage ends."""
