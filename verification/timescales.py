@@ -11,10 +11,10 @@ import numpy as np
 
 from netlist_gen.circuit import Circuit
 from verification.engines.coarse import coarsen
-from verification.engines.descriptor import linearise
+from verification.engines.descriptor import linearise, modes_of
 from verification.engines.equilibrium import LARGE, Equilibrium, equilibrium
 from verification.engines.initial import initial_state
-from verification.engines.modes import Complexes, Floats, Modes, decompose
+from verification.engines.modes import Complexes, Floats, Modes
 from verification.engines.stamps import stamp
 
 GROWN = 10.0  # an instability counts as seen once it is this many step amplitudes high
@@ -152,7 +152,7 @@ def time_scales(
         descriptor, at = coarsen(descriptor), None
     at = at or equilibrium(descriptor)
     space = linearise(descriptor, at)
-    modes = decompose(space.A)
+    modes = modes_of(space)
     shown = {output.node for output in circuit.outputs}.intersection(space.nodes)
     C, _ = space.rows(tuple(sorted(shown)))
     target = space.charge @ at.values + space.charge_offset

@@ -7,6 +7,7 @@ the voltages of nodes that carry charge and the poles of the op-amps.
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,7 @@ from spice_models.errors import EngineError
 from verification.engines.equations import Descriptor, Floats, Ints
 from verification.engines.equilibrium import Equilibrium, equilibrium
 from verification.engines.gains import gain_of
+from verification.engines.modes import Modes, decompose
 from verification.engines.stamps import stamp
 
 SINGULAR = 1e13  # condition number of an equilibrated matrix above which it counts as singular
@@ -103,16 +105,30 @@ def linearise(circuit: Circuit | Descriptor, at: Equilibrium | None = None) -> S
     Costs a few dense factorisations of all unknowns.
     """
     descriptor = stamp(circuit) if isinstance(circuit, Circuit) else circuit
+    if not descriptor.devices.count:
+        return _linear(descriptor)
     M, K = descriptor.dense_mass(), descriptor.dense_stiffness()
     b = np.stack([descriptor.switched, descriptor.constant], axis=1)
     devices = descriptor.devices
-    if devices.count:
-        point = at or equilibrium(descriptor)
-        v = point.values[devices.input]
-        K[devices.output, devices.input] += point.slopes
-        value = gain_of(devices.kind).value(v / devices.v_scale)
-        b[devices.output, 1] += -devices.u_scale * value - point.slopes * v
+    point = at or equilibrium(descriptor)
+    v = point.values[devices.input]
+    K[devices.output, devices.input] += point.slopes
+    value = gain_of(devices.kind).value(v / devices.v_scale)
+    b[devices.output, 1] += -devices.u_scale * value - point.slopes * v
     return _reduce(descriptor, M, K, b)
+
+
+@functools.lru_cache(maxsize=1)
+def _linear(descriptor: Descriptor) -> StateSpace:
+    """Return the state space of a linear board; its time scales and its transient both need it."""
+    b = np.stack([descriptor.switched, descriptor.constant], axis=1)
+    return _reduce(descriptor, descriptor.dense_mass(), descriptor.dense_stiffness(), b)
+
+
+@functools.lru_cache(maxsize=1)
+def modes_of(space: StateSpace) -> Modes:
+    """Decompose A of a state space, once for those who ask one after the other."""
+    return decompose(space.A)
 
 
 def open_loop(descriptor: Descriptor) -> StateSpace:

@@ -7,6 +7,7 @@ behind the output resistance.
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
@@ -161,6 +162,7 @@ def _triplets(entries: list[tuple[int, int, float]]) -> Triplets:
     )
 
 
+@functools.lru_cache(maxsize=1)  # one verification asks several times for the same board
 def stamp(circuit: Circuit) -> Descriptor:
     """Stamp a board.
 

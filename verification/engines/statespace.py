@@ -14,11 +14,11 @@ from netlist_gen.analysis import Transient
 from netlist_gen.circuit import Circuit
 from spice_models.errors import EngineError
 from verification.engines import implicit
-from verification.engines.descriptor import StateSpace, linearise
+from verification.engines.descriptor import StateSpace, linearise, modes_of
 from verification.engines.equilibrium import LARGE, equilibrium
 from verification.engines.flows import Flow, LadderFlow, ModalFlow
 from verification.engines.initial import Initial, initial_state
-from verification.engines.modes import Complexes, Floats, decompose
+from verification.engines.modes import Complexes, Floats
 from verification.waveforms import Cost, Waveforms
 
 ENGINE = "statespace"
@@ -111,7 +111,7 @@ def exact(
     target = space.charge @ rest + space.charge_offset
     x0 = initial_state(space, initial, voltages)
     final = np.array([0.0 if w == "0" else rest[space.descriptor.place(w)] for w in wanted])
-    modes = decompose(space.A)
+    modes = modes_of(space)
     flow, form = choose_flow(ModalFlow(modes, C, x0 - target), space, C, x0 - target, stop)
     share = np.zeros((space.n, len(C)), dtype=np.complex128)
     if form == "modes":
