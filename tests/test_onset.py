@@ -249,3 +249,14 @@ def test_the_command_refuses_what_it_cannot_scan() -> None:
         result = run(*arguments)
         assert result.exit_code == 2
         assert text in result.stderr
+
+
+def test_winding_numbers_count_what_the_poles_say():
+    scene = load_scene("scenes/tuned-breadboard.toml")
+    axis = parse_onset_axis(scene, "C=2pF:20pF:13")
+    found = onset(scene, axis, transients=False)
+    assert len(found.counts) == len(found.findings) + 1
+    assert found.counts[-1].poles == 0
+    assert found.counts[0].poles > 0
+    assert all(c.winding == c.poles for c in found.counts)
+    assert not found.disagreement

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
@@ -38,6 +39,7 @@ def onset_document(found: Onset) -> dict[str, Any]:
         },
         "complete": found.scan.complete,
         "crossings": [_finding(each, found.scan.complete) for each in found.findings],
+        "unstable_counts": [asdict(count) for count in found.counts],
         "stable_ranges": [list(pair) for pair in found.scan.stable_ranges],
         "failures": [{"value": s.value, "reason": s.failure} for s in samples if s.failure],
     }
@@ -112,8 +114,20 @@ def print_onset(found: Onset, console: Console) -> None:
             "large board: only its rightmost poles were looked for, so modes that begin or cease to"
             " grow while others do are not listed"
         )
+    console.print(_counts(found))
     ranges = ", ".join(f"{show(a, unit)} to {show(b, unit)}" for a, b in found.scan.stable_ranges)
     console.print(f"stable: {ranges or 'nowhere in this range'}")
+
+
+def _counts(found: Onset) -> str:
+    """Say whether the winding numbers between the crossings agree with the poles."""
+    unit = found.axis.key.unit
+    wrong = [c for c in found.counts if c.winding is not None and c.winding != c.poles]
+    if wrong:
+        parts = (f"{c.winding} not {c.poles} at {show(c.value, unit)}" for c in wrong)
+        return "[red]winding numbers contradict the poles[/red]: " + ", ".join(parts)
+    counted = sum(c.winding is not None for c in found.counts)
+    return f"winding numbers agree with the poles in {counted} of {len(found.counts)} ranges"
 
 
 def _table(found: Onset) -> Table:

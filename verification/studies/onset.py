@@ -7,16 +7,24 @@ answer is that they disagree.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 from netlist_gen.circuit import Circuit
 from netlist_gen.problem import make_problem
 from netlist_gen.scene import Scene
 from netlist_gen.synthesis import synthesise
-from spice_models.errors import Complaint, InputError, SimulatorNotFound, SimulatorTooOld
+from spice_models.errors import (
+    Complaint,
+    EngineError,
+    InputError,
+    SimulatorNotFound,
+    SimulatorTooOld,
+)
 from verification.engines.simulator import find_simulator
-from verification.stability import poles
+from verification.stability import count_unstable, poles
 from verification.studies.axes import Axis, parse_axis, with_value
 from verification.studies.confirm import Confirmation, confirm
 from verification.studies.locus import Crossing, Scan
@@ -38,6 +46,27 @@ class Finding:
     confirmation: Confirmation
 
 
+@dataclass(frozen=True, slots=True)
+class Count:
+    """Unstable poles at one value between two crossings, counted twice.
+
+    Attributes
+    ----------
+    value : float
+        Where.
+    poles : int
+        Eigenvalues on or right of the imaginary axis.
+    winding : int or None
+        Turns of the loop's determinant around the origin along that axis, which needs no
+        eigenvalue; None where it could not be followed, with the `reason`.
+    """
+
+    value: float
+    poles: int
+    winding: int | None
+    reason: str = ""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Onset:
     """Every crossing of a scene over one axis."""
@@ -46,11 +75,13 @@ class Onset:
     axis: Axis
     scan: Scan
     findings: tuple[Finding, ...]
+    counts: tuple[Count, ...]
 
     @property
     def disagreement(self) -> bool:
-        """Whether a transient contradicts a pole."""
-        return any(each.confirmation.confirmed is False for each in self.findings)
+        """Whether a transient contradicts a pole, or one count of unstable poles the other."""
+        trials = any(each.confirmation.confirmed is False for each in self.findings)
+        return trials or any(c.winding is not None and c.winding != c.poles for c in self.counts)
 
 
 def parse_onset_axis(scene: Scene, text: str) -> Axis:
@@ -119,7 +150,32 @@ def onset(
     timeout = scene.analysis.timeout
     found = crossings(build, values, logarithmic=logarithmic, progress=progress)
     trials = confirmations(build, found, transients=transients, timeout=timeout, progress=progress)
-    return Onset(scene, axis, found, trials)
+    return Onset(scene, axis, found, trials, counts(build, found, progress=progress))
+
+
+def counts(
+    build: Build, found: Scan, *, progress: Progress = lambda stage: None
+) -> tuple[Count, ...]:
+    """Count the unstable poles between every two crossings by eigenvalues and by winding number.
+
+    Not done for a board too large for all of its eigenvalues.
+    """
+    if not found.complete:
+        return ()
+    ends = [found.samples[0].value, *(c.value for c in found.crossings), found.samples[-1].value]
+    pairs = [(low, high) for low, high in pairwise(ends) if high > low]
+    middles = [math.sqrt(a * b) if found.logarithmic else 0.5 * (a + b) for a, b in pairs]
+    return tuple(_count(build, value, progress) for value in middles)
+
+
+def _count(build: Build, value: float, progress: Progress) -> Count:
+    progress(f"winding number at {value:.4g}")
+    circuit = build(value)
+    eigenvalues = poles(circuit).unstable_count
+    try:
+        return Count(value, eigenvalues, count_unstable(circuit))
+    except EngineError as error:
+        return Count(value, eigenvalues, None, str(error))
 
 
 def crossings(
