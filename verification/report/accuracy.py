@@ -58,6 +58,7 @@ def _problem(found: Judgement) -> dict[str, Any]:
         "step_amplitude": None if scale is None else scale.amplitude,
         "settling_band": None if scale is None else scale.band,
         "settling_time": None if scale is None else scale.settling_time,
+        "ringing": None if scale is None or scale.ringing is None else scale.ringing,
     }
 
 

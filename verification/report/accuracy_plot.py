@@ -8,7 +8,7 @@ import numpy as np
 
 from verification.report.plots import STYLE, check_plot_file, save
 from verification.studies.accuracy import Point, Study
-from verification.studies.methods import METHODS, Method
+from verification.studies.methods import Method
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -51,7 +51,7 @@ def plot_study(study: Study, path: str) -> None:
 
 def _methods(study: Study, problem: str) -> list[tuple[Method, str, str]]:
     """Return the methods of a problem with their colour and mark."""
-    methods = [m for m in METHODS if m.problem == problem and study.of(m)]
+    methods = dict.fromkeys(p.method for p in study.points if p.method.problem == problem)
     return [(m, f"C{k}", MARKERS[k % len(MARKERS)]) for k, m in enumerate(methods)]
 
 

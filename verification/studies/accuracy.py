@@ -32,6 +32,10 @@ from verification.studies.worker import Worker
 BUDGET = 30.0  # s
 LADDERS = 0.7  # of the budget; the rest is for the references
 REFERENCE_TIME = 20.0  # s that a reference may take at least
+NEVER_RUN = (
+    "ngspice Gear of order 3 to 6 (maxord): not run, not stable for poles near the imaginary axis",
+    "ngspice without a maximum step: not run, its steps would follow no ladder",
+)
 WANTED = tuple(10.0**-k for k in range(2, 11))
 
 Progress = Callable[[str], None]
@@ -191,7 +195,7 @@ def _applicable(methods: Sequence[Method], circuit: Circuit) -> tuple[list[Metho
         missing = ""
     except SimulationError as error:
         missing = str(error).splitlines()[0]
-    kept, omissions = [], []
+    kept, omissions = [], list(NEVER_RUN)
     for method in methods:
         if reason := method.refuses(circuit):
             omissions.append(f"{method.name}: not run, {reason}")

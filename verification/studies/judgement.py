@@ -19,7 +19,6 @@ from verification.studies.norms import (
     Scale,
     make_scale,
     measure_errors,
-    ringing_errors,
 )
 from verification.studies.references import NEEDED, REFERENCES, Reference
 from verification.studies.runs import Task
@@ -41,8 +40,8 @@ class Judgement:
     scale : Scale or None
         What errors are measured by; None where there is no reference.
     floor : dict of str to float or None
-        Error of the preferred reference: its difference to the second one; of the mode fitted
-        to it, against the pole of the board at its equilibrium. None where it is not known.
+        Error of the preferred reference: its difference to the second one. None where it is not
+        known.
     omissions : tuple of str
         What could not be measured.
     """
@@ -149,9 +148,6 @@ def _floor(references: Sequence[tuple[Floats, Reference]], scale: Scale) -> Erro
         at, second = references[1]
         apart = np.abs(second.u - best.u[np.searchsorted(time, at)]) / scale.amplitude
         floor["maximum"], floor["final"] = float(apart.max()), float(apart[-1].max())
-    ringing = ringing_errors(scale.ringing, scale.pole)
-    if ringing is not None:
-        floor["frequency"], floor["growth_rate"] = ringing
     return floor
 
 

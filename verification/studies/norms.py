@@ -1,11 +1,12 @@
 """How far a record is from its reference, in named norms.
 
 With the step amplitude A and the ringing mode p (the slowest decaying, or fastest growing, of the
-oscillating modes that the step shows, as fitted to the reference):
+oscillating modes that the step shows, as fitted to the reference at the same instants):
 
 - ``final``: largest difference of any output at the end of the record, over A;
 - ``maximum``: largest difference of any output at any recorded instant, over A;
-- ``settling_time``: difference of the settling times over the reference's;
+- ``settling_time``: difference of the settling times over the reference's, both read from the same
+  instants;
 - ``frequency``: fitted frequency against ``|Im p| / 2 pi``, relative;
 - ``growth_rate``: fitted growth rate minus ``Re p``, over ``|p|`` (relative to Re p itself it would
   say nothing on the edge of oscillation, where Re p is 0).
@@ -47,8 +48,6 @@ class Scale:
         The reference's, s; None where it does not settle in the record.
     ringing : complex or None
         Mode fitted to the reference, 1/s; None where nothing rings long enough.
-    pole : complex or None
-        The pole that it belongs to.
     """
 
     target: Floats
@@ -56,7 +55,6 @@ class Scale:
     band: float
     settling_time: float | None
     ringing: complex | None
-    pole: complex | None
 
 
 def make_scale(
@@ -82,7 +80,7 @@ def make_scale(
     if late > band:
         band = float(f"{MARGIN * late:.2g}")
     found = settling_time(time, u, target, band * amplitude)
-    return Scale(target, amplitude, band, found, fit_ringing(time, u, pole), pole)
+    return Scale(target, amplitude, band, found, fit_ringing(time, u, pole))
 
 
 def settling_time(time: Floats, u: Floats, target: Floats, tolerance: float) -> float | None:
@@ -134,15 +132,16 @@ def measure_errors(run: Run, reference: Floats, scale: Scale) -> Errors:
         One entry a norm; None where the norm does not apply.
     """
     difference = np.abs(run.u - reference) / scale.amplitude
-    settled = settling_time(run.time, run.u, scale.target, scale.band * scale.amplitude)
-    ringing = ringing_errors(fit_ringing(run.time, run.u, scale.ringing), scale.ringing)
-    late = None
-    if settled is not None and scale.settling_time:
-        late = abs(settled / scale.settling_time - 1.0)
+    settled, proper = (
+        settling_time(run.time, u, scale.target, scale.band * scale.amplitude)
+        for u in (run.u, reference)
+    )
+    found, expected = (fit_ringing(run.time, u, scale.ringing) for u in (run.u, reference))
+    ringing = ringing_errors(found, expected)
     return {
         "final": float(difference[-1].max()),
         "maximum": float(difference.max()),
-        "settling_time": late,
+        "settling_time": abs(settled / proper - 1.0) if settled and proper else None,
         "frequency": None if ringing is None else ringing[0],
         "growth_rate": None if ringing is None else ringing[1],
     }
