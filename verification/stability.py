@@ -62,12 +62,12 @@ class Poles:
         return int(np.sum(self.poles.real >= 0.0))
 
 
-def poles(circuit: Circuit, at: Equilibrium | None = None) -> Poles:
+def poles(circuit: Circuit | Descriptor, at: Equilibrium | None = None) -> Poles:
     """Find the poles of a board at its equilibrium with the strain applied.
 
     Parameters
     ----------
-    circuit : Circuit
+    circuit : Circuit or Descriptor
         The board.
     at : Equilibrium, optional
         Linearise here instead.
@@ -82,11 +82,22 @@ def poles(circuit: Circuit, at: Equilibrium | None = None) -> Poles:
     Costs one dense eigenproblem without vectors, about 10 n³ flops (n = 91: 3 ms); above
     `LARGE` unknowns Arnoldi's method finds only the rightmost poles (500 channels: 2 s).
     """
-    descriptor = stamp(circuit)
+    descriptor = stamp(circuit) if isinstance(circuit, Circuit) else circuit
     if descriptor.size > LARGE:
         return summarise(rightmost_poles(descriptor, _slopes(descriptor, at)), complete=False)
     values = np.linalg.eigvals(linearise(descriptor, at).A)
     return summarise(values.astype(np.complex128), complete=True)
+
+
+def poles_behind(circuit: Circuit, scales: TimeScales) -> Poles:
+    """Return the poles that time scales were made from, or a large board's rightmost ones.
+
+    Raises
+    ------
+    EngineError
+        As `poles`.
+    """
+    return summarise(scales.poles, complete=True) if scales.complete else poles(circuit)
 
 
 def count_unstable(circuit: Circuit, at: Equilibrium | None = None) -> int:

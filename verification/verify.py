@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 from netlist_gen.analysis import Transient
 from netlist_gen.circuit import Circuit, Floats
@@ -20,13 +21,13 @@ from verification.constraint import ConstraintPlane, constraint_plane
 from verification.engines.equilibrium import equilibrium
 from verification.ideal import IdealAnswer, ideal_answer, ideal_network
 from verification.lambda_rule import resolve_lambda
-from verification.margin import Margin, capacitance_margin
+from verification.margin import REACH, Margin, capacitance_margin
 from verification.measures import Measurements
 from verification.plan import plan_transient
 from verification.record import measure_outputs
 from verification.simulate import begin, choose_engine
 from verification.spread import simulation_error
-from verification.stability import Poles, summarise
+from verification.stability import Poles, poles_behind
 from verification.timescales import time_scales
 from verification.verdict import Check, Evidence, Outcome, SimulationError, judge, overall
 from verification.warnings import find_warnings
@@ -66,8 +67,10 @@ def verify(
     *,
     problem: InverseProblem | None = None,
     circuit: Circuit | None = None,
+    ideal: IdealAnswer | None = None,
     second_look: bool = True,
     details: bool = True,
+    full_margin: bool = True,
 ) -> Verdict:
     """Verify a scene: simulate its board, solve its problem, compare.
 
@@ -81,11 +84,15 @@ def verify(
         The scene's problem where it is at hand already; its files are not read then.
     circuit : Circuit, optional
         The board to verify in place of the one that the scene's synthesis would give.
+    ideal : IdealAnswer, optional
+        The problem's own answer where it is at hand already.
     second_look : bool
         False: a stepping engine runs once, and its error is measured against the state-space
         engine instead of a second run; the two are no longer judged against each other.
     details : bool
         False: without what no check needs, the constraint plane's figures and the error budget.
+    full_margin : bool
+        False: the stability margin is looked for only as far as the scene's check wants it.
 
     Raises
     ------
@@ -102,16 +109,16 @@ def verify(
     network = ideal_network(problem, make_scalings(scene), scene)
     clock.begin("poles")
     scales = time_scales(circuit, initial=scene.analysis.initial)
-    poles = summarise(scales.poles, complete=True)
+    poles = poles_behind(circuit, scales)
     engine = choose_engine(scene)
     transient = plan_transient(scene, scales, engine)
     clock.begin("simulation")
     pending = begin(scene, circuit, transient, engine, second_look=second_look)
     clock.begin("reference", beside="simulation")
-    ideal = ideal_answer(network, scene)
+    ideal = ideal_answer(network, scene) if ideal is None else ideal
     rest = equilibrium(circuit) if details else None
     constraint = constraint_plane(circuit) if details else None
-    margin = capacitance_margin(circuit) if scene.checks.stability.margin > 1 else None
+    margin = _margin(circuit, scene.checks.stability.margin, full_margin)
     clock.begin("simulation")
     second, share = pending.second_look(), pending.share
     clock.begin("second look", beside="simulation")
@@ -131,7 +138,8 @@ def verify(
     error = simulation_error(fine, coarse, share)
     accuracy = attained(scene, circuit, scales, transient, simulation, fine.amplitude)
     if accuracy is not None and (again := finer(scene, accuracy)) is not None:
-        options = {"second_look": second_look, "details": details}
+        options: dict[str, Any] = {"second_look": second_look, "details": details}
+        options |= {"full_margin": full_margin, "ideal": ideal}
         verdict = verify(again, progress, problem=problem, circuit=circuit, **options)
         return replace(verdict, scene=scene, accuracy=both_tries(accuracy, verdict.accuracy))
     agreement = compare_engines(circuit, simulation, other) if other is not None else None
@@ -165,6 +173,12 @@ def verify(
         outcome=overall(checks),
         timing=clock.seconds,
     )
+
+
+def _margin(circuit: Circuit, wanted: float, full: bool) -> Margin | None:
+    if wanted <= 1.0:
+        return None
+    return capacitance_margin(circuit, max(wanted, REACH) if full else wanted)
 
 
 class _Clock:
