@@ -30,9 +30,13 @@ Floats = NDArray[np.float64]
 
 CLOSE = 1e-10
 """Square of the relative error of u at which refinement takes over."""
+MEAN_SLOPES = 4
+SMALL_RISE = 0.1
+_NODES = np.array([0.5 - 0.15**0.5, 0.5, 0.5 + 0.15**0.5])
+_WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
 MAX_REFINEMENTS = 20
 STALLED = 0.5
-"""A correction that shrinks the gap by less than this is the last."""
+"""A correction with a fresh factorisation that shrinks the gap by less than this is the last."""
 SHORTENED = (1.0, 0.25, 0.0625, 0.015625)
 """Shares of a correction that are tried."""
 ENOUGH = 1e-35
@@ -70,14 +74,29 @@ def _point(s: Scaled, exact: ExactMatrix, v: DoubleDouble, r: DoubleDouble) -> _
     return _Point(v, r, u, f1, f2, gap if np.isfinite(gap) else np.inf)
 
 
+def _rises(s: Scaled, v: Floats, dq: Floats) -> tuple[Floats, Floats]:
+    """Return the dv of a step in ``q = mu v + h g(v)``: linearised, and without cancellation.
+
+    Newton's method is nearly linear in q and not in v, and where T is ill-conditioned that decides
+    between convergence and none. ``g(v + dv) - g(v)`` is dv times the mean slope between. Far from
+    the solution the linearised step is sometimes the better one.
+    """
+    straight = dq / (s.mu + s.h * s.regulariser.slope(v))
+    dv = straight
+    for _ in range(MEAN_SLOPES):
+        between = v + np.multiply.outer(_NODES, dv)
+        dv = dq / (s.mu + s.h * (_WEIGHTS @ s.regulariser.slope(between)))
+    return straight, np.where(np.abs(straight) < SMALL_RISE, dv, straight)
+
+
 def _corrected(
     s: Scaled, exact: ExactMatrix, p: _Point, D: Floats, factor: Factor
 ) -> _Point | None:
     """Take one Newton step for v and r together, shortened until the gap falls; None if never."""
     y = factor.solve(p.f1, D * p.f2)
     dr = p.f1 - s.product(D * y)
-    dv = (p.f2 + s.transposed(dr) + s.h * D * y) / (s.mu + s.h * D * D)
-    for length in SHORTENED:
+    straight, curved = _rises(s, p.v.hi, p.f2 + s.transposed(dr) + s.h * D * y)
+    for dv, length in ((curved, 1.0), *((straight, share) for share in SHORTENED)):
         v, r = p.v + DoubleDouble.of(length * dv), p.r + DoubleDouble.of(length * dr)
         trial = _point(s, exact, v, r)
         if trial.gap < p.gap:
@@ -103,24 +122,23 @@ def _refine(s: Scaled, near: Pair) -> tuple[_Point, int]:
     """Improve until the gap stops shrinking or is beyond what doubles can show."""
     exact = ExactMatrix(s.T)
     best = _first(s, exact, near)
-    stale = True
+    wanted = False
     for step in range(MAX_REFINEMENTS):
         peak = float(np.max(np.abs(best.u.hi)))
         ceiling = float(np.max(s.regulariser.ceiling(best.u.hi)))
         if best.gap * ceiling <= ENOUGH * s.mu * peak * peak:
             return best, step
-        if stale:
+        fresh = step == 0 or wanted
+        if fresh:
             D = np.sqrt(s.regulariser.slope(best.v.hi))
             factor = s.factor(D, s.mu)
         with np.errstate(all="ignore"):
             trial = _corrected(s, exact, best, D, factor)
-        if trial is None:
-            return best, step
-        shrunk = trial.gap / best.gap
-        best = trial
-        if shrunk > STALLED:
-            return best, step + 1
-        stale = shrunk > FAST  # the curvature has changed
+        shrunk = trial.gap / best.gap if trial is not None else 1.0
+        if fresh and shrunk > STALLED:
+            return trial or best, step + 1
+        wanted = shrunk > FAST  # the curvature has changed
+        best = trial or best
     return best, MAX_REFINEMENTS
 
 
