@@ -24,6 +24,7 @@ from verification.studies.references import NEEDED, REFERENCES, Reference
 from verification.studies.runs import Task
 from verification.studies.worker import Worker
 
+SHARE = 0.6  # of the time left that one reference may take
 CHECKED = 500  # instants at which the references are compared where no run needs the second one
 
 
@@ -73,11 +74,11 @@ def judge_runs(
         What the references may take.
     """
     end, found = clock.perf_counter() + seconds, {}
-    for problem, ringing in (("board", pole), ("ideal", None)):  # an ideal network never rings
+    for problem, ringing in (("ideal", None), ("board", pole)):  # an ideal network never rings
         done = [t for t in tallies if t.method.problem == problem and t.run is not None]
         target = _board_target(task) if problem == "board" else _ideal_target(task)
         found[problem] = _judge(task, problem, done, target, band, ringing, worker, end)
-    return found
+    return {problem: found[problem] for problem in ("board", "ideal")}
 
 
 def _judge(
@@ -103,7 +104,7 @@ def _judge(
             continue
         wanted = _needed(time, done, references)
         try:
-            left = end - clock.perf_counter()
+            left = SHARE * (end - clock.perf_counter())
             references.append((wanted, worker.call(left, make, task, wanted)))
         except (TimeoutError, NoVerdictError) as error:
             omissions.append(f"reference {make.__name__} of the {problem}: {error}")

@@ -29,7 +29,7 @@ from verification.studies.runs import (
 
 TIGHT = 1e-12
 TIGHTEST = 1e-13
-STRUCTURED = 1e-10  # below, rounding stops it
+STRUCTURED = 1e-9  # below, rounding stops it
 ABSOLUTE = 1e-3  # of a state's own relative tolerance: small states count, too
 
 
@@ -65,7 +65,7 @@ def board_implicit(task: Task, time: Floats) -> Reference:
 
 
 def board_structured(task: Task, time: Floats) -> Reference:
-    """Structured engine for linear boards at 1e-10."""
+    """Structured engine for linear boards at 1e-9."""
     found = stepping.simulate(task.circuit, task.transient, times=time, tolerance=STRUCTURED)
     u = outputs(task.circuit, found)
     return Reference(f"state space, structured at {STRUCTURED:g}", "Radau IIA, 7 stages", u)
