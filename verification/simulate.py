@@ -192,7 +192,8 @@ def _statespace(scene: Scene, circuit: Circuit, analysis: Transient, second_look
 
     wanted = scene.analysis.error
     tolerance = None if wanted is None else state_space_tolerance(wanted)
-    return Pending(lambda: simulate(circuit, analysis, tolerance=tolerance))
+    waveforms = simulate(circuit, analysis, tolerance=tolerance)
+    return Pending(lambda: waveforms)
 
 
 ENGINES: dict[str, Callable[[Scene, Circuit, Transient, bool], Pending]] = {
