@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import importlib
+import os
 from typing import Any
 
 import click
+
+from verification.threads import THREADS
 
 # name: (module, attribute, one line for --help); loading none of them keeps start-up short
 COMMANDS: dict[str, tuple[str, str, str]] = {
@@ -20,6 +23,7 @@ COMMANDS: dict[str, tuple[str, str, str]] = {
     "sweep": ("cli.sweep", "sweep", "A grid of verifications; resumable, local or on a cluster."),
     "regress": ("cli.regress", "regress", "A folder of scenes against a stored baseline, for CI."),
     "accuracy": ("cli.accuracy", "accuracy", "Error against run time over engines and methods."),
+    "reproduce": ("cli.reproduce", "reproduce", "The paper, claim by claim, figure by figure."),
     "models": ("cli.info", "models", "The op-amp presets and their figures."),
     "new": ("cli.new", "new", "Write a commented scene file."),
     "doctor": ("cli.info", "doctor", "What is installed, and what that means."),
@@ -64,3 +68,7 @@ def main() -> None:
 
     Exit status: 0 pass, 1 a check failed, 2 bad input, 3 no verdict could be reached.
     """
+    # ngspice has the other cores. BLAS threads that wait for a busy core spin: the poles of 64
+    # channels took a minute instead of a second. Who has cores to spare sets the variable.
+    for name in THREADS:
+        os.environ.setdefault(name, "1")

@@ -22,12 +22,11 @@ from multiprocessing import connection, forkserver
 from typing import Any
 
 from spice_models.errors import Complaint, InputError
+from verification.threads import THREADS
 
 ATTEMPTS = 3  # deaths of a worker until its point is given up
 PATIENCE = 15.0  # s until an address without a scheduler is given up
 NEWS = 1.0  # s between two looks at how many workers a cluster has
-# One simulation a core: threads on top of it only fight over the cores.
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 PRELOAD = ["verification.verify", "verification.engines.statespace"]
 
 

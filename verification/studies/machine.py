@@ -10,9 +10,9 @@ from pathlib import Path
 
 from spice_models.errors import SimulationError
 from verification.engines.simulator import find_simulator
+from verification.threads import THREADS
 
 PACKAGES = ("taction", "numpy", "scipy")
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 def describe_machine() -> dict[str, str | int | float | None]:
