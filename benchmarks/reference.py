@@ -14,7 +14,9 @@ import statistics
 import sys
 import time
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -45,8 +47,7 @@ def tactile(channels: int, lam: float) -> Problem:
 
 def clarabel(problem: Problem) -> Solver:
     """Compile with cvxpy."""
-    import cvxpy as cp
-
+    cp: Any = import_module("cvxpy")
     u = cp.Variable(problem.T.shape[1])
     loss = cp.sum_squares(problem.T @ u - problem.eps)
     task = cp.Problem(cp.Minimize(loss - problem.lam * cp.sum(cp.entr(u))))
@@ -61,8 +62,7 @@ def clarabel(problem: Problem) -> Solver:
 
 def trust(problem: Problem, method: str) -> Solver:
     """Set up SciPy's minimiser in v."""
-    from scipy.optimize import minimize
-
+    minimize: Any = import_module("scipy.optimize").minimize
     T, eps, lam = problem.T, problem.eps, problem.lam
     gram = 2.0 * T.T @ T
 
@@ -84,7 +84,7 @@ def trust(problem: Problem, method: str) -> Solver:
     def run() -> np.ndarray:
         start = np.zeros(T.shape[1])
         with np.errstate(all="ignore"):
-            found = minimize(  # type: ignore[call-overload]  # the stubs want a literal method
+            found = minimize(
                 value, start, jac=gradient, hess=hessian, method=method, options=options
             )
         return np.asarray(np.exp(found.x))

@@ -7,9 +7,10 @@ import pytest
 from scipy.linalg import toeplitz
 
 from spice_models.errors import InputError
+from verification.reference.convolution import ToeplitzMatrix
 from verification.reference.problem import Problem, Solution, ToeplitzProblem
 from verification.reference.solve import solve
-from verification.reference.toeplitz import ToeplitzMatrix, solve_toeplitz_problem
+from verification.reference.toeplitz import solve_toeplitz_problem
 
 
 def tactile(channels: int, spacing: float, lam: float, regulariser: str) -> ToeplitzProblem:
