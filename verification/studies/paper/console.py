@@ -1,0 +1,96 @@
+"""The CONSOLE step: the gain for least settling time under a limit on overshoot."""
+
+from __future__ import annotations
+
+import math
+
+from netlist_gen.quantities import show
+from netlist_gen.scene import Scene
+from spice_models.errors import EngineError
+from verification.record import record_transient
+from verification.studies.axes import with_values
+from verification.studies.keys import Value
+from verification.studies.paper.findings import (
+    Chapter,
+    Finding,
+    Panel,
+    Picture,
+    curve,
+    listed,
+    paper_scene,
+    percent,
+    weigh,
+)
+from verification.studies.tune import tune
+from verification.verdict import Outcome as Passed
+from verification.verify import verify
+
+SCENE = "paper-breadboard"
+FACTORS = (0.25, 0.5, 1.0)
+LIMIT = 0.05
+
+
+def console(quick: bool) -> Chapter:
+    """Judge what the gain does, and in a full run tune it and verify the result by ngspice."""
+    scene = paper_scene(SCENE)
+    first = _controls(scene)
+    if quick:
+        return Chapter((first,))
+    second, picture = _tuned(scene)
+    return Chapter((first, second), (picture,))
+
+
+def _controls(scene: Scene) -> Finding:
+    settling, overshoot = [], []
+    for factor in FACTORS:
+        changes: dict[str, Value] = {"design.gain": factor * scene.design.gain}
+        changes["analysis.engine"] = "statespace"
+        found = record_transient(with_values(scene, changes)).measurements
+        reading = found.settling_time
+        settling.append(math.inf if reading is None else reading.value)
+        overshoot.append(max(channel.overshoot for channel in found.channels))
+    return Finding(
+        "gain-controls",
+        "gain at a quarter, half and the whole of the scene's own, R as it is",
+        f"1 % settling {', '.join(show(t, 's') for t in settling)}; overshoot"
+        f" {listed([100 * each for each in overshoot])} %",
+        weigh(max(settling) > 2.0 * min(settling) and max(overshoot) > 2.0 * min(overshoot)),
+        {"least_settling_time": min(settling), "least_overshoot": min(overshoot)},
+    )
+
+
+def _tuned(scene: Scene) -> tuple[Finding, Picture]:
+    found = tune(scene, ("gain",), overshoot=LIMIT)
+    verdict = verify(found.scene, details=False)
+    reading = verdict.measurements.settling_time
+    if reading is None:
+        raise EngineError(f"the tuned board does not settle: {verdict.measurements.reason}")
+    overshoot = max(channel.overshoot for channel in verdict.measurements.channels)
+    agree = abs(reading.value - found.after.settling_time) <= 0.05 * reading.value
+    names = {check.name: check.outcome for check in verdict.checks}
+    finding = Finding(
+        "console",
+        f"settling time minimised over the gain, overshoot at most {percent(LIMIT)}, lambda held;"
+        f" {found.tried} designs; the best one by {verdict.waveforms.engine}",
+        f"gain {show(found.after.values['design.gain'], 'ohm')}: settling"
+        f" {show(found.before.settling_time, 's')} → {show(reading.value, 's')}, overshoot"
+        f" {percent(found.before.overshoot)} → {percent(overshoot)}; slower to rise",
+        weigh(
+            agree
+            and overshoot <= LIMIT
+            and reading.value < found.before.settling_time
+            and names["steady_state"] is Passed.PASS
+        ),
+        {"settling_time": reading.value, "overshoot": overshoot,
+         "gain": found.after.values["design.gain"]},
+    )  # fmt: skip
+    frontier = found.frontier
+    lines = (
+        curve([100 * c.overshoot for c in frontier], [c.settling_time for c in frontier],
+              "no other design tried beats these", "o-"),
+        curve([100 * found.before.overshoot], [found.before.settling_time], "before", "C3s"),
+        curve([100 * overshoot], [reading.value], "after, by ngspice", "C2*"),
+    )  # fmt: skip
+    panel = Panel("settling time against overshoot", "overshoot (% of the step)",
+                  "1 % settling time (s)", lines, logs="y")  # fmt: skip
+    return finding, Picture("console", "The trade-off that the gain offers.", (panel,))

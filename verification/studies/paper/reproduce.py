@@ -1,0 +1,117 @@
+"""Running all claims: chapter by chapter, each judged against what the table expects."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from spice_models.errors import NoVerdictError
+from verification.studies.paper.breadboard import breadboard
+from verification.studies.paper.console import console
+from verification.studies.paper.findings import (
+    Chapter,
+    Claim,
+    Finding,
+    Outcome,
+    Picture,
+    load_claims,
+)
+from verification.studies.paper.hardware import hardware
+from verification.studies.paper.reconstruction import reconstruction
+
+CHAPTERS: dict[str, tuple[str, Callable[[bool], Chapter]]] = {
+    "reconstruction": ("Stress from noisy strain", reconstruction),
+    "breadboard": ("The seven-channel breadboard", breadboard),
+    "console": ("The design step", console),
+    "hardware": ("Other hardware", hardware),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """A claim with its finding."""
+
+    claim: Claim
+    finding: Finding
+
+    @property
+    def as_expected(self) -> bool:
+        """Whether the verdict is the one in the table."""
+        return self.finding.outcome is self.claim.expected
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Section:
+    """One chapter: `seconds` is the wall time that it took."""
+
+    title: str
+    judged: tuple[Judged, ...]
+    pictures: tuple[Picture, ...]
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reproduction:
+    """All chapters; `left_out` are claims that only a full run judges."""
+
+    sections: tuple[Section, ...]
+    left_out: tuple[Claim, ...]
+    quick: bool
+    seconds: float
+
+    @property
+    def judged(self) -> tuple[Judged, ...]:
+        """Every claim that was judged, in the order of the table."""
+        return tuple(each for section in self.sections for each in section.judged)
+
+    @property
+    def outcome(self) -> str:
+        """``fail`` where a verdict is not the expected one, else ``inconclusive`` or ``pass``."""
+        ran = [each for each in self.judged if each.finding.outcome is not Outcome.NOT_RUN]
+        if not all(each.as_expected for each in ran):
+            return "fail"
+        return "pass" if len(ran) == len(self.judged) else "inconclusive"
+
+
+def reproduce(
+    *, quick: bool = False, progress: Callable[[str], None] = lambda stage: None
+) -> Reproduction:
+    """Run every claim.
+
+    Parameters
+    ----------
+    quick : bool
+        Fewer seeds and sizes, and without the claims that are marked so.
+    progress : callable, optional
+        Told the title of each chapter as it begins.
+    """
+    began = time.perf_counter()
+    claims = load_claims()
+    wanted = [claim for claim in claims if claim.quick or not quick]
+    sections = []
+    for name, (title, function) in CHAPTERS.items():
+        progress(title)
+        start = time.perf_counter()
+        own = [claim for claim in wanted if claim.chapter == name]
+        chapter = _run(function, own, quick=quick)
+        findings = {finding.id: finding for finding in chapter.findings}
+        judged = tuple(Judged(claim, findings[claim.id]) for claim in own)
+        sections.append(Section(title, judged, chapter.pictures, time.perf_counter() - start))
+    return Reproduction(
+        tuple(sections),
+        tuple(claim for claim in claims if claim not in wanted),
+        quick,
+        time.perf_counter() - began,
+    )
+
+
+def _run(function: Callable[[bool], Chapter], claims: list[Claim], *, quick: bool) -> Chapter:
+    """Run one chapter; what keeps it from a verdict is a finding of each of its claims."""
+    try:
+        return function(quick)
+    except NoVerdictError as error:
+        reason = str(error).splitlines()[0]
+        return Chapter(
+            tuple(Finding(claim.id, "nothing", reason, Outcome.NOT_RUN) for claim in claims)
+        )
