@@ -20,6 +20,11 @@ from netlist_gen.guards import check_circuit, check_request, tolerances
 from netlist_gen.header import header_lines
 from spice_models.subcircuits import amplifier_lines, opamp_subcircuit
 
+# ngspice's first step is a tenth of the .tran card's first figure. An exponential board that starts
+# from nothing with a larger one can make an antilog stage's first iteration overflow: it did at
+# 250 points a period of one scene and no other count; with this, at none that was tried.
+FIRST_STEP = 0.01
+
 
 @dataclass(frozen=True, slots=True)
 class Deck:
@@ -230,7 +235,8 @@ def _analysis_cards(circuit: Circuit, analysis: Analysis) -> list[str]:
         return [".op"]
     rest = _starts_from_rest(circuit, analysis)
     step = repr(analysis.max_step)
-    cards = [f".tran {step} {analysis.stop!r} 0.0 {step}" + ("" if rest else " uic")]
+    begin = repr(FIRST_STEP * analysis.max_step)
+    cards = [f".tran {begin} {analysis.stop!r} 0.0 {step}" + ("" if rest else " uic")]
     if analysis.voltages:
         pairs = " ".join(f"v({node})={volts!r}" for node, volts in analysis.voltages.items())
         cards.insert(0, f".ic {pairs}")

@@ -90,7 +90,7 @@ def test_every_value_keeps_every_digit() -> None:
     assert float(cards["Rf_1_2"]) == circuit.matrices[0].ohms[0, 1]
     assert float(cards["Ieps_1"]) == circuit.currents[0].amps
     assert float(cards["Rr_1"]) == circuit.scalings.resistance
-    assert f".tran {1e-7 / 3!r} {1e-4 / 3!r} 0.0 {1e-7 / 3!r} uic" in text
+    assert f".tran {0.01 * (1e-7 / 3)!r} {1e-4 / 3!r} 0.0 {1e-7 / 3!r} uic" in text
     for line in text.splitlines():
         if not line.startswith(("*", ".")):
             assert not re.search(r" \d[\d.]*(meg|[fpnumkgt])\b", line, re.IGNORECASE), line
@@ -261,3 +261,15 @@ def test_a_part_with_a_name_of_its_own_comes_through() -> None:
         replace(circuit, resistors=(*circuit.resistors, extra)), OperatingPoint()
     ).text
     assert "Rload_1 v_1 0 1234.5\n" in text
+
+
+def test_an_exponential_board_starts_at_every_resolution(ngspice: str) -> None:
+    """The first iteration overflowed at 250 points a period with a longer first step."""
+    scene = load_scene(SCENES / "paper-exponential.toml")
+    circuit = synthesise(scene, make_problem(scene))
+    for points in (180, 250, 300):
+        step = 1.339e-07 * 125 / points
+        deck = write_deck(circuit, Transient(2e-6, step, truncation=(6.28 / points) ** 3 / 6))
+        u_4 = -simulate(deck, find_simulator(), timeout=60)["a_4"]
+        assert np.all(np.isfinite(u_4))
+        assert u_4[0] == pytest.approx(1.0, abs=1e-4)  # v = 0 is u = U0
