@@ -37,7 +37,8 @@ def test_a_result_comes_back_as_it_was(tmp_path: Path) -> None:
 def test_the_file_is_one_file_when_nothing_runs(tmp_path: Path) -> None:
     with Store(str(tmp_path / "a.sqlite")) as store:
         store.put(row(1), b"asked")
-        (tmp_path / "copy.sqlite").write_bytes((tmp_path / "a.sqlite").read_bytes())
+    assert [file.name for file in tmp_path.iterdir()] == ["a.sqlite"]
+    (tmp_path / "copy.sqlite").write_bytes((tmp_path / "a.sqlite").read_bytes())
     with Store(str(tmp_path / "copy.sqlite")) as copy:
         assert copy.row(b"asked") == row(1)
 

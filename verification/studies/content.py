@@ -11,7 +11,7 @@ import dataclasses
 import enum
 import functools
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ import netlist_gen
 import spice_models
 
 CODE = (".py", ".toml")
+PLAIN = frozenset((type(None), bool, int, float, str))
 
 
 def digest(*values: object) -> bytes:
@@ -32,42 +33,37 @@ def digest(*values: object) -> bytes:
     TypeError
         A value of another kind: its content is not known.
     """
-    found = hashlib.sha256()
-    for part in _encode(values):
-        found.update(part)
-    return found.digest()
+    parts: list[bytes] = []
+    _encode(values, parts)
+    return hashlib.sha256(b"".join(parts)).digest()
 
 
-def _encode(value: object) -> Iterator[bytes]:
-    if value is None or isinstance(value, bool | int | float | str):
-        yield _plain(value)
-    elif isinstance(value, enum.Enum):
-        yield from _encode(value.value)
-    elif isinstance(value, bytes):
-        yield b"y%d:" % len(value) + value
+def _encode(value: object, parts: list[bytes]) -> None:
+    kind: Any = type(value)
+    if kind in PLAIN:
+        text = repr(value)
+        parts.append(f"{kind.__name__}{len(text)}:{text}".encode())
+    elif isinstance(value, tuple | list):
+        parts.append(b"t%d:" % len(value))
+        for item in value:
+            _encode(item, parts)
+    elif dataclasses.is_dataclass(value):
+        parts.append(f"{kind.__name__}:".encode())
+        for name in _names(kind):
+            _encode(getattr(value, name), parts)
     elif isinstance(value, np.ndarray):
         little = np.ascontiguousarray(value, dtype=value.dtype.newbyteorder("<"))
-        yield f"a{little.dtype.str}{little.shape}:".encode() + little.tobytes()
-    elif isinstance(value, tuple | list):
-        yield b"t%d:" % len(value)
-        for item in value:
-            yield from _encode(item)
+        parts += [f"a{little.dtype.str}{little.shape}:".encode(), little.tobytes()]
     elif isinstance(value, Mapping):
-        yield from _encode(tuple(sorted(value.items())))
+        _encode(tuple(sorted(value.items())), parts)
+    elif isinstance(value, bytes):
+        parts.append(b"y%d:" % len(value) + value)
     elif isinstance(value, BaseModel):
-        yield from _encode(value.model_dump(by_alias=True))
-    elif dataclasses.is_dataclass(value):
-        kind: Any = type(value)
-        yield type(value).__name__.encode() + b":"
-        for name in _names(kind):
-            yield from _encode(getattr(value, name))
+        _encode(value.model_dump(by_alias=True), parts)
+    elif isinstance(value, enum.Enum):
+        _encode(value.value, parts)
     else:
-        raise TypeError(f"no canonical encoding of {type(value).__name__}")
-
-
-def _plain(value: object) -> bytes:
-    text = repr(value)
-    return f"{type(value).__name__}{len(text)}:{text}".encode()
+        raise TypeError(f"no canonical encoding of {kind.__name__}")
 
 
 @functools.cache

@@ -1,8 +1,10 @@
 """Results of a study in one SQLite file: a transaction a point, nothing run twice, nothing lost.
 
-The file has a rollback journal and full synchronisation, not a write-ahead log: between two
-points it is one file that can be copied, it survives a power cut, and it works on the network
-file systems of a cluster, for 1.5 ms of waiting a point (measured) that overlap the simulations.
+The file has a write-ahead log: a process that is killed at any instant loses nothing that was
+stored, a power cut at most the last moments and never the file, and a transaction costs 0.1 ms. A
+rollback journal would wait for the disk at every point, 1.5 ms on an idle machine and 22 ms beside
+simulations that write to it (measured). While a sweep runs, and after a kill, the log stands
+beside the file as FILE-wal; the next one that opens the file merges it.
 """
 
 from __future__ import annotations
@@ -198,8 +200,9 @@ class Store:
         problem = self._db.execute("pragma quick_check(1)").fetchone()[0]
         if problem != "ok":
             raise self._wrong(f"{_WRONG['SQLITE_CORRUPT']} ({problem})")
-        self._db.execute("pragma journal_mode = delete")
-        self._db.execute("pragma synchronous = full")
+        if self._db.execute("pragma journal_mode").fetchone()[0] != "wal":
+            self._db.execute("pragma journal_mode = wal")
+        self._db.execute("pragma synchronous = normal")
 
     def _create(self) -> dict[str, int]:
         with self._transaction():
