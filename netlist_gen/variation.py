@@ -16,6 +16,8 @@ from pydantic import Field
 
 from netlist_gen.circuit import Circuit, Floats, ResistorMatrix
 from netlist_gen.fields import Model, NonNegative, Real
+from spice_models.errors import Complaint, InputError
+from spice_models.opamp import OpAmp
 
 
 class Tolerances(Model):
@@ -27,8 +29,10 @@ class Tolerances(Model):
     resistor: NonNegative = Field(0.01, description="every resistor by itself")
     capacitor: NonNegative = Field(0.05, description="C of every signal node by itself")
     stray: NonNegative = Field(0.2, description="stray capacitance of every summing node")
-    opamp_gbw: NonNegative = Field(0.3, description="both poles of every op-amp")
-    opamp_gain: NonNegative = Field(0.5, description="DC gain of every op-amp, poles unmoved")
+    opamp_gbw: NonNegative = Field(
+        0.3, description="gain-bandwidth product and second pole of every op-amp together"
+    )
+    opamp_gain: NonNegative = Field(0.5, description="DC gain of every op-amp")
     temperature: NonNegative = Field(0.0, description="K, either side of nominal; the whole board")
     resistor_drift: Real = Field(1e-4, description="per K")
     capacitor_drift: Real = Field(3e-5, description="per K")
@@ -98,6 +102,17 @@ def vary(circuit: Circuit, tolerances: Tolerances, z: Floats) -> Circuit:
     ----------
     z : ndarray
         One value for each of `parameters`, in their order.
+
+    Raises
+    ------
+    InputError
+        An op-amp comes out with a DC gain that is none, 1 or less.
+
+    Notes
+    -----
+    An op-amp's gain-bandwidth product and its second pole move together, and stay where they are
+    as its DC gain varies. The temperature moves all parts of a kind alike,
+    ``exp(drift z temperature)``.
     """
     wanted = parameters(circuit, tolerances)
     shift = {p.name: float(value) for p, value in zip(wanted, z, strict=True)}
@@ -110,13 +125,7 @@ def vary(circuit: Circuit, tolerances: Tolerances, z: Floats) -> Circuit:
     for cell in circuit.opamps:
         model = circuit.models[cell.model]
         faster = scale.get(f"{cell.name}.gbw", 1.0) * hot_gbw
-        own = replace(
-            model,
-            name=f"{model.name}_{cell.name}",
-            gbw=model.gbw * faster,
-            second_pole=model.second_pole * faster,
-            dc_gain=model.dc_gain * scale.get(f"{cell.name}.dc_gain", 1.0),
-        )
+        own = _opamp(model, cell.name, faster, scale.get(f"{cell.name}.dc_gain", 1.0))
         models[own.name] = own
         cells.append(replace(cell, model=own.name))
     return replace(
@@ -133,6 +142,19 @@ def vary(circuit: Circuit, tolerances: Tolerances, z: Floats) -> Circuit:
             for part in circuit.capacitors
         ),
     )
+
+
+def _opamp(model: OpAmp, name: str, faster: float, gain: float) -> OpAmp:
+    try:
+        return replace(
+            model,
+            name=f"{model.name}_{name}",
+            gbw=model.gbw * faster,
+            second_pole=model.second_pole * faster,
+            dc_gain=model.dc_gain * gain,
+        )
+    except ValueError as error:
+        raise InputError("tolerances", Complaint(f"op-amp {name}", "", str(error))) from None
 
 
 def _matrix(matrix: ResistorMatrix, scale: dict[str, float], hot: float) -> ResistorMatrix:

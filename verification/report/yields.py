@@ -2,30 +2,78 @@
 
 from __future__ import annotations
 
+import math
+
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
 from netlist_gen.quantities import show
 from verification.studies.corners import Corner
-from verification.studies.montecarlo import Sample, YieldReport
+from verification.studies.montecarlo import Spread, YieldReport
+from verification.studies.varied import Quantity
 
-TOP = 10
+TOP = 10  # sensitivities that are shown; JSON has them all
+REASONS = 3
 
 
 def print_yield(found: YieldReport, seed: int) -> None:
-    """Print the yield with its interval, what failed, and the strongest sensitivities."""
+    """Print the yield with its interval, what failed and by how much, and what matters."""
     console = Console(highlight=False)
-    console.print(
-        f"yield {100 * found.fraction:.2f} % ({found.passed} of {found.samples}), 95 % interval"
-        f" {100 * found.low:.2f} to {100 * found.high:.2f} %; seed {seed}"
-    )
-    if found.without_verdict:
-        console.print(f"{found.without_verdict} samples without verdict count as not passed")
-    for name, count in found.failures.items():
-        console.print(f"  {name}: {count} samples do not pass")
-    if not found.sensitivities:
+    if not found.samples:
+        console.print("no sample: no yield")
         return
+    console.print(
+        f"yield {_percent(found.fraction)} ({found.passed} of {found.samples}), 95 % interval"
+        f" {_percent(found.low)} to {_percent(found.high)}; seed {seed}"
+    )
+    for name, count in found.failures.items():
+        console.print(f"  {name.replace('_', ' ')}: {count} samples do not pass")
+    if found.without_verdict:
+        console.print(f"  {found.without_verdict} samples without verdict count as not passed")
+    for reason, count in list(found.reasons.items())[:REASONS]:
+        console.print(f"    {count}: {reason}", markup=False)
+    console.print(_spreads(found.quantities))
+    if found.sensitivities:
+        console.print(_sensitivities(found))
+
+
+def print_corners(found: tuple[Corner, ...], told: tuple[Quantity, ...]) -> None:
+    """Print every corner with its outcome and what decides it."""
+    names = [quantity.name.replace("_", " ") for quantity in told]
+    table = Table(
+        "corner", "outcome", *names, box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0)
+    )
+    console = Console(highlight=False)
+    for corner in found:
+        result = corner.result
+        figures = [_figure(getattr(result, q.name), q.unit) for q in told]
+        table.add_row(corner.name.replace("_", " "), result.outcome, *figures)
+    console.print(table)
+    for corner in found:
+        words = [corner.result.reason, f"fails {', '.join(corner.result.failed)}"]
+        said = "; ".join(words[: 1 + bool(corner.result.failed)]).strip("; ")
+        decided = f" most moved by {' '.join(corner.largest)}" if corner.largest else ""
+        if said or decided:
+            name = corner.name.replace("_", " ")
+            console.print(f"{name}: {said}{';' if said and decided else ''}{decided}", markup=False)
+
+
+def _spreads(spreads: tuple[Spread, ...]) -> Table:
+    table = Table("quantity", "wanted", "5 %", "median", "95 %", "none", box=SIMPLE_HEAD)
+    for spread in spreads:
+        wanted = [
+            f"{sign} {_figure(limit, spread.unit)}"
+            for sign, limit in (("≥", spread.at_least), ("≤", spread.at_most))
+            if limit is not None
+        ]
+        quantiles = [_figure(v, spread.unit) for v in (spread.low, spread.median, spread.high)]
+        missing = str(spread.missing or "")
+        table.add_row(spread.name.replace("_", " "), ", ".join(wanted), *quantiles, missing)
+    return table
+
+
+def _sensitivities(found: YieldReport) -> Table:
     table = Table("quantity", "component", "correlation", "of the variance", box=SIMPLE_HEAD)
     for item in found.sensitivities[:TOP]:
         table.add_row(
@@ -34,24 +82,18 @@ def print_yield(found: YieldReport, seed: int) -> None:
             f"{item.correlation:+.2f} ± {item.standard_error:.2f}",
             f"{100 * item.correlation**2:.0f} %",
         )
-    console.print(table)
+    return table
 
 
-def print_corners(found: tuple[Corner, ...]) -> None:
-    """Print every corner with its outcome and what decides it."""
-    titles = ("corner", "outcome", "settling", "overshoot", "steady state", "pole", "decided by")
-    table = Table(*titles, box=SIMPLE_HEAD, pad_edge=False)
-    for corner in found:
-        table.add_row(
-            corner.name, corner.result.outcome, *_figures(corner.result), " ".join(corner.largest)
-        )
-    Console(highlight=False).print(table)
+def _percent(value: float) -> str:
+    return f"{100 * value:.4g} %"
 
 
-def _figures(result: Sample) -> tuple[str, str, str, str]:
-    def percent(value: float | None) -> str:
-        return "-" if value is None else f"{100 * value:.3g} %"
-
-    settling = "-" if result.settling_time is None else show(result.settling_time, "s")
-    pole = "-" if result.growth_rate is None else f"{result.growth_rate:.4g} /s"
-    return settling, percent(result.overshoot), percent(result.steady_state), pole
+def _figure(value: float | None, unit: str) -> str:
+    if value is None or math.isnan(value):
+        return "-"
+    if math.isinf(value):
+        return "never"
+    if unit == "step":
+        return f"{100 * value:.3g} %"
+    return f"{value:.4g} /s" if unit == "1/s" else show(value, unit if unit == "s" else "", 3)

@@ -8,54 +8,49 @@ counts in the denominator.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, wait
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from netlist_gen.circuit import Floats
-from netlist_gen.problem import InverseProblem, make_problem
 from netlist_gen.scene import Scene
-from netlist_gen.synthesis import synthesise
-from netlist_gen.variation import draw, parameters, vary
-from spice_models.errors import TactionError
+from netlist_gen.variation import draw
 from verification.studies.executors import Workers
-from verification.verify import Verdict, verify
+from verification.studies.varied import Quantity, Sample, Study, quantities, run
 
 CONFIDENCE = 0.95
-QUANTITIES = ("settling_time", "overshoot", "steady_state", "growth_rate")
 LEAST_SAMPLES = 30  # before a yield is called narrow enough, and before sensitivities are given
-SIGNIFICANT = 3.0  # standard errors of a correlation that is told
+SIGNIFICANT = 4.0  # standard errors of a correlation that is told: hundreds are looked at
+SHARES = (0.05, 0.5, 0.95)  # quantiles that are told
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
-    """One sample.
+class Spread:
+    """How a quantity is spread over the samples.
 
     Attributes
     ----------
-    number, seed : int
-        What draws it again.
-    outcome : str
-        As a verdict's.
-    failed : tuple of str
-        Checks that did not pass.
-    settling_time, overshoot, steady_state, growth_rate : float or None
-        s, fraction, fraction of the step, and the rightmost pole's real part in 1/s.
-    reason : str
-        Why there is no verdict; empty if there is one.
+    name, unit : str
+        ``"s"``, ``"step"`` (fraction of the step amplitude), ``"1/s"`` or ``"ratio"``.
+    at_least, at_most : float or None
+        What the scene's check accepts.
+    low, median, high : float
+        Quantiles of 5, 50 and 95 %, each the value of one sample; infinite for a time that the
+        sample does not have, since it never settles or rises. Not a number without samples.
+    missing : int
+        Samples that do not have it.
     """
 
-    number: int
-    seed: int
-    outcome: str
-    failed: tuple[str, ...] = ()
-    settling_time: float | None = None
-    overshoot: float | None = None
-    steady_state: float | None = None
-    growth_rate: float | None = None
-    reason: str = ""
+    name: str
+    unit: str
+    at_least: float | None
+    at_most: float | None
+    low: float
+    median: float
+    high: float
+    missing: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +70,7 @@ class Sensitivity:
 
 @dataclass(frozen=True, slots=True)
 class YieldReport:
-    """What the samples say."""
+    """What the samples say; `reasons` counts why some have no verdict."""
 
     samples: int
     passed: int
@@ -84,90 +79,89 @@ class YieldReport:
     low: float
     high: float
     failures: dict[str, int]
+    reasons: dict[str, int]
+    quantities: tuple[Spread, ...]
     sensitivities: tuple[Sensitivity, ...]
 
 
-def evaluate(scene: Scene, problem: InverseProblem, seed: int, number: int) -> Sample:
-    """Verify one sample; what goes wrong with it is its reason, never an exception."""
-    try:
-        nominal = synthesise(scene, problem)
-        count = len(parameters(nominal, scene.tolerances))
-        board = vary(nominal, scene.tolerances, draw(scene.tolerances, count, seed, number))
-        verdict = verify(scene, problem=problem, circuit=board, second_look=False, details=False)
-    except TactionError as error:
-        return Sample(number, seed, "inconclusive", reason=str(error).splitlines()[0])
-    return sample_of(verdict, number, seed)
+@dataclass(slots=True)
+class Tally:
+    """Counts samples in the order of their numbers, and says when there are enough.
+
+    What is counted does not depend on which sample ended first, so neither does the yield.
+
+    Attributes
+    ----------
+    wanted : int
+        Samples at the most.
+    width : float or None
+        Half width of the interval that is narrow enough.
+    samples : list of Sample
+        Numbers 0, 1, 2 ... without a gap.
+    """
+
+    wanted: int
+    width: float | None = None
+    samples: list[Sample] = field(default_factory=list)
+    passed: int = 0
+    enough: bool = False
+    _early: dict[int, Sample] = field(default_factory=dict)
+
+    def add(self, sample: Sample) -> None:
+        """Take a sample; it counts as soon as all before it are there."""
+        self._early[sample.number] = sample
+        while not self.enough and (following := self._early.pop(len(self.samples), None)):
+            self.samples.append(following)
+            self.passed += following.outcome == "pass"
+            self.enough = len(self.samples) >= self.wanted or self._narrow()
+
+    def _narrow(self) -> bool:
+        if self.width is None or len(self.samples) < LEAST_SAMPLES:
+            return False
+        low, high = interval(self.passed, len(self.samples))
+        return 0.5 * (high - low) <= self.width
 
 
 def run_samples(
-    scene: Scene,
-    numbers: Iterable[int],
-    seed: int,
-    workers: Workers,
-    enough: Callable[[Sample], bool],
+    study: Study, numbers: Iterable[int], seed: int, workers: Workers, tally: Tally
 ) -> Iterator[Sample]:
-    """Yield samples as they end, in any order, until `enough` says so or there are no more.
+    """Draw and judge samples and yield them as they end, until `tally`, which is fed, has enough.
 
     Raises
     ------
-    InputError
-        The scene itself cannot be built.
+    InputError, NoVerdictError
+        As `verification.studies.varied.run`.
     """
-    problem = make_problem(scene)
-    synthesise(scene, problem)
-    left = iter(numbers)
-    running: dict[Future[Sample], int] = {}
-    stopped = False
-    while True:
-        while not stopped and len(running) < workers.window():
-            number = next(left, None)
-            if number is None:
-                break
-            future = workers.executor.submit(evaluate, scene, problem, seed, number)
-            running[future] = number
-        if not running:
-            return
-        done, _ = wait(running, timeout=1.0, return_when=FIRST_COMPLETED)
-        for future in done:
-            sample = _collected(future, running.pop(future), seed, workers)
-            stopped = enough(sample) or stopped
-            yield sample
-        if stopped:
-            for future in running:
-                future.cancel()
-            return
+    tolerances, count = study.scene.tolerances, len(study.varied)
+    requests = ((number, draw(tolerances, count, seed, number)) for number in numbers)
+    for sample in run(study, requests, workers, lambda: tally.enough):
+        tally.add(sample)
+        yield sample
 
 
-def _collected(future: Future[Sample], number: int, seed: int, workers: Workers) -> Sample:
-    try:
-        return future.result()
-    except workers.lost as error:
-        return Sample(number, seed, "inconclusive", reason=f"its worker was lost: {error}")
-
-
-def report(scene: Scene, samples: Iterable[Sample]) -> YieldReport:
-    """Sum up samples: yield with its interval, what failed, and ranked sensitivities."""
-    collected = sorted(samples, key=lambda sample: sample.number)
-    passed = sum(sample.outcome == "pass" for sample in collected)
-    low, high = interval(passed, len(collected))
-    failures: dict[str, int] = {}
-    for sample in collected:
-        for name in sample.failed:
-            failures[name] = failures.get(name, 0) + 1
+def report(study: Study, samples: list[Sample], seed: int) -> YieldReport:
+    """Sum up samples: yield with its interval, what failed, spreads, ranked sensitivities."""
+    passed = sum(sample.outcome == "pass" for sample in samples)
+    low, high = interval(passed, len(samples))
+    failures = Counter(name for sample in samples for name in sample.failed)
+    undecided = [sample for sample in samples if sample.outcome == "inconclusive"]
+    told = quantities(study.scene)
     return YieldReport(
-        samples=len(collected),
+        samples=len(samples),
         passed=passed,
-        without_verdict=sum(sample.outcome == "inconclusive" for sample in collected),
-        fraction=passed / len(collected) if collected else math.nan,
+        without_verdict=len(undecided),
+        fraction=passed / len(samples) if samples else math.nan,
         low=low,
         high=high,
-        failures=dict(sorted(failures.items(), key=lambda item: -item[1])),
-        sensitivities=tuple(_sensitivities(scene, collected)),
+        failures=dict(failures.most_common()),
+        reasons=dict(Counter(s.reason for s in undecided if s.reason).most_common()),
+        quantities=tuple(_spread(study.scene, quantity, samples) for quantity in told),
+        sensitivities=tuple(_sensitivities(study, told, samples, seed)),
     )
 
 
 def interval(passed: int, samples: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """Return Clopper and Pearson's exact interval of a yield."""
+    """Return Clopper and Pearson's exact interval of a yield; (0, 1) without samples."""
     from scipy.special import betaincinv
 
     tail = 0.5 * (1.0 - confidence)
@@ -178,46 +172,58 @@ def interval(passed: int, samples: int, confidence: float = CONFIDENCE) -> tuple
     return low, high
 
 
-def sample_of(verdict: Verdict, number: int, seed: int) -> Sample:
-    """Return what a verdict says of its sample."""
-    measures = verdict.measurements
-    settling = measures.settling_time
-    amplitude = measures.amplitude or 1.0
-    return Sample(
-        number=number,
-        seed=seed,
-        outcome=verdict.outcome.value,
-        failed=tuple(c.name for c in verdict.checks if c.outcome.value != "pass"),
-        settling_time=None if settling is None else settling.value,
-        overshoot=max(channel.overshoot or 0.0 for channel in measures.channels),
-        steady_state=max(abs(c.final - c.target) for c in measures.channels) / amplitude,
-        growth_rate=verdict.poles.rightmost.real,
-    )
+def _spread(scene: Scene, quantity: Quantity, samples: list[Sample]) -> Spread:
+    values = [getattr(sample, quantity.name) for sample in samples if not sample.reason]
+    missing = sum(value is None for value in values)
+    never = math.inf if quantity.unit == "s" else math.nan
+    known = np.array([never if value is None else value for value in values], dtype=np.float64)
+    known = known[~np.isnan(known)]
+    low = median = high = math.nan
+    if len(known):
+        low, median, high = np.quantile(known, SHARES, method="inverted_cdf").tolist()
+    least, most = _limits(scene, quantity.name)
+    return Spread(quantity.name, quantity.unit, least, most, low, median, high, missing)
 
 
-def _sensitivities(scene: Scene, samples: list[Sample]) -> Iterator[Sensitivity]:
-    """Yield the correlations beyond `SIGNIFICANT` standard errors, the strongest first."""
-    if len(samples) < LEAST_SAMPLES:
-        return
-    varied = parameters(synthesise(scene, make_problem(scene)), scene.tolerances)
+def _limits(scene: Scene, name: str) -> tuple[float | None, float | None]:
+    """Return what the scene's check of a quantity accepts: at least, at most."""
+    checks = scene.checks
+    rise, overshoot = checks.rise_time, checks.overshoot
+    table: dict[str, tuple[float | None, float | None]] = {
+        "settling_time": (None, checks.settling_time.max),
+        "rise_time": (rise.min, rise.max) if rise else (None, None),
+        "overshoot": (None, overshoot.max if overshoot else None),
+        "steady_state": (None, checks.steady_state.tolerance),
+        "growth_rate": (None, 0.0),
+        "margin": (checks.stability.margin, None),
+    }
+    return table[name]
+
+
+def _sensitivities(
+    study: Study, told: tuple[Quantity, ...], samples: list[Sample], seed: int
+) -> list[Sensitivity]:
+    """Return the correlations beyond `SIGNIFICANT` standard errors, the strongest first."""
+    tolerances, count = study.scene.tolerances, len(study.varied)
     found = []
-    for quantity in QUANTITIES:
-        pairs = [(s, getattr(s, quantity)) for s in samples]
-        usable = [(s, v) for s, v in pairs if v is not None and math.isfinite(v)]
+    for quantity in told:
+        if quantity.name == "margin":  # followed only as far as the check wants it
+            continue
+        pairs = [(sample.number, getattr(sample, quantity.name)) for sample in samples]
+        usable = [(n, v) for n, v in pairs if v is not None and math.isfinite(v)]
         if len(usable) < LEAST_SAMPLES:
             continue
-        values = np.array([v for _, v in usable])
-        if quantity == "settling_time":
+        values = np.array([value for _, value in usable])
+        if quantity.unit == "s":
             values = np.log(np.maximum(values, 1e-300))
-        z = np.array([draw(scene.tolerances, len(varied), s.seed, s.number) for s, _ in usable])
-        correlation = _correlation(z, values)
+        z = np.array([draw(tolerances, count, seed, number) for number, _ in usable])
         error = 1.0 / math.sqrt(len(usable))
         found += [
-            Sensitivity(parameter.name, parameter.kind, quantity, float(r), error)
-            for parameter, r in zip(varied, correlation, strict=True)
+            Sensitivity(parameter.name, parameter.kind, quantity.name, float(r), error)
+            for parameter, r in zip(study.varied, _correlation(z, values), strict=True)
             if abs(r) > SIGNIFICANT * error
         ]
-    yield from sorted(found, key=lambda s: -abs(s.correlation))
+    return sorted(found, key=lambda each: -abs(each.correlation))
 
 
 def _correlation(z: Floats, values: Floats) -> Floats:
