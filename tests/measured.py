@@ -12,10 +12,11 @@ from verification.agreement import Agreement
 from verification.margin import Margin
 from verification.measures import ChannelMeasure, Measurements, Reading
 from verification.settling import ChannelState
+from verification.spread import StepError
 from verification.stability import summarise
-from verification.verdict import Evidence, SimulationError
+from verification.verdict import Evidence
 
-EXACT = SimulationError(0.0, 0.0, 0.0, 0.0)
+EXACT = StepError(0.0, 0.0, 0.0, 0.0)
 STABLE = summarise(np.array([-1e3 + 1e5j, -1e3 - 1e5j]), complete=True)
 UNSTABLE = summarise(np.array([1e3 + 1e5j, 1e3 - 1e5j]), complete=True)
 
@@ -67,7 +68,7 @@ def measured(*channels: ChannelMeasure, **changes: Any) -> Measurements:
 def evidence(
     *channels: ChannelMeasure,
     checks: dict[str, Any] | None = None,
-    error: SimulationError = EXACT,
+    error: StepError = EXACT,
     **changes: Any,
 ) -> Evidence:
     made = Evidence(

@@ -146,7 +146,7 @@ def test_divergence_is_typed():
     broken = np.where(time > 40, np.nan, good)
     found = measure(time, np.column_stack([good, broken]), np.ones(2))
     assert [c.state for c in found.channels] == [ChannelState.NOT_SETTLED, ChannelState.DIVERGED]
-    assert "channel 1 diverged" in found.channels[0].reason
+    assert "channel 2 diverged" in found.channels[0].reason
     assert all(np.isfinite(c.final) for c in found.channels)
     infinite = measure(time, np.where(time > 40, np.inf, good)[:, None], ONE)
     assert infinite.channels[0].state is ChannelState.DIVERGED

@@ -18,11 +18,11 @@ from measured import (
 
 from verification.measures import Reading
 from verification.settling import ChannelState
+from verification.spread import StepError
 from verification.verdict import (
     Check,
     Evidence,
     Outcome,
-    SimulationError,
     at_most,
     describe_states,
     judge,
@@ -85,7 +85,7 @@ def test_the_whole_is_its_worst_part(outcomes: tuple[Outcome, ...], whole: Outco
 def test_steady_state(final: float, error: float, reference_error: float, outcome: Outcome) -> None:
     given = evidence(
         channel(final=final),
-        error=SimulationError(error, 0.0, 0.0, 0.0),
+        error=StepError(error, 0.0, 0.0, 0.0),
         reference_error=reference_error,
     )
     found = check("steady_state", given)
@@ -125,7 +125,7 @@ def test_settling_time(
     given = evidence(
         channel(settling_time=Reading(1e-3, uncertainty)),
         checks={"settling_time": {"max": limit} if limit else {}},
-        error=SimulationError(0.0, error, 0.0, 0.0),
+        error=StepError(0.0, error, 0.0, 0.0),
     )
     assert check("settling_time", given).outcome is outcome
 
@@ -172,7 +172,7 @@ def test_rise_time_of_the_channel_that_is_named_or_the_middle_one() -> None:
 )
 def test_overshoot(limit: float, error: float, outcome: Outcome) -> None:
     checks = {"overshoot": {"max": limit}}
-    given = evidence(checks=checks, error=SimulationError(0.0, 0.0, 0.0, error))
+    given = evidence(checks=checks, error=StepError(0.0, 0.0, 0.0, error))
     assert check("overshoot", given).outcome is outcome
     assert check("overshoot", evidence(oscillating(), checks=checks)).outcome is FAIL
 

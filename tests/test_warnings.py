@@ -7,8 +7,8 @@ import pytest
 from measured import EXACT, UNSTABLE, channel, evidence
 
 from verification.measures import Reading
+from verification.spread import StepError
 from verification.stability import summarise
-from verification.verdict import SimulationError
 from verification.warnings import find_warnings
 
 
@@ -19,11 +19,11 @@ def test_a_board_in_order_has_none() -> None:
 @pytest.mark.parametrize(
     ("error", "says"),
     [
-        (SimulationError(2e-4, 0.0, 0.0, 0.0), "steady_state: the tolerance 0.001 is not well"),
-        (SimulationError(0.0, 0.0, 0.0, 0.02), "overshoot: the limit 0.15 is not well above"),
+        (StepError(2e-4, 0.0, 0.0, 0.0), "steady_state: the tolerance 0.001 is not well"),
+        (StepError(0.0, 0.0, 0.0, 0.02), "overshoot: the limit 0.15 is not well above"),
     ],
 )
-def test_a_tolerance_close_to_the_simulations_error(error: SimulationError, says: str) -> None:
+def test_a_tolerance_close_to_the_simulations_error(error: StepError, says: str) -> None:
     (found,) = find_warnings(evidence(checks={"overshoot": {"max": 0.15}}, error=error))
     assert says in found
     assert "points_per_period" in found
@@ -43,5 +43,5 @@ def test_a_fragile_reading_comes_with_both_values() -> None:
 
 def test_an_engines_own_doubts_come_first_and_always() -> None:
     assert find_warnings(evidence(), ("singular matrix",)) == ("singular matrix",)
-    worst = SimulationError(1.0, 1.0, 1.0, 1.0)
+    worst = StepError(1.0, 1.0, 1.0, 1.0)
     assert find_warnings(evidence(error=worst, poles=UNSTABLE), ("note",)) == ("note",)

@@ -16,9 +16,9 @@ from netlist_gen.circuit import Circuit
 from netlist_gen.scene import Scene
 from spice_models.errors import EngineError
 from verification.crossings import lagrange
+from verification.design import Design
 from verification.engines import implicit, statespace, stepping
 from verification.simulate import Simulation, outputs, state_space_tolerance
-from verification.timescales import TimeScales
 from verification.waveforms import Waveforms
 
 STENCIL = 4  # points of the interpolation between two runs
@@ -67,14 +67,7 @@ class Accuracy:
         return self.achieved is not None and self.achieved <= self.wanted
 
 
-def attained(
-    scene: Scene,
-    circuit: Circuit,
-    scales: TimeScales,
-    transient: Transient,
-    simulation: Simulation,
-    amplitude: float,
-) -> Accuracy | None:
+def attained(design: Design, simulation: Simulation, amplitude: float) -> Accuracy | None:
     """Find the error that a transient attained; None if the scene asks for none.
 
     Parameters
@@ -82,7 +75,8 @@ def attained(
     amplitude : float
         Step amplitude, V.
     """
-    wanted, fine = scene.analysis.error, simulation.fine
+    circuit, transient = design.circuit, design.transient
+    wanted, fine = design.scene.analysis.error, simulation.fine
     if wanted is None:
         return None
     if fine.engine == statespace.ENGINE:
@@ -94,7 +88,7 @@ def attained(
         achieved=volts / (amplitude or 1.0) if math.isfinite(volts) else None,
         seconds=fine.cost.seconds,
         points=fine.cost.points,
-        points_per_period=scales.max_step_for(1.0) / transient.max_step,
+        points_per_period=design.scales.max_step_for(1.0) / transient.max_step,
         engine=fine.engine,
         method=method,
         how=how,

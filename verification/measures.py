@@ -198,7 +198,7 @@ def _check(time: Floats, u: Floats, target: Floats, band: float, rise: tuple[flo
 def _cut(time: Floats, sound: int, wrong: Flags, expected_stop: float | None) -> str:
     """Say why the record cannot prove that anything settled, or nothing."""
     if sound < time.size:
-        return f"channel {int(np.argmax(wrong[sound]))} diverged at {float(time[sound])!r} s"
+        return f"channel {int(np.argmax(wrong[sound])) + 1} diverged at {float(time[sound])!r} s"
     if sound < _FEWEST_POINTS:
         return f"the record has {sound} points; at least {_FEWEST_POINTS} are needed"
     if expected_stop is not None and time[-1] < expected_stop * (1 - 1e-9):
@@ -294,6 +294,6 @@ def _network(channels: tuple[ChannelMeasure, ...]) -> tuple[Reading | None, str]
     readings = []
     for channel in channels:
         if channel.settling_time is None:
-            return None, f"channel {channel.index}: {channel.reason}"
+            return None, f"channel {channel.index + 1}: {channel.reason}"
         readings.append(channel.settling_time)
     return latest(readings), ""

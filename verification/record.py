@@ -1,22 +1,20 @@
-"""A transient on its own: simulated once and measured against the reference, nothing judged."""
+"""Transients recorded and measured against the reference; nothing is judged here."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
 from dataclasses import dataclass
 
 from netlist_gen.analysis import Transient
 from netlist_gen.circuit import Circuit, Floats
-from netlist_gen.problem import make_problem
-from netlist_gen.scalings import make_scalings
 from netlist_gen.scene import Scene
-from netlist_gen.synthesis import synthesise
-from verification.ideal import IdealAnswer, ideal_answer, ideal_network
-from verification.lambda_rule import resolve_lambda
+from verification.agreement import Agreement, compare_engines, exact_record, other_engine
+from verification.clock import Clock, Progress
+from verification.design import Design, design_board
+from verification.ideal import IdealAnswer, ideal_answer
 from verification.measures import Measurements, measure
-from verification.plan import plan_transient
-from verification.simulate import PHYSICAL_BOUND, begin, choose_engine, outputs
-from verification.timescales import time_scales
+from verification.simulate import PHYSICAL_BOUND, Pending, Simulation, begin, outputs
+from verification.spread import StepError, simulation_error
 from verification.waveforms import Waveforms
 
 
@@ -30,7 +28,32 @@ class Record:
     measurements: Measurements
 
 
-def record_transient(scene: Scene, progress: Callable[[str], None] = lambda stage: None) -> Record:
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """A transient with what tells its error.
+
+    Attributes
+    ----------
+    simulation : Simulation
+        The waveforms.
+    measurements : Measurements
+        Of the finer run.
+    u : ndarray (P, N)
+        Outputs of the finer run, V.
+    error : StepError
+        The simulation's own.
+    agreement : Agreement or None
+        With the other engine; None where only one ran.
+    """
+
+    simulation: Simulation
+    measurements: Measurements
+    u: Floats
+    error: StepError
+    agreement: Agreement | None
+
+
+def record_transient(scene: Scene, progress: Progress = lambda stage: None) -> Record:
     """Simulate the transient of `scene` once, without a second look at another step.
 
     Raises
@@ -38,20 +61,55 @@ def record_transient(scene: Scene, progress: Callable[[str], None] = lambda stag
     InputError, NoVerdictError
         As `verification.verify.verify`.
     """
-    progress("synthesis")
-    scene = resolve_lambda(scene)
-    problem = make_problem(scene)
-    circuit = synthesise(scene, problem)
-    engine = choose_engine(scene)
-    scales = time_scales(circuit, initial=scene.analysis.initial)
-    transient = plan_transient(scene, scales, engine)
-    progress("simulation")
-    pending = begin(scene, circuit, transient, engine, second_look=False)
-    ideal = ideal_answer(ideal_network(problem, make_scalings(scene), scene), scene)
+    clock = Clock(progress)
+    design = design_board(scene, clock)
+    clock.begin("simulation")
+    pending = begin(
+        design.scene, design.circuit, design.transient, design.engine, second_look=False
+    )
+    ideal = ideal_answer(design.network, design.scene)
     waveforms = pending.result().fine
-    progress("measures")
-    measurements, _ = measure_outputs(scene, circuit, ideal, waveforms, transient)
-    return Record(circuit, transient, waveforms, measurements)
+    clock.begin("measures")
+    measurements, _ = measure_outputs(
+        design.scene, design.circuit, ideal, waveforms, design.transient
+    )
+    return Record(design.circuit, design.transient, waveforms, measurements)
+
+
+def watch(
+    design: Design, ideal: IdealAnswer, pending: Pending, clock: Clock, *, second_look: bool
+) -> Recording:
+    """Wait for a simulation under way, do what can be done meanwhile, and measure it.
+
+    The coarser run ends while the finer one is under way; it is measured, and the other engine
+    run, in that time. Without a `second_look` the state-space engine takes the coarser run's place.
+
+    Raises
+    ------
+    SimulationError
+        As `verification.simulate.Pending.result`.
+    """
+    scene, circuit, transient = design.scene, design.circuit, design.transient
+    stable = design.poles.stable
+    clock.begin("simulation")
+    second, share = pending.second_look(), pending.share
+    clock.begin("second look", beside="simulation")
+    if not second_look and share and stable:
+        second, share = exact_record(circuit, transient), 1.0
+    coarse = other = None
+    if second is not None:
+        coarse, _ = measure_outputs(scene, circuit, ideal, second, transient)
+    if second is not None and second_look and stable:
+        other = other_engine(circuit, transient, second)
+    clock.begin("simulation")
+    simulation = pending.result(running_away=not stable)
+    clock.begin("measures")
+    fine, u = measure_outputs(scene, circuit, ideal, simulation.fine, transient)
+    if math.isinf(simulation.share):  # the record ends early: nothing tells its error
+        coarse, share = None, math.inf
+    error = simulation_error(fine, coarse, share)
+    agreement = compare_engines(circuit, simulation, other) if other is not None else None
+    return Recording(simulation, fine, u, error, agreement)
 
 
 def measure_outputs(

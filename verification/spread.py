@@ -4,15 +4,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 from verification.measures import Measurements
 from verification.readings import Reading
-from verification.verdict import SimulationError
 
 
-def simulation_error(
-    fine: Measurements, coarse: Measurements | None, share: float
-) -> SimulationError:
+@dataclass(frozen=True, slots=True)
+class StepError:
+    """The simulation's own error, from two runs at different steps.
+
+    `steady_state` and `overshoot` are fractions of the step amplitude, the times are in s.
+    """
+
+    steady_state: float
+    settling_time: float
+    rise_time: float
+    overshoot: float
+
+
+def simulation_error(fine: Measurements, coarse: Measurements | None, share: float) -> StepError:
     """Estimate the error of every measure of `fine` (Richardson's extrapolation).
 
     A settling time jumps by half a ringing period when a peak moves through the edge of the band,
@@ -28,15 +39,15 @@ def simulation_error(
 
     Returns
     -------
-    SimulationError
+    StepError
         Infinite where only one of the two has the measure.
     """
     if coarse is None:
         unknown = 0.0 if share == 0 else math.inf
-        return SimulationError(unknown, unknown, unknown, unknown)
+        return StepError(unknown, unknown, unknown, unknown)
     pairs = list(zip(fine.channels, coarse.channels, strict=True))
     amplitude = fine.amplitude or 1.0
-    return SimulationError(
+    return StepError(
         steady_state=share * max(abs(a.final - b.final) for a, b in pairs) / amplitude,
         settling_time=_apart(fine.settling_time, coarse.settling_time),
         rise_time=share * _largest(_apart(a.rise_time, b.rise_time) for a, b in pairs),

@@ -18,6 +18,7 @@ from verification.margin import Margin
 from verification.measures import ChannelMeasure, Measurements
 from verification.readings import Reading
 from verification.settling import ChannelState
+from verification.spread import StepError
 from verification.stability import Poles
 
 
@@ -54,19 +55,6 @@ class Check:
 
 
 @dataclass(frozen=True, slots=True)
-class SimulationError:
-    """The simulation's own error: differences to a second run, extrapolated (see `verify`).
-
-    `steady_state` and `overshoot` are fractions of the step amplitude, the times are in s.
-    """
-
-    steady_state: float
-    settling_time: float
-    rise_time: float
-    overshoot: float
-
-
-@dataclass(frozen=True, slots=True)
 class Evidence:
     """Everything that a check may look at.
 
@@ -78,7 +66,7 @@ class Evidence:
 
     checks: Checks
     measurements: Measurements
-    error: SimulationError
+    error: StepError
     agreement: Agreement | None
     poles: Poles
     margin: Margin | None

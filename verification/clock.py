@@ -1,0 +1,35 @@
+"""Wall time of the stages of a pipeline."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+Progress = Callable[[str], None]
+
+
+class Clock:
+    """Wall time of each stage, s; `beside` a stage whose processes run meanwhile."""
+
+    def __init__(self, progress: Progress) -> None:
+        self.seconds: dict[str, float] = {}
+        self._progress = progress
+        self._start = self._last = time.perf_counter()
+        self._stage = ""
+
+    def begin(self, stage: str, beside: str = "") -> None:
+        """End the stage before and begin `stage`; one that was begun before goes on."""
+        self._close()
+        self._stage = stage
+        self._progress(f"{stage} (while the {beside} runs)" if beside else stage)
+
+    def end(self) -> None:
+        """End the last stage and add the total."""
+        self._close()
+        self.seconds["total"] = time.perf_counter() - self._start
+
+    def _close(self) -> None:
+        now = time.perf_counter()
+        if self._stage:
+            self.seconds[self._stage] = self.seconds.get(self._stage, 0.0) + now - self._last
+        self._last = now
