@@ -24,20 +24,31 @@ if TYPE_CHECKING:
 @click.command(short_help="Gain for least settling time under an overshoot limit.")
 @scene_argument
 @click.option("--over", default="gain", show_default=True, help="Keys, such as gain,capacitance.")
-@click.option("--overshoot", default=0.05, show_default=True, help="Limit, fraction of the step.")
-@click.option("--margin", type=float, help="Factor by which C may shrink; else the scene's own.")
+@click.option(
+    "--overshoot",
+    type=click.FloatRange(0, min_open=True),
+    help="Limit, fraction of the step; else the scene's own, else 0.05.",
+)
+@click.option(
+    "--margin",
+    type=click.FloatRange(1, 100),
+    help="Factor by which C may shrink; else the scene's own.",
+)
 @click.option("--plot", type=click.Path(dir_okay=False), help="Draw the trade-off (PNG, SVG, PDF).")
 @json_option
 @reports_errors
 def tune(
     scene: str,
     over: str,
-    overshoot: float,
+    overshoot: float | None,
     margin: float | None,
     plot: str | None,
     as_json: bool,
 ) -> None:
-    """Tune SCENE by the state-space engine, holding lambda; verify what was found."""
+    """Tune SCENE by the state-space engine, holding lambda; verify what was found.
+
+    The verification checks the limits as well; its outcome decides the exit status.
+    """
     from cli.scenes import read_scene
     from verification.studies.tune import tune as run
     from verification.verify import verify

@@ -2,11 +2,14 @@
 
 The sensitivity of each quantity to each component is a difference of two verifications by the
 state-space engine. The corner that moves a quantity most is where every component stands at the
-end of its tolerance with that sign: exact for a quantity that moves monotonically with each.
+end of its tolerance with that sign: exact for a quantity that moves monotonically with each. The
+steady-state error is not one, it has its least value near the nominal board: the corner is that of
+the channel whose signed error, which is one, goes furthest.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
@@ -14,8 +17,9 @@ import numpy as np
 
 from netlist_gen.circuit import Floats
 from netlist_gen.scene import Scene
-from netlist_gen.variation import Parameter
+from netlist_gen.variation import Parameter, vary
 from spice_models.errors import Complaint, InputError
+from verification.engines.equilibrium import equilibrium
 from verification.studies.executors import Workers
 from verification.studies.varied import Quantity, Sample, Study, evaluate, prepare, quantities, run
 
@@ -69,13 +73,25 @@ def worst_corners(
     study = prepare(scene, full_margin=True)
     told = quantities(scene)
     gradient = _gradient(replace(study, scene=_with_engine(scene, "statespace")), workers, progress)
+    progress("sensitivities of the steady state")
+    gradient["steady_state"] = _steady_gradient(study)
     corners = [_corner(study, "nominal", np.zeros(len(study.varied)))]
-    for row, quantity in enumerate(told):
+    for quantity in told:
         progress(f"corner: {quantity.name}")
-        corner = _corner(study, f"worst {quantity.name}", np.sign(gradient[row]))
-        largest = _top(gradient[row], study.varied)
-        corners.append(replace(corner, quantity=quantity.name, largest=largest))
-    return tuple(corners)
+        corners.append(_corner(study, quantity.name, np.sign(gradient[quantity.name])))
+    nominal, *tried = corners
+    # A corner made for one quantity may turn out worse in another than that one's own.
+    worst = [min(tried, key=lambda c: _goodness(c.result, q, c.name)) for q in told]
+    named = [
+        replace(
+            corner,
+            name=f"worst {quantity.name}",
+            quantity=quantity.name,
+            largest=_top(gradient[quantity.name], study.varied, corner.deviations),
+        )
+        for quantity, corner in zip(told, worst, strict=True)
+    ]
+    return (nominal, *named)
 
 
 def named_corner(study: Study, name: str, ends: Mapping[str, float]) -> Corner:
@@ -108,17 +124,45 @@ def _corner(study: Study, name: str, z: Floats) -> Corner:
     return Corner(name, "", evaluate(study, 0, z), (), deviations)
 
 
-def _gradient(study: Study, workers: Workers, progress: Callable[[str], None]) -> Floats:
-    """Return how each quantity becomes worse with each component, (quantities, components)."""
+def _gradient(study: Study, workers: Workers, progress: Callable[[str], None]) -> dict[str, Floats]:
+    """Return how much worse each quantity becomes with each component, (components,) each."""
     count = len(study.varied)
     probes = [(NOMINAL, np.zeros(count)), *enumerate(PROBE * np.eye(count))]
     samples: dict[int, Sample] = {}
     for sample in run(study, probes, workers):
         samples[sample.number] = sample
         progress(f"sensitivities: {len(samples)} of {len(probes)} boards")
-    centre, told = samples[NOMINAL], quantities(study.scene)
-    moved = [[_worse(q, samples[index], centre) for index in range(count)] for q in told]
-    return np.array(moved, dtype=np.float64)
+    return {
+        quantity.name: np.array(
+            [_worse(quantity, samples[index], samples[NOMINAL]) for index in range(count)]
+        )
+        for quantity in quantities(study.scene)
+    }
+
+
+def _steady_gradient(study: Study) -> Floats:
+    """Return how the signed error moves away from zero in the channel where it gets furthest."""
+    count = len(study.varied)
+
+    def error(z: Floats) -> Floats:
+        rest = equilibrium(vary(study.nominal, study.scene.tolerances, z))
+        found = [output.sign * rest[output.node] for output in study.nominal.outputs]
+        return np.array(found) - study.ideal.target
+
+    centre = error(np.zeros(count))
+    moved = [error(PROBE * each) - centre for each in np.eye(count)]
+    slopes = np.array(moved).T / PROBE
+    reach = np.abs(slopes).sum(axis=1) + np.abs(centre)
+    channel = int(np.argmax(reach))
+    away = 1.0 if centre[channel] >= 0.0 else -1.0
+    return np.asarray(away * slopes[channel])
+
+
+def _goodness(sample: Sample, quantity: Quantity, own: str) -> tuple[float, bool]:
+    """Return what is least for the worst sample; among equals the quantity's own corner is."""
+    value = getattr(sample, quantity.name)
+    lost = math.inf if sample.reason else -math.inf
+    return lost if value is None else -quantity.worse * value, own != quantity.name
 
 
 def _worse(quantity: Quantity, moved: Sample, centre: Sample) -> float:
@@ -134,7 +178,9 @@ def _with_engine(scene: Scene, engine: str) -> Scene:
     return scene.model_copy(update={"analysis": analysis})
 
 
-def _top(gradient: Floats, varied: tuple[Parameter, ...]) -> tuple[str, ...]:
+def _top(
+    gradient: Floats, varied: tuple[Parameter, ...], deviations: Mapping[str, float]
+) -> tuple[str, ...]:
     order = np.argsort(-np.abs(gradient), kind="stable")[:TOLD].tolist()
-    shown = [index for index in order if gradient[index]]
-    return tuple(f"{'+' if gradient[i] > 0 else '-'}{varied[i].name}" for i in shown)
+    names = [varied[index].name for index in order if varied[index].name in deviations]
+    return tuple(f"{'+' if deviations[name] > 0 else '-'}{name}" for name in names)

@@ -18,28 +18,28 @@ import numpy as np
 from netlist_gen.circuit import Floats
 from netlist_gen.problem import InverseProblem, make_problem
 from netlist_gen.scalings import make_scalings
-from netlist_gen.scene import Scene
+from netlist_gen.scene import OvershootCheck, Scene, StabilityCheck
 from netlist_gen.synthesis import synthesise
 from spice_models.errors import Complaint, EngineError, InputError
 from verification.engines.statespace import simulate
 from verification.ideal import IdealAnswer, ideal_answer, ideal_network
-from verification.margin import with_capacitance
+from verification.margin import capacitance_margin
 from verification.plan import plan_transient
 from verification.record import measure_outputs
-from verification.stability import poles
 from verification.studies.axes import with_values
 from verification.studies.keys import find_key, own_value
 from verification.timescales import time_scales
 
 GRID = {1: 25, 2: 9, 3: 5}  # points a parameter, by how many there are
 REACH = 20.0  # the grid spans the scene's own value over and times this
+OVERSHOOT = 0.05  # limit where neither caller nor scene has one
 STARTS = 3
 STEPS = 40  # evaluations of one simplex
-RESOLUTION = (
-    40.0  # points on a ringing period: settling times good to a few per cent while searching
-)
+RESOLUTION = 40.0  # points on a ringing period while searching
 LONGEST = 100_000  # points of a candidate's record; beyond, it rings too long to be a good design
-MARGIN_POINTS = 4
+RESERVE = 0.99  # of the overshoot limit: what is found is verified with the simulator's error
+# Keys that leave the solution and the starting point as they are, with lambda held.
+SAME_ANSWER = {"design.gain", "design.capacitance", "design.unit_conductance"}
 INFEASIBLE = 1e6  # added to the objective outside the constraints, so that less outside is better
 
 
@@ -52,7 +52,7 @@ class Candidate:
     values : dict of str to float
         Parameter values by dotted path.
     settling_time : float
-        s; infinite if it does not settle.
+        s; infinite if it does not settle. Where a hair decides between two, the longer.
     overshoot : float
         Fraction of the step amplitude; infinite for an unstable board.
     stable : bool
@@ -74,7 +74,7 @@ class Tuning:
     before, after : Candidate
         The scene as it was, and the best design that keeps the limits.
     scene : Scene
-        The scene with the best design in it.
+        The scene with the best design in it; its checks ask for the limits.
     frontier : tuple of Candidate
         The trade-off: no design that was tried has both less overshoot and less settling time.
     tried : int
@@ -96,7 +96,7 @@ def tune(
     scene: Scene,
     keys: Iterable[str] = ("gain",),
     *,
-    overshoot: float = 0.05,
+    overshoot: float | None = None,
     margin: float | None = None,
     progress: Callable[[str], None] = lambda stage: None,
 ) -> Tuning:
@@ -105,24 +105,24 @@ def tune(
     Parameters
     ----------
     keys : iterable of str
-        One to three numeric keys of the scene.
-    overshoot : float
-        Limit, fraction of the step amplitude.
+        One to three numeric keys of the scene's design.
+    overshoot : float, optional
+        Limit, fraction of the step amplitude; by default the scene's own check, else `OVERSHOOT`.
     margin : float, optional
         Factor by which C may shrink; by default the scene's own check.
 
     Raises
     ------
     InputError
-        A key that is none, or too many.
+        A key that is none or not of the design, none at all, or too many; or the scene's own
+        design cannot be built.
     EngineError
         No design within reach keeps the limits.
     """
-    paths = [find_key(scene, key).path for key in keys]
-    if not 1 <= len(paths) <= max(GRID):
-        text = f"one to {max(GRID)} keys can be tuned at once"
-        raise InputError("--over", Complaint("keys", ",".join(paths), text))
-    search = _Search(scene, paths, overshoot, margin or scene.checks.stability.margin)
+    paths = _paths(scene, keys)
+    own_check = scene.checks.overshoot
+    limit = overshoot or (OVERSHOOT if own_check is None else own_check.max)
+    search = _Search(scene, paths, limit, margin or scene.checks.stability.margin)
     own = np.log([_own(scene, path) for path in paths])
     before = search.assess(own)
     spread = np.linspace(-math.log(REACH), math.log(REACH), GRID[len(paths)])
@@ -135,25 +135,34 @@ def tune(
         search.descend(start, float(spread[1] - spread[0]))
     after = search.best(1)[0]
     if search.objective(after) >= INFEASIBLE:
-        raise EngineError(
-            f"no design within a factor of {REACH:g} keeps an overshoot of"
-            f" {100 * overshoot:g} % and a margin of {search.margin:g} in C; tried"
-            f" {len(search.seen)}. Loosen a limit, or tune another key, such as capacitance"
-        )
+        raise search.hopeless()
     return Tuning(
         before=before,
         after=after,
-        scene=search.scene_at(np.log([after.values[path] for path in paths])),
+        scene=search.finished(after),
         frontier=_frontier(search.seen),
         tried=len(search.seen),
-        overshoot_limit=overshoot,
+        overshoot_limit=limit,
         margin=search.margin,
     )
 
 
+def _paths(scene: Scene, keys: Iterable[str]) -> list[str]:
+    paths = [find_key(scene, key).path for key in keys]
+    if not 1 <= len(set(paths)) == len(paths) <= max(GRID):
+        text = f"one to {max(GRID)} different keys can be tuned at once"
+        raise InputError("--over", Complaint("keys", repr(",".join(paths)), text))
+    for path in paths:
+        if not path.startswith("design."):
+            text = "only the design can be tuned, such as gain, capacitance or unit_conductance"
+            raise InputError("--over", Complaint(path, "", text))
+    return paths
+
+
 def _own(scene: Scene, path: str) -> float:
-    value = own_value(scene, find_key(scene, path))
-    if value is None or value <= 0:
+    key = find_key(scene, path)
+    value = own_value(scene, key) if key.kind == "real" else None
+    if value is None or not 0 < value < math.inf:
         text = "has no value above zero of its own to start from"
         raise InputError("--over", Complaint(path, repr(value), text))
     return value
@@ -184,29 +193,48 @@ class _Search:
         self.seen: list[Candidate] = []
         self._ideal: IdealAnswer | None = None
 
-    def scene_at(self, point: Floats, *, base: Scene | None = None) -> Scene:
-        """Return the scene with the values of `point` (logarithms) and lambda held."""
-        values = dict(zip(self.paths, np.exp(point).tolist(), strict=True))
+    def scene_at(self, values: dict[str, float], base: Scene) -> Scene:
+        """Return `base` with `values` and lambda held."""
         held = {} if "design.resistance" in values else {"design.lambda": self.lam}
-        return with_values(base or self.original, {**held, **values})
+        return with_values(base, {**held, **values})
+
+    def finished(self, candidate: Candidate) -> Scene:
+        """Return the original scene with a design that was found, its limits as checks."""
+        limits: dict[str, Any] = {"overshoot": OvershootCheck(max=self.overshoot)}
+        limits |= {"stability": StabilityCheck(margin=self.margin)}
+        checks = self.original.checks.model_copy(update=limits)
+        return self.scene_at(candidate.values, self.original.model_copy(update={"checks": checks}))
 
     def objective(self, candidate: Candidate) -> float:
         """Settling time, logarithmic, with the constraints as steps and slopes."""
         if not candidate.stable or not math.isfinite(candidate.settling_time):
             return 2 * INFEASIBLE
-        excess = max(candidate.overshoot - self.overshoot, 0.0)
+        excess = max(candidate.overshoot - RESERVE * self.overshoot, 0.0)
         return math.log(candidate.settling_time) + (INFEASIBLE * (1 + excess) if excess else 0.0)
 
     def best(self, count: int) -> list[Candidate]:
         """Return the best candidates so far."""
         return sorted(self.seen, key=self.objective)[:count]
 
+    def hopeless(self) -> EngineError:
+        """Say that nothing keeps the limits, and what came nearest."""
+        nearest = min((c.overshoot for c in self.seen), default=math.inf)
+        reached = f"the least overshoot of them is {100 * nearest:.3g} %. "
+        return EngineError(
+            f"no design within a factor of {REACH:g} keeps an overshoot of"
+            f" {100 * self.overshoot:g} % and a margin of {self.margin:g} in C; tried"
+            f" {len(self.seen)}, {reached if math.isfinite(nearest) else 'none of them stable. '}"
+            "Loosen a limit, or tune another key, such as capacitance"
+        )
+
     def assess(self, point: Floats) -> Candidate:
         """Evaluate one design and remember it."""
         values = dict(zip(self.paths, np.exp(point).tolist(), strict=True))
         try:
-            settling, overshoot, stable = self._measure(self.scene_at(point, base=self.base))
-        except EngineError:  # rings too long, or no state-space form: no design to recommend
+            settling, overshoot, stable = self._measure(self.scene_at(values, self.base))
+        except (EngineError, InputError):  # no state space, or it cannot be built: no design
+            if not self.seen:
+                raise
             settling, overshoot, stable = math.inf, math.inf, False
         candidate = Candidate(values, settling, overshoot, stable)
         self.seen.append(candidate)
@@ -235,21 +263,21 @@ class _Search:
         scales = time_scales(circuit, initial=scene.analysis.initial)
         if not np.all(scales.poles.real < 0):
             return math.inf, math.inf, False
-        own = circuit.scalings.capacitance
-        for factor in np.geomspace(self.margin, 1.0, MARGIN_POINTS, endpoint=False).tolist():
-            if self.margin > 1 and not poles(with_capacitance(circuit, own / factor)).stable:
-                return math.inf, math.inf, False
-        transient = plan_transient(scene, scales)
+        if self.margin > 1 and capacitance_margin(circuit, self.margin).factor < self.margin:
+            return math.inf, math.inf, False
+        transient = plan_transient(scene, scales, "statespace")
         if transient.stop / transient.max_step > LONGEST:
             return math.inf, math.inf, True
         waveforms = simulate(circuit, transient)
         found, _ = measure_outputs(scene, circuit, self._reference(scene), waveforms, transient)
-        settling = math.inf if found.settling_time is None else found.settling_time.value
-        return settling, max(channel.overshoot or 0.0 for channel in found.channels), True
+        settling, reading = math.inf, found.settling_time
+        if reading is not None:
+            settling = max(reading.value, reading.alternative or 0.0)
+        return settling, max(channel.overshoot for channel in found.channels), True
 
     def _reference(self, scene: Scene) -> IdealAnswer:
-        """Return the reference; lambda is held, so one answer serves every candidate."""
-        if self._ideal is None or "design.resistance" in self.paths:
+        """Return the reference; one serves every candidate where the keys do not change it."""
+        if self._ideal is None or not SAME_ANSWER.issuperset(self.paths):
             network = ideal_network(self.problem, make_scalings(scene), scene)
             self._ideal = ideal_answer(network, scene)
         return self._ideal
