@@ -22,7 +22,7 @@ from making import NEAR_IDEAL, make_scene, write_matrix_scene
 
 from netlist_gen.scene import Scene
 from netlist_gen.scene_file import load_scene
-from spice_models.errors import InputError
+from spice_models.errors import InputError, NoVerdictError
 from verification.report.sweep import records
 from verification.studies import point as point_module
 from verification.studies.axes import parse_axes, with_values
@@ -235,6 +235,23 @@ def test_a_point_that_no_worker_survives_is_a_row(tmp_path: Path) -> None:
     assert "killed" in rows[0]["reason"]
 
 
+class Elsewhere(ThreadPoolExecutor):
+    def submit(self, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        future.set_exception(ModuleNotFoundError("No module named 'verification'"))
+        return future
+
+
+def test_workers_without_taction_or_without_a_scheduler_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "a.sqlite"
+    with pytest.raises(NoVerdictError, match="same taction installed"):
+        run(plan("C=50p"), path, Workers(Elsewhere(1), lambda: 1, ()))
+    closed = ThreadPoolExecutor(1)
+    closed.shutdown()
+    with pytest.raises(NoVerdictError, match="the same command goes on"):
+        run(plan("C=50p"), path, Workers(closed, lambda: 1, ()))
+
+
 def test_both_engines_and_a_single_run_of_ngspice(
     tmp_path: Path, workers: Workers, ngspice: str
 ) -> None:
@@ -318,6 +335,21 @@ def test_a_sweep_that_is_killed_goes_on_where_it_was(tmp_path: Path) -> None:
     assert document["ran"] == 40 - before
     assert len(document["points"]) == document["done"] == 40
     assert all(point["outcome"] == "pass" for point in document["points"])
+
+
+def test_two_sweeps_on_one_database(tmp_path: Path) -> None:
+    write_matrix_scene(tmp_path, [[1.0, 0.2], [0.2, 1.0]], [1.0, 0.5], IDEAL)
+    both = [
+        subprocess.Popen(
+            command(tmp_path, "--json"), cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        )
+        for _ in range(2)
+    ]
+    for process in both:
+        out, text = process.communicate(timeout=120)
+        assert process.returncode == 0, text
+        assert len(json.loads(out)["points"]) == 40
+    assert stored(tmp_path / "a.sqlite") == 40
 
 
 def test_ctrl_c_says_how_to_go_on(tmp_path: Path) -> None:

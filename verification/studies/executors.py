@@ -7,6 +7,7 @@ that are killed, at the price of the one point that each was working on.
 from __future__ import annotations
 
 import importlib
+import logging
 import multiprocessing
 import os
 import signal
@@ -42,11 +43,14 @@ class Workers:
         How many points to have under way at a time, so that no worker waits.
     lost : tuple of exception types
         What a point raises that its workers did not survive.
+    closed : tuple of exception types
+        What the executor and `window` raise when there is nothing left to run points.
     """
 
     executor: Executor
     window: Callable[[], int]
     lost: tuple[type[BaseException], ...]
+    closed: tuple[type[BaseException], ...] = (RuntimeError,)
 
 
 def cores() -> int:
@@ -78,13 +82,16 @@ def cluster(address: str) -> Iterator[Workers]:
     except ImportError:
         text = "needs dask.distributed: pip install 'taction[cluster]'"
         raise InputError("--cluster", Complaint("ADDRESS", repr(address), text)) from None
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # we say it in our own words
     try:
         client = distributed.Client(address, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError) as error:  # TimeoutError is an OSError
         text = f"no Dask scheduler answers ({error}); start one with `dask scheduler`"
         raise InputError("--cluster", Complaint("ADDRESS", repr(address), text)) from None
     with client:
-        yield Workers(client.get_executor(), _Census(client), (distributed.KilledWorker,))
+        closed = (RuntimeError, OSError, distributed.client.ClosedClientError)
+        lost = (distributed.KilledWorker,)
+        yield Workers(client.get_executor(), _Census(client), lost, closed)
 
 
 class _Census:

@@ -137,13 +137,22 @@ class _Run:
         return True
 
     def _submit(self, point: Point, scene: Scene, problem: InverseProblem, key: bytes) -> None:
-        while len(self._running) >= max(self.workers.window(), 1):
-            self._collect()
         versions = own_versions(point.engine == "ngspice")
-        plan = self.plan
-        job = Job(scene, problem, plan.second_look, plan.keep_waveforms, versions)
-        self._running[self.workers.executor.submit(compute, job)] = key
+        job = Job(scene, problem, self.plan.second_look, self.plan.keep_waveforms, versions)
+        while len(self._running) >= self._window():
+            self._collect()
+        try:
+            future = self.workers.executor.submit(compute, job)
+        except self.workers.closed as error:
+            raise self._gone() from error
+        self._running[future] = key
         self._requests[key] = [point.request]
+
+    def _window(self) -> int:
+        try:
+            return max(self.workers.window(), 1)
+        except self.workers.closed as error:
+            raise self._gone() from error
 
     def _collect(self) -> None:
         """Store what has finished; wait for something if nothing has."""
@@ -156,13 +165,17 @@ class _Run:
                 text = f"the worker was killed again and again (out of memory?): {error}"
                 result = failure(type(error).__name__, text, "")
             except CancelledError:
-                raise NoVerdictError(
-                    f"the workers are gone; {self.count.done} points are stored, the same command"
-                    " goes on from there"
-                ) from None
+                raise self._gone() from None
+            except Exception as error:  # `compute` raises nothing, so this is the way to it
+                text = f"no worker can compute points ({type(error).__name__}: {error}); is the"
+                raise NoVerdictError(f"{text} same taction installed there?") from error
             if result.skew:
                 raise _skewed(result.skew)
             self._store(key, requests, result)
+
+    def _gone(self) -> NoVerdictError:
+        text = f"the workers are gone; {self.count.done} points are stored, the same command"
+        return NoVerdictError(f"{text} goes on from there")
 
     def _store(self, key: bytes, requests: list[bytes], result: Result) -> None:
         row = Row(key, result.outcome, result.record, result.waveforms)
