@@ -8,7 +8,10 @@ from dataclasses import dataclass
 
 from spice_models.errors import NoVerdictError
 from verification.studies.paper.breadboard import breadboard
+from verification.studies.paper.conditioning import conditioning
 from verification.studies.paper.console import console
+from verification.studies.paper.energy import energy
+from verification.studies.paper.equations import equations
 from verification.studies.paper.findings import (
     Chapter,
     Claim,
@@ -18,13 +21,22 @@ from verification.studies.paper.findings import (
     load_claims,
 )
 from verification.studies.paper.hardware import hardware
+from verification.studies.paper.kernels import kernels
 from verification.studies.paper.reconstruction import reconstruction
+from verification.studies.paper.simnon import simnon
+from verification.studies.paper.speed import speed
 
 CHAPTERS: dict[str, tuple[str, Callable[[bool], Chapter]]] = {
     "reconstruction": ("Stress from noisy strain", reconstruction),
     "breadboard": ("The seven-channel breadboard", breadboard),
     "console": ("The design step", console),
     "hardware": ("Other hardware", hardware),
+    "speed": ("Analog against digital", speed),
+    "simnon": ("Simulation", simnon),
+    "energy": ("Energy and stability", energy),
+    "conditioning": ("Ill-posedness", conditioning),
+    "kernels": ("Kernel and load as printed", kernels),
+    "equations": ("The network's equations as printed", equations),
 }
 
 
