@@ -16,8 +16,8 @@ from netlist_gen.circuit import Circuit
 from verification.continuous import Continuous, mirrored
 from verification.engines.modes import Floats
 from verification.engines.statespace import Exact, exact
-from verification.measures import ChannelMeasure, Measurements
-from verification.readings import Reading, latest, reading
+from verification.measures import ChannelMeasure, Measurements, network_settling_time
+from verification.readings import Reading, reading
 from verification.ringing import Mode
 from verification.settling import ChannelState
 from verification.timescales import last_crossing
@@ -91,7 +91,7 @@ def measure_exact(
         solution, scan, mirrored(scan), share, target, start, final, amplitude, band, rise
     )
     channels = tuple(_channel(board, n) for n in range(len(target)))
-    settling, reason = _network(channels)
+    settling, reason = network_settling_time(channels)
     return Measurements(amplitude, band, channels, settling, reason, _modes(board))
 
 
@@ -228,13 +228,3 @@ def _modes(board: _Board) -> tuple[Mode, ...]:
             mode = Mode(frequency, pole.real, peak, 0.0, 0.0, 0.0, channels, 0.0, 0.0, "")
             found.append(mode)
     return tuple(sorted(found, key=lambda mode: -mode.amplitude))
-
-
-def _network(channels: tuple[ChannelMeasure, ...]) -> tuple[Reading | None, str]:
-    """Return the last channel's settling time, or the reason of the first that has none."""
-    readings = []
-    for channel in channels:
-        if channel.settling_time is None:
-            return None, f"channel {channel.index}: {channel.reason}"
-        readings.append(channel.settling_time)
-    return latest(readings), ""

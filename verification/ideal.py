@@ -11,8 +11,10 @@ from netlist_gen.problem import InverseProblem
 from netlist_gen.scene import Scene
 from netlist_gen.synthesis import realised_matrix
 from verification.reference import IdealNetwork, Solution, ideal_linear, ideal_transient, solve
-from verification.reference.dynamics import Outcome
+from verification.reference.dynamics import Outcome, ScaledNetwork, energy_residual
 from verification.reference.response import Response
+
+ENERGY_STRIDE = 20  # of the response's instants, which are 1 % apart
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,6 +33,9 @@ class IdealAnswer:
         10-90 %, s; not a number where a channel's step is too small.
     error : float
         Bound on the error of `target`, as a fraction of the step amplitude.
+    energy_residual : float
+        How far the transient is from losing what it dissipates, relative (see
+        `verification.reference.dynamics.energy_residual`).
     problem : str
         Why the answer cannot be believed; empty if it can.
     """
@@ -41,6 +46,7 @@ class IdealAnswer:
     settling_time: float
     rise_times: Floats
     error: float
+    energy_residual: float
     problem: str
 
 
@@ -94,17 +100,20 @@ def ideal_answer(network: IdealNetwork, scene: Scene) -> IdealAnswer:
     band = scene.checks.settling_time.band
     if network.amplifier == "linear":
         solution = solve(network.problem)
-        response: Response | None = ideal_linear(network, initial)
-        trusted, why = True, ""
+        exact = ideal_linear(network, initial)
+        trusted, why, residual = True, "", _linear_residual(network, exact)
+        response: Response | None = exact
     else:
         transient = ideal_transient(network, initial)
         solution, response = transient.rest, transient.response
         trusted, why = transient.outcome is Outcome.TRUSTED, transient.outcome.value
+        residual = transient.energy_residual
     target = solution.u * network.U0
     if response is None or not trusted:
         nothing = np.full(len(target), np.nan)
         start = response.start if response is not None else np.full(len(target), np.nan)
-        return IdealAnswer(solution, start, target, np.nan, nothing, np.inf, solution.reason or why)
+        why = solution.reason or why
+        return IdealAnswer(solution, start, target, np.nan, nothing, np.inf, residual, why)
     amplitude = response.amplitude or 1.0
     return IdealAnswer(
         solution=solution,
@@ -113,5 +122,15 @@ def ideal_answer(network: IdealNetwork, scene: Scene) -> IdealAnswer:
         settling_time=response.settling_time(band),
         rise_times=response.rise_times(),
         error=solution.error_bound * network.U0 / amplitude,
+        energy_residual=residual,
         problem="" if solution.trusted else solution.reason,
     )
+
+
+def _linear_residual(network: IdealNetwork, response: Response) -> float:
+    unit = network.R * network.C
+
+    def dense(t: Floats) -> Floats:
+        return response.outputs(t * unit).T / network.U0
+
+    return energy_residual(ScaledNetwork(network), response.time[::ENERGY_STRIDE] / unit, dense)

@@ -160,7 +160,7 @@ def measure(
     record = _Record(t, v, target, start, amplitude, band, rise, ringing, modes, cut)
     lost = wrong[sound] if broken.size else np.zeros(target.size, dtype=bool)
     channels = tuple(_channel(record, n, bool(lost[n])) for n in range(target.size))
-    settling, reason = _network(channels)
+    settling, reason = network_settling_time(channels)
     return Measurements(amplitude, band, channels, settling, reason, modes)
 
 
@@ -289,7 +289,7 @@ def _overshoot(record: _Record, n: int) -> float:
     return max(beyond, 0.0) / record.amplitude
 
 
-def _network(channels: tuple[ChannelMeasure, ...]) -> tuple[Reading | None, str]:
+def network_settling_time(channels: tuple[ChannelMeasure, ...]) -> tuple[Reading | None, str]:
     """Return the last channel's settling time, or the reason of the first that has none."""
     readings = []
     for channel in channels:

@@ -77,12 +77,19 @@ def record_transient(scene: Scene, progress: Progress = lambda stage: None) -> R
 
 
 def watch(
-    design: Design, ideal: IdealAnswer, pending: Pending, clock: Clock, *, second_look: bool
+    design: Design,
+    ideal: IdealAnswer,
+    pending: Pending,
+    clock: Clock,
+    *,
+    second_look: bool,
+    continuous: bool,
 ) -> Recording:
     """Wait for a simulation under way, do what can be done meanwhile, and measure it.
 
     The coarser run ends while the finer one is under way; it is measured, and the other engine
     run, in that time. Without a `second_look` the state-space engine takes the coarser run's place.
+    With `continuous`, times on an exact solution are found by root finding, not on its grid.
 
     Raises
     ------
@@ -105,11 +112,33 @@ def watch(
     simulation = pending.result(running_away=not stable)
     clock.begin("measures")
     fine, u = measure_outputs(scene, circuit, ideal, simulation.fine, transient)
+    if continuous and stable and _is_exact(design):
+        fine = _on_the_solution(design, ideal)
     if math.isinf(simulation.share):  # the record ends early: nothing tells its error
         coarse, share = None, math.inf
     error = simulation_error(fine, coarse, share)
     agreement = compare_engines(circuit, simulation, other) if other is not None else None
     return Recording(simulation, fine, u, error, agreement)
+
+
+def _is_exact(design: Design) -> bool:
+    from verification.engines.statespace import is_large
+
+    linear = not design.circuit.amplifiers
+    automatic = design.scene.analysis.stop == "auto"
+    return design.engine == "statespace" and linear and automatic and not is_large(design.circuit)
+
+
+def _on_the_solution(design: Design, ideal: IdealAnswer) -> Measurements:
+    from verification.exact_measures import measure_exact
+
+    return measure_exact(
+        design.circuit,
+        ideal.target,
+        ideal.start,
+        initial=design.transient.initial,
+        band=design.scene.checks.settling_time.band,
+    )
 
 
 def measure_outputs(

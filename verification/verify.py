@@ -15,6 +15,7 @@ from verification.budget import ErrorPart, error_budget
 from verification.clock import Clock, Progress
 from verification.constraint import ConstraintPlane, constraint_plane
 from verification.design import Design, design_board
+from verification.energy import EnergyRise, energy_rise
 from verification.engines.equilibrium import Equilibrium, equilibrium
 from verification.ideal import IdealAnswer, ideal_answer
 from verification.margin import REACH, Margin, capacitance_margin
@@ -46,6 +47,7 @@ class Verdict:
     error: StepError
     accuracy: Accuracy | None
     agreement: Agreement | None
+    energy: EnergyRise | None
     budget: tuple[ErrorPart, ...]
     checks: tuple[Check, ...]
     warnings: tuple[str, ...]
@@ -104,7 +106,7 @@ def verify(
     rest = equilibrium(design.circuit) if details else None
     constraint = constraint_plane(design.circuit) if details else None
     margin = _margin(design.circuit, design.scene.checks.stability.margin, full_margin)
-    seen = watch(design, ideal, pending, clock, second_look=second_look)
+    seen = watch(design, ideal, pending, clock, second_look=second_look, continuous=details)
     accuracy = attained(design, seen.simulation, seen.measurements.amplitude)
     if accuracy is not None and (again := finer(design.scene, accuracy)) is not None:
         board = {"problem": design.problem, "circuit": design.circuit, "ideal": ideal}
@@ -124,6 +126,8 @@ def verify(
     )
     checks = judge(evidence)
     budget = _budget(design, ideal, rest, seen)
+    wave = seen.simulation.fine
+    energy = energy_rise(design.network, wave.time, seen.u) if details else None
     clock.end()
     return Verdict(
         scene=design.scene,
@@ -134,12 +138,13 @@ def verify(
         poles=design.poles,
         margin=margin,
         constraint=constraint,
-        waveforms=seen.simulation.fine,
+        waveforms=wave,
         u=seen.u,
         measurements=seen.measurements,
         error=seen.error,
         accuracy=accuracy,
         agreement=seen.agreement,
+        energy=energy,
         budget=budget,
         checks=checks,
         warnings=find_warnings(evidence, seen.simulation.notes),

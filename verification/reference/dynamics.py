@@ -225,7 +225,7 @@ def ideal_transient(network: IdealNetwork, v0: Floats, stop: float | None = None
         if isinstance(run, Outcome):
             return Transient(None, rest, run, np.nan, np.nan, stiffness)
         steps, dense = run
-        residual = _energy_residual(scaled, steps, dense)
+        residual = energy_residual(scaled, steps, dense)
         other = _second_opinion(scaled, x0, steps, dense)
 
     def outputs(t: Floats) -> Floats:
@@ -279,10 +279,24 @@ def _second_opinion(
     return float(difference) if np.isfinite(difference) else float("inf")
 
 
-def _energy_residual(
+def energy_residual(
     scaled: ScaledNetwork, steps: Floats, dense: Callable[[Floats], Floats]
 ) -> float:
-    """Compare the energy lost with the energy dissipated, by Gauss quadrature in each step."""
+    """Compare the energy lost with the energy dissipated, by Gauss quadrature in each step.
+
+    Parameters
+    ----------
+    steps : ndarray (P,)
+        Instants over R C, close enough for six Gauss points between two.
+    dense : callable
+        ``t (K,) -> x (N, K)``.
+
+    Returns
+    -------
+    float
+        ``|P(t) - P(0) + integral of sum C g' v'^2|`` over ``|P(0) - P(t)|``: zero for a trajectory
+        of the ideal network (the descent proof of theorem 3.1, in u as it must be).
+    """
     half = 0.5 * np.diff(steps)
     t = (steps[:-1, None] + half[:, None] * (1.0 + _GAUSS_NODES)).ravel()
     x = dense(t)

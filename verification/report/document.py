@@ -30,7 +30,13 @@ def verdict_document(verdict: Verdict) -> dict[str, Any]:
             "rightmost_pole": [verdict.poles.rightmost.real, verdict.poles.rightmost.imag],
             "damping_ratio": verdict.poles.damping_ratio,
             "frequency": verdict.poles.frequency,
+            "states": len(verdict.poles.poles) if verdict.poles.complete else None,
             "margin": None if verdict.margin is None else verdict.margin.factor,
+        },
+        "energy": {
+            "identity_residual": verdict.ideal.energy_residual,
+            "rise": None if verdict.energy is None else verdict.energy.rise,
+            "rise_time": None if verdict.energy is None else verdict.energy.time,
         },
         "constraint_plane": None if verdict.constraint is None else asdict(verdict.constraint),
         "error_budget": {

@@ -137,6 +137,13 @@ def _foot(verdict: Verdict) -> Group:
     ]
     if verdict.accuracy is not None:
         lines.insert(1, _accuracy(verdict.accuracy))
+    if verdict.energy is not None:
+        lines.insert(
+            2,
+            f"energy: rises by {100 * verdict.energy.rise:.2g} % of its fall, at"
+            f" {show(verdict.energy.time, 's')}; an ideal network's never does (identity to"
+            f" {ideal.energy_residual:.1g})",
+        )
     plane = verdict.constraint
     if plane is not None:
         lines.insert(
