@@ -24,7 +24,9 @@ FIGURES = (
 )
 EXTRAS = (
     ("matplotlib", "--plot", "pip install 'taction[plot]'"),
-    ("pyarrow", "waveforms as Parquet", "pip install 'taction[parquet]'"),
+    ("pyarrow", "waveforms and sweeps as Parquet", "pip install 'taction[parquet]'"),
+    ("xarray", "sweeps as netCDF", "pip install 'taction[netcdf]'"),
+    ("distributed", "sweeps on a cluster", "pip install 'taction[cluster]'"),
 )
 
 
