@@ -26,21 +26,21 @@ from verification.verdict import Outcome as Passed
 from verification.verify import verify
 
 SCENE = "paper-breadboard"
-FACTORS = (0.25, 0.5, 1.0)
+FACTORS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0)
 LIMIT = 0.05
 
 
 def console(quick: bool) -> Chapter:
     """Judge what the gain does, and in a full run tune it and verify the result by ngspice."""
     scene = paper_scene(SCENE)
-    first = _controls(scene)
+    first, over_gain = _controls(scene)
     if quick:
-        return Chapter((first,))
+        return Chapter((first,), (over_gain,))
     second, picture = _tuned(scene)
-    return Chapter((first, second), (picture,))
+    return Chapter((first, second), (over_gain, picture))
 
 
-def _controls(scene: Scene) -> Finding:
+def _controls(scene: Scene) -> tuple[Finding, Picture]:
     settling, overshoot = [], []
     for factor in FACTORS:
         changes: dict[str, Value] = {"design.gain": factor * scene.design.gain}
@@ -49,14 +49,29 @@ def _controls(scene: Scene) -> Finding:
         reading = found.settling_time
         settling.append(math.inf if reading is None else reading.value)
         overshoot.append(max(channel.overshoot for channel in found.channels))
-    return Finding(
+    shown = [FACTORS.index(factor) for factor in (0.25, 0.5, 1.0)]
+    finding = Finding(
         "gain-controls",
-        "gain at a quarter, half and the whole of the scene's own, R as it is",
-        f"1 % settling {', '.join(show(t, 's') for t in settling)}; overshoot"
-        f" {listed([100 * each for each in overshoot])} %",
+        "gain at 0.05 to 1 of the scene's own, R as it is",
+        "at a quarter, half and the whole of it 1 % settling"
+        f" {', '.join(show(settling[k], 's') for k in shown)}; overshoot"
+        f" {listed([100 * overshoot[k] for k in shown])} %",
         weigh(max(settling) > 2.0 * min(settling) and max(overshoot) > 2.0 * min(overshoot)),
         {"least_settling_time": min(settling), "least_overshoot": min(overshoot)},
     )
+    gains = [factor * scene.design.gain / 1e6 for factor in FACTORS]
+    panels = (
+        Panel("1 % settling time", "gain (MΩ)", "s", (curve(gains, settling, "", "C0o-"),), "xy"),
+        Panel(
+            "overshoot",
+            "gain (MΩ)",
+            "% of the step",
+            (curve(gains, [100 * each for each in overshoot], "", "C0o-"),),
+            "x",
+        ),
+    )
+    text = "The gain alone trades settling time against overshoot (R and C as they are)."
+    return finding, Picture("gain", text, panels)
 
 
 def _tuned(scene: Scene) -> tuple[Finding, Picture]:

@@ -26,13 +26,14 @@ from verification.studies.paper.ideal import unit_network
 from verification.studies.paper.tactile import Geometry
 
 GEOMETRY = Geometry("", 21, 6.0)
-MU = 2e-3
+MU = 5e-4
 REAL_AXIS = 2.785  # classical Runge-Kutta is stable for steps up to this over the fastest rate
 QUARTER = 0.25
 RUNAWAY = 10.0  # no output of this network is as large
+WANTED = 1e-3  # error, of the largest output
 END = 5.0  # R C
 INSTANTS = 50
-SHARES = (0.9, 0.45, 0.225)
+SHARES = (0.7, 0.5, 0.35, 0.25)  # of the largest step that is stable at rest
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
 
 
@@ -57,7 +58,7 @@ def simnon(quick: bool) -> Chapter:
         truth = np.full((INSTANTS, GEOMETRY.channels), np.nan)
     else:
         truth = exact.response.outputs(instants)
-    shares = SHARES[:1] if quick else SHARES
+    shares = SHARES[:2] if quick else SHARES
     explicit = [
         _judge(partial(_runge_kutta, scaled, instants, share * REAL_AXIS / fastest), truth)
         for share in shares
@@ -65,7 +66,7 @@ def simnon(quick: bool) -> Chapter:
     implicit = [_judge(partial(_radau, scaled, instants, each), truth) for each in TOLERANCES]
     findings = (
         _unstable(scaled, fastest),
-        _cost(explicit[0], implicit, exact.stiffness),
+        _cost(explicit, implicit, exact.stiffness),
         _assessed(exact),
     )
     return Chapter(findings, (_picture(explicit, implicit),))
@@ -99,9 +100,11 @@ def _radau(scaled: ScaledNetwork, instants: Floats, tolerance: float) -> tuple[F
 
 
 def _judge(run: Callable[[], tuple[Floats, int]], truth: Floats) -> _Run:
-    start = time.perf_counter()
-    u, evaluations = run()
-    seconds = time.perf_counter() - start
+    seconds = np.inf
+    for _ in range(2):
+        start = time.perf_counter()
+        u, evaluations = run()
+        seconds = min(seconds, time.perf_counter() - start)
     error = float(np.max(np.abs(u - truth)) / np.max(np.abs(truth)))
     return _Run(error if np.isfinite(error) else np.inf, seconds, evaluations)
 
@@ -126,18 +129,21 @@ def _unstable(scaled: ScaledNetwork, fastest: float) -> Finding:
     )
 
 
-def _cost(explicit: _Run, implicit: list[_Run], stiffness: float) -> Finding:
-    good = min((run for run in implicit if run.error <= 1e-4), key=lambda run: run.evaluations)
-    ratio = explicit.evaluations / good.evaluations
+def _cost(explicit: list[_Run], implicit: list[_Run], stiffness: float) -> Finding:
+    cheap, good = (
+        min((run for run in runs if run.error <= WANTED), key=lambda run: run.evaluations)
+        for runs in (explicit, implicit)
+    )
+    ratio = cheap.evaluations / good.evaluations
     return Finding(
         "simnon-cost",
-        f"{END:g} RC of the same network: Runge-Kutta at its largest stable step against Radau IIA"
-        " at an error below 1e-4",
-        f"{explicit.evaluations} evaluations and {show(explicit.seconds, 's', 3)} against"
+        f"{END:g} RC of the same network to an error of {WANTED:g}: Runge-Kutta with the largest"
+        " step that is stable against Radau IIA",
+        f"{cheap.evaluations} evaluations and {show(cheap.seconds, 's', 3)} against"
         f" {good.evaluations} and {show(good.seconds, 's', 3)}. Condition: an explicit method; its"
         f" step is bound to the fastest rate ({stiffness:.2g} times the slowest, whatever C)",
         weigh(False, ratio > 10.0),
-        {"explicit": explicit.seconds, "implicit": good.seconds, "evaluations_ratio": ratio},
+        {"explicit": cheap.seconds, "implicit": good.seconds, "evaluations_ratio": ratio},
     )
 
 

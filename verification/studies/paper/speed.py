@@ -28,6 +28,7 @@ from verification.studies.paper.tactile import Geometry, entropy
 SIZES = (7, 25, 51, 101, 201, 401)
 QUICK = (7, 101, 201, 401)
 SPAN = 6.0
+AXIS = (0.02, 8.0)  # R C, of both panels
 MU = 10.0  # 1 / (s R)
 SENSORS, RATE = 25, 1e5  # the paper's comparison
 BUDGET = 1.0 / RATE
@@ -148,6 +149,7 @@ def _picture(
             (curve(sizes, rise, "rise of the centre", "C0o-"),
              curve(sizes, settling, "1 % settling", "C1s-")),
             logs="xy",
+            limits=AXIS,
         )
         for title, (rise, settling) in (
             ("T as printed, without weights", plain),
