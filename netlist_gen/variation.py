@@ -87,7 +87,8 @@ def _names(circuit: Circuit) -> Iterator[tuple[str, str]]:
 def draw(tolerances: Tolerances, count: int, seed: int, sample: int) -> Floats:
     """Return the z of one sample, shape (count,).
 
-    Each sample has a random stream of its own, so it can be drawn again alone, bit for bit.
+    Each sample has a random stream of its own, so it can be drawn again alone, bit for bit
+    (NumPy may change its normal distribution from one of its versions to another).
     """
     random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(sample,)))
     if tolerances.distribution == "uniform":

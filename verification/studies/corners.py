@@ -4,7 +4,8 @@ The sensitivity of each quantity to each component is a difference of two verifi
 state-space engine. The corner that moves a quantity most is where every component stands at the
 end of its tolerance with that sign: exact for a quantity that moves monotonically with each. The
 steady-state error is not one, it has its least value near the nominal board: the corner is that of
-the channel whose signed error, which is one, goes furthest.
+the channel whose signed error, which is one, goes furthest. Where a corner that was made for one
+quantity turns out worse in another than that one's own, it is told instead.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from verification.studies.varied import Quantity, Sample, Study, evaluate, prepa
 
 PROBE = 0.25  # of the tolerance: far enough for a clean difference, near enough to be local
 TOLD = 5  # components of each corner that are named
+CHANNELS = 8  # corners of the steady state that are tried
 NOMINAL = -1  # number of the probe without deviation
 
 
@@ -74,11 +76,12 @@ def worst_corners(
     told = quantities(scene)
     gradient = _gradient(replace(study, scene=_with_engine(scene, "statespace")), workers, progress)
     progress("sensitivities of the steady state")
-    gradient["steady_state"] = _steady_gradient(study)
+    gradient["steady_state"], *others = _steady_gradients(study)
     corners = [_corner(study, "nominal", np.zeros(len(study.varied)))]
     for quantity in told:
         progress(f"corner: {quantity.name}")
         corners.append(_corner(study, quantity.name, np.sign(gradient[quantity.name])))
+    corners += [_corner(study, "", np.sign(each)) for each in others]
     nominal, *tried = corners
     # A corner made for one quantity may turn out worse in another than that one's own.
     worst = [min(tried, key=lambda c: _goodness(c.result, q, c.name)) for q in told]
@@ -140,8 +143,12 @@ def _gradient(study: Study, workers: Workers, progress: Callable[[str], None]) -
     }
 
 
-def _steady_gradient(study: Study) -> Floats:
-    """Return how the signed error moves away from zero in the channel where it gets furthest."""
+def _steady_gradients(study: Study) -> list[Floats]:
+    """Return how the signed errors of channels move, upwards and downwards, the furthest first.
+
+    An overshoot that is none at the nominal board has no sensitivity there either; the corners of
+    the channels that go furthest beyond their targets stand in for it.
+    """
     count = len(study.varied)
 
     def error(z: Floats) -> Floats:
@@ -150,12 +157,10 @@ def _steady_gradient(study: Study) -> Floats:
         return np.array(found) - study.ideal.target
 
     centre = error(np.zeros(count))
-    moved = [error(PROBE * each) - centre for each in np.eye(count)]
-    slopes = np.array(moved).T / PROBE
-    reach = np.abs(slopes).sum(axis=1) + np.abs(centre)
-    channel = int(np.argmax(reach))
-    away = 1.0 if centre[channel] >= 0.0 else -1.0
-    return np.asarray(away * slopes[channel])
+    slopes = np.array([error(PROBE * each) - centre for each in np.eye(count)]).T / PROBE
+    ways = [(sign * centre[n], sign * slopes[n]) for n in range(len(centre)) for sign in (1, -1)]
+    furthest = sorted(ways, key=lambda way: -float(way[0] + np.abs(way[1]).sum()))
+    return [slope for _, slope in furthest[:CHANNELS]]
 
 
 def _goodness(sample: Sample, quantity: Quantity, own: str) -> tuple[float, bool]:
