@@ -78,7 +78,9 @@ def test_every_point_is_the_verification_of_its_scene(tmp_path: Path, workers: W
         }
         verdict = verify(with_values(asked.scene, changes))
         assert verdict.measurements.settling_time is not None
-        assert row["settling_time"] == verdict.measurements.settling_time.value
+        # verify finds the root on the exact solution, a sweep interpolates its points.
+        settled = verdict.measurements.settling_time.value
+        assert row["settling_time"] == pytest.approx(settled, rel=1e-6)
         assert row["rightmost_pole"][0] == verdict.poles.rightmost.real
         assert row["outcome"] == verdict.outcome.value
         assert [check["name"] for check in row["checks"]] == [c.name for c in verdict.checks]

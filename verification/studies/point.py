@@ -131,7 +131,13 @@ def compute(job: Job) -> Result:
         differences = job.versions.differences(own_versions(bool(job.versions.ngspice)))
         if differences:
             return Result(ERROR, {}, skew=f"{platform.node()} has {', '.join(differences)}")
-        verdict = verify(job.scene, problem=job.problem, second_look=job.second_look, details=False)
+        verdict = verify(
+            job.scene,
+            problem=job.problem,
+            second_look=job.second_look,
+            details=False,
+            full_margin=False,
+        )
         waveforms = _pack(verdict) if job.keep_waveforms else None
         return Result(verdict.outcome.value, verdict_record(verdict), waveforms)
     except TactionError as error:
