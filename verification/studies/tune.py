@@ -132,7 +132,7 @@ def tune(
         search.assess(point)
     for number, start in enumerate(search.best(STARTS)):
         progress(f"simplex {number + 1} of {STARTS}")
-        search.descend(start, float(spread[1] - spread[0]))
+        search.descend(start, own, float(spread[1] - spread[0]))
     after = search.best(1)[0]
     if search.objective(after) >= INFEASIBLE:
         raise search.hopeless()
@@ -223,7 +223,7 @@ class _Search:
         return EngineError(
             f"no design within a factor of {REACH:g} keeps an overshoot of"
             f" {100 * self.overshoot:g} % and a margin of {self.margin:g} in C; tried"
-            f" {len(self.seen)}, {reached if math.isfinite(nearest) else 'none of them stable. '}"
+            f" {len(self.seen)}, {reached if math.isfinite(nearest) else 'none has the margin. '}"
             "Loosen a limit, or tune another key, such as capacitance"
         )
 
@@ -240,8 +240,8 @@ class _Search:
         self.seen.append(candidate)
         return candidate
 
-    def descend(self, start: Candidate, size: float) -> None:
-        """Follow a simplex from `start`; `size` is its first edge, logarithmic."""
+    def descend(self, start: Candidate, own: Floats, size: float) -> None:
+        """Follow a simplex from `start` within reach of `own`; `size` is its first edge."""
         from scipy.optimize import minimize
 
         x0 = np.log([start.values[path] for path in self.paths])
@@ -254,7 +254,8 @@ class _Search:
         }
 
         def goal(point: Floats) -> float:
-            return self.objective(self.assess(point))
+            reach = math.log(REACH)
+            return self.objective(self.assess(np.clip(point, own - reach, own + reach)))
 
         minimize(goal, x0.tolist(), method="Nelder-Mead", options=options)
 
