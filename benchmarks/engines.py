@@ -1,0 +1,276 @@
+"""The state-space engine beside ngspice at its best setting: ratios, with what is required of them.
+
+Run from the checkout: ``python benchmarks/engines.py [ROUNDS] [--quick]``. The baseline is ngspice
+at the cheapest setting that reaches the same error, found by a ladder in the same run (see
+`boards`); both then take turns. ``--quick`` takes a coarser map and no board over 128 channels.
+Ends with status 1 if a requirement was missed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import json
+import statistics
+import subprocess
+import sys
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from boards import (
+    Board,
+    Ladder,
+    Reference,
+    Setting,
+    exponent,
+    run_ngspice,
+    run_statespace,
+    shipped,
+    wide,
+)
+from polemap import time_map, typical
+from timing import gathered, print_machine, print_table, ratio
+
+ROOT = Path(__file__).parents[1]
+sys.path[:0] = [str(ROOT / "tests")]
+
+from precise import precise_step  # noqa: E402 - after the path
+
+from verification.engines import statespace, stepping  # noqa: E402
+from verification.engines.stamps import stamp  # noqa: E402
+from verification.stability import poles  # noqa: E402
+from verification.waveforms import Floats  # noqa: E402
+
+ERROR = 1e-4  # of the step amplitude
+SIZES = (7, 16, 32, 64, 128, 256, 500)
+LARGEST_NGSPICE = 128
+TIGHT = 1e-10  # of the structured engine where it is a reference
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One figure beside what is required of it."""
+
+    what: str
+    found: str
+    required: str
+    holds: bool
+
+    @staticmethod
+    def ratio(what: str, found: float, required: float, note: str = "") -> Claim:
+        """Return a ratio that must not be less than `required`."""
+        return Claim(what, f"{found:.3g}{note}", f"at least {required:g}", found >= required)
+
+
+def seven_channels(name: str, rounds: int) -> list[Claim]:
+    """One transient of a seven-channel board, at equal error and at each engine's own."""
+    board = shipped(name)
+    solution = statespace.exact(board.fresh(), stop=board.transient.stop)
+    ladder = Ladder(board, solution.at, ERROR, timeout=120.0)
+    for kind in ("free", "even"):
+        ladder.climb(kind)
+        ladder.attempt(replace(ladder.trials[-1].setting, solver="noopiter"))
+    best = ladder.best
+    own = precise_error(board, solution)
+    found = race(board, ladder, rounds)
+    print(f"error of the state-space engine against 50 digits: {own:.1e} of the step amplitude\n")
+    faster = 1.0 / statistics.median(paired(found))
+    return [
+        Claim.ratio(f"{name}: times faster than ngspice at {ERROR:g}", faster, 10.0),
+        Claim.ratio("  and its error so many times smaller", best.error / own, 1e4),
+    ]
+
+
+def precise_error(board: Board, solution: statespace.Exact) -> float:
+    """Largest error at the signal nodes in step amplitudes, at 22 instants, against 50 digits."""
+    descriptor = stamp(board.circuit)
+    times, precise = precise_step(descriptor, board.transient.stop, 22)
+    charged = np.flatnonzero(descriptor.dense_mass().any(axis=1))
+    names = [descriptor.names[place] for place in charged]
+    columns = [names.index(node) for node in solution.nodes]
+    off = np.abs(solution.at(np.array(times)) - precise[:, columns].astype(np.float64)).max()
+    return float(off / np.abs(solution.final - solution.start).max())
+
+
+def race(board: Board, ladder: Ladder, rounds: int) -> dict[str, list[float]]:
+    """Time both engines in turns, print the ladder and the times."""
+    best = ladder.best
+
+    def baseline() -> float:
+        return run_ngspice(board, best.setting, ladder.timeout).cost.seconds
+
+    run_statespace(board, best.points)  # what is imported on first use
+    jobs = {"ngspice": baseline, "statespace": lambda: run_statespace(board, best.points)}
+    found = gathered(jobs, rounds)
+    columns = ("ngspice's ladder", "points", "error", "ms")
+    print_table(f"{board.scene.name}: {board.transient.stop:.4g} s", columns, ladder.rows())
+    rows = [
+        (who, f"{1e3 * statistics.median(s):.2f}", f"{1e3 * min(s):.2f}", f"{1e3 * max(s):.2f}")
+        for who, s in found.items()
+    ]
+    title = f"at {best.setting.text}; {best.points} points each, {rounds} rounds"
+    print_table(title, ("", "median, ms", "least", "greatest"), rows)
+    print(f"statespace over ngspice: {ratio(found['statespace'], found['ngspice'])}")
+    return found
+
+
+def paired(found: dict[str, list[float]]) -> list[float]:
+    """Return the rounds' ratios of state space to ngspice."""
+    return [a / b for a, b in zip(found["statespace"], found["ngspice"], strict=True)]
+
+
+def many_channels(rounds: int, quick: bool) -> list[Claim]:
+    """One transient of 128 channels at equal error; the reference is dense modes (or tight)."""
+    board = wide(128)
+    reference = tight(board) if quick else modes(board)
+    ladder = Ladder(board, reference, ERROR, timeout=180.0)
+    for kind in ("free", "even"):
+        ladder.climb(kind)
+    times = np.linspace(0.0, board.transient.stop, ladder.best.points)
+    own = statespace.simulate(board.fresh(), board.transient, times=times).values
+    error = float(np.abs(own - reference(times)).max()) / ladder.amplitude
+    found = race(board, ladder, rounds)
+    print(f"error of the state-space engine: {error:.1e} of the step amplitude\n")
+    faster = 1.0 / statistics.median(paired(found))
+    return [
+        Claim.ratio(f"128 channels: times faster than ngspice, KLU, at {ERROR:g}", faster, 100.0),
+        Claim("  and its error", f"{error:.1e}", f"at most {ERROR:g}", error <= ERROR),
+    ]
+
+
+def modes(board: Board) -> Reference:
+    """Exact solution by one dense eigenproblem of all states, however long that takes."""
+    return statespace.exact(board.fresh(), stop=board.transient.stop).at
+
+
+def tight(board: Board) -> Reference:
+    """Return the structured engine at a tolerance of 1e-10."""
+
+    def at(times: Floats) -> Floats:
+        found = stepping.simulate(board.fresh(), board.transient, times=times, tolerance=TIGHT)
+        return found.values
+
+    return at
+
+
+def largest(channels: int) -> list[Claim]:
+    """Measure a transient and the rightmost poles in a process of its own."""
+    command = [sys.executable, __file__, "--probe", str(channels)]
+    answer = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    told = json.loads(answer)
+    rows = [(stage, f"{wall:.2f}", f"{cpu:.2f}") for stage, (wall, cpu) in told["stages"].items()]
+    title = f"{channels} channels in a process of its own, rightmost pole {told['pole']} /s"
+    print_table(title, ("", "wall, s", "processor, s"), rows)
+    wall, cpu = told["stages"]["all"]
+    memory = told["memory"] / 1e9
+    shown = f"{wall:.1f} ({cpu:.1f} of a processor)"
+    return [
+        Claim(f"{channels} channels: transient and poles, s", shown, "at most 15", wall <= 15.0),
+        Claim("  and their memory, GB", f"{memory:.2f}", "at most 1", memory <= 1.0),
+    ]
+
+
+def probe(channels: int) -> None:
+    """Do what `largest` measures, and tell."""
+    clocks = [(time.perf_counter(), time.process_time())]
+
+    def stage() -> tuple[float, float]:
+        clocks.append((time.perf_counter(), time.process_time()))
+        return clocks[-1][0] - clocks[-2][0], clocks[-1][1] - clocks[-2][1]
+
+    board = wide(channels)
+    stages = {"board and plan": stage()}
+    statespace.simulate(board.fresh(), board.transient)
+    stages["transient"] = stage()
+    found = poles(board.fresh())
+    stages["rightmost poles"] = stage()
+    stages["all"] = clocks[-1][0] - clocks[0][0], clocks[-1][1] - clocks[0][1]
+    status = Path("/proc/self/status").read_text(encoding="utf-8")
+    peak = next(line for line in status.splitlines() if line.startswith("VmHWM"))
+    told = {"stages": stages, "memory": 1024 * int(peak.split()[1]), "pole": str(found.rightmost)}
+    print(json.dumps(told))
+
+
+def growth(rounds: int, quick: bool) -> None:
+    """Print how times grow with N, and the fitted exponents."""
+    sizes = [n for n in SIZES if n <= 128 or not quick]
+    times: dict[str, list[list[float]]] = {"transient": [], "poles": [], "ngspice": []}
+    setting = Setting("free", 2e-5, "klu")
+    for n in sizes:
+        board = wide(n)
+        jobs = {
+            "transient": lambda b=board: run_statespace(b, 2000),
+            "poles": lambda b=board: time_poles(b),
+        }
+        if n <= LARGEST_NGSPICE:
+            jobs["ngspice"] = lambda b=board: run_ngspice(b, setting, 300.0).cost.seconds
+        found = gathered(jobs, rounds if n < 100 else min(rounds, 2))
+        for name, kept in times.items():
+            kept.append(found.get(name, []))
+        gc.collect()
+    rows = [
+        (f"{n}", *(f"{1e3 * statistics.median(t[k]):.1f}" if t[k] else "" for t in times.values()))
+        for k, n in enumerate(sizes)
+    ]
+    for least in (7, 32, 64):
+        fits = (f"{exponent(sizes, t, least):.2f}" for t in times.values())
+        rows.append((f"exponent from {least}", *fits))
+    title = f"Growth with N; ms; ngspice: {setting.text}, up to {LARGEST_NGSPICE} channels"
+    print_table(title, ("channels", "transient", "poles", "ngspice"), rows)
+
+
+def time_poles(board: Board) -> float:
+    """Time one search for the rightmost poles, s."""
+    circuit = board.fresh()
+    began = time.perf_counter()
+    poles(circuit)
+    return time.perf_counter() - began
+
+
+def pole_map(quick: bool) -> list[Claim]:
+    """Measure the map of rightmost poles; ngspice is extrapolated from a sample of its points."""
+    side, samples = (16, 8) if quick else (64, 24)
+    found = time_map(side, samples)
+    mean, median = typical(found)
+    each = found.seconds / found.points
+    print(
+        f"map of {side} x {side} points: {found.seconds:.1f} s, {1.0 / each:.0f} points/s; ngspice,"
+        f" extrapolated from {samples} points at {found.setting.text}: {mean:.3g} s a point (median"
+        f" {median:.3g}); {found.right} of {samples} records show the rightmost pole within 1 %\n"
+    )
+    what = f"map of {side} x {side}: times faster than by ngspice transients"
+    note = f" (by medians {median / each:.3g})"
+    return [
+        Claim.ratio(what, mean / each, 50.0, note),
+        Claim("  points per second", f"{1.0 / each:.0f}", "stated", True),
+    ]
+
+
+def main() -> int:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("rounds", nargs="?", type=int, default=5)
+    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--probe", type=int, help=argparse.SUPPRESS)
+    asked = parser.parse_args()
+    if asked.probe:
+        probe(asked.probe)
+        return 0
+    print_machine()
+    claims = [
+        *seven_channels("paper-breadboard", asked.rounds),
+        *seven_channels("tuned-breadboard", asked.rounds),
+        *many_channels(min(asked.rounds, 3), asked.quick),
+        *largest(128 if asked.quick else 500),
+        *pole_map(asked.quick),
+    ]
+    growth(min(asked.rounds, 3), asked.quick)
+    rows = [(c.what, c.found, c.required, "yes" if c.holds else "NO") for c in claims]
+    print_table("Required", ("", "found", "required", "holds"), rows)
+    return 0 if all(claim.holds for claim in claims) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

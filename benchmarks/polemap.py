@@ -1,0 +1,99 @@
+"""A map of rightmost poles over C and gain: by the state-space engine, by ngspice transients."""
+
+from __future__ import annotations
+
+import math
+import random
+import statistics
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from boards import Setting, make_board, run_ngspice, shipped
+
+from netlist_gen.problem import make_problem
+from netlist_gen.scene import Scene
+from netlist_gen.synthesis import synthesise
+from spice_models.errors import EngineError, SimulationError
+from verification.ringing import fit_modes
+from verification.stability import poles
+from verification.studies.axes import with_values
+
+SPANS = {"design.capacitance": (2e-12, 50e-12), "design.gain": (1e6, 20e6)}  # F, ohm
+POINTS = (16.0, 25.0, 35.0, 50.0, 70.0, 100.0)  # on a ringing period, for ngspice to choose from
+NEAR = 0.01  # of |p|: a fitted pole that is right
+TIMEOUT = 20.0  # s that a transient may take; one that takes longer counts as so long
+
+
+@dataclass(frozen=True)
+class MapTimes:
+    """What a map costs.
+
+    Attributes
+    ----------
+    points : int
+        Of the whole map.
+    seconds : float
+        Of the state-space engine for all of them, s.
+    sample : list of float
+        Of ngspice for some of them, s.
+    right : int
+        Of the sample, how many records showed the rightmost pole within `NEAR`.
+    setting : Setting
+        The coarsest with which ngspice finds the rightmost pole of the scene itself.
+    """
+
+    points: int
+    seconds: float
+    sample: list[float]
+    right: int
+    setting: Setting
+
+
+def grid(side: int) -> list[dict[str, float]]:
+    """Return the points of the map, logarithmic."""
+    first, second = (np.geomspace(*span, side).tolist() for span in SPANS.values())
+    return [dict(zip(SPANS, (a, b), strict=True)) for a in first for b in second]
+
+
+def time_map(side: int, samples: int) -> MapTimes:
+    """Map `side` by `side` points, and time ngspice on a random sample of them."""
+    scene = shipped("paper-breadboard").scene
+    values = grid(side)
+    rightmost(scene)  # what is imported on first use
+    began = time.perf_counter()
+    for point in values:
+        rightmost(with_values(scene, point))
+    seconds = time.perf_counter() - began
+    settings = [Setting("even", count, "klu") for count in POINTS]
+    setting = next((s for s in settings[:-1] if transient(scene, s)[1]), settings[-1])
+    chosen = random.Random(1993).sample(values, samples)  # noqa: S311 - no secret
+    found = [transient(with_values(scene, point), setting) for point in chosen]
+    return MapTimes(
+        len(values), seconds, [s for s, _ in found], sum(right for _, right in found), setting
+    )
+
+
+def rightmost(scene: Scene) -> complex:
+    """Return the rightmost pole of a scene's board, 1/s."""
+    return poles(synthesise(scene, make_problem(scene))).rightmost
+
+
+def transient(scene: Scene, setting: Setting) -> tuple[float, bool]:
+    """Run ngspice to the scene's own stop time: s, and whether the rightmost pole shows in it."""
+    try:
+        board = make_board(scene)
+        found = run_ngspice(board, setting, TIMEOUT)
+    except (EngineError, SimulationError):
+        return TIMEOUT, False
+    pole = poles(board.circuit).rightmost
+    fitted = [
+        complex(mode.growth_rate, 2.0 * math.pi * mode.frequency)
+        for mode in fit_modes(np.array(found.time), np.array(found.values))
+    ]
+    return found.cost.seconds, any(abs(p - pole) <= NEAR * abs(pole) for p in fitted)
+
+
+def typical(times: MapTimes) -> tuple[float, float]:
+    """Return mean and median of a sampled transient, s."""
+    return statistics.mean(times.sample), statistics.median(times.sample)
