@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -15,6 +16,7 @@ from click.testing import CliRunner, Result
 from making import write_matrix_scene
 
 from cli.main import main
+from cli.sweep import _state
 from netlist_gen.scene_file import load_scene
 from verification.report import sweep_files
 from verification.report.maps import plot_sweep
@@ -23,6 +25,7 @@ from verification.studies.axes import parse_axes
 from verification.studies.executors import Workers
 from verification.studies.grid import Plan
 from verification.studies.store import Store
+from verification.studies.sweep import Count
 
 DESIGN = """[design]
 gain = "100kohm"
@@ -181,3 +184,9 @@ def test_a_database_that_is_none(folder: Path) -> None:
     done = taction(*OVER, "-o", "a.sqlite")
     assert done.exit_code == 2
     assert "no SQLite database" in done.stderr
+
+
+def test_rate_and_remaining_time_count_what_was_computed_only() -> None:
+    count = Count(total=100, done=60, ran=20, outcomes=Counter({"pass": 55, "fail": 5}))
+    assert _state(count, 10.0) == "2/s, 0:00:20 left; 5 fail, 55 pass"
+    assert _state(Count(total=9, done=2, outcomes=Counter({"pass": 2})), 1.0) == "2 pass"
