@@ -18,13 +18,14 @@ from verification.studies.paper.tactile import Geometry
 
 RATIOS = (2.0, 4.0, 8.0, 10.0, 20.0)
 SPAN = 20.0  # depths: wide enough that the ends of the range matter little
+QUICK = 3  # of them in a quick run
 NARROW = 6.0
 CLOSE = 0.1
 
 
 def conditioning(quick: bool) -> Chapter:
     """Judge how the condition number grows with the number of channels."""
-    ratios = RATIOS[:-1] if quick else RATIOS
+    ratios = RATIOS[:QUICK] if quick else RATIOS
     found = [condition_number(ratio, SPAN) for ratio in ratios]
     formula = [asymptotic(ratio) for ratio in ratios]
     off = [abs(a / b - 1.0) for a, b in zip(found, formula, strict=True)]

@@ -28,6 +28,7 @@ from verification.verify import verify
 SCENE = "paper-breadboard"
 FACTORS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0)
 LIMIT = 0.05
+CENTRE = 3  # channel 4 of 7
 
 
 def console(quick: bool) -> Chapter:
@@ -61,13 +62,14 @@ def _controls(scene: Scene) -> tuple[Finding, Picture]:
     )
     gains = [factor * scene.design.gain / 1e6 for factor in FACTORS]
     panels = (
-        Panel("1 % settling time", "gain (MΩ)", "s", (curve(gains, settling, "", "C0o-"),), "xy"),
+        Panel(
+            "1 % settling time", "gain (MΩ)", "s", (curve(gains, settling, "", "C0o-"),), logs="y"
+        ),
         Panel(
             "overshoot",
             "gain (MΩ)",
             "% of the step",
             (curve(gains, [100 * each for each in overshoot], "", "C0o-"),),
-            "x",
         ),
     )
     text = "The gain alone trades settling time against overshoot (R and C as they are)."
@@ -81,6 +83,8 @@ def _tuned(scene: Scene) -> tuple[Finding, Picture]:
     if reading is None:
         raise EngineError(f"the tuned board does not settle: {verdict.measurements.reason}")
     overshoot = max(channel.overshoot for channel in verdict.measurements.channels)
+    rise = verdict.measurements.channels[CENTRE].rise_time
+    rising = "not at all" if rise is None else show(rise.value, "s")
     agree = abs(reading.value - found.after.settling_time) <= 0.05 * reading.value
     names = {check.name: check.outcome for check in verdict.checks}
     finding = Finding(
@@ -89,7 +93,8 @@ def _tuned(scene: Scene) -> tuple[Finding, Picture]:
         f" {found.tried} designs; the best one by {verdict.waveforms.engine}",
         f"gain {show(found.after.values['design.gain'], 'ohm')}: settling"
         f" {show(found.before.settling_time, 's')} → {show(reading.value, 's')}, overshoot"
-        f" {percent(found.before.overshoot)} → {percent(overshoot)}; slower to rise",
+        f" {percent(found.before.overshoot)} → {percent(overshoot)}; the"
+        f" centre output now rises in {rising}",
         weigh(
             agree
             and overshoot <= LIMIT

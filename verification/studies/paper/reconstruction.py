@@ -69,7 +69,7 @@ class _Trials:
 
 def reconstruction(quick: bool) -> Chapter:
     """Judge section 4.2 over many seeds of the noise, on a coarse wide and a fine narrow grid."""
-    seeds = range(1, 41 if quick else 301)
+    seeds = range(1, 21 if quick else 301)
     coarse, fine = (_trials(geometry, seeds) for geometry in (COARSE, FINE))
     findings = (
         _figure_5(coarse, fine),
