@@ -42,13 +42,17 @@ _EXPONENTIAL = "exp(min({x},30))*(1+max({x}-30,0))"
 # The same for sinh, on both sides: beyond 30, tanh(30) is 1 to the last digit.
 _SINH = "sinh(max(min({x},30),-30))*(1+max(abs({x})-30,0))"
 
+# Smooth where a board starts: with max({x},0) and abs({x}) the derivative at 0 is wrong, and a step
+# from there does not converge. Below -36 it is 0, which is right to 1e-16 of U0.
+_SOFTPLUS = "(ln(1+exp(min({x},30)))+max({x}-30,0))"
+
 AMPLIFIERS: dict[str, AmplifierKind] = {
     kind.name: kind
     for kind in (
         AmplifierKind("linear", "", biased=False),
         AmplifierKind("exponential", _EXPONENTIAL, biased=True),
         AmplifierKind("sinh", _SINH, biased=False),
-        AmplifierKind("softplus", "(max({x},0)+ln(1+exp(-abs({x}))))", biased=False),
+        AmplifierKind("softplus", _SOFTPLUS, biased=False),
         AmplifierKind("tanh", "tanh({x})", biased=False),
     )
 }
