@@ -48,15 +48,21 @@ def print_corners(found: tuple[Corner, ...], told: tuple[Quantity, ...]) -> None
     for corner in found:
         result = corner.result
         figures = [_figure(getattr(result, q.name), q.unit) for q in told]
-        table.add_row(corner.name.replace("_", " "), result.outcome, *figures)
+        table.add_row(_name(corner), result.outcome, *figures)
     console.print(table)
     for corner in found:
         words = [corner.result.reason, f"fails {', '.join(corner.result.failed)}"]
         said = "; ".join(words[: 1 + bool(corner.result.failed)]).strip("; ")
         decided = f" most moved by {' '.join(corner.largest)}" if corner.largest else ""
         if said or decided:
-            name = corner.name.replace("_", " ")
-            console.print(f"{name}: {said}{';' if said and decided else ''}{decided}", markup=False)
+            console.print(
+                f"{_name(corner)}: {said}{';' if said and decided else ''}{decided}", markup=False
+            )
+
+
+def _name(corner: Corner) -> str:
+    """Return the name as people read it; a user's own words stay as they are."""
+    return corner.name.replace("_", " ") if corner.quantity else corner.name
 
 
 def _spreads(spreads: tuple[Spread, ...]) -> Table:
@@ -76,8 +82,9 @@ def _spreads(spreads: tuple[Spread, ...]) -> Table:
 def _sensitivities(found: YieldReport) -> Table:
     table = Table("quantity", "component", "correlation", "of the variance", box=SIMPLE_HEAD)
     for item in found.sensitivities[:TOP]:
+        where = "" if item.channel is None else f", channel {item.channel}"
         table.add_row(
-            item.quantity.replace("_", " "),
+            item.quantity.replace("_", " ") + where,
             f"{item.parameter} ({item.kind})",
             f"{item.correlation:+.2f} ± {item.standard_error:.2f}",
             f"{100 * item.correlation**2:.0f} %",
@@ -96,4 +103,6 @@ def _figure(value: float | None, unit: str) -> str:
         return "never"
     if unit == "step":
         return f"{100 * value:.3g} %"
-    return f"{value:.4g} /s" if unit == "1/s" else show(value, unit if unit == "s" else "", 3)
+    if unit == "ratio":
+        return f"{value:.4g}"
+    return f"{value:.4g} /s" if unit == "1/s" else show(value, unit, 3)

@@ -58,7 +58,9 @@ class Sensitivity:
     """How a quantity moves with a component.
 
     `correlation` is between the component's deviation and the quantity over the samples (the
-    settling time's logarithm); its square is the share of the variance that it explains.
+    settling time's logarithm; for the steady state the signed error of the channel with the largest
+    root mean square, whose number, from 1, is `channel`). Its square is the share of the variance
+    that the component explains.
     """
 
     parameter: str
@@ -66,6 +68,7 @@ class Sensitivity:
     quantity: str
     correlation: float
     standard_error: float
+    channel: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,7 +212,8 @@ def _sensitivities(
     for quantity in told:
         if quantity.name == "margin":  # followed only as far as the check wants it
             continue
-        pairs = [(sample.number, getattr(sample, quantity.name)) for sample in samples]
+        channel = _furthest(samples) if quantity.name == "steady_state" else None
+        pairs = [(sample.number, _value(sample, quantity.name, channel)) for sample in samples]
         usable = [(n, v) for n, v in pairs if v is not None and math.isfinite(v)]
         if len(usable) < LEAST_SAMPLES:
             continue
@@ -219,11 +223,24 @@ def _sensitivities(
         z = np.array([draw(tolerances, count, seed, number) for number, _ in usable])
         error = 1.0 / math.sqrt(len(usable))
         found += [
-            Sensitivity(parameter.name, parameter.kind, quantity.name, float(r), error)
+            Sensitivity(parameter.name, parameter.kind, quantity.name, float(r), error, channel)
             for parameter, r in zip(study.varied, _correlation(z, values), strict=True)
             if abs(r) > SIGNIFICANT * error
         ]
     return sorted(found, key=lambda each: -abs(each.correlation))
+
+
+def _furthest(samples: list[Sample]) -> int | None:
+    """Return the channel whose error has the largest mean square, from 1."""
+    errors = np.array([sample.errors for sample in samples if sample.errors])
+    return 1 + int(np.argmax((errors**2).mean(axis=0))) if len(errors) else None
+
+
+def _value(sample: Sample, name: str, channel: int | None) -> float | None:
+    if channel is not None:
+        return sample.errors[channel - 1] if sample.errors else None
+    value: float | None = getattr(sample, name)
+    return value
 
 
 def _correlation(z: Floats, values: Floats) -> Floats:

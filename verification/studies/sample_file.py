@@ -136,6 +136,9 @@ def _parsed(line: bytes) -> Sample | None:
         return None
     if not isinstance(record, dict) or set(record) != _FIELDS:
         return None
-    if not isinstance(record["number"], int) or not isinstance(record["failed"], list):
+    lists = {name: record[name] for name in ("failed", "errors")}
+    if not isinstance(record["number"], int) or not all(
+        isinstance(x, list) for x in lists.values()
+    ):
         return None
-    return Sample(**(record | {"failed": tuple(record["failed"])}))
+    return Sample(**(record | {name: tuple(each) for name, each in lists.items()}))

@@ -48,6 +48,9 @@ class Sample:
         Real part of the rightmost pole, 1/s.
     margin : float or None
         Factor by which C may shrink, where the scene checks it; not above the reach of the scan.
+    errors : tuple of float
+        Final value minus reference of every channel, fractions of the step amplitude; the largest
+        magnitude is `steady_state`.
     reason : str
         Why there is no verdict; empty if there is one.
     """
@@ -61,6 +64,7 @@ class Sample:
     steady_state: float | None = None
     growth_rate: float | None = None
     margin: float | None = None
+    errors: tuple[float, ...] = ()
     reason: str = ""
 
 
@@ -158,6 +162,7 @@ def sample_of(verdict: Verdict, number: int) -> Sample:
     settling = measures.settling_time
     rises = [c.value for c in verdict.checks if c.name == "rise_time"]
     amplitude = measures.amplitude or math.inf
+    errors = tuple((c.final - c.target) / amplitude for c in measures.channels)
     return Sample(
         number=number,
         outcome=verdict.outcome.value,
@@ -165,9 +170,10 @@ def sample_of(verdict: Verdict, number: int) -> Sample:
         settling_time=None if settling is None else settling.value,
         rise_time=rises[0] if rises else None,
         overshoot=max(channel.overshoot for channel in measures.channels),
-        steady_state=max(abs(c.final - c.target) for c in measures.channels) / amplitude,
+        steady_state=max(abs(error) for error in errors),
         growth_rate=verdict.poles.rightmost.real,
         margin=None if verdict.margin is None else verdict.margin.factor,
+        errors=errors,
     )
 
 
