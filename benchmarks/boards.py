@@ -155,8 +155,8 @@ class Ladder:
             trial = self.attempt(Setting(kind, value, "klu"))
             if CLOSE * self.wanted <= trial.error <= self.wanted or not math.isfinite(trial.error):
                 return
-            last = self.trials[-2] if len(self.trials) > 1 else trial
-            if last.setting.kind == kind and math.isfinite(last.error):
+            last = self.trials[-2] if len(self.trials) > 1 else None
+            if last is not None and last.setting.kind == kind:
                 found = math.log(trial.error / last.error) / math.log(value / last.setting.value)
                 slope = found if 0.3 < found / KINDS[kind][0] < 3.0 else KINDS[kind][0]
             value *= (0.9 * self.wanted / trial.error) ** (1.0 / slope)
