@@ -7,10 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boards import lags, paper_board, single_mode
+from making import make_scene
 from scipy.optimize import brentq
 
 from netlist_gen.analysis import Transient
 from netlist_gen.circuit import Circuit, OpAmpCell, Output, VoltageSource
+from netlist_gen.problem import make_problem
+from netlist_gen.synthesis import synthesise
 from spice_models.opamp import OpAmp
 from verification.engines.equilibrium import equilibrium
 from verification.engines.statespace import simulate
@@ -154,3 +157,15 @@ def test_a_chain_of_equal_lags(count: int) -> None:
     assert found.rise_time.value == pytest.approx(tau * (times[1] - times[0]), rel=1e-9)
     assert found.settling_time is not None
     assert found.settling_time.value == pytest.approx(tau * times[2], rel=1e-9)
+
+
+def test_a_channel_that_never_leaves_the_band_settles_at_once_without_doubt():
+    scene = make_scene({"channels": 3, "span": 2.0})
+    circuit = synthesise(scene, make_problem(scene))
+    rest = equilibrium(circuit)
+    target = np.array([out.sign * rest[out.node] for out in circuit.outputs])
+    found = measure_exact(circuit, target)
+    still = [channel for channel in found.channels if abs(channel.target) < 0.01 * found.amplitude]
+    assert still
+    assert all(c.settling_time.value == 0.0 for c in still)
+    assert all(c.settling_time.uncertainty == 0.0 for c in still)

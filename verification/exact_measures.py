@@ -177,7 +177,8 @@ def _settling(board: _Board, n: int) -> Reading | None:
     if at is None:
         return None
     others = [last(tolerance * (1.0 + side)) for side in (-GRAZE, GRAZE)]
-    return reading(at, _doubt(board, n, at), others)
+    # A channel that never leaves the band has settled at 0: no crossing, so no doubt of one.
+    return reading(at, _doubt(board, n, at) if at > 0.0 else 0.0, others)
 
 
 def _doubt(board: _Board, n: int, t: float) -> float:
