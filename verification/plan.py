@@ -15,6 +15,7 @@ from verification.timescales import TimeScales
 REMAINDER = 0.1  # of the steady-state tolerance: what may still ring when the record ends
 MAX_POINTS = 2_000_000
 AFTER_SETTLING = 1.2  # a settled record must also show that it stays so
+RECORD_POINTS = 64.0  # a period, of a record that has no step: a cubic between them errs by 2e-6
 FEWEST_POINTS = 50  # in a record
 FEWEST_PER_PERIOD = 16.0  # points, however large an error is asked for
 FEWEST_PERIODS = 8  # of ringing in a record, however fast it settles or grows
@@ -115,8 +116,10 @@ def _points(scene: Scene, scales: TimeScales, engine: str) -> float:
     """Points on the period of the fastest ringing; what is set beside an error is a second try."""
     choice = scene.analysis
     explicit = "points_per_period" in choice.model_fields_set
-    if choice.error is None or explicit or engine == "statespace":
+    if explicit or (choice.error is None and engine != "statespace"):
         return choice.points_per_period
+    if engine == "statespace":
+        return RECORD_POINTS
     stop = _auto_stop(scene, scales) if choice.stop == "auto" else choice.stop
     return scales.max_step_for(1.0) / step_for_error(scales, choice.error, stop)
 

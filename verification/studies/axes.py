@@ -208,7 +208,7 @@ def with_values(scene: Scene, changes: Point) -> Scene:
     InputError
         The scene does not take one of the values, or has no such key.
     """
-    data: dict[str, Any] = scene.model_dump(by_alias=True, exclude_none=True)
+    data: dict[str, Any] = scene.model_dump(by_alias=True, exclude_unset=True)
     for path, value in changes.items():
         if path in REPLACES and REPLACES[path] not in changes:
             section, last = _section(data, REPLACES[path])
