@@ -5,7 +5,7 @@
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help setup ready demo test regress lint format bench lock build clean
+.PHONY: help setup ready demo test regress lint format bench bench-engines lock build clean
 
 PYTHON_IN_VENV := .venv/bin/python
 JOBS ?= 2
@@ -16,7 +16,7 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
 help: ## list the targets (the default)
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-13s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 setup: ## .venv from pinned versions, ngspice where missing; tries again what failed before
 	@bash scripts/setup.sh --again
@@ -46,6 +46,9 @@ bench: ready ## speed against named baselines, as tables; ARGS=5 takes 5 rounds 
 	$(PYTHON_IN_VENV) benchmarks/emission.py $(ARGS)
 	$(PYTHON_IN_VENV) benchmarks/verify_overhead.py $(ARGS)
 	$(PYTHON_IN_VENV) benchmarks/startup.py $(ARGS)
+
+bench-engines: ready ## state space beside ngspice, with what is required; ARGS=--quick in minutes
+	$(PYTHON_IN_VENV) benchmarks/engines.py $(ARGS)
 
 lock: ## write requirements/*.txt anew from pyproject.toml, newest versions
 	bash scripts/lock.sh

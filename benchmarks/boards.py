@@ -155,11 +155,18 @@ class Ladder:
             trial = self.attempt(Setting(kind, value, "klu"))
             if CLOSE * self.wanted <= trial.error <= self.wanted or not math.isfinite(trial.error):
                 return
+            if trial.error > self.wanted and self.hopeless(trial):
+                return
             last = self.trials[-2] if len(self.trials) > 1 else None
             if last is not None and last.setting.kind == kind:
                 found = math.log(trial.error / last.error) / math.log(value / last.setting.value)
                 slope = found if 0.3 < found / KINDS[kind][0] < 3.0 else KINDS[kind][0]
             value *= (0.9 * self.wanted / trial.error) ** (1.0 / slope)
+
+    def hopeless(self, trial: Trial) -> bool:
+        """Whether a finer setting of the same kind would cost more than what is found already."""
+        good = [each.seconds for each in self.trials if each.error <= self.wanted]
+        return trial.seconds > min(good, default=math.inf)
 
     def attempt(self, setting: Setting) -> Trial:
         """Run once and compare; a run that fails, or is too slow, has an infinite error."""

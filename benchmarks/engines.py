@@ -9,12 +9,8 @@ Ends with status 1 if a requirement was missed.
 from __future__ import annotations
 
 import argparse
-import gc
-import json
 import statistics
-import subprocess
 import sys
-import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -23,14 +19,13 @@ from boards import (
     Board,
     Ladder,
     Reference,
-    Setting,
-    exponent,
     run_ngspice,
     run_statespace,
     shipped,
     wide,
 )
-from polemap import time_map, typical
+from polemap import FREQUENCY, GROWTH, PLANNED, time_map
+from scaling import growth, in_own_process
 from timing import gathered, print_machine, print_table, ratio
 
 ROOT = Path(__file__).parents[1]
@@ -40,12 +35,9 @@ from precise import precise_step  # noqa: E402 - after the path
 
 from verification.engines import statespace, stepping  # noqa: E402
 from verification.engines.stamps import stamp  # noqa: E402
-from verification.stability import poles  # noqa: E402
 from verification.waveforms import Floats  # noqa: E402
 
 ERROR = 1e-4  # of the step amplitude
-SIZES = (7, 16, 32, 64, 128, 256, 500)
-LARGEST_NGSPICE = 128
 TIGHT = 1e-10  # of the structured engine where it is a reference
 
 
@@ -157,9 +149,7 @@ def tight(board: Board) -> Reference:
 
 def largest(channels: int) -> list[Claim]:
     """Measure a transient and the rightmost poles in a process of its own."""
-    command = [sys.executable, __file__, "--probe", str(channels)]
-    answer = subprocess.run(command, check=True, capture_output=True, text=True).stdout
-    told = json.loads(answer)
+    told = in_own_process(channels)
     rows = [(stage, f"{wall:.2f}", f"{cpu:.2f}") for stage, (wall, cpu) in told["stages"].items()]
     title = f"{channels} channels in a process of its own, rightmost pole {told['pole']} /s"
     print_table(title, ("", "wall, s", "processor, s"), rows)
@@ -172,76 +162,20 @@ def largest(channels: int) -> list[Claim]:
     ]
 
 
-def probe(channels: int) -> None:
-    """Do what `largest` measures, and tell."""
-    clocks = [(time.perf_counter(), time.process_time())]
-
-    def stage() -> tuple[float, float]:
-        clocks.append((time.perf_counter(), time.process_time()))
-        return clocks[-1][0] - clocks[-2][0], clocks[-1][1] - clocks[-2][1]
-
-    board = wide(channels)
-    stages = {"board and plan": stage()}
-    statespace.simulate(board.fresh(), board.transient)
-    stages["transient"] = stage()
-    found = poles(board.fresh())
-    stages["rightmost poles"] = stage()
-    stages["all"] = clocks[-1][0] - clocks[0][0], clocks[-1][1] - clocks[0][1]
-    status = Path("/proc/self/status").read_text(encoding="utf-8")
-    peak = next(line for line in status.splitlines() if line.startswith("VmHWM"))
-    told = {"stages": stages, "memory": 1024 * int(peak.split()[1]), "pole": str(found.rightmost)}
-    print(json.dumps(told))
-
-
-def growth(rounds: int, quick: bool) -> None:
-    """Print how times grow with N, and the fitted exponents."""
-    sizes = [n for n in SIZES if n <= 128 or not quick]
-    times: dict[str, list[list[float]]] = {"transient": [], "poles": [], "ngspice": []}
-    setting = Setting("free", 2e-5, "klu")
-    for n in sizes:
-        board = wide(n)
-        jobs = {
-            "transient": lambda b=board: run_statespace(b, 2000),
-            "poles": lambda b=board: time_poles(b),
-        }
-        if n <= LARGEST_NGSPICE:
-            jobs["ngspice"] = lambda b=board: run_ngspice(b, setting, 300.0).cost.seconds
-        found = gathered(jobs, rounds if n < 100 else min(rounds, 2))
-        for name, kept in times.items():
-            kept.append(found.get(name, []))
-        gc.collect()
-    rows = [
-        (f"{n}", *(f"{1e3 * statistics.median(t[k]):.1f}" if t[k] else "" for t in times.values()))
-        for k, n in enumerate(sizes)
-    ]
-    for least in (7, 32, 64):
-        fits = (f"{exponent(sizes, t, least):.2f}" for t in times.values())
-        rows.append((f"exponent from {least}", *fits))
-    title = f"Growth with N; ms; ngspice: {setting.text}, up to {LARGEST_NGSPICE} channels"
-    print_table(title, ("channels", "transient", "poles", "ngspice"), rows)
-
-
-def time_poles(board: Board) -> float:
-    """Time one search for the rightmost poles, s."""
-    circuit = board.fresh()
-    began = time.perf_counter()
-    poles(circuit)
-    return time.perf_counter() - began
-
-
 def pole_map(quick: bool) -> list[Claim]:
     """Measure the map of rightmost poles; ngspice is extrapolated from a sample of its points."""
     side, samples = (16, 8) if quick else (64, 24)
     found = time_map(side, samples)
-    mean, median = typical(found)
+    mean, planned = statistics.mean(found.sample), statistics.mean(found.planned)
     each = found.seconds / found.points
     print(
         f"map of {side} x {side} points: {found.seconds:.1f} s, {1.0 / each:.0f} points/s; ngspice,"
         f" extrapolated from {samples} points at {found.setting.text}: {mean:.3g} s a point (median"
-        f" {median:.3g}); {found.right} of {samples} records show the rightmost pole within 1 %\n"
+        f" {statistics.median(found.sample):.3g}); {found.right} of {samples} records show the"
+        f" rightmost pole (growth rate within {GROWTH:.0%}, frequency within {FREQUENCY:.0%})\n"
     )
     what = f"map of {side} x {side}: times faster than by ngspice transients"
-    note = f" (by medians {median / each:.3g})"
+    note = f" ({planned / each:.3g} at {PLANNED:g} points a period)"
     return [
         Claim.ratio(what, mean / each, 50.0, note),
         Claim("  points per second", f"{1.0 / each:.0f}", "stated", True),
@@ -253,11 +187,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("rounds", nargs="?", type=int, default=5)
     parser.add_argument("--quick", action="store_true")
-    parser.add_argument("--probe", type=int, help=argparse.SUPPRESS)
     asked = parser.parse_args()
-    if asked.probe:
-        probe(asked.probe)
-        return 0
     print_machine()
     claims = [
         *seven_channels("paper-breadboard", asked.rounds),
