@@ -116,10 +116,10 @@ def _points(scene: Scene, scales: TimeScales, engine: str) -> float:
     """Points on the period of the fastest ringing; what is set beside an error is a second try."""
     choice = scene.analysis
     explicit = "points_per_period" in choice.model_fields_set
-    if explicit or (choice.error is None and engine != "statespace"):
-        return choice.points_per_period
-    if engine == "statespace":
+    if engine == "statespace" and not explicit:
         return RECORD_POINTS
+    if explicit or choice.error is None:
+        return choice.points_per_period
     stop = _auto_stop(scene, scales) if choice.stop == "auto" else choice.stop
     return scales.max_step_for(1.0) / step_for_error(scales, choice.error, stop)
 
