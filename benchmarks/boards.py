@@ -77,7 +77,8 @@ def wide(channels: int) -> Board:
     Quadrature weights keep |T| the same for every number of channels, lambda is 0.1.
     """
     base = load_scene(SCENES / "tuned-breadboard.toml")
-    return make_board(with_values(base, ROOMY | {"problem.channels": channels}))
+    own: dict[str, Value] = {"name": f"wide-{channels}", "problem.channels": channels}
+    return make_board(with_values(base, ROOMY | own))
 
 
 @dataclass(frozen=True)
