@@ -165,19 +165,28 @@ class Structure:
         return sparse.csr_array((np.concatenate(values), where), shape=(n, n))
 
     def _solver(self, Z: Any, schur: Any, into: Any, outof: Any) -> Callable[[Any], Any]:
+        from scipy.linalg import get_lapack_funcs
+
         o, i, couplings = self.outer, self.inner, self.couplings
         scale = np.abs(schur).max(axis=1, initial=0.0)
-        try:
-            inverse = np.linalg.inv(schur / scale[:, None]) / scale
-        except np.linalg.LinAlgError:
-            raise EngineError("the shift is an eigenvalue of the board") from None
+        scaled = np.asfortranarray(schur / scale[:, None])
+        routines: Any = get_lapack_funcs(("getrf", "getrs"), (scaled,))
+        getrf, getrs = routines
+        lu, pivots, singular = getrf(scaled, overwrite_a=True)
+        if singular:
+            raise EngineError("the shift is an eigenvalue of the board")
+
+        def triangular(b: Any) -> Any:
+            if np.iscomplexobj(b) and not np.iscomplexobj(lu):  # else its imaginary part is lost
+                return getrs(lu, pivots, b.real)[0] + 1j * getrs(lu, pivots, b.imag)[0]
+            return getrs(lu, pivots, b)[0]
 
         def solve(r: Any) -> Any:
             y = Z @ r[i]
             rest = r[o] - into @ y
             for sinks, drivers, G, _ in couplings:
                 rest[sinks] += _real_times(G, y[drivers])
-            x_o = inverse @ rest
+            x_o = triangular(rest / scale)
             back = outof @ x_o
             for sinks, drivers, _, load in couplings:
                 back[drivers] -= _real_times(load.T, x_o[sinks])
