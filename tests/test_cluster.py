@@ -1,9 +1,10 @@
-"""A sweep on a real Dask cluster over TCP on loopback, one worker of which is killed."""
+"""Studies on a real Dask cluster over TCP on loopback: workers that are killed, or are others."""
 
 from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -14,8 +15,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
 from making import NEAR_IDEAL, make_scene
+from studying import scene_file
 
+from cli.main import main
+from spice_models.errors import InputError
 from verification.report.sweep import records
 from verification.studies.axes import parse_axes
 from verification.studies.executors import cluster
@@ -30,15 +35,15 @@ pytest.importorskip("distributed")
 
 
 @contextmanager
-def dask(*words: str, folder: Path) -> Iterator[subprocess.Popen[bytes]]:
-    environment = os.environ | {
-        "OMP_NUM_THREADS": "1",
-        "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "false",
-    }
+def dask(
+    *words: str, folder: Path, source: Path = ROOT, **settings: str
+) -> Iterator[subprocess.Popen[bytes]]:
+    fixed = {"OMP_NUM_THREADS": "1", "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "false"}
+    environment = os.environ | fixed | settings
     with (folder / f"{words[0]}.log").open("ab") as log:
         process = subprocess.Popen(
             [sys.executable, "-m", "dask", *words, "--host", "127.0.0.1", "--no-dashboard"],
-            cwd=ROOT,
+            cwd=source,  # where `python -m` looks for taction first
             env=environment,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
@@ -62,10 +67,10 @@ def scheduler(folder: Path) -> Iterator[Path]:
         yield file
 
 
-def worker(stack: ExitStack, file: Path) -> subprocess.Popen[bytes]:
+def worker(stack: ExitStack, file: Path, **other: Any) -> subprocess.Popen[bytes]:
     words = ("worker", "--scheduler-file", str(file), "--nthreads", "1", "--no-nanny")
     local = ("--local-directory", str(file.parent))
-    return stack.enter_context(dask(*words, *local, folder=file.parent))
+    return stack.enter_context(dask(*words, *local, folder=file.parent, **other))
 
 
 def address(file: Path) -> str:
@@ -92,3 +97,54 @@ def test_a_killed_worker_costs_nothing_but_time(tmp_path: Path) -> None:
         rows = list(records(plan, store))
     assert count.outcomes == {"pass": POINTS}
     assert len(rows) == count.ran == POINTS
+
+
+def test_a_yield_and_the_corners_are_those_of_one_process(tmp_path: Path) -> None:
+    scene = scene_file(tmp_path)
+    studies = (["montecarlo", scene, "-n", "12", "--seed", "3"], ["corners", scene])
+
+    def told(*where: str) -> list[dict[str, Any]]:
+        runs = [
+            CliRunner().invoke(main, [*study, "--engine", "statespace", *where, "--json"])
+            for study in studies
+        ]
+        assert [run.exit_code for run in runs] == [0, 1], runs[0].stderr
+        return [json.loads(run.stdout) for run in runs]
+
+    with ExitStack() as stack:
+        file = stack.enter_context(scheduler(tmp_path))
+        worker(stack, file)
+        there = told("--cluster", address(file))
+    assert there == told("--jobs", "1")
+    assert there[0]["samples"] == 12
+
+
+def another_source(folder: Path) -> Path:
+    """Copy taction and change a comment where boards are designed."""
+    for package in ("spice_models", "netlist_gen", "verification", "cli"):
+        skipped = shutil.ignore_patterns("__pycache__")
+        shutil.copytree(ROOT / package, folder / package, ignore=skipped)
+    with (folder / "netlist_gen" / "circuit.py").open("a") as file:
+        file.write("# another\n")
+    return folder
+
+
+def test_a_worker_with_another_source_and_another_ngspice_is_refused(
+    tmp_path: Path, ngspice: str
+) -> None:
+    assert ngspice
+    old = tmp_path / "old-ngspice"
+    old.write_text("#!/bin/sh\necho '** ngspice-39 : Circuit level simulation program'\n")
+    old.chmod(0o755)
+    asked = make_scene({"channels": 2, "span": 1.2}, design=DESIGN)
+    plan = Plan(asked, parse_axes(asked, ["C=50p,60p"]), ("ngspice",))
+    with ExitStack() as stack:
+        file = stack.enter_context(scheduler(tmp_path))
+        source = another_source(tmp_path / "other")
+        worker(stack, file, source=source, TACTION_NGSPICE=str(old))
+        store = stack.enter_context(Store(str(tmp_path / "a.sqlite")))
+        workers = stack.enter_context(cluster(address(file)))
+        with pytest.raises(InputError, match="another state of the source of taction") as refused:
+            sweep(plan, store, workers)
+        assert "ngspice-39 noopiter instead of ngspice-" in str(refused.value)
+        assert store.count() == 0
