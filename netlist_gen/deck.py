@@ -77,22 +77,48 @@ def write_deck(
         A name or a value that must not reach a simulator. A scene cannot cause it; it guards
         against circuits made by other means.
     """
+    return write_decks(
+        circuit,
+        (analysis,),
+        solver=solver,
+        relative=relative,
+        saved=saved,
+        matrix_file=matrix_file,
+    )[0]
+
+
+def write_decks(
+    circuit: Circuit,
+    analyses: Sequence[Analysis],
+    *,
+    solver: str = "klu",
+    relative: float = 1e-6,
+    saved: Iterable[str] | None = None,
+    matrix_file: str | None = None,
+) -> list[Deck]:
+    """Write one deck of `circuit` for each of `analyses`; its parts become text once.
+
+    Parameters and failures are those of `write_deck`.
+    """
     check_circuit(circuit)
     nodes = tuple(saved) if saved is not None else tuple(o.node for o in circuit.outputs)
-    check_request(analysis, nodes, solver, matrix_file)
-    files = {}
-    if matrix_file is None:
-        body, lines = _flat(circuit, analysis)
-    else:
-        body, lines, files[matrix_file] = _split(circuit, analysis, matrix_file)
-    tail = [
-        *_options(tolerances(circuit, relative), analysis, solver),
-        ".save " + " ".join(f"v({node})" for node in nodes),
-        *_analysis_cards(circuit, analysis),
-        ".end",
-    ]
-    body.raw_spice = "\n".join([*header_lines(circuit), *lines, ""])
-    return Deck(str(body) + "\n".join(tail) + "\n", nodes, analysis, files)
+    for analysis in analyses:
+        check_request(analysis, nodes, solver, matrix_file)
+    parts, files = _flat(circuit) if matrix_file is None else _split(circuit, matrix_file)
+    limits = tolerances(circuit, relative)
+    save = ".save " + " ".join(f"v({node})" for node in nodes)
+    decks = []
+    for analysis in analyses:
+        tail = [
+            *_current_sources(circuit, analysis),
+            *_options(limits, analysis, solver),
+            save,
+            *_analysis_cards(circuit, analysis),
+            ".end",
+            "",
+        ]
+        decks.append(Deck(parts + "\n".join(tail), nodes, analysis, files))
+    return decks
 
 
 def matrix_lines(matrices: Iterable[ResistorMatrix]) -> list[str]:
@@ -135,16 +161,19 @@ def _ends(matrix: ResistorMatrix, k: int) -> tuple[Sequence[str], Sequence[str]]
     return drives, [matrix.sinks[k]] * len(drives)
 
 
-def _flat(circuit: Circuit, analysis: Analysis) -> tuple[Any, list[str]]:
+def _flat(circuit: Circuit) -> tuple[str, dict[str, str]]:
+    """Return the text of all parts but the current sources, and no further file."""
     netlist = _new_netlist(circuit)
     lines = _place(netlist, circuit)
     lines += matrix_lines(circuit.matrices)
-    _place_sources(netlist, circuit, analysis)
-    return netlist, lines
+    return _text(netlist, circuit, lines), {}
 
 
-def _split(circuit: Circuit, analysis: Analysis, matrix_file: str) -> tuple[Any, list[str], str]:
+def _split(circuit: Circuit, matrix_file: str) -> tuple[str, dict[str, str]]:
+    """Return the same with amplifiers and matrices as subcircuits, the latter in `matrix_file`."""
     from PySpice.Spice.Netlist import SubCircuit
+
+    from spice_models.card import Card
 
     netlist = _new_netlist(circuit)
     pads = _pads(circuit)
@@ -154,9 +183,8 @@ def _split(circuit: Circuit, analysis: Analysis, matrix_file: str) -> tuple[Any,
     plane = SubCircuit("amplifiers", *ports)
     plane.raw_spice = "\n".join([*_place(plane, circuit), ""])
     netlist.subcircuit(plane)
-    netlist.X("amplifiers", "amplifiers", *ports)
-    netlist.X("matrix", "matrix", *pads)
-    _place_sources(netlist, circuit, analysis)
+    Card(netlist, "Xamplifiers", *ports, "amplifiers")
+    Card(netlist, "Xmatrix", *pads, "matrix")
     text = [
         "* the resistor matrix of a taction board: swap this file for another of the same ports",
         ".subckt matrix " + " ".join(pads),
@@ -164,10 +192,22 @@ def _split(circuit: Circuit, analysis: Analysis, matrix_file: str) -> tuple[Any,
         ".ends matrix",
         "",
     ]
-    return netlist, [f".include {matrix_file}"], "\n".join(text)
+    parts = _text(netlist, circuit, [f".include {matrix_file}"])
+    return parts, {matrix_file: "\n".join(text)}
+
+
+def _text(netlist: Any, circuit: Circuit, lines: Iterable[str]) -> str:
+    """Return the text of `netlist`, after the header of `circuit` and `lines`."""
+    from spice_models.card import Card
+
+    for bias in circuit.voltages:
+        Card(netlist, "V" + bias.name, bias.node, GROUND, repr(bias.volts))
+    netlist.raw_spice = "\n".join([*header_lines(circuit), *lines, ""])
+    return str(netlist)
 
 
 def _new_netlist(circuit: Circuit) -> Any:
+    """Return a netlist that holds the subcircuits of the op-amps in use."""
     from PySpice.Spice.Netlist import Circuit as Netlist
 
     netlist = Netlist("taction board")
@@ -190,7 +230,7 @@ def _pads(circuit: Circuit) -> list[str]:
 
 def _place(netlist: Any, circuit: Circuit) -> list[str]:
     """Put every part but matrices and sources into `netlist`; return lines to add as text."""
-    from netlist_gen.card import Card
+    from spice_models.card import Card
 
     for cell in circuit.opamps:
         nodes = cell.noninverting, cell.inverting, cell.output
@@ -202,14 +242,16 @@ def _place(netlist: Any, circuit: Circuit) -> list[str]:
     return [line for stage in circuit.amplifiers for line in amplifier_lines(stage)]
 
 
-def _place_sources(netlist: Any, circuit: Circuit, analysis: Analysis) -> None:
-    for bias in circuit.voltages:
-        netlist.V(bias.name, bias.node, GROUND, repr(bias.volts))
-    for source in circuit.currents:
-        value = repr(source.amps)
-        if isinstance(analysis, Transient) and _starts_from_rest(circuit, analysis):
-            value = f"PWL(0 0 {1e-3 * analysis.max_step!r} {value})"
-        netlist.I(source.name, GROUND, source.node, value)
+def _current_sources(circuit: Circuit, analysis: Analysis) -> list[str]:
+    """Return the strain currents: they are all there is of the parts that depends on `analysis`."""
+    values = [repr(source.amps) for source in circuit.currents]
+    if isinstance(analysis, Transient) and _starts_from_rest(circuit, analysis):
+        ramp = repr(1e-3 * analysis.max_step)
+        values = [f"PWL(0 0 {ramp} {value})" for value in values]
+    return [
+        f"I{source.name} {GROUND} {source.node} {value}"
+        for source, value in zip(circuit.currents, values, strict=True)
+    ]
 
 
 def _starts_from_rest(circuit: Circuit, analysis: Transient) -> bool:

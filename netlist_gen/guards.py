@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
@@ -29,32 +29,43 @@ def check_circuit(circuit: Circuit) -> None:
     """
     if not SCENE_NAME.fullmatch(circuit.name):
         raise ValueError(f"{circuit.name!r} is no name for a scene")
-    _check_names(circuit.amplifier, circuit.topology)
     for item in circuit.omissions:
         if not (item.what + item.why).isprintable():
             raise ValueError(f"{item!r} does not fit on a comment line")
+    _check_names(_names(circuit))
     for resistor in circuit.resistors:
-        _check_names(resistor.name, resistor.a, resistor.b)
         _check_value(resistor.name, resistor.ohms)
     for capacitor in circuit.capacitors:
-        _check_names(capacitor.name, capacitor.a, capacitor.b)
         _check_value(capacitor.name, capacitor.farads)
-    for cell in circuit.opamps:
-        _check_names(cell.name, cell.model, cell.noninverting, cell.inverting, cell.output)
     for stage in circuit.amplifiers:
-        _check_names(stage.name, stage.input, stage.output)
         _check_value(stage.name, stage.u_scale)
         _check_value(stage.name, stage.v_scale)
     for current in circuit.currents:
-        _check_names(current.name, current.node)
         _check_value(current.name, abs(current.amps))
     for voltage in circuit.voltages:
-        _check_names(voltage.name, voltage.node)
         _check_value(voltage.name, abs(voltage.volts))
     for matrix in circuit.matrices:
-        _check_names(matrix.name, *matrix.sinks, *matrix.plus, *filter(None, matrix.minus))
         if not np.all(matrix.ohms > 0):
             raise ValueError(f"matrix {matrix.name} has a resistance that is not above zero")
+
+
+def _names(circuit: Circuit) -> Iterator[str]:
+    """Every name of a part, a node or a model."""
+    yield from (circuit.amplifier, circuit.topology)
+    for resistor in circuit.resistors:
+        yield from (resistor.name, resistor.a, resistor.b)
+    for capacitor in circuit.capacitors:
+        yield from (capacitor.name, capacitor.a, capacitor.b)
+    for cell in circuit.opamps:
+        yield from (cell.name, cell.model, cell.noninverting, cell.inverting, cell.output)
+    for stage in circuit.amplifiers:
+        yield from (stage.name, stage.input, stage.output)
+    for current in circuit.currents:
+        yield from (current.name, current.node)
+    for voltage in circuit.voltages:
+        yield from (voltage.name, voltage.node)
+    for matrix in circuit.matrices:
+        yield from (matrix.name, *matrix.sinks, *matrix.plus, *filter(None, matrix.minus))
 
 
 def check_request(
@@ -68,14 +79,14 @@ def check_request(
         A node, an option or a file name that must not be in a deck, or a time that is not finite
         and above zero.
     """
-    _check_names(*saved, solver)
+    _check_names((*saved, solver))
     if matrix_file is not None and not FILE_NAME.fullmatch(matrix_file):
         raise ValueError(f"{matrix_file!r} is no file name for a deck: letters, digits, '_.-'")
     if isinstance(analysis, Transient):
         _check_value("stop", analysis.stop)
         _check_value("max_step", analysis.max_step)
         # a dot leads into a subcircuit, as in "xv_1.p1"
-        _check_names(*(part for node in analysis.voltages for part in node.split(".")))
+        _check_names(part for node in analysis.voltages for part in node.split("."))
         for node, volts in analysis.voltages.items():
             if not math.isfinite(volts):
                 raise ValueError(f"the initial voltage of {node} is {volts!r}; it must be finite")
@@ -97,12 +108,12 @@ def tolerances(circuit: Circuit, relative: float) -> Tolerances:
     )
 
 
-def _check_names(*names: str) -> None:
-    for name in names:
+def _check_names(names: Iterable[str]) -> None:
+    for name in dict.fromkeys(names):  # most name a node, which several parts share
         if name != GROUND and not NAME.fullmatch(name):
             raise ValueError(f"{name!r} is no name for a deck")
 
 
 def _check_value(name: str, value: float) -> None:
-    if not (math.isfinite(value) and value > 0):
+    if not 0.0 < value < math.inf:
         raise ValueError(f"{name} has the value {value!r}; it must be finite and above zero")

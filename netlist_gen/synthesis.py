@@ -107,10 +107,11 @@ class _Board:
         self.resistance = resistance
         self.ohms, self.negative = ohms, negative
         self.present = np.isfinite(ohms)
+        self.rounded = preferred(resistance, scene)
         self.linear = scene.design.amplifier == "linear"
         self.passive = scene.design.topology == "passive"
         self.channels = range(1, ohms.shape[1] + 1)
-        self.sensors = [k + 1 for k in range(ohms.shape[0]) if self.present[k].any()]
+        self.sensors = (1 + np.flatnonzero(self.present.any(axis=1))).tolist()
         self.outputs: list[Output] = []
         self.plus_u: dict[int, str] = {}
 
@@ -130,13 +131,12 @@ class _Board:
         """Place constraint nodes, strain currents `amps` (M,) and inverters of w."""
         feedback_negative = ~self.negative if self.passive else self.negative
         needs_inverter = np.any(self.present & feedback_negative, axis=1).tolist()
-        gain = preferred(self.design.gain, self.scene)
+        gain, currents = preferred(self.design.gain, self.scene), amps.tolist()
         for k in self.sensors:
             self.parts.opamp(f"c_{k}", f"c_{k}", f"w_{k}")
             self.parts.resistors.append(Resistor(f"s_{k}", f"w_{k}", f"c_{k}", gain))
-            if amps[k - 1] != 0:
-                source = CurrentSource(f"eps_{k}", f"c_{k}", float(amps[k - 1]))
-                self.parts.currents.append(source)
+            if currents[k - 1] != 0:
+                self.parts.currents.append(CurrentSource(f"eps_{k}", f"c_{k}", currents[k - 1]))
             if needs_inverter[k - 1]:
                 self.parts.inverting(f"z_{k}", f"w_{k}", f"z_{k}")
 
@@ -155,8 +155,7 @@ class _Board:
         ]
 
     def _integrator(self, n: int) -> None:
-        parts, x, v = self.parts, f"x_{n}", f"v_{n}"
-        ohms = preferred(self.resistance, self.scene)
+        parts, x, v, ohms = self.parts, f"x_{n}", f"v_{n}", self.rounded
         parts.opamp(f"v_{n}", x, v)
         parts.resistors.append(Resistor(f"r_{n}", v, x, ohms))
         parts.capacitors.append(Capacitor(f"c_{n}", v, x, self.design.capacitance))
