@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,44 +11,77 @@ from netlist_gen.circuit import Circuit, Floats, Scalings
 from netlist_gen.problem import InverseProblem
 from netlist_gen.scene import Scene
 from netlist_gen.synthesis import realised_matrix
-from verification.reference import IdealNetwork, Solution, ideal_linear, ideal_transient, solve
+from verification.reference import (
+    IdealNetwork,
+    Problem,
+    Solution,
+    ideal_linear,
+    ideal_transient,
+    solve,
+)
 from verification.reference.dynamics import Outcome, ScaledNetwork, energy_residual
 from verification.reference.response import Response
 
 ENERGY_STRIDE = 20  # of the response's instants, which are 1 % apart
+REMEMBERED = 8  # solutions: points of a sweep over C share one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Pace:
+    """Figures of the ideal transient.
+
+    Attributes
+    ----------
+    settling_time : float
+        To the scene's band, s; not a number where the transient cannot be trusted.
+    energy_residual : float
+        How far the transient is from losing what it dissipates, relative (see
+        `verification.reference.dynamics.energy_residual`).
+    """
+
+    settling_time: float
+    energy_residual: float
+
+
+@dataclass(frozen=True, eq=False)
 class IdealAnswer:
     """Steady state and transient of the ideal network.
 
     Attributes
     ----------
+    network : IdealNetwork
+        Whose answer it is.
+    band : float
+        Of the settling time, a fraction of the step amplitude.
     solution : Solution
         The reference steady state, dimensionless, with its certificate.
     start, target : ndarray (N,)
         u at t = 0 and at rest, V.
-    settling_time : float
-        To the scene's band, s; not a number where the transient cannot be trusted.
-    rise_times : ndarray (N,)
-        10-90 %, s; not a number where a channel's step is too small.
     error : float
         Bound on the error of `target`, as a fraction of the step amplitude.
-    energy_residual : float
-        How far the transient is from losing what it dissipates, relative (see
-        `verification.reference.dynamics.energy_residual`).
     problem : str
         Why the answer cannot be believed; empty if it can.
+    integrated : Pace or None
+        Of a transient that had to be integrated; None for linear amplifiers, whose modes are exact.
     """
 
+    network: IdealNetwork
+    band: float
     solution: Solution
     start: Floats
     target: Floats
-    settling_time: float
-    rise_times: Floats
     error: float
-    energy_residual: float
     problem: str
+    integrated: Pace | None
+
+    @functools.cached_property
+    def pace(self) -> Pace:
+        """Figures of the transient; no check needs them, so modes are evaluated on demand."""
+        if self.integrated is not None:
+            return self.integrated
+        response = ideal_linear(self.network, self.start, self.solution)
+        residual = _linear_residual(self.network, response)
+        return Pace(response.settling_time(self.band), residual)
 
 
 def ideal_network(problem: InverseProblem, scalings: Scalings, scene: Scene) -> IdealNetwork:
@@ -98,33 +132,45 @@ def ideal_answer(network: IdealNetwork, scene: Scene) -> IdealAnswer:
     """
     initial = initial_voltages(scene, network)
     band = scene.checks.settling_time.band
+    pace, why = None, ""
     if network.amplifier == "linear":
-        solution = solve(network.problem)
-        exact = ideal_linear(network, initial)
-        trusted, why, residual = True, "", _linear_residual(network, exact)
-        response: Response | None = exact
+        solution, start = _solved(network.problem), initial
     else:
         transient = ideal_transient(network, initial)
         solution, response = transient.rest, transient.response
-        trusted, why = transient.outcome is Outcome.TRUSTED, transient.outcome.value
-        residual = transient.energy_residual
+        start = np.full(len(solution.u), np.nan) if response is None else response.start
+        if response is None or transient.outcome is not Outcome.TRUSTED:
+            why = transient.outcome.value
+            pace = Pace(np.nan, transient.energy_residual)
+        else:
+            pace = Pace(response.settling_time(band), transient.energy_residual)
     target = solution.u * network.U0
-    if response is None or not trusted:
-        nothing = np.full(len(target), np.nan)
-        start = response.start if response is not None else np.full(len(target), np.nan)
-        why = solution.reason or why
-        return IdealAnswer(solution, start, target, np.nan, nothing, np.inf, residual, why)
-    amplitude = response.amplitude or 1.0
+    amplitude = float(np.abs(target - start).max()) or 1.0
     return IdealAnswer(
+        network=network,
+        band=band,
         solution=solution,
-        start=response.start,
+        start=start,
         target=target,
-        settling_time=response.settling_time(band),
-        rise_times=response.rise_times(),
-        error=solution.error_bound * network.U0 / amplitude,
-        energy_residual=residual,
-        problem="" if solution.trusted else solution.reason,
+        error=np.inf if why else solution.error_bound * network.U0 / amplitude,
+        problem=solution.reason or why,
+        integrated=pace,
     )
+
+
+def _solved(problem: Problem) -> Solution:
+    """Solve `problem`, or remember: the points of a sweep often share one."""
+    T, eps = problem.T, problem.eps
+    content = (T.shape, T.tobytes(), eps.tobytes())
+    return _solution(*content, problem.lam, problem.regulariser, problem.bias)
+
+
+@functools.lru_cache(maxsize=REMEMBERED)
+def _solution(
+    shape: tuple[int, ...], T: bytes, eps: bytes, lam: float, regulariser: str, bias: bool
+) -> Solution:
+    matrix = np.frombuffer(T).reshape(shape)
+    return solve(Problem(matrix, np.frombuffer(eps), lam, regulariser, bias))
 
 
 def _linear_residual(network: IdealNetwork, response: Response) -> float:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
-from math import ceil, factorial, log, log2
+from math import ceil, factorial, fsum, log, log2
 
 import numpy as np
 from numpy.typing import NDArray
@@ -149,33 +149,31 @@ def log1p(x: DoubleDouble) -> DoubleDouble:
     return start + t + DoubleDouble.of(0.5 * t.hi * t.hi)
 
 
-def _slices(high: Floats, low: Floats | None, bits: int) -> list[Floats]:
-    """Split into arrays that are integers of 53 - `bits` bits times one power of two each."""
+def _slices(high: Floats, low: Floats | None, bits: int) -> Floats:
+    """Split into arrays that are integers of 53 - `bits` bits times one power of two each.
+
+    They are stacked along a first axis, the largest first; none for zeros. Each grid begins where
+    the one before ended: a remainder is at most half of its unit, and `low` cannot change that.
+    """
     out: list[Floats] = []
-    while len(out) * (53 - bits) < _PRODUCT_BITS:
-        peak = max(float(high.max()), -float(high.min()))
-        if peak == 0.0:
-            break
-        anchor = 2.0 ** (ceil(log2(peak)) + bits)
+    peak = max(float(high.max()), -float(high.min()))
+    anchor = 2.0 ** (ceil(log2(peak)) + bits) if peak > 0.0 else 0.0
+    while len(out) * (53 - bits) < _PRODUCT_BITS and high.any():
         part = (high + anchor) - anchor
         out.append(part)
         high = high - part
         if low is not None:
             high, low = _two_sum(high, low)
-    return out
+        anchor *= 2.0 ** (bits - 53)
+    return np.array(out).reshape(-1, *high.shape)
 
 
 def _total(terms: Floats) -> DoubleDouble:
-    """Sum along the first axis, by pairs."""
-    rows = 1 << (len(terms) - 1).bit_length()
-    hi = np.zeros((rows, terms.shape[1]))
-    hi[: len(terms)] = terms
-    total = DoubleDouble.of(hi)
-    while rows > 1:
-        rows //= 2
-        first = DoubleDouble(total.hi[:rows], total.lo[:rows])
-        total = first + DoubleDouble(total.hi[rows:], total.lo[rows:])
-    return DoubleDouble(total.hi[0], total.lo[0])
+    """Sum along the last axis of terms (N, K), rounded once."""
+    rows = terms.tolist()
+    hi = [fsum(row) for row in rows]
+    lo = [fsum((*row, -head)) for row, head in zip(rows, hi, strict=True)]
+    return DoubleDouble(np.array(hi), np.array(lo))
 
 
 class ExactMatrix:
@@ -193,20 +191,16 @@ class ExactMatrix:
     """
 
     def __init__(self, T: Floats) -> None:
-        self._shape = T.shape
         self._bits = ceil((53 + log2(max(T.shape))) / 2)
         self._parts = _slices(T, None, self._bits)
 
     def __matmul__(self, x: DoubleDouble) -> DoubleDouble:
-        return self._product(self._parts, x, self._shape[0])
+        return self._product(self._parts, x)
 
     def transposed(self, x: DoubleDouble) -> DoubleDouble:
         """Return the product of the transpose with x (M,)."""
-        return self._product([part.T for part in self._parts], x, self._shape[1])
+        return self._product(self._parts.transpose(0, 2, 1), x)
 
-    def _product(self, parts: list[Floats], x: DoubleDouble, rows: int) -> DoubleDouble:
-        slices = _slices(x.hi, x.lo, self._bits)
-        if not parts or not slices:
-            return DoubleDouble.of(np.zeros(rows))
-        columns = np.stack(slices, axis=1)
-        return _total(np.concatenate([(part @ columns).T for part in parts]))
+    def _product(self, parts: Floats, x: DoubleDouble) -> DoubleDouble:
+        terms = parts @ _slices(x.hi, x.lo, self._bits).T  # (parts, rows, slices)
+        return _total(terms.transpose(1, 0, 2).reshape(parts.shape[1], -1))

@@ -94,7 +94,7 @@ class IdealNetwork:
         return Problem(self.T, self.eps, lam, self.amplifier, self.bias)
 
 
-def ideal_linear(network: IdealNetwork, v0: Floats) -> Response:
+def ideal_linear(network: IdealNetwork, v0: Floats, rest: Solution | None = None) -> Response:
     """Return the exact response of linear amplifiers in modal form.
 
     Parameters
@@ -103,6 +103,8 @@ def ideal_linear(network: IdealNetwork, v0: Floats) -> Response:
         With linear amplifiers.
     v0 : ndarray (N,)
         Signal-node voltages at time 0, V.
+    rest : Solution, optional
+        Of the network's problem, where it is at hand already.
 
     Returns
     -------
@@ -121,7 +123,7 @@ def ideal_linear(network: IdealNetwork, v0: Floats) -> Response:
     rates = np.ones(N)
     rates[: len(sigma)] += sigma**2 / network.mu
     rates /= network.R * network.C
-    target = solve(network.problem).u * network.U0
+    target = (solve(network.problem) if rest is None else rest).u * network.U0
     start = np.asarray(v0, dtype=np.float64)
     loads = Vt @ (start - target)
 

@@ -30,42 +30,52 @@ SMALL = 300
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Point:
-    """u and r in 106 bits; f1, f2 and the weighted norm ``|f1| s + |f2|``."""
+    """u and r in 106 bits; f1, f2 and the weighted norm ``|f1| s + |f2|``.
+
+    `residual` counts what the evaluation may have got wrong, which is `noise`.
+    """
 
     u: DoubleDouble
     r: DoubleDouble
     f1: Floats
     f2: Floats
     residual: float
+    noise: float
 
 
-def _point(s: Scaled, exact: ExactMatrix, least: float, u: DoubleDouble, r: DoubleDouble) -> _Point:
-    f1 = (DoubleDouble.of(s.eps) - exact @ u - r).hi
+def _point(
+    s: Scaled, exact: ExactMatrix, least: float, u: DoubleDouble, r: DoubleDouble | None = None
+) -> _Point:
+    """Evaluate u and r; by default with the r that makes f1 zero."""
+    left = DoubleDouble.of(s.eps) - exact @ u
+    r = left if r is None else r
+    f1 = (left - r).hi
     f2 = (exact.transposed(r) - DoubleDouble.of(s.mu) * u).hi
     size, dual = float(np.linalg.norm(u.hi)), float(np.linalg.norm(r.hi))
     slack1 = PRODUCT * (s.norm * size + float(np.linalg.norm(s.eps)) + dual)
     slack2 = PRODUCT * (s.norm * dual + s.mu * size)
-    miss1 = float(np.linalg.norm(f1)) + slack1
-    return _Point(u, r, f1, f2, miss1 * least + float(np.linalg.norm(f2)) + slack2)
+    noise = slack1 * least + slack2
+    missed = float(np.linalg.norm(f1)) * least + float(np.linalg.norm(f2))
+    return _Point(u, r, f1, f2, missed + noise, noise)
 
 
 def _refine(s: Scaled, factor: Factor, least: float) -> tuple[_Point, int]:
-    """Solve and refine until the residual stops shrinking."""
+    """Solve and refine until the residual stops shrinking, or is what evaluating it leaves."""
     exact = ExactMatrix(s.T)
-    wide = DoubleDouble.of(factor.solve(s.eps, np.zeros(s.T.shape[1])))
-    best = _point(s, exact, least, wide, DoubleDouble.of(s.eps) - exact @ wide)
+    first = DoubleDouble.of(factor.solve(s.eps, np.zeros(s.T.shape[1])))
+    best = _point(s, exact, least, first)
     for step in range(MAX_REFINEMENTS):
+        if best.residual <= 2.0 * best.noise:
+            return best, step
         du = factor.solve(best.f1, best.f2)
         u = best.u + DoubleDouble.of(du)
         r = best.r + DoubleDouble.of(best.f1 - s.T @ du)
-        trial = _point(s, exact, least, u, r)
-        if not trial.residual < best.residual:
-            return best, step
-        done = trial.residual > 0.5 * best.residual
-        best = trial
-        if done:
-            break
-    return best, step + 1
+        trial, before = _point(s, exact, least, u, r), best.residual
+        if trial.residual < before:
+            best = trial
+        if not trial.residual <= 0.5 * before:
+            return best, step + 1
+    return best, MAX_REFINEMENTS
 
 
 def solve_tikhonov(problem: Problem) -> Solution:
