@@ -19,6 +19,7 @@ REFUSED = {
     "include by path": '.include "../other.inc"',
     "absolute include": ".include /etc/passwd",
     "continued include": ".include\n+ /etc/passwd",
+    "continued command": "R7 out 0 1.0\n+\n .control",
     "unknown option": ".options frobnicate=3",
     "resampling": ".options interp",
     "missing field": "R7 out 0",
@@ -102,6 +103,21 @@ ACCEPTED = {
 def test_accepted(case: str) -> None:
     deck = transient(ACCEPTED[case], BUFFER, files={"a.inc": "R9 f 0 1.0\n"})
     assert screen(deck) is None  # what is not accepted raises
+
+
+def test_a_line_that_continues_nothing() -> None:
+    with pytest.raises(DidNotLoad, match="not accepted"):
+        screen(transient(".include a.inc", files={"a.inc": "+ R7 out 0 1.0\n"}))
+
+
+def test_the_same_lines_in_another_circuit_are_judged_there() -> None:
+    """What was read of one deck is not read again in the next; what it means there is."""
+    lines = "I1 0 f 1e-6\nX1 f e buffer\nR9 e 0 1.0"
+    holding = BUFFER.replace("E1 b", "R1 a 0 1.0\nE1 b")
+    for _ in range(2):
+        assert screen(transient(".options noinit", lines, ".options acct", holding)) is None
+        with pytest.raises(SingularCircuit, match="'f'"):
+            screen(transient(".options noinit", lines, ".options acct", BUFFER))
 
 
 def test_a_title_is_no_device() -> None:
