@@ -12,7 +12,7 @@ from verification.engines.arnoldi import rightmost_poles
 from verification.engines.descriptor import linearise
 from verification.engines.equations import Descriptor
 from verification.engines.equilibrium import LARGE, Equilibrium, equilibrium
-from verification.engines.modes import Complexes, Floats
+from verification.engines.modes import Complexes, Floats, eigenvalues
 from verification.engines.stamps import stamp
 from verification.engines.structure import Structure
 from verification.engines.winding import count_right
@@ -85,8 +85,8 @@ def poles(circuit: Circuit | Descriptor, at: Equilibrium | None = None) -> Poles
     descriptor = stamp(circuit) if isinstance(circuit, Circuit) else circuit
     if descriptor.size > LARGE:
         return summarise(rightmost_poles(descriptor, _slopes(descriptor, at)), complete=False)
-    values = np.linalg.eigvals(linearise(descriptor, at).A)
-    return summarise(values.astype(np.complex128), complete=True)
+    space = linearise(descriptor, at)
+    return summarise(eigenvalues(space.A, space.mirror), complete=True)
 
 
 def poles_behind(circuit: Circuit, scales: TimeScales) -> Poles:

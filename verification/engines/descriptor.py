@@ -14,9 +14,10 @@ import numpy as np
 
 from netlist_gen.circuit import Circuit
 from spice_models.errors import EngineError
-from verification.engines.equations import Descriptor, Floats, Ints
+from verification.engines.equations import Bools, Descriptor, Floats, Ints
 from verification.engines.equilibrium import Equilibrium, equilibrium
 from verification.engines.gains import gain_of
+from verification.engines.mirror import evened, image_within, is_mirrored, proposed_image
 from verification.engines.modes import Modes, decompose
 from verification.engines.stamps import stamp
 
@@ -39,6 +40,8 @@ class StateSpace:
         Every node voltage and op-amp state, V.
     states : tuple of str
         Names of x.
+    mirror : ndarray of int (n,), or None
+        Place of each state's mirror image, where the board is its own (`mirror`).
     charge, charge_offset : ndarray (n, size) and (n,)
         ``x = charge z + charge_offset`` from the charges that voltages z put on the capacitors;
         z need not be consistent (all zero: everything discharged).
@@ -50,6 +53,7 @@ class StateSpace:
     C: Floats
     D: Floats
     states: tuple[str, ...]
+    mirror: Ints | None
     charge: Floats
     charge_offset: Floats
 
@@ -112,9 +116,10 @@ def linearise(circuit: Circuit | Descriptor, at: Equilibrium | None = None) -> S
     devices = descriptor.devices
     point = at or equilibrium(descriptor)
     v = point.values[devices.input]
-    K[devices.output, devices.input] += point.slopes
+    slopes = evened(point.slopes, devices.output, proposed_image(descriptor.names))
+    K[devices.output, devices.input] += slopes
     value = gain_of(devices.kind).value(v / devices.v_scale)
-    b[devices.output, 1] += -devices.u_scale * value - point.slopes * v
+    b[devices.output, 1] += -devices.u_scale * value - slopes * v
     return _reduce(descriptor, M, K, b)
 
 
@@ -128,7 +133,7 @@ def _linear(descriptor: Descriptor) -> StateSpace:
 @functools.lru_cache(maxsize=1)
 def modes_of(space: StateSpace) -> Modes:
     """Decompose A of a state space, once for those who ask one after the other."""
-    return decompose(space.A)
+    return decompose(space.A, space.mirror)
 
 
 def open_loop(descriptor: Descriptor) -> StateSpace:
@@ -151,6 +156,8 @@ def open_loop(descriptor: Descriptor) -> StateSpace:
 
 def _reduce(descriptor: Descriptor, M: Floats, K: Floats, b: Floats) -> StateSpace:
     """Eliminate voltages that ideal sources determine, then whatever carries no charge."""
+    image = proposed_image(descriptor.names)
+    mirrored = is_mirrored(M, image) and is_mirrored(K, image)
     o, f = np.flatnonzero(descriptor.determined), np.flatnonzero(~descriptor.determined)
     names = [descriptor.names[place] for place in (*o, *f)]
     # 0 = K_oo z_o + K_of z_f + b_o
@@ -189,6 +196,7 @@ def _reduce(descriptor: Descriptor, M: Floats, K: Floats, b: Floats) -> StateSpa
         C=outer[:, :n],
         D=outer[:, n:],
         states=tuple(charged),
+        mirror=image_within(f[d], image) if mirrored and basis is None else None,
         charge=rates[:, inputs:-1],
         charge_offset=rates[:, -1],
     )
@@ -225,32 +233,41 @@ def _equilibrated(A: Floats) -> tuple[Floats, Floats]:
     return A / scale, scale
 
 
+def _alone(A: Floats) -> Bools:
+    """Which unknowns stand alone, in their row and in their column."""
+    rows, columns = np.count_nonzero(A, axis=1), np.count_nonzero(A, axis=0)
+    return np.asarray((rows == 1) & (columns == 1) & (np.diag(A) != 0.0))
+
+
 def _condition(A: Floats) -> float:
     """Condition number in the largest-row-sum norm after scaling of the rows; inf if singular."""
-    scaled, _ = _equilibrated(A)
+    tied = np.flatnonzero(~_alone(A))
+    scaled, _ = _equilibrated(A[np.ix_(tied, tied)])
     try:
         inverse = np.linalg.inv(scaled)
     except np.linalg.LinAlgError:
         return np.inf
-    norms = [np.abs(X).sum(axis=1).max(initial=0.0) for X in (scaled, inverse)]
+    norms = [np.abs(X).sum(axis=1).max(initial=1.0) for X in (scaled, inverse)]
     return float(norms[0] * norms[1])
 
 
 def _solve(A: Floats, B: Floats, names: list[str], what: str) -> Floats:
     """Solve ``A X = B`` with scaled rows and one step of refinement, or name the culprits."""
-    if not len(A):
-        return B
-    if np.count_nonzero(A) == len(A) and np.all(np.diag(A) != 0.0):
-        return np.asarray(B / np.diag(A)[:, None])
-    scaled, scale = _equilibrated(A)
+    alone = _alone(A)
+    X = B / np.where(alone, np.diag(A), 1.0)[:, None]
+    tied = np.flatnonzero(~alone)
+    if not tied.size:
+        return X
+    scaled, scale = _equilibrated(A[np.ix_(tied, tied)])
     try:
         inverse = np.linalg.inv(scaled)
     except np.linalg.LinAlgError:
-        inverse = np.full_like(A, np.inf)
+        inverse = np.full_like(scaled, np.inf)
     if not np.abs(inverse).max() < SINGULAR:
         listed = ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
         message = f"{what}: {listed}"
         raise EngineError(message)
-    right = B / scale
-    X = inverse @ right
-    return np.asarray(X + inverse @ (right - scaled @ X))
+    right = B[tied] / scale
+    Y = inverse @ right
+    X[tied] = Y + inverse @ (right - scaled @ Y)
+    return X

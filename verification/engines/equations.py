@@ -31,9 +31,8 @@ class Triplets:
 
     def dense(self, size: int) -> Floats:
         """Return the matrix, shape (size, size)."""
-        matrix = np.zeros((size, size))
-        np.add.at(matrix, (self.rows, self.columns), self.values)
-        return matrix
+        sums = np.bincount(self.rows * size + self.columns, self.values, minlength=size**2)
+        return sums.astype(np.float64, copy=False).reshape(size, size)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,12 +118,14 @@ class Descriptor:
 
     def dense_stiffness(self) -> Floats:
         """K as an array, shape (size, size), without the amplifiers' slopes."""
-        K = self.local.dense(self.size)
+        rows, columns, values = [self.local.rows], [self.local.columns], [self.local.values]
         for part in self.couplings:
-            np.add.at(K, np.ix_(part.sinks, part.drivers), part.conductance)
-            felt = part.loaded
-            np.add.at(K, np.ix_(part.drivers[felt], part.sinks), part.conductance.T[felt])
-        return K
+            sinks, drivers = np.repeat(part.sinks, len(part.drivers)), part.drivers[part.loaded]
+            rows += [sinks, np.repeat(drivers, len(part.sinks))]
+            columns += [np.tile(part.drivers, len(part.sinks)), np.tile(part.sinks, len(drivers))]
+            values += [part.conductance.ravel(), part.conductance.T[part.loaded].ravel()]
+        joined = Triplets(np.concatenate(rows), np.concatenate(columns), np.concatenate(values))
+        return joined.dense(self.size)
 
     def stiffness_times(self, z: Floats, *, magnitudes: bool = False) -> Floats:
         """K z, or ``|K| |z|``, without forming K; shape (size,)."""

@@ -2,60 +2,86 @@
 
 The op-amp is ``A(s) = A0 / ((1 + s/p1)(1 + s/p2))`` with ``p1 = 2 pi gbw / A0``: an integrator
 ``x1' = -p1 x1 + 2 pi gbw (v+ - v-)``, a lag ``x2' = p2 (x1 - x2)``, and its output a source
-behind the output resistance.
+behind the output resistance. All parts of a kind are stamped at once, as arrays.
 """
 
 from __future__ import annotations
 
 import functools
-import math
+import operator
+from collections.abc import Iterable
 
 import numpy as np
 
-from netlist_gen.circuit import Circuit, OpAmpCell, ResistorMatrix
+from netlist_gen.circuit import Circuit, ResistorMatrix
 from spice_models.errors import EngineError
-from spice_models.opamp import OpAmp
-from verification.engines.equations import Coupling, Descriptor, Devices, Floats, Ints, Triplets
+from verification.engines.equations import (
+    Bools,
+    Coupling,
+    Descriptor,
+    Devices,
+    Floats,
+    Ints,
+    Triplets,
+)
 
 GROUND = -1
+FIGURES = operator.attrgetter(
+    "dc_gain",
+    "gbw",
+    "second_pole",
+    "input_resistance",
+    "differential_capacitance",
+    "input_capacitance",
+    "output_resistance",
+)
+
+
+class _Entries:
+    """A matrix while it is being stamped: arrays of (row, column, value), ground included."""
+
+    def __init__(self) -> None:
+        self.parts: list[tuple[Ints, Ints, Floats]] = []
+
+    def add(self, rows: Ints, columns: Ints, values: Floats) -> None:
+        """Stamp one entry a row."""
+        self.parts.append((rows, columns, values))
+
+    def branch(self, a: Ints, b: Ints, values: Floats) -> None:
+        """Stamp two-terminal elements between places a and b."""
+        for p, q in ((a, b), (b, a)):
+            self.add(p, p, values)
+            self.add(p, q, -values)
+
+    def triplets(self, rows: Bools) -> Triplets:
+        """Return what stands in the chosen `rows` (size + 1, the last for ground)."""
+        i, j, values = (np.concatenate(part) for part in zip(*self.parts, strict=True))
+        live = np.flatnonzero(rows[i] & (j != GROUND) & (values != 0.0))
+        return Triplets(i[live], j[live], values[live])
 
 
 class _Stamper:
-    """Collects stamps; rows of determined nodes take no current."""
+    """Collects stamps: of currents, which the row of an ideal source does not take, and of laws."""
 
     def __init__(self, circuit: Circuit) -> None:
         self.circuit = circuit
         self.places: dict[str, int] = {}
-        self.determined: set[int] = set()
-        self.K: list[tuple[int, int, float]] = []
-        self.M: list[tuple[int, int, float]] = []
-        self.blocks: list[tuple[Ints, Floats]] = []
+        self.fixed: set[int] = set()
+        self.currents, self.laws, self.mass = _Entries(), _Entries(), _Entries()
         self.couplings: list[tuple[Ints, Ints, Floats]] = []
 
-    def node(self, name: str) -> int:
-        if name == "0":
-            return GROUND
-        return self.places.setdefault(name, len(self.places))
+    def nodes(self, names: Iterable[str]) -> Ints:
+        """Return the places of nodes, given on first sight; `GROUND` for ground."""
+        places = self.places
+        found = [GROUND if n == "0" else places.setdefault(n, len(places)) for n in names]
+        return np.array(found, dtype=np.int64)
 
-    def fix(self, place: int, what: str) -> int:
+    def fix(self, node: str, what: str) -> None:
         """Claim a node's row for an ideal source."""
-        if place == GROUND or place in self.determined:
+        if node == "0" or self.places[node] in self.fixed:
             message = f"{what} drives a node whose voltage another ideal source determines"
             raise EngineError(message)
-        self.determined.add(place)
-        return place
-
-    def branch(self, into: list[tuple[int, int, float]], a: int, b: int, value: float) -> None:
-        """Stamp a two-terminal element between places a and b."""
-        for p, q in ((a, b), (b, a)):
-            if p != GROUND and p not in self.determined:
-                into.append((p, p, value))
-                if q != GROUND:
-                    into.append((p, q, -value))
-
-    def conductance(self, a: int, b: int, siemens: float) -> None:
-        """Stamp -G into K (K z is the current that flows into a node)."""
-        self.branch(self.K, a, b, -siemens)
+        self.fixed.add(self.places[node])
 
     def matrix(self, matrix: ResistorMatrix) -> None:
         """Stamp a resistor matrix: arrays off the diagonal, sums on it."""
@@ -63,7 +89,7 @@ class _Stamper:
         G, negative = (G, matrix.negative) if matrix.by_column else (G.T, matrix.negative.T)
         live = np.flatnonzero(G.any(axis=1))  # a row without a resistor may not have its node
         G, negative = G[live], negative[live]
-        sinks = np.array([self.node(matrix.sinks[k]) for k in live], dtype=np.int64)
+        sinks = self.nodes(matrix.sinks[k] for k in live.tolist())
         for names, part in (
             (matrix.plus, np.where(negative, 0.0, G)),
             (matrix.minus, np.where(negative, G, 0.0)),
@@ -72,68 +98,90 @@ class _Stamper:
             if not used.size:
                 continue
             part = np.ascontiguousarray(part[:, used])
-            drivers = np.array([self.node(names[d]) for d in used], dtype=np.int64)
-            self.blocks += [(sinks, -part.sum(axis=1)), (drivers, -part.sum(axis=0))]
+            drivers = self.nodes(names[d] for d in used.tolist())
+            # Sorted: where one row is another's mirror image, so are their sums, to the bit.
+            for places, axis in ((sinks, 1), (drivers, 0)):
+                self.currents.add(places, places, -np.sort(part, axis=axis).sum(axis=axis))
             driven = drivers != GROUND
             self.couplings.append((sinks, drivers[driven], part[:, driven]))
 
-    def opamp(self, cell: OpAmpCell, model: OpAmp) -> None:
-        """Stamp one op-amp macromodel."""
-        plus, minus, out = map(self.node, (cell.noninverting, cell.inverting, cell.output))
-        self.conductance(plus, minus, 1.0 / model.input_resistance)
-        self.branch(self.M, plus, minus, model.differential_capacitance)
+    def opamps(self, pins: Ints) -> None:
+        """Stamp the op-amp macromodels; `pins` (P, 3) are plus, minus and output."""
+        models = {name: FIGURES(model) for name, model in self.circuit.models.items()}
+        figures = np.array([models[cell.model] for cell in self.circuit.opamps])
+        gain, gbw, second, leak, between, grounded, resistance = figures.reshape(-1, 7).T
+        plus, minus, out = pins.T
+        self.currents.branch(plus, minus, -1.0 / leak)
+        self.mass.branch(plus, minus, between)
         for pin in (plus, minus):
-            self.branch(self.M, pin, GROUND, model.input_capacitance)
-        # `stage` is the signal so far, as a list of (place, factor).
-        stage = [(p, f) for p, f in ((plus, 1.0), (minus, -1.0)) if p != GROUND]
-        if math.isfinite(model.gbw):
-            rate = 2.0 * math.pi * model.gbw
-            stage = self.lag(f"x{cell.name}.p1", rate / model.dc_gain, rate, stage)
-        else:
-            stage = [(p, model.dc_gain * f) for p, f in stage]
-        if math.isfinite(model.second_pole):
-            rate = 2.0 * math.pi * model.second_pole
-            stage = self.lag(f"x{cell.name}.p2", rate, rate, stage)
-        if out in self.determined:
-            self.K += [(out, p, f) for p, f in stage] + [(out, out, -1.0)]
-        elif out != GROUND:
-            g = 1.0 / model.output_resistance
-            self.K += [(out, p, f * g) for p, f in stage] + [(out, out, -g)]
+            self.mass.add(pin, pin, grounded)
+        states = self._states(np.isfinite(np.stack([gbw, second], axis=1)))
+        # The signal so far is factor (z[plus] - z[minus]).
+        rate = 2.0 * np.pi * gbw
+        plus, minus = self._lag(states[:, 0], rate / gain, rate, plus, minus)
+        factor = np.where(states[:, 0] != GROUND, 1.0, gain)
+        rate = 2.0 * np.pi * second
+        plus, minus = self._lag(states[:, 1], rate, rate * factor, plus, minus)
+        factor = np.where(states[:, 1] != GROUND, 1.0, factor)
+        ideal = resistance == 0.0
+        g = np.divide(1.0, resistance, out=np.ones_like(resistance), where=~ideal)
+        for entries, rows in (
+            (self.laws, np.where(ideal, out, GROUND)),
+            (self.currents, np.where(ideal, GROUND, out)),
+        ):
+            entries.add(rows, plus, factor * g)
+            entries.add(rows, minus, -factor * g)
+            entries.add(rows, out, -g)
 
-    def lag(
-        self, name: str, rate: float, gain: float, stage: list[tuple[int, float]]
-    ) -> list[tuple[int, float]]:
-        """Add the state ``x' = -rate x + gain stage``; return it as the new stage."""
-        x = self.node(name)
-        self.M.append((x, x, 1.0))
-        self.K += [(x, p, gain * f) for p, f in stage] + [(x, x, -rate)]
-        return [(x, 1.0)]
+    def _states(self, wanted: Bools) -> Ints:
+        """Give the poles of the op-amps their places, (P, 2); `GROUND` where one has none."""
+        names = (cell.name for cell in self.circuit.opamps)
+        pairs = zip(names, wanted.tolist(), strict=True)
+        listed = [f"x{n}.p{k + 1}" if has[k] else "0" for n, has in pairs for k in (0, 1)]
+        return self.nodes(listed).reshape(-1, 2)
 
+    def _lag(
+        self, x: Ints, rate: Floats, gain: Floats, plus: Ints, minus: Ints
+    ) -> tuple[Ints, Ints]:
+        """Add states ``x' = -rate x + gain (z[plus] - z[minus])``; return the signal's new places.
 
-def _nodes_first(stamper: _Stamper) -> int:
-    """Give every node its place before the op-amp states; return their number."""
-    c = stamper.circuit
-    for name in (
-        *(n for cell in c.opamps for n in (cell.noninverting, cell.inverting, cell.output)),
-        *(n for a in c.amplifiers for n in (a.input, a.output)),
-        *(n for r in c.resistors for n in (r.a, r.b)),
-        *(n for x in c.capacitors for n in (x.a, x.b)),
-        *(i.node for i in c.currents),
-        *(v.node for v in c.voltages),
-    ):
-        stamper.node(name)
-    return len(stamper.places)
+        Where `x` is `GROUND` there is no such state, and the places stay as they are.
+        """
+        has = np.flatnonzero(x != GROUND)
+        rows, rate, gain = x[has], rate[has], gain[has]
+        self.mass.add(rows, rows, np.ones(len(rows)))
+        self.laws.add(rows, plus[has], gain)
+        self.laws.add(rows, minus[has], -gain)
+        self.laws.add(rows, rows, -rate)
+        none = x == GROUND
+        return np.where(none, plus, x), np.where(none, minus, GROUND)
+
+    def sources(self, devices: Devices) -> tuple[Floats, Floats]:
+        """Stamp the laws of ideal sources; return the drive: switched and constant, (size,)."""
+        c, size = self.circuit, len(self.places)
+        nodes = self.nodes(v.node for v in c.voltages)
+        constant = np.zeros(size)
+        constant[nodes] = [v.volts for v in c.voltages]
+        for places in (nodes, devices.output):
+            self.laws.add(places, places, -np.ones(len(places)))
+        into = self.nodes(i.node for i in c.currents)
+        amps = np.array([i.amps for i in c.currents], dtype=np.float64)
+        switched = np.zeros(size)
+        np.add.at(switched, into[into != GROUND], amps[into != GROUND])
+        switched[list(self.fixed)] = 0.0
+        return switched, constant
 
 
 def _claim_rows(stamper: _Stamper) -> None:
     c = stamper.circuit
     for source in c.voltages:
-        stamper.fix(stamper.node(source.node), source.name)
+        stamper.fix(source.node, source.name)
     for amplifier in c.amplifiers:
-        stamper.fix(stamper.node(amplifier.output), amplifier.name)
+        stamper.fix(amplifier.output, amplifier.name)
+    ideal = {name for name, model in c.models.items() if model.output_resistance == 0.0}
     for cell in c.opamps:
-        if c.models[cell.model].output_resistance == 0.0:
-            stamper.fix(stamper.node(cell.output), cell.name)
+        if cell.model in ideal:
+            stamper.fix(cell.output, cell.name)
 
 
 def _devices(stamper: _Stamper) -> Devices:
@@ -144,21 +192,13 @@ def _devices(stamper: _Stamper) -> Devices:
         raise EngineError(message)
     if any(a.input == "0" for a in amplifiers):
         raise EngineError("a signal amplifier's input is grounded")
+    places = stamper.nodes(n for a in amplifiers for n in (a.input, a.output)).reshape(-1, 2)
     return Devices(
         kind=next(iter(kinds), ""),
-        input=np.array([stamper.node(a.input) for a in amplifiers], dtype=np.int64),
-        output=np.array([stamper.node(a.output) for a in amplifiers], dtype=np.int64),
+        input=places[:, 0],
+        output=places[:, 1],
         u_scale=np.array([a.u_scale for a in amplifiers], dtype=np.float64),
         v_scale=np.array([a.v_scale for a in amplifiers], dtype=np.float64),
-    )
-
-
-def _triplets(entries: list[tuple[int, int, float]]) -> Triplets:
-    rows, columns, values = zip(*entries, strict=True) if entries else ((), (), ())
-    return Triplets(
-        np.array(rows, dtype=np.int64),
-        np.array(columns, dtype=np.int64),
-        np.array(values, dtype=np.float64),
     )
 
 
@@ -177,57 +217,47 @@ def stamp(circuit: Circuit) -> Descriptor:
         Two ideal sources on one node, or amplifiers of several kinds.
     """
     stamper = _Stamper(circuit)
-    node_count = _nodes_first(stamper)
+    pins = (n for cell in circuit.opamps for n in (cell.noninverting, cell.inverting, cell.output))
+    wired = stamper.nodes(pins).reshape(-1, 3)
+    devices = _devices(stamper)
+    resistors = stamper.nodes(n for part in circuit.resistors for n in (part.a, part.b))
+    capacitors = stamper.nodes(n for part in circuit.capacitors for n in (part.a, part.b))
+    stamper.nodes(source.node for source in circuit.currents)
+    stamper.nodes(source.node for source in circuit.voltages)
     _claim_rows(stamper)
     for matrix in circuit.matrices:
         stamper.matrix(matrix)
-    for cell in circuit.opamps:
-        stamper.opamp(cell, circuit.models[cell.model])
-    for resistor in circuit.resistors:
-        a, b = stamper.node(resistor.a), stamper.node(resistor.b)
-        stamper.conductance(a, b, 1.0 / resistor.ohms)
-    for capacitor in circuit.capacitors:
-        a, b = stamper.node(capacitor.a), stamper.node(capacitor.b)
-        stamper.branch(stamper.M, a, b, capacitor.farads)
-    return _finish(stamper, node_count)
+    node_count = len(stamper.places)
+    stamper.opamps(wired)
+    ohms = np.array([part.ohms for part in circuit.resistors], dtype=np.float64)
+    stamper.currents.branch(resistors[0::2], resistors[1::2], -1.0 / ohms)
+    farads = np.array([part.farads for part in circuit.capacitors], dtype=np.float64)
+    stamper.mass.branch(capacitors[0::2], capacitors[1::2], farads)
+    return _finish(stamper, node_count, devices)
 
 
-def _finish(stamper: _Stamper, node_count: int) -> Descriptor:
-    c, size = stamper.circuit, len(stamper.places)
-    devices = _devices(stamper)
-    determined = np.zeros(size, dtype=np.bool_)
-    determined[list(stamper.determined)] = True
-    switched, constant = np.zeros(size), np.zeros(size)
-    for current in c.currents:
-        place = stamper.node(current.node)
-        if place != GROUND and not determined[place]:
-            switched[place] += current.amps
-    for voltage in c.voltages:
-        place = stamper.node(voltage.node)
-        constant[place] = voltage.volts
-        stamper.K.append((place, place, -1.0))
-    stamper.K += [(int(p), int(p), -1.0) for p in devices.output]
-    local = _triplets([entry for entry in stamper.K if entry[2] != 0.0])
-    for places, values in stamper.blocks:
-        kept = (places != GROUND) & ~determined[places]
-        at = places[kept]
-        local = Triplets(
-            np.concatenate([local.rows, at]),
-            np.concatenate([local.columns, at]),
-            np.concatenate([local.values, values[kept]]),
-        )
+def _finish(stamper: _Stamper, node_count: int, devices: Devices) -> Descriptor:
+    switched, constant = stamper.sources(devices)
+    board = np.append(np.ones(len(stamper.places), dtype=np.bool_), False)
+    determined = np.zeros(len(stamper.places), dtype=np.bool_)
+    determined[list(stamper.fixed)] = True
+    free = board & np.append(~determined, False)
+    laws, currents = stamper.laws.triplets(board), stamper.currents.triplets(free)
     couplings = []
     for sinks, drivers, G in stamper.couplings:
         live = sinks != GROUND
         if determined[sinks[live]].any():
             raise EngineError("an ideal source drives a summing node of a resistor matrix")
         couplings.append(Coupling(sinks[live], drivers, G[live], ~determined[drivers]))
-    mass = _triplets([entry for entry in stamper.M if entry[2] != 0.0])
     return Descriptor(
         names=tuple(stamper.places),
         node_count=node_count,
-        mass=mass,
-        local=local,
+        mass=stamper.mass.triplets(free),
+        local=Triplets(
+            np.concatenate([laws.rows, currents.rows]),
+            np.concatenate([laws.columns, currents.columns]),
+            np.concatenate([laws.values, currents.values]),
+        ),
         couplings=tuple(couplings),
         switched=switched,
         constant=constant,

@@ -1,0 +1,117 @@
+"""Boards that are their own mirror image: the last channel for the first, and so on.
+
+Most are: a symmetric kernel between evenly spaced channels and sensors. Then every matrix of the
+board commutes with the exchange, and splits exactly into one that acts on what is even under it
+and one that acts on what is odd, each of half the size: an eigenproblem costs a quarter.
+Names only propose the exchange; it counts if the matrices are the same to the bit.
+"""
+
+from __future__ import annotations
+
+import functools
+import re
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from verification.engines.equations import Floats, Ints
+
+Complexes = NDArray[np.complex128]
+
+_NUMBERED = re.compile(r"(\D*)(\d+)(.*)")
+ROUNDING = 64 * np.finfo(np.float64).eps  # to which Newton's method finds an amplifier's slope
+
+
+@functools.lru_cache(maxsize=1)
+def proposed_image(names: tuple[str, ...]) -> Ints:
+    """Place of each unknown's mirror image, by name: that of ``v_1`` may be ``v_7``."""
+    image = np.arange(len(names))
+    kinds: dict[tuple[str, str], list[tuple[int, int]]] = {}
+    for place, name in enumerate(names):
+        if found := _NUMBERED.fullmatch(name):
+            kind = kinds.setdefault((found[1], found[3]), [])
+            kind.append((int(found[2]), place))
+    for kind in kinds.values():
+        places = [place for _, place in sorted(kind)]
+        image[places] = places[::-1]
+    return image
+
+
+def is_mirrored(matrix: Floats, image: Ints) -> bool:
+    """Whether a matrix is the same to the bit after the exchange of rows and columns."""
+    return np.array_equal(matrix, matrix[image][:, image])
+
+
+def image_within(places: Ints, image: Ints) -> Ints | None:
+    """Return the exchange among some places only, or None if it leaves them or moves nothing."""
+    spot = np.full(len(image), -1)
+    spot[places] = np.arange(len(places))
+    inside = spot[image[places]]
+    if np.any(inside < 0) or np.array_equal(inside, np.arange(len(places))):
+        return None
+    return inside
+
+
+def evened(values: Floats, places: Ints, image: Ints) -> Floats:
+    """Return the values at `places`, the same for images whose values differ by rounding alone."""
+    inside = image_within(places, image)
+    if inside is None:
+        return values
+    mean = 0.5 * (values + values[inside])
+    return mean if np.all(np.abs(values - mean) <= ROUNDING * np.abs(mean)) else values
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Halves:
+    """The even and the odd part of what commutes with an exchange.
+
+    An even vector is given by its values at `own`, an odd one by those at ``own[:pairs]``.
+
+    Attributes
+    ----------
+    own : ndarray of int
+        One place of each pair, then the places that are their own image.
+    image : ndarray of int
+        The other places of the pairs, then the same places again.
+    pairs : int
+        How many pairs.
+    """
+
+    own: Ints
+    image: Ints
+    pairs: int
+
+    @classmethod
+    def of(cls, mirror: Ints) -> Halves:
+        """Make it from the place of each place's mirror image."""
+        places = np.arange(len(mirror))
+        first, alone = np.flatnonzero(mirror > places), np.flatnonzero(mirror == places)
+        own = np.concatenate([first, alone])
+        return cls(own, mirror[own], len(first))
+
+    def split(self, A: Floats) -> tuple[Floats, Floats]:
+        """Return a matrix as it acts on even and on odd vectors."""
+        direct, crossed = self._parts(A)
+        return direct + crossed, (direct - crossed)[: self.pairs, : self.pairs]
+
+    def split_sizes(self, A: Floats) -> tuple[Floats, Floats]:
+        """Return the sizes of the terms that `split` adds and subtracts."""
+        direct, crossed = map(np.abs, self._parts(A))
+        return direct + crossed, (direct + crossed)[: self.pairs, : self.pairs]
+
+    def _parts(self, A: Floats) -> tuple[Floats, Floats]:
+        rows = A[self.own]
+        direct, crossed = rows[:, self.own], rows[:, self.image]
+        crossed[:, self.pairs :] = 0.0
+        return direct, crossed
+
+    def join(self, even: Complexes, odd: Complexes) -> Complexes:
+        """Write even and odd vectors, one a column, out on all places; the even ones first."""
+        whole = np.zeros((len(self.own) + self.pairs,) * 2, dtype=np.complex128)
+        count = even.shape[1]
+        whole[self.own, :count] = even
+        whole[self.image, :count] = even
+        whole[self.own[: self.pairs], count:] = odd
+        whole[self.image[: self.pairs], count:] = -odd
+        return whole
