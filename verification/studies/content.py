@@ -40,16 +40,18 @@ def digest(*values: object) -> bytes:
 
 def _encode(value: object, parts: list[bytes]) -> None:
     kind: Any = type(value)
-    if kind in PLAIN:
+    if kind is str:
+        parts.append(_word(value))
+    elif kind in PLAIN:
         text = repr(value)
         parts.append(f"{kind.__name__}{len(text)}:{text}".encode())
     elif isinstance(value, tuple | list):
         parts.append(b"t%d:" % len(value))
         for item in value:
             _encode(item, parts)
-    elif dataclasses.is_dataclass(value):
-        parts.append(f"{kind.__name__}:".encode())
-        for name in _names(kind):
+    elif (names := _names(kind)) is not None:
+        parts.append(b"%b:" % kind.__name__.encode())
+        for name in names:
             _encode(getattr(value, name), parts)
     elif isinstance(value, np.ndarray):
         little = np.ascontiguousarray(value, dtype=value.dtype.newbyteorder("<"))
@@ -66,8 +68,18 @@ def _encode(value: object, parts: list[bytes]) -> None:
         raise TypeError(f"no canonical encoding of {kind.__name__}")
 
 
+@functools.lru_cache(maxsize=1 << 14)
+def _word(value: object) -> bytes:
+    """Encode a string; the same parts and nodes come up at every point."""
+    text = repr(value)
+    return f"str{len(text)}:{text}".encode()
+
+
 @functools.cache
-def _names(kind: Any) -> tuple[str, ...]:
+def _names(kind: Any) -> tuple[str, ...] | None:
+    """Return the fields of a dataclass; None of any other kind."""
+    if not dataclasses.is_dataclass(kind):
+        return None
     return tuple(field.name for field in dataclasses.fields(kind))
 
 

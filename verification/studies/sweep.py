@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
+from concurrent.futures import CancelledError, Future
 from dataclasses import dataclass, field, replace
+from queue import SimpleQueue
 
 from netlist_gen.problem import InverseProblem, make_problem
 from netlist_gen.scene import Scene
@@ -22,6 +23,7 @@ from verification.studies.grid import ENGINE, Plan, Point, Requests, simulator_o
 from verification.studies.point import Job, Result, compute, failure, own_versions
 from verification.studies.store import ERROR, FORMAT, Row, Store
 
+AHEAD = 16  # points prepared in one go: the caches that one warms serve the next
 
 @dataclass(slots=True)
 class Count:
@@ -99,6 +101,7 @@ class _Run:
         self.plan, self.store, self.workers = plan, store, workers
         self.retry_failed, self.count, self.progress = retry_failed, count, progress
         self._running: dict[Future[Result], bytes] = {}
+        self._ended: SimpleQueue[Future[Result]] = SimpleQueue()
         self._requests: dict[bytes, list[bytes]] = {}  # of each key that is under way
         self._problems: dict[bytes, InverseProblem] = {}
 
@@ -139,14 +142,16 @@ class _Run:
     def _submit(self, point: Point, scene: Scene, problem: InverseProblem, key: bytes) -> None:
         versions = own_versions(point.engine == "ngspice")
         job = Job(scene, problem, self.plan.second_look, self.plan.keep_waveforms, versions)
-        while len(self._running) >= self._window():
-            self._collect()
+        if len(self._running) >= self._window() + AHEAD:
+            while len(self._running) >= self._window():
+                self._collect()
         try:
             future = self.workers.executor.submit(compute, job)
         except self.workers.closed as error:
             raise self._gone() from error
         self._running[future] = key
         self._requests[key] = [point.request]
+        future.add_done_callback(self._ended.put)
 
     def _window(self) -> int:
         try:
@@ -155,23 +160,23 @@ class _Run:
             raise self._gone() from error
 
     def _collect(self) -> None:
-        """Store what has finished; wait for something if nothing has."""
-        for future in wait(self._running, return_when=FIRST_COMPLETED).done:
-            key = self._running.pop(future)
-            requests = self._requests.pop(key)
-            try:
-                result = future.result()
-            except self.workers.lost as error:
-                text = f"the worker was killed again and again (out of memory?): {error}"
-                result = failure(type(error).__name__, text, "")
-            except CancelledError:
-                raise self._gone() from None
-            except Exception as error:  # `compute` raises nothing, so this is the way to it
-                text = f"no worker can compute points ({type(error).__name__}: {error}); is the"
-                raise NoVerdictError(f"{text} same taction installed there?") from error
-            if result.skew:
-                raise _skewed(result.skew)
-            self._store(key, requests, result)
+        """Wait for a point and store its result."""
+        future = self._ended.get()
+        key = self._running.pop(future)
+        requests = self._requests.pop(key)
+        try:
+            result = future.result()
+        except self.workers.lost as error:
+            text = f"the worker was killed again and again (out of memory?): {error}"
+            result = failure(type(error).__name__, text, "")
+        except CancelledError:
+            raise self._gone() from None
+        except Exception as error:  # `compute` raises nothing, so this is the way to it
+            text = f"no worker can compute points ({type(error).__name__}: {error}); is the"
+            raise NoVerdictError(f"{text} same taction installed there?") from error
+        if result.skew:
+            raise _skewed(result.skew)
+        self._store(key, requests, result)
 
     def _gone(self) -> NoVerdictError:
         text = f"the workers are gone; {self.count.done} points are stored, the same command"
