@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from verification.measures import ChannelState, measure
-from verification.readings import settle
+from verification.readings import settles
 
 SUSTAINED = (ChannelState.OSCILLATING, ChannelState.CLIPPED, ChannelState.DIVERGED)
 
@@ -48,6 +48,10 @@ def test_the_settling_time_is_right_or_absent(seed):
 
 def test_settle_reads_what_is_there():
     time = np.linspace(0, 1, 101)
-    assert settle(time, 1 - time, 0.25).value == pytest.approx(0.75, abs=1e-9)
-    assert settle(time, time, 0.25) is None
-    assert settle(time, np.zeros(101), 0.25).value == 0.0
+    errors = np.array([1 - time, time, np.zeros(101), time - 1])
+    falling, outside, still, rising = settles(time, errors, 0.25)
+    assert falling.value == pytest.approx(0.75, abs=1e-9)
+    assert outside is None
+    assert (still.value, still.uncertainty) == (0.0, 0.0)
+    assert rising == falling
+    assert settles(time, errors[1:2], 0.25) == [None]

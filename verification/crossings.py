@@ -1,9 +1,12 @@
-"""Level crossings and peaks between the points of a sampled waveform, with their uncertainty.
+"""Level crossings and peaks between the points of sampled waveforms, with their uncertainty.
 
 Samples are taken as exact, the shape between them is not: a cubic through the four nearest points
 gives the value, its distance from two parabolas and from the chord gives the doubt. A crossing's
 doubt in time is the time the cubic takes to pass through its doubt in value, so a shallow crossing
 is more uncertain than a steep one, and a peak that may or may not reach the level counts as well.
+
+Many waveforms (rows, R) are searched for many levels (J a row) at once: only the few points near a
+level are looked at, all of them in the same handful of array operations.
 """
 
 from __future__ import annotations
@@ -15,8 +18,11 @@ from numpy.typing import NDArray
 
 from verification.waveforms import Floats
 
-# Points in the fine grid on which a bracketed crossing is located before a last linear step.
-_GRID = 129
+Flags = NDArray[np.bool_]
+Indices = NDArray[np.intp]
+
+# The fine grid on which a bracketed crossing is located before a last linear step.
+_GRID = np.linspace(0.0, 1.0, 129)
 # A peak below this fraction of a positive level's height is not examined between its points.
 _NEAR = 0.5
 
@@ -26,6 +32,22 @@ class Crossing(NamedTuple):
 
     time: float
     uncertainty: float
+
+
+class Crossings(NamedTuple):
+    """Instants and uncertainties of many crossings, s, one shape; NaN where there is none."""
+
+    time: Floats
+    uncertainty: Floats
+
+
+class Peaks(NamedTuple):
+    """Local maxima, (M,) each: which points they are, instants, heights and doubts of heights."""
+
+    point: Indices
+    time: Floats
+    height: Floats
+    doubt: Floats
 
 
 def lagrange(time: Floats, y: Floats, at: Floats, points: int) -> Floats:
@@ -58,123 +80,219 @@ def lagrange(time: Floats, y: Floats, at: Floats, points: int) -> Floats:
     return np.asarray(np.einsum("qp,qpk->qk", weights, y[stencil]), dtype=np.float64)
 
 
-def interpolate(time: Floats, y: Floats, at: Floats) -> tuple[Floats, Floats]:
-    """Return the cubic's values at `at` and how far they may be off, both of shape (Q,).
+def interpolate(
+    time: Floats, y: Floats, row: Indices, interval: Indices, at: Floats
+) -> tuple[Floats, Floats]:
+    """Return cubics' values and how far they may be off, both of shape (S, Q).
 
     The doubt is the largest distance to the two parabolas that leave out one outer point, or a
     quarter of the distance to the chord: the parabolas see the third derivative, the chord the
     second, and for a sinusoid one of them is large wherever the cubic's own error is (down to
     six points a period).
+
+    Parameters
+    ----------
+    time, y : ndarray (P,) and (R, P)
+        Record, P at least 4; s and any unit.
+    row, interval : ndarray (S,)
+        Waveform, and the interval between two points, 0 to P - 2, to interpolate in.
+    at : ndarray (S, Q)
+        Instants in those intervals, s.
     """
     # minimum and maximum: for a handful of instants np.clip costs as much as all the rest
-    interval = np.minimum(np.maximum(time.searchsorted(at, side="right") - 1, 0), time.size - 2)
     first = np.minimum(np.maximum(interval - 1, 0), time.size - 4)
-    (t0, t1, t2, t3), (y0, y1, y2, y3) = (
-        (column[first], column[first + 1], column[first + 2], column[first + 3])
-        for column in (time, y)
-    )
+    stencil = first + np.arange(4)[:, None]
+    t0, t1, t2, t3 = time[stencil][:, :, None]
+    y0, y1, y2, y3 = y[row, stencil][:, :, None]
     # Newton's divided differences, from the middle pair outwards.
     d12 = (y2 - y1) / (t2 - t1)
     d012 = (d12 - (y1 - y0) / (t1 - t0)) / (t2 - t0)
     d123 = ((y3 - y2) / (t3 - t2) - d12) / (t3 - t1)
     d0123 = (d123 - d012) / (t3 - t0)
-    middle = (at - t1) * (at - t2)
-    cubic = y1 + (at - t1) * d12 + middle * (d012 + (at - t0) * d0123)
-    begin, end = time[interval], time[interval + 1]
-    chord = y[interval] + (at - begin) / (end - begin) * (y[interval + 1] - y[interval])
-    outer = np.maximum(np.abs(at - t0), np.abs(at - t3))
+    begin, end = time[interval][:, None], time[interval + 1][:, None]
+    left, right = y[row, interval][:, None], y[row, interval + 1][:, None]
+    after0, after1 = at - t0, at - t1
+    middle = after1 * (at - t2)
+    cubic = y1 + after1 * d12 + middle * (d012 + after0 * d0123)
+    chord = left + (at - begin) * ((right - left) / (end - begin))
+    outer = np.maximum(np.abs(after0), np.abs(at - t3))
     return cubic, np.maximum(np.abs(middle * d0123) * outer, 0.25 * np.abs(cubic - chord))
 
 
-def peaks(time: Floats, y: Floats, above: float) -> tuple[Floats, Floats, Floats]:
-    """Return instants, interpolated heights and doubts of the local maxima higher than `above`."""
-    inner = y[1:-1]
-    top = np.flatnonzero((inner > above) & (inner >= y[:-2]) & (inner >= y[2:])) + 1
-    if top.size == 0:
-        return time[top], y[top], y[top]
-    before, after = time[top] - time[top - 1], time[top + 1] - time[top]
-    fall_l, fall_r = (y[top] - y[top - 1]) / before, (y[top] - y[top + 1]) / after
+def peaks(time: Floats, y: Floats, row: Indices, k: Indices, sign: Floats) -> Peaks:
+    """Interpolate those of the points `k` that are local maxima of ``sign * y[row]``, (S,) each."""
+    inner = np.flatnonzero((k > 0) & (k < time.size - 1))
+    left, here, right = (sign[inner] * y[row[inner], k[inner] + by] for by in (-1, 0, 1))
+    top = (here >= left) & (here >= right)
+    left, here, right = (each[top] for each in (left, here, right))
+    point = inner[top]
+    k = k[point]
+    t = time[k]
+    before, after = t - time[k - 1], time[k + 1] - t
+    fall_l, fall_r = (here - left) / before, (here - right) / after
     curvature = fall_l + fall_r
     flat = curvature <= 0
     offset = np.where(flat, 0.0, (fall_l * after - fall_r * before) / np.where(flat, 1, curvature))
-    at = time[top] + 0.5 * np.minimum(np.maximum(offset, -before), after)
-    height, doubt = interpolate(time, y, at)
-    return at, np.maximum(height, y[top]), doubt
+    at = t + 0.5 * np.minimum(np.maximum(offset, -before), after)
+    value, doubt = interpolate(time, y, row[point], k - (at < t), at[:, None])
+    return Peaks(point, at, np.maximum(sign[point] * value[:, 0], here), doubt[:, 0])
 
 
-def highest(time: Floats, y: Floats) -> float:
-    """Return the waveform's maximum, a peak between points included; P is at least 4."""
-    top = int(np.argmax(y))
-    lo, hi = max(top - 3, 0), min(top + 4, time.size)
-    _, height, _ = peaks(time[lo:hi], y[lo:hi], -np.inf)
-    return float(max(y[top], height.max(initial=-np.inf)))
-
-
-def _last_root(grid: Floats, f: Floats) -> float:
-    """Return where `f` is last positive on `grid`, linear between its points."""
-    positive = np.flatnonzero(f > 0)
-    if positive.size == 0:
-        return float(grid[0])
-    i = int(positive[-1])
-    if i == grid.size - 1:
-        return float(grid[i])
-    return float(grid[i] + (grid[i + 1] - grid[i]) * f[i] / (f[i] - f[i + 1]))
-
-
-def _falls(time: Floats, y: Floats, level: float, since: float) -> Crossing:
-    """Locate the fall through `level` between the instant `since` and the next point."""
-    end = time[min(int(np.searchsorted(time, since, side="right")), time.size - 1)]
-    grid = np.linspace(since, float(end), _GRID)
-    value, doubt = interpolate(time, y, grid)
-    at = _last_root(grid, value - level)
-    early, late = _last_root(grid, value - doubt - level), _last_root(grid, value + doubt - level)
-    return Crossing(at, max(at - early, late - at, float(np.spacing(abs(at)))))
-
-
-def last_above(time: Floats, y: Floats, level: float) -> Crossing | None:
-    """Find the last instant at which `y` is above `level`.
+def highest(time: Floats, y: Floats, sign: Floats) -> Floats:
+    """Return the maximum of each row of ``sign * y``, a peak between points included.
 
     Parameters
     ----------
-    time, y : ndarray (P,)
+    time, y : ndarray (P,) and (R, P)
+        Record, P at least 4.
+    sign : ndarray (R,)
+        Of each row, 1.0 or -1.0.
+    """
+    row = np.arange(len(y))
+    top = np.where(sign > 0, y.argmax(axis=1), y.argmin(axis=1))
+    found = sign * y[row, top]
+    rows = np.repeat(row, 5)
+    near = peaks(time, y, rows, np.repeat(top, 5) + np.tile(np.arange(-2, 3), row.size), sign[rows])
+    np.maximum.at(found, rows[near.point], near.height)
+    return np.asarray(found)
+
+
+def _last_roots(grid: Floats, f: Floats) -> Floats:
+    """Return where each row of `f` is last positive on its grid, linear between the points."""
+    last = grid.shape[1] - 1
+    row = np.arange(len(grid))
+    i = last - (f[:, ::-1] > 0).argmax(axis=1)
+    here, beyond = f[row, i], f[row, np.minimum(i + 1, last)]
+    never, inside = here <= 0, (here > 0) & (i < last)
+    i = np.where(never, 0, i)
+    at = grid[row, i]
+    step = np.where(inside, here / np.where(inside, here - beyond, 1.0), 0.0)
+    return np.asarray(at + (grid[row, np.minimum(i + 1, last)] - at) * step)
+
+
+class _Sides(NamedTuple):
+    """Columns ``sign * y[row]`` of a search, (C,) each."""
+
+    row: Indices
+    sign: Floats
+
+
+def _falls(
+    time: Floats, y: Floats, row: Indices, sign: Floats, level: Floats, since: Floats
+) -> Crossings:
+    """Locate falls of ``sign * y[row]`` through `level` from `since` to the next point, (S,)."""
+    interval = np.minimum(np.searchsorted(time, since, side="right"), time.size - 1) - 1
+    grid = since[:, None] + (time[interval + 1] - since)[:, None] * _GRID
+    value, doubt = interpolate(time, y, row, interval, grid)
+    excess = sign[:, None] * value - level[:, None]
+    at, early, late = (_last_roots(grid, f) for f in (excess, excess - doubt, excess + doubt))
+    width = np.maximum(at - early, late - at)
+    return Crossings(at, np.maximum(width, np.spacing(np.abs(at))))
+
+
+def _latest(mask: Flags, column: Indices, at: Floats, columns: int) -> Floats:
+    """Return the last of `at` (M,) in each column where `mask` (J, M) is true, or -inf, (J, C)."""
+    found = np.full((len(mask), columns), -np.inf)
+    level, m = np.divmod(np.flatnonzero(mask), column.size)
+    found[level, column[m]] = at[m]  # of several for one element the last stays
+    return found
+
+
+def last_crossings(
+    time: Floats, y: Floats, levels: Floats, first: Indices | None = None, *, mirrored: bool = False
+) -> Crossings:
+    """Find the last instants at which waveforms are above their levels.
+
+    Parameters
+    ----------
+    time, y : ndarray (P,) and (R, P)
         Record, P at least 4; s and any unit.
-    level : float
+    levels : ndarray (J, R)
         In the unit of `y`.
+    first : ndarray (R,), optional
+        Point of each row before which nothing is looked at.
+    mirrored : bool
+        Whether the same is wanted of ``-y``, too.
 
     Returns
     -------
-    Crossing or None
-        None if `y` is never above; the last point, without doubt, if `y` ends above. A later peak
-        that reaches `level` only between points, or only within its doubt, is taken into account:
-        in the value if the interpolated peak is above, in the uncertainty in any case.
+    Crossings
+        Shape (J, R), or (J, 2 R) with those of ``-y`` behind. NaN where a row is never above; the
+        last point, without doubt, where it ends above. A later peak that reaches the level only
+        between points, or only within its doubt, is taken into account: in the instant if the
+        interpolated peak is above, in the uncertainty in any case.
     """
-    above: NDArray[np.intp] = np.flatnonzero(y > level)
-    last = int(above[-1]) if above.size else -1
-    if last == time.size - 1:
-        return Crossing(float(time[-1]), 0.0)
-    lo = max(last - 3, 0)
-    tail_t, tail_y = time[lo:], y[lo:]
-    at, height, doubt = peaks(tail_t, tail_y, level - (1 - _NEAR) * abs(level))
-    later = at > (time[last] if last >= 0 else -np.inf)
-    at, height, doubt = at[later], height[later], doubt[later]
+    rows, points = y.shape
+    floor = levels - (1 - _NEAR) * np.abs(levels)
+    low = floor.min(axis=0)[:, None]
+    near = np.concatenate([y > low, y < -low]) if mirrored else y > low
+    columns = len(near)  # row n, and behind them row n with the other sign
+    for flags, begin in zip(near, np.resize(0 if first is None else first, columns), strict=True):
+        flags[:begin] = False
+    sides = _Sides(np.arange(columns) % rows, np.repeat([1.0, -1.0], rows)[:columns])
+    levels, floor = (np.tile(each, columns // rows) for each in (levels, floor))
+    column, k = np.divmod(np.flatnonzero(near), points)
+    row, sign = sides.row[column], sides.sign[column]
+    value = sign * y[row, k]
+    known = _latest(value > levels[:, column], column, time[k], columns)
+    top = peaks(time, y, row, k, sign)
+    column, value = column[top.point], value[top.point]
 
-    def since(lean: int) -> float | None:
-        reached = at[height + lean * doubt > level]
-        if reached.size:
-            return float(reached[-1])
-        return float(time[last]) if last >= 0 else None
+    def since(lean: int) -> Floats:
+        reached = top.height + lean * top.doubt > levels[:, column]
+        reached &= value > floor[:, column]
+        return np.maximum(known, _latest(reached, column, top.time, columns))
 
-    start = since(0)
-    if start is None:
-        return None
-    found = _falls(time, y, level, start)
-    others = {since(lean) for lean in (-1, 1)} - {start, None}
-    rivals = [_falls(time, y, level, other) for other in others if other is not None]
-    spread = [abs(rival.time - found.time) + rival.uncertainty for rival in rivals]
-    return Crossing(found.time, max([found.uncertainty, *spread]))
+    return _crossings(time, y, sides, levels, since(0), (since(-1), since(1)))
+
+
+def _crossings(
+    time: Floats,
+    y: Floats,
+    sides: _Sides,
+    levels: Floats,
+    start: Floats,
+    others: tuple[Floats, ...],
+) -> Crossings:
+    """Locate falls after the instants `start` (J, C); `others` are those a doubt could give."""
+    ends = sides.sign * y[sides.row, -1] > levels
+    inside = ~ends & ~np.isneginf(start)
+    at, doubt = np.where(ends, time[-1], np.nan), np.where(ends, 0.0, np.nan)
+
+    def falls(since: Floats, level: Indices, column: Indices) -> Crossings:
+        row, sign = sides.row[column], sides.sign[column]
+        return _falls(time, y, row, sign, levels[level, column], since[level, column])
+
+    places = np.nonzero(inside)
+    at[places], doubt[places] = falls(start, *places)
+    for other in others:
+        places = np.nonzero(inside & (other != start) & ~np.isneginf(other))
+        if places[0].size:
+            rival = falls(other, *places)
+            apart = np.abs(rival.time - at[places]) + rival.uncertainty
+            doubt[places] = np.maximum(doubt[places], apart)
+    return Crossings(at, doubt)
+
+
+def first_crossings(
+    time: Floats, y: Floats, levels: Floats, stop: Indices | None = None
+) -> Crossings:
+    """Find the first instants above; as `last_crossings`, time reversed, up to `stop` (R,)."""
+    first = None if stop is None else time.size - stop
+    found = last_crossings(-time[::-1], y[:, ::-1], levels, first)
+    return Crossings(-found.time, found.uncertainty)
+
+
+def last_above(time: Floats, y: Floats, level: float) -> Crossing | None:
+    """Find the last instant at which one waveform (P,) is above `level`, or None."""
+    return _one(last_crossings(time, y[None], np.array([[level]])))
 
 
 def first_above(time: Floats, y: Floats, level: float) -> Crossing | None:
-    """Find the first instant at which `y` is above `level`; as `last_above`, time reversed."""
-    found = last_above(-time[::-1], y[::-1], level)
-    return None if found is None else Crossing(-found.time, found.uncertainty)
+    """Find the first instant at which one waveform (P,) is above `level`, or None."""
+    return _one(first_crossings(time, y[None], np.array([[level]])))
+
+
+def _one(found: Crossings) -> Crossing | None:
+    at, doubt = found.time.item(), found.uncertainty.item()
+    return None if np.isnan(at) else Crossing(at, doubt)

@@ -14,24 +14,19 @@ count from the record's first point.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from verification.crossings import highest
 from verification.envelope import Envelope, envelope
-from verification.readings import Reading, latest, rise
+from verification.looks import SMALL_STEP, Look, SoundPart, look, sound_part
+from verification.readings import Reading, latest
 from verification.ringing import Mode, fit_modes
-from verification.settling import ChannelState, Judgement, Ringing, judge
+from verification.settling import ChannelState, Drift, Judgement, Ringing, judge
 from verification.waveforms import Floats
-
-Flags = NDArray[np.bool_]
 
 __all__ = ["ChannelMeasure", "ChannelState", "Measurements", "Reading", "measure"]
 
-_SMALL_STEP = 0.05  # of A: below, a channel has no rise time
-_FEWEST_POINTS = 8
 _FAINT = 1e-5  # of A: a mode below has no share in a channel
 
 
@@ -102,6 +97,16 @@ class Measurements:
     reason: str
     modes: tuple[Mode, ...]
 
+    @property
+    def look(self) -> Look:
+        """The readings alone."""
+        return Look(
+            finals=tuple(c.final for c in self.channels),
+            rise_times=tuple(c.rise_time for c in self.channels),
+            settling_times=tuple(c.settling_time for c in self.channels),
+            overshoots=tuple(c.overshoot for c in self.channels),
+        )
+
 
 def measure(
     time: Floats,
@@ -143,41 +148,53 @@ def measure(
         usable: mistakes of the caller, not properties of a waveform.
     """
     _check(time, u, target, band, rise)
-    start = u[0] if start is None else start
-    start = np.where(np.isfinite(start), start, target)
-    amplitude = float(np.abs(target - start).max())
-    wrong = ~(np.abs(u) <= (np.finfo(np.float64).max if bound is None else bound))
-    broken = np.flatnonzero(wrong.any(axis=1))
-    sound = int(broken[0]) if broken.size else time.size
-    cut = _cut(time, sound, wrong, expected_stop)
-    t, v = time[:sound], u[:sound]
-    if sound < _FEWEST_POINTS:
-        ringing = Envelope(t[:1], np.zeros((1, u.shape[1])), None)
-        modes: tuple[Mode, ...] = ()
-    else:
+    part = sound_part(time, u, target, start, bound, expected_stop)
+    t, v = part.time, u[: part.time.size]
+    if part.readable:
         ringing = envelope(t, v)
         modes = fit_modes(t, v, ringing=ringing)
-    record = _Record(t, v, target, start, amplitude, band, rise, ringing, modes, cut)
-    lost = wrong[sound] if broken.size else np.zeros(target.size, dtype=bool)
-    channels = tuple(_channel(record, n, bool(lost[n])) for n in range(target.size))
+    else:
+        ringing, modes = Envelope(t[:1], np.zeros((1, u.shape[1])), None), ()
+    record = _Record(part, look(part, band, rise), Drift(t, part.errors), band, ringing, modes)
+    channels = tuple(_channel(record, n) for n in range(target.size))
     settling, reason = network_settling_time(channels)
-    return Measurements(amplitude, band, channels, settling, reason, modes)
+    return Measurements(part.amplitude, band, channels, settling, reason, modes)
+
+
+def glance(
+    time: Floats,
+    u: Floats,
+    target: Floats,
+    start: Floats | None = None,
+    *,
+    band: float = 0.01,
+    rise: tuple[float, float] = (0.1, 0.9),
+    bound: float | None = None,
+    expected_stop: float | None = None,
+) -> Look:
+    """Read a transient without judging whether it settled; parameters and errors as `measure`.
+
+    A settling time is when the channel was last outside its band. It is left out where `measure`
+    never has one: in a record that is cut short, and without a step.
+    """
+    _check(time, u, target, band, rise)
+    part = sound_part(time, u, target, start, bound, expected_stop)
+    seen = look(part, band, rise)
+    if part.cut or part.amplitude == 0:
+        seen = replace(seen, settling_times=(None,) * target.size)
+    return seen
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Record:
     """The sound part of a record and what is known of all channels together."""
 
-    time: Floats
-    u: Floats
-    target: Floats
-    start: Floats
-    amplitude: float
+    part: SoundPart
+    seen: Look
+    drift: Drift
     band: float
-    rise: tuple[float, float]
     ringing: Envelope
     modes: tuple[Mode, ...]
-    cut: str
 
 
 def _check(time: Floats, u: Floats, target: Floats, band: float, rise: tuple[float, float]) -> None:
@@ -195,55 +212,45 @@ def _check(time: Floats, u: Floats, target: Floats, band: float, rise: tuple[flo
             raise ValueError(text)
 
 
-def _cut(time: Floats, sound: int, wrong: Flags, expected_stop: float | None) -> str:
-    """Say why the record cannot prove that anything settled, or nothing."""
-    if sound < time.size:
-        return f"channel {int(np.argmax(wrong[sound])) + 1} diverged at {float(time[sound])!r} s"
-    if sound < _FEWEST_POINTS:
-        return f"the record has {sound} points; at least {_FEWEST_POINTS} are needed"
-    if expected_stop is not None and time[-1] < expected_stop * (1 - 1e-9):
-        return f"the record ends at {float(time[-1])!r} s, before {expected_stop!r} s"
-    return ""
-
-
-def _judged(record: _Record, n: int, lost: bool, ring: Ringing) -> Judgement:
+def _judged(record: _Record, n: int, ring: Ringing) -> Judgement:
     """Judge channel `n`, also where the record is cut or there is no step."""
-    if lost:
-        return Judgement(ChannelState.DIVERGED, None, f"it left its physical range: {record.cut}")
-    if record.time.size < _FEWEST_POINTS:
-        return Judgement(ChannelState.NOT_SETTLED, None, record.cut)
-    error = record.u[:, n] - record.target[n]
+    part = record.part
+    if part.lost[n]:
+        return Judgement(ChannelState.DIVERGED, None, f"it left its physical range: {part.cut}")
+    if not part.readable:
+        return Judgement(ChannelState.NOT_SETTLED, None, part.cut)
     # Without a step the largest excursion of any channel tells whether one comes back.
-    scale = record.amplitude or float(np.abs(record.u - record.target).max())
-    found = judge(record.time, error, record.band * scale, scale, ring)
-    if record.cut and found.state is ChannelState.SETTLED:
-        return Judgement(ChannelState.NOT_SETTLED, None, record.cut)
-    if record.amplitude == 0 and found.state is ChannelState.SETTLED:
+    scale = part.amplitude or float(np.abs(part.errors).max())
+    settling = record.seen.settling_times[n]
+    found = judge(record.drift, n, settling, record.band * scale, scale, ring)
+    if part.cut and found.state is ChannelState.SETTLED:
+        return Judgement(ChannelState.NOT_SETTLED, None, part.cut)
+    if part.amplitude == 0 and found.state is ChannelState.SETTLED:
         reason = "no channel has a step (target equals start): a band in % of it has no width"
         return Judgement(ChannelState.SETTLED, None, reason)
     return found
 
 
-def _channel(record: _Record, n: int, lost: bool) -> ChannelMeasure:
-    """Measure channel `n`; `lost` if it is the one that left its physical range."""
+def _channel(record: _Record, n: int) -> ChannelMeasure:
+    """Measure channel `n`."""
+    part, seen, env = record.part, record.seen, record.ringing
     oscillating = [m for m in record.modes if m.frequency > 0]
     mode = max(oscillating, key=lambda m: m.channels[n], default=None)
     share = mode.channels[n] if mode is not None else 0.0
-    mode = mode if share > _FAINT * record.amplitude else None
-    env = record.ringing
+    mode = mode if share > _FAINT * part.amplitude else None
     ring = Ringing(env.time, env.amplitude[:, n], env.period, mode, share)
-    found = _judged(record, n, lost, ring)
+    found = _judged(record, n, ring)
     frequency = mode.frequency if mode is not None else None
     if found.state is ChannelState.CLIPPED:
         frequency = _cycle(record, n)
-    rise_time, rise_reason = _rise_time(record, n, found.state)
+    rise_reason = _no_rise(record, n, found.state)
     return ChannelMeasure(
         index=n,
-        target=float(record.target[n]),
-        final=float(record.u[-1, n]) if record.time.size else float(record.start[n]),
-        rise_time=rise_time,
+        target=float(part.target[n]),
+        final=seen.finals[n],
+        rise_time=None if rise_reason else seen.rise_times[n],
         settling_time=found.settling_time,
-        overshoot=_overshoot(record, n),
+        overshoot=seen.overshoots[n],
         state=found.state,
         frequency=frequency,
         growth_rate=mode.growth_rate if mode is not None else None,
@@ -254,39 +261,26 @@ def _channel(record: _Record, n: int, lost: bool) -> ChannelMeasure:
 
 def _cycle(record: _Record, n: int) -> float | None:
     """Return the frequency of channel `n`'s limit cycle, Hz, from the last fifth of the record."""
-    first = int(np.searchsorted(record.time, record.time[0] + 0.8 * np.ptp(record.time)))
-    modes = fit_modes(record.time[first:], record.u[first:, n : n + 1])
+    time, error = record.part.time, record.part.errors[n]
+    first = int(np.searchsorted(time, time[0] + 0.8 * np.ptp(time)))
+    modes = fit_modes(time[first:], error[first:, None])
     lines = [m.frequency for m in modes if m.frequency > 0]
     period = record.ringing.period
     return lines[0] if lines else (1 / period if period else None)
 
 
-def _rise_time(record: _Record, n: int, state: ChannelState) -> tuple[Reading | None, str]:
-    """Return channel `n`'s rise time, or why it has none."""
-    step = float(record.target[n] - record.start[n])
-    if abs(step) < _SMALL_STEP * record.amplitude or step == 0:
-        return None, f"its own step {step!r} is under {_SMALL_STEP:.0%} of the network's"
-    if (
-        state not in (ChannelState.SETTLED, ChannelState.NOT_SETTLED)
-        or record.time.size < _FEWEST_POINTS
-    ):
-        return None, f"the channel is {state.value}"
-    found = rise(record.time, (record.u[:, n] - record.start[n]) / step, *record.rise)
-    if found is None:
-        reached = float(((record.u[:, n] - record.start[n]) / step).max())
-        return None, f"it reaches {reached:.1%} of its step: simulate longer"
-    return found, ""
-
-
-def _overshoot(record: _Record, n: int) -> float:
-    """Return how far channel `n` went beyond its target, fraction of A; 0 without a step."""
-    if record.amplitude == 0 or record.time.size < _FEWEST_POINTS:
-        return 0.0
-    error = record.u[:, n] - record.target[n]
-    step = float(record.target[n] - record.start[n])
-    sides = (np.sign(step),) if step else (1.0, -1.0)
-    beyond = max(highest(record.time, side * error) for side in sides)
-    return max(beyond, 0.0) / record.amplitude
+def _no_rise(record: _Record, n: int, state: ChannelState) -> str:
+    """Say why channel `n` has no rise time, or nothing."""
+    part = record.part
+    step = float(part.target[n] - part.start[n])
+    if abs(step) < SMALL_STEP * part.amplitude or step == 0:
+        return f"its own step {step!r} is under {SMALL_STEP:.0%} of the network's"
+    if state not in (ChannelState.SETTLED, ChannelState.NOT_SETTLED) or not part.readable:
+        return f"the channel is {state.value}"
+    if record.seen.rise_times[n] is None:
+        reached = 1 + float((part.errors[n] / step).max())
+        return f"it reaches {reached:.1%} of its step: simulate longer"
+    return ""
 
 
 def network_settling_time(channels: tuple[ChannelMeasure, ...]) -> tuple[Reading | None, str]:

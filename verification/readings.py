@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from verification.crossings import first_above, last_above
+from verification.crossings import first_crossings, last_crossings
 from verification.waveforms import Floats
 
 _KNIFE = 0.005  # of a channel's step: how far a level is moved to see whether a hair decides
@@ -46,54 +47,80 @@ def reading(value: float, uncertainty: float, others: list[float | None]) -> Rea
     return Reading(value, uncertainty, fragile, alternative)
 
 
-def settle(time: Floats, error: Floats, tolerance: float) -> Reading | None:
-    """Return when `error` (P,) was last outside ``±tolerance``; None if it is outside at the end.
+def settles(time: Floats, errors: Floats, tolerance: float) -> list[Reading | None]:
+    """Return when each channel was last outside ``±tolerance``; None if it is outside at the end.
 
     Proves nothing about what follows the record; `judge` does.
-    """
-    if abs(error[-1]) > tolerance:
-        return None
-    outside = np.flatnonzero(np.abs(error) > tolerance * (1 + _GRAZE))
-    first = min(max(int(outside[-1]) - 4 if outside.size else 0, 0), max(time.size - 8, 0))
-    t, e = time[first:], error[first:]
-
-    def last_outside(level: float) -> tuple[float, float] | None:
-        if abs(e[-1]) > level:
-            return None
-        found = [c for c in (last_above(t, e, level), last_above(t, -e, level)) if c is not None]
-        return max(found, default=(float(time[0]), 0.0))
-
-    at = last_outside(tolerance)
-    if at is None:
-        return None
-    others = [last_outside(tolerance * (1 + side)) for side in (-_GRAZE, _GRAZE)]
-    begin = float(time[0])
-    return reading(at[0] - begin, at[1], [None if o is None else o[0] - begin for o in others])
-
-
-def rise(time: Floats, z: Floats, low: float, high: float) -> Reading | None:
-    """Return the time from the first crossing of `low` to that of `high`, or None.
 
     Parameters
     ----------
     time : ndarray (P,)
         s, P at least 8.
-    z : ndarray (P,)
-        The channel in units of its own step, from 0 towards 1.
-    low, high : float
-        Levels, 0 to 1.
+    errors : ndarray (N, P)
+        Distances to the targets.
+    tolerance : float
+        In the unit of `errors`.
     """
-    there = np.flatnonzero(z > high + _KNIFE)
-    stop = max(int(there[0]) + 4, 8) if there.size else time.size
-    t, z = time[:stop], z[:stop]
-    begin, end = first_above(t, z, low), first_above(t, z, high)
-    if begin is None or end is None:
-        return None
-    ends = [first_above(t, z, high + side) for side in (-_KNIFE, _KNIFE)]
-    begins = [first_above(t, z, low + side) for side in (-_KNIFE, _KNIFE)]
-    others = [None if e is None else e.time - begin.time for e in ends]
-    others += [end.time - b.time for b in begins if b is not None]
-    return reading(end.time - begin.time, end.uncertainty + begin.uncertainty, others)
+    if np.abs(errors[:, -1]).min() > tolerance:
+        return [None] * len(errors)
+    levels = np.repeat(tolerance * np.array([[1.0], [1 - _GRAZE], [1 + _GRAZE]]), len(errors), 1)
+    widest = levels[-1, 0]
+    # Only what follows the last point clearly outside, with the four points that a cubic needs.
+    outside = (errors > widest) | (errors < -widest)
+    last = np.where(outside.any(axis=1), time.size - 1 - outside[:, ::-1].argmax(axis=1), 0)
+    first = np.minimum(np.maximum(last - 4, 0), time.size - 8)
+    begin = int(first.min())
+    tail = errors[:, begin:]
+    at, doubt = last_crossings(time[begin:], tail, levels, first - begin, mirrored=True)
+    (above, below), (doubt, other) = np.split(at, 2, axis=1), np.split(doubt, 2, axis=1)
+    doubt = np.where(np.fmax(above, below) == below, other, doubt)
+    at = np.fmax(above, below) - time[0]
+    never = np.isnan(at)  # it was never outside
+    at[never], doubt[never] = 0.0, 0.0
+    at[np.abs(errors[:, -1]) > levels] = np.nan  # it is still outside
+    found: list[Reading | None] = []
+    for (value, *others), width in zip(at.T.tolist(), doubt[0].tolist(), strict=True):
+        moved = [None if math.isnan(other) else other for other in others]
+        found.append(None if math.isnan(value) else reading(value, width, moved))
+    return found
+
+
+def rises(
+    time: Floats, errors: Floats, steps: Floats, low: float, high: float
+) -> list[Reading | None]:
+    """Return the time from each channel's first crossing of `low` to that of `high`, or None.
+
+    Parameters
+    ----------
+    time : ndarray (P,)
+        s, P at least 8.
+    errors : ndarray (N, P)
+        Distances to the targets.
+    steps : ndarray (N,)
+        From the starts to the targets, not zero, in the unit of `errors`.
+    low, high : float
+        Levels, 0 to 1, fractions of the steps.
+    """
+    if len(errors) == 0:
+        return []
+    # Only what precedes the first point clearly above, with the points that a cubic needs.
+    above = (errors > ((high + _KNIFE - 1) * steps)[:, None]) == (steps > 0)[:, None]
+    stop = np.where(above.any(axis=1), np.maximum(above.argmax(axis=1) + 4, 8), time.size)
+    stop = np.minimum(stop, time.size)
+    head = int(stop.max())
+    z = 1 + errors[:, :head] / steps[:, None]
+    levels = np.array([low, high, high - _KNIFE, high + _KNIFE, low - _KNIFE, low + _KNIFE])
+    at, doubt = first_crossings(time[:head], z, np.repeat(levels[:, None], len(z), axis=1), stop)
+    found: list[Reading | None] = []
+    for instants, width in zip(at.T.tolist(), (doubt[0] + doubt[1]).tolist(), strict=True):
+        begin, end, *ends = instants[:4]
+        if math.isnan(begin) or math.isnan(end):
+            found.append(None)
+            continue
+        others = [None if math.isnan(e) else e - begin for e in ends]
+        others += [end - b for b in instants[4:] if not math.isnan(b)]
+        found.append(reading(end - begin, width, others))
+    return found
 
 
 def latest(readings: list[Reading]) -> Reading:

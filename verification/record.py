@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import TypedDict
 
 from netlist_gen.analysis import Transient
 from netlist_gen.circuit import Circuit, Floats
@@ -12,9 +13,9 @@ from verification.agreement import Agreement, compare_engines, exact_record, oth
 from verification.clock import Clock, Progress
 from verification.design import Design, design_board
 from verification.ideal import IdealAnswer, ideal_answer
-from verification.measures import Measurements, measure
+from verification.measures import Measurements, glance, measure
 from verification.simulate import PHYSICAL_BOUND, Pending, Simulation, begin, outputs
-from verification.spread import StepError, simulation_error
+from verification.spread import StepError, simulation_error, undecided
 from verification.waveforms import Waveforms
 
 
@@ -87,8 +88,9 @@ def watch(
 ) -> Recording:
     """Wait for a simulation under way, do what can be done meanwhile, and measure it.
 
-    The coarser run ends while the finer one is under way; it is measured, and the other engine
-    run, in that time. Without a `second_look` the state-space engine takes the coarser run's place.
+    The coarser run ends while the finer one is under way; it is read, and the other engine run, in
+    that time. Without a `second_look` the state-space engine takes the coarser run's place. It is
+    judged only where its readings alone do not tell the finer run's error.
     With `continuous`, times on an exact solution are found by root finding, not on its grid.
 
     Raises
@@ -105,7 +107,9 @@ def watch(
         second, share = exact_record(circuit, transient), 1.0
     coarse = other = None
     if second is not None:
-        coarse, _ = measure_outputs(scene, circuit, ideal, second, transient)
+        terms = _terms(scene, circuit, transient)
+        there = outputs(circuit, second)
+        coarse = glance(second.time, there, ideal.target, ideal.start, **terms)
     if second is not None and second_look and stable:
         other = other_engine(circuit, transient, second)
     clock.begin("simulation")
@@ -116,6 +120,8 @@ def watch(
         fine = _on_the_solution(design, ideal, u[-1])
     if math.isinf(simulation.share):  # the record ends early: nothing tells its error
         coarse, share = None, math.inf
+    if second is not None and coarse is not None and undecided(fine, coarse):
+        coarse = measure_outputs(scene, circuit, ideal, second, transient)[0].look
     error = simulation_error(fine, coarse, share)
     agreement = compare_engines(circuit, simulation, other) if other is not None else None
     return Recording(simulation, fine, u, error, agreement)
@@ -149,13 +155,21 @@ def measure_outputs(
 ) -> tuple[Measurements, Floats]:
     """Measure `waveforms` against the reference; return the measures and u (P, N), V."""
     u = outputs(circuit, waveforms)
-    found = measure(
-        waveforms.time,
-        u,
-        ideal.target,
-        ideal.start,
-        band=scene.checks.settling_time.band,
-        bound=PHYSICAL_BOUND * circuit.scalings.unit_voltage,
-        expected_stop=transient.stop,
-    )
-    return found, u
+    terms = _terms(scene, circuit, transient)
+    return measure(waveforms.time, u, ideal.target, ideal.start, **terms), u
+
+
+class _Terms(TypedDict):
+    """What `measure` and `glance` are told besides the record and where it should go."""
+
+    band: float
+    bound: float
+    expected_stop: float
+
+
+def _terms(scene: Scene, circuit: Circuit, transient: Transient) -> _Terms:
+    return {
+        "band": scene.checks.settling_time.band,
+        "bound": PHYSICAL_BOUND * circuit.scalings.unit_voltage,
+        "expected_stop": transient.stop,
+    }

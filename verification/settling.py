@@ -19,7 +19,7 @@ from enum import StrEnum
 import numpy as np
 
 from verification.envelope import saturates
-from verification.readings import Reading, settle
+from verification.readings import Reading
 from verification.ringing import Mode
 from verification.waveforms import Floats
 
@@ -74,34 +74,51 @@ class Judgement:
     reason: str
 
 
-def heading(time: Floats, error: Floats, period: float) -> tuple[float, float]:
-    """Extrapolate where the channel goes.
+class Drift:
+    """Where the channels of a record are heading at its end.
 
-    The means of the last three stretches, each a tenth of the record in whole ringing periods,
-    form a geometric series for an exponential approach (Aitken's extrapolation), carried on for
-    one more record at most, and for one stretch only where a ringing is longer than a stretch.
-
-    Returns
-    -------
-    limit, ratio : float
-        Limit of `error` and how much a stretch's change is of the one before it; the ratio is 0
-        when nothing moves or the changes alternate.
+    Parameters
+    ----------
+    time, errors : ndarray (P,) and (N, P)
+        Record, s, and distances to the targets, finite.
     """
-    width = 0.1 * float(time[-1] - time[0])
-    furthest = 10.0 if width >= period else 1.0
-    if 0 < period <= width:
-        width = period * int(width / period)
-    first = max(int(np.searchsorted(time, time[-1] - 3 * width)) - 1, 0)
-    t, e = time[first:], error[first:]
-    area = np.concatenate([[0.0], np.cumsum(0.5 * (e[1:] + e[:-1]) * np.diff(t))])
-    marks = np.interp(t[-1] - width * np.array([3.0, 2.0, 1.0, 0.0]), t, area)
-    mean = np.diff(marks) / width
-    before, last = float(mean[1] - mean[0]), float(mean[2] - mean[1])
-    if before * last <= 0:
-        return float(mean[2]), 0.0
-    ratio = last / before
-    stretches = min(ratio / (1 - ratio), furthest) if ratio < 1 else furthest
-    return float(mean[2]) + last * stretches, ratio
+
+    def __init__(self, time: Floats, errors: Floats) -> None:
+        self.time, self.errors = time, errors
+        self._stretch = 0.1 * float(np.ptp(time)) if time.size else 0.0
+        first = max(int(np.searchsorted(time, time[-1:].sum() - 3 * self._stretch)) - 1, 0)
+        self._marked, e = time[first:], errors[:, first:]
+        self._area = np.zeros_like(e)
+        np.cumsum((e[:, 1:] + e[:, :-1]) * (0.5 * np.diff(self._marked)), 1, out=self._area[:, 1:])
+
+    def heading(self, n: int, period: float) -> tuple[float, float]:
+        """Extrapolate where channel `n` goes.
+
+        The means of the last three stretches, each a tenth of the record in whole ringing periods,
+        form a geometric series for an exponential approach (Aitken's extrapolation), carried on
+        for one more record at most, and for one stretch only where a ringing is longer than a
+        stretch.
+
+        Returns
+        -------
+        limit, ratio : float
+            Limit of the error and how much a stretch's change is of the one before it; the ratio
+            is 0 when nothing moves or the changes alternate.
+        """
+        width = self._stretch
+        furthest = 10.0 if width >= period else 1.0
+        if 0 < period <= width:
+            width = period * int(width / period)
+        ends = self._marked[-1] - width * np.array([3.0, 2.0, 1.0, 0.0])
+        first, second, third = (
+            np.diff(np.interp(ends, self._marked, self._area[n])) / width
+        ).tolist()
+        before, last = second - first, third - second
+        if before * last <= 0:
+            return third, 0.0
+        ratio = last / before
+        stretches = min(ratio / (1 - ratio), furthest) if ratio < 1 else furthest
+        return third + last * stretches, ratio
 
 
 def _flat_top(time: Floats, error: Floats, period: float) -> bool:
@@ -158,13 +175,17 @@ def sustained(time: Floats, error: Floats, tolerance: float, ring: Ringing) -> C
     return ChannelState.CLIPPED if _flat_top(time, error, ring.period) else ChannelState.OSCILLATING
 
 
-def judge(time: Floats, error: Floats, tolerance: float, step: float, ring: Ringing) -> Judgement:
-    """Judge one channel.
+def judge(
+    drift: Drift, n: int, found: Reading | None, tolerance: float, step: float, ring: Ringing
+) -> Judgement:
+    """Judge channel `n`.
 
     Parameters
     ----------
-    time, error : ndarray (P,)
-        Record, s, and distance to the target, finite, P at least 8.
+    drift : Drift
+        Of the record, of at least 8 points.
+    found : Reading or None
+        When it was last outside its band; None if it ends outside.
     tolerance : float
         Half width of the settling band, in the unit of `error`.
     step : float
@@ -172,13 +193,13 @@ def judge(time: Floats, error: Floats, tolerance: float, step: float, ring: Ring
     ring : Ringing
         The channel's ringing.
     """
+    time, error = drift.time, drift.errors[n]
     state = sustained(time, error, tolerance, ring)
     if state is not None:
         how = "at a constant amplitude" if state is ChannelState.CLIPPED else "and does not decay"
         return Judgement(state, None, f"it oscillates {how}: it never settles")
     left, period = _left(ring, float(time[-1]))
-    limit, ratio = heading(time, error, period)
-    found = settle(time, error, tolerance)
+    limit, ratio = drift.heading(n, period)
     if found is None:
         return _outside(float(error[-1]), tolerance, step, ring.mode, left, limit, ratio)
     if abs(limit) > tolerance and left < tolerance:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 
+from verification.looks import Look
 from verification.measures import Measurements
 from verification.readings import Reading
+
+LATER = 0.05  # of a settling time: how much later the second run's may be without a judgement
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +25,22 @@ class StepError:
     overshoot: float
 
 
-def simulation_error(fine: Measurements, coarse: Measurements | None, share: float) -> StepError:
+def undecided(fine: Measurements, coarse: Look) -> bool:
+    """Tell whether the second run must be judged before its readings count.
+
+    So it is where it shows a time that the first run has none of, which a record that proves
+    nothing would show as well, and where it settles so much later that its record may not prove it.
+    """
+    settled, second = fine.settling_time, coarse.settling_time
+    if settled is None or second is None:
+        more = second is not None
+    else:
+        more = second.value > (1 + LATER) * settled.value
+    rises = zip((c.rise_time for c in fine.channels), coarse.rise_times, strict=True)
+    return more or any(a is None and b is not None for a, b in rises)
+
+
+def simulation_error(fine: Measurements, coarse: Look | None, share: float) -> StepError:
     """Estimate the error of every measure of `fine` (Richardson's extrapolation).
 
     A settling time jumps by half a ringing period when a peak moves through the edge of the band,
@@ -31,7 +48,7 @@ def simulation_error(fine: Measurements, coarse: Measurements | None, share: flo
 
     Parameters
     ----------
-    fine, coarse : Measurements
+    fine, coarse : Measurements and Look
         The same transient at a step and at a larger one; without a second run the error is 0 as
         far as the step goes, because there is none.
     share : float
@@ -45,15 +62,19 @@ def simulation_error(fine: Measurements, coarse: Measurements | None, share: flo
     if coarse is None:
         unknown = 0.0 if share == 0 else math.inf
         return StepError(unknown, unknown, unknown, unknown)
-    pairs = list(zip(fine.channels, coarse.channels, strict=True))
-    amplitude = fine.amplitude or 1.0
+    own = fine.look
+    rises = zip(own.rise_times, coarse.rise_times, strict=True)
     return StepError(
-        steady_state=share * max(abs(a.final - b.final) for a, b in pairs) / amplitude,
+        steady_state=share * _furthest(own.finals, coarse.finals) / (fine.amplitude or 1.0),
         settling_time=_apart(fine.settling_time, coarse.settling_time),
-        rise_time=share * _largest(_apart(a.rise_time, b.rise_time) for a, b in pairs),
-        overshoot=share
-        * _largest(abs((a.overshoot or 0.0) - (b.overshoot or 0.0)) for a, b in pairs),
+        rise_time=share * max(_apart(a, b) for a, b in rises),
+        overshoot=share * _furthest(own.overshoots, coarse.overshoots),
     )
+
+
+def _furthest(a: tuple[float, ...], b: tuple[float, ...]) -> float:
+    """Return the largest difference of any channel."""
+    return max(abs(x - y) for x, y in zip(a, b, strict=True))
 
 
 def _apart(a: Reading | None, b: Reading | None) -> float:
@@ -62,7 +83,3 @@ def _apart(a: Reading | None, b: Reading | None) -> float:
         return 0.0 if a is b else math.inf
     values = [b.value] if b.alternative is None else [b.value, b.alternative]
     return min(abs(a.value - value) for value in values)
-
-
-def _largest(values: Iterable[float]) -> float:
-    return max(values, default=0.0)

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from netlist_gen.circuit import Floats
-from verification.readings import settle
+from verification.readings import settles
 from verification.ringing import fit_modes
 from verification.studies.runs import Run
 
@@ -87,7 +87,7 @@ def settling_time(time: Floats, u: Floats, target: Floats, tolerance: float) -> 
     """Return when the last channel entered its band for good, s; None if one did not."""
     if len(time) < 8:
         return None
-    found = [settle(time, column, tolerance) for column in (u - target).T]
+    found = settles(time, (u - target).T, tolerance)
     times = [reading.value for reading in found if reading is not None]
     return max(times) if len(times) == len(found) else None
 
