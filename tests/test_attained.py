@@ -34,7 +34,6 @@ def one_mode(amplitude: float = 1.0) -> TimeScales:
         amplitudes=np.full(2, amplitude / 2),
         slowest=1 / DECAY,
         ringing=(Ringing(1 / period, period, 1 / DECAY, amplitude),),
-        rise_time=1e-5,
         growth_time=math.inf,
         stop=0.0,
         max_step=0.0,

@@ -26,14 +26,13 @@ def scales(pole: complex, *, growth: float = math.inf, amplitude: float = 1.0) -
         amplitudes=np.full(len(poles), share),
         slowest=-1 / pole.real,
         ringing=ringing,
-        rise_time=1.0,
         growth_time=growth,
         stop=0.0,
         max_step=0.0,
     )
 
 
-NOTHING = TimeScales(np.zeros(0, complex), np.zeros(0), 0.0, (), math.inf, math.inf, 0.0, 0.0)
+NOTHING = TimeScales(np.zeros(0, complex), np.zeros(0), 0.0, (), math.inf, 0.0, 0.0)
 
 
 def scene(**analysis: Any) -> Scene:

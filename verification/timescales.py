@@ -14,7 +14,7 @@ from verification.engines.coarse import coarsen
 from verification.engines.descriptor import linearise, modes_of
 from verification.engines.equilibrium import LARGE, Equilibrium, equilibrium
 from verification.engines.initial import initial_state
-from verification.engines.modes import Complexes, Floats, Modes
+from verification.engines.modes import Complexes, Floats
 from verification.engines.stamps import stamp
 
 GROWN = 10.0  # an instability counts as seen once it is this many step amplitudes high
@@ -58,9 +58,6 @@ class TimeScales:
         Time constant of the slowest decaying mode that matters, s.
     ringing : tuple of Ringing
         Oscillating modes that matter, the fastest first.
-    rise_time : float
-        10-90 % of the output with the largest step, s; infinite where it is never reached, or
-        where modes are defective.
     growth_time : float
         When the fastest growing mode stands `GROWN` step amplitudes high, s; infinite if stable.
     stop : float
@@ -76,7 +73,6 @@ class TimeScales:
     amplitudes: Floats
     slowest: float
     ringing: tuple[Ringing, ...]
-    rise_time: float
     growth_time: float
     stop: float
     max_step: float
@@ -106,17 +102,21 @@ class TimeScales:
 
 
 def last_crossing(weight: Floats, rate: Floats, level: float) -> float:
-    """Solve ``sum weight exp(rate t) = level`` for t (rates negative) by bisection."""
+    """Solve ``sum weight exp(rate t) = level`` for t >= 0 (weights positive, rates negative).
+
+    The sum's logarithm is convex, so Newton's steps on it from t = 0 come from one side.
+    """
     if not len(weight) or weight.sum() <= level:
         return 0.0
-    low, high = 0.0, float(np.max(np.log(np.maximum(weight * len(weight) / level, 1.0)) / -rate))
-    while high - low > 1e-9 * high:
-        middle = 0.5 * (low + high)
-        if float(weight @ np.exp(rate * middle)) > level:
-            low = middle
-        else:
-            high = middle
-    return high
+    if level <= 0.0:
+        return math.inf
+    t, step = 0.0, math.inf
+    while abs(step) > 1e-12 * t:
+        left = weight * np.exp(rate * t)
+        total = float(left.sum())
+        step = total * math.log(total / level) / -float(left @ rate)
+        t += step
+    return t
 
 
 def time_scales(
@@ -158,21 +158,16 @@ def time_scales(
     target = space.charge @ at.values + space.charge_offset
     deviation = initial_state(space, initial) - target
     step = float(np.abs(C @ deviation).max(initial=0.0))
-    share = np.zeros((len(C), space.n), dtype=np.complex128)
     weight = np.ones(space.n)
     if step > 0.0:
         with np.errstate(invalid="ignore", over="ignore"):
-            share = modes.amplitudes(C, deviation) / step
-            weight = np.abs(share).max(axis=0, initial=0.0)
+            weight = np.abs(modes.amplitudes(C, deviation)).max(axis=0, initial=0.0) / step
         if not weight.sum() < RESOLVED:
-            share, weight = np.zeros_like(share), np.full(space.n, UNRESOLVED)
-    return replace(_scales(modes, weight, share, error, points), complete=not large)
+            weight = np.full(space.n, UNRESOLVED)
+    return replace(_scales(modes.poles, weight, error, points), complete=not large)
 
 
-def _scales(
-    modes: Modes, weight: Floats, share: Complexes, error: float, points: float
-) -> TimeScales:
-    p = modes.poles
+def _scales(p: Complexes, weight: Floats, error: float, points: float) -> TimeScales:
     matters = weight >= error
     decay = -1.0 / p.real[matters & (p.real < 0.0)]
     rings = matters & (p.imag > 0.0) & (-p.real < RINGS * np.abs(p))
@@ -183,7 +178,6 @@ def _scales(
         amplitudes=weight,
         slowest=float(decay.max(initial=0.0)),
         ringing=tuple(sorted(_ringing(p[rings], 2.0 * weight[rings]), key=lambda r: r.period)),
-        rise_time=_rise_time(p, share),
         growth_time=float(np.maximum(growth, 0.0).min(initial=math.inf)),
         stop=0.0,
         max_step=0.0,
@@ -195,23 +189,3 @@ def _ringing(poles_: Complexes, amplitudes: Floats) -> Iterable[Ringing]:
     for p, amplitude in zip(poles_.tolist(), amplitudes.tolist(), strict=True):
         frequency = p.imag / (2.0 * math.pi)
         yield Ringing(frequency, 1.0 / frequency, -1.0 / p.real, amplitude)
-
-
-def _rise_time(p: Complexes, share: Complexes) -> float:
-    """10-90 % of the output with the largest step, on a grid of 2000 points; an estimate."""
-    if not np.any(share):
-        return math.inf
-    row = share[int(np.argmax(np.abs(share.sum(axis=1))))]
-    row = row / -row.sum()
-    large = np.abs(row) > 1e-3
-    if np.any(p.real[large] >= 0.0):
-        large &= p.real < 0.0
-    fast, slow = np.abs(p[large]).max(initial=0.0), np.abs(p[large]).min(initial=math.inf)
-    if fast == 0.0:
-        return math.inf
-    t = np.geomspace(1e-3 / fast, 10.0 / slow, 2000)
-    response = 1.0 + (np.exp(np.outer(t, p[large])) @ row[large]).real
-    tenth, most = np.flatnonzero(response >= 0.1), np.flatnonzero(response >= 0.9)
-    if not len(tenth) or not len(most):
-        return math.inf
-    return float(t[most[0]] - t[tenth[0]])

@@ -158,37 +158,26 @@ def _reduce(descriptor: Descriptor, M: Floats, K: Floats, b: Floats) -> StateSpa
     """Eliminate voltages that ideal sources determine, then whatever carries no charge."""
     image = proposed_image(descriptor.names)
     mirrored = is_mirrored(M, image) and is_mirrored(K, image)
-    o, f = np.flatnonzero(descriptor.determined), np.flatnonzero(~descriptor.determined)
-    names = [descriptor.names[place] for place in (*o, *f)]
-    # 0 = K_oo z_o + K_of z_f + b_o
-    right = np.hstack([K[np.ix_(o, f)], b[o]])
-    known = _solve(-K[np.ix_(o, o)], right, names, "ideal sources form a loop without an answer")
-    P, p = known[:, : len(f)], known[:, len(f) :]
-    b = b[f] + K[np.ix_(f, o)] @ p
-    K = K[np.ix_(f, f)] + K[np.ix_(f, o)] @ P
-    held = M[np.ix_(f, o)] @ p
-    if np.any(held[:, 2:]):
-        raise EngineError("a capacitor at the output of a behavioural amplifier: not supported")
-    whole = np.hstack([M[f], -held[:, :2].sum(axis=1)[:, None]])
-    M = M[np.ix_(f, f)] + M[np.ix_(f, o)] @ P
-    names = names[len(o) :]
+    f, sources, M, K, b, whole = _without_sources(descriptor, M, K, b)
+    names = [descriptor.names[place] for place in f.tolist()]
     d, a, basis, M, K, b, whole = _separate(M, K, b, whole)
     n = len(d)
     # 0 = K_ad x + K_aa y + b_a
     right = np.hstack([K[np.ix_(a, d)], b[a]])
     loose = [names[k] for k in a] if basis is None else names
-    inner = np.zeros((len(f), n + b.shape[1]))
-    inner[d, np.arange(n)] = 1.0
-    inner[a] = -_solve(K[np.ix_(a, a)], right, loose, "nodes without capacitance stay undetermined")
-    rates = K[d] @ inner
-    rates[:, n:] += b[d]
+    passive = _solve(K[np.ix_(a, a)], right, loose, "nodes without capacitance stay undetermined")
+    rates = np.hstack([K[np.ix_(d, d)], b[d]]) - K[np.ix_(d, a)] @ passive
     charged = [names[k] for k in d] if basis is None else [f"charge{k + 1}" for k in range(n)]
     inputs, right = rates.shape[1], np.hstack([rates, whole[d]])
     rates = _solve(M[np.ix_(d, d)], right, charged, "the capacitances do not determine the states")
+    inner = np.zeros((len(f), inputs))
+    inner[d, np.arange(n)] = 1.0
+    inner[a] = -passive
     inner = inner if basis is None else basis @ inner
-    outer = np.zeros((descriptor.size, inner.shape[1]))
-    outer[f], outer[o] = inner, P @ inner
-    outer[o, n:] += p
+    outer = np.zeros((descriptor.size, inputs))
+    outer[f] = inner
+    outer[descriptor.determined] = sources[:, : len(f)] @ inner
+    outer[descriptor.determined, n:] += sources[:, len(f) :]
     return StateSpace(
         descriptor=descriptor,
         A=np.ascontiguousarray(rates[:, :n]),
@@ -200,6 +189,36 @@ def _reduce(descriptor: Descriptor, M: Floats, K: Floats, b: Floats) -> StateSpa
         charge=rates[:, inputs:-1],
         charge_offset=rates[:, -1],
     )
+
+
+def _without_sources(
+    descriptor: Descriptor, M: Floats, K: Floats, b: Floats
+) -> tuple[Ints, Floats, Floats, Floats, Floats, Floats]:
+    """Eliminate the voltages z_o that ideal sources determine.
+
+    Returns
+    -------
+    tuple
+        Places f of the others; ``[P, p]`` of ``z_o = P z_f + p [on, 1, ...]``; M, K and b of the
+        others; and the charges of the others by all of z, and by 1.
+    """
+    o, f = np.flatnonzero(descriptor.determined), np.flatnonzero(~descriptor.determined)
+    if not o.size:
+        none = np.zeros((0, len(f) + b.shape[1]))
+        return f, none, M, K, b, np.hstack([M, np.zeros((len(f), 1))])
+    names = [descriptor.names[place] for place in (*o, *f)]
+    # 0 = K_oo z_o + K_of z_f + b_o
+    right = np.hstack([K[np.ix_(o, f)], b[o]])
+    known = _solve(-K[np.ix_(o, o)], right, names, "ideal sources form a loop without an answer")
+    P, p = known[:, : len(f)], known[:, len(f) :]
+    held = M[np.ix_(f, o)] @ p
+    if np.any(held[:, 2:]):
+        raise EngineError("a capacitor at the output of a behavioural amplifier: not supported")
+    whole = np.hstack([M[f], -held[:, :2].sum(axis=1)[:, None]])
+    b = b[f] + K[np.ix_(f, o)] @ p
+    K = K[np.ix_(f, f)] + K[np.ix_(f, o)] @ P
+    M = M[np.ix_(f, f)] + M[np.ix_(f, o)] @ P
+    return f, known, M, K, b, whole
 
 
 Split = tuple[Ints, Ints, Floats | None, Floats, Floats, Floats, Floats]
@@ -235,8 +254,9 @@ def _equilibrated(A: Floats) -> tuple[Floats, Floats]:
 
 def _alone(A: Floats) -> Bools:
     """Which unknowns stand alone, in their row and in their column."""
-    rows, columns = np.count_nonzero(A, axis=1), np.count_nonzero(A, axis=0)
-    return np.asarray((rows == 1) & (columns == 1) & (np.diag(A) != 0.0))
+    filled = A != 0.0
+    lonely = (filled.sum(axis=1) == 1) & (filled.sum(axis=0) == 1)
+    return np.asarray(lonely & filled.diagonal())
 
 
 def _condition(A: Floats) -> float:

@@ -9,6 +9,7 @@ network descends an energy), so the solution is unique, and Newton's method damp
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -136,7 +137,11 @@ def equilibrium(circuit: Circuit | Descriptor, *, sources_on: bool = True) -> Eq
     Costs one factorisation of all unknowns, dense or (above `LARGE` unknowns) structured with m
     solves, and one dense factorisation of size m per Newton step.
     """
-    descriptor = stamp(circuit) if isinstance(circuit, Circuit) else circuit
+    return _rest(stamp(circuit) if isinstance(circuit, Circuit) else circuit, sources_on)
+
+
+@functools.lru_cache(maxsize=2)  # one verification asks several times, with the strain or without
+def _rest(descriptor: Descriptor, sources_on: bool) -> Equilibrium:
     drive = descriptor.drive(sources_on=sources_on)
     response = structured_response if descriptor.size > LARGE else dense_response
     solve, columns = response(descriptor)
