@@ -25,6 +25,7 @@ from verification.studies.store import ERROR, FORMAT, Row, Store
 
 AHEAD = 16  # points prepared in one go: the caches that one warms serve the next
 
+
 @dataclass(slots=True)
 class Count:
     """How far a sweep has come.
