@@ -25,7 +25,7 @@ JOBS = 2
 POINTS = 30
 OUTPUTS = tuple(f"v_{channel}" for channel in range(1, 8))  # nodes, as they are saved
 OVER = f"C=10pF:30pF:{POINTS}"
-CASES = {  # stop time of the scene: 500 points a deck, and as long as the board needs to settle
+CASES = {  # stop time of the scene: 700 points a deck, and as long as the board needs to settle
     "short decks": "0.1ms",
     "whole decks": "auto",
 }
