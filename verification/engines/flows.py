@@ -16,8 +16,10 @@ from verification.engines.modes import Complexes, Floats, Modes
 
 EPS = float(np.finfo(np.float64).eps)
 TAYLOR = 20  # terms that give exp of a matrix of norm below 1/2 to rounding
-BLOCK = 4096  # instants evaluated at a time
+BLOCK = 512  # instants evaluated at a time
+FADED = -90.0  # exponent below which a mode has gone: 1e-39 of its first amplitude
 NEGLIGIBLE = 1e-18  # share of a mode, of the largest, that no double precision sum can see
+NOISE = 8 * EPS  # share of a mode, of what adds up to it, that is but rounding
 
 
 class Flow(Protocol):
@@ -33,6 +35,9 @@ class Flow(Protocol):
 class ModalFlow:
     """``sum_i share_i exp(p_i t)``: P m K multiplications for P instants and m modes.
 
+    Left out are modes that do not show, or by no more than the rounding of their shares; and of
+    those left, at each instant, those that have faded away.
+
     Parameters
     ----------
     modes : Modes
@@ -46,11 +51,16 @@ class ModalFlow:
     def __init__(self, modes: Modes, C: Floats, deviation: Floats) -> None:
         with np.errstate(invalid="ignore", over="ignore"):
             share = modes.amplitudes(C, deviation)
-        self.error = _modal_error(modes, C, deviation, share)
+            terms = np.abs(C @ modes.right) * (np.abs(modes.left) @ np.abs(deviation))
+        size = np.abs(share)
+        self.error = _modal_error(modes, size, terms)
         # Of a conjugate pair one suffices.
         kept = modes.poles.imag >= 0.0
-        large = np.abs(share).max(axis=0, initial=0.0)
+        large = size.max(axis=0, initial=0.0)
         kept &= large > NEGLIGIBLE * large.max(initial=0.0)
+        noise = (modes.poles.real < 0.0) & np.all(size <= NOISE * terms, axis=0)
+        self.error += float(size[:, noise].sum(axis=1).max(initial=0.0))
+        kept &= ~noise
         self.poles = modes.poles[kept]
         pair = np.where(self.poles.imag > 0.0, 2.0, 1.0)
         self.share: Complexes = (share[:, kept] * pair).T
@@ -61,7 +71,9 @@ class ModalFlow:
         found = np.empty((len(times), weight.shape[1]))
         for first in range(0, len(times), BLOCK):
             part = slice(first, first + BLOCK)
-            found[part] = _real_product(_exponentials(times[part], self.poles), weight)
+            live = self._live(float(times[part].min()))
+            shape = _exponentials(times[part], self.poles[:live])
+            found[part] = _real_product(shape, weight[:live])
         return found
 
     def uniform(self, step: float, count: int) -> Floats:
@@ -69,18 +81,28 @@ class ModalFlow:
         inner = math.isqrt(count) + 1
         outer = -(-count // inner)
         fine = _exponentials(step * np.arange(inner, dtype=np.float64), self.poles)
-        coarse = _exponentials(step * inner * np.arange(outer, dtype=np.float64), self.poles)
-        found = np.empty((outer * inner, self.share.shape[1]))
-        for k in range(outer):
-            with np.errstate(over="ignore", invalid="ignore"):
-                weight = coarse[k][:, None] * self.share
-            found[k * inner : (k + 1) * inner] = _real_product(fine, weight)
-        return found[:count]
+        starts = step * inner * np.arange(1, outer, dtype=np.float64)
+        found = np.empty((outer, inner, self.share.shape[1]))
+        found[0] = _real_product(fine, self.share)
+        live = self._live(step * inner)
+        with np.errstate(over="ignore", invalid="ignore"):
+            later = _exponentials(starts, self.poles[:live]).T[:, :, None]
+            weight = (later * self.share[:live, None, :]).reshape(live, -1)
+        rest = _real_product(fine[:, :live], weight).reshape(inner, outer - 1, -1)
+        found[1:] = rest.transpose(1, 0, 2)
+        return found.reshape(outer * inner, -1)[:count]
+
+    def _live(self, time: float) -> int:
+        """How many modes, the rightmost first, have not faded away at an instant, s."""
+        return int(np.count_nonzero(self.poles.real * time > FADED))
 
 
 def _exponentials(times: Floats, poles: Complexes) -> Complexes:
+    ring = np.flatnonzero(poles.imag)  # a real exponential costs a thirtieth of a complex one
     with np.errstate(over="ignore", invalid="ignore"):  # an unstable board may leave all bounds
-        return np.asarray(np.exp(np.outer(times, poles)))
+        found = np.exp(np.outer(times, poles.real)).astype(np.complex128)
+        found[:, ring] = np.exp(np.outer(times, poles[ring]))
+    return found
 
 
 def _real_product(a: Complexes, b: Complexes) -> Floats:
@@ -89,20 +111,20 @@ def _real_product(a: Complexes, b: Complexes) -> Floats:
         return np.asarray(a.real @ b.real - a.imag @ b.imag)
 
 
-def _modal_error(modes: Modes, C: Floats, deviation: Floats, share: Complexes) -> float:
+def _modal_error(modes: Modes, size: Floats, terms: Floats) -> float:
     """Bound the error of any output over all time to first order, in the unit of C x.
 
     A pole wrong by d shows at most ``d t exp(Re p t) <= d / (e |Re p|)``; a vector wrong by
-    rounding shows its condition number times eps.
+    rounding shows its condition number times eps. `size` are the shares' sizes, `terms` those of
+    what adds up to them, (K, n).
     """
     if not math.isfinite(modes.defect):
         return math.inf
     with np.errstate(divide="ignore", invalid="ignore"):
         lag = modes.spread / (math.e * np.abs(modes.poles.real))
     lag = np.where(modes.spread == 0.0, 0.0, lag)
-    size = np.abs(C @ modes.right) * (np.abs(modes.left) @ np.abs(deviation))
-    vectors = float(size.sum(axis=1).max(initial=0.0)) * (EPS + modes.defect)
-    return float((np.abs(share) @ lag).max(initial=0.0)) + vectors
+    vectors = float(terms.sum(axis=1).max(initial=0.0)) * (EPS + modes.defect)
+    return float((size @ lag).max(initial=0.0)) + vectors
 
 
 class LadderFlow:
