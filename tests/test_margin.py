@@ -14,6 +14,7 @@ from netlist_gen.problem import make_problem
 from netlist_gen.scene_file import load_scene
 from netlist_gen.synthesis import synthesise
 from verification.margin import REACH, capacitance_margin, gain_margin, with_capacitance, with_gain
+from verification.stability import poles
 from verification.studies.axes import with_value
 
 FILE = Path(__file__).parents[1] / "scenes" / "tuned-breadboard.toml"
@@ -27,6 +28,8 @@ def board(path: str = "name", value: float | str = "tuned") -> Circuit:
 
 def test_c_may_shrink_to_its_crossing() -> None:
     margin = capacitance_margin(board())
+    known = capacitance_margin(board(), found=poles(board()))
+    assert known.factor == pytest.approx(margin.factor, rel=1e-9)
     assert margin.factor == pytest.approx(10e-12 / 4.1337463e-12, rel=2e-6)
     assert margin.text == "C may shrink by 2.419, to 4.134 pF"
 

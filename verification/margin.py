@@ -13,7 +13,7 @@ from netlist_gen.circuit import Circuit
 from netlist_gen.quantities import show
 from verification.engines.equilibrium import equilibrium
 from verification.engines.stamps import stamp
-from verification.stability import poles
+from verification.stability import Poles, poles
 
 REACH = 100.0  # the largest factor that is looked at
 PER_DECADE = 12  # points of the scan; an unstable window narrower than one of them is not seen
@@ -60,13 +60,17 @@ def with_gain(circuit: Circuit, ohms: float) -> Circuit:
     return replace(circuit, resistors=resistors, scalings=scalings)
 
 
-def capacitance_margin(circuit: Circuit, reach: float = REACH) -> Margin:
+def capacitance_margin(
+    circuit: Circuit, reach: float = REACH, found: Poles | None = None
+) -> Margin:
     """Scan C downwards from the board's own and refine the first crossing to 1e-6.
 
     Parameters
     ----------
     reach : float
         The largest factor that is looked at; less is cheaper where only a limit is of interest.
+    found : Poles, optional
+        Of the board as it is, where they are at hand already.
 
     Raises
     ------
@@ -84,8 +88,10 @@ def capacitance_margin(circuit: Circuit, reach: float = REACH) -> Margin:
     rest = equilibrium(board) if board.devices.count else None
 
     def growth(by: float) -> float:
+        if by == 1.0 and found is not None:
+            return found.rightmost.real
         values = board.mass.values - (1.0 - 1.0 / by) * share
-        shrunk = board if by == 1.0 else replace(board, mass=replace(board.mass, values=values))
+        shrunk = replace(board, mass=replace(board.mass, values=values))
         return poles(shrunk, rest).rightmost.real
 
     factor = _first_crossing(growth, reach)

@@ -105,7 +105,7 @@ def verify(
     ideal = ideal_answer(design.network, design.scene) if ideal is None else ideal
     rest = equilibrium(design.circuit) if details else None
     constraint = constraint_plane(design.circuit) if details else None
-    margin = _margin(design.circuit, design.scene.checks.stability.margin, full_margin)
+    margin = _margin(design, full_margin)
     seen = watch(design, ideal, pending, clock, second_look=second_look, continuous=details)
     accuracy = attained(design, seen.simulation, seen.measurements.amplitude)
     if accuracy is not None and (again := finer(design.scene, accuracy)) is not None:
@@ -114,16 +114,7 @@ def verify(
         given: dict[str, Any] = board | effort
         verdict = verify(again, progress, **given)
         return replace(verdict, scene=design.scene, accuracy=both_tries(accuracy, verdict.accuracy))
-    evidence = Evidence(
-        checks=design.scene.checks,
-        measurements=seen.measurements,
-        error=seen.error,
-        agreement=seen.agreement,
-        poles=design.poles,
-        margin=margin,
-        reference_error=ideal.error,
-        reference_problem=ideal.problem,
-    )
+    evidence = _evidence(design, ideal, margin, seen)
     checks = judge(evidence)
     budget = _budget(design, ideal, rest, seen)
     wave = seen.simulation.fine
@@ -164,7 +155,24 @@ def _budget(
     )
 
 
-def _margin(circuit: Circuit, wanted: float, full: bool) -> Margin | None:
+def _margin(design: Design, full: bool) -> Margin | None:
+    wanted = design.scene.checks.stability.margin
     if wanted <= 1.0:
         return None
-    return capacitance_margin(circuit, max(wanted, REACH) if full else wanted)
+    reach = max(wanted, REACH) if full else wanted
+    return capacitance_margin(design.circuit, reach, design.poles)
+
+
+def _evidence(
+    design: Design, ideal: IdealAnswer, margin: Margin | None, seen: Recording
+) -> Evidence:
+    return Evidence(
+        checks=design.scene.checks,
+        measurements=seen.measurements,
+        error=seen.error,
+        agreement=seen.agreement,
+        poles=design.poles,
+        margin=margin,
+        reference_error=ideal.error,
+        reference_problem=ideal.problem,
+    )

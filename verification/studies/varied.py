@@ -7,9 +7,11 @@ nominal board, is prepared once.
 from __future__ import annotations
 
 import math
+import pickle
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import cached_property, lru_cache
 from itertools import islice
 
 from netlist_gen.circuit import Circuit, Floats
@@ -88,9 +90,11 @@ def quantities(scene: Scene) -> tuple[Quantity, ...]:
     return tuple(found)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Study:
     """What all samples of a scene share; goes to the workers with each of them.
+
+    It is packed once, and a worker unpacks it once: that takes as long as varying the board.
 
     Attributes
     ----------
@@ -113,6 +117,18 @@ class Study:
     ideal: IdealAnswer
     full_margin: bool
     versions: Versions
+
+    @cached_property
+    def _packed(self) -> bytes:
+        return pickle.dumps(tuple(getattr(self, field.name) for field in fields(self)))
+
+    def __reduce__(self) -> tuple[Callable[[bytes], Study], tuple[bytes]]:
+        return _unpacked, (self._packed,)
+
+
+@lru_cache(maxsize=2)
+def _unpacked(packed: bytes) -> Study:
+    return Study(*pickle.loads(packed))  # noqa: S301 - came inside a pickle
 
 
 def prepare(scene: Scene, *, full_margin: bool = False) -> Study:
