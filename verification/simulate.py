@@ -16,7 +16,7 @@ import numpy as np
 
 from netlist_gen.analysis import Transient
 from netlist_gen.circuit import Circuit, Floats
-from netlist_gen.deck import write_deck
+from netlist_gen.deck import Deck, write_decks
 from netlist_gen.scene import Scene
 from spice_models.errors import (
     BadEvidence,
@@ -26,7 +26,7 @@ from spice_models.errors import (
     StepTooSmall,
 )
 from verification.engines.ngspice import Run, start
-from verification.engines.simulator import find_simulator
+from verification.engines.simulator import Simulator, find_simulator
 from verification.plan import coarser
 from verification.waveforms import Waveforms
 
@@ -165,16 +165,20 @@ def begin(
 
 
 def outputs(circuit: Circuit, waveforms: Waveforms) -> Floats:
-    """Return u of every channel, shape (P, N), V."""
-    columns = [out.sign * waveforms[out.node] for out in circuit.outputs]
-    return np.stack(columns, axis=1)
+    """Return u of every channel, shape (P, N), V; each channel's record is in one piece."""
+    rows = np.empty((len(circuit.outputs), len(waveforms.time)))
+    for row, out in zip(rows, circuit.outputs, strict=True):
+        np.multiply(waveforms[out.node], out.sign, out=row)
+    return rows.T
 
 
 def _ngspice(scene: Scene, circuit: Circuit, analysis: Transient, second_look: bool) -> Pending:
     wanted = [analysis, coarser(analysis, COARSER)] if second_look else [analysis]
+    simulator = find_simulator()
+    solver = simulator.solver_option
+    decks = write_decks(circuit, wanted, solver=solver)
     with ExitStack() as cleanup:  # what goes wrong with one run ends the other
-        solver = find_simulator().solver_option
-        runs = [cleanup.enter_context(_launch(scene, circuit, each, solver)) for each in wanted]
+        runs = [cleanup.enter_context(_launch(scene, circuit, each, simulator)) for each in decks]
         under_way = cleanup.pop_all()
 
     def answer(run: Run, each: Transient) -> Waveforms:
@@ -185,7 +189,8 @@ def _ngspice(scene: Scene, circuit: Circuit, analysis: Transient, second_look: b
                 raise
             if error.folder is not None:  # a reproducer of nothing that is told
                 shutil.rmtree(error.folder, ignore_errors=True)
-        waveforms = _launch(scene, circuit, each, SPARSE).result()
+        (deck,) = write_decks(circuit, [each], solver=SPARSE)
+        waveforms = _launch(scene, circuit, deck, simulator).result()
         return replace(waveforms, flags=(*waveforms.flags, SECOND_SOLVER))
 
     def finish() -> Waveforms:
@@ -199,10 +204,9 @@ def _ngspice(scene: Scene, circuit: Circuit, analysis: Transient, second_look: b
     return Pending(finish, second, SHARE)
 
 
-def _launch(scene: Scene, circuit: Circuit, analysis: Transient, solver: str) -> Run:
-    deck = write_deck(circuit, analysis, solver=solver)
+def _launch(scene: Scene, circuit: Circuit, deck: Deck, simulator: Simulator) -> Run:
     bound = PHYSICAL_BOUND * circuit.scalings.unit_voltage
-    return start(deck, find_simulator(), timeout=scene.analysis.timeout, bound=bound)
+    return start(deck, simulator, timeout=scene.analysis.timeout, bound=bound)
 
 
 def _at_the_start(error: StepTooSmall, analysis: Transient) -> bool:

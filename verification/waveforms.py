@@ -30,7 +30,7 @@ class Waveforms:
     nodes : tuple of str
         One a column of `values`.
     values : ndarray (P, K)
-        V; may be a strided view of a memory-mapped file.
+        V; may be a view with any strides.
     engine : str
         Who computed it, with version (``"ngspice-46"``, ``"statespace"``).
     cost : Cost

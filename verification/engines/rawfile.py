@@ -7,9 +7,10 @@ because a reader that guesses turns a truncated file into a plausible waveform.
 
 from __future__ import annotations
 
+import mmap
+import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 
@@ -17,7 +18,8 @@ from spice_models.errors import BadEvidence, OutOfDisk
 from verification.waveforms import Floats, Waveforms
 
 DOUBLE = np.dtype("<f8")
-_LONGEST_LINE = 65536
+_LONGEST_HEADER = 1 << 24
+_END = b"\nBinary:\n"  # of the header
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,7 +36,8 @@ class Plot:
         The number of points in the header; 0 when the writer did not come to its end.
     data : ndarray (P, K)
         One column a vector; a read-only map of the file. It stays valid when the file is
-        unlinked. Not aligned to 8 bytes, since the header has any length.
+        unlinked. Not aligned to 8 bytes, since the header has any length: to compute with it,
+        copy it.
     """
 
     title: str
@@ -69,18 +72,16 @@ def read_raw(path: Path, *, partial: bool = False) -> Plot:
     OutOfDisk
         Fewer bytes than points x vectors x 8.
     """
-    try:
-        with path.open("rb") as stream:
-            header = _read_header(stream, path)
-    except FileNotFoundError:
-        raise BadEvidence(f"{path.name} was never written") from None
+    content = _map(path)
+    header = _read_header(content, path)
     promised = _number(header, "no. points", path)
-    width = len(header.vectors) * DOUBLE.itemsize
-    found = path.stat().st_size - header.size
+    count = len(header.vectors)
+    width = count * DOUBLE.itemsize
+    found = len(content) - header.size
     points = found // width if partial else promised
     if not partial:
-        _check_size(path, header, expected=promised * width, found=found)
-    data = _map(path, header.size, points, len(header.vectors))
+        _check_size(path, content, header.size, promised * width)
+    data = np.frombuffer(content, DOUBLE, points * count, header.size).reshape(points, count)
     return Plot(
         title=header.fields.get("title", ""),
         name=header.fields.get("plotname", ""),
@@ -115,12 +116,26 @@ def write_raw(path: Path, waveforms: Waveforms, title: str = "taction") -> None:
         stream.write(data.data)
 
 
-def _read_header(stream: BinaryIO, path: Path) -> _Header:
+def _map(path: Path) -> mmap.mmap | bytes:
+    """Map the file's content; one that is empty, or no regular file, cannot be and has none."""
+    try:
+        file = os.open(path, os.O_RDONLY)
+    except FileNotFoundError:
+        raise BadEvidence(f"{path.name} was never written") from None
+    try:
+        size = os.fstat(file).st_size
+        return mmap.mmap(file, size, access=mmap.ACCESS_READ) if size else b""
+    finally:
+        os.close(file)
+
+
+def _read_header(content: mmap.mmap | bytes, path: Path) -> _Header:
     """Read up to and with the ``Binary:`` line."""
+    end = content.find(_END, 0, _LONGEST_HEADER)
     fields: dict[str, str] = {}
     vectors: list[str] = []
-    while line := stream.readline(_LONGEST_LINE):
-        text = line.decode("utf-8", "replace")
+    head = content[: end if end >= 0 else _LONGEST_HEADER].decode("utf-8", "replace")
+    for text in head.removesuffix("\n").split("\n") if head else ():
         if text.startswith("\t"):
             columns = text.split()
             if len(columns) < 3 or columns[0] != str(len(vectors)):
@@ -132,12 +147,12 @@ def _read_header(stream: BinaryIO, path: Path) -> _Header:
             raise BadEvidence(f"{path.name}: not a raw file; found {text[:60]!r} in its header")
         if key == "Values":
             raise BadEvidence(f"{path.name}: values are text; a binary raw file is needed")
-        if key == "Binary":
-            header = _Header(fields, tuple(vectors), stream.tell())
-            _check_header(header, path)
-            return header
         fields[key.lower()] = value.strip()
-    raise BadEvidence(f"{path.name}: the header has no end ({len(vectors)} vectors were named)")
+    if end < 0:
+        raise BadEvidence(f"{path.name}: the header has no end ({len(vectors)} vectors were named)")
+    header = _Header(fields, tuple(vectors), end + len(_END))
+    _check_header(header, path)
+    return header
 
 
 def _check_header(header: _Header, path: Path) -> None:
@@ -161,28 +176,19 @@ def _number(header: _Header, key: str, path: Path) -> int:
     return int(value)
 
 
-def _check_size(path: Path, header: _Header, *, expected: int, found: int) -> None:
-    """Hold the file's size against its header; see `read_raw` for what is raised."""
+def _check_size(path: Path, content: mmap.mmap | bytes, start: int, expected: int) -> None:
+    """Hold the bytes from `start` on against `expected`; `read_raw` says what is raised."""
+    found = len(content) - start
     if found < expected:
         raise OutOfDisk(
             f"{path.name} holds {found} of {expected} bytes: it could not be written in full."
             " Free space where runs are kept (TMPDIR), or save fewer nodes"
         )
     if found > expected:
-        with path.open("rb") as stream:
-            stream.seek(header.size + expected)
-            more = stream.read(6)
-        if more == b"Title:":
+        if content[start + expected : start + expected + 6] == b"Title:":
             raise BadEvidence(f"{path.name} holds several plots; one analysis a deck is accepted")
         raise BadEvidence(
             f"{path.name} holds {found} bytes of values where its header says {expected}"
         )
     if expected == 0:
         raise BadEvidence(f"{path.name} holds no points")
-
-
-def _map(path: Path, offset: int, points: int, count: int) -> Floats:
-    if points == 0:  # an empty range cannot be mapped
-        return np.empty((0, count))
-    mapped = np.memmap(path, dtype=DOUBLE, mode="r", offset=offset, shape=(points, count))
-    return np.asarray(mapped)
