@@ -7,7 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from verification.crossings import first_above, highest, interpolate, lagrange, last_above
+from verification.crossings import (
+    first_above,
+    first_crossings,
+    highest,
+    interpolate,
+    lagrange,
+    last_above,
+    last_crossings,
+)
 
 
 def test_a_cubic_is_interpolated_exactly_on_uneven_points(rng):
@@ -48,6 +56,40 @@ def test_never_above_and_still_above():
     time = np.linspace(0, 1, 11)
     assert last_above(time, time, 2.0) is None
     assert last_above(time, time, 0.5) == (1.0, 0.0)
+
+
+def test_many_rows_and_levels_at_once_are_exponentials_crossings(rng):
+    """A row, a time constant: ``tau ln(1/level)`` each way, and each level on its own row."""
+    time = np.sort(np.concatenate([[0.0, 9.0], rng.uniform(0, 9, 900)]))
+    tau = np.array([0.5, 1.0, 2.0])
+    decays = np.exp(-time / tau[:, None])
+    levels = np.array([[0.1, 0.2, 0.3], [0.6, 0.5, 0.4], [2.0, 0.005, 0.9]])
+    truth = tau * np.log(1 / levels)
+    truth[2, 0] = np.nan  # never so high
+    found = last_crossings(time, decays, levels)
+    assert (np.isnan(found.time) == np.isnan(truth)).all()
+    there = ~np.isnan(truth)
+    assert (np.abs(found.time - truth) <= found.uncertainty)[there].all()
+    assert found.uncertainty[there].max() < 1e-4
+    rising = first_crossings(time, 1 - decays, 1 - levels)
+    truth[2, 0] = 0.0  # above from the first point on
+    assert (np.abs(rising.time - truth) <= rising.uncertainty).all()
+    assert rising.uncertainty[2, 0] == 0.0
+
+
+def test_mirrored_rows_follow_and_what_is_before_first_does_not_count():
+    time = np.linspace(0, 2 * np.pi, 401)
+    y = np.array([np.sin(time), np.sin(2 * time)])
+    levels = np.full((1, 2), 0.5)
+    found = last_crossings(time, y, levels, mirrored=True)
+    truth = np.pi * np.array([5 / 6, 17 / 12, 11 / 6, 23 / 12])
+    assert (np.abs(found.time[0] - truth) <= found.uncertainty[0]).all()
+    later = last_crossings(time, y, levels, np.array([200, 200]), mirrored=True)
+    np.testing.assert_array_equal(later.time[0, 1:], found.time[0, 1:])
+    assert np.isnan(later.time[0, 0])  # the first sine is above only before pi
+    sooner = first_crossings(time, y, levels, np.array([10, 200]))
+    assert np.isnan(sooner.time[0, 0])
+    assert abs(sooner.time[0, 1] - np.pi / 12) <= sooner.uncertainty[0, 1]
 
 
 def test_a_peak_between_points_is_seen():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from verification.measures import ChannelState, measure
-from verification.readings import settles
+from verification.readings import rises, settles
 
 SUSTAINED = (ChannelState.OSCILLATING, ChannelState.CLIPPED, ChannelState.DIVERGED)
 
@@ -55,3 +55,16 @@ def test_settle_reads_what_is_there():
     assert (still.value, still.uncertainty) == (0.0, 0.0)
     assert rising == falling
     assert settles(time, errors[1:2], 0.25) == [None]
+
+
+def test_rises_of_channels_of_either_direction():
+    """First-order steps: 10-90 % takes ``tau ln 9``, and one that is too slow has no rise time."""
+    time = np.linspace(0, 12, 1201)
+    tau, steps = np.array([0.5, 1.0, 20.0, 2.0]), np.array([1.0, -3.0, 1.0, -0.1])
+    errors = -steps[:, None] * np.exp(-time / tau[:, None])
+    quick, falling, slow, small = rises(time, errors, steps, 0.1, 0.9)
+    assert slow is None
+    for reading, pace in ((quick, 0.5), (falling, 1.0), (small, 2.0)):
+        assert abs(reading.value - pace * np.log(9)) <= reading.uncertainty < 1e-3
+        assert not reading.fragile
+    assert rises(time, errors[:0], steps[:0], 0.1, 0.9) == []

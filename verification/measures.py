@@ -155,7 +155,7 @@ def measure(
         modes = fit_modes(t, v, ringing=ringing)
     else:
         ringing, modes = Envelope(t[:1], np.zeros((1, u.shape[1])), None), ()
-    record = _Record(part, look(part, band, rise), Drift(t, part.errors), band, ringing, modes)
+    record = _Record(part, v, look(part, band, rise), Drift(t, part.errors), band, ringing, modes)
     channels = tuple(_channel(record, n) for n in range(target.size))
     settling, reason = network_settling_time(channels)
     return Measurements(part.amplitude, band, channels, settling, reason, modes)
@@ -190,6 +190,7 @@ class _Record:
     """The sound part of a record and what is known of all channels together."""
 
     part: SoundPart
+    u: Floats
     seen: Look
     drift: Drift
     band: float
@@ -261,9 +262,9 @@ def _channel(record: _Record, n: int) -> ChannelMeasure:
 
 def _cycle(record: _Record, n: int) -> float | None:
     """Return the frequency of channel `n`'s limit cycle, Hz, from the last fifth of the record."""
-    time, error = record.part.time, record.part.errors[n]
+    time = record.part.time
     first = int(np.searchsorted(time, time[0] + 0.8 * np.ptp(time)))
-    modes = fit_modes(time[first:], error[first:, None])
+    modes = fit_modes(time[first:], record.u[first:, n : n + 1])
     lines = [m.frequency for m in modes if m.frequency > 0]
     period = record.ringing.period
     return lines[0] if lines else (1 / period if period else None)
