@@ -14,7 +14,7 @@ from netlist_gen.analysis import Transient
 from netlist_gen.circuit import Capacitor, Output, Resistor
 from spice_models.errors import EngineError
 from verification.engines.descriptor import linearise
-from verification.engines.flows import LadderFlow
+from verification.engines.flows import LadderFlow, ModalFlow
 from verification.engines.stamps import stamp
 from verification.engines.statespace import exact, simulate
 
@@ -95,6 +95,28 @@ def test_the_uniform_record_is_the_same_solution() -> None:
     few = simulate(circuit, Transient(1e-3, 1e-6), nodes=("w3", "0"), times=np.array([1e-5, 1e-3]))
     assert few.nodes == ("w3", "0")
     assert few["0"].tolist() == [0.0, 0.0]
+
+
+def test_a_board_that_does_not_move_and_records_of_few_points() -> None:
+    still = exact(replace(paper_board(), currents=()))
+    assert still.uniform(1e-6, 10) == pytest.approx(np.zeros((10, 7)), abs=0.0)
+    assert still.at(np.array([0.0, 1e-3])) == pytest.approx(np.zeros((2, 7)), abs=0.0)
+    solution = exact(paper_board())
+    for count in (1, 2, 3, 5, 500):
+        wanted = solution.at(3e-7 * np.arange(count))
+        assert solution.uniform(3e-7, count) == pytest.approx(wanted, abs=1e-14)
+
+
+def test_modes_that_have_faded_are_not_missed() -> None:
+    solution = exact(paper_board())
+    t = np.geomspace(1e-11, 1e-2, 3000)
+    assert isinstance(solution.flow, ModalFlow)
+    poles, share = solution.flow.poles, solution.flow.share
+    wanted = solution.final + (np.exp(np.outer(t, poles)) @ share).real
+    assert solution.at(t) == pytest.approx(wanted, abs=1e-14)
+    rates = (np.exp(np.outer(t, poles)) @ (share * poles[:, None])).real
+    slope = solution.derivative(t)
+    assert np.all(np.abs(slope - rates) <= 1e-12 * np.abs(rates).max(axis=0))
 
 
 def test_a_start_along_a_mode_shows_only_that_mode() -> None:

@@ -79,18 +79,18 @@ class ModalFlow:
     def uniform(self, step: float, count: int) -> Floats:
         """Deviation at ``step * (0 .. count - 1)``, shape (count, K): 2 √count exponentials."""
         inner = math.isqrt(count) + 1
-        outer = -(-count // inner)
+        outer, columns = -(-count // inner), self.share.shape[1]
         fine = _exponentials(step * np.arange(inner, dtype=np.float64), self.poles)
         starts = step * inner * np.arange(1, outer, dtype=np.float64)
-        found = np.empty((outer, inner, self.share.shape[1]))
+        found = np.empty((outer, inner, columns))
         found[0] = _real_product(fine, self.share)
         live = self._live(step * inner)
         with np.errstate(over="ignore", invalid="ignore"):
             later = _exponentials(starts, self.poles[:live]).T[:, :, None]
-            weight = (later * self.share[:live, None, :]).reshape(live, -1)
-        rest = _real_product(fine[:, :live], weight).reshape(inner, outer - 1, -1)
+            weight = (later * self.share[:live, None, :]).reshape(live, (outer - 1) * columns)
+        rest = _real_product(fine[:, :live], weight).reshape(inner, outer - 1, columns)
         found[1:] = rest.transpose(1, 0, 2)
-        return found.reshape(outer * inner, -1)[:count]
+        return found.reshape(outer * inner, columns)[:count]
 
     def _live(self, time: float) -> int:
         """How many modes, the rightmost first, have not faded away at an instant, s."""
