@@ -6,6 +6,7 @@ that are killed, at the price of the one point that each was working on.
 
 from __future__ import annotations
 
+import gc
 import importlib
 import logging
 import multiprocessing
@@ -28,7 +29,7 @@ from verification.threads import THREADS
 ATTEMPTS = 3  # deaths of a worker until its point is given up
 PATIENCE = 15.0  # s until an address without a scheduler is given up
 NEWS = 1.0  # s between two looks at how many workers a cluster has
-PRELOAD = ["verification.verify", "verification.engines.statespace"]
+PRELOAD = ["verification.studies.point", "verification.engines.statespace"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,6 +242,7 @@ def _one_thread_each() -> Iterator[None]:
 
 def _settle_in() -> None:
     """Prepare a worker: Ctrl-C is the parent's business, and its death is the worker's end."""
+    gc.freeze()  # what was imported stays: no collection needs to look at it again
     os.environ.update(dict.fromkeys(THREADS, "1"))
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _end)
