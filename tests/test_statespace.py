@@ -103,7 +103,7 @@ def test_a_board_that_does_not_move_and_records_of_few_points() -> None:
     assert still.at(np.array([0.0, 1e-3])) == pytest.approx(np.zeros((2, 7)), abs=0.0)
     solution = exact(paper_board())
     for count in (1, 2, 3, 5, 500):
-        wanted = solution.at(3e-7 * np.arange(count))
+        wanted = solution.at(np.float64(3e-7) * np.arange(count))
         assert solution.uniform(3e-7, count) == pytest.approx(wanted, abs=1e-14)
 
 
