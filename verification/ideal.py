@@ -19,7 +19,8 @@ from verification.reference import (
     ideal_transient,
     solve,
 )
-from verification.reference.dynamics import Outcome, ScaledNetwork, energy_residual
+from verification.reference.balance import energy_residual
+from verification.reference.dynamics import Outcome, ScaledNetwork
 from verification.reference.response import Response
 
 ENERGY_STRIDE = 20  # of the response's instants, which are 1 % apart

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from verification.reference.balance import energy_residual
 from verification.reference.problem import Problem, Solution
 from verification.reference.regularisers import REGULARISERS, Regulariser
 from verification.reference.response import Response
@@ -28,7 +29,6 @@ TOLERANCE = 1e-10
 """Relative tolerance of the Radau run."""
 AGREEMENT = 1e-6
 """Radau and LSODA must agree to this times the step amplitude, and the energy balance to this."""
-_GAUSS_NODES, _GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(6)
 
 
 class Outcome(Enum):
@@ -279,30 +279,3 @@ def _second_opinion(
         return float("inf")
     difference = np.max(np.abs(scaled.g.g(run.y) - scaled.g.g(dense(steps))))
     return float(difference) if np.isfinite(difference) else float("inf")
-
-
-def energy_residual(
-    scaled: ScaledNetwork, steps: Floats, dense: Callable[[Floats], Floats]
-) -> float:
-    """Compare the energy lost with the energy dissipated, by Gauss quadrature in each step.
-
-    Parameters
-    ----------
-    steps : ndarray (P,)
-        Instants over R C, close enough for six Gauss points between two.
-    dense : callable
-        ``t (K,) -> x (N, K)``.
-
-    Returns
-    -------
-    float
-        ``|P(t) - P(0) + integral of sum C g' v'^2|`` over ``|P(0) - P(t)|``: zero for a trajectory
-        of the ideal network (the descent proof of theorem 3.1, in u as it must be).
-    """
-    half = 0.5 * np.diff(steps)
-    t = (steps[:-1, None] + half[:, None] * (1.0 + _GAUSS_NODES)).ravel()
-    x = dense(t)
-    power = np.sum(scaled.g.slope(x) * scaled.slope(0.0, x) ** 2, axis=0)
-    dissipated = float(np.sum(power * np.outer(half, _GAUSS_WEIGHTS).ravel()))
-    lost = scaled.energy(dense(steps[:1])[:, 0]) - scaled.energy(dense(steps[-1:])[:, 0])
-    return abs(dissipated - lost) / abs(lost) if lost != 0.0 else abs(dissipated)
