@@ -123,6 +123,28 @@ def test_envelope_follows_the_amplitude_under_a_trend():
     np.testing.assert_allclose(found.amplitude[late, 0], expected, rtol=0.05)
 
 
+@pytest.mark.parametrize("growth", [-5e3, 0.0, 5e3])
+@pytest.mark.parametrize("points", [1001, 2501, 6201])  # 8, 20 and 50 a period
+def test_the_period_of_a_tone_that_decays_or_grows_is_exact(points, growth):
+    time = np.linspace(0, 1e-3, points)
+    found = envelope(time, ring(time, growth, phase=0.4)[:, None])
+    assert found.period == pytest.approx(1 / F0, rel=3e-6)
+
+
+@pytest.mark.parametrize(("points", "error"), [(1001, 1e-2), (2501, 1e-3), (6201, 1e-3)])
+def test_peaks_between_samples_count(points, error):
+    time = np.linspace(0, 1e-3, points)
+    found = envelope(time, np.column_stack([ring(time, 0.0), -0.3 * ring(time, 0.0, phase=1.0)]))
+    np.testing.assert_allclose(found.amplitude, [[1.0, 0.3]] * found.time.size, rtol=error)
+
+
+def test_a_rail_is_not_rounded_up():
+    time = np.linspace(0, 1e-3, 3087)  # 25 points a period
+    found = envelope(time, np.clip(1.3 * ring(time, 0.0), -1, 1)[:, None])
+    assert np.all(found.amplitude > 0.995)
+    assert np.all(found.amplitude < 1.02)
+
+
 def test_a_plain_exponential_has_no_envelope():
     time = np.linspace(0, 10, 2000)
     found = envelope(time, (1 - np.exp(-time))[:, None])

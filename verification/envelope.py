@@ -5,11 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from verification.crossings import lagrange
+from verification.resampling import pace, resample
 from verification.waveforms import Floats
 
-_POINTS = 8192
+Complexes = NDArray[np.complex128]
+
+_POINTS = 8192  # most samples of a record
+_FEWEST = 64
+_ENOUGH, _PLENTY = 20.0, 40.0  # samples a period: to be reached; to be kept when thinning out
 _CHUNKS = 64
 
 
@@ -39,37 +44,81 @@ def mixed(signals: Floats) -> Floats:
     return np.asarray(signals @ weights, dtype=np.float64)
 
 
-def spectrum(y: Floats) -> Floats:
-    """Return the magnitude spectrum of the difference under a Hann window, shape (n // 2,).
+def spectrum(y: Floats) -> Complexes:
+    """Return the spectrum of the difference of y (n,) under a Hann window.
 
-    The difference keeps a slow tail from hiding the ringing; a second one would favour a square
-    wave's harmonics over its fundamental.
+    Line k of the m + 1 is k periods in the last 2 m steps; 2 m is at least 15/16 of all, without
+    large prime factors. The difference keeps a slow tail from hiding the ringing; a second one
+    would favour a square wave's harmonics over its fundamental.
     """
     slope = np.diff(y)
-    return np.abs(np.fft.rfft(slope * np.hanning(slope.size)))
+    lines = np.fft.rfft(slope[slope.size % max(1 << max(slope.size.bit_length() - 5, 0), 2) :])
+    # The Hann window as what it does to the lines: half of both neighbours is subtracted.
+    around = np.concatenate([lines[1:2].conj(), lines, lines[-2:-1].conj()])
+    return np.asarray(lines - 0.5 * (around[2:] + around[:-2]))
 
 
-def _dominant_period(y: Floats, span: float) -> float | None:
-    """Return the period of the lowest strong spectral line, or None; a hump is no ringing."""
-    usable = spectrum(y)[: y.size // 4]
-    inner = usable[1:-1]
-    lines = (inner >= usable[:-2]) & (inner >= usable[2:]) & (inner > 0.6 * usable.max())
-    k = int(np.argmax(lines)) + 1  # a square wave's harmonics are as strong as its fundamental
-    if k < 3 or 2 * k >= usable.size or max(usable[k // 2], usable[2 * k]) > 0.5 * usable[k]:
+def _dominant_period(y: Floats, step: float, most: int) -> float | None:
+    """Return the period of the lowest strong line of the first `most`, or None; a hump is none."""
+    lines = spectrum(y)
+    size = np.abs(lines[:most])
+    inner = size[1:-1]
+    strong = (inner >= size[:-2]) & (inner >= size[2:]) & (inner > 0.6 * size.max())
+    k = int(np.argmax(strong)) + 1  # a square wave's harmonics are as strong as its fundamental
+    if k < 3 or 2 * k >= size.size or max(size[k // 2], size[2 * k]) > 0.5 * size[k]:
         return None
-    left, top, right = np.log(np.maximum(usable[k - 1 : k + 2], 1e-300))
-    return span / (k + 0.5 * float(left - right) / min(float(left - 2 * top + right), -1e-3))
+    left, top, right = lines[k - 1 : k + 2].tolist()
+    bend = left - 2 * top + right
+    # A tone, decaying or not, is 1 / (j - c) in line j without a window, c its complex frequency:
+    # with second differences in their place this is c - k, and bend at least three times the top.
+    off = 2 * ((right - left) / bend).real if abs(bend) > abs(top) else 0.0
+    return 2 * (lines.size - 1) * step / (k + min(max(off, -1.0), 1.0))
 
 
 def _without_trend(y: Floats, window: float) -> Floats:
-    """Subtract the mean over one period, `window` points (any real number), and trim the ends."""
+    """Subtract the mean over one period from y (K, n), and trim the ends.
+
+    `window` is any real number of samples; y is linear between them.
+    """
     whole, part = divmod(0.5 * window, 1.0)
     reach = int(whole) + 1
-    total = np.concatenate([np.zeros_like(y[:1]), np.cumsum(0.5 * (y[1:] + y[:-1]), axis=0)])
-    n = y.shape[0] - 2 * reach
-    ahead = (1 - part) * total[2 * reach - 1 : -1] + part * total[2 * reach :]
-    behind = (1 - part) * total[1 : n + 1] + part * total[:n]
-    return y[reach:-reach] - (ahead - behind) / window
+    kept = y.shape[1] - 2 * reach
+    late, last = slice(2 * reach - 1, -1), slice(2 * reach, None)
+    early, first = slice(1, kept + 1), slice(kept)
+    total = np.cumsum(y, axis=1)
+    area = total[:, late] - total[:, first]
+    ends = y[:, late] + y[:, early]
+    ends *= -0.5 * (1 - part) ** 2
+    area += ends
+    np.add(y[:, last], y[:, first], out=ends)
+    ends *= 0.5 * part**2
+    area += ends
+    area /= -window
+    area += y[:, reach:-reach]
+    return area
+
+
+def _swing(ringing: Floats, size: int, window: float) -> Floats:
+    """Return half of peak to peak, (K, chunks), of chunks of `size` steps up to the last sample.
+
+    A parabola through the highest sample and its neighbours finds the peak between samples. It
+    rises no further than a sinusoid of `window` samples a period can, so a corner gains little.
+    """
+    channels, n = ringing.shape
+    begin = np.arange((n - 1) % size, n - 1, size) + n * np.arange(channels)[:, None]
+    chunks = np.lib.stride_tricks.sliding_window_view(ringing, size + 1, axis=1)
+    chunks = chunks[:, (n - 1) % size :: size]
+    half, rise = np.zeros((2, *begin.shape))
+    for sign, place in ((0.5, chunks.argmax(axis=2)), (-0.5, chunks.argmin(axis=2))):
+        at = begin + place
+        top = sign * ringing.take(at)
+        fall_l = top - sign * ringing.take(at - 1, mode="clip")
+        fall_r = top - sign * ringing.take(at + 1, mode="clip")
+        peak = (fall_l >= 0) & (fall_r >= 0) & (fall_l + fall_r > 0)
+        rise += np.where(peak, (fall_l - fall_r) ** 2 / (8 * np.where(peak, fall_l + fall_r, 1)), 0)
+        half += top
+    most = half * (1 - np.cos(np.pi / window))
+    return np.asarray(half + np.minimum(rise, most), dtype=np.float64)
 
 
 def envelope(time: Floats, signals: Floats) -> Envelope:
@@ -82,25 +131,30 @@ def envelope(time: Floats, signals: Floats) -> Envelope:
     signals : ndarray (P, K)
         Finite.
     """
-    n = int(min(max(2 * time.size, 64), _POINTS))
-    grid = np.linspace(time[0], time[-1], n)
-    if time.size < _POINTS // 2:  # chords between few points would add a ringing of their own
-        uniform = lagrange(time, signals, grid, 6)
-    else:
-        uniform = np.column_stack([np.interp(grid, time, column) for column in signals.T])
-    span = float(time[-1] - time[0])
-    one = mixed(uniform)
-    period = _dominant_period(one[n // 2 :], span / 2) or _dominant_period(one, span)
+    n, span = time.size, float(time[-1] - time[0])
+    usual = pace(time)
+    end = max(n - 4, 0)  # a simulator cuts its last steps to meet the stop time
+    # Chords between few points would add a ringing of their own.
+    points = 6 if n < _POINTS // 2 else 2
+    coarsest = usual * np.ceil(span / usual / _POINTS)
+    step = coarsest if span > _FEWEST * usual else usual / np.ceil(_FEWEST * usual / span)
+    at, one = resample(time, mixed(signals)[:, None], step, usual, end, _POINTS, points)
+    half, whole = one[one.size // 2 :, 0], one[:, 0]
+    most = _POINTS // 4
+    period = _dominant_period(half, step, most // 2) or _dominant_period(whole, step, most)
     if period is None:
-        return Envelope(grid.mean(keepdims=True), np.zeros((1, signals.shape[1])), None)
-    ringing = _without_trend(uniform, period / span * (n - 1))
-    trim = (n - ringing.shape[0]) // 2
+        return Envelope(at.mean(keepdims=True), np.zeros((1, signals.shape[1])), None)
+    own = period / usual
+    refined = 1 / np.ceil(_ENOUGH / own) if own < _ENOUGH else max(int(own / _PLENTY), 1)
+    step = max(usual * refined, coarsest)
+    at, uniform = resample(time, signals, step, usual, end, _POINTS, points)
+    ringing = _without_trend(np.ascontiguousarray(uniform.T), period / step)
+    trim = (at.size - ringing.shape[1]) // 2
     chunks = int(np.clip(span / (1.25 * period) - 1, 1, _CHUNKS))
-    size = ringing.shape[0] // chunks
-    ends = slice(ringing.shape[0] - size * chunks, None)
-    pieces = ringing[ends].reshape(chunks, size, -1)
-    middle = grid[trim : n - trim][ends].reshape(chunks, size).mean(axis=1)
-    return Envelope(middle, 0.5 * (pieces.max(axis=1) - pieces.min(axis=1)), period)
+    size = (ringing.shape[1] - 1) // chunks
+    swing = _swing(ringing, size, period / step)
+    middle = at[at.size - 1 - trim] - step * size * (np.arange(chunks, 0, -1) - 0.5)
+    return Envelope(middle, swing[:, -chunks:].T, period)
 
 
 def saturates(amplitude: Floats) -> bool:

@@ -1,31 +1,29 @@
 """Ringing in a transient: its envelope, and the frequency and growth rate of each mode.
 
-`fit_modes` is a matrix-pencil fit in its subspace form (ESPRIT; Hua and Sarkar, IEEE Trans. ASSP
-38, 814, 1990; Roy and Kailath, IEEE Trans. ASSP 37, 984, 1989). The samples of all channels share
-one Hankel matrix, so every channel bears on the same poles; its singular values give the number of
-modes. A saturated stretch has no poles: only what comes before it is fitted.
+`fit_modes` fits the poles that all channels share (`verification.pencil`), then each pole's
+amplitude in each channel. A saturated stretch has no poles: only what comes before it is fitted.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from verification.crossings import lagrange
 from verification.envelope import Envelope, envelope, mixed, saturates, spectrum
+from verification.pencil import GONE, Complexes, fit_poles
+from verification.resampling import pace, resample
 from verification.waveforms import Floats
-
-Complexes = NDArray[np.complex128]
 
 _FIT_SPAN = 16384  # raw points considered before the end of the stretch
 _FIT_SAMPLES = 300  # uniform samples in one fit
 _SAMPLES_PER_PERIOD = 6.0
 _FEWEST_PERIODS = 8.0
+_SPECTRUM = 4096  # samples in the spectrum that tells the fastest line
 _COMPONENTS = 6  # principal components of the channels
-_ORDER = 24  # most real states in one fit
 _LINEAR_FRACTION = 0.25  # of a limit cycle's amplitude: below, the growth is still exponential
+_REAL = 1e-9  # radians a sample: below, a pole does not oscillate
 _FAINT = 1e-4  # of the strongest mode: below, a pole is an artefact of the fit
 _FADED = 0.01  # of the largest envelope: below, a decayed ringing is not worth fitting
 
@@ -102,51 +100,19 @@ def _uniform(time: Floats, signals: Floats, period: float | None) -> tuple[float
     shorten the stretch to less than eight periods of the dominant one.
     """
     time, signals = time[-_FIT_SPAN:], signals[-_FIT_SPAN:]
-    span = float(time[-1] - time[0])
-    n = min(max(time.size, 64), 4096)
-    grid = np.linspace(time[0], time[-1], n)
-    power = spectrum(np.interp(grid, time, mixed(signals)))
-    floor = max(0.01 * float(power.max()), 8 * float(np.median(power)))
-    fastest = int(np.flatnonzero(power >= min(floor, float(power.max())))[-1])
-    pace = float(np.median(np.diff(time)))
-    wanted = span / (_SAMPLES_PER_PERIOD * max(fastest, 1))
+    last, span, usual = time.size - 1, float(time[-1] - time[0]), pace(time)
+    coarse = usual * max(np.ceil(span / usual / _SPECTRUM), 1.0)
+    _, one = resample(time, mixed(signals)[:, None], coarse, usual, last, _SPECTRUM, 2)
+    power = np.abs(spectrum(one[:, 0]))
+    most, middle = float(power.max()), power.size // 2
+    floor = min(max(0.01 * most, 8 * float(np.partition(power, middle)[middle])), most)
+    fastest = int(np.flatnonzero(power >= floor)[-1])
+    wanted = 2 * (power.size - 1) * coarse / (_SAMPLES_PER_PERIOD * max(fastest, 1))
     if period is not None:
         wanted = max(wanted, _FEWEST_PERIODS * period / _FIT_SAMPLES)
     wanted = min(wanted, span / (_FIT_SAMPLES - 1))
-    if span / wanted > _FIT_SAMPLES:  # many periods: the last of them
-        wanted = max(wanted, pace)
-    step = pace * max(round(wanted / pace), 1)
-    samples = min(int(span / step * (1 + 1e-9)) + 1, _FIT_SAMPLES)
-    at = np.clip(time[-1] - step * np.arange(samples - 1, -1, -1), time[0], time[-1])
-    return step, lagrange(time, signals, at, 6)
-
-
-def _pencil(samples: Floats, order: int | None = None) -> Complexes:
-    """Return the poles z of uniformly sampled channels (n, K); `order` from the singular values."""
-    length = min(samples.shape[0] // 3, 80)
-    hankel = np.lib.stride_tricks.sliding_window_view(samples, length, axis=0)
-    rows = hankel.reshape(-1, length)
-    energy, vectors = np.linalg.eigh(rows.T @ rows)
-    size = np.sqrt(np.maximum(energy[::-1], 0.0))
-    if order is None:
-        floor = max(10 * float(np.median(size[length // 2 :])), 1e-7 * float(size[0]))
-        order = int(np.clip(np.count_nonzero(size > floor), 1, min(_ORDER, length // 3)))
-    basis = vectors[:, ::-1][:, :order]
-    shift = np.linalg.lstsq(basis[:-1], basis[1:], rcond=None)[0]
-    return np.asarray(np.linalg.eigvals(shift), dtype=np.complex128)
-
-
-def _spread(samples: Floats, z: Complexes) -> Complexes:
-    """Return how far each pole moves (real and imaginary part of log z) on parts of the stretch."""
-    quarter = samples.shape[0] // 4
-    moved = np.zeros(z.size, dtype=np.complex128)
-    for part in (samples[quarter:], samples[: samples.shape[0] - quarter]):
-        other = _pencil(part, z.size)
-        ratio = np.log(other[np.argmin(np.abs(z[:, None] - other), axis=1)]) - np.log(z)
-        moved = np.maximum(moved.real, abs(ratio.real)) + 1j * np.maximum(
-            moved.imag, abs(ratio.imag)
-        )
-    return moved
+    step = usual * max(round(wanted / usual), 1)
+    return step, resample(time, signals, step, usual, last, _FIT_SAMPLES, 6)[1]
 
 
 def _doubts(periods: float, residual: float, growth: float, sigma: float) -> str:
@@ -195,13 +161,44 @@ def fit_modes(
         return ()
     _, strength, axes = np.linalg.svd(samples, full_matrices=False)
     main = axes[: max(np.count_nonzero(strength[:_COMPONENTS] > 1e-7 * strength[0]), 1)]
-    z = _pencil(samples @ main.T)
-    z = z[np.abs(z) > 1e-3]
-    if z.size == 0:
+    z, moved = fit_poles(samples @ main.T)
+    kept = np.abs(z) > GONE
+    if not kept.any():
         return ()
-    moved = _spread(samples @ main.T, z) / step
     stop = float(time[used - 1])
-    return _modes(samples, z, moved, step, stop, doubt)
+    return _modes(samples, z[kept], moved[kept], step, stop, doubt)
+
+
+def _exponentials(angle: Complexes, n: int) -> Complexes:
+    """Return ``exp(angle k)``, shape (n, m), k counted from where it is 1 and so largest.
+
+    From the first of n samples where it decays, from the last where it grows.
+    """
+    width = math.isqrt(n - 1) + 1
+    k = np.arange(0.0, width)[:, None]
+    coarse = np.exp(angle * (width * k - np.where(angle.real < 0, 0.0, n - 1.0)))
+    return (coarse[:, None] * np.exp(angle * k)).reshape(-1, angle.size)[:n]
+
+
+def _amplitudes(samples: Floats, angle: Complexes) -> tuple[Floats, Floats, Floats]:
+    """Fit amplitudes by least squares, of poles' log z (m,) in one half plane to samples (n, K).
+
+    Returns
+    -------
+    power : ndarray (n, m)
+        Square of each exponential, which is 1 where it is largest.
+    sizes : ndarray (m, K)
+        Amplitudes there.
+    rest : ndarray (n, K)
+        What the fit leaves.
+    """
+    columns = _exponentials(angle, samples.shape[0])
+    rings = angle.imag > _REAL
+    basis = np.concatenate([columns.real, columns.imag[:, rings]], axis=1)
+    weights = np.linalg.lstsq(basis, samples, rcond=None)[0]
+    sizes = np.abs(weights[: angle.size])
+    sizes[rings] = np.hypot(sizes[rings], weights[angle.size :])
+    return columns.real**2 + columns.imag**2, sizes, samples - basis @ weights
 
 
 def _modes(
@@ -209,42 +206,41 @@ def _modes(
 ) -> tuple[Mode, ...]:
     """Give each pole its amplitude, uncertainty and doubt; drop those within the noise."""
     n, channels = samples.shape
-    poles = np.log(z) / step
-    back = step * np.arange(1 - n, 1)
-    length = step * (n - 1)
-    # Each exponential is 1 where it is largest: at the start if it decays, at the end if it grows.
-    columns = np.exp(poles * (back[:, None] + np.where(poles.real < 0, length, 0.0)))
-    weights = np.linalg.lstsq(columns, samples.astype(np.complex128), rcond=None)[0]
-    left = float(np.linalg.norm(samples - (columns @ weights).real))
+    states, upper = z.size, z.imag >= 0
+    angle, moved = np.log(z[upper]), moved[upper] / step
+    poles = angle / step
+    back, length = step * np.arange(1.0 - n, 1.0), step * (n - 1)
+    power, sizes, rest = _amplitudes(samples, angle)
+    left = float(np.linalg.norm(rest))
     residual = left / float(np.linalg.norm(samples))
-    noise = left / np.sqrt(max(n * channels - 2 * z.size, 1))
-    power = np.abs(columns) ** 2  # (n, order)
-    pairs = np.where(poles.imag > 1e-9 / step, 2.0, 1.0)
-    sizes = pairs[:, None] * np.abs(weights)  # (order, channels)
-    rms = np.sqrt(power.mean(axis=0)) * np.linalg.norm(sizes, axis=1)
+    noise = left / max(n * channels - 2 * states, 1) ** 0.5
+    energy, strength = power.sum(axis=0), np.linalg.norm(sizes, axis=1)
+    rms = np.sqrt(energy / n) * strength
+    around = back[:, None] - back @ power / energy
+    sigma = 2.0**0.5 * noise / (np.sqrt((power * around**2).sum(axis=0)) * strength)
+    growth_sigma, turn_sigma = np.maximum(moved.real, sigma), np.maximum(moved.imag, sigma)
+    rings = angle.imag > _REAL
+    frequency = np.where(rings, poles.imag, 0.0) / (2 * np.pi)
+    still = ~rings & (np.abs(angle.real) * n < 0.1)
+    aliased = angle.imag > 0.98 * np.pi
     least = max(3 * noise, _FAINT * float(rms.max()))
-    still = (pairs == 1.0) & (np.abs(poles.real) * step * n < 0.1)
-    aliased = poles.imag * step > 0.98 * np.pi
-    kept = (poles.imag > -1e-9 / step) & ~still & ~aliased & (rms > least)
+    kept = np.flatnonzero(~still & ~aliased & (rms > least))
+    at_stop = sizes * np.exp(np.minimum(poles.real, 0.0) * length)[:, None]
     found = []
-    for i in sorted(np.flatnonzero(kept), key=lambda j: -rms[j]):
-        spread = back - (power[:, i] @ back) / power[:, i].sum()
-        leverage = np.sqrt(power[:, i] @ spread**2) * np.linalg.norm(sizes[i])
-        sigma = float(np.sqrt(2.0) * noise / leverage)
-        growth, growth_sigma = float(poles[i].real), max(float(moved[i].real), sigma)
-        frequency = float(poles[i].imag) / (2 * np.pi) if pairs[i] == 2.0 else 0.0
-        periods = frequency * length if frequency else np.inf
-        own = _doubts(periods, residual, growth, growth_sigma)
-        at_stop = sizes[i] * np.exp(min(growth, 0.0) * length)
+    for i in kept[np.argsort(-rms[kept], kind="stable")].tolist():
+        growth, its_sigma = float(poles[i].real), float(growth_sigma[i])
+        periods = float(frequency[i]) * length if rings[i] else np.inf
+        own = _doubts(periods, residual, growth, its_sigma)
+        shares = tuple(at_stop[i].tolist())
         found.append(
             Mode(
-                frequency=frequency,
+                frequency=float(frequency[i]),
                 growth_rate=growth,
-                amplitude=float(at_stop.max()),
-                frequency_sigma=max(float(moved[i].imag), sigma) / (2 * np.pi),
-                growth_sigma=growth_sigma,
+                amplitude=max(shares),
+                frequency_sigma=float(turn_sigma[i]) / (2 * np.pi),
+                growth_sigma=its_sigma,
                 residual=residual,
-                channels=tuple(at_stop.tolist()),
+                channels=shares,
                 start=stop - length,
                 stop=stop,
                 doubt="; ".join(filter(None, (doubt, own))),
