@@ -131,7 +131,7 @@ def test_the_period_of_a_tone_that_decays_or_grows_is_exact(points, growth):
     assert found.period == pytest.approx(1 / F0, rel=3e-6)
 
 
-@pytest.mark.parametrize(("points", "error"), [(1001, 1e-2), (2501, 1e-3), (6201, 1e-3)])
+@pytest.mark.parametrize(("points", "error"), [(1001, 2e-2), (2501, 1e-3), (6201, 1e-3)])
 def test_peaks_between_samples_count(points, error):
     time = np.linspace(0, 1e-3, points)
     found = envelope(time, np.column_stack([ring(time, 0.0), -0.3 * ring(time, 0.0, phase=1.0)]))
