@@ -79,7 +79,8 @@ def poles(circuit: Circuit | Descriptor, at: Equilibrium | None = None) -> Poles
 
     Notes
     -----
-    Costs one dense eigenproblem without vectors, about 10 n³ flops (n = 91: 3 ms); above
+    Costs one dense eigenproblem without vectors, about 10 n³ flops (n = 91: 3 ms; 1 ms for a board
+    that is its own mirror image); above
     `LARGE` unknowns Arnoldi's method finds only the rightmost poles (500 channels: 2 s).
     """
     descriptor = stamp(circuit) if isinstance(circuit, Circuit) else circuit
