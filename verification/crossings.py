@@ -157,17 +157,15 @@ def highest(time: Floats, y: Floats, sign: Floats) -> Floats:
     return np.asarray(found)
 
 
-def _last_roots(grid: Floats, f: Floats) -> Floats:
-    """Return where each row of `f` is last positive on its grid, linear between the points."""
-    last = grid.shape[1] - 1
-    row = np.arange(len(grid))
+def _last_positive(f: Floats) -> Floats:
+    """Return where each row of `f` (S, Q) is last positive, linear between its points, 0 to 1."""
+    last = f.shape[1] - 1
+    row = np.arange(len(f))
     i = last - (f[:, ::-1] > 0).argmax(axis=1)
     here, beyond = f[row, i], f[row, np.minimum(i + 1, last)]
-    never, inside = here <= 0, (here > 0) & (i < last)
-    i = np.where(never, 0, i)
-    at = grid[row, i]
-    step = np.where(inside, here / np.where(inside, here - beyond, 1.0), 0.0)
-    return np.asarray(at + (grid[row, np.minimum(i + 1, last)] - at) * step)
+    falls = (here > 0) & (i < last)
+    part = np.where(falls, here / np.where(falls, here - beyond, 1.0), 0.0)
+    return np.where(here > 0, (i + part) / last, 0.0)
 
 
 class _Sides(NamedTuple):
@@ -182,10 +180,11 @@ def _falls(
 ) -> Crossings:
     """Locate falls of ``sign * y[row]`` through `level` from `since` to the next point, (S,)."""
     interval = np.minimum(np.searchsorted(time, since, side="right"), time.size - 1) - 1
-    grid = since[:, None] + (time[interval + 1] - since)[:, None] * _GRID
-    value, doubt = interpolate(time, y, row, interval, grid)
+    left = time[interval + 1] - since
+    value, doubt = interpolate(time, y, row, interval, since[:, None] + left[:, None] * _GRID)
     excess = sign[:, None] * value - level[:, None]
-    at, early, late = (_last_roots(grid, f) for f in (excess, excess - doubt, excess + doubt))
+    part = _last_positive(np.concatenate([excess, excess - doubt, excess + doubt]))
+    at, early, late = since + left * part.reshape(3, -1)
     width = np.maximum(at - early, late - at)
     return Crossings(at, np.maximum(width, np.spacing(np.abs(at))))
 
@@ -236,11 +235,11 @@ def last_crossings(
     value = sign * y[row, k]
     known = _latest(value > levels[:, column], column, time[k], columns)
     top = peaks(time, y, row, k, sign)
-    column, value = column[top.point], value[top.point]
+    column = column[top.point]
+    high, wanted = value[top.point] > floor[:, column], levels[:, column]
 
     def since(lean: int) -> Floats:
-        reached = top.height + lean * top.doubt > levels[:, column]
-        reached &= value > floor[:, column]
+        reached = high & (top.height + lean * top.doubt > wanted)
         return np.maximum(known, _latest(reached, column, top.time, columns))
 
     return _crossings(time, y, sides, levels, since(0), (since(-1), since(1)))
