@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -12,7 +11,6 @@ from verification.crossings import (
     first_crossings,
     highest,
     interpolate,
-    lagrange,
     last_above,
     last_crossings,
 )
@@ -30,19 +28,6 @@ def test_a_cubic_is_interpolated_exactly_on_uneven_points(rng):
     value, doubt = interpolate(time, cubic(time)[None], row, interval, at[:, None])
     np.testing.assert_allclose(value[:, 0], cubic(at), atol=1e-12)
     assert (doubt >= 0).all()
-    np.testing.assert_allclose(
-        lagrange(time, cubic(time)[:, None], at, 4)[:, 0], cubic(at), atol=1e-12
-    )
-
-
-def test_six_points_converge_with_the_sixth_order():
-    at = np.linspace(1.0, 2.0, 101)
-    errors = []
-    for n in (20, 40):
-        time = np.linspace(0, 3, n + 1)
-        y = np.sin(5 * time)[:, None]
-        errors.append(np.abs(lagrange(time, y, at, 6)[:, 0] - np.sin(5 * at)).max())
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(6, abs=0.3)
 
 
 def test_last_and_first_crossing_of_a_sine():

@@ -9,7 +9,7 @@ import numpy as np
 from netlist_gen.analysis import Transient
 from netlist_gen.circuit import Circuit, Floats
 from spice_models.errors import EngineError
-from verification.crossings import lagrange
+from verification.resampling import lagrange
 from verification.simulate import Simulation, outputs
 from verification.waveforms import Waveforms
 

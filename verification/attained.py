@@ -15,9 +15,9 @@ from netlist_gen.analysis import Transient
 from netlist_gen.circuit import Circuit
 from netlist_gen.scene import Scene
 from spice_models.errors import EngineError
-from verification.crossings import lagrange
 from verification.design import Design
 from verification.engines import implicit, statespace, stepping
+from verification.resampling import lagrange
 from verification.simulate import Simulation, outputs, state_space_tolerance
 from verification.waveforms import Waveforms
 

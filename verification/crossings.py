@@ -50,36 +50,6 @@ class Peaks(NamedTuple):
     doubt: Floats
 
 
-def lagrange(time: Floats, y: Floats, at: Floats, points: int) -> Floats:
-    """Interpolate by the polynomial through the nearest points.
-
-    Parameters
-    ----------
-    time : ndarray (P,)
-        Strictly increasing, s; P is at least `points`.
-    y : ndarray (P, K)
-        Samples.
-    at : ndarray (Q,)
-        Instants wanted, s, inside the record.
-    points : int
-        Points in the stencil, even: 4 is the cubic.
-
-    Returns
-    -------
-    ndarray (Q, K)
-        Values at `at`.
-    """
-    first = np.searchsorted(time, at, side="right") - points // 2
-    stencil = np.clip(first, 0, time.size - points)[:, None] + np.arange(points)
-    nodes = time[stencil]
-    weights = np.ones(stencil.shape)
-    for j in range(points):
-        for m in range(points):
-            if m != j:
-                weights[:, j] *= (at - nodes[:, m]) / (nodes[:, j] - nodes[:, m])
-    return np.asarray(np.einsum("qp,qpk->qk", weights, y[stencil]), dtype=np.float64)
-
-
 def interpolate(
     time: Floats, y: Floats, row: Indices, interval: Indices, at: Floats
 ) -> tuple[Floats, Floats]:

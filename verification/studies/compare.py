@@ -16,7 +16,7 @@ from netlist_gen.tolerances import (
     TimeTolerance,
     WaveformTolerance,
 )
-from verification.crossings import lagrange
+from verification.resampling import lagrange
 from verification.studies.baseline import Entry
 from verification.studies.observe import Observation
 from verification.waveforms import Floats
