@@ -14,7 +14,7 @@ from making import make_scene
 
 from netlist_gen.problem import make_problem
 from netlist_gen.synthesis import synthesise
-from verification.studies.content import design_code, digest
+from verification.studies.content import own_code, digest
 
 
 def test_the_encoding_is_fixed() -> None:
@@ -79,6 +79,6 @@ def test_unknown_content_is_refused() -> None:
         digest(object())
 
 
-def test_the_design_code_is_one_number_a_version() -> None:
-    assert len(design_code()) == 32
-    assert design_code() == design_code()
+def test_the_own_code_is_one_number_a_version() -> None:
+    assert len(own_code()) == 32
+    assert own_code() == own_code()

@@ -20,6 +20,7 @@ from pydantic import BaseModel
 
 import netlist_gen
 import spice_models
+import verification
 
 CODE = (".py", ".toml")
 PLAIN = frozenset((type(None), bool, int, float, str))
@@ -84,12 +85,14 @@ def _names(kind: Any) -> tuple[str, ...] | None:
 
 
 @functools.cache
-def design_code() -> bytes:
-    """Digest of the code that turns a scene into a circuit.
+def own_code() -> bytes:
+    """Digest of the code that a result follows from, from the scene to the verdict.
 
-    A scene that was met before need not be synthesised again to know its circuit, as long as
-    this is the same.
+    A result that another state of it gave is another result.
     """
-    folders = (Path(str(package.__file__)).parent for package in (spice_models, netlist_gen))
-    files = sorted(f for folder in folders for f in folder.iterdir() if f.suffix in CODE)
-    return digest([(file.name, file.read_bytes()) for file in files])
+    found = []
+    for package in (spice_models, netlist_gen, verification):
+        folder = Path(str(package.__file__)).parent
+        files = sorted(file for file in folder.rglob("*") if file.suffix in CODE)
+        found += [(file.relative_to(folder.parent).as_posix(), file.read_bytes()) for file in files]
+    return digest(found)

@@ -10,10 +10,9 @@ from netlist_gen.scene import Scene
 from spice_models.errors import Complaint, InputError
 from verification.engines.simulator import find_simulator
 from verification.studies.axes import Axis, points
-from verification.studies.content import design_code, digest
+from verification.studies.content import digest, own_code
 from verification.studies.keys import Value
 from verification.studies.point import simulator_name
-from verification.studies.store import FORMAT
 
 ENGINE = "analysis.engine"
 FILES = ("problem.matrix", "problem.strain", "problem.stress", "problem.load.file")
@@ -98,7 +97,7 @@ class Requests:
         self._digests: dict[str, bytes] = {}
         scene = plan.scene.model_dump(by_alias=True, exclude={"name", "regression", "analysis"})
         analysis = plan.scene.analysis.model_dump(exclude={"engine", "timeout"})
-        base = digest(FORMAT, design_code(), scene, analysis, plan.second_look)
+        base = digest(own_code(), scene, analysis, plan.second_look)
         self._bases = {
             engine: digest(base, simulator_of(engine), engine) for engine in plan.engines
         }

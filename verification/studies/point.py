@@ -21,7 +21,7 @@ from netlist_gen.scene import Scene
 from spice_models.errors import TactionError
 from verification.engines.simulator import Simulator, find_simulator
 from verification.settling import ChannelState
-from verification.studies.content import design_code
+from verification.studies.content import own_code
 from verification.studies.store import ERROR
 from verification.verify import Verdict, verify
 
@@ -117,7 +117,7 @@ def own_versions(ngspice: bool) -> Versions:
         No ngspice that will do.
     """
     name = simulator_name(find_simulator()) if ngspice else ""
-    return Versions(metadata.version("taction"), design_code(), name)
+    return Versions(metadata.version("taction"), own_code(), name)
 
 
 def simulator_name(simulator: Simulator) -> str:

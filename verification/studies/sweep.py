@@ -17,11 +17,11 @@ from netlist_gen.scene import Scene
 from netlist_gen.synthesis import synthesise
 from spice_models.errors import Complaint, InputError, NoVerdictError, TactionError
 from verification.studies.axes import with_values
-from verification.studies.content import digest
+from verification.studies.content import digest, own_code
 from verification.studies.executors import Workers
 from verification.studies.grid import ENGINE, Plan, Point, Requests, simulator_of
 from verification.studies.point import Job, Result, compute, failure, own_versions
-from verification.studies.store import ERROR, FORMAT, Row, Store
+from verification.studies.store import ERROR, Row, Store
 
 AHEAD = 16  # points prepared in one go: the caches that one warms serve the next
 
@@ -208,7 +208,7 @@ class _Run:
         analysis = scene.analysis.model_dump(exclude={"engine", "timeout"})
         simulator = simulator_of(engine)
         known = (problem.matrix, problem.strain, scene.checks, analysis, self.plan.second_look)
-        return digest(FORMAT, circuit, *known, engine, simulator)
+        return digest(own_code(), circuit, *known, engine, simulator)
 
 
 def _skewed(what: str) -> InputError:
