@@ -23,6 +23,7 @@ WITNESSES = {
         "verification.engines.evidence",
         "verification.engines.ngspice",
         "verification.engines.rawfile",
+        "verification.engines.runfolder",
         "verification.engines.screening",
         "verification.engines.simulator",
     ),

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import re
 import signal
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -58,6 +59,8 @@ class Ending:
         Its error stream.
     folder : Path
         The run folder.
+    keep : callable
+        Gives the folder a place to stay after a failure, and returns it.
     """
 
     status: int
@@ -66,6 +69,7 @@ class Ending:
     seconds: float
     errors: str
     folder: Path
+    keep: Callable[[Path], Path] = Path.absolute
 
     @property
     def raw(self) -> Path:
@@ -149,8 +153,10 @@ def judge(deck: Deck, ending: Ending, *, engine: str, bound: float) -> Waveforms
         _check_time(deck, waveforms.time)
         _check_values(waveforms, bound)
     except SimulationError as error:
-        documented = type(error)(str(error), log=telling_lines(ending.errors), folder=ending.folder)
-        documented.partial = partial_waveforms(deck, ending, engine)
+        partial = partial_waveforms(deck, ending, engine)
+        log, folder = telling_lines(ending.errors), ending.keep(ending.folder)
+        documented = type(error)(str(error), log=log, folder=folder)
+        documented.partial = partial
         raise documented from None
     return waveforms
 

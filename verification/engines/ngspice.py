@@ -8,27 +8,22 @@ the result as far as it came.
 
 from __future__ import annotations
 
+import _thread
 import contextlib
+import functools
 import os
 import shlex
-import shutil
 import signal
 import subprocess
-import tempfile
 import threading
 import time
 import weakref
 from pathlib import Path
 from types import TracebackType
 
-from spice_models.errors import (
-    Complaint,
-    InputError,
-    OutOfDisk,
-    SimulationError,
-    SimulatorNotFound,
-)
+from spice_models.errors import SimulationError, SimulatorNotFound
 from verification.engines.evidence import Ending, judge
+from verification.engines.runfolder import keep_folder, make_folder, remove_folder
 from verification.engines.screening import Deck, screen
 from verification.engines.simulator import Simulator, environment, find_simulator
 from verification.waveforms import Waveforms
@@ -38,6 +33,7 @@ __all__ = ["PHYSICAL_BOUND", "Run", "Simulator", "find_simulator", "simulate", "
 PHYSICAL_BOUND = 1e6
 """No node of a working board is above this voltage, V."""
 
+_HERE = Path("$PWD")
 _ARGUMENTS = ("-b", "-n", "-r", "out.raw", "deck.cir")
 
 
@@ -51,8 +47,8 @@ class _Process:
         self.folder = folder
         self.started = self.ended = time.perf_counter()
         self._popen = _launch(simulator, folder)
-        self._watcher = threading.Thread(target=self._watch, daemon=True)
-        self._watcher.start()
+        self._over = threading.Event()
+        _thread.start_new_thread(self._watch, ())  # `Thread` would wait here until it runs
 
     @property
     def status(self) -> int:
@@ -61,25 +57,27 @@ class _Process:
 
     def wait(self, seconds: float) -> bool:
         """Wait no longer than `seconds`; return whether it has ended."""
-        self._watcher.join(max(seconds, 0.0))
-        return not self._watcher.is_alive()
+        return self._over.wait(max(seconds, 0.0))
 
     def kill(self) -> None:
         """End whatever is left of the process group, and wait until it has ended."""
-        if self._watcher.is_alive():
+        if not self._over.is_set():
             with contextlib.suppress(ProcessLookupError):  # it may end in between
                 os.killpg(self._popen.pid, signal.SIGKILL)
-            self._watcher.join()
+            self._over.wait()
 
     def discard(self, keep: bool) -> None:
         """End it and remove its folder, unless that is to be kept."""
         self.kill()
         if not keep:
-            shutil.rmtree(self.folder)
+            remove_folder(self.folder)
 
     def _watch(self) -> None:
-        self._popen.wait()
-        self.ended = time.perf_counter()
+        try:
+            self._popen.wait()
+            self.ended = time.perf_counter()
+        finally:
+            self._over.set()
 
 
 class Run:
@@ -92,7 +90,7 @@ class Run:
     Attributes
     ----------
     folder : Path
-        The run folder.
+        The run folder while it runs.
     """
 
     def __init__(
@@ -104,6 +102,7 @@ class Run:
         timeout: float,
         keep: bool,
         bound: float,
+        temporary: bool,
     ) -> None:
         self.folder = folder
         self._deck = deck
@@ -111,6 +110,7 @@ class Run:
         self._timeout = timeout
         self._keep = keep
         self._bound = bound
+        self._kept = keep_folder if temporary else Path.absolute
         self._process = _Process(simulator, folder)
         self._discard = weakref.finalize(self, self._process.discard, keep)
 
@@ -141,17 +141,20 @@ class Run:
         finally:  # also on Ctrl-C, which does not reach a process group of its own
             process.kill()
         self._discard.detach()
+        with open(f"{self.folder}/stderr.txt", encoding="utf-8", errors="replace") as file:  # noqa: PTH123
+            errors = file.read()
         ending = Ending(
             status=process.status,
             timed_out=not in_time,
             timeout=self._timeout,
             seconds=process.ended - process.started,
-            errors=(self.folder / "stderr.txt").read_text(encoding="utf-8", errors="replace"),
+            errors=errors,
             folder=self.folder,
+            keep=self._kept,
         )
         waveforms = judge(self._deck, ending, engine=self._engine, bound=self._bound)
-        if not self._keep:  # the waveforms' memory map outlives its file
-            shutil.rmtree(self.folder)
+        if not self._keep:
+            remove_folder(self.folder)
         return waveforms
 
     def cancel(self) -> None:
@@ -198,11 +201,19 @@ def start(
         The deck could not be written.
     """
     screen(deck)
-    place = _prepare(deck, simulator, folder)
+    place = make_folder(deck, _command(simulator), folder, keep=keep)
     try:
-        return Run(deck, simulator, place, timeout=timeout, keep=keep, bound=bound)
+        return Run(
+            deck,
+            simulator,
+            place,
+            timeout=timeout,
+            keep=keep,
+            bound=bound,
+            temporary=folder is None,
+        )
     except OSError as error:
-        shutil.rmtree(place)
+        remove_folder(place)
         raise SimulatorNotFound(f"{simulator.executable} does not start: {error}") from error
 
 
@@ -220,33 +231,24 @@ def simulate(
         return run.result()
 
 
-def _prepare(deck: Deck, simulator: Simulator, folder: Path | None) -> Path:
-    """Make the run folder and write everything a run, or somebody who repeats it, needs."""
-    try:
-        place = Path(tempfile.mkdtemp(prefix="taction-")) if folder is None else folder.absolute()
-        place.mkdir(parents=True, exist_ok=True)
-        if any(place.iterdir()):
-            raise InputError(place, Complaint("run folder", "", "it must be empty"))
-        for name, text in deck.files.items():
-            (place / name).write_text(text, encoding="utf-8")
-        (place / "deck.cir").write_text(deck.text, encoding="utf-8")
-        (place / "spinit").write_text("* no code models are loaded\n")
-        (place / "command.txt").write_text(_command(simulator))
-    except OSError as error:
-        raise OutOfDisk(f"the run folder cannot be written: {error}") from error
-    return place
-
-
 def _command(simulator: Simulator) -> str:
     """Return a command line that repeats the run from within its folder, wherever that is."""
-    fixed = {k: v for k, v in environment(Path()).items() if k not in ("HOME", "SPICE_SCRIPTS")}
-    words = ["env", "-i", *(f"{key}={value}" for key, value in fixed.items())]
-    homes = 'HOME="$PWD" SPICE_SCRIPTS="$PWD"'
-    return f"{shlex.join(words)} {homes} {shlex.join([simulator.executable, *_ARGUMENTS])}\n"
+    fixed = tuple(environment(_HERE).items())
+    return _quoted(simulator.executable, fixed)
+
+
+@functools.lru_cache(maxsize=4)
+def _quoted(executable: str, variables: tuple[tuple[str, str], ...]) -> str:
+    words = [f"{name}={value}" for name, value in variables if value != str(_HERE)]
+    homes = " ".join(f'{name}="$PWD"' for name, value in variables if value == str(_HERE))
+    return f"{shlex.join(['env', '-i', *words])} {homes} {shlex.join([executable, *_ARGUMENTS])}\n"
 
 
 def _launch(simulator: Simulator, folder: Path) -> subprocess.Popen[bytes]:
-    with (folder / "stdout.txt").open("wb") as out, (folder / "stderr.txt").open("wb") as err:
+    with (
+        open(f"{folder}/stdout.txt", "wb", buffering=0) as out,  # noqa: PTH123 - quicker
+        open(f"{folder}/stderr.txt", "wb", buffering=0) as err,  # noqa: PTH123
+    ):
         return subprocess.Popen(
             [simulator.executable, *_ARGUMENTS],
             cwd=folder,

@@ -11,6 +11,7 @@ text only, sharing nothing with the writer.
 from __future__ import annotations
 
 import functools
+import itertools
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -84,8 +85,7 @@ DEVICES = {
     "m": _Device(6, 4),
     "s": _Device(6, 2, 2),
 }
-PASSIVE = "rcl"  # field 3 is a value that must be a number; not 0 Ω
-_Instance = tuple[str, tuple[str, ...]]  # a subcircuit's name, and the nodes at its ports
+PASSIVE, PASSIVE_FIELDS = "rcl", 4  # field 3 is a value that must be a number; not 0 Ω
 
 
 @dataclass(slots=True)
@@ -95,13 +95,14 @@ class _Scope:
     ports: tuple[str, ...] = ()
     held: set[str] = field(default_factory=lambda: {"0", "gnd"})
     free: dict[str, str] = field(default_factory=dict)  # node to the line that names it
-    instances: list[_Instance] = field(default_factory=list)
+    instances: dict[str, list[list[str]]] = field(default_factory=dict)  # nodes, by subcircuit
 
     def add(self, lines: _Scope) -> None:
         """Add what further lines do."""
         self.held |= lines.held
         self.free = {**self.free, **lines.free, **self.free}  # a node's first line stays
-        self.instances += lines.instances
+        for name, nodes in lines.instances.items():
+            self.instances[name] = [*self.instances.get(name, ()), *nodes]
 
 
 def screen(deck: Deck) -> None:
@@ -194,31 +195,33 @@ def _read_devices(lines: str) -> _Scope:
 
     Two decks of one board share nearly all of them, hence the cache, whose entries nobody changes.
     """
-    found = _Scope()
+    found, held = _Scope(), list[str]()
     values: dict[str, set[str]] = {letter: set() for letter in PASSIVE}  # that have been checked
     for line in filter(None, map(str.strip, lines.split("\n"))):
         parts = line.split()
         letter = line[0]
-        if letter in values:  # nearly all lines of a board
-            _check_length(line, parts, letter)
+        if letter in values and len(parts) >= PASSIVE_FIELDS:  # nearly all lines of a board
+            held += parts[1:3]
             if parts[3] not in values[letter]:
                 _check_value(line, parts[3])
                 values[letter].add(parts[3])
-            found.held.update(parts[1:3])
         elif letter == "x":
-            found.instances.append(_instance(line, parts))
+            *nodes, name = _instance(line, parts)
+            found.instances.setdefault(name, []).append(nodes)
         elif letter != "*":
             _read_source(line, parts, found)
         elif line.startswith(("*#", "*ng_script")):
             raise DidNotLoad(f"a deck may not run commands: {line!r}")
+    found.held.update(held)
     return found
 
 
-def _instance(line: str, parts: list[str]) -> _Instance:
+def _instance(line: str, parts: list[str]) -> list[str]:
+    """Return the nodes and, last, the name of the subcircuit that a line calls."""
     words = parts[1:]
     if "=" in line or "params:" in words:
         words = [word for word in words if "=" not in word and word != "params:"]
-    return (words[-1] if words else ""), tuple(words[:-1])
+    return words or [""]
 
 
 def _read_source(line: str, parts: list[str], found: _Scope) -> None:
@@ -275,15 +278,15 @@ def _refuse_floating(scopes: dict[str, _Scope]) -> None:
         return solved[name]
 
     def settle(scope: _Scope) -> None:
-        for subcircuit, nodes in scope.instances:
-            inside = holds(subcircuit)
-            scope.held.update([nodes[i] for i in inside if i < len(nodes)])
+        for subcircuit, instances in scope.instances.items():
+            for i in holds(subcircuit):
+                scope.held.update([nodes[i] for nodes in instances if i < len(nodes)])
         fixed = scope.held.union(scope.ports)
         for node, line in scope.free.items():
             if node not in fixed:
                 raise _floating(node, line)
-        for subcircuit, nodes in scope.instances:
-            for node in nodes:
+        for subcircuit, instances in scope.instances.items():
+            for node in itertools.chain.from_iterable(instances):
                 if node not in fixed:
                     raise _floating(node, f"x... {subcircuit}")
 
