@@ -13,6 +13,7 @@ from verification.waveforms import Floats
 Complexes = NDArray[np.complex128]
 
 _POINTS = 8192  # most samples of a record
+_BLOCK = 16384  # samples of some channels that are worked on together: they stay in the cache
 _FEWEST = 64
 _ENOUGH, _PLENTY = 20.0, 40.0  # samples a period: to be reached; to be kept when thinning out
 _CHUNKS = 64
@@ -148,13 +149,17 @@ def envelope(time: Floats, signals: Floats) -> Envelope:
     refined = 1 / np.ceil(_ENOUGH / own) if own < _ENOUGH else max(int(own / _PLENTY), 1)
     step = max(usual * refined, coarsest)
     at, uniform = resample(time, signals, step, usual, end, _POINTS, points)
-    ringing = _without_trend(np.ascontiguousarray(uniform.T), period / step)
-    trim = (at.size - ringing.shape[1]) // 2
+    window = period / step
+    trim = int(0.5 * window) + 1
     chunks = int(np.clip(span / (1.25 * period) - 1, 1, _CHUNKS))
-    size = (ringing.shape[1] - 1) // chunks
-    swing = _swing(ringing, size, period / step)
+    size = (at.size - 2 * trim - 1) // chunks
+    together = max(_BLOCK // at.size, 1)
+    swings = [
+        _swing(_without_trend(uniform[:, some : some + together].T.copy(), window), size, window)
+        for some in range(0, signals.shape[1], together)
+    ]
     middle = at[at.size - 1 - trim] - step * size * (np.arange(chunks, 0, -1) - 0.5)
-    return Envelope(middle, swing[:, -chunks:].T, period)
+    return Envelope(middle, np.concatenate(swings)[:, -chunks:].T, period)
 
 
 def saturates(amplitude: Floats) -> bool:

@@ -70,7 +70,8 @@ def resample(
 ) -> tuple[Floats, Floats]:
     """Return evenly spaced instants (Q,), one of them a point of the record, and samples (Q, K).
 
-    Instants that are points of the record take them as they are.
+    Instants that are points of the record take them as they are; where all are, the samples are a
+    view of the record's.
 
     Parameters
     ----------
@@ -95,7 +96,8 @@ def resample(
     near = np.rint(k * (step / usual)).astype(np.intp) + anchor
     near = np.minimum(np.maximum(near, 0), time.size - 1)
     between = np.flatnonzero(np.abs(time[near] - at) > _SAME * step)
+    if not between.size:
+        return at, y[near[0] : near[-1] + 1 : max(round(step / usual), 1)]
     values = y.take(near, axis=0)
-    if between.size:
-        values[between] = lagrange(time, y, at[between], points)
+    values[between] = lagrange(time, y, at[between], points)
     return at, values
