@@ -21,10 +21,12 @@ PACKAGES = ("spice_models", "netlist_gen", "verification", "cli")
 WITNESSES = {
     "ngspice": (
         "verification.engines.evidence",
+        "verification.engines.loop",
         "verification.engines.ngspice",
         "verification.engines.rawfile",
         "verification.engines.runfolder",
         "verification.engines.screening",
+        "verification.engines.session",
         "verification.engines.simulator",
     ),
     "state space": ("verification.engines",),

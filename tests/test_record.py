@@ -15,6 +15,7 @@ from netlist_gen.scene_file import parse_scene
 from verification import record
 from verification.clock import Clock
 from verification.design import Design, design_board
+from verification.effort import Effort
 from verification.engines.statespace import simulate
 from verification.ideal import IdealAnswer, ideal_answer
 from verification.record import Recording, watch
@@ -43,7 +44,7 @@ def watched(fine: Waveforms, coarse: Waveforms, stop: float) -> Recording:
     design = replace(design, transient=replace(design.transient, stop=stop))
     pending = Pending(lambda: fine, lambda: coarse, SHARE)
     clock = Clock(lambda stage: None)
-    return watch(design, ideal, pending, clock, second_look=True, continuous=False)
+    return watch(design, ideal, pending, clock, Effort(details=False))
 
 
 @pytest.fixture

@@ -12,6 +12,7 @@ from netlist_gen.scene import Scene
 from verification.agreement import Agreement, compare_engines, exact_record, other_engine
 from verification.clock import Clock, Progress
 from verification.design import Design, design_board
+from verification.effort import Effort
 from verification.ideal import IdealAnswer, ideal_answer
 from verification.measures import Measurements, glance, measure
 from verification.simulate import PHYSICAL_BOUND, Pending, Simulation, begin, outputs
@@ -65,9 +66,8 @@ def record_transient(scene: Scene, progress: Progress = lambda stage: None) -> R
     clock = Clock(progress)
     design = design_board(scene, clock)
     clock.begin("simulation")
-    pending = begin(
-        design.scene, design.circuit, design.transient, design.engine, second_look=False
-    )
+    once = Effort(second_look=False)
+    pending = begin(design.scene, design.circuit, design.transient, design.engine, once)
     ideal = ideal_answer(design.network, design.scene)
     waveforms = pending.result().fine
     clock.begin("measures")
@@ -78,20 +78,14 @@ def record_transient(scene: Scene, progress: Progress = lambda stage: None) -> R
 
 
 def watch(
-    design: Design,
-    ideal: IdealAnswer,
-    pending: Pending,
-    clock: Clock,
-    *,
-    second_look: bool,
-    continuous: bool,
+    design: Design, ideal: IdealAnswer, pending: Pending, clock: Clock, effort: Effort
 ) -> Recording:
     """Wait for a simulation under way, do what can be done meanwhile, and measure it.
 
     The coarser run ends while the finer one is under way; it is read, and the other engine run, in
-    that time. Without a `second_look` the state-space engine takes the coarser run's place. It is
+    that time. Without a second look the state-space engine takes the coarser run's place. It is
     judged only where its readings alone do not tell the finer run's error.
-    With `continuous`, times on an exact solution are found by root finding, not on its grid.
+    With details, times on an exact solution are found by root finding, not on its grid.
 
     Raises
     ------
@@ -103,20 +97,20 @@ def watch(
     clock.begin("simulation")
     second, share = pending.second_look(), pending.share
     clock.begin("second look", beside="simulation")
-    if not second_look and share and stable:
+    if not effort.second_look and share and stable:
         second, share = exact_record(circuit, transient), 1.0
     coarse = other = None
     if second is not None:
         terms = _terms(scene, circuit, transient)
         there = outputs(circuit, second)
         coarse = glance(second.time, there, ideal.target, ideal.start, **terms)
-    if second is not None and second_look and stable:
+    if second is not None and effort.second_look and stable:
         other = other_engine(circuit, transient, second)
     clock.begin("simulation")
     simulation = pending.result(running_away=not stable)
     clock.begin("measures")
     fine, u = measure_outputs(scene, circuit, ideal, simulation.fine, transient)
-    if continuous and stable and _is_exact(design):
+    if effort.details and stable and _is_exact(design):
         fine = _on_the_solution(design, ideal, u[-1])
     if math.isinf(simulation.share):  # the record ends early: nothing tells its error
         coarse, share = None, math.inf

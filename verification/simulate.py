@@ -16,7 +16,7 @@ import numpy as np
 
 from netlist_gen.analysis import Transient
 from netlist_gen.circuit import Circuit, Floats
-from netlist_gen.deck import Deck, write_decks
+from netlist_gen.deck import write_decks
 from netlist_gen.scene import Scene
 from spice_models.errors import (
     BadEvidence,
@@ -25,8 +25,11 @@ from spice_models.errors import (
     SimulatorTooOld,
     StepTooSmall,
 )
+from verification.effort import FULL, Effort
+from verification.engines import session
 from verification.engines.ngspice import Run, start
-from verification.engines.simulator import Simulator, find_simulator
+from verification.engines.session import Turn
+from verification.engines.simulator import find_simulator
 from verification.plan import coarser
 from verification.waveforms import Waveforms
 
@@ -150,18 +153,18 @@ def state_space_tolerance(wanted: float) -> float:
 
 
 def begin(
-    scene: Scene, circuit: Circuit, analysis: Transient, engine: str, *, second_look: bool = True
+    scene: Scene, circuit: Circuit, analysis: Transient, engine: str, effort: Effort = FULL
 ) -> Pending:
     """Start a simulation; processes run while the caller does other work.
 
-    With a `second_look` an engine that has a step size runs twice, at two steps.
+    With a second look an engine that has a step size runs twice, at two steps.
 
     Raises
     ------
     SimulationError
         From here or from `Pending.result`.
     """
-    return ENGINES[engine](scene, circuit, analysis, second_look)
+    return ENGINES[engine](scene, circuit, analysis, effort)
 
 
 def outputs(circuit: Circuit, waveforms: Waveforms) -> Floats:
@@ -172,16 +175,22 @@ def outputs(circuit: Circuit, waveforms: Waveforms) -> Floats:
     return rows.T
 
 
-def _ngspice(scene: Scene, circuit: Circuit, analysis: Transient, second_look: bool) -> Pending:
-    wanted = [analysis, coarser(analysis, COARSER)] if second_look else [analysis]
+def _ngspice(scene: Scene, circuit: Circuit, analysis: Transient, effort: Effort) -> Pending:
+    wanted = [analysis, coarser(analysis, COARSER)] if effort.second_look else [analysis]
     simulator = find_simulator()
     solver = simulator.solver_option
+    timeout = scene.analysis.timeout
+    bound = PHYSICAL_BOUND * circuit.scalings.unit_voltage
     decks = write_decks(circuit, wanted, solver=solver)
+    begin_one = session.submit if effort.session else start
     with ExitStack() as cleanup:  # what goes wrong with one run ends the other
-        runs = [cleanup.enter_context(_launch(scene, circuit, each, simulator)) for each in decks]
+        runs = [
+            cleanup.enter_context(begin_one(deck, simulator, timeout=timeout, bound=bound))
+            for deck in decks
+        ]
         under_way = cleanup.pop_all()
 
-    def answer(run: Run, each: Transient) -> Waveforms:
+    def answer(run: Run | Turn, each: Transient) -> Waveforms:
         try:
             return run.result()
         except StepTooSmall as error:
@@ -190,7 +199,7 @@ def _ngspice(scene: Scene, circuit: Circuit, analysis: Transient, second_look: b
             if error.folder is not None:  # a reproducer of nothing that is told
                 shutil.rmtree(error.folder, ignore_errors=True)
         (deck,) = write_decks(circuit, [each], solver=SPARSE)
-        waveforms = _launch(scene, circuit, deck, simulator).result()
+        waveforms = start(deck, simulator, timeout=timeout, bound=bound).result()
         return replace(waveforms, flags=(*waveforms.flags, SECOND_SOLVER))
 
     def finish() -> Waveforms:
@@ -200,13 +209,8 @@ def _ngspice(scene: Scene, circuit: Circuit, analysis: Transient, second_look: b
             under_way.close()
             raise
 
-    second = (lambda: answer(runs[1], wanted[1])) if second_look else None
+    second = (lambda: answer(runs[1], wanted[1])) if effort.second_look else None
     return Pending(finish, second, SHARE)
-
-
-def _launch(scene: Scene, circuit: Circuit, deck: Deck, simulator: Simulator) -> Run:
-    bound = PHYSICAL_BOUND * circuit.scalings.unit_voltage
-    return start(deck, simulator, timeout=scene.analysis.timeout, bound=bound)
 
 
 def _at_the_start(error: StepTooSmall, analysis: Transient) -> bool:
@@ -215,7 +219,7 @@ def _at_the_start(error: StepTooSmall, analysis: Transient) -> bool:
     return not isinstance(partial, Waveforms) or partial.time[-1] < 1e-3 * analysis.stop
 
 
-def _statespace(scene: Scene, circuit: Circuit, analysis: Transient, second_look: bool) -> Pending:
+def _statespace(scene: Scene, circuit: Circuit, analysis: Transient, effort: Effort) -> Pending:
     from verification.engines.statespace import simulate
 
     wanted = scene.analysis.error
@@ -224,7 +228,7 @@ def _statespace(scene: Scene, circuit: Circuit, analysis: Transient, second_look
     return Pending(lambda: waveforms)
 
 
-ENGINES: dict[str, Callable[[Scene, Circuit, Transient, bool], Pending]] = {
+ENGINES: dict[str, Callable[[Scene, Circuit, Transient, Effort], Pending]] = {
     "ngspice": _ngspice,
     "statespace": _statespace,
 }

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 from netlist_gen.analysis import Transient
 from netlist_gen.circuit import Circuit, Floats
@@ -15,6 +14,7 @@ from verification.budget import ErrorPart, error_budget
 from verification.clock import Clock, Progress
 from verification.constraint import ConstraintPlane, constraint_plane
 from verification.design import Design, design_board
+from verification.effort import FULL, Effort
 from verification.energy import EnergyRise, energy_rise
 from verification.engines.equilibrium import Equilibrium, equilibrium
 from verification.ideal import IdealAnswer, ideal_answer
@@ -62,9 +62,7 @@ def verify(
     problem: InverseProblem | None = None,
     circuit: Circuit | None = None,
     ideal: IdealAnswer | None = None,
-    second_look: bool = True,
-    details: bool = True,
-    full_margin: bool = True,
+    effort: Effort = FULL,
 ) -> Verdict:
     """Verify a scene: simulate its board, solve its problem, compare.
 
@@ -80,13 +78,8 @@ def verify(
         The board to verify in place of the one that the scene's synthesis would give.
     ideal : IdealAnswer, optional
         The problem's own answer where it is at hand already.
-    second_look : bool
-        False: a stepping engine runs once, and its error is measured against the state-space
-        engine instead of a second run; the two are no longer judged against each other.
-    details : bool
-        False: without what no check needs, the constraint plane's figures and the error budget.
-    full_margin : bool
-        False: the stability margin is looked for only as far as the scene's check wants it.
+    effort : Effort, optional
+        What is left out.
 
     Raises
     ------
@@ -98,27 +91,25 @@ def verify(
     clock = Clock(progress)
     design = design_board(scene, clock, problem=problem, circuit=circuit)
     clock.begin("simulation")
-    pending = begin(
-        design.scene, design.circuit, design.transient, design.engine, second_look=second_look
-    )
+    pending = begin(design.scene, design.circuit, design.transient, design.engine, effort)
     clock.begin("reference", beside="simulation")
     ideal = ideal_answer(design.network, design.scene) if ideal is None else ideal
-    rest = equilibrium(design.circuit) if details else None
-    constraint = constraint_plane(design.circuit) if details else None
-    margin = _margin(design, full_margin)
-    seen = watch(design, ideal, pending, clock, second_look=second_look, continuous=details)
+    rest = equilibrium(design.circuit) if effort.details else None
+    constraint = constraint_plane(design.circuit) if effort.details else None
+    margin = _margin(design, effort.full_margin)
+    seen = watch(design, ideal, pending, clock, effort)
     accuracy = attained(design, seen.simulation, seen.measurements.amplitude)
     if accuracy is not None and (again := finer(design.scene, accuracy)) is not None:
-        board = {"problem": design.problem, "circuit": design.circuit, "ideal": ideal}
-        effort = {"second_look": second_look, "details": details, "full_margin": full_margin}
-        given: dict[str, Any] = board | effort
-        verdict = verify(again, progress, **given)
+        board, problem = design.circuit, design.problem
+        verdict = verify(
+            again, progress, problem=problem, circuit=board, ideal=ideal, effort=effort
+        )
         return replace(verdict, scene=design.scene, accuracy=both_tries(accuracy, verdict.accuracy))
     evidence = _evidence(design, ideal, margin, seen)
     checks = judge(evidence)
     budget = _budget(design, ideal, rest, seen)
     wave = seen.simulation.fine
-    energy = energy_rise(design.network, wave.time, seen.u) if details else None
+    energy = energy_rise(design.network, wave.time, seen.u) if effort.details else None
     clock.end()
     return Verdict(
         scene=design.scene,

@@ -20,10 +20,11 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
-from multiprocessing import connection, forkserver
+from multiprocessing import connection, forkserver, util
 from typing import Any
 
 from spice_models.errors import Complaint, InputError
+from verification.engines.session import end_session
 from verification.threads import THREADS
 
 ATTEMPTS = 3  # deaths of a worker until its point is given up
@@ -246,6 +247,7 @@ def _settle_in() -> None:
     os.environ.update(dict.fromkeys(THREADS, "1"))
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _end)
+    util.Finalize(None, end_session, exitpriority=0)  # workers end without atexit
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_outlive, args=(parent.sentinel,), daemon=True).start()
@@ -266,6 +268,7 @@ def _end(number: int, frame: object) -> None:
     Without a task it ends at once: the executor's own code swallows exceptions.
     """
     if not _BUSY.is_set():
+        end_session()
         os._exit(128 + number)
     sys.exit(128 + number)
 

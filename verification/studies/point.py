@@ -19,6 +19,7 @@ import numpy as np
 from netlist_gen.problem import InverseProblem
 from netlist_gen.scene import Scene
 from spice_models.errors import TactionError
+from verification.effort import Effort
 from verification.engines.simulator import Simulator, find_simulator
 from verification.settling import ChannelState
 from verification.studies.content import own_code
@@ -83,7 +84,7 @@ class Job:
     problem : InverseProblem
         Of that scene: its files may not be where the point runs.
     second_look : bool
-        As `verification.verify.verify` has it.
+        As `verification.effort.Effort` has it.
     keep_waveforms : bool
         Whether the outputs over time are wanted.
     versions : Versions
@@ -134,9 +135,7 @@ def compute(job: Job) -> Result:
         verdict = verify(
             job.scene,
             problem=job.problem,
-            second_look=job.second_look,
-            details=False,
-            full_margin=False,
+            effort=Effort(job.second_look, details=False, full_margin=False, session=True),
         )
         waveforms = _pack(verdict) if job.keep_waveforms else None
         return Result(verdict.outcome.value, verdict_record(verdict), waveforms)

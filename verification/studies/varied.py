@@ -21,6 +21,7 @@ from netlist_gen.scene import Scene
 from netlist_gen.synthesis import synthesise
 from netlist_gen.variation import Parameter, parameters, vary
 from spice_models.errors import Complaint, InputError, NoVerdictError, TactionError
+from verification.effort import Effort
 from verification.ideal import IdealAnswer, ideal_answer, ideal_network
 from verification.simulate import choose_engine
 from verification.studies.executors import Workers
@@ -163,9 +164,7 @@ def evaluate(study: Study, number: int, z: Floats) -> Sample:
             problem=study.problem,
             circuit=vary(study.nominal, study.scene.tolerances, z),
             ideal=study.ideal,
-            second_look=False,
-            details=False,
-            full_margin=study.full_margin,
+            effort=Effort(False, details=False, full_margin=study.full_margin, session=True),
         )
     except TactionError as error:
         return Sample(number, "inconclusive", reason=str(error).splitlines()[0])

@@ -12,6 +12,7 @@ from netlist_gen.quantities import show
 from netlist_gen.scene import Scene
 from netlist_gen.synthesis import synthesise
 from verification.constraint import constraint_plane
+from verification.effort import Effort
 from verification.engines.ngspice import simulate
 from verification.engines.simulator import find_simulator
 from verification.margin import capacitance_margin, with_capacitance
@@ -126,7 +127,7 @@ def _heights(record: Waveforms) -> list[float]:
 def _convergence(found: Verdict) -> Finding:
     settling = found.measurements.settling_time
     value = float("inf") if settling is None else settling.value
-    damped = verify(paper_scene("tuned-breadboard"), details=False)
+    damped = verify(paper_scene("tuned-breadboard"), effort=Effort(details=False))
     other = damped.measurements.settling_time
     better = float("inf") if other is None else other.value
     return Finding(
@@ -175,7 +176,7 @@ def _negligible(scene: Scene) -> Finding:
     differences = []
     for farads in (10e-12, 1e-9, 100e-9):
         slow = with_values(scene, {"design.capacitance": farads, "analysis.engine": "statespace"})
-        verdict = verify(slow, details=False)
+        verdict = verify(slow, effort=Effort(details=False))
         reading = verdict.measurements.settling_time
         value = float("inf") if reading is None else reading.value
         differences.append(abs(value / verdict.ideal.pace.settling_time - 1.0))

@@ -7,6 +7,7 @@ import math
 from netlist_gen.quantities import show
 from netlist_gen.scene import Scene
 from spice_models.errors import EngineError
+from verification.effort import Effort
 from verification.record import record_transient
 from verification.studies.axes import with_values
 from verification.studies.keys import Value
@@ -78,7 +79,7 @@ def _controls(scene: Scene) -> tuple[Finding, Picture]:
 
 def _tuned(scene: Scene) -> tuple[Finding, Picture]:
     found = tune(scene, ("gain",), overshoot=LIMIT)
-    verdict = verify(found.scene, details=False)
+    verdict = verify(found.scene, effort=Effort(details=False))
     reading = verdict.measurements.settling_time
     if reading is None:
         raise EngineError(f"the tuned board does not settle: {verdict.measurements.reason}")
