@@ -5,7 +5,7 @@
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help setup ready demo test regress lint format bench bench-engines lock build clean
+.PHONY: help setup ready demo test regress lint format bench bench-engines bench-sweep lock build clean
 
 PYTHON_IN_VENV := .venv/bin/python
 JOBS ?= 2
@@ -46,6 +46,9 @@ bench: ready ## speed against named baselines, as tables; ARGS=5 takes 5 rounds 
 	$(PYTHON_IN_VENV) benchmarks/emission.py $(ARGS)
 	$(PYTHON_IN_VENV) benchmarks/verify_overhead.py $(ARGS)
 	$(PYTHON_IN_VENV) benchmarks/startup.py $(ARGS)
+
+bench-sweep: ready ## sweeps beside the same decks run by others; ARGS=5 takes 5 rounds instead of 3
+	$(PYTHON_IN_VENV) benchmarks/sweep.py $(ARGS)
 
 bench-engines: ready ## state space beside ngspice, with what is required; ARGS=--quick in minutes
 	$(PYTHON_IN_VENV) benchmarks/engines.py $(ARGS)

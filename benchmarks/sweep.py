@@ -92,6 +92,7 @@ ONCE = "sweep --once"
 SPICELIB, WAITLESS, SHARED = "spicelib", "spicelib, no waits", "PySpice, one core"
 CLOCK, CORE = {"wall": "by the clock"}, {"processor": "by processor time"}
 BOTH = CLOCK | CORE
+TWO = ", two decks"
 RATIOS = (  # who, times as fast as whom, and what is to be reached
     (ONCE, "xargs, one deck", BOTH, 0.9),
     ("sweep", "xargs, two decks", BOTH, 0.9),
@@ -103,20 +104,26 @@ RATIOS = (  # who, times as fast as whom, and what is to be reached
     (ONCE, f"{WAITLESS}, measured", CLOCK, None),
     (ONCE, f"{SHARED}, bare", CORE, 1.0),
     (ONCE, f"{SHARED}, measured", CORE, 1.0),
+    ("sweep", f"{SPICELIB}{TWO}, bare", CLOCK, 7.0),
+    ("sweep", f"{SPICELIB}{TWO}, measured", CLOCK, 7.0),
+    ("sweep", f"{SHARED}{TWO}, bare", CORE, 1.0),
+    ("sweep", f"{SHARED}{TWO}, measured", CORE, 1.0),
 )
 
 
-def rivals(once: Plan, library: SharedLibrary | None) -> dict[str, Run]:
+def rivals(once: Plan, full: Plan, library: SharedLibrary | None) -> dict[str, Run]:
     """Return other people's runners, as far as they are at hand."""
     found: dict[str, Run] = {}
     for what in ("bare", "measured"):
         measured = what == "measured"
-        if not why_no_spicelib():
-            for name, waits in ((SPICELIB, True), (WAITLESS, False)):
-                run = partial(by_spicelib, once, measured=measured, waits=waits)
-                found[f"{name}, {what}"] = run
-        if library is not None:
-            found[f"{SHARED}, {what}"] = partial(library.run, once, measured=measured)
+        for plan, decks in ((once, ""), (full, TWO)):
+            if not why_no_spicelib():
+                for name, waits in ((SPICELIB, True), (WAITLESS, False)):
+                    run = partial(by_spicelib, plan, measured=measured, waits=waits)
+                    found[f"{name}{decks}, {what}"] = run
+            if library is not None:
+                run = partial(library.run, plan, measured=measured)
+                found[f"{SHARED}{decks}, {what}"] = run
     return found
 
 
@@ -136,7 +143,7 @@ def throughput(rounds: int) -> None:
             "xargs, two decks": partial(by_xargs, full),
             "sweep": partial(by_sweep, full, pool=pool),
             "state space": partial(by_sweep, exact, pool=pool),
-        } | rivals(once, None if missing[1] else library)
+        } | rivals(once, full, None if missing[1] else library)
         print(f"\n{case}: {POINTS} points, {JOBS} processes where nothing else is said")
         report(best(rounds, contestants))
     for why in filter(None, missing):
@@ -150,7 +157,7 @@ def report(scores: dict[str, Score]) -> None:
     for name, score in scores.items():
         each = 1e3 * score.cost.processor / POINTS
         speed = f"{POINTS / score.cost.wall:7.1f} points/s"
-        print(f"  {name:27} {speed}, {each:7.1f} ms of a core each")
+        print(f"  {name:38} {speed}, {each:7.1f} ms of a core each")
     for fast, slow, times, least in RATIOS:
         if slow in scores:
             costs = scores[slow].cost, scores[fast].cost
@@ -161,7 +168,7 @@ def report(scores: dict[str, Score]) -> None:
             wanted = "" if least is None else f" (to reach: {least:g})"
             print(f"  {fast} against {slow}: {', '.join(ratios)}{wanted}")
     for name, score in scores.items():
-        if name.endswith("measured"):
+        if name.endswith("measured") and TWO not in name:
             pairs = zip(score.stored, scores[ONCE].stored, strict=True)
             worst = max(abs(a - b) for a, b in pairs)
             print(f"  {name}: stored overshoots differ from {ONCE}'s by {worst:.1e}")

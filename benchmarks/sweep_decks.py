@@ -65,7 +65,10 @@ class Cost:
 
 
 class Stopwatch:
-    """Times what happens between its making and `stop`; `pids` are workers that live on."""
+    """Times what happens between its making and `stop`.
+
+    `pids` are workers that live on, and may have simulators that do.
+    """
 
     def __init__(self, pids: list[int] | None = None) -> None:
         self._pids = pids or []
@@ -78,11 +81,15 @@ class Stopwatch:
     def _used(self) -> float:
         both = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)  # children that have ended
         own = sum(sum(resource.getrusage(who)[:2]) for who in both)
-        ticks = 0
-        for pid in self._pids:
-            fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-            ticks += sum(map(int, fields[11:15]))
-        return own + ticks / os.sysconf("SC_CLK_TCK")
+        return own + sum(map(_ticks, self._pids)) / os.sysconf("SC_CLK_TCK")
+
+
+def _ticks(pid: int) -> int:
+    """Return the processor time of a process, and of its children, dead and alive."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    threads = Path(f"/proc/{pid}/task").glob("*/children")
+    children = [int(child) for thread in threads for child in thread.read_text().split()]
+    return sum(map(int, fields[11:15])) + sum(map(_ticks, children))
 
 
 def by_xargs(plan: Plan, folder: Path) -> Cost:

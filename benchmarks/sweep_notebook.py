@@ -25,7 +25,7 @@ class Notebook:
     path : Path
         A new database.
     scenes : list of Scene
-        One a point; they share one problem.
+        One a deck; they share one problem.
     """
 
     def __init__(self, path: Path, scenes: list[Scene]) -> None:

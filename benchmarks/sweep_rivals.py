@@ -3,6 +3,7 @@
 What a rival leaves behind is one of two things, and both are timed. ``bare``: it simulates and has
 its raw files or arrays. ``measured``: it also stores the same result as a sweep, a row a point in
 SQLite of what `verification.measures.measure` finds against the reference answer of the point.
+With two decks a point it stores a row a deck.
 
 spicelib runs twice over: as its manual has it, and without its waits. `SimRunner.run` looks for a
 free place every 0.1 s and sleeps 10 ms after each start, `wait_completion` looks once a second, and
@@ -51,7 +52,9 @@ Finished = Callable[[Path, Path], None]
 
 
 def _scenes(plan: Plan) -> list[Scene]:
-    return [with_values(plan.scene, values) for values in points_of(plan.groups)]
+    """Return the scene of every deck."""
+    scenes = [with_values(plan.scene, values) for values in points_of(plan.groups)]
+    return [scene for scene in scenes for _ in range(2 if plan.second_look else 1)]
 
 
 def why_no_spicelib() -> str:
