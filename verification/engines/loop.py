@@ -29,6 +29,7 @@ end
 .endc
 .end
 """  # without no_mem_check it reads /proc/meminfo all along: a quarter of a run
+DEATH = ("--pdeathsig", "KILL")  # of `setpriv`: what a process gets when its parent ends
 LARGEST = 1e7  # bytes of a result that one folder, in memory, has to hold
 LOOK = 0.1  # s between two looks at whether the process still lives
 NO_READER = 2e-4  # s between two tries to hand over a deck
@@ -111,7 +112,7 @@ class Loop:
 def _launch(simulator: Simulator, guard: str, folder: Path) -> subprocess.Popen[bytes]:
     with (folder / "stderr.txt").open("wb") as errors:
         return subprocess.Popen(
-            [guard, "--pdeathsig", "KILL", simulator.executable, "-b", "-n", "loop.cir"],
+            [guard, *DEATH, simulator.executable, "-b", "-n", "loop.cir"],
             cwd=folder,
             env=environment(folder),
             stdin=subprocess.DEVNULL,

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import functools
 import shutil
+import subprocess
 import sys
 import threading
 import time
@@ -21,7 +22,7 @@ from collections import deque
 from netlist_gen.analysis import Transient
 from spice_models.errors import SimulationError
 from verification.engines.evidence import Ending, judge
-from verification.engines.loop import LARGEST, Loop, LostError
+from verification.engines.loop import DEATH, LARGEST, Loop, LostError
 from verification.engines.ngspice import Run, start
 from verification.engines.screening import Deck, screen
 from verification.engines.simulator import Simulator
@@ -29,6 +30,7 @@ from verification.waveforms import Waveforms
 
 LONGEST_DECK = 60_000  # bytes; a pipe holds 65536, so writing a deck never waits
 MOST_POINTS = 50_000  # of a transient whose start is worth saving
+HOPELESS = 3  # lost processes in a row, after which decks run alone
 PATIENCE = 10.0  # s; a deck that takes longer gets a process, and a timeout, of its own
 
 
@@ -76,6 +78,12 @@ class Session:
         self._guard = guard
         self._process: Loop | None = None
         self._turns: deque[Turn] = deque()  # the first is under way
+        self._lost = 0  # processes in a row
+
+    @property
+    def hopeless(self) -> bool:
+        """Whether processes get lost here again and again; then a session only costs time."""
+        return self._lost >= HOPELESS
 
     def submit(self, deck: Deck, *, timeout: float, bound: float) -> Turn:
         """Screen a deck and let it wait for its turn.
@@ -123,6 +131,7 @@ class Session:
                 self._process.send(turn.deck.text.encode(), turn.started + PATIENCE)
                 return
             except (LostError, OSError):
+                self._lost += 1
                 self._over(turn)
                 self.close()
 
@@ -137,7 +146,11 @@ class Session:
             ending = Ending(0, False, turn.timeout, seconds, process.errors(), process.folder)
             engine = self.simulator.engine
             turn.answer = judge(turn.deck, ending, engine=engine, bound=turn.bound)
-        except (LostError, OSError, SimulationError):
+            self._lost = 0
+        except (LostError, OSError):
+            self._lost += 1
+            self.close()
+        except SimulationError:
             self.close()
         except BaseException:  # Ctrl-C: nothing goes on
             self._turns.clear()
@@ -173,6 +186,8 @@ def submit(deck: Deck, simulator: Simulator, *, timeout: float, bound: float) ->
     if guard is None or not suits(deck):
         return start(deck, simulator, timeout=timeout, bound=bound)
     session = _sessions.open.setdefault(simulator, Session(simulator, guard))
+    if session.hopeless:
+        return start(deck, simulator, timeout=timeout, bound=bound)
     return session.submit(deck, timeout=timeout, bound=bound)
 
 
@@ -196,4 +211,8 @@ def end_session() -> None:
 @functools.cache
 def _guard() -> str | None:
     """Return what ends a process with its parent: Linux has it; elsewhere there is no session."""
-    return shutil.which("setpriv") if sys.platform == "linux" else None
+    found = shutil.which("setpriv") if sys.platform == "linux" else None
+    if found is None:
+        return None
+    trial = subprocess.run([found, *DEATH, "true"], capture_output=True, check=False)
+    return found if trial.returncode == 0 else None
