@@ -15,8 +15,8 @@ class Effort:
         False: a stepping engine runs once, and its error is measured against the state-space
         engine instead of a second run; the two are no longer judged against each other.
     details : bool
-        False: without what no check needs, the constraint plane's figures, the error budget and
-        times on the continuous solution.
+        False: without what no check needs, the constraint plane's figures, the error budget,
+        times on the continuous solution and the ringing of channels that have settled.
     full_margin : bool
         False: the stability margin is looked for only as far as the scene's check wants it.
     session : bool

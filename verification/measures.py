@@ -22,7 +22,7 @@ from verification.envelope import Envelope, envelope
 from verification.looks import SMALL_STEP, Look, SoundPart, look, sound_part
 from verification.readings import Reading, latest
 from verification.ringing import Mode, fit_modes
-from verification.settling import ChannelState, Drift, Judgement, Ringing, judge
+from verification.settling import ChannelState, Drift, Judgement, Ringing, judge, silent
 from verification.waveforms import Floats
 
 __all__ = ["ChannelMeasure", "ChannelState", "Measurements", "Reading", "measure"]
@@ -50,7 +50,7 @@ class ChannelMeasure:
         How the record ends.
     frequency, growth_rate : float or None
         Of the strongest ringing in this channel, Hz and 1/s; of a clipped channel the growth
-        before it clipped. None where nothing rings.
+        before it clipped. None where nothing rings, or where no modes were fitted.
     reason : str
         Why the channel is not settled; empty if it is.
     rise_reason : str
@@ -87,7 +87,8 @@ class Measurements:
     reason : str
         Why there is no settling time; empty if there is.
     modes : tuple of Mode
-        Ringing fitted to the channels together, strongest first.
+        Ringing fitted to the channels together, strongest first; empty where `measure` was spared
+        the fit.
     """
 
     amplitude: float
@@ -118,6 +119,7 @@ def measure(
     rise: tuple[float, float] = (0.1, 0.9),
     bound: float | None = None,
     expected_stop: float | None = None,
+    details: bool = True,
 ) -> Measurements:
     """Measure a transient against its reference steady state.
 
@@ -140,6 +142,9 @@ def measure(
         diverged.
     expected_stop : float, optional
         Instant up to which the record was to run, s; a shorter record settles nothing.
+    details : bool
+        False: modes are fitted only where a channel's state depends on them, not where every
+        channel is silent at its end.
 
     Raises
     ------
@@ -149,13 +154,13 @@ def measure(
     """
     _check(time, u, target, band, rise)
     part = sound_part(time, u, target, start, bound, expected_stop)
-    t, v = part.time, u[: part.time.size]
+    t, v, drift = part.time, u[: part.time.size], Drift(part.time, part.errors)
+    ringing, modes = Envelope(t[:1], np.zeros((1, u.shape[1])), None), tuple[Mode, ...]()
     if part.readable:
         ringing = envelope(t, v)
-        modes = fit_modes(t, v, ringing=ringing)
-    else:
-        ringing, modes = Envelope(t[:1], np.zeros((1, u.shape[1])), None), ()
-    record = _Record(part, v, look(part, band, rise), Drift(t, part.errors), band, ringing, modes)
+        over = not part.cut and silent(drift, ringing.amplitude, band * part.amplitude)
+        modes = () if over and not details else fit_modes(t, v, ringing=ringing)
+    record = _Record(part, v, look(part, band, rise), drift, band, ringing, modes)
     channels = tuple(_channel(record, n) for n in range(target.size))
     settling, reason = network_settling_time(channels)
     return Measurements(part.amplitude, band, channels, settling, reason, modes)

@@ -109,13 +109,16 @@ def watch(
     clock.begin("simulation")
     simulation = pending.result(running_away=not stable)
     clock.begin("measures")
-    fine, u = measure_outputs(scene, circuit, ideal, simulation.fine, transient)
+    fine, u = measure_outputs(
+        scene, circuit, ideal, simulation.fine, transient, details=effort.details
+    )
     if effort.details and stable and _is_exact(design):
         fine = _on_the_solution(design, ideal, u[-1])
     if math.isinf(simulation.share):  # the record ends early: nothing tells its error
         coarse, share = None, math.inf
     if second is not None and coarse is not None and undecided(fine, coarse):
-        coarse = measure_outputs(scene, circuit, ideal, second, transient)[0].look
+        again, _ = measure_outputs(scene, circuit, ideal, second, transient, details=effort.details)
+        coarse = again.look
     error = simulation_error(fine, coarse, share)
     agreement = compare_engines(circuit, simulation, other) if other is not None else None
     return Recording(simulation, fine, u, error, agreement)
@@ -145,12 +148,18 @@ def _on_the_solution(design: Design, ideal: IdealAnswer, final: Floats) -> Measu
 
 
 def measure_outputs(
-    scene: Scene, circuit: Circuit, ideal: IdealAnswer, waveforms: Waveforms, transient: Transient
+    scene: Scene,
+    circuit: Circuit,
+    ideal: IdealAnswer,
+    waveforms: Waveforms,
+    transient: Transient,
+    *,
+    details: bool = True,
 ) -> tuple[Measurements, Floats]:
     """Measure `waveforms` against the reference; return the measures and u (P, N), V."""
-    u = outputs(circuit, waveforms)
-    terms = _terms(scene, circuit, transient)
-    return measure(waveforms.time, u, ideal.target, ideal.start, **terms), u
+    u, terms = outputs(circuit, waveforms), _terms(scene, circuit, transient)
+    found = measure(waveforms.time, u, ideal.target, ideal.start, **terms, details=details)
+    return found, u
 
 
 class _Terms(TypedDict):

@@ -29,6 +29,7 @@ _SAFE = 0.5  # of the band: a decaying ringing below it will not leave the band 
 _QUIET = 0.05  # of the band: ringing below it is not judged
 _FLAT_TOP = 0.2  # of a period spent within 1 % of one extreme; 0.064 for a sinusoid
 _GOOD_FIT = 0.1  # unexplained part below which a fit's growth rate is believed
+_SILENT = 1 / 21  # of the band: `Drift.heading` carries a mean on by no more than twenty times it
 _RUNAWAY = 10.0  # step amplitudes off target, and accelerating
 
 
@@ -81,15 +82,21 @@ class Drift:
     ----------
     time, errors : ndarray (P,) and (N, P)
         Record, s, and distances to the targets, finite.
+
+    Attributes
+    ----------
+    last : ndarray (N, L)
+        The errors over the last three stretches, each a tenth of the record.
     """
 
     def __init__(self, time: Floats, errors: Floats) -> None:
         self.time, self.errors = time, errors
         self._stretch = 0.1 * float(np.ptp(time)) if time.size else 0.0
         first = max(int(np.searchsorted(time, time[-1:].sum() - 3 * self._stretch)) - 1, 0)
-        self._marked, e = time[first:], errors[:, first:]
-        self._area = np.zeros_like(e)
-        np.cumsum((e[:, 1:] + e[:, :-1]) * (0.5 * np.diff(self._marked)), 1, out=self._area[:, 1:])
+        self._marked, self.last = time[first:], errors[:, first:]
+        means, widths = self.last[:, 1:] + self.last[:, :-1], 0.5 * np.diff(self._marked)
+        self._area = np.zeros_like(self.last)
+        np.cumsum(means * widths, 1, out=self._area[:, 1:])
 
     def heading(self, n: int, period: float) -> tuple[float, float]:
         """Extrapolate where channel `n` goes.
@@ -119,6 +126,17 @@ class Drift:
         ratio = last / before
         stretches = min(ratio / (1 - ratio), furthest) if ratio < 1 else furthest
         return third + last * stretches, ratio
+
+
+def silent(drift: Drift, amplitude: Floats, tolerance: float) -> bool:
+    """Tell whether every channel is settled whatever modes a fit would find.
+
+    Over the last three stretches the errors are so small that no extrapolation of theirs leaves
+    the band, and the envelopes `amplitude` (M, N) end below what is judged.
+    """
+    last = drift.last
+    calm = max(last.max(), -last.min()) <= _SILENT * tolerance
+    return bool(calm and amplitude[-1].max() <= _QUIET * tolerance)
 
 
 def _flat_top(time: Floats, error: Floats, period: float) -> bool:
