@@ -17,7 +17,7 @@ from spice_models.errors import EngineError
 from verification.engines.equations import Bools, Descriptor, Floats, Ints
 from verification.engines.equilibrium import Equilibrium, equilibrium
 from verification.engines.gains import gain_of
-from verification.engines.mirror import evened, image_within, is_mirrored, proposed_image
+from verification.engines.mirror import Halves, evened, image_within, is_mirrored, proposed_image
 from verification.engines.modes import Modes, decompose
 from verification.engines.stamps import stamp
 
@@ -133,7 +133,10 @@ def _linear(descriptor: Descriptor) -> StateSpace:
 @functools.lru_cache(maxsize=1)
 def modes_of(space: StateSpace) -> Modes:
     """Decompose A of a state space, once for those who ask one after the other."""
-    return decompose(space.A, space.mirror)
+    if space.mirror is None:
+        return decompose([space.A])
+    halves = Halves.of(space.mirror)
+    return decompose(halves.split(space.A), halves)
 
 
 def open_loop(descriptor: Descriptor) -> StateSpace:

@@ -51,7 +51,7 @@ class ModalFlow:
     def __init__(self, modes: Modes, C: Floats, deviation: Floats) -> None:
         with np.errstate(invalid="ignore", over="ignore"):
             share = modes.amplitudes(C, deviation)
-            terms = np.abs(C @ modes.right) * (np.abs(modes.left) @ np.abs(deviation))
+            terms = modes.terms(C, deviation)
         size = np.abs(share)
         self.error = _modal_error(modes, size, terms)
         # Of a conjugate pair one suffices.

@@ -90,21 +90,26 @@ class Halves:
         own = np.concatenate([first, alone])
         return cls(own, mirror[own], len(first))
 
+    @property
+    def share(self) -> Floats:
+        """How much an even row has of each place: half where it stands for two, (len(own),)."""
+        return np.where(np.arange(len(self.own)) < self.pairs, 0.5, 1.0)
+
     def split(self, A: Floats) -> tuple[Floats, Floats]:
         """Return a matrix as it acts on even and on odd vectors."""
-        direct, crossed = self._parts(A)
-        return direct + crossed, (direct - crossed)[: self.pairs, : self.pairs]
+        return self.split_rows(A[self.own], self.pairs)
 
-    def split_sizes(self, A: Floats) -> tuple[Floats, Floats]:
-        """Return the sizes of the terms that `split` adds and subtracts."""
-        direct, crossed = map(np.abs, self._parts(A))
-        return direct + crossed, (direct + crossed)[: self.pairs, : self.pairs]
+    def split_rows(self, C: Floats, odd: int | None = None) -> tuple[Floats, Floats]:
+        """Return rows as they act on even and on odd vectors (the first `odd` rows there)."""
+        direct, crossed = C[:, self.own], C[:, self.image[: self.pairs]]
+        difference = direct[:odd, : self.pairs] - crossed[:odd]
+        direct[:, : self.pairs] += crossed
+        return direct, difference
 
-    def _parts(self, A: Floats) -> tuple[Floats, Floats]:
-        rows = A[self.own]
-        direct, crossed = rows[:, self.own], rows[:, self.image]
-        crossed[:, self.pairs :] = 0.0
-        return direct, crossed
+    def split_vectors(self, x: Floats) -> tuple[Floats, Floats]:
+        """Return the even and the odd part of a vector, or of the columns of an array."""
+        own, image = x[self.own], x[self.image]
+        return 0.5 * (own + image), 0.5 * (own - image)[: self.pairs]
 
     def join(self, even: Complexes, odd: Complexes) -> Complexes:
         """Write even and odd vectors, one a column, out on all places; the even ones first."""
