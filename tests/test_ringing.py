@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from verification.envelope import envelope, saturates
+from verification.envelope import envelope, saturates, slows
 from verification.ringing import fit_modes
 
 F0 = 123456.0
@@ -79,6 +79,34 @@ def test_a_hard_rail_too():
     time = np.linspace(0, 2.5e-3, 50001)
     mode = fit_modes(time, np.clip(1e-4 * ring(time, 6e3), -1, 1)[:, None])[0]
     assert mode.growth_rate == pytest.approx(6e3, rel=1e-6)
+
+
+def uneven_periods(rng, points, periods=60):
+    return uneven(rng, periods / F0, round(points * periods) + 1)
+
+
+@pytest.mark.parametrize("clipped", [0.03, 0.1, 0.2, 0.3, 0.6])  # of the record
+@pytest.mark.parametrize("points", [8.1, 12.0, 25.0, 50.0])  # a period
+def test_seven_channels_at_hard_rails(rng, points, clipped):
+    """Modes of either sign, in phase or not: no clipped end, harmonic or kink of it leads."""
+    for turned in (0.0, 1.0) * 3:
+        even = np.linspace(0, 60 / F0, round(60 * points) + 1)
+        for time in (even, uneven_periods(rng, points)):
+            onset = (1 - clipped) * time[-1]
+            growth = 7.0 / onset
+            shares = rng.uniform(0.3, 1.0, 7) * rng.choice([-1.0, 1.0], 7)
+            phases = turned * rng.uniform(0, 2 * np.pi, 7)
+            grown = np.exp(growth * (time - onset))[:, None]
+            signals = np.clip(
+                grown * shares * np.cos(2 * np.pi * F0 * time[:, None] + phases), -1, 1
+            )
+            mode = fit_modes(time, signals)[0]
+            assert mode.doubt == ""
+            assert mode.frequency == pytest.approx(F0, rel=1e-3)
+            assert mode.growth_rate == pytest.approx(growth, rel=2e-2)
+            if clipped >= 0.2:
+                assert mode.stop < onset
+                assert mode.growth_rate == pytest.approx(growth, rel=3e-3)
 
 
 def test_a_limit_cycle_reached_at_once_casts_doubt():
@@ -159,8 +187,42 @@ def test_a_square_wave_keeps_its_fundamental():
     )
 
 
+@pytest.mark.parametrize("share", [1.4, 1.9])
+def test_channels_that_almost_cancel_a_fundamental_keep_its_period(share):
+    # In the mixture, cos(1) of one and cos(2) of the other, a seventh of the fundamental is left.
+    time = np.linspace(0, 1e-3, 5001)
+    tone = ring(time, 0.0)
+    signals = np.column_stack([np.clip(50 * tone, -1, 1), share * tone])
+    assert envelope(time, signals).period == pytest.approx(1 / F0, rel=1e-4)
+
+
+@pytest.mark.parametrize("onset", [0.65, 0.7, 0.75])  # of clipping, in the record
+def test_a_ringing_that_starts_and_clips_on_the_way_keeps_its_period(onset):
+    time = np.linspace(0, 40 / F0, 1001)
+    for growth in (5, 8, 12, 20):
+        for phase in (0.0, 0.7, 1.4, 2.1):
+            grown = np.exp(growth * (time / time[-1] - onset))
+            signal = np.clip(grown * ring(time, 0.0, phase=phase), -1, 1)
+            assert envelope(time, signal[:, None]).period == pytest.approx(1 / F0, rel=2e-3)
+
+
 def test_saturation_needs_growth_and_then_a_plateau():
     x = np.linspace(0, 1, 40)
+    jagged = np.tanh(1e-3 * np.exp(20 * x)) * (1 + 0.035 * (-1.0) ** np.arange(40))
+    assert saturates(jagged)
+    assert not saturates(np.abs(np.sin(4.6 * x)) + 0.3 * np.sin(4.6 * x) ** 4)  # beats
     assert saturates(np.tanh(1e-3 * np.exp(20 * x)))
     assert not saturates(np.exp(3 * x))
     assert not saturates(np.ones(40))
+
+
+def test_growth_slows_before_it_is_a_plateau():
+    x = np.linspace(0, 1, 64)
+    grown = 1e-3 * np.exp(7.5 * x)  # reaches 1 at 0.92
+    first = slows(np.minimum(grown, 1.0))
+    assert grown[first - 1] <= 0.25 < grown[first]
+    assert slows(np.tanh(grown)) > 0
+    assert slows(grown) == 0
+    assert slows(grown + 0.3 * np.exp(-20 * x)) == 0  # a transient before
+    assert slows(grown + 1e-6 * np.exp(14 * x)) == 0  # a faster one takes over
+    assert slows(np.exp(x)) == 0

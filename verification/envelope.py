@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,8 @@ _BLOCK = 16384  # samples of some channels that are worked on together: they sta
 _FEWEST = 64
 _ENOUGH, _PLENTY = 20.0, 40.0  # samples a period: to be reached; to be kept when thinning out
 _CHUNKS = 64
+_WEAK = 0.1  # of a strong line: below, a line at a third of its frequency is no fundamental
+_TONE = 0.1  # of a peak: beyond, its neighbours are not those of a tone
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,21 +62,47 @@ def spectrum(y: Floats) -> Complexes:
     return np.asarray(lines - 0.5 * (around[2:] + around[:-2]))
 
 
+def _fundamental(size: Floats, k: int) -> int:
+    """Return the line that line k is an odd harmonic of, or k.
+
+    Clipping starts the odd harmonics of a wave. Between channels of either sign or of several
+    phases, their fundamental may cancel more than they do.
+    """
+    for odd in (9, 7, 5, 3):
+        low = max(round(k / odd) - 1, 3)
+        j = low + int(size[low : low + 3].argmax())
+        if odd * low < k and size[j] >= max(_WEAK * size[k], size[j - 1], size[j + 1]):
+            return j
+    return k
+
+
+def _offset(left: complex, top: complex, right: complex) -> float:
+    """Return how far a peak lies beyond its line, in lines, by that line and its neighbours.
+
+    A tone, decaying or not, is 1 / (j - c) in line j without a window, c its complex frequency;
+    with second differences in their place the lines tell c and whether they are those of a tone.
+    A ringing that starts or clips on the way is none, but as its envelope is real, the magnitudes
+    fall alike on either side: that of the window's main lobe is nearly a parabola in logarithms.
+    """
+    bend = left - 2 * top + right
+    if abs(bend) > abs(top):  # at least three times for a tone
+        off = 2 * (right - left) / bend
+        if abs(right * (2 - off) + top * (1 + off)) < _TONE * abs(top):
+            return min(max(off.real, -1.0), 1.0)
+    a, b, c = (math.log(max(abs(line), 1e-300)) for line in (left, top, right))
+    return min(max(0.5 * (a - c) / min(a - 2 * b + c, -1e-3), -1.0), 1.0)
+
+
 def _dominant_period(y: Floats, step: float, most: int) -> float | None:
     """Return the period of the lowest strong line of the first `most`, or None; a hump is none."""
     lines = spectrum(y)
     size = np.abs(lines[:most])
     inner = size[1:-1]
     strong = (inner >= size[:-2]) & (inner >= size[2:]) & (inner > 0.6 * size.max())
-    k = int(np.argmax(strong)) + 1  # a square wave's harmonics are as strong as its fundamental
+    k = _fundamental(size, int(np.argmax(strong)) + 1)
     if k < 3 or 2 * k >= size.size or max(size[k // 2], size[2 * k]) > 0.5 * size[k]:
         return None
-    left, top, right = lines[k - 1 : k + 2].tolist()
-    bend = left - 2 * top + right
-    # A tone, decaying or not, is 1 / (j - c) in line j without a window, c its complex frequency:
-    # with second differences in their place this is c - k, and bend at least three times the top.
-    off = 2 * ((right - left) / bend).real if abs(bend) > abs(top) else 0.0
-    return 2 * (lines.size - 1) * step / (k + min(max(off, -1.0), 1.0))
+    return 2 * (lines.size - 1) * step / (k + _offset(*lines[k - 1 : k + 2].tolist()))
 
 
 def _without_trend(y: Floats, window: float) -> Floats:
@@ -163,8 +192,30 @@ def envelope(time: Floats, signals: Floats) -> Envelope:
 
 
 def saturates(amplitude: Floats) -> bool:
-    """Tell whether an envelope (M,) grew at least threefold and then stopped growing."""
+    """Tell whether an envelope (M,) grew at least threefold and then stopped growing.
+
+    Its last fifth keeps within 5 per cent, or within 15 if it varies from chunk to chunk only: few
+    points a period leave the peaks of a clipped wave uncertain.
+    """
     last = amplitude[-max(amplitude.size // 5, 2) :]
     if amplitude.size < 8 or last.min() <= 0:
         return False
-    return bool(amplitude.min() < last.mean() / 3 and np.ptp(last) < 0.05 * last.mean())
+    end, half = float(last.mean()), last.size // 2
+    drift = abs(float(last[-half:].mean() - last[:half].mean()))
+    jagged = float(np.abs(np.diff(last, 2)).mean()) if last.size > 4 else 0.0
+    spread = min(0.05 * end + jagged, 0.15 * end)
+    return bool(amplitude.min() < end / 3 and np.ptp(last) < spread and drift < 0.05 * end)
+
+
+def slows(amplitude: Floats) -> int:
+    """Return how many chunks precede the last fourfold growth of an envelope (M,) that slows, or 0.
+
+    That is when it grows less than half as fast in its last sixteenth as just before that growth.
+    """
+    first = int(np.argmax(amplitude > 0.25 * amplitude[-1]))
+    if first < 2 or amplitude.min() <= 0:
+        return 0
+    growth = np.diff(np.log(amplitude))
+    before = growth[max(2 * first - amplitude.size, 0) : first]
+    late = growth[-max(amplitude.size // 16, 2) :]
+    return first if late.mean() < 0.5 * before.mean() else 0

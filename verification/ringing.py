@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from verification.envelope import Envelope, envelope, mixed, saturates, spectrum
+from verification.envelope import Envelope, envelope, mixed, saturates, slows, spectrum
 from verification.pencil import GONE, Complexes, fit_poles
 from verification.resampling import pace, resample
 from verification.waveforms import Floats
@@ -25,6 +25,7 @@ _COMPONENTS = 6  # principal components of the channels
 _LINEAR_FRACTION = 0.25  # of a limit cycle's amplitude: below, the growth is still exponential
 _REAL = 1e-9  # radians a sample: below, a pole does not oscillate
 _FAINT = 1e-4  # of the strongest mode: below, a pole is an artefact of the fit
+_BORN = 37.0  # nepers, 1e16: what grows by more was not there at the start: a kink, not a mode
 _FADED = 0.01  # of the largest envelope: below, a decayed ringing is not worth fitting
 
 
@@ -86,7 +87,9 @@ def _stretch(time: Floats, env: Envelope) -> tuple[int, str]:
         doubt = "" if first >= 2 else "no stretch before saturation is long enough"
         keep = max(first, 2)
     elif total[-1] > 2 * total.min():
-        return time.size, ""
+        keep, doubt = slows(total), ""
+        if not keep:
+            return time.size, ""
     else:
         keep, doubt = int(np.flatnonzero(total >= _FADED * total.max())[-1]) + 1, ""
     half = 0.5 * (env.time[1] - env.time[0])
@@ -130,8 +133,8 @@ def fit_modes(
 ) -> tuple[Mode, ...]:
     """Fit the modes of a transient, strongest first.
 
-    The stretch that is fitted ends where the ringing saturates, or has faded to 1 % of its
-    largest, or with the record, and holds at most 300 uniform samples: some fifty periods of the
+    The stretch that is fitted ends at a quarter of where the ringing saturates or its growth
+    slows, or where it has faded to 1 % of its largest, or with the record. It holds at most 300 uniform samples: some fifty periods of the
     fastest mode, so a mode sixty times slower than that is not resolved.
 
     Parameters
@@ -223,8 +226,9 @@ def _modes(
     frequency = np.where(rings, poles.imag, 0.0) / (2 * np.pi)
     still = ~rings & (np.abs(angle.real) * n < 0.1)
     aliased = angle.imag > 0.98 * np.pi
-    least = max(3 * noise, _FAINT * float(rms.max()))
-    kept = np.flatnonzero(~still & ~aliased & (rms > least))
+    sound = ~still & ~aliased & (angle.real * n < _BORN)
+    least = max(3 * noise, _FAINT * float(rms.max(where=sound, initial=0.0)))
+    kept = np.flatnonzero(sound & (rms > least))
     at_stop = sizes * np.exp(np.minimum(poles.real, 0.0) * length)[:, None]
     found = []
     for i in kept[np.argsort(-rms[kept], kind="stable")].tolist():
