@@ -1,8 +1,8 @@
 """From a `Circuit` and an analysis to an ngspice deck.
 
-PySpice's ``Circuit`` is the netlist's object model; the resistor matrices go in as raw text,
-because N² objects cost twenty times as much as the lines. Every number is a plain float
-(``repr``): in a deck ``1M`` would be a milliohm. The same circuit gives the same bytes.
+PySpice's ``Circuit`` is the netlist's object model; the resistor matrices and the board's parts go
+in as lines of text, because an object each costs twenty times as much. Every number is a plain
+float (``repr``): in a deck ``1M`` would be a milliohm. The same circuit gives the same bytes.
 """
 
 from __future__ import annotations
@@ -228,17 +228,24 @@ def _pads(circuit: Circuit) -> list[str]:
     return list(nodes)
 
 
+class _Texts(dict[float, str]):
+    """The text of each number; most parts of a board share theirs with others."""
+
+    def __missing__(self, number: float) -> str:
+        return self.setdefault(number, repr(number))
+
+
 def _place(netlist: Any, circuit: Circuit) -> list[str]:
     """Put every part but matrices and sources into `netlist`; return lines to add as text."""
-    from spice_models.card import Card
+    from spice_models.card import Cards
 
-    for cell in circuit.opamps:
-        nodes = cell.noninverting, cell.inverting, cell.output
-        Card(netlist, "X" + cell.name, *nodes, cell.model)
-    for resistor in circuit.resistors:
-        Card(netlist, "R" + resistor.name, resistor.a, resistor.b, repr(resistor.ohms))
-    for capacitor in circuit.capacitors:
-        Card(netlist, "C" + capacitor.name, capacitor.a, capacitor.b, repr(capacitor.farads))
+    text = _Texts()
+    lines = [
+        *(f"X{c.name} {c.noninverting} {c.inverting} {c.output} {c.model}" for c in circuit.opamps),
+        *(f"R{r.name} {r.a} {r.b} {text[r.ohms]}" for r in circuit.resistors),
+        *(f"C{c.name} {c.a} {c.b} {text[c.farads]}" for c in circuit.capacitors),
+    ]
+    Cards(netlist, lines)
     return [line for stage in circuit.amplifiers for line in amplifier_lines(stage)]
 
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from operator import attrgetter
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +17,15 @@ from netlist_gen.circuit import GROUND, Circuit
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 SCENE_NAME = re.compile(r"[A-Za-z0-9_.-]*")
 FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
+
+_NAMES: dict[str, Callable[[Any], tuple[str, ...]]] = {  # what of a circuit's parts is a name
+    "resistors": attrgetter("name", "a", "b"),
+    "capacitors": attrgetter("name", "a", "b"),
+    "opamps": attrgetter("name", "model", "noninverting", "inverting", "output"),
+    "amplifiers": attrgetter("name", "input", "output"),
+    "currents": attrgetter("name", "node"),
+    "voltages": attrgetter("name", "node"),
+}
 
 
 def check_circuit(circuit: Circuit) -> None:
@@ -51,21 +63,10 @@ def check_circuit(circuit: Circuit) -> None:
 
 def _names(circuit: Circuit) -> Iterator[str]:
     """Every name of a part, a node or a model."""
-    yield from (circuit.amplifier, circuit.topology)
-    for resistor in circuit.resistors:
-        yield from (resistor.name, resistor.a, resistor.b)
-    for capacitor in circuit.capacitors:
-        yield from (capacitor.name, capacitor.a, capacitor.b)
-    for cell in circuit.opamps:
-        yield from (cell.name, cell.model, cell.noninverting, cell.inverting, cell.output)
-    for stage in circuit.amplifiers:
-        yield from (stage.name, stage.input, stage.output)
-    for current in circuit.currents:
-        yield from (current.name, current.node)
-    for voltage in circuit.voltages:
-        yield from (voltage.name, voltage.node)
-    for matrix in circuit.matrices:
-        yield from (matrix.name, *matrix.sinks, *matrix.plus, *filter(None, matrix.minus))
+    parts = [map(names, getattr(circuit, kind)) for kind, names in _NAMES.items()]
+    matrices = [(m.name, *m.sinks, *m.plus, *filter(None, m.minus)) for m in circuit.matrices]
+    own = [(circuit.amplifier, circuit.topology)]
+    return itertools.chain.from_iterable(itertools.chain(own, *parts, matrices))
 
 
 def check_request(
@@ -109,9 +110,11 @@ def tolerances(circuit: Circuit, relative: float) -> Tolerances:
 
 
 def _check_names(names: Iterable[str]) -> None:
-    for name in dict.fromkeys(names):  # most name a node, which several parts share
-        if name != GROUND and not NAME.fullmatch(name):
-            raise ValueError(f"{name!r} is no name for a deck")
+    distinct = dict.fromkeys(names)  # most name a node, which several parts share
+    distinct.pop(GROUND, None)
+    if not all(map(NAME.fullmatch, distinct)):
+        wrong = next(name for name in distinct if not NAME.fullmatch(name))
+        raise ValueError(f"{wrong!r} is no name for a deck")
 
 
 def _check_value(name: str, value: float) -> None:

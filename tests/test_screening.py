@@ -49,6 +49,14 @@ def test_refused_file_names(name: str) -> None:
         screen(transient(files={name: ""}))
 
 
+def test_a_piece_that_is_known_is_checked_where_it_stands() -> None:
+    known = "R7 free 0 1.0\nR8 free 0 1.0"
+    screen(transient(f"{known}\nI7 0 free 1.0"))
+    for lines in (".subckt inner a\n{}\n.ends", "{}\n*# shell touch it", "{}\nR9 free 0 0"):
+        with pytest.raises((DidNotLoad, SingularCircuit)):
+            screen(transient("I7 0 free 1.0\n" + lines.format(known)))
+
+
 def test_a_file_that_includes_itself() -> None:
     with pytest.raises(DidNotLoad, match="within itself"):
         screen(transient(".include a.inc", files={"a.inc": ".include a.inc\n"}))

@@ -54,9 +54,10 @@ OPTIONS = frozenset(_OPTIONS.split())
 FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 RUN_FILES = frozenset(("deck.cir", "out.raw", "spinit", "command.txt", "stdout.txt", "stderr.txt"))
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?[a-z]*")
-_CONTROL_CHARACTER = re.compile(r"[\x00-\x08\x0b-\x1f\x7f]")
+_CONTROL = "".join(map(chr, (*range(9), *range(11, 32), 127)))
 _CONTINUATION = re.compile(r"\n[ \t]*\+")
-_CARD_LINE = re.compile(r"\n[^\S\n]*(\.[^\n]*)")
+_COMMAND = re.compile(r"\n[^\S\n]*(\*(?:#|ng_script).*)")
+_PIECE = re.compile(r"\n[^\S\n]*(\S)[^\n]*(?:\n[^\S\n]*\1[^\n]*)*")  # lines of one letter
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +101,8 @@ class _Scope:
     def add(self, lines: _Scope) -> None:
         """Add what further lines do."""
         self.held |= lines.held
-        self.free = {**self.free, **lines.free, **self.free}  # a node's first line stays
+        for node, line in lines.free.items():
+            self.free.setdefault(node, line)
         for name, nodes in lines.instances.items():
             self.instances[name] = [*self.instances.get(name, ()), *nodes]
 
@@ -108,8 +110,8 @@ class _Scope:
 def screen(deck: Deck) -> None:
     """Refuse a deck that ngspice would misread, or obey, without a word.
 
-    Time is linear in the text, about 0.5 µs a line; lines that stood in the last deck, too, between
-    the same two cards, are not read again.
+    Time is linear in the text, about 0.5 µs a line; successive lines of one letter that stood in
+    the last deck, too, are not read again.
 
     Raises
     ------
@@ -141,20 +143,20 @@ class _Reading:
 
     def read(self, text: str) -> None:
         """Read every line of `text`."""
-        if found := _CONTROL_CHARACTER.search(text):
-            raise DidNotLoad(f"the deck holds the control character {found[0]!r}")
-        lines = text.lower()
-        if "+" in lines:
-            lines = _CONTINUATION.sub(" ", lines)
-        devices, *rest = _CARD_LINE.split("\n" + lines)
-        self._devices(devices)
-        for card, devices in zip(rest[::2], rest[1::2], strict=True):
-            self._card(card.strip(), card.split())
-            self._devices(devices)
-
-    def _devices(self, lines: str) -> None:
-        if lines:
-            self.scopes[self._within[-1]].add(_read_devices(lines))
+        content = text.encode(errors="surrogatepass")
+        if len(content.translate(None, _CONTROL.encode())) < len(content):
+            found = next(each for each in text if each in _CONTROL)
+            raise DidNotLoad(f"the deck holds the control character {found!r}")
+        lines = _CONTINUATION.sub(" ", text.lower())
+        for piece in _PIECE.finditer("\n" + lines):
+            if piece[1] == "*":
+                if command := _COMMAND.search(piece[0]):
+                    raise DidNotLoad(f"a deck may not run commands: {command[1].strip()!r}")
+            elif piece[1] == ".":
+                for line in map(str.strip, piece[0][1:].split("\n")):
+                    self._card(line, line.split())
+            else:
+                self.scopes[self._within[-1]].add(_read_devices(piece[0]))
 
     def _card(self, line: str, parts: list[str]) -> None:
         card = parts[0]
@@ -189,29 +191,26 @@ def _check_options(line: str, parts: list[str]) -> None:
             raise DidNotLoad(f"the option {option!r} is not accepted: {line!r}")
 
 
-@functools.lru_cache(maxsize=8)
+@functools.lru_cache(maxsize=32)  # a board of the usual op-amps has some 15 such pieces
 def _read_devices(lines: str) -> _Scope:
-    """Check every device and comment line, and note the nodes that they hold or touch.
+    """Check the devices of a piece, and note the nodes that they hold or touch.
 
-    Two decks of one board share nearly all of them, hence the cache, whose entries nobody changes.
+    Two decks of one board share nearly all pieces, hence the cache, whose entries nobody changes.
     """
-    found, held = _Scope(), list[str]()
-    values: dict[str, set[str]] = {letter: set() for letter in PASSIVE}  # that have been checked
-    for line in filter(None, map(str.strip, lines.split("\n"))):
+    found, held, values = _Scope(), list[str](), set[str]()  # values that have been checked
+    for line in map(str.strip, lines[1:].split("\n")):
         parts = line.split()
         letter = line[0]
-        if letter in values and len(parts) >= PASSIVE_FIELDS:  # nearly all lines of a board
+        if letter in PASSIVE and len(parts) >= PASSIVE_FIELDS:  # nearly all lines of a board
             held += parts[1:3]
-            if parts[3] not in values[letter]:
+            if parts[3] not in values:
                 _check_value(line, parts[3])
-                values[letter].add(parts[3])
+                values.add(parts[3])
         elif letter == "x":
             *nodes, name = _instance(line, parts)
             found.instances.setdefault(name, []).append(nodes)
-        elif letter != "*":
+        else:
             _read_source(line, parts, found)
-        elif line.startswith(("*#", "*ng_script")):
-            raise DidNotLoad(f"a deck may not run commands: {line!r}")
     found.held.update(held)
     return found
 
