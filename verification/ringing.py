@@ -133,9 +133,10 @@ def fit_modes(
 ) -> tuple[Mode, ...]:
     """Fit the modes of a transient, strongest first.
 
-    The stretch that is fitted ends at a quarter of where the ringing saturates or its growth
-    slows, or where it has faded to 1 % of its largest, or with the record. It holds at most 300 uniform samples: some fifty periods of the
-    fastest mode, so a mode sixty times slower than that is not resolved.
+    The stretch that is fitted ends at a quarter of the amplitude where the ringing saturates or
+    its growth slows, or where it has faded to 1 % of its largest, or with the record. It holds at
+    most 300 uniform samples: some fifty periods of the fastest mode, so a mode sixty times slower
+    than that is not resolved.
 
     Parameters
     ----------
