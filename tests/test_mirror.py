@@ -13,11 +13,12 @@ from verification.engines.descriptor import linearise
 from verification.engines.equations import Ints
 from verification.engines.equilibrium import equilibrium
 from verification.engines.flows import ModalFlow
-from verification.engines.mirror import Halves, evened, image_within, is_mirrored, proposed_image
+from verification.engines.mirror import Halves, evened, image_within, proposed_image
 from verification.engines.modes import decompose, eigenvalues
 from verification.engines.statespace import exact
 from verification.stability import poles
 
+LETTERS = str.maketrans("0123456789", "ABCDEFGHIJ")
 ODD, EVEN = np.array([4, 3, 2, 1, 0]), np.array([5, 4, 3, 2, 1, 0])
 
 
@@ -53,8 +54,8 @@ def test_names_propose_the_image() -> None:
 @pytest.mark.parametrize("image", [ODD, EVEN, np.array([0, 2, 1, 3])])
 def test_what_commutes_with_the_exchange_splits_exactly(image: Ints) -> None:
     A = symmetric(image)
-    assert is_mirrored(A, image)
     halves = Halves.of(image)
+    assert halves.commute_with(A)
     even, odd = halves.split(A)
     x = np.random.default_rng(2).standard_normal(len(image))
     x_even, x_odd = x + x[image], x - x[image]
@@ -98,9 +99,9 @@ def test_the_halves_of_a_board_have_its_poles(channels: int, exponential: bool) 
     circuit = small_board(channels, exponential=exponential)
     for sources_on in (True, False):
         space = linearise(circuit, equilibrium(circuit, sources_on=sources_on))
-        assert space.mirror is not None
+        assert space.halves is not None
         found, wanted = (
-            eigenvalues(Halves.of(space.mirror).split(space.A)),
+            eigenvalues([block.A for block in space.blocks]),
             np.linalg.eigvals(space.A),
         )
         for few, others in ((found, wanted), (wanted, found)):
@@ -108,12 +109,38 @@ def test_the_halves_of_a_board_have_its_poles(channels: int, exponential: bool) 
             assert np.all(distance <= 1e-9 * np.abs(few) + 1e-14 * np.abs(wanted).max())
 
 
+@pytest.mark.parametrize("exponential", [False, True])
+def test_a_board_reduced_by_halves_is_the_board_reduced_whole(exponential: bool) -> None:
+    circuit = small_board(5, exponential=exponential)
+    found = linearise(circuit)
+    assert found.halves is not None
+    # Names without numbers propose no image.
+    spelled = {name: name.translate(LETTERS) for name in found.nodes}
+    places = {spelled[name]: place for name, place in found.descriptor.places.items()}
+    wanted = linearise(replace(found.descriptor, names=tuple(places), places=places))
+    assert wanted.halves is None
+    assert [spelled[name] for name in found.states] == list(wanted.states)
+    assert pytest.approx(wanted.A, rel=1e-12, abs=1e-15 * np.abs(wanted.A).max()) == found.A
+    pairs = [
+        (found.B, wanted.B),
+        (found.charge, wanted.charge),
+        (found.charge_offset, wanted.charge_offset),
+        (found.C, wanted.C),
+        (found.D, wanted.D),
+        *zip(found.rows(found.nodes[::-1]), wanted.rows(wanted.nodes[::-1]), strict=True),
+    ]
+    for one, other in pairs:
+        assert pytest.approx(other, rel=1e-12, abs=1e-13 * np.abs(other).max()) == one
+    z = np.random.default_rng(3).standard_normal(len(found.nodes))
+    assert found.state_of(z) == pytest.approx(found.charge @ z + found.charge_offset, rel=1e-12)
+
+
 @pytest.mark.parametrize("by", [2.3e-16, 1e-15, 1e-12, 1e-6])
 def test_a_board_that_is_not_quite_its_own_image_is_taken_whole(by: float) -> None:
     circuit = small_board(7)
     off = with_one_resistor_off(circuit, by)
-    assert linearise(circuit).mirror is not None
-    assert linearise(off).mirror is None
+    assert linearise(circuit).halves is not None
+    assert linearise(off).halves is None
     assert poles(off).rightmost == pytest.approx(poles(circuit).rightmost, rel=1e-9 + 10.0 * by)
     t = np.linspace(0.0, 1e-4, 101)
     one, other = exact(circuit).at(t), exact(off).at(t)
@@ -124,9 +151,9 @@ def test_a_board_without_images_is_taken_whole() -> None:
     lonely = replace(
         paper_board(), resistors=(*paper_board().resistors, Resistor("R", "v0", "0", 1e6))
     )
-    assert linearise(small_board(1)).mirror is None
-    assert linearise(lags(3, 1e-6)).mirror is None
-    assert linearise(lonely).mirror is None
+    assert linearise(small_board(1)).halves is None
+    assert linearise(lags(3, 1e-6)).halves is None
+    assert linearise(lonely).halves is None
     assert image_within(np.array([0, 1]), ODD) is None
 
 
@@ -141,9 +168,9 @@ def test_values_of_images_that_differ_by_rounding_are_evened() -> None:
 def test_a_symmetric_strain_drives_no_odd_mode() -> None:
     circuit = small_board(7)
     space, flow = linearise(circuit), exact(circuit).flow
-    assert space.mirror is not None
+    assert space.halves is not None
     assert isinstance(flow, ModalFlow)
-    even, odd = map(np.linalg.eigvals, Halves.of(space.mirror).split(space.A))
+    even, odd = map(np.linalg.eigvals, [block.A for block in space.blocks])
     for pole in flow.poles:
         assert np.abs(even - pole).min() < 1e-7 * abs(pole)
     assert len(flow.poles) <= np.sum(even.imag >= 0.0) < 0.7 * (len(even) + len(odd))

@@ -12,7 +12,6 @@ from verification.engines.arnoldi import rightmost_poles
 from verification.engines.descriptor import linearise
 from verification.engines.equations import Descriptor
 from verification.engines.equilibrium import LARGE, Equilibrium, equilibrium
-from verification.engines.mirror import Halves
 from verification.engines.modes import Complexes, Floats, eigenvalues
 from verification.engines.stamps import stamp
 from verification.engines.structure import Structure
@@ -88,8 +87,7 @@ def poles(circuit: Circuit | Descriptor, at: Equilibrium | None = None) -> Poles
     if descriptor.size > LARGE:
         return summarise(rightmost_poles(descriptor, _slopes(descriptor, at)), complete=False)
     space = linearise(descriptor, at)
-    blocks = [space.A] if space.mirror is None else Halves.of(space.mirror).split(space.A)
-    return summarise(eigenvalues(blocks), complete=True)
+    return summarise(eigenvalues([block.A for block in space.blocks]), complete=True)
 
 
 def poles_behind(circuit: Circuit, scales: TimeScales) -> Poles:

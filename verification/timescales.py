@@ -155,7 +155,7 @@ def time_scales(
     modes = modes_of(space)
     shown = {output.node for output in circuit.outputs}.intersection(space.nodes)
     C, _ = space.rows(tuple(sorted(shown)))
-    target = space.charge @ at.values + space.charge_offset
+    target = space.state_of(at.values)
     deviation = initial_state(space, initial) - target
     step = float(np.abs(C @ deviation).max(initial=0.0))
     weight = np.ones(space.n)

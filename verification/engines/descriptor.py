@@ -8,23 +8,23 @@ the voltages of nodes that carry charge and the poles of the op-amps.
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from netlist_gen.circuit import Circuit
 from spice_models.errors import EngineError
-from verification.engines.equations import Bools, Descriptor, Floats, Ints
+from verification.engines.equations import Descriptor, Floats
 from verification.engines.equilibrium import Equilibrium, equilibrium
 from verification.engines.gains import gain_of
-from verification.engines.mirror import Halves, evened, image_within, is_mirrored, proposed_image
+from verification.engines.mirror import Halves, dense, evened, proposed_image
 from verification.engines.modes import Modes, decompose
+from verification.engines.reduction import Reduced, reduce
 from verification.engines.stamps import stamp
 
-SINGULAR = 1e13  # condition number of an equilibrated matrix above which it counts as singular
 
-
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class StateSpace:
     """A board as ``x' = A x + B [on, 1]``, ``z = C x + D [on, 1]``.
 
@@ -32,30 +32,28 @@ class StateSpace:
     ----------
     descriptor : Descriptor
         Where it came from.
+    states : tuple of str
+        Names of x.
+    blocks : tuple of Reduced
+        The board, or what it is on even and on odd vectors where it is its own mirror image
+        (`mirror`): whoever can do with these is done in a quarter of the time.
+    halves : tuple of Halves, or None
+        How the two belong together: of the unknowns z, and of the states x.
     A : ndarray (n, n)
         1/s.
     B : ndarray (n, 2)
         V/s: for the switched currents, and for what is constant.
     C, D : ndarray (size, n) and (size, 2)
         Every node voltage and op-amp state, V.
-    states : tuple of str
-        Names of x.
-    mirror : ndarray of int (n,), or None
-        Place of each state's mirror image, where the board is its own (`mirror`).
     charge, charge_offset : ndarray (n, size) and (n,)
         ``x = charge z + charge_offset`` from the charges that voltages z put on the capacitors;
         z need not be consistent (all zero: everything discharged).
     """
 
     descriptor: Descriptor
-    A: Floats
-    B: Floats
-    C: Floats
-    D: Floats
     states: tuple[str, ...]
-    mirror: Ints | None
-    charge: Floats
-    charge_offset: Floats
+    blocks: tuple[Reduced, ...]
+    halves: tuple[Halves, Halves] | None
 
     @property
     def n(self) -> int:
@@ -67,7 +65,52 @@ class StateSpace:
         """Names of the rows of C."""
         return self.descriptor.names
 
-    def rows(self, names: tuple[str, ...]) -> tuple[Floats, Floats]:
+    @functools.cached_property
+    def A(self) -> Floats:  # noqa: N802 - as every textbook has it
+        """See the class."""
+        if self.halves is None:
+            return self.blocks[0].A
+        _, states = self.halves
+        return states.join_rows(*states.rows_at(slice(None), *(part.A for part in self.blocks)))
+
+    @functools.cached_property
+    def B(self) -> Floats:  # noqa: N802 - as every textbook has it
+        """See the class."""
+        parts = [part.B for part in self.blocks]
+        return parts[0] if self.halves is None else self.halves[1].join_vectors(*parts)
+
+    @functools.cached_property
+    def C(self) -> Floats:  # noqa: N802 - as every textbook has it
+        """See the class."""
+        return self._rows(slice(None))[0]
+
+    @functools.cached_property
+    def D(self) -> Floats:  # noqa: N802 - as every textbook has it
+        """See the class."""
+        return self._rows(slice(None))[1]
+
+    @functools.cached_property
+    def charge(self) -> Floats:
+        """See the class."""
+        if self.halves is None:
+            return self.blocks[0].charge
+        unknowns, states = self.halves
+        parts = states.rows_at(slice(None), *(part.charge for part in self.blocks))
+        return unknowns.join_rows(*parts)
+
+    @functools.cached_property
+    def charge_offset(self) -> Floats:
+        """See the class."""
+        return self.state_of(np.zeros(self.descriptor.size))
+
+    def state_of(self, z: Floats) -> Floats:
+        """``charge z + charge_offset``, shape (n,)."""
+        parts = (z,) if self.halves is None else self.halves[0].split_vectors(z)
+        pairs = zip(self.blocks, parts, strict=True)
+        found = [block.charge @ part + block.offset for block, part in pairs]
+        return found[0] if self.halves is None else self.halves[1].join_vectors(*found)
+
+    def rows(self, names: Sequence[str]) -> tuple[Floats, Floats]:
         """Rows of C and D of the named nodes; zeros for ground.
 
         Raises
@@ -75,12 +118,22 @@ class StateSpace:
         EngineError
             A node that the circuit does not have.
         """
-        C, D = np.zeros((len(names), self.n)), np.zeros((len(names), self.D.shape[1]))
-        for k, name in enumerate(names):
-            if name != "0":
-                place = self.descriptor.place(name)
-                C[k], D[k] = self.C[place], self.D[place]
+        live = [k for k, name in enumerate(names) if name != "0"]
+        found = self._rows([self.descriptor.place(names[k]) for k in live])
+        if len(live) == len(names):
+            return found
+        C, D = (np.zeros((len(names), part.shape[1])) for part in found)
+        C[live], D[live] = found
         return C, D
+
+    def _rows(self, places: slice | list[int]) -> tuple[Floats, Floats]:
+        """Rows of C and D."""
+        if self.halves is None:
+            return self.blocks[0].C[places], self.blocks[0].D[places]
+        unknowns, states = self.halves
+        C = unknowns.rows_at(places, *(part.C for part in self.blocks))
+        even, odd = unknowns.rows_at(places, *(part.D for part in self.blocks))
+        return states.join_rows(*C), even + odd
 
 
 def linearise(circuit: Circuit | Descriptor, at: Equilibrium | None = None) -> StateSpace:
@@ -111,32 +164,32 @@ def linearise(circuit: Circuit | Descriptor, at: Equilibrium | None = None) -> S
     descriptor = stamp(circuit) if isinstance(circuit, Circuit) else circuit
     if not descriptor.devices.count:
         return _linear(descriptor)
-    M, K = descriptor.dense_mass(), descriptor.dense_stiffness()
     b = np.stack([descriptor.switched, descriptor.constant], axis=1)
     devices = descriptor.devices
     point = at or equilibrium(descriptor)
     v = point.values[devices.input]
     slopes = evened(point.slopes, devices.output, proposed_image(descriptor.names))
+    K = dense(descriptor).stiffness.copy()
     K[devices.output, devices.input] += slopes
     value = gain_of(devices.kind).value(v / devices.v_scale)
     b[devices.output, 1] += -devices.u_scale * value - slopes * v
-    return _reduce(descriptor, M, K, b)
+    halves = dense(descriptor).halves
+    if halves is not None and not halves.commute_with(K):
+        halves = None
+    return _state_space(descriptor, K, b, halves)
 
 
 @functools.lru_cache(maxsize=1)
 def _linear(descriptor: Descriptor) -> StateSpace:
     """Return the state space of a linear board; its time scales and its transient both need it."""
     b = np.stack([descriptor.switched, descriptor.constant], axis=1)
-    return _reduce(descriptor, descriptor.dense_mass(), descriptor.dense_stiffness(), b)
+    return _state_space(descriptor, dense(descriptor).stiffness, b, dense(descriptor).halves)
 
 
 @functools.lru_cache(maxsize=1)
 def modes_of(space: StateSpace) -> Modes:
     """Decompose A of a state space, once for those who ask one after the other."""
-    if space.mirror is None:
-        return decompose([space.A])
-    halves = Halves.of(space.mirror)
-    return decompose(halves.split(space.A), halves)
+    return decompose([block.A for block in space.blocks], space.halves and space.halves[1])
 
 
 def open_loop(descriptor: Descriptor) -> StateSpace:
@@ -154,143 +207,31 @@ def open_loop(descriptor: Descriptor) -> StateSpace:
     b = np.zeros((descriptor.size, 2 + devices.count))
     b[:, 0], b[:, 1] = descriptor.switched, descriptor.constant
     b[devices.output, 2 + np.arange(devices.count)] = 1.0
-    return _reduce(descriptor, descriptor.dense_mass(), descriptor.dense_stiffness(), b)
+    return _state_space(descriptor, dense(descriptor).stiffness, b, dense(descriptor).halves)
 
 
-def _reduce(descriptor: Descriptor, M: Floats, K: Floats, b: Floats) -> StateSpace:
-    """Eliminate voltages that ideal sources determine, then whatever carries no charge."""
-    image = proposed_image(descriptor.names)
-    mirrored = is_mirrored(M, image) and is_mirrored(K, image)
-    f, sources, M, K, b, whole = _without_sources(descriptor, M, K, b)
-    names = [descriptor.names[place] for place in f.tolist()]
-    d, a, basis, M, K, b, whole = _separate(M, K, b, whole)
-    n = len(d)
-    # 0 = K_ad x + K_aa y + b_a
-    right = np.hstack([K[np.ix_(a, d)], b[a]])
-    loose = [names[k] for k in a] if basis is None else names
-    passive = _solve(K[np.ix_(a, a)], right, loose, "nodes without capacitance stay undetermined")
-    rates = np.hstack([K[np.ix_(d, d)], b[d]]) - K[np.ix_(d, a)] @ passive
-    charged = [names[k] for k in d] if basis is None else [f"charge{k + 1}" for k in range(n)]
-    inputs, right = rates.shape[1], np.hstack([rates, whole[d]])
-    rates = _solve(M[np.ix_(d, d)], right, charged, "the capacitances do not determine the states")
-    inner = np.zeros((len(f), inputs))
-    inner[d, np.arange(n)] = 1.0
-    inner[a] = -passive
-    inner = inner if basis is None else basis @ inner
-    outer = np.zeros((descriptor.size, inputs))
-    outer[f] = inner
-    outer[descriptor.determined] = sources[:, : len(f)] @ inner
-    outer[descriptor.determined, n:] += sources[:, len(f) :]
-    return StateSpace(
-        descriptor=descriptor,
-        A=np.ascontiguousarray(rates[:, :n]),
-        B=rates[:, n:inputs],
-        C=outer[:, :n],
-        D=outer[:, n:],
-        states=tuple(charged),
-        mirror=image_within(f[d], image) if mirrored and basis is None else None,
-        charge=rates[:, inputs:-1],
-        charge_offset=rates[:, -1],
-    )
-
-
-def _without_sources(
-    descriptor: Descriptor, M: Floats, K: Floats, b: Floats
-) -> tuple[Ints, Floats, Floats, Floats, Floats, Floats]:
-    """Eliminate the voltages z_o that ideal sources determine.
-
-    Returns
-    -------
-    tuple
-        Places f of the others; ``[P, p]`` of ``z_o = P z_f + p [on, 1, ...]``; M, K and b of the
-        others; and the charges of the others by all of z, and by 1.
-    """
-    o, f = np.flatnonzero(descriptor.determined), np.flatnonzero(~descriptor.determined)
-    if not o.size:
-        none = np.zeros((0, len(f) + b.shape[1]))
-        return f, none, M, K, b, np.hstack([M, np.zeros((len(f), 1))])
-    names = [descriptor.names[place] for place in (*o, *f)]
-    # 0 = K_oo z_o + K_of z_f + b_o
-    right = np.hstack([K[np.ix_(o, f)], b[o]])
-    known = _solve(-K[np.ix_(o, o)], right, names, "ideal sources form a loop without an answer")
-    P, p = known[:, : len(f)], known[:, len(f) :]
-    held = M[np.ix_(f, o)] @ p
-    if np.any(held[:, 2:]):
-        raise EngineError("a capacitor at the output of a behavioural amplifier: not supported")
-    whole = np.hstack([M[f], -held[:, :2].sum(axis=1)[:, None]])
-    b = b[f] + K[np.ix_(f, o)] @ p
-    K = K[np.ix_(f, f)] + K[np.ix_(f, o)] @ P
-    M = M[np.ix_(f, f)] + M[np.ix_(f, o)] @ P
-    return f, known, M, K, b, whole
-
-
-Split = tuple[Ints, Ints, Floats | None, Floats, Floats, Floats, Floats]
-
-
-def _separate(M: Floats, K: Floats, b: Floats, whole: Floats) -> Split:
-    """Find which unknowns carry charge: places d, places a, and the basis if it had to turn.
-
-    As a rule they are the nodes with a capacitor. Where capacitors float, or an ideal amplifier
-    ties both ends of one together, they are combinations of nodes, found by a singular value
-    decomposition of the equilibrated M.
-    """
-    rows, columns = M.any(axis=1), M.any(axis=0)
-    d, a = np.flatnonzero(rows), np.flatnonzero(~rows)
-    if np.array_equal(rows, columns) and _condition(M[np.ix_(d, d)]) < SINGULAR:
-        return d, a, None, M, K, b, whole
-    weight, pull = np.abs(M).max(axis=1), np.abs(K).max(axis=1)
-    rate = np.median(pull[rows] / weight[rows])
-    scale = np.where(rows, weight, np.maximum(pull, 1e-300) / rate)[:, None]
-    U, S, Vt = np.linalg.svd(M / scale)
-    rank = int(np.sum(S[0] / SINGULAR < S))
-    places = np.arange(len(S))
-    turned = U.T @ (K / scale) @ Vt.T
-    d, a = places[:rank], places[rank:]
-    return d, a, Vt.T, np.diag(S), turned, U.T @ (b / scale), U.T @ (whole / scale)
-
-
-def _equilibrated(A: Floats) -> tuple[Floats, Floats]:
-    scale = np.abs(A).max(axis=1, initial=0.0)
-    scale = np.where(scale > 0.0, scale, 1.0)[:, None]
-    return A / scale, scale
-
-
-def _alone(A: Floats) -> Bools:
-    """Which unknowns stand alone, in their row and in their column."""
-    filled = A != 0.0
-    lonely = (filled.sum(axis=1) == 1) & (filled.sum(axis=0) == 1)
-    return np.asarray(lonely & filled.diagonal())
-
-
-def _condition(A: Floats) -> float:
-    """Condition number in the largest-row-sum norm after scaling of the rows; inf if singular."""
-    tied = np.flatnonzero(~_alone(A))
-    scaled, _ = _equilibrated(A[np.ix_(tied, tied)])
-    try:
-        inverse = np.linalg.inv(scaled)
-    except np.linalg.LinAlgError:
-        return np.inf
-    norms = [np.abs(X).sum(axis=1).max(initial=1.0) for X in (scaled, inverse)]
-    return float(norms[0] * norms[1])
-
-
-def _solve(A: Floats, B: Floats, names: list[str], what: str) -> Floats:
-    """Solve ``A X = B`` with scaled rows and one step of refinement, or name the culprits."""
-    alone = _alone(A)
-    X = B / np.where(alone, np.diag(A), 1.0)[:, None]
-    tied = np.flatnonzero(~alone)
-    if not tied.size:
-        return X
-    scaled, scale = _equilibrated(A[np.ix_(tied, tied)])
-    try:
-        inverse = np.linalg.inv(scaled)
-    except np.linalg.LinAlgError:
-        inverse = np.full_like(scaled, np.inf)
-    if not np.abs(inverse).max() < SINGULAR:
-        listed = ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
-        message = f"{what}: {listed}"
-        raise EngineError(message)
-    right = B[tied] / scale
-    Y = inverse @ right
-    X[tied] = Y + inverse @ (right - scaled @ Y)
-    return X
+def _state_space(descriptor: Descriptor, K: Floats, b: Floats, halves: Halves | None) -> StateSpace:
+    """Reduce the equations, half by half where the board is its own mirror image."""
+    M, names, determined = dense(descriptor).mass, descriptor.names, descriptor.determined
+    if halves is not None:
+        listed = [names[place] for place in halves.own.tolist()]
+        parts = zip(halves.split(M), halves.split(K), halves.split_vectors(b), strict=True)
+        try:
+            even, odd = (
+                reduce(*part, determined[halves.own[: len(part[0])]], listed) for part in parts
+            )
+        except EngineError:  # whoever reads its message knows the whole board only
+            return _state_space(descriptor, K, b, None)
+        if even.places is None or odd.places is None:
+            return _state_space(descriptor, K, b, None)
+        places, states = halves.within(even.places)
+        if not (states.pairs > 0 and np.array_equal(even.places[: states.pairs], odd.places)):
+            return _state_space(descriptor, K, b, None)
+        charged = tuple(names[place] for place in places.tolist())
+        return StateSpace(descriptor, charged, (even, odd), (halves, states))
+    block = reduce(M, K, b, determined, names)
+    if block.places is None:
+        charged = tuple(f"charge{k + 1}" for k in range(len(block.A)))
+    else:
+        charged = tuple(names[place] for place in block.places.tolist())
+    return StateSpace(descriptor, charged, (block,), None)

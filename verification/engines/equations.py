@@ -118,14 +118,14 @@ class Descriptor:
 
     def dense_stiffness(self) -> Floats:
         """K as an array, shape (size, size), without the amplifiers' slopes."""
-        rows, columns, values = [self.local.rows], [self.local.columns], [self.local.values]
+        flat, values = [self.local.rows * self.size + self.local.columns], [self.local.values]
         for part in self.couplings:
-            sinks, drivers = np.repeat(part.sinks, len(part.drivers)), part.drivers[part.loaded]
-            rows += [sinks, np.repeat(drivers, len(part.sinks))]
-            columns += [np.tile(part.drivers, len(part.sinks)), np.tile(part.sinks, len(drivers))]
-            values += [part.conductance.ravel(), part.conductance.T[part.loaded].ravel()]
-        joined = Triplets(np.concatenate(rows), np.concatenate(columns), np.concatenate(values))
-        return joined.dense(self.size)
+            drivers = part.drivers[part.loaded]
+            flat.append((part.sinks[:, None] * self.size + part.drivers).ravel())
+            flat.append((part.sinks[:, None] + drivers * self.size).ravel())
+            values += [part.conductance.ravel(), part.conductance[:, part.loaded].ravel()]
+        sums = np.bincount(np.concatenate(flat), np.concatenate(values), minlength=self.size**2)
+        return sums.astype(np.float64, copy=False).reshape(self.size, self.size)
 
     def stiffness_times(self, z: Floats, *, magnitudes: bool = False) -> Floats:
         """K z, or ``|K| |z|``, without forming K; shape (size,)."""

@@ -10,15 +10,16 @@ network descends an energy), so the solution is unique, and Newton's method damp
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from netlist_gen.circuit import Circuit
 from spice_models.errors import EngineError
+from verification.engines.direct import dense_response, structured_response
 from verification.engines.equations import Descriptor, Floats
 from verification.engines.gains import Gain, gain_of
+from verification.engines.mirror import dense
 from verification.engines.stamps import stamp
 from verification.engines.structure import Structure
 
@@ -57,58 +58,6 @@ class Equilibrium:
     def __getitem__(self, name: str) -> float:
         """Return a node's voltage, V; 0 for ground."""
         return 0.0 if name == "0" else float(self.values[self.descriptor.place(name)])
-
-
-def dense_response(descriptor: Descriptor) -> tuple[Callable[[Floats], Floats], Floats]:
-    """Solve ``K z = r`` densely: the solver, and the columns for a unit output of each device.
-
-    Raises
-    ------
-    EngineError
-        K is singular: some node has no DC path, or a loop has no DC answer.
-    """
-    K = descriptor.dense_stiffness()
-    scale = np.abs(K).max(axis=1)
-    lonely = np.flatnonzero(scale == 0.0)
-    if lonely.size:
-        message = f"node {descriptor.names[lonely[0]]!r} has no DC path to anything"
-        raise EngineError(message)
-    scaled = K / scale[:, None]
-    try:
-        inverse = np.linalg.inv(scaled)
-    except np.linalg.LinAlgError:
-        inverse = np.full_like(K, np.inf)
-    if not np.abs(inverse).max() < 1e17:
-        loose = np.linalg.svd(scaled)[2][-1]  # what the equations leave free
-        worst = descriptor.names[int(np.argmax(np.abs(loose)))]
-        message = f"the DC equations do not determine node {worst!r} (no DC path, or no feedback)"
-        raise EngineError(message)
-
-    def solve(r: Floats) -> Floats:
-        r = (r.T / scale).T
-        z = inverse @ r
-        return np.asarray(z + inverse @ (r - scaled @ z))
-
-    # -v_out + a = 0 in a device's row: a unit output is a right-hand side of -1.
-    unit = np.zeros((descriptor.size, descriptor.devices.count))
-    unit[descriptor.devices.output, np.arange(descriptor.devices.count)] = -1.0
-    return solve, solve(unit)
-
-
-def structured_response(descriptor: Descriptor) -> tuple[Callable[[Floats], Floats], Floats]:
-    """As `dense_response`, through the structure of a large board: one solve a column."""
-    solve_shifted = Structure(descriptor).factor(0.0).solve
-
-    def solve(r: Floats) -> Floats:
-        z = -solve_shifted(r)
-        return np.asarray(z - solve_shifted(r - descriptor.stiffness_times(z)))
-
-    columns = np.zeros((descriptor.size, descriptor.devices.count))
-    for k, place in enumerate(descriptor.devices.output.tolist()):
-        unit = np.zeros(descriptor.size)
-        unit[place] = -1.0
-        columns[:, k] = -solve_shifted(unit)
-    return solve, columns
 
 
 def equilibrium(circuit: Circuit | Descriptor, *, sources_on: bool = True) -> Equilibrium:
@@ -187,7 +136,7 @@ def _newton_step(descriptor: Descriptor, slopes: Floats, F: Floats, size: Floats
     """Solve ``(K + slopes) dz = -F``, the unknowns counted in their own `size`."""
     if descriptor.size > LARGE:
         return np.asarray(Structure(descriptor, slopes).factor(0.0).solve(F))
-    devices, K = descriptor.devices, descriptor.dense_stiffness()
+    devices, K = descriptor.devices, dense(descriptor).stiffness.copy()
     K[devices.output, devices.input] += slopes
     size = np.maximum(size, 1e-12 * size.max())
     K *= size
@@ -202,8 +151,12 @@ def _residual(descriptor: Descriptor, z: Floats, drive: Floats) -> float:
     if devices.count:
         value = gain_of(devices.kind).value(z[devices.input] / devices.v_scale)
         f[devices.output] = -devices.u_scale * value
-    terms = descriptor.stiffness_times(z, magnitudes=True) + np.abs(drive) + np.abs(f)
-    rest = np.abs(descriptor.stiffness_times(z) + drive + f)
+    if descriptor.size > LARGE:
+        kept, size = (descriptor.stiffness_times(z, magnitudes=each) for each in (False, True))
+    else:
+        K = dense(descriptor).stiffness
+        kept, size = K @ z, np.abs(K) @ np.abs(z)
+    terms, rest = size + np.abs(drive) + np.abs(f), np.abs(kept + drive + f)
     return float(np.max(rest / np.where(terms > 0.0, terms, 1.0), initial=0.0))
 
 

@@ -52,6 +52,9 @@ class ModalFlow:
         with np.errstate(invalid="ignore", over="ignore"):
             share = modes.amplitudes(C, deviation)
             terms = modes.terms(C, deviation)
+            # What grows is excited by rounding if by nothing else, in a circuit as in a computer.
+            faint = (modes.poles.real > 0.0) & (np.abs(share) < EPS * terms)
+            share = np.where(faint, EPS * terms, share)
         size = np.abs(share)
         self.error = _modal_error(modes, size, terms)
         # Of a conjugate pair one suffices.

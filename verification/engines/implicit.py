@@ -130,7 +130,7 @@ class Amplified:
 
     def magnitudes(self, rest: Equilibrium) -> Floats:
         """Magnitudes of the states at an equilibrium, shape (n,)."""
-        return np.abs(self.space.charge @ rest.values + self.space.charge_offset)
+        return np.abs(self.space.state_of(rest.values))
 
     def speed(self, z: Floats, floor: Floats) -> float:
         """Fastest relative rate of a state, 1/s."""

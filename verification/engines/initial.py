@@ -35,4 +35,4 @@ def initial_state(
             z[descriptor.place(name)] = volts
     elif np.any(descriptor.constant) or descriptor.devices.count:
         z = equilibrium(descriptor, sources_on=False).values
-    return np.asarray(space.charge @ z + space.charge_offset)
+    return space.state_of(z)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from verification.engines.equations import Floats, Ints
+from verification.engines.equations import Descriptor, Floats, Ints
 
 Complexes = NDArray[np.complex128]
 
@@ -38,11 +38,6 @@ def proposed_image(names: tuple[str, ...]) -> Ints:
     return image
 
 
-def is_mirrored(matrix: Floats, image: Ints) -> bool:
-    """Whether a matrix is the same to the bit after the exchange of rows and columns."""
-    return np.array_equal(matrix, matrix[image][:, image])
-
-
 def image_within(places: Ints, image: Ints) -> Ints | None:
     """Return the exchange among some places only, or None if it leaves them or moves nothing."""
     spot = np.full(len(image), -1)
@@ -62,7 +57,7 @@ def evened(values: Floats, places: Ints, image: Ints) -> Floats:
     return mean if np.all(np.abs(values - mean) <= ROUNDING * np.abs(mean)) else values
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Halves:
     """The even and the odd part of what commutes with an exchange.
 
@@ -76,11 +71,14 @@ class Halves:
         The other places of the pairs, then the same places again.
     pairs : int
         How many pairs.
+    mirror : ndarray of int (n,)
+        Place of each place's mirror image.
     """
 
     own: Ints
     image: Ints
     pairs: int
+    mirror: Ints
 
     @classmethod
     def of(cls, mirror: Ints) -> Halves:
@@ -88,7 +86,20 @@ class Halves:
         places = np.arange(len(mirror))
         first, alone = np.flatnonzero(mirror > places), np.flatnonzero(mirror == places)
         own = np.concatenate([first, alone])
-        return cls(own, mirror[own], len(first))
+        return cls(own, mirror[own], len(first), mirror)
+
+    def within(self, chosen: Ints) -> tuple[Ints, Halves]:
+        """Return the places that a choice among `own` stands for, and the exchange among them."""
+        own, image = self.own[chosen], self.image[chosen]
+        places = np.sort(np.concatenate([own, image[chosen < self.pairs]]))
+        own, image = np.searchsorted(places, own), np.searchsorted(places, image)
+        mirror = np.empty_like(places)
+        mirror[own], mirror[image] = image, own
+        return places, Halves(own, image, len(places) - len(own), mirror)
+
+    def commute_with(self, A: Floats) -> bool:
+        """Whether a matrix is the same to the bit after the exchange of rows and columns."""
+        return np.array_equal(A[self.own], A[self.image][:, self.mirror])
 
     @property
     def share(self) -> Floats:
@@ -111,6 +122,38 @@ class Halves:
         own, image = x[self.own], x[self.image]
         return 0.5 * (own + image), 0.5 * (own - image)[: self.pairs]
 
+    def join_vectors(self, even: Floats, odd: Floats) -> Floats:
+        """Undo `split_vectors`."""
+        whole = np.empty((len(self.mirror), *even.shape[1:]))
+        whole[self.own] = whole[self.image] = even
+        whole[self.own[: self.pairs]] += odd
+        whole[self.image[: self.pairs]] -= odd
+        return whole
+
+    def join_rows(self, even: Floats, odd: Floats) -> Floats:
+        """Undo `split_rows`."""
+        whole = np.empty((len(even), len(self.mirror)))
+        whole[:, self.own] = even
+        half = 0.5 * even[:, : self.pairs]
+        whole[:, self.own[: self.pairs]] = half + 0.5 * odd
+        whole[:, self.image[: self.pairs]] = half - 0.5 * odd
+        return whole
+
+    @functools.cached_property
+    def _rank(self) -> tuple[Ints, Floats]:
+        """For every place: which of `own` stands for it, and how an odd vector counts there."""
+        rank, sign = np.empty(len(self.mirror), dtype=np.int64), np.zeros(len(self.mirror))
+        rank[self.own] = rank[self.image] = np.arange(len(self.own))
+        sign[self.own[: self.pairs]], sign[self.image[: self.pairs]] = 1.0, -1.0
+        return rank, sign
+
+    def rows_at(
+        self, places: slice | list[int], even: Floats, odd: Floats
+    ) -> tuple[Floats, Floats]:
+        """Return what the rows of the two parts of a matrix add to its rows at some places."""
+        rank, sign = (each[places] for each in self._rank)
+        return even[rank], odd[np.minimum(rank, self.pairs - 1)] * sign[:, None]
+
     def join(self, even: Complexes, odd: Complexes) -> Complexes:
         """Write even and odd vectors, one a column, out on all places; the even ones first."""
         whole = np.zeros((len(self.own) + self.pairs,) * 2, dtype=np.complex128)
@@ -120,3 +163,31 @@ class Halves:
         whole[self.own[: self.pairs], count:] = odd
         whole[self.image[: self.pairs], count:] = -odd
         return whole
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Dense:
+    """M and K of a board, read-only, and how it splits if it is its own mirror image."""
+
+    mass: Floats
+    stiffness: Floats
+    halves: Halves | None
+
+
+@functools.lru_cache(maxsize=1)
+def dense(descriptor: Descriptor) -> Dense:
+    """Write the matrices of a board out; its equilibrium and its state space both need them."""
+    M, K = descriptor.dense_mass(), descriptor.dense_stiffness()
+    M.flags.writeable = K.flags.writeable = False
+    halves = _proposed_halves(descriptor.names)
+    if halves is not None:
+        alike = np.array_equal(descriptor.determined, descriptor.determined[halves.mirror])
+        if not (alike and halves.commute_with(K) and halves.commute_with(M)):
+            halves = None
+    return Dense(M, K, halves)
+
+
+@functools.lru_cache(maxsize=1)
+def _proposed_halves(names: tuple[str, ...]) -> Halves | None:
+    mirror = image_within(np.arange(len(names)), proposed_image(names))
+    return None if mirror is None else Halves.of(mirror)

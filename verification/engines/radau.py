@@ -193,7 +193,8 @@ class Radau:
         return self.relative * np.maximum(np.abs(z), self.floor)
 
     def _norm(self, x: Floats, scale: Floats) -> float:
-        return float(np.sqrt(np.mean((x / scale) ** 2)))
+        with np.errstate(over="ignore"):  # Newton's method may go anywhere before it is stopped
+            return float(np.sqrt(np.mean((x / scale) ** 2)))
 
     def _newton(self) -> tuple[Floats, float] | None:
         """Solve the stage equations; None if Newton's method does not contract."""

@@ -108,7 +108,7 @@ def exact(
     wanted = tuple(nodes) if nodes is not None else tuple(o.node for o in circuit.outputs)
     C, D = space.rows(wanted)
     rest = equilibrium(space.descriptor).values
-    target = space.charge @ rest + space.charge_offset
+    target = space.state_of(rest)
     x0 = initial_state(space, initial, voltages)
     final = np.array([0.0 if w == "0" else rest[space.descriptor.place(w)] for w in wanted])
     modes = modes_of(space)
