@@ -23,6 +23,9 @@ Indices = NDArray[np.intp]
 
 # The fine grid on which a bracketed crossing is located before a last linear step.
 _GRID = np.linspace(0.0, 1.0, 129)
+_STENCIL = np.arange(4)[:, None]
+_AROUND = np.arange(-1, 2)[:, None]
+_LEANS = np.array([0.0, -1.0, 1.0])[:, None, None]
 # A peak below this fraction of a positive level's height is not examined between its points.
 _NEAR = 0.5
 
@@ -71,7 +74,7 @@ def interpolate(
     """
     # minimum and maximum: for a handful of instants np.clip costs as much as all the rest
     first = np.minimum(np.maximum(interval - 1, 0), time.size - 4)
-    stencil = first + np.arange(4)[:, None]
+    stencil = first + _STENCIL
     t0, t1, t2, t3 = time[stencil][:, :, None]
     y0, y1, y2, y3 = y[row, stencil][:, :, None]
     # Newton's divided differences, from the middle pair outwards.
@@ -92,9 +95,9 @@ def interpolate(
 def peaks(time: Floats, y: Floats, row: Indices, k: Indices, sign: Floats) -> Peaks:
     """Interpolate those of the points `k` that are local maxima of ``sign * y[row]``, (S,) each."""
     inner = np.flatnonzero((k > 0) & (k < time.size - 1))
-    left, here, right = (sign[inner] * y[row[inner], k[inner] + by] for by in (-1, 0, 1))
-    top = (here >= left) & (here >= right)
-    left, here, right = (each[top] for each in (left, here, right))
+    around = sign[inner] * y[row[inner], k[inner] + _AROUND]
+    top = np.flatnonzero((around[1] >= around[0]) & (around[1] >= around[2]))
+    left, here, right = around[:, top]
     point = inner[top]
     k = k[point]
     t = time[k]
@@ -119,7 +122,8 @@ def highest(time: Floats, y: Floats, sign: Floats) -> Floats:
         Of each row, 1.0 or -1.0.
     """
     row = np.arange(len(y))
-    top = np.where(sign > 0, y.argmax(axis=1), y.argmin(axis=1))
+    ups = zip(y, sign > 0, strict=True)
+    top = np.array([each.argmax() if up else each.argmin() for each, up in ups], dtype=np.intp)
     found = sign * y[row, top]
     rows = np.repeat(row, 5)
     near = peaks(time, y, rows, np.repeat(top, 5) + np.tile(np.arange(-2, 3), row.size), sign[rows])
@@ -160,10 +164,10 @@ def _falls(
 
 
 def _latest(mask: Flags, column: Indices, at: Floats, columns: int) -> Floats:
-    """Return the last of `at` (M,) in each column where `mask` (J, M) is true, or -inf, (J, C)."""
-    found = np.full((len(mask), columns), -np.inf)
+    """Return the last of `at` (M,) in each column, (..., C), where `mask` (..., M), or -inf."""
+    found = np.full((*mask.shape[:-1], columns), -np.inf)
     level, m = np.divmod(np.flatnonzero(mask), column.size)
-    found[level, column[m]] = at[m]  # of several for one element the last stays
+    found.reshape(-1, columns)[level, column[m]] = at[m]  # of several for one the last stays
     return found
 
 
@@ -191,55 +195,64 @@ def last_crossings(
         between points, or only within its doubt, is taken into account: in the instant if the
         interpolated peak is above, in the uncertainty in any case.
     """
-    rows, points = y.shape
-    floor = levels - (1 - _NEAR) * np.abs(levels)
-    low = floor.min(axis=0)[:, None]
-    near = np.concatenate([y > low, y < -low]) if mirrored else y > low
-    columns = len(near)  # row n, and behind them row n with the other sign
-    for flags, begin in zip(near, np.resize(0 if first is None else first, columns), strict=True):
-        flags[:begin] = False
+    rows, columns = len(y), len(y) * (1 + mirrored)  # row n, and behind all -y[n]
     sides = _Sides(np.arange(columns) % rows, np.repeat([1.0, -1.0], rows)[:columns])
-    levels, floor = (np.tile(each, columns // rows) for each in (levels, floor))
-    column, k = np.divmod(np.flatnonzero(near), points)
-    row, sign = sides.row[column], sides.sign[column]
-    value = sign * y[row, k]
+    over = _beyond(y, levels.min(axis=0), first, mirrored)
+    floor = levels - (1 - _NEAR) * np.abs(levels)
+    near = _beyond(y, floor.min(axis=0), first, mirrored)
+    near[:, 1:-1] &= _extremes(y, mirrored)
+    if mirrored:
+        levels, floor = (np.concatenate([each, each], axis=1) for each in (levels, floor))
+    column, k = np.divmod(np.flatnonzero(over), time.size)
+    value = sides.sign[column] * y[sides.row[column], k]
     known = _latest(value > levels[:, column], column, time[k], columns)
+    column, k = np.divmod(np.flatnonzero(near), time.size)
+    row, sign = sides.row[column], sides.sign[column]
+    high = sign * y[row, k] > floor[:, column]
     top = peaks(time, y, row, k, sign)
     column = column[top.point]
-    high, wanted = value[top.point] > floor[:, column], levels[:, column]
-
-    def since(lean: int) -> Floats:
-        reached = high & (top.height + lean * top.doubt > wanted)
-        return np.maximum(known, _latest(reached, column, top.time, columns))
-
-    return _crossings(time, y, sides, levels, since(0), (since(-1), since(1)))
+    # As interpolated, and with the doubt taken away and added.
+    reached = top.height + _LEANS * top.doubt > levels[:, column]
+    starts = _latest(high[:, top.point] & reached, column, top.time, columns)
+    return _crossings(time, y, sides, levels, np.maximum(known, starts))
 
 
-def _crossings(
-    time: Floats,
-    y: Floats,
-    sides: _Sides,
-    levels: Floats,
-    start: Floats,
-    others: tuple[Floats, ...],
-) -> Crossings:
-    """Locate falls after the instants `start` (J, C); `others` are those a doubt could give."""
+def _beyond(y: Floats, low: Floats, first: Indices | None, mirrored: bool) -> Flags:
+    """Return where each row is above `low` (R,), and behind that where -y is, from `first` on."""
+    low = low[:, None]
+    found = np.concatenate([y > low, y < -low]) if mirrored else y > low
+    if first is not None:
+        for n, begin in enumerate(first.tolist()):
+            found[n :: len(y), :begin] = False
+    return found
+
+
+def _extremes(y: Floats, mirrored: bool) -> Flags:
+    """Return which of the inner points are local maxima, and behind that which are minima."""
+    up, down = y[:, 1:] >= y[:, :-1], y[:, 1:] <= y[:, :-1]
+    maxima = up[:, :-1] & down[:, 1:]
+    return np.concatenate([maxima, down[:, :-1] & up[:, 1:]]) if mirrored else maxima
+
+
+def _crossings(time: Floats, y: Floats, sides: _Sides, levels: Floats, starts: Floats) -> Crossings:
+    """Locate falls after the instants `starts` (3, J, C); a doubt could give the last two."""
+    start = starts[0]
     ends = sides.sign * y[sides.row, -1] > levels
-    inside = ~ends & ~np.isneginf(start)
+    inside = ~ends & (starts > -np.inf)
     at, doubt = np.where(ends, time[-1], np.nan), np.where(ends, 0.0, np.nan)
 
     def falls(since: Floats, level: Indices, column: Indices) -> Crossings:
         row, sign = sides.row[column], sides.sign[column]
         return _falls(time, y, row, sign, levels[level, column], since[level, column])
 
-    places = np.nonzero(inside)
+    places = np.nonzero(inside[0])
     at[places], doubt[places] = falls(start, *places)
-    for other in others:
-        places = np.nonzero(inside & (other != start) & ~np.isneginf(other))
-        if places[0].size:
-            rival = falls(other, *places)
-            apart = np.abs(rival.time - at[places]) + rival.uncertainty
-            doubt[places] = np.maximum(doubt[places], apart)
+    rivals = inside[0] & inside & (starts != start)
+    for other in np.flatnonzero(rivals.any(axis=(1, 2))):
+        places = np.nonzero(rivals[other])
+        rival = falls(starts[other], *places)
+        apart = np.abs(rival.time - at[places]) + rival.uncertainty
+        doubt[places] = np.maximum(doubt[places], apart)
     return Crossings(at, doubt)
 
 

@@ -122,9 +122,10 @@ def look(part: SoundPart, band: float, levels: tuple[float, float]) -> Look:
         return Look(tuple(part.final.tolist()), nothing, nothing, (0.0,) * channels)
     amplitude, steps = part.amplitude, part.target - part.start
     scale = amplitude or float(np.abs(part.errors).max())
+    wanted = rising(part) & ~part.lost
     return Look(
         finals=tuple(part.final.tolist()),
-        rise_times=_rises(part, levels),
+        rise_times=tuple(rises(part.time, part.errors, np.where(wanted, steps, 0.0), *levels)),
         settling_times=tuple(settles(part.time, part.errors, band * scale)),
         overshoots=_overshoots(part, steps, amplitude),
     )
@@ -134,16 +135,6 @@ def rising(part: SoundPart) -> Flags:
     """Tell which channels have a step large enough for a rise time, (N,)."""
     steps = np.abs(part.target - part.start)
     return np.asarray((steps >= SMALL_STEP * part.amplitude) & (steps > 0))
-
-
-def _rises(part: SoundPart, levels: tuple[float, float]) -> tuple[Reading | None, ...]:
-    found: list[Reading | None] = [None] * len(part.errors)
-    steps, wanted = part.target - part.start, rising(part) & ~part.lost
-    errors = part.errors if wanted.all() else part.errors[wanted]
-    readings = rises(part.time, errors, steps[wanted], *levels)
-    for n, reading in zip(np.flatnonzero(wanted), readings, strict=True):
-        found[n] = reading
-    return tuple(found)
 
 
 def _overshoots(part: SoundPart, steps: Floats, amplitude: float) -> tuple[float, ...]:

@@ -13,6 +13,7 @@ from verification.waveforms import Floats
 _KNIFE = 0.005  # of a channel's step: how far a level is moved to see whether a hair decides
 _GRAZE = 0.05  # of the band: the same for the settling band
 _FRAGILE = 0.1  # of the value: a change that makes a reading fragile
+_GLIMPSE = 1024  # points in which a rise is looked for first
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,9 +73,11 @@ def settles(time: Floats, errors: Floats, tolerance: float) -> list[Reading | No
     begin = int(first.min())
     tail = errors[:, begin:]
     at, doubt = last_crossings(time[begin:], tail, levels, first - begin, mirrored=True)
-    (above, below), (doubt, other) = np.split(at, 2, axis=1), np.split(doubt, 2, axis=1)
-    doubt = np.where(np.fmax(above, below) == below, other, doubt)
-    at = np.fmax(above, below) - time[0]
+    channels = len(errors)
+    above, below = at[:, :channels], at[:, channels:]
+    at = np.fmax(above, below)
+    doubt = np.where(at == below, doubt[:, channels:], doubt[:, :channels])
+    at -= time[0]
     never = np.isnan(at)  # it was never outside
     at[never], doubt[never] = 0.0, 0.0
     at[np.abs(errors[:, -1]) > levels] = np.nan  # it is still outside
@@ -97,29 +100,38 @@ def rises(
     errors : ndarray (N, P)
         Distances to the targets.
     steps : ndarray (N,)
-        From the starts to the targets, not zero, in the unit of `errors`.
+        From the starts to the targets, in the unit of `errors`; 0 where no time is wanted.
     low, high : float
         Levels, 0 to 1, fractions of the steps.
     """
-    if len(errors) == 0:
-        return []
+    rows = np.flatnonzero(steps)
+    found: list[Reading | None] = [None] * len(errors)
+    if rows.size == 0:
+        return found
+    steps = steps[rows]
     # Only what precedes the first point clearly above, with the points that a cubic needs.
-    above = (errors > ((high + _KNIFE - 1) * steps)[:, None]) == (steps > 0)[:, None]
-    stop = np.where(above.any(axis=1), np.maximum(above.argmax(axis=1) + 4, 8), time.size)
+    clear, up = ((high + _KNIFE - 1) * steps)[:, None], (steps > 0)[:, None]
+    size = 0
+    while size < time.size:
+        size = min(max(_GLIMPSE, 8 * size), time.size)
+        above = (errors[:, :size][rows] > clear) == up
+        reached = above.any(axis=1)
+        if reached.all():
+            break
+    stop = np.where(reached, np.maximum(above.argmax(axis=1) + 4, 8), time.size)
     stop = np.minimum(stop, time.size)
     head = int(stop.max())
-    z = 1 + errors[:, :head] / steps[:, None]
+    z = 1 + errors[:, :head][rows] / steps[:, None]
     levels = np.array([low, high, high - _KNIFE, high + _KNIFE, low - _KNIFE, low + _KNIFE])
     at, doubt = first_crossings(time[:head], z, np.repeat(levels[:, None], len(z), axis=1), stop)
-    found: list[Reading | None] = []
-    for instants, width in zip(at.T.tolist(), (doubt[0] + doubt[1]).tolist(), strict=True):
+    widths = (doubt[0] + doubt[1]).tolist()
+    for n, instants, width in zip(rows.tolist(), at.T.tolist(), widths, strict=True):
         begin, end, *ends = instants[:4]
         if math.isnan(begin) or math.isnan(end):
-            found.append(None)
             continue
         others = [None if math.isnan(e) else e - begin for e in ends]
         others += [end - b for b in instants[4:] if not math.isnan(b)]
-        found.append(reading(end - begin, width, others))
+        found[n] = reading(end - begin, width, others)
     return found
 
 

@@ -13,6 +13,7 @@ Everything else is another state, with a reason that says what to do.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -30,6 +31,7 @@ _QUIET = 0.05  # of the band: ringing below it is not judged
 _FLAT_TOP = 0.2  # of a period spent within 1 % of one extreme; 0.064 for a sinusoid
 _GOOD_FIT = 0.1  # unexplained part below which a fit's growth rate is believed
 _SILENT = 1 / 21  # of the band: `Drift.heading` carries a mean on by no more than twenty times it
+_ENDS = np.array([3.0, 2.0, 1.0, 0.0])  # of the last three stretches, counted from the last
 _RUNAWAY = 10.0  # step amplitudes off target, and accelerating
 
 
@@ -116,10 +118,9 @@ class Drift:
         furthest = 10.0 if width >= period else 1.0
         if 0 < period <= width:
             width = period * int(width / period)
-        ends = self._marked[-1] - width * np.array([3.0, 2.0, 1.0, 0.0])
-        first, second, third = (
-            np.diff(np.interp(ends, self._marked, self._area[n])) / width
-        ).tolist()
+        ends = self._marked[-1] - width * _ENDS
+        a, b, c, d = np.interp(ends, self._marked, self._area[n]).tolist()
+        first, second, third = (b - a) / width, (c - b) / width, (d - c) / width
         before, last = second - first, third - second
         if before * last <= 0:
             return third, 0.0
@@ -169,12 +170,12 @@ def _left(ring: Ringing, end: float) -> tuple[float, float]:
     last, mode, period = float(ring.amplitude[-1]), ring.mode, ring.period or 0.0
     if mode is None or mode.residual > _GOOD_FIT or not mode.decays:
         return last, period
-    fitted = ring.share * float(np.exp(mode.growth_rate * (end - mode.stop)))
+    fitted = ring.share * math.exp(mode.growth_rate * (end - mode.stop))
     if mode.frequency * (mode.stop - mode.start) < 1:
         fitted = 0.0  # less than a period is as well a drift
     elif ring.amplitude.size < 8:
         return fitted, 1 / mode.frequency
-    carried = last * float(np.exp(mode.growth_rate * (end - ring.time[-1])))
+    carried = last * math.exp(mode.growth_rate * (end - ring.time[-1]))
     return max((carried, period), (fitted, 1 / mode.frequency))
 
 
@@ -247,7 +248,7 @@ def _outside(
     if ratio >= 1 and abs(last) > _RUNAWAY * step:
         return Judgement(ChannelState.DIVERGED, None, f"{off} at the end, and accelerating")
     if left > _QUIET * tolerance and mode is not None and mode.decays:
-        longer = float(np.log(max(left / tolerance, 2.0)) / -mode.growth_rate)
+        longer = math.log(max(left / tolerance, 2.0)) / -mode.growth_rate
         reason = f"still ringing at {mode.frequency:.4g} Hz with {left:.4g}, which decays"
         reason += f": simulate {longer:.2g} s longer"
     elif abs(limit) <= tolerance:
