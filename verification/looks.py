@@ -29,6 +29,8 @@ class SoundPart:
         Distances to the targets, a row a channel.
     target, start, final : ndarray (N,)
         Reference steady state, value before the step and last value.
+    amplitude : float
+        Step amplitude A.
     lost : ndarray (N,)
         Which channels left their physical range.
     cut : str
@@ -40,13 +42,9 @@ class SoundPart:
     target: Floats
     start: Floats
     final: Floats
+    amplitude: float
     lost: Flags
     cut: str
-
-    @property
-    def amplitude(self) -> float:
-        """Step amplitude A."""
-        return float(np.abs(self.target - self.start).max())
 
     @property
     def readable(self) -> bool:
@@ -100,7 +98,9 @@ def sound_part(
     cut = _cut(time, sound, lost, expected_stop)
     final = u[sound - 1] if sound else start
     errors = np.subtract(u[:sound].T, target[:, None], order="C")
-    return SoundPart(np.ascontiguousarray(time[:sound]), errors, target, start, final, lost, cut)
+    amplitude = float(np.abs(target - start).max())
+    time = np.ascontiguousarray(time[:sound])
+    return SoundPart(time, errors, target, start, final, amplitude, lost, cut)
 
 
 def _cut(time: Floats, sound: int, lost: Flags, expected_stop: float | None) -> str:
