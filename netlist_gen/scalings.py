@@ -63,7 +63,7 @@ def choose_opamp(scene: Scene) -> OpAmp:
     """
     choice = scene.design.opamp
     base = load_presets()[choice.base]
-    figures = choice.model_dump(exclude={"base"}, exclude_none=True)
+    figures = {name: value for name, value in choice if name != "base" and value is not None}
     if not figures:
         return base
     try:

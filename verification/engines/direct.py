@@ -42,7 +42,7 @@ def dense_response(descriptor: Descriptor) -> tuple[Callable[[Floats], Floats], 
     # -v_out + a = 0 in a device's row: a unit output is a right-hand side of -1.
     unit = np.zeros((descriptor.size, descriptor.devices.count))
     unit[descriptor.devices.output, np.arange(descriptor.devices.count)] = -1.0
-    return solve, solve(unit)
+    return solve, solve(unit) if unit.size else unit
 
 
 def _inverse(K: Floats) -> Floats | None:

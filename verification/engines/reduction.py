@@ -127,8 +127,9 @@ class _Factor:
 
     def __init__(self, A: Floats) -> None:
         filled = A != 0.0
-        lonely = (np.count_nonzero(filled, axis=0) == 1) & (np.count_nonzero(filled, axis=1) == 1)
-        alone = lonely & filled.diagonal()
+        alone = filled.diagonal().copy()
+        np.fill_diagonal(filled, False)
+        alone &= ~(filled.any(axis=0) | filled.any(axis=1))
         self.tied = np.flatnonzero(~alone)
         self.diagonal = np.where(alone, A.diagonal(), 1.0)[:, None]
         scaled = A.take(self.tied, axis=0).take(self.tied, axis=1)
@@ -178,7 +179,8 @@ def _separate(M: Floats, K: Floats, b: Floats, whole: Floats) -> Split:
         Places d of what does, places a of the rest, the basis if it had to turn, M of d ready to
         be solved, and K, b and `whole` in that basis.
     """
-    rows, columns = M.any(axis=1), M.any(axis=0)
+    filled = M != 0.0
+    rows, columns = filled.any(axis=1), filled.any(axis=0)
     d, a = np.flatnonzero(rows), np.flatnonzero(~rows)
     if np.array_equal(rows, columns):
         mass = _Factor(M.take(d, axis=0).take(d, axis=1))

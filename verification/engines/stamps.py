@@ -90,26 +90,23 @@ class _Stamper:
         live = np.flatnonzero(G.any(axis=1))  # a row without a resistor may not have its node
         G, negative = G[live], negative[live]
         sinks = self.nodes(matrix.sinks[k] for k in live.tolist())
-        for names, part in (
-            (matrix.plus, np.where(negative, 0.0, G)),
-            (matrix.minus, np.where(negative, G, 0.0)),
-        ):
-            used = np.flatnonzero(part.any(axis=0))
-            if not used.size:
-                continue
-            part = np.ascontiguousarray(part[:, used])
-            drivers = self.nodes(names[d] for d in used.tolist())
-            # Sorted: where one row is another's mirror image, so are their sums, to the bit.
-            for places, axis in ((sinks, 1), (drivers, 0)):
-                self.currents.add(places, places, -np.sort(part, axis=axis).sum(axis=axis))
-            driven = drivers != GROUND
-            self.couplings.append((sinks, drivers[driven], part[:, driven]))
+        G = np.concatenate([np.where(negative, 0.0, G), np.where(negative, G, 0.0)], axis=1)
+        used, names = np.flatnonzero(G.any(axis=0)), (*matrix.plus, *matrix.minus)
+        drivers = self.nodes(names[d] for d in used.tolist())
+        G = np.ascontiguousarray(G[:, used])
+        # Sorted: where one row is another's mirror image, so are their sums, to the bit.
+        for places, axis in ((sinks, 1), (drivers, 0)):
+            self.currents.add(places, places, -np.sort(G, axis=axis).sum(axis=axis))
+        driven = drivers != GROUND
+        self.couplings.append((sinks, drivers[driven], G[:, driven]))
 
     def opamps(self, pins: Ints) -> None:
         """Stamp the op-amp macromodels; `pins` (P, 3) are plus, minus and output."""
-        models = {name: FIGURES(model) for name, model in self.circuit.models.items()}
-        figures = np.array([models[cell.model] for cell in self.circuit.opamps])
-        gain, gbw, second, leak, between, grounded, resistance = figures.reshape(-1, 7).T
+        models = self.circuit.models
+        which = {name: k for k, name in enumerate(models)}
+        chosen = np.array([which[cell.model] for cell in self.circuit.opamps], dtype=np.int64)
+        figures = np.array([FIGURES(model) for model in models.values()]).reshape(-1, 7)
+        gain, gbw, second, leak, between, grounded, resistance = figures[chosen].T
         plus, minus, out = pins.T
         self.currents.branch(plus, minus, -1.0 / leak)
         self.mass.branch(plus, minus, between)
@@ -135,9 +132,10 @@ class _Stamper:
 
     def _states(self, wanted: Bools) -> Ints:
         """Give the poles of the op-amps their places, (P, 2); `GROUND` where one has none."""
-        names = (cell.name for cell in self.circuit.opamps)
-        pairs = zip(names, wanted.tolist(), strict=True)
-        listed = [f"x{n}.p{k + 1}" if has[k] else "0" for n, has in pairs for k in (0, 1)]
+        listed: list[str] = []
+        for cell, (first, second) in zip(self.circuit.opamps, wanted.tolist(), strict=True):
+            listed.append(f"x{cell.name}.p1" if first else "0")
+            listed.append(f"x{cell.name}.p2" if second else "0")
         return self.nodes(listed).reshape(-1, 2)
 
     def _lag(
@@ -147,12 +145,10 @@ class _Stamper:
 
         Where `x` is `GROUND` there is no such state, and the places stay as they are.
         """
-        has = np.flatnonzero(x != GROUND)
-        rows, rate, gain = x[has], rate[has], gain[has]
-        self.mass.add(rows, rows, np.ones(len(rows)))
-        self.laws.add(rows, plus[has], gain)
-        self.laws.add(rows, minus[has], -gain)
-        self.laws.add(rows, rows, -rate)
+        self.mass.add(x, x, np.ones(len(x)))
+        self.laws.add(x, plus, gain)
+        self.laws.add(x, minus, -gain)
+        self.laws.add(x, x, -rate)
         none = x == GROUND
         return np.where(none, plus, x), np.where(none, minus, GROUND)
 

@@ -97,6 +97,8 @@ class Structure:
         for part in self.descriptor.couplings:
             if np.isin(part.drivers, o).any():
                 raise EngineError("a summing node drives a resistor matrix: no cells to cut out")
+            if len(np.unique(part.drivers)) < len(part.drivers):
+                raise EngineError("a node drives a resistor matrix twice")
             load = part.conductance * part.loaded
             self.couplings.append((place[part.sinks], place[part.drivers], part.conductance, load))
 
