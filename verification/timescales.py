@@ -164,10 +164,12 @@ def time_scales(
             weight = np.abs(modes.amplitudes(C, deviation)).max(axis=0, initial=0.0) / step
         if not weight.sum() < RESOLVED:
             weight = np.full(space.n, UNRESOLVED)
-    return replace(_scales(modes.poles, weight, error, points), complete=not large)
+    return _scales(modes.poles, weight, error, points, complete=not large)
 
 
-def _scales(p: Complexes, weight: Floats, error: float, points: float) -> TimeScales:
+def _scales(
+    p: Complexes, weight: Floats, error: float, points: float, *, complete: bool
+) -> TimeScales:
     matters = weight >= error
     decay = -1.0 / p.real[matters & (p.real < 0.0)]
     rings = matters & (p.imag > 0.0) & (-p.real < RINGS * np.abs(p))
@@ -181,6 +183,7 @@ def _scales(p: Complexes, weight: Floats, error: float, points: float) -> TimeSc
         growth_time=float(np.maximum(growth, 0.0).min(initial=math.inf)),
         stop=0.0,
         max_step=0.0,
+        complete=complete,
     )
     return replace(scales, stop=scales.stop_for(error), max_step=scales.max_step_for(points))
 

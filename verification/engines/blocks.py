@@ -126,14 +126,16 @@ def _refine(A: Floats, block: Block) -> Block:
     kept = reduced.diagonal().copy()
     np.fill_diagonal(reduced, 0.0)
     gap = _both(kept, real) - kept[:, None]
-    coupling = reduced.real**2 + reduced.imag**2
-    apart = coupling < SEPARABLE**2 * (gap.real**2 + gap.imag**2)
-    gap[~apart] = np.inf
-    turn = _unmodal(reduced / gap, real, count)
-    R, L = R + R @ turn, L + (rest - turn) @ L
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        turn = reduced / gap
+        close = np.nonzero(~(turn.real**2 + turn.imag**2 < SEPARABLE**2))  # and each to itself
+    coupled = np.zeros(count)
+    np.add.at(coupled, close[0], np.abs(reduced[close]))
+    turn[close] = 0.0
+    turning = _unmodal(turn, real, count)
+    R, L = R + R @ turning, L + (rest - turning) @ L
     L = L + (one - L @ R) @ L
-    coupling[apart] = 0.0
-    return Block(kept, real, R, L, np.sqrt(coupling).sum(axis=1), block.size)
+    return Block(kept, real, R, L, coupled, block.size)
 
 
 def _both(kept: NDArray[Any], real: int) -> NDArray[Any]:

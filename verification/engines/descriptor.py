@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from spice_models.errors import EngineError
 from verification.engines.equations import Descriptor, Floats
 from verification.engines.equilibrium import Equilibrium, equilibrium
 from verification.engines.gains import gain_of
-from verification.engines.mirror import Halves, dense, evened, proposed_image
+from verification.engines.mirror import Dense, Halves, dense, evened, proposed_image
 from verification.engines.modes import Modes, decompose
 from verification.engines.reduction import Reduced, reduce
 from verification.engines.stamps import stamp
@@ -101,7 +101,8 @@ class StateSpace:
     @functools.cached_property
     def charge_offset(self) -> Floats:
         """See the class."""
-        return self.state_of(np.zeros(self.descriptor.size))
+        parts = [part.offset for part in self.blocks]
+        return parts[0] if self.halves is None else self.halves[1].join_vectors(*parts)
 
     def state_of(self, z: Floats) -> Floats:
         """``charge z + charge_offset``, shape (n,)."""
@@ -173,17 +174,14 @@ def linearise(circuit: Circuit | Descriptor, at: Equilibrium | None = None) -> S
     K[devices.output, devices.input] += slopes
     value = gain_of(devices.kind).value(v / devices.v_scale)
     b[devices.output, 1] += -devices.u_scale * value - slopes * v
-    halves = dense(descriptor).halves
-    if halves is not None and not halves.commute_with(K):
-        halves = None
-    return _state_space(descriptor, K, b, halves)
+    return _state_space(descriptor, dense(descriptor).with_stiffness(K), b)
 
 
 @functools.lru_cache(maxsize=1)
 def _linear(descriptor: Descriptor) -> StateSpace:
     """Return the state space of a linear board; its time scales and its transient both need it."""
     b = np.stack([descriptor.switched, descriptor.constant], axis=1)
-    return _state_space(descriptor, dense(descriptor).stiffness, b, dense(descriptor).halves)
+    return _state_space(descriptor, dense(descriptor), b)
 
 
 @functools.lru_cache(maxsize=1)
@@ -207,31 +205,33 @@ def open_loop(descriptor: Descriptor) -> StateSpace:
     b = np.zeros((descriptor.size, 2 + devices.count))
     b[:, 0], b[:, 1] = descriptor.switched, descriptor.constant
     b[devices.output, 2 + np.arange(devices.count)] = 1.0
-    return _state_space(descriptor, dense(descriptor).stiffness, b, dense(descriptor).halves)
+    return _state_space(descriptor, dense(descriptor), b)
 
 
-def _state_space(descriptor: Descriptor, K: Floats, b: Floats, halves: Halves | None) -> StateSpace:
+def _state_space(descriptor: Descriptor, board: Dense, b: Floats) -> StateSpace:
     """Reduce the equations, half by half where the board is its own mirror image."""
-    M, names, determined = dense(descriptor).mass, descriptor.names, descriptor.determined
-    if halves is not None:
-        listed = [names[place] for place in halves.own.tolist()]
-        parts = zip(halves.split(M), halves.split(K), halves.split_vectors(b), strict=True)
-        try:
-            even, odd = (
-                reduce(*part, determined[halves.own[: len(part[0])]], listed) for part in parts
-            )
-        except EngineError:  # whoever reads its message knows the whole board only
-            return _state_space(descriptor, K, b, None)
-        if even.places is None or odd.places is None:
-            return _state_space(descriptor, K, b, None)
-        places, states = halves.within(even.places)
-        if not (states.pairs > 0 and np.array_equal(even.places[: states.pairs], odd.places)):
-            return _state_space(descriptor, K, b, None)
-        charged = tuple(names[place] for place in places.tolist())
-        return StateSpace(descriptor, charged, (even, odd), (halves, states))
-    block = reduce(M, K, b, determined, names)
-    if block.places is None:
-        charged = tuple(f"charge{k + 1}" for k in range(len(block.A)))
-    else:
-        charged = tuple(names[place] for place in block.places.tolist())
-    return StateSpace(descriptor, charged, (block,), None)
+    names, determined, halves = descriptor.names, descriptor.determined, board.halves
+    if halves is None:
+        block = reduce(board.mass, board.stiffness, b, determined, names)
+        if block.places is None:
+            charged = tuple(f"charge{k + 1}" for k in range(len(block.A)))
+        else:
+            charged = tuple(names[place] for place in block.places.tolist())
+        return StateSpace(descriptor, charged, (block,), None)
+    whole = replace(board, halves=None)
+    listed = [names[place] for place in halves.own.tolist()]
+    parts = zip(board.blocks, halves.split_vectors(b), strict=True)
+    try:
+        even, odd = (
+            reduce(M, K, inputs, determined[halves.own[: len(K)]], listed)
+            for (M, K), inputs in parts
+        )
+    except EngineError:  # whoever reads its message knows the whole board only
+        return _state_space(descriptor, whole, b)
+    if even.places is None or odd.places is None:
+        return _state_space(descriptor, whole, b)
+    places, states = halves.within(even.places)
+    if not (states.pairs > 0 and np.array_equal(even.places[: states.pairs], odd.places)):
+        return _state_space(descriptor, whole, b)
+    charged = tuple(names[place] for place in places.tolist())
+    return StateSpace(descriptor, charged, (even, odd), (halves, states))

@@ -24,7 +24,7 @@ def dense_response(descriptor: Descriptor) -> tuple[Callable[[Floats], Floats], 
     """
     board = dense(descriptor)
     K, halves = board.stiffness, board.halves
-    inverses = [_inverse(part) for part in ((K,) if halves is None else halves.split(K))]
+    inverses = [_inverse(part) for _, part in board.blocks]
     known = [inverse for inverse in inverses if inverse is not None]
     if len(known) < len(inverses):
         raise _undetermined(K, descriptor.names)

@@ -29,10 +29,13 @@ def initial_state(
         A name that the circuit does not have, or no equilibrium.
     """
     descriptor = space.descriptor
-    z = np.zeros(descriptor.size)
     if initial == "zero":
-        for name, volts in (voltages or {}).items():
+        if not voltages:
+            return space.charge_offset
+        z = np.zeros(descriptor.size)
+        for name, volts in voltages.items():
             z[descriptor.place(name)] = volts
-    elif np.any(descriptor.constant) or descriptor.devices.count:
-        z = equilibrium(descriptor, sources_on=False).values
-    return space.state_of(z)
+        return space.state_of(z)
+    if np.any(descriptor.constant) or descriptor.devices.count:
+        return space.state_of(equilibrium(descriptor, sources_on=False).values)
+    return space.charge_offset

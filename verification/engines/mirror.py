@@ -165,13 +165,26 @@ class Halves:
         return whole
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Dense:
     """M and K of a board, read-only, and how it splits if it is its own mirror image."""
 
     mass: Floats
     stiffness: Floats
     halves: Halves | None
+
+    @functools.cached_property
+    def blocks(self) -> tuple[tuple[Floats, Floats], ...]:
+        """M and K; or both on even vectors, then both on odd ones."""
+        if self.halves is None:
+            return ((self.mass, self.stiffness),)
+        split = self.halves.split
+        return tuple(zip(split(self.mass), split(self.stiffness), strict=True))
+
+    def with_stiffness(self, K: Floats) -> Dense:
+        """Return the same with another K, whole if it spoils the symmetry."""
+        halves = self.halves if self.halves is None or self.halves.commute_with(K) else None
+        return Dense(self.mass, K, halves)
 
 
 @functools.lru_cache(maxsize=1)

@@ -152,7 +152,7 @@ def simulate(
 ) -> Waveforms:
     """Simulate a transient: exactly if the board is linear, else by `implicit.simulate`.
 
-    A linear board of more than about `LARGE` unknowns goes through `stepping.simulate`.
+    A linear board of more than about `LARGE` unknowns goes through `krylov.simulate`.
 
     Parameters
     ----------
@@ -165,7 +165,8 @@ def simulate(
     times : ndarray (P,), optional
         Instants wanted, strictly increasing, s; by default uniform from 0 to `stop`.
     tolerance : float, optional
-        Of one step, where there are steps; by default as `implicit` and `stepping` have it.
+        Of one step, where there are steps, of the outputs where there is a Krylov space; by
+        default as `implicit` and `krylov` have it.
 
     Returns
     -------
@@ -182,10 +183,10 @@ def simulate(
         allowed = implicit.TOLERANCE if tolerance is None else tolerance
         return implicit.simulate(circuit, analysis, nodes=nodes, times=times, tolerance=allowed)
     if is_large(circuit):
-        from verification.engines import stepping
+        from verification.engines import krylov
 
-        allowed = stepping.TOLERANCE if tolerance is None else tolerance
-        return stepping.simulate(circuit, analysis, nodes=nodes, times=times, tolerance=allowed)
+        allowed = krylov.TOLERANCE if tolerance is None else tolerance
+        return krylov.simulate(circuit, analysis, nodes=nodes, times=times, tolerance=allowed)
     began = clock.perf_counter()
     solution = exact(
         circuit,
