@@ -159,7 +159,7 @@ def test_steps_agree_with_the_exact_transient(analysis: Transient) -> None:
     assert 0 < found.cost.points < 500
 
 
-def test_a_wide_board_takes_steps_by_itself() -> None:
+def test_a_wide_board_goes_through_its_structure_by_itself() -> None:
     circuit = wide_board(40)
     times = np.linspace(0.0, 2e-4, 101)
     found = simulate(circuit, Transient(2e-4, 1e-6), times=times)

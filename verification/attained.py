@@ -16,7 +16,7 @@ from netlist_gen.circuit import Circuit
 from netlist_gen.scene import Scene
 from spice_models.errors import EngineError
 from verification.design import Design
-from verification.engines import implicit, statespace, stepping
+from verification.engines import implicit, krylov, statespace, stepping
 from verification.resampling import lagrange
 from verification.simulate import Simulation, outputs, state_space_tolerance
 from verification.waveforms import Waveforms
@@ -136,7 +136,9 @@ def _state_space(
         bound = statespace.exact(circuit, initial=transient.initial, stop=transient.stop).error
         return "exact", bound, "bound on the rounding of the exact solution"
     run = implicit.simulate if circuit.amplifiers else stepping.simulate
-    method = "implicit, adaptive" if circuit.amplifiers else "implicit, structured"
+    stepped = any(flag.startswith(krylov.STEPPED) for flag in fine.flags)
+    linear = "implicit, structured" if stepped else "Krylov space, structured"
+    method = "implicit, adaptive" if circuit.amplifiers else linear
     tolerance = state_space_tolerance(wanted)
     times = fine.time[:: max(len(fine.time) // INSTANTS, 1)]
     try:
