@@ -188,12 +188,12 @@ def _ngspice(scene: Scene, circuit: Circuit, analysis: Transient, effort: Effort
     timeout = scene.analysis.timeout
     bound = PHYSICAL_BOUND * circuit.scalings.unit_voltage
     decks = write_decks(circuit, wanted, solver=solver)
-    begin_one: Callable[..., Run | Turn] = session.submit if effort.session else start
+    begin_one = session.submit if effort.session else start
     with ExitStack() as cleanup:  # what goes wrong with one run ends the other
-        runs = [
-            cleanup.enter_context(begin_one(deck, simulator, timeout=timeout, bound=bound))
-            for deck in decks
-        ]
+        runs: list[Run | Turn] = []
+        for deck in decks:
+            runs.append(begin_one(deck, simulator, timeout=timeout, bound=bound))
+            cleanup.enter_context(runs[-1])
         under_way = cleanup.pop_all()
 
     def answer(run: Run | Turn, each: Transient) -> Waveforms:
