@@ -14,7 +14,7 @@ from making import make_scene
 
 from netlist_gen.problem import make_problem
 from netlist_gen.synthesis import synthesise
-from verification.studies.content import own_code, digest
+from verification.studies.content import digest, own_code
 
 
 def test_the_encoding_is_fixed() -> None:
