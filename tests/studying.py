@@ -15,6 +15,12 @@ from verification.studies.executors import Workers
 
 QUIET = {"resistor": 0, "capacitor": 0, "stray": 0, "opamp_gbw": 0, "opamp_gain": 0}
 DAMPED = {"capacitance": "100pF", "gain": "100kohm", "stray_capacitance": 0.0, "opamp": NEAR_IDEAL}
+IDEAL = """[design]
+gain = "100kohm"
+capacitance = "100pF"
+stray_capacitance = 0
+opamp = { base = "ideal", dc_gain = 1e12 }
+"""
 TEXT = """name = "two"
 [problem]
 kind = "tactile"

@@ -7,13 +7,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from verification.crossings import (
+    Crossing,
     first_above,
     first_crossings,
     highest,
     interpolate,
-    last_above,
     last_crossings,
 )
+
+
+def last_above(time, y, level):
+    """The last crossing of one waveform and one level, or None."""
+    found = last_crossings(time, y[None], np.array([[level]]))
+    at, doubt = found.time.item(), found.uncertainty.item()
+    return None if np.isnan(at) else Crossing(at, doubt)
 
 
 def test_a_cubic_is_interpolated_exactly_on_uneven_points(rng):

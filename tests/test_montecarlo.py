@@ -4,11 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
-import signal
-import subprocess
-import sys
-import time
 from concurrent.futures import BrokenExecutor, Executor, Future
 from dataclasses import replace
 from pathlib import Path
@@ -266,52 +261,3 @@ def test_ngspice_takes_the_same_way(tmp_path: Path, ngspice: str) -> None:
         assert one["outcome"] == other["outcome"]
         assert one["settling_time"] == pytest.approx(other["settling_time"], rel=1e-3)
         assert one["steady_state"] == pytest.approx(other["steady_state"], abs=1e-5)
-
-
-def _start(scene: str, file: Path, *more: str) -> subprocess.Popen[str]:
-    start = "from cli.main import main; main()"
-    command = [sys.executable, "-c", start, "montecarlo", scene, "-n", "100000"]
-    return subprocess.Popen(
-        [*command, "--jobs", "1", "-o", str(file), *more],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-
-
-def _wait_for_samples(file: Path, process: subprocess.Popen[str], count: int = 4) -> None:
-    while not file.exists() or file.read_bytes().count(b"\n") <= count:
-        assert process.poll() is None, process.communicate()
-        time.sleep(0.02)
-
-
-def test_a_run_that_is_killed_goes_on_from_where_it_was(tmp_path: Path) -> None:
-    scene, file = scene_file(tmp_path), tmp_path / "s.jsonl"
-    process = _start(scene, file)
-    _wait_for_samples(file, process)
-    os.kill(process.pid, signal.SIGKILL)
-    process.communicate()
-    before = file.read_bytes()
-    file.write_bytes(before[: before.rindex(b"\n")][:-20])  # the last line cut short
-    kept = file.read_bytes().count(b"\n") - 1
-    total = kept + 3
-    found = json.loads(taction(scene, "-n", str(total), "-o", str(file), "--json").stdout)
-    assert found["samples"] == total
-    lines = [json.loads(line) for line in file.read_text().splitlines()]
-    assert sorted(line["number"] for line in lines[1:])[:total] == list(range(total))
-    fresh = json.loads(taction(scene, "-n", str(total), "--jobs", "1", "--json").stdout)
-    assert fresh == found
-
-
-def test_ctrl_c_keeps_what_was_done_and_says_so(tmp_path: Path) -> None:
-    scene, file = scene_file(tmp_path), tmp_path / "s.jsonl"
-    process = _start(scene, file, "--json")
-    _wait_for_samples(file, process)
-    process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=60)
-    assert process.returncode == 130, err
-    assert "interrupted; this is what there is" in err
-    document = json.loads(out)
-    assert document["complete"] is False
-    assert 4 <= document["samples"] < 100000
-    assert document["samples"] <= file.read_bytes().count(b"\n") - 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +66,13 @@ def test_samples_of_something_else_are_refused(
     with pytest.raises(InputError, match=f"holds samples of {what}"):
         SampleFile(path, prepare(small_scene(**tables)), seed)
     assert Path(path).read_bytes() == before
+
+
+def test_samples_of_another_taction_are_refused(tmp_path: Path) -> None:
+    versions = replace(STUDY.versions, code=b"another state of the source")
+    path = filled(tmp_path / "a", replace(STUDY, versions=versions))
+    with pytest.raises(InputError, match="holds samples of another taction or ngspice"):
+        SampleFile(path, STUDY, 1)
 
 
 @pytest.mark.parametrize("text", ["hello\n", "hello", "{}\n", "[1]\n", '"x"\n', "\x00\xff\n"])

@@ -55,7 +55,7 @@ def test_a_structured_solve_is_the_dense_one(circuit: Circuit, shift: complex) -
     structure = Structure(descriptor, slopes)
     found = structure.factor(shift).solve(r.astype(np.complex128) if np.imag(shift) else r)
     assert found == pytest.approx(wanted, abs=1e-9 * np.abs(wanted).max())
-    assert structure.largest_cell <= 16
+    assert max(group.places.shape[1] for group in structure.groups) <= 16
 
 
 def test_a_factorisation_without_a_solver_does_not_solve() -> None:

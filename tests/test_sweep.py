@@ -1,24 +1,17 @@
-"""Sweeps: nothing twice, failures as rows, resumption after a kill, and the same by any way."""
+"""Sweeps: nothing twice, failures as rows, and the same by any way."""
 
 from __future__ import annotations
 
 import io
-import json
-import os
-import signal
-import sqlite3
-import subprocess
-import sys
-import time
 from collections.abc import Iterator
 from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from making import NEAR_IDEAL, make_scene, write_matrix_scene
+from studying import IDEAL
 
 from netlist_gen.scene import Scene
 from netlist_gen.scene_file import load_scene
@@ -33,14 +26,7 @@ from verification.studies.store import Store
 from verification.studies.sweep import Count, sweep
 from verification.verify import verify
 
-ROOT = Path(__file__).parents[1]
 DAMPED = {"capacitance": "100pF", "gain": "100kohm", "stray_capacitance": 0.0, "opamp": NEAR_IDEAL}
-IDEAL = """[design]
-gain = "100kohm"
-capacitance = "100pF"
-stray_capacitance = 0
-opamp = { base = "ideal", dc_gain = 1e12 }
-"""
 
 
 @pytest.fixture
@@ -279,85 +265,3 @@ def test_progress_counts_every_point(tmp_path: Path, workers: Workers) -> None:
         progress=lambda count: seen.append(count.done),
     )
     assert seen == [1, 2, 3, 4, 5]
-
-
-def command(folder: Path, *more: str) -> list[str]:
-    start = "from cli.main import main; main()"
-    words = ["sweep", str(folder / "scene.toml"), "--over", "C=50p:500p:40"]
-    words += ["--engine", "statespace", "--jobs", "2", "-o", str(folder / "a.sqlite")]
-    return [sys.executable, "-c", start, *words, *more]
-
-
-def stored(path: Path) -> int:
-    try:
-        with closing(sqlite3.connect(f"file:{path}?mode=ro", uri=True, timeout=10)) as db:
-            return int(db.execute("select count(*) from points").fetchone()[0])
-    except sqlite3.OperationalError:
-        return 0
-
-
-def interrupted(folder: Path, number: signal.Signals) -> tuple[int, str, int]:
-    """Start a sweep, send it a signal in the middle; return status, stderr and points stored."""
-    write_matrix_scene(
-        folder,
-        [[1.0, 0.2], [0.2, 1.0]],
-        [1.0, 0.5],
-        IDEAL,
-    )
-    process = subprocess.Popen(
-        command(folder),
-        cwd=ROOT,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    end = time.monotonic() + 60
-    while stored(folder / "a.sqlite") < 5 and time.monotonic() < end and process.poll() is None:
-        time.sleep(0.01)
-    os.kill(process.pid, number)
-    _, text = process.communicate(timeout=60)
-    return process.returncode, text, stored(folder / "a.sqlite")
-
-
-def resumed(folder: Path) -> dict[str, Any]:
-    done = subprocess.run(
-        command(folder, "--json"), cwd=ROOT, capture_output=True, text=True, check=True
-    )
-    assert done.stderr == ""
-    document: dict[str, Any] = json.loads(done.stdout)
-    return document
-
-
-def test_a_sweep_that_is_killed_goes_on_where_it_was(tmp_path: Path) -> None:
-    status, text, before = interrupted(tmp_path, signal.SIGKILL)
-    assert status == -signal.SIGKILL, text
-    assert 5 <= before < 40
-    document = resumed(tmp_path)
-    assert document["ran"] == 40 - before
-    assert len(document["points"]) == document["done"] == 40
-    assert all(point["outcome"] == "pass" for point in document["points"])
-
-
-def test_two_sweeps_on_one_database(tmp_path: Path) -> None:
-    write_matrix_scene(tmp_path, [[1.0, 0.2], [0.2, 1.0]], [1.0, 0.5], IDEAL)
-    both = [
-        subprocess.Popen(
-            command(tmp_path, "--json"), cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE
-        )
-        for _ in range(2)
-    ]
-    for process in both:
-        out, text = process.communicate(timeout=120)
-        assert process.returncode == 0, text
-        assert len(json.loads(out)["points"]) == 40
-    assert stored(tmp_path / "a.sqlite") == 40
-
-
-def test_ctrl_c_says_how_to_go_on(tmp_path: Path) -> None:
-    status, text, before = interrupted(tmp_path, signal.SIGINT)
-    assert status == 130
-    assert "the same command goes on from there" in text
-    assert "Traceback" not in text
-    assert 5 <= before < 40
-    assert resumed(tmp_path)["ran"] == 40 - before

@@ -265,16 +265,8 @@ def first_crossings(
     return Crossings(-found.time, found.uncertainty)
 
 
-def last_above(time: Floats, y: Floats, level: float) -> Crossing | None:
-    """Find the last instant at which one waveform (P,) is above `level`, or None."""
-    return _one(last_crossings(time, y[None], np.array([[level]])))
-
-
 def first_above(time: Floats, y: Floats, level: float) -> Crossing | None:
     """Find the first instant at which one waveform (P,) is above `level`, or None."""
-    return _one(first_crossings(time, y[None], np.array([[level]])))
-
-
-def _one(found: Crossings) -> Crossing | None:
+    found = first_crossings(time, y[None], np.array([[level]]))
     at, doubt = found.time.item(), found.uncertainty.item()
     return None if np.isnan(at) else Crossing(at, doubt)

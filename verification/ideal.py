@@ -37,7 +37,7 @@ class Pace:
         To the scene's band, s; not a number where the transient cannot be trusted.
     energy_residual : float
         How far the transient is from losing what it dissipates, relative (see
-        `verification.reference.dynamics.energy_residual`).
+        `verification.reference.balance.energy_residual`).
     """
 
     settling_time: float

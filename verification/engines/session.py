@@ -41,7 +41,6 @@ class Turn:
         self.deck, self.timeout, self.bound = deck, timeout, bound
         self.started = 0.0
         self.answer: Waveforms | None = None
-        self.over = False
         self._session = session
 
     def __enter__(self) -> Turn:
@@ -102,7 +101,7 @@ class Session:
 
     def reach(self, turn: Turn) -> None:
         """Wait until a turn is over."""
-        while not turn.over and turn in self._turns:
+        while turn in self._turns:
             self._finish()
 
     def drop(self, turn: Turn) -> None:
@@ -132,7 +131,7 @@ class Session:
                 return
             except (LostError, OSError):
                 self._lost += 1
-                self._over(turn)
+                self._turns.popleft()
                 self.close()
 
     def _finish(self) -> None:
@@ -156,12 +155,8 @@ class Session:
             self._turns.clear()
             self.close()
             raise
-        self._over(turn)
+        self._turns.popleft()
         self._begin()
-
-    def _over(self, turn: Turn) -> None:
-        turn.over = True
-        self._turns.remove(turn)
 
 
 class _Sessions(threading.local):

@@ -117,11 +117,6 @@ class Structure:
             groups.append(_Group(places, _blocks(M, places), _blocks(K, places)))
         return groups
 
-    @property
-    def largest_cell(self) -> int:
-        """Unknowns in the largest cell."""
-        return max((group.places.shape[1] for group in self.groups), default=0)
-
     def factor(self, shift: complex, *, solver: bool = True) -> Factor:
         """Factorise ``shift M - K``; without `solver`, stop at the Schur complement.
 

@@ -10,7 +10,7 @@ import io
 import math
 import platform
 import traceback
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import metadata
 from typing import Any
 
@@ -26,6 +26,7 @@ from verification.studies.content import own_code
 from verification.studies.store import ERROR
 from verification.verify import Verdict, verify
 
+POINT = Effort(details=False, full_margin=False, session=True)
 LONGEST = 4000  # characters of a reason
 # Of several channels the worst state counts.
 STATES = (
@@ -135,7 +136,7 @@ def compute(job: Job) -> Result:
         verdict = verify(
             job.scene,
             problem=job.problem,
-            effort=Effort(job.second_look, details=False, full_margin=False, session=True),
+            effort=replace(POINT, second_look=job.second_look),
         )
         waveforms = _pack(verdict) if job.keep_waveforms else None
         return Result(verdict.outcome.value, verdict_record(verdict), waveforms)

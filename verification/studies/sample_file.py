@@ -17,6 +17,7 @@ from verification.studies.content import digest
 from verification.studies.varied import Sample, Study
 
 KIND = "taction samples 1"
+_OTHERS = {"study": "scene", "seed": "seed", "versions": "taction or ngspice"}
 _FIELDS = {field.name for field in fields(Sample)}
 
 
@@ -38,7 +39,8 @@ class SampleFile:
         self.path = path
         self.samples: dict[int, Sample] = {}
         content = digest(study.scene, study.problem.matrix, study.problem.strain, study.nominal)
-        head = {"kind": KIND, "study": content.hex(), "seed": seed}
+        versions = digest(study.versions).hex()
+        head = {"kind": KIND, "study": content.hex(), "seed": seed, "versions": versions}
         try:
             self._file: IO[bytes] = Path(path).open("a+b")  # noqa: SIM115 - open as long as self
         except OSError as error:
@@ -122,7 +124,7 @@ class SampleFile:
         if not isinstance(found, dict) or found.get("kind") != KIND:
             raise self._refused("holds no samples of taction; give another name")
         if found != head:
-            what = "seed" if found.get("study") == head["study"] else "scene"
+            what = next(text for key, text in _OTHERS.items() if found.get(key) != head[key])
             raise self._refused(f"holds samples of another {what}; delete it, or another name")
 
     def _refused(self, text: str) -> InputError:

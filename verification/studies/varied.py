@@ -10,7 +10,7 @@ import math
 import pickle
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
 from itertools import islice
 
@@ -28,6 +28,7 @@ from verification.studies.executors import Workers
 from verification.studies.point import Versions, own_versions
 from verification.verify import Verdict, verify
 
+SAMPLE = Effort(second_look=False, details=False, full_margin=False, session=True)
 SKEW = "skew"  # outcome of a sample whose worker is another taction
 
 
@@ -164,7 +165,7 @@ def evaluate(study: Study, number: int, z: Floats) -> Sample:
             problem=study.problem,
             circuit=vary(study.nominal, study.scene.tolerances, z),
             ideal=study.ideal,
-            effort=Effort(False, details=False, full_margin=study.full_margin, session=True),
+            effort=replace(SAMPLE, full_margin=study.full_margin),
         )
     except TactionError as error:
         return Sample(number, "inconclusive", reason=str(error).splitlines()[0])

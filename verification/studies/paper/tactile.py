@@ -55,7 +55,6 @@ class Geometry:
 
 COARSE = Geometry("coarse", 21, 16.0)
 FINE = Geometry("fine", 51, 6.0)
-MIDDLE = Geometry("middle", 25, 6.0)
 
 
 def entropy(T: Floats, strain: Floats, lam: float) -> Floats:
