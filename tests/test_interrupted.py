@@ -129,15 +129,12 @@ def test_samples_that_are_killed_go_on_from_where_they_were(tmp_path: Path) -> N
     file.write_bytes(before[: before.rindex(b"\n")][:-20])  # the last line cut short
     kept = file.read_bytes().count(b"\n") - 1
     total = kept + 3
-    found = json.loads(
-        taction("montecarlo", scene, "-n", str(total), "-o", str(file), "--json").stdout
-    )
+    words = ("montecarlo", scene, "-n", str(total), "--json")
+    found = json.loads(taction(*words, "-o", str(file)).stdout)
     assert found["samples"] == total
     lines = [json.loads(line) for line in file.read_text().splitlines()]
     assert sorted(line["number"] for line in lines[1:])[:total] == list(range(total))
-    fresh = json.loads(
-        taction("montecarlo", scene, "-n", str(total), "--jobs", "1", "--json").stdout
-    )
+    fresh = json.loads(taction(*words, "--jobs", "1").stdout)
     assert fresh == found
 
 
