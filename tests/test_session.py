@@ -72,6 +72,9 @@ def test_a_deck_gives_the_same_bytes_wherever_it_stands(simulator: Simulator) ->
     found += [ask(decks[k], simulator) for k in order]
     assert all(same(one, alone[k]) for one, k in zip(found, [0, *order], strict=True))
     assert pid(simulator) == first is not None
+    process = opened(simulator)._process
+    assert process is not None
+    assert not (process.folder / "out.raw").exists()  # nothing large stays if it is killed
 
 
 def test_two_decks_at_a_time_take_turns(simulator: Simulator) -> None:

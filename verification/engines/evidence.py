@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import re
 import signal
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -59,8 +58,6 @@ class Ending:
         Its error stream.
     folder : Path
         The run folder.
-    keep : callable
-        Gives the folder a place to stay after a failure, and returns it.
     """
 
     status: int
@@ -69,7 +66,6 @@ class Ending:
     seconds: float
     errors: str
     folder: Path
-    keep: Callable[[Path], Path] = Path.absolute
 
     @property
     def raw(self) -> Path:
@@ -154,7 +150,7 @@ def judge(deck: Deck, ending: Ending, *, engine: str, bound: float) -> Waveforms
         _check_values(waveforms, bound)
     except SimulationError as error:
         partial = partial_waveforms(deck, ending, engine)
-        log, folder = telling_lines(ending.errors), ending.keep(ending.folder)
+        log, folder = telling_lines(ending.errors), ending.folder
         documented = type(error)(str(error), log=log, folder=folder)
         documented.partial = partial
         raise documented from None

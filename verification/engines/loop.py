@@ -11,7 +11,7 @@ import time
 import weakref
 from pathlib import Path
 
-from verification.engines.runfolder import fresh_folder, remove_folder
+from verification.engines.runfolder import fast_folder, remove_folder
 from verification.engines.simulator import Simulator, environment
 
 LOOP = """* one deck after the other
@@ -43,7 +43,7 @@ class Loop:
     """ngspice in its loop, in a folder of its own; it dies with the thread that started it."""
 
     def __init__(self, simulator: Simulator, guard: str) -> None:
-        self.folder = fresh_folder(LARGEST)
+        self.folder = fast_folder(LARGEST)
         self._told = 0
         with contextlib.ExitStack() as undo:
             undo.callback(remove_folder, self.folder)
@@ -70,8 +70,6 @@ class Loop:
         LostError
             It was not taken.
         """
-        with contextlib.suppress(FileNotFoundError):
-            os.unlink(f"{self.folder}/out.raw")  # noqa: PTH108 - quicker
         pipe = self._open(deadline)
         try:
             if os.write(pipe, text) != len(text):
@@ -101,6 +99,10 @@ class Loop:
             if self.popen.poll() is not None or time.perf_counter() > deadline:
                 raise LostError
         os.read(self._done, 64)
+
+    def clear(self) -> None:
+        """Remove the result: the next deck's is another file, and nothing large stays."""
+        os.unlink(f"{self.folder}/out.raw")  # noqa: PTH108 - quicker
 
     def errors(self) -> str:
         """Return what stands in the error stream since the last call."""

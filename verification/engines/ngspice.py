@@ -23,7 +23,7 @@ from types import TracebackType
 
 from spice_models.errors import SimulationError, SimulatorNotFound
 from verification.engines.evidence import Ending, judge
-from verification.engines.runfolder import keep_folder, make_folder, remove_folder
+from verification.engines.runfolder import make_folder, remove_folder
 from verification.engines.screening import Deck, screen
 from verification.engines.simulator import Simulator, environment, find_simulator
 from verification.waveforms import Waveforms
@@ -102,7 +102,6 @@ class Run:
         timeout: float,
         keep: bool,
         bound: float,
-        temporary: bool,
     ) -> None:
         self.folder = folder
         self._deck = deck
@@ -110,7 +109,6 @@ class Run:
         self._timeout = timeout
         self._keep = keep
         self._bound = bound
-        self._kept = keep_folder if temporary else Path.absolute
         self._process = _Process(simulator, folder)
         self._discard = weakref.finalize(self, self._process.discard, keep)
 
@@ -150,7 +148,6 @@ class Run:
             seconds=process.ended - process.started,
             errors=errors,
             folder=self.folder,
-            keep=self._kept,
         )
         waveforms = judge(self._deck, ending, engine=self._engine, bound=self._bound)
         if not self._keep:
@@ -201,17 +198,9 @@ def start(
         The deck could not be written.
     """
     screen(deck)
-    place = make_folder(deck, _command(simulator), folder, keep=keep)
+    place = make_folder(deck, _command(simulator), folder)
     try:
-        return Run(
-            deck,
-            simulator,
-            place,
-            timeout=timeout,
-            keep=keep,
-            bound=bound,
-            temporary=folder is None,
-        )
+        return Run(deck, simulator, place, timeout=timeout, keep=keep, bound=bound)
     except OSError as error:
         remove_folder(place)
         raise SimulatorNotFound(f"{simulator.executable} does not start: {error}") from error

@@ -145,6 +145,7 @@ class Session:
             ending = Ending(0, False, turn.timeout, seconds, process.errors(), process.folder)
             engine = self.simulator.engine
             turn.answer = judge(turn.deck, ending, engine=engine, bound=turn.bound)
+            process.clear()
             self._lost = 0
         except (LostError, OSError):
             self._lost += 1
