@@ -19,20 +19,22 @@ from pathlib import Path
 import numpy as np
 
 from netlist_gen.analysis import Transient
-from netlist_gen.circuit import Circuit
-from netlist_gen.deck import write_deck
-from netlist_gen.problem import make_problem
-from netlist_gen.scene import Scene
-from netlist_gen.scene_file import load_scene
-from netlist_gen.synthesis import synthesise
+from netlist_gen.board.circuit import Circuit
+from netlist_gen.board.synthesis import synthesise
+from netlist_gen.deck.deck import write_deck
+from netlist_gen.overrides.axes import with_values
+from netlist_gen.overrides.keys import Value
+from netlist_gen.problem.inverse_problem import make_problem
+from netlist_gen.scene.file import load_scene
+from netlist_gen.scene.scene import Scene
+from spice_models.array_types import Floats
 from spice_models.errors import SimulationError
-from verification.engines import ngspice, statespace
-from verification.engines.simulator import find_simulator
-from verification.plan import coarser, plan_transient
-from verification.studies.axes import with_values
-from verification.studies.keys import Value
-from verification.timescales import time_scales
-from verification.waveforms import Floats, Waveforms
+from verification.engines.ngspice import process
+from verification.engines.ngspice.executable import find_simulator
+from verification.engines.statespace.transients import exact
+from verification.pipeline.transient_plan import coarser, plan_transient
+from verification.small_signal.time_scales import time_scales
+from verification.waveforms import Waveforms
 
 SCENES = Path(__file__).parents[1] / "scenes"
 ROOMY: dict[str, Value] = {
@@ -136,7 +138,7 @@ def run_ngspice(board: Board, setting: Setting, timeout: float) -> Waveforms:
     if setting.kind == "free":
         first = f".tran {FIRST * transient.max_step!r} "
         deck = replace(deck, text=re.sub(r"^\.tran \S+ ", first, deck.text, flags=re.MULTILINE))
-    return ngspice.simulate(deck, find_simulator(), timeout=timeout)
+    return process.simulate(deck, find_simulator(), timeout=timeout)
 
 
 @dataclass
@@ -210,7 +212,7 @@ def run_statespace(board: Board, points: int) -> float:
     transient = replace(board.transient, max_step=board.transient.stop / points)
     circuit = board.fresh()
     began = time.perf_counter()
-    statespace.simulate(circuit, transient)
+    exact.simulate(circuit, transient)
     return time.perf_counter() - began
 
 

@@ -18,11 +18,11 @@ from pathlib import Path
 from timing import interleaved, milliseconds, print_machine, print_table, ratio
 
 from netlist_gen.analysis import Transient
-from netlist_gen.circuit import Circuit
-from netlist_gen.deck import write_deck
-from netlist_gen.problem import make_problem
-from netlist_gen.scene_file import parse_scene
-from netlist_gen.synthesis import synthesise
+from netlist_gen.board.circuit import Circuit
+from netlist_gen.board.synthesis import synthesise
+from netlist_gen.deck.deck import write_deck
+from netlist_gen.problem.inverse_problem import make_problem
+from netlist_gen.scene.file import parse_scene
 
 SIZES = (7, 16, 32, 64, 128, 256)
 TRANSIENT = Transient(stop=1e-3, max_step=1e-7)

@@ -29,13 +29,12 @@ from scaling import growth, in_own_process
 from timing import gathered, print_machine, print_table, ratio
 
 ROOT = Path(__file__).parents[1]
-sys.path[:0] = [str(ROOT / "tests")]
+sys.path[:0] = [str(ROOT)]
 
-from precise import precise_step  # noqa: E402 - after the path
-
-from verification.engines import statespace, stepping  # noqa: E402
-from verification.engines.stamps import stamp  # noqa: E402
-from verification.waveforms import Floats  # noqa: E402
+from spice_models.array_types import Floats  # noqa: E402
+from tests.support.precise import precise_step  # noqa: E402 - after the path
+from verification.engines.statespace.equations.stamps import stamp  # noqa: E402
+from verification.engines.statespace.transients import exact, structured_radau  # noqa: E402
 
 ERROR = 1e-4  # of the step amplitude
 TIGHT = 1e-10  # of the structured engine where it is a reference
@@ -59,7 +58,7 @@ class Claim:
 def seven_channels(name: str, rounds: int) -> list[Claim]:
     """One transient of a seven-channel board, at equal error and at each engine's own."""
     board = shipped(name)
-    solution = statespace.exact(board.fresh(), stop=board.transient.stop)
+    solution = exact.exact(board.fresh(), stop=board.transient.stop)
     ladder = Ladder(board, solution.at, ERROR, timeout=120.0)
     for kind in ("free", "even"):
         ladder.climb(kind)
@@ -75,7 +74,7 @@ def seven_channels(name: str, rounds: int) -> list[Claim]:
     ]
 
 
-def precise_error(board: Board, solution: statespace.Exact) -> float:
+def precise_error(board: Board, solution: exact.Exact) -> float:
     """Largest error at the signal nodes in step amplitudes, at 22 instants, against 50 digits."""
     descriptor = stamp(board.circuit)
     times, precise = precise_step(descriptor, board.transient.stop, 22)
@@ -121,7 +120,7 @@ def many_channels(rounds: int, quick: bool) -> list[Claim]:
     for kind in ("free", "even"):
         ladder.climb(kind)
     times = np.linspace(0.0, board.transient.stop, ladder.best.points)
-    own = statespace.simulate(board.fresh(), board.transient, times=times).values
+    own = exact.simulate(board.fresh(), board.transient, times=times).values
     error = float(np.abs(own - reference(times)).max()) / ladder.amplitude
     found = race(board, ladder, rounds)
     print(f"error of the state-space engine: {error:.1e} of the step amplitude\n")
@@ -134,14 +133,16 @@ def many_channels(rounds: int, quick: bool) -> list[Claim]:
 
 def modes(board: Board) -> Reference:
     """Exact solution by one dense eigenproblem of all states, however long that takes."""
-    return statespace.exact(board.fresh(), stop=board.transient.stop).at
+    return exact.exact(board.fresh(), stop=board.transient.stop).at
 
 
 def tight(board: Board) -> Reference:
     """Return the structured engine at a tolerance of 1e-10."""
 
     def at(times: Floats) -> Floats:
-        found = stepping.simulate(board.fresh(), board.transient, times=times, tolerance=TIGHT)
+        found = structured_radau.simulate(
+            board.fresh(), board.transient, times=times, tolerance=TIGHT
+        )
         return found.values
 
     return at

@@ -10,13 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from boards import Setting, make_board, run_ngspice, shipped
 
-from netlist_gen.problem import make_problem
-from netlist_gen.scene import Scene
-from netlist_gen.synthesis import synthesise
+from netlist_gen.board.synthesis import synthesise
+from netlist_gen.overrides.axes import with_values
+from netlist_gen.problem.inverse_problem import make_problem
+from netlist_gen.scene.scene import Scene
 from spice_models.errors import EngineError, SimulationError
-from verification.ringing import fit_modes
-from verification.stability import poles
-from verification.studies.axes import with_values
+from verification.measures.mode_fit import fit_modes
+from verification.small_signal.poles import poles
 
 SPANS = {"design.capacitance": (2e-12, 50e-12), "design.gain": (1e6, 20e6)}  # F, ohm
 POINTS = (16.0, 25.0, 35.0, 50.0, 70.0, 100.0)  # on a ringing period, for ngspice to choose from

@@ -21,10 +21,9 @@ from typing import Any
 import numpy as np
 
 ROOT = Path(__file__).parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
+sys.path[:0] = [str(ROOT)]
 
-from oracle import kernel  # noqa: E402 - after the path
-
+from tests.support.oracle import kernel  # noqa: E402 - after the path
 from verification.reference import Problem, solve  # noqa: E402 - after the path
 
 SIZES = (7, 25, 50, 100, 200, 500, 1000, 2000)

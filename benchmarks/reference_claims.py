@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 
 ROOT = Path(__file__).parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
+sys.path[:0] = [str(ROOT)]
 
-from oracle import count_claims, random_problems  # noqa: E402 - after the path
+from tests.support.oracle import count_claims, random_problems  # noqa: E402 - after the path
 
 
 def main(count: int = 1000, seed: int = 1993) -> int:

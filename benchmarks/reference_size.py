@@ -15,9 +15,9 @@ import numpy as np
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
-from verification.reference.convolution import ToeplitzMatrix  # noqa: E402 - after the path
 from verification.reference.problem import ToeplitzProblem  # noqa: E402 - after the path
 from verification.reference.toeplitz import solve_toeplitz_problem  # noqa: E402 - after the path
+from verification.reference.toeplitz_products import ToeplitzMatrix  # noqa: E402 - after the path
 
 SPACING = 0.25
 LAMBDAS = {"linear": (10.0, 0.01, 1e-4), "exponential": (10.0, 0.1, 0.01)}

@@ -18,8 +18,8 @@ from typing import Any
 from boards import Board, Setting, exponent, run_ngspice, run_statespace, wide
 from timing import gathered, print_table
 
-from verification.engines import statespace
-from verification.stability import poles
+from verification.engines.statespace.transients import exact
+from verification.small_signal.poles import poles
 
 SIZES = (7, 16, 32, 64, 128, 256, 500)
 LARGEST_NGSPICE = 128
@@ -45,7 +45,7 @@ def probe(channels: int) -> None:
 
     board = wide(channels)
     stages = {"board and plan": stage()}
-    statespace.simulate(board.fresh(), board.transient)
+    exact.simulate(board.fresh(), board.transient)
     stages["transient"] = stage()
     found = poles(board.fresh())
     stages["rightmost poles"] = stage()

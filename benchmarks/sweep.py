@@ -33,14 +33,14 @@ os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 from sweep_decks import CASES, JOBS, POINTS, Cost, Stopwatch, by_xargs, make_plan  # noqa: E402
 from sweep_rivals import SharedLibrary, by_spicelib, why_no_spicelib  # noqa: E402
 
-from netlist_gen.scene import Scene  # noqa: E402 - after the path
-from netlist_gen.scene_file import load_scene  # noqa: E402
-from verification.studies.axes import parse_axes  # noqa: E402
-from verification.studies.executors import LocalPool, Workers  # noqa: E402
-from verification.studies.grid import Plan  # noqa: E402
-from verification.studies.point import NUMBERS, Result  # noqa: E402
-from verification.studies.store import Store  # noqa: E402
-from verification.studies.sweep import sweep  # noqa: E402
+from netlist_gen.overrides.axes import parse_axes  # noqa: E402
+from netlist_gen.scene.file import load_scene  # noqa: E402
+from netlist_gen.scene.scene import Scene  # noqa: E402 - after the path
+from verification.studies.running.executors import LocalPool, Workers  # noqa: E402
+from verification.studies.sweep.plan import Plan  # noqa: E402
+from verification.studies.sweep.point import NUMBERS, Result  # noqa: E402
+from verification.studies.sweep.run import sweep  # noqa: E402
+from verification.studies.sweep.store import Store  # noqa: E402
 
 Run = Callable[[Path], Cost]
 

@@ -9,16 +9,16 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from netlist_gen.deck import write_deck
-from netlist_gen.problem import make_problem
-from netlist_gen.scene_file import load_scene
-from netlist_gen.synthesis import synthesise
-from verification.engines.simulator import environment, find_simulator
-from verification.plan import coarser, plan_transient
-from verification.studies.axes import parse_axes, with_value, with_values
-from verification.studies.axes import points as points_of
-from verification.studies.grid import Plan
-from verification.timescales import time_scales
+from netlist_gen.board.synthesis import synthesise
+from netlist_gen.deck.deck import write_deck
+from netlist_gen.overrides.axes import parse_axes, with_value, with_values
+from netlist_gen.overrides.axes import points as points_of
+from netlist_gen.problem.inverse_problem import make_problem
+from netlist_gen.scene.file import load_scene
+from verification.engines.ngspice.executable import environment, find_simulator
+from verification.pipeline.transient_plan import coarser, plan_transient
+from verification.small_signal.time_scales import time_scales
+from verification.studies.sweep.plan import Plan
 
 ROOT = Path(__file__).parents[1]
 JOBS = 2

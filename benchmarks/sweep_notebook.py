@@ -8,13 +8,13 @@ import threading
 from pathlib import Path
 from typing import Any
 
-from netlist_gen.problem import make_problem
-from netlist_gen.scalings import make_scalings
-from netlist_gen.scene import Scene
-from verification.ideal import ideal_network
-from verification.measures import Measurements, measure
+from netlist_gen.board.scalings import make_scalings
+from netlist_gen.problem.inverse_problem import make_problem
+from netlist_gen.scene.scene import Scene
+from spice_models.array_types import Floats
+from verification.ideal.ideal_answer import ideal_network
+from verification.measures.measure import Measurements, measure
 from verification.reference import solve
-from verification.waveforms import Floats
 
 
 class Notebook:

@@ -2,8 +2,8 @@
 
 What a rival leaves behind is one of two things, and both are timed. ``bare``: it simulates and has
 its raw files or arrays. ``measured``: it also stores the same result as a sweep, a row a point in
-SQLite of what `verification.measures.measure` finds against the reference answer of the point.
-With two decks a point it stores a row a deck.
+SQLite of what `verification.measures.measure.measure` finds against the reference answer of the
+point. With two decks a point it stores a row a deck.
 
 spicelib runs twice over: as its manual has it, and without its waits. `SimRunner.run` looks for a
 free place every 0.1 s and sleeps 10 ms after each start, `wait_completion` looks once a second, and
@@ -38,13 +38,13 @@ import numpy as np
 from sweep_decks import JOBS, OUTPUTS, Cost, Stopwatch, decks
 from sweep_notebook import Notebook
 
-from netlist_gen.scene import Scene
-from verification.engines.rawfile import read_raw
-from verification.engines.simulator import environment, find_simulator
-from verification.studies.axes import points as points_of
-from verification.studies.axes import with_values
-from verification.studies.grid import Plan
-from verification.waveforms import Floats
+from netlist_gen.overrides.axes import points as points_of
+from netlist_gen.overrides.axes import with_values
+from netlist_gen.scene.scene import Scene
+from spice_models.array_types import Floats
+from verification.engines.ngspice.executable import environment, find_simulator
+from verification.engines.ngspice.raw_file import read_raw
+from verification.studies.sweep.plan import Plan
 
 LIBRARY = "NGSPICE_LIBRARY_PATH"
 _HOW: dict[str, Any] = {"switches": ["-n"], "exe_log": True}  # no start-up files; a log, no console

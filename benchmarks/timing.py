@@ -94,7 +94,7 @@ def print_rounds(title: str, rounds: Rounds, baseline: str) -> None:
 def print_machine() -> None:
     """Print one line on the machine, its load and the versions at work."""
     from spice_models.errors import SimulationError
-    from verification.engines.simulator import find_simulator
+    from verification.engines.ngspice.executable import find_simulator
 
     try:
         simulator = find_simulator()

@@ -18,14 +18,14 @@ from pathlib import Path
 
 from timing import interleaved, print_machine, print_rounds, print_table, ratio
 
-from netlist_gen.deck import write_deck
-from netlist_gen.problem import make_problem
-from netlist_gen.scalings import make_scalings
-from netlist_gen.scene_file import load_scene
-from verification.engines.simulator import environment, find_simulator
-from verification.ideal import ideal_answer, ideal_network
-from verification.plan import coarser
-from verification.simulate import COARSER
+from netlist_gen.board.scalings import make_scalings
+from netlist_gen.deck.deck import write_deck
+from netlist_gen.problem.inverse_problem import make_problem
+from netlist_gen.scene.file import load_scene
+from verification.engines.ngspice.executable import environment, find_simulator
+from verification.ideal.ideal_answer import ideal_answer, ideal_network
+from verification.pipeline.simulation import COARSER
+from verification.pipeline.transient_plan import coarser
 from verification.verify import Verdict, verify
 
 ROOT = Path(__file__).parents[1]

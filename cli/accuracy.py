@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from cli.output import json_option, print_json, reports_errors, scene_argument
+from cli.common import json_option, print_json, reports_errors, scene_argument
 
 
 @click.command(short_help="Error against run time over engines, methods and tolerances.")
@@ -23,15 +23,15 @@ from cli.output import json_option, print_json, reports_errors, scene_argument
 @reports_errors
 def accuracy(scene: str, budget: float, plot: str | None, as_json: bool) -> None:
     """Compare every engine, method and setting on SCENE: error against run time."""
-    from cli.scenes import read_scene
+    from verification.ideal.lambda_rule import read_scene
 
     asked = read_scene(scene)
     if plot is not None:
-        from verification.report.plots import check_plot_file
+        from verification.report.verdict.plots import check_plot_file
 
         check_plot_file(plot)
-    from verification.report.accuracy import accuracy_document, print_study
-    from verification.studies.accuracy import study
+    from verification.report.work_precision.tables import accuracy_document, print_study
+    from verification.studies.work_precision.study import study
 
     found = study(asked, budget=budget, progress=lambda stage: click.echo(stage, err=True))
     if as_json:
@@ -41,7 +41,7 @@ def accuracy(scene: str, budget: float, plot: str | None, as_json: bool) -> None
 
         print_study(found, Console(highlight=False))
     if plot is not None:
-        from verification.report.accuracy_plot import plot_study
+        from verification.report.work_precision.plot import plot_study
 
         plot_study(found, plot)
         click.echo(f"drew {plot}", err=True)

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from verification.threads import THREADS
+from verification.studies.running.threads import THREADS
 
 # name: (module, attribute, one line for --help); loading none of them keeps start-up short
 COMMANDS: dict[str, tuple[str, str, str]] = {
@@ -24,9 +24,9 @@ COMMANDS: dict[str, tuple[str, str, str]] = {
     "regress": ("cli.regress", "regress", "A folder of scenes against a stored baseline, for CI."),
     "accuracy": ("cli.accuracy", "accuracy", "Error against run time over engines and methods."),
     "reproduce": ("cli.reproduce", "reproduce", "The paper, claim by claim, figure by figure."),
-    "models": ("cli.info", "models", "The op-amp presets and their figures."),
+    "models": ("cli.doctor", "models", "The op-amp presets and their figures."),
     "new": ("cli.new", "new", "Write a commented scene file."),
-    "doctor": ("cli.info", "doctor", "What is installed, and what that means."),
+    "doctor": ("cli.doctor", "doctor", "What is installed, and what that means."),
 }
 
 

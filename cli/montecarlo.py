@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cli.output import (
+from cli.common import (
     STATUS,
     json_option,
     print_json,
@@ -20,9 +20,9 @@ from cli.output import (
 from spice_models.errors import Complaint, InputError
 
 if TYPE_CHECKING:
-    from verification.studies.executors import Workers
-    from verification.studies.montecarlo import Tally, YieldReport
-    from verification.studies.varied import Study
+    from verification.studies.running.executors import Workers
+    from verification.studies.tolerance.varied_board import Study
+    from verification.studies.tolerance.yield_report import Tally, YieldReport
 
 ENGINES = click.Choice(["auto", "ngspice", "statespace"])
 JOBS = click.option("--jobs", type=click.IntRange(1, 4096), help="Processes; one a core if absent.")
@@ -53,9 +53,9 @@ def montecarlo(scene: str, count: int, seed: int, as_json: bool, **options: Any)
     Ends with 0, or where --min-yield is given with 0, 1 or 3 as the whole 95 % interval lies above
     it, below it, or the samples do not decide.
     """
-    from cli.scenes import read_scene
-    from verification.studies.montecarlo import Tally, report
-    from verification.studies.varied import prepare
+    from verification.ideal.lambda_rule import read_scene
+    from verification.studies.tolerance.varied_board import prepare
+    from verification.studies.tolerance.yield_report import Tally, report
 
     width = _fraction(options["until"])
     study = prepare(read_scene(scene, options["engine"]))
@@ -69,7 +69,7 @@ def montecarlo(scene: str, count: int, seed: int, as_json: bool, **options: Any)
         document = {"scene": study.scene.name, "engine": study.scene.analysis.engine, "seed": seed}
         print_json(document | {"complete": not interrupted} | asdict(found))
     else:
-        from verification.report.yields import print_yield
+        from verification.report.tolerance.tables import print_yield
 
         print_yield(found, seed)
     if interrupted:
@@ -98,10 +98,10 @@ def corners(
 
     Ends with 1 if one of them fails, else with 3 if one of them has no verdict.
     """
-    from cli.scenes import read_scene
-    from verification.report.yields import print_corners
-    from verification.studies.corners import named_corner, worst_corners
-    from verification.studies.varied import prepare, quantities
+    from verification.ideal.lambda_rule import read_scene
+    from verification.report.tolerance.tables import print_corners
+    from verification.studies.tolerance.corners import named_corner, worst_corners
+    from verification.studies.tolerance.varied_board import prepare, quantities
 
     asked = read_scene(scene, engine)
     wanted = [(text, _ends(text)) for text in own]
@@ -120,7 +120,7 @@ def corners(
 
 
 def _workers(options: dict[str, Any]) -> AbstractContextManager[Workers]:
-    from verification.studies.executors import cluster, local
+    from verification.studies.running.executors import cluster, local
 
     address = options["cluster"]
     return local(options["jobs"]) if address is None else cluster(address)
@@ -128,8 +128,8 @@ def _workers(options: dict[str, Any]) -> AbstractContextManager[Workers]:
 
 def _draw(study: Study, seed: int, tally: Tally, options: dict[str, Any]) -> bool:
     """Draw what is missing; return whether Ctrl-C ended it."""
-    from verification.studies.montecarlo import run_samples
-    from verification.studies.sample_file import SampleFile
+    from verification.studies.tolerance.sample_file import SampleFile
+    from verification.studies.tolerance.yield_report import run_samples
 
     with ExitStack() as open_ones:
         kept = None
@@ -156,9 +156,9 @@ def _draw(study: Study, seed: int, tally: Tally, options: dict[str, Any]) -> boo
 
 def _one(study: Study, seed: int, number: int, as_json: bool) -> None:
     """Judge one sample as in the batch, then run it as a full verification."""
-    from netlist_gen.variation import draw, vary
-    from verification.report.document import verdict_document
-    from verification.studies.varied import evaluate
+    from netlist_gen.board.variation import draw, vary
+    from verification.report.verdict.json_document import verdict_document
+    from verification.studies.tolerance.varied_board import evaluate
     from verification.verify import verify
 
     tolerances = study.scene.tolerances
@@ -173,7 +173,7 @@ def _one(study: Study, seed: int, number: int, as_json: bool) -> None:
     else:
         from rich.console import Console
 
-        from verification.report.table import print_verdict
+        from verification.report.verdict.table import print_verdict
 
         print_verdict(verdict, Console(highlight=False))
     sys.exit(STATUS[verdict.outcome.value])

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import click
 
-from cli.output import json_option, print_json, reports_errors, scene_argument
+from cli.common import json_option, print_json, reports_errors, scene_argument
 from spice_models.errors import Complaint, InputError
 
 if TYPE_CHECKING:
-    from netlist_gen.deck import Deck
+    from netlist_gen.deck.deck import Deck
 
 
 @click.command(short_help="Write the ngspice deck of a scene.")
@@ -28,12 +28,12 @@ def netlist(scene: str, output: str | None, explain: bool, split: bool, as_json:
     if split and output is None:
         text = "give -o FILE; the matrix then stands in FILE with the ending _matrix.inc"
         raise InputError("--split", Complaint("-o", "", text))
-    from cli.scenes import read_scene
-    from netlist_gen.deck import write_deck
-    from netlist_gen.problem import make_problem
-    from netlist_gen.synthesis import synthesise
-    from verification.plan import plan_transient
-    from verification.timescales import time_scales
+    from netlist_gen.board.synthesis import synthesise
+    from netlist_gen.deck.deck import write_deck
+    from netlist_gen.problem.inverse_problem import make_problem
+    from verification.ideal.lambda_rule import read_scene
+    from verification.pipeline.transient_plan import plan_transient
+    from verification.small_signal.time_scales import time_scales
 
     asked = read_scene(scene)
     circuit = synthesise(asked, make_problem(asked))
@@ -58,7 +58,7 @@ def netlist(scene: str, output: str | None, explain: bool, split: bool, as_json:
 
 
 def _matrix_file(output: str) -> str:
-    from netlist_gen.guards import FILE_NAME
+    from netlist_gen.deck.checks import FILE_NAME
 
     name = f"{Path(output).stem}_matrix.inc"
     if not FILE_NAME.fullmatch(name):

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from cli.output import json_option, print_json, reports_errors
+from cli.common import json_option, print_json, reports_errors
 from spice_models.errors import Complaint, InputError
 
 
@@ -19,7 +19,7 @@ from spice_models.errors import Complaint, InputError
 def new(file: str, force: bool, schema: bool, as_json: bool) -> None:
     """Write a commented scene to FILE (scene.toml), every key with its default."""
     if schema:
-        from netlist_gen.scene import Scene
+        from netlist_gen.scene.scene import Scene
 
         print_json(Scene.model_json_schema(by_alias=True))
         return

@@ -6,7 +6,7 @@ import sys
 
 import click
 
-from cli.output import (
+from cli.common import (
     STATUS,
     json_option,
     print_json,
@@ -42,15 +42,15 @@ def onset(scene: str, over: str, transients: bool, plot: str | None, as_json: bo
 
     Ends with 0 when answered, whatever the answer, and with 3 where a transient contradicts it.
     """
-    from cli.scenes import read_scene
-    from verification.report.onset import onset_document, print_onset
-    from verification.studies.onset import onset as run
-    from verification.studies.onset import parse_onset_axis
+    from verification.ideal.lambda_rule import read_scene
+    from verification.report.onset.tables import onset_document, print_onset
+    from verification.studies.onset.onset import onset as run
+    from verification.studies.onset.onset import parse_onset_axis
 
     asked = read_scene(scene)
     axis = parse_onset_axis(asked, over)
     if plot is not None:
-        from verification.report.plots import check_plot_file
+        from verification.report.verdict.plots import check_plot_file
 
         check_plot_file(plot)
     with stage_display() as progress:
@@ -62,7 +62,7 @@ def onset(scene: str, over: str, transients: bool, plot: str | None, as_json: bo
 
         print_onset(found, Console(highlight=False))
     if plot is not None:
-        from verification.report.locus import plot_onset
+        from verification.report.onset.plot import plot_onset
 
         plot_onset(found, plot)
         click.echo(f"drew {plot}", err=True)

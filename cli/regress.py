@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import click
 
-from cli.output import STATUS, json_option, print_json, reports_errors, stage_display
+from cli.common import STATUS, json_option, print_json, reports_errors, stage_display
 from spice_models.errors import InputError
 
 if TYPE_CHECKING:
-    from verification.studies.regress import RegressionReport
+    from verification.studies.regression.run import RegressionReport
 
 
 @click.command(short_help="Verify a folder of scenes and compare with a stored baseline.")
@@ -40,12 +40,12 @@ def regress(
     """
     from pathlib import Path
 
-    from verification.report.files import check_folder
-    from verification.report.junit import regression_junit
-    from verification.report.markdown import regression_markdown
-    from verification.studies.baseline import baseline_text, load_baseline
-    from verification.studies.regress import regress as run
-    from verification.studies.regress import updated_baseline
+    from verification.report.atomic_files import check_folder
+    from verification.report.regression.junit import regression_junit
+    from verification.report.regression.markdown import regression_markdown
+    from verification.studies.regression.baseline import baseline_text, load_baseline
+    from verification.studies.regression.run import regress as run
+    from verification.studies.regression.run import updated_baseline
 
     for path, option in ((baseline, "--baseline"), (junit, "--junit"), (markdown, "--markdown")):
         if path is not None:
@@ -69,7 +69,7 @@ def regress(
 
 def _write(texts: Mapping[str, Callable[[], str]]) -> bool:
     """Write every file, also after one that cannot be written; return whether all were."""
-    from verification.report.files import write_atomically
+    from verification.report.atomic_files import write_atomically
 
     complete = True
     for path, text in texts.items():
@@ -84,12 +84,12 @@ def _write(texts: Mapping[str, Callable[[], str]]) -> bool:
 
 def _show(report: RegressionReport, as_json: bool) -> None:
     if as_json:
-        from verification.report.regression import regression_document
+        from verification.report.regression.text import regression_document
 
         print_json(regression_document(report))
         return
     from rich.console import Console
 
-    from verification.report.regression import print_regression
+    from verification.report.regression.text import print_regression
 
     print_regression(report, Console(highlight=False, soft_wrap=not sys.stdout.isatty()))

@@ -6,7 +6,7 @@ import sys
 
 import click
 
-from cli.output import STATUS, json_option, print_json, reports_errors, stage_display
+from cli.common import STATUS, json_option, print_json, reports_errors, stage_display
 
 WIDTH = 160
 
@@ -28,7 +28,7 @@ def reproduce(output: str | None, quick: bool, as_json: bool) -> None:
     Ends with 1 where a verdict is not the one that taction stands by, with 3 where something
     could not be run.
     """
-    from verification.report.paper import (
+    from verification.report.paper.report import (
         check_report_folder,
         paper_document,
         print_paper,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from cli.output import json_option, print_json, reports_errors, scene_argument, stage_display
+from cli.common import json_option, print_json, reports_errors, scene_argument, stage_display
 
 
 @click.command(short_help="Waveforms and measurements of a scene.")
@@ -15,10 +15,10 @@ from cli.output import json_option, print_json, reports_errors, scene_argument, 
 @reports_errors
 def simulate(scene: str, engine: str | None, output: str | None, as_json: bool) -> None:
     """Run the transient of SCENE and measure it; nothing is judged."""
-    from cli.scenes import read_scene
-    from verification.record import record_transient
-    from verification.report.document import channel_record, reading_record
-    from verification.report.export import check_export, export
+    from verification.ideal.lambda_rule import read_scene
+    from verification.pipeline.recording import record_transient
+    from verification.report.verdict.json_document import channel_record, reading_record
+    from verification.report.verdict.waveform_files import check_export, export
 
     asked = read_scene(scene, engine)
     if output is not None:
@@ -46,7 +46,7 @@ def simulate(scene: str, engine: str | None, output: str | None, as_json: bool) 
         return
     from rich.console import Console
 
-    from verification.report.table import channel_table
+    from verification.report.verdict.table import channel_table
 
     Console(highlight=False).print(channel_table(measurements))
     click.echo(f"{result.waveforms.engine}: {cost.points} points, {cost.seconds:.3g} s")

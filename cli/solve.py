@@ -6,7 +6,7 @@ import sys
 
 import click
 
-from cli.output import STATUS, json_option, print_json, reports_errors, scene_argument
+from cli.common import STATUS, json_option, print_json, reports_errors, scene_argument
 
 
 @click.command(short_help="The reference solution alone, with its certificate.")
@@ -15,10 +15,10 @@ from cli.output import STATUS, json_option, print_json, reports_errors, scene_ar
 @reports_errors
 def solve(scene: str, as_json: bool) -> None:
     """Solve the problem of SCENE without any circuit; ends with 3 if it earns no certificate."""
-    from cli.scenes import read_scene
-    from netlist_gen.problem import make_problem
-    from netlist_gen.scalings import make_scalings
-    from verification.ideal import ideal_network
+    from netlist_gen.board.scalings import make_scalings
+    from netlist_gen.problem.inverse_problem import make_problem
+    from verification.ideal.ideal_answer import ideal_network
+    from verification.ideal.lambda_rule import read_scene
     from verification.reference import solve as run
 
     asked = read_scene(scene)

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cli.output import STATUS, json_option, reports_errors, scene_argument
+from cli.common import STATUS, json_option, reports_errors, scene_argument
 
 if TYPE_CHECKING:
-    from netlist_gen.scene import Scene
-    from verification.studies.executors import Workers
-    from verification.studies.grid import Plan
-    from verification.studies.store import Store
-    from verification.studies.sweep import Count
+    from netlist_gen.scene.scene import Scene
+    from verification.studies.running.executors import Workers
+    from verification.studies.sweep.plan import Plan
+    from verification.studies.sweep.run import Count
+    from verification.studies.sweep.store import Store
 
 
 @click.command(short_help="A grid of verifications; resumable, local or on a cluster.")
@@ -59,10 +59,10 @@ def sweep(scene: str, over: tuple[str, ...], as_json: bool, **options: Any) -> N
     A sweep that was interrupted goes on where it was when the same command is given again. Ends
     with 0 when every point is stored, whatever its outcome, and with 3 where none has a verdict.
     """
-    from cli.scenes import read_scene
-    from verification.studies.axes import parse_axes
-    from verification.studies.grid import Plan
-    from verification.studies.store import Store
+    from netlist_gen.overrides.axes import parse_axes
+    from verification.ideal.lambda_rule import read_scene
+    from verification.studies.sweep.plan import Plan
+    from verification.studies.sweep.store import Store
 
     asked = read_scene(scene)
     plan = Plan(
@@ -83,7 +83,7 @@ def sweep(scene: str, over: tuple[str, ...], as_json: bool, **options: Any) -> N
 
 
 def _engines(scene: Scene, wanted: str | None) -> tuple[str, ...]:
-    from verification.simulate import choose_engine
+    from verification.pipeline.simulation import choose_engine
 
     if wanted == "both":
         return ("ngspice", "statespace")
@@ -96,17 +96,17 @@ def _engines(scene: Scene, wanted: str | None) -> tuple[str, ...]:
 def _check_files(plan: Plan, options: dict[str, Any]) -> None:
     """Refuse what could not be written before any work is done."""
     if options["export_file"] is not None:
-        from verification.report.sweep_files import check_sweep_export
+        from verification.report.sweep.files import check_sweep_export
 
         check_sweep_export(options["export_file"])
     if options["plot"] is not None:
-        from verification.report.maps import check_sweep_plot
+        from verification.report.sweep.maps import check_sweep_plot
 
         check_sweep_plot(plan, options["plot"])
 
 
 def _run(plan: Plan, store: Store, options: dict[str, Any]) -> Count:
-    from verification.studies.sweep import sweep as run
+    from verification.studies.sweep.run import sweep as run
 
     with _display(plan.total) as progress:
         try:
@@ -123,7 +123,7 @@ def _run(plan: Plan, store: Store, options: dict[str, Any]) -> Count:
 
 
 def _workers(options: dict[str, Any]) -> AbstractContextManager[Workers]:
-    from verification.studies.executors import cluster, local
+    from verification.studies.running.executors import cluster, local
 
     if options["cluster"] is not None:
         return cluster(options["cluster"])
@@ -131,7 +131,7 @@ def _workers(options: dict[str, Any]) -> AbstractContextManager[Workers]:
 
 
 def _report(plan: Plan, store: Store, count: Count, seconds: float, *, as_json: bool) -> None:
-    from verification.report.sweep import document_parts, print_sweep
+    from verification.report.sweep.records import document_parts, print_sweep
 
     if as_json:
         for part in document_parts(plan, store, count, seconds):
@@ -144,12 +144,12 @@ def _report(plan: Plan, store: Store, count: Count, seconds: float, *, as_json: 
 
 def _write_files(plan: Plan, store: Store, options: dict[str, Any]) -> None:
     if options["export_file"] is not None:
-        from verification.report.sweep_files import export_sweep
+        from verification.report.sweep.files import export_sweep
 
         export_sweep(plan, store, options["export_file"])
         click.echo(f"wrote {options['export_file']}", err=True)
     if options["plot"] is not None:
-        from verification.report.maps import plot_sweep
+        from verification.report.sweep.maps import plot_sweep
 
         plot_sweep(plan, store, options["plot"])
         click.echo(f"drew {options['plot']}", err=True)

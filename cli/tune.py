@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cli.output import (
+from cli.common import (
     STATUS,
     json_option,
     print_json,
@@ -49,13 +49,13 @@ def tune(
 
     The verification checks the limits as well; its outcome decides the exit status.
     """
-    from cli.scenes import read_scene
+    from verification.ideal.lambda_rule import read_scene
     from verification.studies.tune import tune as run
     from verification.verify import verify
 
     asked = read_scene(scene)
     if plot is not None:
-        from verification.report.plots import check_plot_file
+        from verification.report.verdict.plots import check_plot_file
 
         check_plot_file(plot)
     keys = [key.strip() for key in over.split(",") if key.strip()]
@@ -63,7 +63,7 @@ def tune(
         tuning = run(asked, keys, overshoot=overshoot, margin=margin, progress=progress)
         verdict = verify(tuning.scene, progress)
     if plot is not None:
-        from verification.report.tradeoff import plot_tradeoff
+        from verification.report.tuning_plot import plot_tradeoff
 
         plot_tradeoff(tuning, plot)
         click.echo(f"drew {plot}", err=True)
@@ -75,7 +75,7 @@ def tune(
 
 
 def _document(tuning: Tuning, verdict: Verdict) -> dict[str, Any]:
-    from verification.report.document import verdict_document
+    from verification.report.verdict.json_document import verdict_document
 
     return {
         "outcome": verdict.outcome.value,
@@ -106,7 +106,7 @@ def _show(tuning: Tuning, verdict: Verdict) -> None:
     from rich.table import Table
 
     from netlist_gen.quantities import show
-    from verification.report.table import print_verdict
+    from verification.report.verdict.table import print_verdict
 
     console = Console(highlight=False)
     table = Table("", *tuning.after.values, "settling time", "overshoot", box=SIMPLE_HEAD)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from cli.output import (
+from cli.common import (
     STATUS,
     json_option,
     print_json,
@@ -17,7 +17,7 @@ from cli.output import (
 )
 
 if TYPE_CHECKING:
-    from verification.margin import Margin
+    from verification.small_signal.margin import Margin
     from verification.verify import Verdict
 
 
@@ -38,11 +38,11 @@ if TYPE_CHECKING:
 @reports_errors
 def verify(scene: str, as_json: bool, engine: str | None, plot: str | None, margins: bool) -> None:
     """Verify SCENE: simulate its board, solve its problem, compare, judge."""
-    from cli.scenes import read_scene
+    from verification.ideal.lambda_rule import read_scene
 
     asked = read_scene(scene, engine)
     if plot is not None:
-        from verification.report.plots import check_plot_file
+        from verification.report.verdict.plots import check_plot_file
 
         check_plot_file(plot)
     from verification.verify import verify as run
@@ -51,7 +51,7 @@ def verify(scene: str, as_json: bool, engine: str | None, plot: str | None, marg
         verdict = run(asked, progress)
     _show(verdict, as_json, _margins(verdict) if margins else {})
     if plot is not None:
-        from verification.report.plots import plot_verdict
+        from verification.report.verdict.plots import plot_verdict
 
         plot_verdict(verdict, plot)
         click.echo(f"drew {plot}", err=True)
@@ -59,7 +59,7 @@ def verify(scene: str, as_json: bool, engine: str | None, plot: str | None, marg
 
 
 def _margins(verdict: Verdict) -> dict[str, Margin]:
-    from verification.margin import capacitance_margin, gain_margin
+    from verification.small_signal.margin import capacitance_margin, gain_margin
 
     board = verdict.circuit
     return {"capacitance": capacitance_margin(board), "gain": gain_margin(board)}
@@ -67,7 +67,7 @@ def _margins(verdict: Verdict) -> dict[str, Margin]:
 
 def _show(verdict: Verdict, as_json: bool, margins: dict[str, Margin]) -> None:
     if as_json:
-        from verification.report.document import verdict_document
+        from verification.report.verdict.json_document import verdict_document
 
         document = verdict_document(verdict)
         if margins:
@@ -77,7 +77,7 @@ def _show(verdict: Verdict, as_json: bool, margins: dict[str, Margin]) -> None:
         return
     from rich.console import Console
 
-    from verification.report.table import print_verdict
+    from verification.report.verdict.table import print_verdict
 
     print_verdict(verdict, Console(highlight=False))
     for margin in margins.values():

@@ -18,8 +18,8 @@
             ├── Killed
             └── BadEvidence              exit 0, but the result is not what was asked for
 
-A failed check is not an exception; it is data (`verification.verdict`). The tree stands on the
-lowest floor because every floor raises from it.
+A failed check is not an exception; it is data (`verification.pipeline.checks`). The tree stands on
+the lowest floor because every floor raises from it.
 """
 
 from __future__ import annotations

@@ -5,27 +5,28 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from netlist_gen.analysis import Transient
-from netlist_gen.circuit import Circuit, Floats
-from netlist_gen.problem import InverseProblem
-from netlist_gen.scene import Scene
-from verification.agreement import Agreement
-from verification.attained import Accuracy, attained, both_tries, finer
-from verification.budget import ErrorPart, error_budget
-from verification.clock import Clock, Progress
-from verification.constraint import ConstraintPlane, constraint_plane
-from verification.design import Design, design_board
-from verification.effort import FULL, Effort
-from verification.energy import EnergyRise, energy_rise
-from verification.engines.equilibrium import Equilibrium, equilibrium
-from verification.ideal import IdealAnswer, ideal_answer
-from verification.margin import REACH, Margin, capacitance_margin
-from verification.measures import Measurements
-from verification.record import Recording, watch
-from verification.simulate import begin
-from verification.spread import StepError
-from verification.stability import Poles
-from verification.verdict import Check, Evidence, Outcome, judge, overall
-from verification.warnings import find_warnings
+from netlist_gen.board.circuit import Circuit
+from netlist_gen.problem.inverse_problem import InverseProblem
+from netlist_gen.scene.scene import Scene
+from spice_models.array_types import Floats
+from verification.engines.statespace.linearised.equilibrium import Equilibrium, equilibrium
+from verification.ideal.energy_rise import EnergyRise, energy_rise
+from verification.ideal.ideal_answer import IdealAnswer, ideal_answer
+from verification.measures.measure import Measurements
+from verification.pipeline.agreement import Agreement
+from verification.pipeline.attained_accuracy import Accuracy, attained, both_tries, finer
+from verification.pipeline.checks import Check, Evidence, Outcome, judge, overall
+from verification.pipeline.clock import Clock, Progress
+from verification.pipeline.design import Design, design_board
+from verification.pipeline.effort import FULL, Effort
+from verification.pipeline.error_budget import ErrorPart, error_budget
+from verification.pipeline.recording import Recording, watch
+from verification.pipeline.simulation import begin
+from verification.pipeline.step_error import StepError
+from verification.pipeline.warnings import find_warnings
+from verification.small_signal.constraint_stage import ConstraintPlane, constraint_plane
+from verification.small_signal.margin import REACH, Margin, capacitance_margin
+from verification.small_signal.poles import Poles
 from verification.waveforms import Waveforms
 
 

@@ -12,9 +12,8 @@ from fractions import Fraction
 from math import ceil, factorial, fsum, log, log2
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from spice_models.array_types import Floats
 
 UNIT = 2.0**-96
 """Relative error that every function here stays below, for arguments of exp up to 700."""

@@ -12,18 +12,17 @@ from enum import Enum
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from verification.reference.balance import energy_residual
+from spice_models.array_types import Floats
+from verification.reference.energy_balance import energy_residual
 from verification.reference.problem import Problem, Solution
 from verification.reference.regularisers import REGULARISERS, Regulariser
-from verification.reference.response import Response
 from verification.reference.solve import solve
+from verification.reference.step_response import Response
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-Floats = NDArray[np.float64]
 
 TOLERANCE = 1e-10
 """Relative tolerance of the Radau run."""

@@ -16,12 +16,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spice_models.array_types import Floats
 from verification.reference.regularisers import Regulariser
-from verification.reference.stacked import Factor
-
-Floats = NDArray[np.float64]
+from verification.reference.stacked_least_squares import Factor
 
 HOMOTOPY = 0.01
 """Factor between two values of mu."""

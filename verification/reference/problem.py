@@ -6,12 +6,10 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spice_models.array_types import Floats
 from spice_models.errors import Complaint, InputError
 from verification.reference.regularisers import REGULARISERS
-
-Floats = NDArray[np.float64]
 
 RELATIVE_ERROR = 1e-12
 """A solution is trusted when its error bound is below this times its largest entry."""

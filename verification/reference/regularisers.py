@@ -12,12 +12,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spice_models.array_types import Floats
 from verification.reference import doubledouble as dd
 from verification.reference.doubledouble import DoubleDouble
 
-Floats = NDArray[np.float64]
 Function = Callable[[Floats], Floats]
 
 

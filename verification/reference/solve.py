@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from verification.reference.maxent import solve_maxent
+from verification.reference.increasing_amplifiers import solve_maxent
 from verification.reference.problem import Problem, Solution
 from verification.reference.regularisers import REGULARISERS
 from verification.reference.tikhonov import solve_tikhonov

@@ -12,14 +12,12 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spice_models.array_types import Floats
 from verification.reference.doubledouble import PRODUCT, DoubleDouble, ExactMatrix
 from verification.reference.problem import RELATIVE_ERROR, SMALLEST_SCALE, Problem, Solution
-from verification.reference.scaled import Scaled
-from verification.reference.stacked import SVD, Factor, factorise
-
-Floats = NDArray[np.float64]
+from verification.reference.scaled_problem import Scaled
+from verification.reference.stacked_least_squares import SVD, Factor, factorise
 
 MAX_REFINEMENTS = 20
 QR_CONDITION = 1e13

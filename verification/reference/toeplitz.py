@@ -11,14 +11,8 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from verification.reference.convolution import (
-    ConjugateGradients,
-    Levinson,
-    ToeplitzMatrix,
-    circulant_power,
-)
+from spice_models.array_types import Floats
 from verification.reference.newton import (
     Iterate,
     Pair,
@@ -29,9 +23,13 @@ from verification.reference.newton import (
 )
 from verification.reference.problem import SMALLEST_SCALE, Solution, ToeplitzProblem
 from verification.reference.regularisers import REGULARISERS, Regulariser
-from verification.reference.stacked import Factor
-
-Floats = NDArray[np.float64]
+from verification.reference.stacked_least_squares import Factor
+from verification.reference.toeplitz_products import (
+    ConjugateGradients,
+    Levinson,
+    ToeplitzMatrix,
+    circulant_power,
+)
 
 TOLERANCE = 1e-6
 """Error of u over its largest entry below which a solution is trusted, if not asked otherwise."""

@@ -15,20 +15,20 @@ from typing import Any
 
 import numpy as np
 
-from netlist_gen.circuit import Floats
-from netlist_gen.problem import InverseProblem, make_problem
-from netlist_gen.scalings import make_scalings
-from netlist_gen.scene import OvershootCheck, Scene, StabilityCheck
-from netlist_gen.synthesis import synthesise
+from netlist_gen.board.scalings import make_scalings
+from netlist_gen.board.synthesis import synthesise
+from netlist_gen.overrides.axes import with_values
+from netlist_gen.overrides.keys import find_key, own_value
+from netlist_gen.problem.inverse_problem import InverseProblem, make_problem
+from netlist_gen.scene.scene import OvershootCheck, Scene, StabilityCheck
+from spice_models.array_types import Floats
 from spice_models.errors import Complaint, EngineError, InputError
-from verification.engines.statespace import simulate
-from verification.ideal import IdealAnswer, ideal_answer, ideal_network
-from verification.margin import capacitance_margin
-from verification.plan import plan_transient
-from verification.record import measure_outputs
-from verification.studies.axes import with_values
-from verification.studies.keys import find_key, own_value
-from verification.timescales import time_scales
+from verification.engines.statespace.transients.exact import simulate
+from verification.ideal.ideal_answer import IdealAnswer, ideal_answer, ideal_network
+from verification.pipeline.recording import measure_outputs
+from verification.pipeline.transient_plan import plan_transient
+from verification.small_signal.margin import capacitance_margin
+from verification.small_signal.time_scales import time_scales
 
 GRID = {1: 25, 2: 9, 3: 5}  # points a parameter, by how many there are
 REACH = 20.0  # the grid spans the scene's own value over and times this

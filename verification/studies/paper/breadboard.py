@@ -5,19 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 from netlist_gen.analysis import Transient
-from netlist_gen.circuit import Circuit
-from netlist_gen.deck import write_deck
-from netlist_gen.problem import make_problem
+from netlist_gen.board.circuit import Circuit
+from netlist_gen.board.synthesis import synthesise
+from netlist_gen.deck.deck import write_deck
+from netlist_gen.overrides.axes import with_values
+from netlist_gen.problem.inverse_problem import make_problem
 from netlist_gen.quantities import show
-from netlist_gen.scene import Scene
-from netlist_gen.synthesis import synthesise
-from verification.constraint import constraint_plane
-from verification.effort import Effort
-from verification.engines.ngspice import simulate
-from verification.engines.simulator import find_simulator
-from verification.margin import capacitance_margin, with_capacitance
-from verification.studies.axes import with_values
-from verification.studies.onset import onset, parse_onset_axis
+from netlist_gen.scene.scene import Scene
+from verification.engines.ngspice.executable import find_simulator
+from verification.engines.ngspice.process import simulate
+from verification.pipeline.effort import Effort
+from verification.small_signal.constraint_stage import constraint_plane
+from verification.small_signal.margin import capacitance_margin, with_capacitance
+from verification.studies.onset.onset import onset, parse_onset_axis
 from verification.studies.paper.findings import (
     Chapter,
     Finding,

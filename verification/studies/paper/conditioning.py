@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from verification.studies.paper.condition import asymptotic, condition_number
+from verification.studies.paper.condition_number import asymptotic, condition_number
 from verification.studies.paper.findings import (
     Chapter,
     Finding,

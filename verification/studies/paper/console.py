@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 
+from netlist_gen.overrides.axes import with_values
+from netlist_gen.overrides.keys import Value
 from netlist_gen.quantities import show
-from netlist_gen.scene import Scene
+from netlist_gen.scene.scene import Scene
 from spice_models.errors import EngineError
-from verification.effort import Effort
-from verification.record import record_transient
-from verification.studies.axes import with_values
-from verification.studies.keys import Value
+from verification.pipeline.checks import Outcome as Passed
+from verification.pipeline.effort import Effort
+from verification.pipeline.recording import record_transient
 from verification.studies.paper.findings import (
     Chapter,
     Finding,
@@ -23,7 +24,6 @@ from verification.studies.paper.findings import (
     weigh,
 )
 from verification.studies.tune import tune
-from verification.verdict import Outcome as Passed
 from verification.verify import verify
 
 SCENE = "paper-breadboard"

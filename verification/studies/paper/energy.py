@@ -4,21 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from spice_models.array_types import Floats
 from verification.reference import IdealNetwork, ideal_transient
 from verification.reference.dynamics import AGREEMENT, ScaledNetwork
 from verification.reference.dynamics import Outcome as Trust
 from verification.reference.regularisers import REGULARISERS
-from verification.studies.paper.findings import (
-    Chapter,
-    Finding,
-    Floats,
-    Panel,
-    Picture,
-    curve,
-    weigh,
-)
-from verification.studies.paper.ideal import unit_network
+from verification.studies.paper.findings import Chapter, Finding, Panel, Picture, curve, weigh
 from verification.studies.paper.tactile import Geometry
+from verification.studies.paper.unit_network import unit_network
 
 GEOMETRY = Geometry("", 15, 6.0)
 MU = 0.05

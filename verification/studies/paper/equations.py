@@ -6,10 +6,11 @@ from itertools import pairwise
 
 import numpy as np
 
+from spice_models.array_types import Floats
 from verification.reference import Problem, ideal_linear, solve
-from verification.studies.paper.findings import Chapter, Finding, Floats, listed, weigh
-from verification.studies.paper.ideal import unit_network
+from verification.studies.paper.findings import Chapter, Finding, listed, weigh
 from verification.studies.paper.tactile import Geometry
+from verification.studies.paper.unit_network import unit_network
 
 GEOMETRY = Geometry("", 9, 4.0)
 R, S = 0.25, 3.0  # neither 1, so that a factor that is missing shows

@@ -10,13 +10,13 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from netlist_gen.scene import Scene
-from netlist_gen.scene_file import load_scene
+from netlist_gen.scene.file import load_scene
+from netlist_gen.scene.scene import Scene
+from spice_models.array_types import Floats
 
 HERE = Path(__file__).parent
-Floats = NDArray[np.float64]
 
 
 class Outcome(enum.Enum):

@@ -7,21 +7,21 @@ from dataclasses import replace
 import numpy as np
 
 from netlist_gen.analysis import OperatingPoint
-from netlist_gen.circuit import Circuit
-from netlist_gen.deck import Deck, write_deck
-from netlist_gen.problem import make_problem
+from netlist_gen.board.circuit import Circuit
+from netlist_gen.board.scalings import make_scalings
+from netlist_gen.board.synthesis import synthesise
+from netlist_gen.deck.deck import Deck, write_deck
+from netlist_gen.overrides.axes import with_values
+from netlist_gen.problem.inverse_problem import make_problem
 from netlist_gen.quantities import show
-from netlist_gen.scalings import make_scalings
-from netlist_gen.synthesis import synthesise
 from spice_models.errors import EngineError
-from verification.engines.ngspice import simulate
-from verification.engines.simulator import find_simulator
-from verification.ideal import ideal_network
+from verification.engines.ngspice.executable import find_simulator
+from verification.engines.ngspice.process import simulate
+from verification.ideal.ideal_answer import ideal_network
+from verification.pipeline.checks import Outcome as Passed
 from verification.reference import solve
-from verification.stability import poles
-from verification.studies.axes import with_values
+from verification.small_signal.poles import poles
 from verification.studies.paper.findings import Chapter, Finding, paper_scene, weigh
-from verification.verdict import Outcome as Passed
 from verification.verify import verify
 
 MATRIX = "matrix.inc"

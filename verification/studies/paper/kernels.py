@@ -4,17 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from netlist_gen.problem import cylinder_stress, kernel, make_problem
-from netlist_gen.scene import CylinderLoad
-from netlist_gen.synthesis import synthesise
-from verification.studies.paper.findings import (
-    Chapter,
-    Finding,
-    Floats,
-    listed,
-    paper_scene,
-    weigh,
-)
+from netlist_gen.board.synthesis import synthesise
+from netlist_gen.problem.inverse_problem import cylinder_stress, kernel, make_problem
+from netlist_gen.scene.scene import CylinderLoad
+from spice_models.array_types import Floats
+from verification.studies.paper.findings import Chapter, Finding, listed, paper_scene, weigh
 from verification.studies.paper.tactile import Geometry
 
 POISSON = (0.1, 0.3, 0.5)

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from spice_models.array_types import Floats
 from verification.reference.dynamics import ScaledNetwork
 from verification.studies.paper.findings import (
     Chapter,
     Finding,
-    Floats,
     Panel,
     Picture,
     curve,
@@ -18,7 +18,6 @@ from verification.studies.paper.findings import (
     percent,
     weigh,
 )
-from verification.studies.paper.ideal import unit_network
 from verification.studies.paper.tactile import (
     COARSE,
     FINE,
@@ -28,6 +27,7 @@ from verification.studies.paper.tactile import (
     entropy,
     squared_error,
 )
+from verification.studies.paper.unit_network import unit_network
 
 PRINTED = (0.1, 10.0, 100.0)
 LAMBDAS = tuple(np.geomspace(0.01, 300.0, 13).tolist())

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from netlist_gen.problem import kernel
+from netlist_gen.problem.inverse_problem import kernel
 from netlist_gen.quantities import show
 from verification.reference import Problem, ideal_linear, solve
 from verification.reference.problem import ToeplitzProblem
@@ -22,8 +22,8 @@ from verification.studies.paper.findings import (
     listed,
     weigh,
 )
-from verification.studies.paper.ideal import unit_network
 from verification.studies.paper.tactile import Geometry, entropy
+from verification.studies.paper.unit_network import unit_network
 
 SIZES = (7, 25, 51, 101, 201, 401)
 QUICK = (7, 201, 401)

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netlist_gen.problem import cylinder_stress, grid, kernel
-from netlist_gen.scene import CylinderLoad
+from netlist_gen.problem.inverse_problem import cylinder_stress, grid, kernel
+from netlist_gen.scene.scene import CylinderLoad
+from spice_models.array_types import Floats
 from verification.reference import Problem, solve
-from verification.studies.paper.findings import Floats
 
 VARIANCE = 0.1
 

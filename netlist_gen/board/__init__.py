@@ -1,0 +1,1 @@
+"""The board as a circuit: synthesis, parts, preferred values, varied parts."""

@@ -1,0 +1,45 @@
+"""Preferred resistor values (IEC 60063): E24, E96 and E192."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from spice_models.array_types import Floats
+
+_E24 = (
+    *(1.0, 1.1, 1.2, 1.3, 1.5, 1.6, 1.8, 2.0, 2.2, 2.4, 2.7, 3.0),
+    *(3.3, 3.6, 3.9, 4.3, 4.7, 5.1, 5.6, 6.2, 6.8, 7.5, 8.2, 9.1),
+)
+
+
+def mantissas(series: str) -> Floats:
+    """Return the values of one decade, from 1 to below 10.
+
+    E192 holds 9.20, not the 9.19 that rounding ``10^(185/192)`` gives: the standard says so.
+    """
+    if series == "E24":
+        return np.array(_E24)
+    count = int(series[1:])
+    values = np.round(10.0 ** (np.arange(count) / count), 2)
+    values[np.isclose(values, 9.19)] = 9.20
+    return values
+
+
+def nearest(ohms: Floats, series: str) -> Floats:
+    """Return the nearest preferred values, by ratio; any shape, infinite stays infinite.
+
+    ``"exact"`` returns `ohms` as they are.
+    """
+    if series == "exact":
+        return ohms
+    steps = np.append(mantissas(series), 10.0)
+    finite = np.isfinite(ohms)
+    decade = np.floor(np.log10(ohms, where=finite, out=np.zeros_like(ohms)))
+    mantissa = np.where(finite, ohms / 10.0**decade, 1.0)
+    place = np.clip(np.searchsorted(steps, mantissa), 1, len(steps) - 1)
+    lower, upper = steps[place - 1], steps[place]
+    chosen = np.where(mantissa * mantissa < lower * upper, lower, upper)
+    digits = np.round(chosen * 100.0)  # three digits: exact, so that 4.7k is 4700.0
+    shift = decade - 2
+    value = np.where(shift >= 0, digits * 10.0 ** np.abs(shift), digits / 10.0 ** np.abs(shift))
+    return np.where(finite, value, ohms)

@@ -1,0 +1,72 @@
+"""The numbers of a design: lam from R or R from lam, and the op-amp with its changed figures."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from netlist_gen.board.circuit import Scalings
+from netlist_gen.board.preferred_values import nearest
+from netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene
+from spice_models.errors import Complaint, InputError
+from spice_models.opamp import OpAmp
+from spice_models.presets import derive, load_presets
+
+
+def make_scalings(scene: Scene) -> Scalings:
+    """Return the design's numbers; R follows from lam, or lam from R.
+
+    ``lam = 1 / (R s G0²)`` for linear amplifiers (eq (21) corrected) and
+    ``lam = 2 Ve / (R s G0² U0)`` for exponential ones (eqs (16) and (8) in the board's units).
+
+    Raises
+    ------
+    InputError
+        Where R or lam would not be a finite positive number.
+    """
+    design = scene.design
+    slope = design.exponential_slope or 1.0
+    product = 1.0 / (design.gain * design.unit_conductance**2)
+    if design.amplifier != "linear":
+        product *= 2.0 * slope / design.unit_voltage
+    if isinstance(design.lam, str):
+        text = "a rule has to choose the number first; see verification.ideal.lambda_rule"
+        raise InputError(scene.file, Complaint("design.lambda", repr(design.lam), text))
+    given = design.lam or design.resistance or DEFAULT_RESISTANCE
+    other = product / given
+    if not (np.isfinite(other) and other > 0):
+        text = f"with gain and unit_conductance, lambda times R is {product!r}: out of range"
+        raise InputError(scene.file, Complaint("design", repr(given), text))
+    resistance, lam = (other, given) if design.lam is not None else (given, other)
+    return Scalings(
+        unit_conductance=design.unit_conductance,
+        unit_voltage=design.unit_voltage,
+        exponential_slope=slope,
+        resistance=resistance,
+        capacitance=design.capacitance,
+        gain=design.gain,
+        lam=lam,
+    )
+
+
+def preferred(ohms: float, scene: Scene) -> float:
+    """Return one resistor's value in the scene's series."""
+    return float(nearest(np.array([ohms]), scene.design.resistor_series)[0])
+
+
+def choose_opamp(scene: Scene) -> OpAmp:
+    """Return the op-amp of `scene`: a preset, with the figures that the scene changes.
+
+    Raises
+    ------
+    InputError
+        Where the changed figures contradict each other.
+    """
+    choice = scene.design.opamp
+    base = load_presets()[choice.base]
+    figures = {name: value for name, value in choice if name != "base" and value is not None}
+    if not figures:
+        return base
+    try:
+        return derive(base, f"{base.name}_changed", **figures)
+    except ValueError as error:
+        raise InputError(scene.file, Complaint("design.opamp", repr(figures), str(error))) from None

@@ -1,0 +1,208 @@
+"""From a scene and its problem to a `Circuit`: signs, scalings, and only what is needed.
+
+The realisation (topology ``integrator``) sums every current into a virtual ground, so no
+resistor loads a node and eq (9), in its corrected form, holds exactly for ideal op-amps::
+
+    signal node n      op-amp, R || C from v_n to the summing node x_n
+    signal amplifier   inverter (linear) or antilog stage, a_n = -u_n
+    constraint node k  op-amp, feedback s, strain current into c_k; w_k = s G0 (T u - eps U0)_k
+    matrix forward     T_kn > 0: a_n -> c_k     T_kn < 0: +u_n -> c_k
+    matrix feedback    T_kn > 0: w_k -> x_n     T_kn < 0: -w_k -> x_n
+    bias               I_b as Ve through R into x_n (entropy only)
+
+Topology ``passive`` (Hopfield's) has R and C from v_n to ground, the feedback resistors straight
+into v_n (with the opposite signs), and a buffer; R_n is raised to make up for their load.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from netlist_gen.board.circuit import (
+    GROUND,
+    Capacitor,
+    Circuit,
+    CurrentSource,
+    Output,
+    Resistor,
+    ResistorMatrix,
+    SignalAmplifier,
+    VoltageSource,
+)
+from netlist_gen.board.omissions import list_omissions
+from netlist_gen.board.parts import Parts
+from netlist_gen.board.preferred_values import nearest
+from netlist_gen.board.scalings import choose_opamp, make_scalings, preferred
+from netlist_gen.problem.inverse_problem import InverseProblem
+from netlist_gen.scene.scene import Scene
+from spice_models.array_types import Bools, Floats
+from spice_models.errors import Complaint, InputError
+
+BIAS = "bias"
+
+
+def synthesise(scene: Scene, problem: InverseProblem) -> Circuit:
+    """Design the board of `scene` for `problem`.
+
+    Raises
+    ------
+    InputError
+        The design's numbers are out of range, or the passive topology would need a negative
+        resistor.
+    """
+    scalings = make_scalings(scene)
+    model = choose_opamp(scene)
+    ohms, negative = matrix_resistors(problem.matrix, scene)
+    parts = Parts(
+        model.name,
+        scene.design.stray_capacitance,
+        preferred(scene.design.inverter_resistance, scene),
+    )
+    board = _Board(scene, scalings.resistance, ohms, negative, parts)
+    board.signal_plane()
+    board.constraint_plane(problem.strain * scalings.unit_conductance * scalings.unit_voltage)
+    board.connect()
+    return Circuit(
+        name=scene.name,
+        amplifier=scene.design.amplifier,
+        topology=scene.design.topology,
+        scalings=scalings,
+        models={model.name: model},
+        opamps=tuple(parts.opamps),
+        amplifiers=tuple(parts.amplifiers),
+        resistors=tuple(parts.resistors),
+        matrices=tuple(parts.matrices),
+        capacitors=tuple(parts.capacitors),
+        currents=tuple(parts.currents),
+        voltages=tuple(parts.voltages),
+        signal_nodes=tuple(f"v_{n}" for n in board.channels),
+        constraint_nodes=tuple(f"w_{k}" for k in board.sensors),
+        outputs=tuple(board.outputs),
+        omissions=list_omissions(scene, problem, model),
+    )
+
+
+def matrix_resistors(matrix: Floats, scene: Scene) -> tuple[Floats, Bools]:
+    """Return ohms ``1 / (|T| G0)``, infinite for a zero entry, and where T is negative (M, N)."""
+    with np.errstate(divide="ignore"):
+        ohms = 1.0 / (np.abs(matrix) * scene.design.unit_conductance)
+    return nearest(ohms, scene.design.resistor_series), matrix < 0
+
+
+def realised_matrix(circuit: Circuit) -> Floats:
+    """Return the T (M, N) that the resistors of `circuit` amount to, rounding included."""
+    forward = circuit.matrices[0]
+    sign = np.where(forward.negative, -1.0, 1.0)
+    return sign / (forward.ohms * circuit.scalings.unit_conductance)
+
+
+class _Board:
+    """One synthesis under way: places the parts plane by plane."""
+
+    def __init__(
+        self, scene: Scene, resistance: float, ohms: Floats, negative: Bools, parts: Parts
+    ) -> None:
+        self.scene, self.design, self.parts = scene, scene.design, parts
+        self.resistance = resistance
+        self.ohms, self.negative = ohms, negative
+        self.present = np.isfinite(ohms)
+        self.rounded = preferred(resistance, scene)
+        self.linear = scene.design.amplifier == "linear"
+        self.passive = scene.design.topology == "passive"
+        self.channels = range(1, ohms.shape[1] + 1)
+        self.sensors = (1 + np.flatnonzero(self.present.any(axis=1))).tolist()
+        self.outputs: list[Output] = []
+        self.plus_u: dict[int, str] = {}
+
+    def signal_plane(self) -> None:
+        """Place signal nodes, their amplifiers and the bias."""
+        needs_minus = np.any(self.present & ~self.negative, axis=0).tolist()
+        needs_plus = np.any(self.present & self.negative, axis=0).tolist()
+        place = self._passive_node if self.passive else self._integrator
+        for n in self.channels:
+            place(n)
+            if self.linear:
+                self._linear_stage(n, minus=needs_minus[n - 1])
+            else:
+                self._antilog_stage(n, plus=needs_plus[n - 1])
+
+    def constraint_plane(self, amps: Floats) -> None:
+        """Place constraint nodes, strain currents `amps` (M,) and inverters of w."""
+        feedback_negative = ~self.negative if self.passive else self.negative
+        needs_inverter = np.any(self.present & feedback_negative, axis=1).tolist()
+        gain, currents = preferred(self.design.gain, self.scene), amps.tolist()
+        for k in self.sensors:
+            self.parts.opamp(f"c_{k}", f"c_{k}", f"w_{k}")
+            self.parts.resistors.append(Resistor(f"s_{k}", f"w_{k}", f"c_{k}", gain))
+            if currents[k - 1] != 0:
+                self.parts.currents.append(CurrentSource(f"eps_{k}", f"c_{k}", currents[k - 1]))
+            if needs_inverter[k - 1]:
+                self.parts.inverting(f"z_{k}", f"w_{k}", f"z_{k}")
+
+    def connect(self) -> None:
+        """Place the two resistor matrices; feedback has the opposite sign where it is passive."""
+        rows = range(1, self.ohms.shape[0] + 1)
+        minus_u = tuple(f"a_{n}" for n in self.channels)
+        plus_u = tuple(self.plus_u.get(n, "") for n in self.channels)
+        w, z = tuple(f"w_{k}" for k in rows), tuple(f"z_{k}" for k in rows)
+        sums = tuple(f"c_{k}" for k in rows)
+        nodes = tuple(f"v_{n}" if self.passive else f"x_{n}" for n in self.channels)
+        plus, minus = (z, w) if self.passive else (w, z)
+        self.parts.matrices += [
+            ResistorMatrix("Rf", self.ohms, self.negative, True, minus_u, plus_u, sums),
+            ResistorMatrix("Rb", self.ohms, self.negative, False, plus, minus, nodes),
+        ]
+
+    def _integrator(self, n: int) -> None:
+        parts, x, v, ohms = self.parts, f"x_{n}", f"v_{n}", self.rounded
+        parts.opamp(f"v_{n}", x, v)
+        parts.resistors.append(Resistor(f"r_{n}", v, x, ohms))
+        parts.capacitors.append(Capacitor(f"c_{n}", v, x, self.design.capacitance))
+        if self._biased(n, self.design.exponential_slope or 1.0):
+            parts.resistors.append(Resistor(f"bias_{n}", BIAS, x, ohms))
+
+    def _passive_node(self, n: int) -> None:
+        parts, v = self.parts, f"v_{n}"
+        load = float(np.sum(1.0 / self.ohms[:, n - 1]))
+        left = 1.0 / self.resistance - load
+        if left <= 0:
+            text = (
+                f"the matrix loads channel {n} of the passive topology with {load:.6g} S, so R must"
+                f" be below {1.0 / load:.6g} ohm; raise lambda or take topology = 'integrator'"
+            )
+            value = f"{self.resistance:.6g} ohm"
+            raise InputError(self.scene.file, Complaint("design.resistance", value, text))
+        parts.resistors.append(Resistor(f"r_{n}", v, GROUND, preferred(1.0 / left, self.scene)))
+        parts.capacitors.append(Capacitor(f"c_{n}", v, GROUND, self.design.capacitance))
+        parts.stray_at(v)
+        if self.design.biased:
+            text = "topology 'passive' has no virtual ground to inject it into; set bias = false"
+            raise InputError(self.scene.file, Complaint("design.bias", "true", text))
+
+    def _biased(self, n: int, volts: float) -> bool:
+        wanted = self.design.biased
+        if wanted and n == 1:
+            self.parts.voltages.append(VoltageSource(BIAS, BIAS, volts))
+        return wanted
+
+    def _linear_stage(self, n: int, *, minus: bool) -> None:
+        u = f"v_{n}"
+        if self.passive:
+            u = f"u_{n}"
+            self.parts.follower(f"u_{n}", f"v_{n}", u)
+        self.plus_u[n] = u
+        self.outputs.append(Output(u, 1.0))
+        if minus:
+            self.parts.inverting(f"a_{n}", u, f"a_{n}")
+
+    def _antilog_stage(self, n: int, *, plus: bool) -> None:
+        slope = self.design.exponential_slope or 1.0
+        self.parts.amplifiers.append(
+            SignalAmplifier(
+                f"a_{n}", self.design.amplifier, f"v_{n}", f"a_{n}", self.design.unit_voltage, slope
+            )
+        )
+        self.outputs.append(Output(f"a_{n}", -1.0))
+        if plus:
+            self.parts.inverting(f"u_{n}", f"a_{n}", f"u_{n}")
+            self.plus_u[n] = f"u_{n}"

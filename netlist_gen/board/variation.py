@@ -1,0 +1,145 @@
+"""A board with its parts varied within the scene's tolerances.
+
+Every variation is a factor ``exp(z ln(1 + tolerance))``, so a value can never go negative, and
+z = 1 and z = -1 are the ends of the tolerance.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from netlist_gen.board.circuit import Circuit, ResistorMatrix
+from netlist_gen.scene.tolerances import Tolerances
+from spice_models.array_types import Floats
+from spice_models.errors import Complaint, InputError
+from spice_models.opamp import OpAmp
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One thing that varies.
+
+    Attributes
+    ----------
+    name : str
+        ``"Rf_3_5"``, ``"Rr_1"``, ``"Cc_1"``, ``"v_1.gbw"``, ``"temperature"``: the element's name
+        in the deck, or the op-amp's with its figure.
+    kind : str
+        The key of `Tolerances` that it varies by.
+    tolerance : float
+        Fraction; for the temperature K.
+    """
+
+    name: str
+    kind: str
+    tolerance: float
+
+
+def parameters(circuit: Circuit, tolerances: Tolerances) -> tuple[Parameter, ...]:
+    """Return everything that varies, in the order of the z that `vary` takes."""
+    return tuple(p for p in _parameters(circuit, tolerances) if p.tolerance > 0)
+
+
+def _parameters(circuit: Circuit, tolerances: Tolerances) -> Iterator[Parameter]:
+    for name, kind in _names(circuit):
+        yield Parameter(name, kind, getattr(tolerances, kind))
+
+
+def _names(circuit: Circuit) -> Iterator[tuple[str, str]]:
+    for matrix in circuit.matrices:
+        for k, n in np.argwhere(np.isfinite(matrix.ohms)).tolist():
+            yield f"{matrix.name}_{k + 1}_{n + 1}", "resistor"
+    for resistor in circuit.resistors:
+        yield f"R{resistor.name}", "resistor"
+    for capacitor in circuit.capacitors:
+        yield f"C{capacitor.name}", "stray" if capacitor.name.startswith("stray_") else "capacitor"
+    for cell in circuit.opamps:
+        if math.isfinite(circuit.models[cell.model].gbw):
+            yield f"{cell.name}.gbw", "opamp_gbw"
+        yield f"{cell.name}.dc_gain", "opamp_gain"
+    yield "temperature", "temperature"
+
+
+def draw(tolerances: Tolerances, count: int, seed: int, sample: int) -> Floats:
+    """Return the z of one sample, shape (count,).
+
+    Each sample has a random stream of its own, so it can be drawn again alone, bit for bit
+    (NumPy may change its normal distribution from one of its versions to another).
+    """
+    random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(sample,)))
+    if tolerances.distribution == "uniform":
+        return random.uniform(-1.0, 1.0, count)
+    return random.standard_normal(count) / 3.0
+
+
+def vary(circuit: Circuit, tolerances: Tolerances, z: Floats) -> Circuit:
+    """Return `circuit` with every part varied by its z (see the head of this file).
+
+    Parameters
+    ----------
+    z : ndarray
+        One value for each of `parameters`, in their order.
+
+    Raises
+    ------
+    InputError
+        An op-amp comes out with a DC gain that is none, 1 or less.
+
+    Notes
+    -----
+    An op-amp's gain-bandwidth product and its second pole move together, and stay where they are
+    as its DC gain varies. The temperature moves all parts of a kind alike,
+    ``exp(drift z temperature)``.
+    """
+    wanted = parameters(circuit, tolerances)
+    shift = {p.name: float(value) for p, value in zip(wanted, z, strict=True)}
+    scale = {p.name: math.exp(shift[p.name] * math.log1p(p.tolerance)) for p in wanted}
+    kelvin = shift.get("temperature", 0.0) * tolerances.temperature
+    hot_r = math.exp(kelvin * tolerances.resistor_drift)
+    hot_c = math.exp(kelvin * tolerances.capacitor_drift)
+    hot_gbw = math.exp(kelvin * tolerances.opamp_drift)
+    models, cells = {}, []
+    for cell in circuit.opamps:
+        model = circuit.models[cell.model]
+        faster = scale.get(f"{cell.name}.gbw", 1.0) * hot_gbw
+        own = _opamp(model, cell.name, faster, scale.get(f"{cell.name}.dc_gain", 1.0))
+        models[own.name] = own
+        cells.append(replace(cell, model=own.name))
+    return replace(
+        circuit,
+        models=models,
+        opamps=tuple(cells),
+        matrices=tuple(_matrix(matrix, scale, hot_r) for matrix in circuit.matrices),
+        resistors=tuple(
+            replace(part, ohms=part.ohms * scale.get(f"R{part.name}", 1.0) * hot_r)
+            for part in circuit.resistors
+        ),
+        capacitors=tuple(
+            replace(part, farads=part.farads * scale.get(f"C{part.name}", 1.0) * hot_c)
+            for part in circuit.capacitors
+        ),
+    )
+
+
+def _opamp(model: OpAmp, name: str, faster: float, gain: float) -> OpAmp:
+    try:
+        return replace(
+            model,
+            name=f"{model.name}_{name}",
+            gbw=model.gbw * faster,
+            second_pole=model.second_pole * faster,
+            dc_gain=model.dc_gain * gain,
+        )
+    except ValueError as error:
+        raise InputError("tolerances", Complaint(f"op-amp {name}", "", str(error))) from None
+
+
+def _matrix(matrix: ResistorMatrix, scale: dict[str, float], hot: float) -> ResistorMatrix:
+    ohms = matrix.ohms * hot
+    for k, n in np.argwhere(np.isfinite(ohms)).tolist():
+        ohms[k, n] *= scale.get(f"{matrix.name}_{k + 1}_{n + 1}", 1.0)
+    return replace(matrix, ohms=ohms)

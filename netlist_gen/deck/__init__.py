@@ -1,0 +1,1 @@
+"""The circuit as an ngspice deck, checked before it is sent."""

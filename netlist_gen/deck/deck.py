@@ -1,0 +1,293 @@
+"""From a `Circuit` and an analysis to an ngspice deck.
+
+PySpice's ``Circuit`` is the netlist's object model; the resistor matrices and the board's parts go
+in as lines of text, because an object each costs twenty times as much. Every number is a plain
+float (``repr``): in a deck ``1M`` would be a milliohm. The same circuit gives the same bytes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from netlist_gen.analysis import Analysis, OperatingPoint, Tolerances, Transient
+from netlist_gen.board.circuit import GROUND, Circuit, ResistorMatrix
+from netlist_gen.deck.checks import check_circuit, check_request, tolerances
+from netlist_gen.deck.header import header_lines
+from spice_models.array_types import Floats
+from spice_models.subcircuits import amplifier_lines, opamp_subcircuit
+
+# ngspice's first step is a tenth of the .tran card's first figure. An exponential board that starts
+# from nothing with a larger one can make an antilog stage's first iteration overflow: it did at
+# 250 points a period of one scene and no other count; with this, at none that was tried.
+FIRST_STEP = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class Deck:
+    """A complete deck.
+
+    Attributes
+    ----------
+    text : str
+        The deck; its first line is a title of fixed text.
+    files : dict of str to str
+        Further files that it includes, by bare name.
+    saved : tuple of str
+        Nodes whose voltages it saves, in this order.
+    analysis : Transient or OperatingPoint
+        The one analysis that it asks for.
+    """
+
+    text: str
+    saved: tuple[str, ...]
+    analysis: Analysis
+    files: Mapping[str, str] = field(default_factory=dict)
+
+
+def write_deck(
+    circuit: Circuit,
+    analysis: Analysis,
+    *,
+    solver: str = "klu",
+    relative: float = 1e-6,
+    saved: Iterable[str] | None = None,
+    matrix_file: str | None = None,
+) -> Deck:
+    """Write the deck of `circuit` for `analysis`.
+
+    Parameters
+    ----------
+    solver : str
+        The matrix solver's option: ``"klu"``, or ``"noopiter"`` for an ngspice without KLU.
+    relative : float
+        ngspice's reltol; the absolute tolerances follow from the circuit's own scales.
+    saved : iterable of str, optional
+        Nodes to save; by default the outputs.
+    matrix_file : str, optional
+        Split the deck: amplifiers in one subcircuit, the resistor matrices in another, which
+        stands in an include file of this name and can be swapped.
+
+    Raises
+    ------
+    ValueError
+        A name or a value that must not reach a simulator. A scene cannot cause it; it guards
+        against circuits made by other means.
+    """
+    return write_decks(
+        circuit,
+        (analysis,),
+        solver=solver,
+        relative=relative,
+        saved=saved,
+        matrix_file=matrix_file,
+    )[0]
+
+
+def write_decks(
+    circuit: Circuit,
+    analyses: Sequence[Analysis],
+    *,
+    solver: str = "klu",
+    relative: float = 1e-6,
+    saved: Iterable[str] | None = None,
+    matrix_file: str | None = None,
+) -> list[Deck]:
+    """Write one deck of `circuit` for each of `analyses`; its parts become text once.
+
+    Parameters and failures are those of `write_deck`.
+    """
+    check_circuit(circuit)
+    nodes = tuple(saved) if saved is not None else tuple(o.node for o in circuit.outputs)
+    for analysis in analyses:
+        check_request(analysis, nodes, solver, matrix_file)
+    parts, files = _flat(circuit) if matrix_file is None else _split(circuit, matrix_file)
+    limits = tolerances(circuit, relative)
+    save = ".save " + " ".join(f"v({node})" for node in nodes)
+    decks = []
+    for analysis in analyses:
+        tail = [
+            *_current_sources(circuit, analysis),
+            *_options(limits, analysis, solver),
+            save,
+            *_analysis_cards(circuit, analysis),
+            ".end",
+            "",
+        ]
+        decks.append(Deck(parts + "\n".join(tail), nodes, analysis, files))
+    return decks
+
+
+def matrix_lines(matrices: Iterable[ResistorMatrix]) -> list[str]:
+    """One line a resistor, matrix by matrix and row by row: ``Rf_3_5`` is row 3, column 5."""
+    lines: list[str] = []
+    printed: dict[int, list[list[str]]] = {}  # forward and feedback resistors are one array
+    for matrix in matrices:
+        if id(matrix.ohms) not in printed:
+            printed[id(matrix.ohms)] = _printed(matrix.ohms)
+        for k, row in enumerate(printed[id(matrix.ohms)]):
+            name = f"{matrix.name}_{k + 1}_"
+            lines += [
+                f"{name}{n} {drive} {sink} {ohms}"
+                for n, (drive, sink, ohms) in enumerate(zip(*_ends(matrix, k), row, strict=True), 1)
+                if ohms
+            ]
+    return lines
+
+
+def _printed(ohms: Floats) -> list[list[str]]:
+    """Return the text of every entry, empty where it is infinite.
+
+    Printing takes the most time, so each distinct value is printed once; a kernel or a resistor
+    series has few.
+    """
+    values, places = np.unique(ohms, return_inverse=True)
+    texts = np.array([repr(v) if v != math.inf else "" for v in values.tolist()], dtype=object)
+    rows: list[list[str]] = texts[places].reshape(ohms.shape).tolist()
+    return rows
+
+
+def _ends(matrix: ResistorMatrix, k: int) -> tuple[Sequence[str], Sequence[str]]:
+    """Return the driving and the summing nodes of row `k`."""
+    signs = matrix.negative[k].tolist()
+    if not matrix.by_column:
+        ends = matrix.plus[k], matrix.minus[k]
+        return [ends[sign] for sign in signs], matrix.sinks
+    pairs = zip(matrix.plus, matrix.minus, signs, strict=True)
+    drives = [minus if negative else plus for plus, minus, negative in pairs]
+    return drives, [matrix.sinks[k]] * len(drives)
+
+
+def _flat(circuit: Circuit) -> tuple[str, dict[str, str]]:
+    """Return the text of all parts but the current sources, and no further file."""
+    netlist = _new_netlist(circuit)
+    lines = _place(netlist, circuit)
+    lines += matrix_lines(circuit.matrices)
+    return _text(netlist, circuit, lines), {}
+
+
+def _split(circuit: Circuit, matrix_file: str) -> tuple[str, dict[str, str]]:
+    """Return the same with amplifiers and matrices as subcircuits, the latter in `matrix_file`."""
+    from PySpice.Spice.Netlist import SubCircuit
+
+    from spice_models.card import Card
+
+    netlist = _new_netlist(circuit)
+    pads = _pads(circuit)
+    own = [*circuit.signal_nodes, *circuit.constraint_nodes, *(o.node for o in circuit.outputs)]
+    own += [source.node for source in circuit.voltages]
+    ports = list(dict.fromkeys([*pads, *own]))
+    plane = SubCircuit("amplifiers", *ports)
+    plane.raw_spice = "\n".join([*_place(plane, circuit), ""])
+    netlist.subcircuit(plane)
+    Card(netlist, "Xamplifiers", *ports, "amplifiers")
+    Card(netlist, "Xmatrix", *pads, "matrix")
+    text = [
+        "* the resistor matrix of a taction board: swap this file for another of the same ports",
+        ".subckt matrix " + " ".join(pads),
+        *matrix_lines(circuit.matrices),
+        ".ends matrix",
+        "",
+    ]
+    parts = _text(netlist, circuit, [f".include {matrix_file}"])
+    return parts, {matrix_file: "\n".join(text)}
+
+
+def _text(netlist: Any, circuit: Circuit, lines: Iterable[str]) -> str:
+    """Return the text of `netlist`, after the header of `circuit` and `lines`."""
+    from spice_models.card import Card
+
+    for bias in circuit.voltages:
+        Card(netlist, "V" + bias.name, bias.node, GROUND, repr(bias.volts))
+    netlist.raw_spice = "\n".join([*header_lines(circuit), *lines, ""])
+    return str(netlist)
+
+
+def _new_netlist(circuit: Circuit) -> Any:
+    """Return a netlist that holds the subcircuits of the op-amps in use."""
+    from PySpice.Spice.Netlist import Circuit as Netlist
+
+    netlist = Netlist("taction board")
+    for model in circuit.models.values():
+        cells = [cell for cell in circuit.opamps if cell.model == model.name]
+        if cells:
+            grounded = all(cell.noninverting == GROUND for cell in cells)
+            netlist.subcircuit(opamp_subcircuit(model, noninverting_grounded=grounded))
+    return netlist
+
+
+def _pads(circuit: Circuit) -> list[str]:
+    """Return the nodes at which a matrix touches the amplifiers, each once."""
+    nodes: dict[str, None] = {}
+    for matrix in circuit.matrices:
+        for _, _, drive, sink, _ in matrix.elements():
+            nodes[drive] = nodes[sink] = None
+    return list(nodes)
+
+
+class _Texts(dict[float, str]):
+    """The text of each number; most parts of a board share theirs with others."""
+
+    def __missing__(self, number: float) -> str:
+        return self.setdefault(number, repr(number))
+
+
+def _place(netlist: Any, circuit: Circuit) -> list[str]:
+    """Put every part but matrices and sources into `netlist`; return lines to add as text."""
+    from spice_models.card import Cards
+
+    text = _Texts()
+    lines = [
+        *(f"X{c.name} {c.noninverting} {c.inverting} {c.output} {c.model}" for c in circuit.opamps),
+        *(f"R{r.name} {r.a} {r.b} {text[r.ohms]}" for r in circuit.resistors),
+        *(f"C{c.name} {c.a} {c.b} {text[c.farads]}" for c in circuit.capacitors),
+    ]
+    Cards(netlist, lines)
+    return [line for stage in circuit.amplifiers for line in amplifier_lines(stage)]
+
+
+def _current_sources(circuit: Circuit, analysis: Analysis) -> list[str]:
+    """Return the strain currents: they are all there is of the parts that depends on `analysis`."""
+    values = [repr(source.amps) for source in circuit.currents]
+    if isinstance(analysis, Transient) and _starts_from_rest(circuit, analysis):
+        ramp = repr(1e-3 * analysis.max_step)
+        values = [f"PWL(0 0 {ramp} {value})" for value in values]
+    return [
+        f"I{source.name} {GROUND} {source.node} {value}"
+        for source, value in zip(circuit.currents, values, strict=True)
+    ]
+
+
+def _starts_from_rest(circuit: Circuit, analysis: Transient) -> bool:
+    """Whether an operating point is needed: a board without bias is at rest when discharged."""
+    return analysis.initial == "rest" and bool(circuit.voltages or circuit.amplifiers)
+
+
+def _options(limits: Tolerances, analysis: Analysis, solver: str) -> list[str]:
+    lines = [
+        f".options {solver}",
+        f".options reltol={limits.relative!r} abstol={limits.current!r} vntol={limits.voltage!r}",
+        f".options chgtol={limits.charge!r} gmin={limits.gmin!r} pivtol={limits.gmin!r}",
+    ]
+    if isinstance(analysis, Transient):
+        method = "trap" if analysis.method == "trapezoidal" else "gear"
+        trtol = max(analysis.truncation / limits.relative, 1.0)
+        lines.append(f".options method={method} trtol={trtol!r}")
+    return lines
+
+
+def _analysis_cards(circuit: Circuit, analysis: Analysis) -> list[str]:
+    if isinstance(analysis, OperatingPoint):
+        return [".op"]
+    rest = _starts_from_rest(circuit, analysis)
+    step = repr(analysis.max_step)
+    begin = repr(FIRST_STEP * analysis.max_step)
+    cards = [f".tran {begin} {analysis.stop!r} 0.0 {step}" + ("" if rest else " uic")]
+    if analysis.voltages:
+        pairs = " ".join(f"v({node})={volts!r}" for node, volts in analysis.voltages.items())
+        cards.insert(0, f".ic {pairs}")
+    return cards

@@ -1,0 +1,1 @@
+"""Keys of a scene by name, and axes of values for them."""

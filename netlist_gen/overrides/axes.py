@@ -1,0 +1,229 @@
+"""Axes of a study: which key of a scene takes which values (``--over``).
+
+::
+
+    C=1pF:1nF:31        31 points, logarithmic          C=1p,2p,5p    these three
+    C=1pF:1nF:31:lin    31 points, linear               C             the study's own range
+    gain=1M,2M C=2p,1p  zipped: both change together (one ``--over``, a blank between)
+
+Several ``--over`` span a grid. A key is a dotted path (``design.opamp.gbw``), the end of one
+(``opamp.gbw``, ``gbw``), or a symbol of the paper (`SYMBOLS`).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from netlist_gen.overrides.keys import Key, Value, find_key, own_value, read_value
+from netlist_gen.scene.file import parse_scene
+from netlist_gen.scene.scene import Scene
+from spice_models.errors import Complaint, InputError
+
+MAX_POINTS = 100_000  # on one axis
+POINTS = 31  # of a range that does not say
+# One of two decides the other: to set the first, the second has to go.
+REPLACES = {
+    "design.resistance": "design.lambda",
+    "design.lambda": "design.resistance",
+    "design.opamp.second_pole": "design.opamp.phase_margin",
+    "design.opamp.phase_margin": "design.opamp.second_pole",
+}
+_NEXT_KEY = re.compile(r"\s+(?=[A-Za-z_][A-Za-z0-9_.]*=)")
+
+Scale = Literal["log", "lin", "list"]
+Point = Mapping[str, Value]
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """The values that one key takes.
+
+    Attributes
+    ----------
+    key : Key
+        Which key of the scene.
+    name : str
+        The key as it was written.
+    values : tuple
+        In base units, in the order of the study.
+    scale : str
+        How they are spaced: ``"log"``, ``"lin"``, or ``"list"`` for an explicit list.
+    default : bool
+        Whether the range was not given but chosen around the scene's own value.
+    """
+
+    key: Key
+    name: str
+    values: tuple[Value, ...]
+    scale: Scale
+    default: bool = False
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+
+def parse_axes(scene: Scene, texts: Iterable[str], *, points: int = POINTS) -> list[list[Axis]]:
+    """Read all ``--over`` options: a list of axes that span a grid, each a list of zipped axes.
+
+    Raises
+    ------
+    InputError
+        See `parse_axis`; also where zipped axes differ in length, or a key occurs twice.
+    """
+    groups = []
+    for text in texts:
+        group = [parse_axis(scene, one, points=points) for one in _NEXT_KEY.split(text.strip())]
+        if len({len(axis) for axis in group}) > 1:
+            lengths = ", ".join(f"{axis.name} has {len(axis)}" for axis in group)
+            raise _wrong(text, f"zipped keys need equally many values; {lengths}")
+        groups.append(group)
+    paths = [axis.key.path for group in groups for axis in group]
+    for path in paths:
+        if paths.count(path) > 1:
+            raise _wrong(path, "given twice; every key has one set of values")
+    return groups
+
+
+def parse_axis(
+    scene: Scene, text: str, *, points: int = POINTS, around: float | None = None
+) -> Axis:
+    """Read one axis, ``KEY=VALUES`` (see the head of this file).
+
+    Parameters
+    ----------
+    scene : Scene
+        Whose keys, types and units count; every value is tried on it.
+    text : str
+        What was written.
+    points : int
+        Of a range that does not say how many.
+    around : float, optional
+        Accept a bare ``KEY`` and take the scene's own value over this to its value times this, as
+        far as the key takes such values.
+
+    Raises
+    ------
+    InputError
+        An unknown key (the nearest one is named), a value that the key does not take, or a range
+        that is none.
+    """
+    name, equals, body = (part.strip() for part in text.partition("="))
+    key = find_key(scene, name)
+    if not equals and around is not None and key.kind == "real":
+        return _default_axis(scene, key, name, around, points)
+    if not body:
+        example = "=1pF:1nF:31 or =1pF,2pF" if key.unit == "F" else "=LOW:HIGH:POINTS or =A,B,C"
+        raise _wrong(text, f"expected values, {name}{example}")
+    values, scale = _values(key, text, body, points)
+    tried = values if scale == "list" else (values[0], values[-1])
+    for value in tried:
+        with_value(scene, key.path, value)
+    return Axis(key, name, values, scale)
+
+
+def _values(key: Key, text: str, body: str, points: int) -> tuple[tuple[Value, ...], Scale]:
+    if key.kind == "choice" or ":" not in body:
+        return tuple(read_value(key, part.strip()) for part in body.split(",")), "list"
+    parts = [part.strip() for part in body.split(":")]
+    scale: Scale = "lin" if parts[-1] == "lin" else "log"
+    if parts[-1] in ("lin", "log"):
+        parts.pop()
+    if len(parts) not in (2, 3):
+        raise _wrong(text, "expected LOW:HIGH:POINTS, and :lin behind it for linear spacing")
+    low, high = (float(read_value(key, part)) for part in parts[:2])
+    count = _count(text, parts[2]) if len(parts) == 3 else points
+    if scale == "log" and min(low, high) <= 0.0:
+        raise _wrong(text, "a logarithmic range lies above zero; append :lin for a linear one")
+    if low == high:
+        raise _wrong(text, f"both ends are {low!r}; give one value, or two different ends")
+    spaced = np.geomspace if scale == "log" else np.linspace
+    grid = spaced(low, high, count).tolist()
+    grid[0], grid[-1] = low, high
+    if key.kind == "integer":
+        return tuple(dict.fromkeys(round(value) for value in grid)), scale
+    return tuple(grid), scale
+
+
+def _count(text: str, part: str) -> int:
+    if not part.isdecimal() or not 2 <= int(part) <= MAX_POINTS:
+        raise _wrong(text, f"{part!r} points; expected a whole number from 2 to {MAX_POINTS}")
+    return int(part)
+
+
+def _default_axis(scene: Scene, key: Key, name: str, around: float, points: int) -> Axis:
+    own = own_value(scene, key)
+    if own is None or not (math.isfinite(own) and own > 0.0):
+        text = f"the scene has {own!r} there, no range follows from it; give {name}=LOW:HIGH"
+        raise _wrong(name, text)
+    values = np.geomspace(own / around, own * around, points).tolist()
+    return Axis(key, name, tuple(v for v in values if _takes(scene, key, v)), "log", default=True)
+
+
+def _takes(scene: Scene, key: Key, value: float) -> bool:
+    try:
+        with_value(scene, key.path, value)
+    except InputError:
+        return False
+    return True
+
+
+def points(groups: Sequence[Sequence[Axis]]) -> Iterator[dict[str, Value]]:
+    """Every point of the grid as ``{path: value}``; the last group changes fastest."""
+    steps = [
+        [
+            {axis.key.path: value for axis, value in zip(group, row, strict=True)}
+            for row in zip(*(axis.values for axis in group), strict=True)
+        ]
+        for group in groups
+    ]
+    for chosen in itertools.product(*steps):
+        yield {path: value for part in chosen for path, value in part.items()}
+
+
+def with_value(scene: Scene, path: str, value: Value) -> Scene:
+    """Return `scene` with another value at the dotted `path`, proved like one from a file.
+
+    Raises
+    ------
+    InputError
+        The scene does not take the value.
+    """
+    return with_values(scene, {path: value})
+
+
+def with_values(scene: Scene, changes: Point) -> Scene:
+    """Return `scene` with other values at some dotted paths, proved like one from a file.
+
+    A resistance replaces a lambda and the other way round, likewise second pole and phase margin.
+
+    Raises
+    ------
+    InputError
+        The scene does not take one of the values, or has no such key.
+    """
+    data: dict[str, Any] = scene.model_dump(by_alias=True, exclude_unset=True)
+    for path, value in changes.items():
+        if path in REPLACES and REPLACES[path] not in changes:
+            section, last = _section(data, REPLACES[path])
+            section.pop(last, None)
+        section, last = _section(data, path)
+        section[last] = value
+    return parse_scene(data, scene.file)
+
+
+def _section(data: dict[str, Any], path: str) -> tuple[dict[str, Any], str]:
+    *sections, last = path.split(".")
+    for name in sections:
+        data = data.setdefault(name, {})
+    return data, last
+
+
+def _wrong(value: str, accepted: str) -> InputError:
+    return InputError("--over", Complaint("values", repr(value), accepted))

@@ -1,0 +1,1 @@
+"""The inverse problem of a scene: matrix, strain, their files."""

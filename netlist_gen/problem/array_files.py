@@ -1,0 +1,111 @@
+"""Numbers from CSV and NumPy files beside the scene, refused with line and column."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+
+from netlist_gen.scene.scene import Scene
+from spice_models.array_types import Floats
+from spice_models.errors import Complaint, InputError
+
+
+def read_array(scene: Scene, key: str, name: str, shape: tuple[int | None, ...]) -> Floats:
+    """Read the array that `key` of `scene` names.
+
+    Parameters
+    ----------
+    shape : tuple of int or None
+        Wanted shape; None where any length will do. A vector may stand as a row or a column.
+
+    Raises
+    ------
+    InputError
+        With the file, the line and column, and what would be accepted.
+    """
+    path = scene.folder / name
+    values = _read_npy(path, key) if path.suffix == ".npy" else _read_csv(path, key)
+    if len(shape) == 1 and values.ndim == 2 and 1 in values.shape:
+        values = values.ravel()
+    if len(shape) == 2 and values.ndim == 1:
+        values = values[None, :]
+    fits = values.ndim == len(shape) and all(
+        want in (None, have) for want, have in zip(shape, values.shape, strict=True)
+    )
+    if not fits or values.size == 0:
+        wanted = " x ".join("any" if n is None else str(n) for n in shape)
+        found = " x ".join(str(n) for n in values.shape)
+        raise InputError(path, Complaint(key, repr(name), f"shape {found}; expected {wanted}"))
+    bad = np.argwhere(~np.isfinite(values))
+    if bad.size:
+        place = ", ".join(str(i + 1) for i in bad[0])
+        raise InputError(path, Complaint(key, repr(name), f"entry ({place}) is not finite"))
+    return values
+
+
+def read_profile(scene: Scene, key: str, name: str) -> tuple[Floats, Floats]:
+    """Read a stress profile: two columns, y (increasing) and stress.
+
+    Raises
+    ------
+    InputError
+        As `read_array`; also where y does not increase.
+    """
+    table = read_array(scene, key, name, (None, 2))
+    if np.any(np.diff(table[:, 0]) <= 0):
+        line = int(np.argmax(np.diff(table[:, 0]) <= 0)) + 2
+        complaint = Complaint(key, repr(name), f"row {line}: y must increase from row to row")
+        raise InputError(scene.folder / name, complaint)
+    return table[:, 0], table[:, 1]
+
+
+def _read_npy(path: Path, key: str) -> Floats:
+    accepted = "a .npy file of real numbers"
+    try:
+        values = np.load(path, allow_pickle=False)
+    except (OSError, ValueError, EOFError) as error:
+        text = f"{_reason(error)}; expected {accepted}"
+        raise InputError(path, Complaint(key, repr(path.name), text)) from None
+    if not isinstance(values, np.ndarray) or values.dtype.kind not in "iuf":
+        raise InputError(path, Complaint(key, repr(path.name), f"expected {accepted}"))
+    return values.astype(np.float64)
+
+
+def _read_csv(path: Path, key: str) -> Floats:
+    """Read numbers separated by commas; empty lines and lines that start with # are skipped."""
+    rows: list[list[float]] = []
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            for number, cells in enumerate(csv.reader(file), start=1):
+                if not cells or not "".join(cells).strip() or cells[0].lstrip().startswith("#"):
+                    continue
+                rows.append(_numbers(cells, path, key, number))
+                if len(rows[-1]) != len(rows[0]):
+                    text = f"line {number} has {len(rows[-1])} values, the first {len(rows[0])}"
+                    raise InputError(path, Complaint(key, repr(path.name), text))
+    except (OSError, ValueError, csv.Error) as error:  # ValueError: no text, or no file name
+        text = f"{_reason(error)}; expected numbers separated by commas"
+        raise InputError(path, Complaint(key, repr(path.name), text)) from None
+    return np.array(rows, dtype=np.float64).reshape(len(rows), len(rows[0]) if rows else 0)
+
+
+def _reason(error: Exception) -> str:
+    return (error.strerror if isinstance(error, OSError) else None) or str(error)
+
+
+def _numbers(cells: list[str], path: Path, key: str, line: int) -> list[float]:
+    numbers = []
+    for column, cell in enumerate(cells, start=1):
+        try:
+            number = math.nan if "_" in cell else float(cell)  # Python reads 1_5 as 15
+        except ValueError:
+            number = math.nan
+        if not math.isfinite(number):
+            what = f"{cell.strip()!r} is not a finite number" if cell.strip() else "a hole"
+            text = f"line {line}, column {column}: {what}; expected a number such as 1.5e-3"
+            raise InputError(path, Complaint(key, repr(path.name), text))
+        numbers.append(number)
+    return numbers

@@ -1,0 +1,1 @@
+"""What is asked for: the scene file as frozen, checked values."""

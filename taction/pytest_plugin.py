@@ -1,0 +1,132 @@
+"""pytest plugin: the fixture `taction_scene`, and ``*.scene.toml`` files as tests.
+
+pytest loads it wherever taction is installed, so nothing of taction is imported before a scene is
+verified.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import pytest
+
+if TYPE_CHECKING:
+    from verification.studies.regression.baseline import Entry
+    from verification.studies.regression.run import SceneResult
+    from verification.verify import Verdict
+
+SUFFIX = ".scene.toml"
+TactionScene: TypeAlias = "Callable[..., Verdict]"
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the option that compares collected scenes with a baseline."""
+    parser.getgroup("taction").addoption(
+        "--taction-baseline",
+        metavar="FILE",
+        help=f"compare collected *{SUFFIX} files with this baseline of `taction regress`",
+    )
+
+
+def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Collector | None:
+    """Collect ``*.scene.toml`` files."""
+    if not file_path.name.endswith(SUFFIX):
+        return None
+    collector: pytest.Collector = SceneFile.from_parent(parent, path=file_path)
+    return collector
+
+
+class SceneFile(pytest.File):
+    """A scene file: one test."""
+
+    def collect(self) -> Iterator[pytest.Item]:
+        """Yield the test, named after what it does.
+
+        Raises
+        ------
+        pytest.Collector.CollectError
+            The baseline cannot be read.
+        """
+        file = self.config.getoption("--taction-baseline")
+        if file is None:
+            yield SceneItem.from_parent(self, name="verify", baseline={})
+            return
+        from spice_models.errors import InputError
+        from verification.studies.regression.baseline import load_baseline
+
+        try:
+            baseline = load_baseline(self.config.invocation_params.dir / file)
+        except InputError as error:
+            raise self.CollectError(str(error)) from None
+        yield SceneItem.from_parent(self, name="regress", baseline=baseline)
+
+
+class SceneItem(pytest.Item):
+    """A scene verified, and compared with its entry of a baseline where there is one."""
+
+    def __init__(self, *, baseline: Mapping[str, Entry], **rest: Any) -> None:
+        super().__init__(**rest)
+        self._then = baseline.get(self.path.name)
+
+    def runtest(self) -> None:
+        """Verify the scene; anything but a pass fails.
+
+        Raises
+        ------
+        SceneFailed
+            A check failed, nothing could be decided, or a result is not what the baseline holds.
+        """
+        from verification.studies.regression.baseline import git_revision
+        from verification.studies.regression.run import Status, judge_scene
+
+        result = judge_scene(self.path, self._then, git_revision(self.path.parent))
+        if result.fails or result.status in (Status.NO_VERDICT, Status.BAD_INPUT):
+            raise SceneFailed(result)
+
+    def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
+        """Tell what failed, without a traceback of taction."""
+        if isinstance(excinfo.value, SceneFailed):
+            return str(excinfo.value)
+        return super().repr_failure(excinfo, style)
+
+    def reportinfo(self) -> tuple[Path, None, str]:
+        """Say where the test is."""
+        return self.path, None, f"{self.path.name}: {self.name}"
+
+
+class SceneFailed(Exception):  # noqa: N818 - a failed test, not an error of taction
+    """A scene that did not pass; its text is what pytest shows."""
+
+    def __init__(self, result: SceneResult) -> None:
+        from verification.report.regression.text import change_line, remarks
+
+        lines = [*remarks(result), *map(change_line, result.changes)]
+        how = result.status.value if result.baseline or not result.checks else "fail"
+        super().__init__("\n  ".join([f"{result.file}: {how}", *lines]))
+
+
+@pytest.fixture
+def taction_scene(request: pytest.FixtureRequest) -> TactionScene:
+    """Return the function ``taction_scene(path, engine=None) -> Verdict``, which verifies a scene.
+
+    `path` counts from the test's own folder. A scene is verified once a session, however many
+    tests ask for it.
+    """
+    folder, done = request.path.parent, request.config.stash.setdefault(VERDICTS, {})
+
+    def run(path: str | Path, engine: str | None = None) -> Verdict:
+        from verification.ideal.lambda_rule import read_scene
+        from verification.verify import verify
+
+        file = (folder / path).resolve()
+        key = (file, file.stat().st_mtime_ns if file.exists() else 0, engine)
+        if key not in done:
+            done[key] = verify(read_scene(str(file), engine))
+        return done[key]
+
+    return run
+
+
+VERDICTS: pytest.StashKey[dict[tuple[Path, int, str | None], Verdict]] = pytest.StashKey()

@@ -1,0 +1,275 @@
+"""The command line: exit statuses, JSON on stdout and everything else on stderr."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cli import common
+from cli.main import COMMANDS
+from tests.support.making import write_matrix_scene
+from tests.support.paths import SCENES
+from tests.support.running import document, taction
+
+TUNED = str(SCENES / "tuned-breadboard.toml")
+PAPER = SCENES / "paper-breadboard.toml"
+FAST = ("--engine", "statespace")
+
+
+def changed(folder: Path, old: str, new: str) -> str:
+    text = PAPER.read_text(encoding="utf-8")
+    assert old in text
+    path = folder / "changed.toml"
+    path.write_text(text.replace(old, new, 1), encoding="utf-8")
+    return str(path)
+
+
+@pytest.mark.usefixtures("ngspice")
+def test_verify_json_has_the_promised_keys() -> None:
+    result = taction("verify", TUNED, "--json")
+    assert result.exit_code == 0
+    assert result.stderr == ""
+    found = document(result)
+    promised = {
+        *("outcome", "checks", "channels", "settling_time", "stability", "error_budget"),
+        *("lambda", "engine", "simulator", "timing"),
+    }
+    assert promised <= set(found)
+    assert (found["outcome"], found["engine"]) == ("pass", "ngspice")
+    for check in found["checks"]:
+        assert {"name", "outcome", "value", "expected", "tolerance", "unit", "reason"} <= set(check)
+    for number, channel in enumerate(found["channels"], 1):
+        assert channel["index"] == number
+        wanted = {"reference", "final", "rise_time", "settling_time", "overshoot", "state"}
+        assert wanted <= set(channel)
+    assert {"stable", "rightmost_pole", "damping_ratio"} <= set(found["stability"])
+    real, imaginary = found["stability"]["rightmost_pole"]
+    assert real < 0 <= imaginary
+    assert found["lambda"] == pytest.approx(1 / (14.4e6 * 2.3e6 * 1.16e-6**2), rel=1e-12)
+    assert found["settling_time"] == pytest.approx(131.6e-6, rel=1e-2)  # s, not µs
+
+
+def test_verify_for_people() -> None:
+    result = taction("verify", TUNED, *FAST)
+    assert result.exit_code == 0
+    for part in ("tuned-breadboard", "settling time", "PASS", "±1 %", "ill posedness"):
+        assert part in result.stdout
+    assert result.stderr == ""
+
+
+def test_a_failed_check_ends_with_1(tmp_path: Path) -> None:
+    scene = changed(tmp_path, 'capacitance = "10pF"', 'capacitance = "5pF"')
+    result = taction("verify", scene, *FAST, "--json")
+    assert result.exit_code == 1
+    found = document(result)
+    assert found["outcome"] == "fail"
+    assert found["settling_time"] is None
+    assert {channel["state"] for channel in found["channels"]} == {"oscillating"}
+    people = taction("verify", scene, *FAST)
+    assert people.exit_code == 1
+    assert "oscillates at 37.9 kHz" in " ".join(people.stdout.split())
+
+
+def test_an_untrusted_reference_ends_with_3(monkeypatch: pytest.MonkeyPatch) -> None:
+    from dataclasses import replace
+
+    from verification import verify as module
+
+    original = module.ideal_answer
+    monkeypatch.setattr(
+        module, "ideal_answer", lambda *args: replace(original(*args), problem="gap above bound")
+    )
+    result = taction("verify", TUNED, *FAST, "--json")
+    assert result.exit_code == 3
+    assert document(result)["outcome"] == "inconclusive"
+
+
+def test_a_missing_ngspice_ends_with_3_and_a_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TACTION_NGSPICE", "/nowhere/ngspice")
+    result = taction("verify", TUNED, "--engine", "ngspice", "--json")
+    assert result.exit_code == 3
+    found = document(result)
+    assert (found["outcome"], found["error"]["kind"]) == ("inconclusive", "SimulatorNotFound")
+    assert "/nowhere/ngspice" in result.stderr
+    assert "TACTION_NGSPICE" in result.stderr
+    auto = taction("verify", TUNED, "--json")
+    assert auto.exit_code == 0
+    assert document(auto)["engine"] == "statespace"
+    doctor = taction("doctor", "--json")
+    assert doctor.exit_code == 3
+    assert document(doctor)["ok"] is False
+
+
+@pytest.mark.usefixtures("ngspice")
+def test_a_timeout_ends_with_3(tmp_path: Path) -> None:
+    scene = changed(tmp_path, "[checks]", '[analysis]\ntimeout = "10ms"\n\n[checks]')
+    result = taction("verify", scene, "--engine", "ngspice", "--json")
+    assert result.exit_code == 3
+    assert document(result)["error"]["kind"] == "TimedOut"
+    assert "Allow more time" in result.stderr
+
+
+def test_a_bug_is_not_taken_for_a_failed_check(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*args: object) -> None:
+        raise RuntimeError("boom")
+
+    def greedy(*args: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr("verification.ideal.lambda_rule.load_scene", broken)
+    result = taction("verify", TUNED)
+    assert result.exit_code == 3
+    assert "boom" in result.stderr
+    assert "this is a bug" in result.stderr
+    monkeypatch.setattr("verification.ideal.lambda_rule.load_scene", greedy)
+    result = taction("verify", TUNED, "--json")
+    assert result.exit_code == 3
+    assert "out of memory" in document(result)["error"]["message"]
+
+
+def test_a_picture(tmp_path: Path) -> None:
+    file = tmp_path / "board.svg"
+    result = taction("verify", TUNED, *FAST, "--plot", str(file), "--json")
+    assert result.exit_code == 0
+    assert document(result)["outcome"] == "pass"
+    assert f"drew {file}" in result.stderr
+    assert file.read_bytes().startswith(b"<?xml")
+
+
+@pytest.mark.parametrize("file", ["board.gif", "board", "nowhere/board.png"])
+def test_a_picture_that_cannot_be_drawn_is_refused_before_any_work(file: str) -> None:
+    result = taction("verify", TUNED, "--plot", file)
+    assert result.exit_code == 2
+    assert "--plot" in result.stderr
+    assert result.stdout == ""
+
+
+def test_solve_json_has_the_promised_keys() -> None:
+    result = taction("solve", TUNED, "--json")
+    assert result.exit_code == 0
+    found = document(result)
+    assert {"u", "lambda", "objective", "certificate", "iterations"} <= set(found)
+    assert {"kind", "value"} <= set(found["certificate"])
+    assert found["certificate"]["value"] <= found["certificate"]["bound"]
+    assert len(found["u"]) == 7
+    assert "lambda = " in taction("solve", TUNED).stdout
+
+
+def test_solve_answers_by_hand(tmp_path: Path) -> None:
+    """T = diag(1, 2), lambda = 1: u = T eps / (T² + 1)."""
+    scene = write_matrix_scene(
+        tmp_path, [[1.0, 0.0], [0.0, 2.0]], [1.0, -1.0], "[design]\nlambda = 1.0"
+    )
+    assert document(taction("solve", str(scene), "--json"))["u"] == pytest.approx([0.5, -0.4])
+
+
+def test_netlist_prints_the_deck_and_explains_on_stderr() -> None:
+    result = taction("netlist", TUNED, "--explain")
+    assert result.exit_code == 0
+    assert result.stdout.startswith(".title taction board\n* scene tuned-breadboard: 7 channels")
+    assert result.stdout.endswith(".end\n")
+    assert "left out" in result.stderr
+    assert "antilog stages and bias current" in result.stderr
+    assert taction("netlist", TUNED).stdout == result.stdout
+    found = document(taction("netlist", TUNED, "--json"))
+    assert found["deck"] == result.stdout
+    assert {"what", "why"} == set(found["omissions"][0])
+
+
+def test_netlist_in_two_files(tmp_path: Path, ngspice: str) -> None:
+    """As a user would run them: with ngspice itself, in another folder."""
+    deck = tmp_path / "Board.cir"
+    result = taction("netlist", TUNED, "-o", str(deck), "--split", "--json")
+    assert result.exit_code == 0
+    assert document(result)["files"] == [str(deck), str(tmp_path / "Board_matrix.inc")]
+    assert ".include Board_matrix.inc" in deck.read_text()
+    run = subprocess.run(
+        [ngspice, "-b", "-r", "out.raw", deck.name],
+        cwd=tmp_path, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=60,
+        check=False,
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr
+    assert b"v(v_7)" in (tmp_path / "out.raw").read_bytes()[:2000]
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--split"], "give -o FILE"),
+        (["--split", "-o", "my board.cir"], "letters, digits"),
+        (["-o", "nowhere/board.cir"], "a file that can be written"),
+    ],
+)
+def test_netlist_refuses(options: list[str], says: str) -> None:
+    result = taction("netlist", TUNED, *options)
+    assert result.exit_code == 2
+    assert says in result.stderr
+
+
+def test_simulate_writes_what_it_measured(tmp_path: Path) -> None:
+    file = tmp_path / "waves.csv"
+    result = taction("simulate", TUNED, *FAST, "-o", str(file), "--json")
+    assert result.exit_code == 0
+    found = document(result)
+    header, *_ = file.read_text().splitlines()
+    assert header == "time," + ",".join(f"u_{n}" for n in range(1, 8))
+    table = np.loadtxt(file, delimiter=",", skiprows=1)
+    assert len(table) == found["points"]
+    assert table[-1, 0] == found["stop"]
+    assert table[-1, 1:] == pytest.approx([c["final"] for c in found["channels"]], rel=1e-12)
+    raw = taction("simulate", TUNED, *FAST, "-o", str(tmp_path / "waves.raw"))
+    assert raw.exit_code == 0
+    assert b"Plotname: Transient Analysis" in (tmp_path / "waves.raw").read_bytes()[:400]
+    assert taction("simulate", TUNED, "-o", "waves.txt").exit_code == 2
+
+
+def test_every_command_takes_json_and_help() -> None:
+    for name in COMMANDS:
+        result = taction(name, "--help")
+        assert result.exit_code == 0
+        assert "--json" in result.stdout, name
+    listed = taction("--help").stdout
+    assert all(name in listed for name in COMMANDS)
+
+
+def test_an_unknown_command_names_the_nearest() -> None:
+    result = taction("verfy")
+    assert result.exit_code == 2
+    assert "Did you mean 'verify'?" in result.stderr
+
+
+def test_help_loads_no_numpy() -> None:
+    code = (
+        "import sys; from cli.main import main\n"
+        "try: main(['--help'])\n"
+        "except SystemExit: pass\n"
+        "heavy = {'numpy', 'scipy', 'pydantic', 'PySpice', 'rich', 'matplotlib'}\n"
+        "heavy &= set(sys.modules)\n"
+        "sys.exit(repr(heavy) if heavy else 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_as_a_process(tmp_path: Path) -> None:
+    """Exit status and streams of the real program, with a scene that does not exist."""
+    code = "from cli.main import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", code, "verify", "missing.toml", "--json"],
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+        env={**os.environ, "PYTHONPATH": str(SCENES.parent)},
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert json.loads(done.stdout)["error"]["file"] == "missing.toml"
+    assert done.stderr.startswith("taction: missing.toml: file: No such file")
+
+
+def test_plain_values() -> None:
+    given = {"a": np.float64(1.5), "b": np.array([1.0, np.inf]), "c": 1 + 2j, 4: (True, None)}
+    assert common.plain(given) == {"a": 1.5, "b": [1.0, None], "c": [1.0, 2.0], "4": [True, None]}

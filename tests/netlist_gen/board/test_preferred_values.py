@@ -1,0 +1,56 @@
+"""Preferred values of IEC 60063."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from netlist_gen.board.preferred_values import mantissas, nearest
+
+# Every eighth value of E96 and every sixteenth of E192, as the standard's tables print them.
+E96 = [1.00, 1.21, 1.47, 1.78, 2.15, 2.61, 3.16, 3.83, 4.64, 5.62, 6.81, 8.25]
+E192_LAST = [8.56, 8.66, 8.76, 8.87, 8.98, 9.09, 9.20, 9.31, 9.42, 9.53, 9.65, 9.76, 9.88]
+
+
+@pytest.mark.parametrize(("series", "count"), [("E24", 24), ("E96", 96), ("E192", 192)])
+def test_a_decade(series: str, count: int) -> None:
+    values = mantissas(series)
+    assert len(values) == count
+    assert np.all(np.diff(values) > 0)
+    assert (values[0], values[-1]) == (1.0, {"E24": 9.1, "E96": 9.76, "E192": 9.88}[series])
+
+
+def test_values_of_the_standard() -> None:
+    assert mantissas("E96")[::8].tolist() == E96
+    assert mantissas("E192")[-13:].tolist() == E192_LAST
+    assert mantissas("E192")[::2].tolist() == mantissas("E96").tolist()
+    for value in (2.7, 3.0, 3.3, 3.6, 3.9, 4.3, 4.7, 8.2):  # not where 10^(k/24) would round to
+        assert value in mantissas("E24")
+
+
+@pytest.mark.parametrize("decade", range(-3, 10))
+def test_a_preferred_value_is_itself_in_every_decade(decade: int) -> None:
+    for series in ("E24", "E96", "E192"):
+        ohms = np.array([float(f"{m}e{decade}") for m in mantissas(series).tolist()])
+        assert np.array_equal(nearest(ohms, series), ohms)
+
+
+@given(st.floats(1e-3, 1e9), st.sampled_from(["E24", "E96", "E192"]))
+def test_no_other_preferred_value_is_nearer_by_ratio(ohms: float, series: str) -> None:
+    found = float(nearest(np.array([ohms]), series)[0])
+    every = np.outer(10.0 ** np.arange(-4, 11), mantissas(series)).ravel()
+    best = float(np.min(np.abs(np.log(every / ohms))))
+    assert abs(np.log(found / ohms)) <= best + 1e-12
+
+
+def test_the_middle_is_geometric_and_the_decade_wraps() -> None:
+    assert nearest(np.array([9.53, 9.54, 0.954]), "E24").tolist() == [9.1, 10.0, 1.0]
+    assert nearest(np.array([4.69e3, 99.3e3]), "E96").tolist() == [4.64e3, 100e3]
+
+
+def test_no_resistor_stays_no_resistor_and_exact_changes_nothing() -> None:
+    ohms = np.array([[np.inf, 1234.5], [1e-3, np.inf]])
+    assert nearest(ohms, "E24").tolist() == [[np.inf, 1200.0], [1e-3, np.inf]]
+    assert nearest(ohms, "exact") is ohms

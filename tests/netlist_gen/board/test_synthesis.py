@@ -1,0 +1,217 @@
+"""The board: its parts, its signs, and its equilibrium against the reference solution.
+
+The equilibrium comes from the state-space equations, which see only the circuit; the solution
+from the reference solver, which sees only T, eps and lambda.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.typing import ArrayLike, NDArray
+
+from netlist_gen.board.circuit import Circuit
+from netlist_gen.board.scalings import make_scalings
+from netlist_gen.board.synthesis import realised_matrix, synthesise
+from netlist_gen.scene.scene import Scene
+from spice_models.errors import InputError
+from tests.support.making import NEAR_IDEAL, make_scene, matrix_problem
+from verification.engines.statespace.linearised.equilibrium import equilibrium
+from verification.ideal.ideal_answer import ideal_network
+from verification.reference import solve
+
+T = [[1.0, -0.5, 0.0], [0.25, 2.0, 0.0]]  # column 3 is empty, row 2 has no negative entry
+DESIGN: dict[str, Any] = {
+    "gain": "100kohm",
+    "unit_conductance": "10uS",
+    "lambda": 0.1,
+    "opamp": NEAR_IDEAL,
+    "stray_capacitance": 0,
+}
+
+
+def design(**changes: Any) -> Scene:
+    return make_scene(design={**DESIGN, **changes})
+
+
+def build(scene: Scene, T: ArrayLike, eps: ArrayLike) -> Circuit:
+    return synthesise(scene, matrix_problem(T, eps))
+
+
+def board_outputs(circuit: Circuit) -> NDArray[np.float64]:
+    rest = equilibrium(circuit)
+    return np.array([output.sign * rest[output.node] for output in circuit.outputs])
+
+
+def tikhonov(T: ArrayLike, eps: ArrayLike, lam: float) -> NDArray[np.float64]:
+    T = np.array(T, float)
+    stacked = np.vstack([T, np.sqrt(lam) * np.eye(T.shape[1])])
+    load = np.append(np.array(eps, float), np.zeros(T.shape[1]))
+    return np.asarray(np.linalg.lstsq(stacked, load, rcond=None)[0])
+
+
+def names(parts: Sequence[Any], prefix: str) -> set[str]:
+    return {part.name for part in parts if part.name.startswith(prefix)}
+
+
+def test_only_what_the_signs_need_is_placed() -> None:
+    circuit = build(design(), T, [1.0, 0.0])
+    assert {cell.name for cell in circuit.opamps} == {
+        *("v_1", "v_2", "v_3"),  # signal nodes
+        *("a_1", "a_2"),  # inverters of u: columns with a positive entry
+        *("c_1", "c_2"),  # constraint nodes
+        "z_1",  # inverter of w: rows with a negative entry
+    }
+    assert [source.name for source in circuit.currents] == ["eps_1"]  # the other strain is zero
+    assert circuit.currents[0].amps == pytest.approx(1e-5)
+    assert circuit.voltages == ()
+    assert circuit.amplifiers == ()
+    forward, backward = circuit.matrices
+    assert [(k, n, a, b) for k, n, a, b, _ in forward.elements()] == [
+        (0, 0, "a_1", "c_1"),
+        (0, 1, "v_2", "c_1"),
+        (1, 0, "a_1", "c_2"),
+        (1, 1, "a_2", "c_2"),
+    ]
+    assert [(k, n, a, b) for k, n, a, b, _ in backward.elements()] == [
+        (0, 0, "w_1", "x_1"),
+        (0, 1, "z_1", "x_2"),
+        (1, 0, "w_2", "x_1"),
+        (1, 1, "w_2", "x_2"),
+    ]
+    assert forward.ohms[0].tolist() == pytest.approx([1e5, 2e5, np.inf])
+    assert realised_matrix(circuit) == pytest.approx(np.array(T), rel=1e-15)
+    assert [part.name for part in circuit.capacitors] == ["c_1", "c_2", "c_3"]
+
+
+def test_an_exponential_board_has_its_stages_and_its_bias() -> None:
+    circuit = build(design(amplifier="exponential", exponential_slope="0.2V"), T, [1.0, 1.0])
+    assert [stage.name for stage in circuit.amplifiers] == ["a_1", "a_2", "a_3"]
+    assert names(circuit.opamps, "u_") == {"u_2"}  # +u is needed where an entry is negative
+    assert [(s.node, s.volts) for s in circuit.voltages] == [("bias", 0.2)]
+    assert names(circuit.resistors, "bias_") == {"bias_1", "bias_2", "bias_3"}
+    assert [(o.node, o.sign) for o in circuit.outputs] == [
+        ("a_1", -1.0),
+        ("a_2", -1.0),
+        ("a_3", -1.0),
+    ]
+    unbiased = build(design(amplifier="exponential", bias=False), T, [1.0, 1.0])
+    assert (unbiased.voltages, names(unbiased.resistors, "bias_")) == ((), set())
+
+
+def test_a_row_of_zeros_has_no_constraint_node() -> None:
+    circuit = build(design(), [[1.0], [0.0], [2.0]], [1.0, 5.0, 1.0])
+    assert names(circuit.opamps, "c_") == {"c_1", "c_3"}
+    assert board_outputs(circuit) == pytest.approx(tikhonov([[1.0], [2.0]], [1.0, 1.0], 0.1))
+
+
+def test_stray_capacitance_stands_at_every_summing_node() -> None:
+    circuit = build(design(stray_capacitance="2pF"), T, [1.0, 1.0])
+    summing = {cell.inverting for cell in circuit.opamps}
+    stray = {part.a: part.farads for part in circuit.capacitors if part.name.startswith("stray_")}
+    assert stray == dict.fromkeys(summing, 2e-12)
+
+
+def test_every_name_can_stand_in_a_deck_and_stands_once() -> None:
+    scene = design(amplifier="exponential", stray_capacitance="1pF")
+    circuit = build(scene, T, [1.0, 1.0])
+    for kind in ("opamps", "resistors", "capacitors", "currents", "voltages", "amplifiers"):
+        found = [part.name for part in getattr(circuit, kind)]
+        assert len({name.lower() for name in found}) == len(found)
+
+
+def test_lambda_and_resistance_say_the_same() -> None:
+    by_lam = build(design(**{"lambda": 0.1}), T, [1.0, 1.0])
+    assert by_lam.scalings.resistance == pytest.approx(1 / (0.1 * 1e5 * 1e-10), rel=1e-15)
+    by_R = build(
+        design(**{"lambda": None, "resistance": by_lam.scalings.resistance}), T, [1.0, 1.0]
+    )
+    assert by_R.scalings.lam == pytest.approx(0.1, rel=1e-15)
+    exponential = build(
+        design(amplifier="exponential", exponential_slope=0.2, unit_voltage=4.0), T, [1.0, 1.0]
+    )
+    assert exponential.scalings.resistance == pytest.approx(2 * 0.2 / (0.1 * 1e5 * 1e-10 * 4.0))
+
+
+def test_the_matrix_and_all_other_resistors_come_from_the_series() -> None:
+    circuit = build(design(resistor_series="E24"), [[0.77, -1.4]], [1.0])
+    assert circuit.matrices[0].ohms.tolist() == [[130e3, 75e3]]  # of 129.9k and 71.43k
+    assert {part.ohms for part in circuit.resistors} == {1e6, 1e5, 1e4}
+    realised = realised_matrix(circuit)
+    assert realised[0, 0] == pytest.approx(1 / 1.3)
+    assert realised[0, 1] < 0
+
+
+@pytest.mark.parametrize("topology", ["integrator", "passive"])
+def test_a_linear_board_rests_at_the_tikhonov_solution(topology: str) -> None:
+    A, eps = [[0.3, -0.2, 0.0], [0.1, 0.4, 0.25], [0.0, 0.2, -0.3]], [1.0, -0.5, 0.25]
+    scene = design(topology=topology, gain="1Mohm", unit_voltage=2.0)
+    found = board_outputs(build(scene, A, eps)) / 2.0
+    assert found == pytest.approx(tikhonov(A, eps, 0.1), rel=1e-7)
+
+
+def test_a_passive_node_is_raised_by_what_the_matrix_loads_it_with() -> None:
+    scene = design(topology="passive", gain="1Mohm")
+    circuit = build(scene, [[0.3, -0.2], [0.1, 0.4]], [1.0, 1.0])
+    R = circuit.scalings.resistance
+    ohms = {part.name: part.ohms for part in circuit.resistors}
+    assert 1 / ohms["r_1"] == pytest.approx(1 / R - 0.4 * 1e-5, rel=1e-12)
+    assert 1 / ohms["r_2"] == pytest.approx(1 / R - 0.6 * 1e-5, rel=1e-12)
+
+
+def test_a_passive_board_that_cannot_be_is_refused_with_its_numbers() -> None:
+    with pytest.raises(InputError, match="loads channel 1") as caught:
+        build(design(topology="passive"), T, [1.0, 1.0])
+    message = str(caught.value)
+    assert "1.25e-05 S" in message  # (|T_11| + |T_21|) G0
+    assert "below 80000 ohm" in message
+    assert "1e+06 ohm" in message  # what lambda asks for
+    with pytest.raises(InputError, match="set bias = false"):
+        build(design(topology="passive", amplifier="exponential", gain=1e8), [[1e-3]], [1.0])
+
+
+@pytest.mark.parametrize(
+    ("topology", "bias"), [("integrator", True), ("integrator", False), ("passive", False)]
+)
+def test_an_exponential_board_rests_at_the_maximum_entropy_solution(
+    topology: str, bias: bool
+) -> None:
+    A, eps = [[0.3, -0.2, 0.1], [0.1, 0.4, 0.25]], [1.0, 0.5]
+    scene = design(
+        amplifier="exponential", topology=topology, bias=bias, gain="1Mohm",
+        exponential_slope=0.5, unit_voltage=2.0,
+    )  # fmt: skip
+    u = board_outputs(build(scene, A, eps)) / 2.0
+    # Stationary: 2 T^T (T u - eps) + lam (log u + bias) = 0; no solver takes part.
+    gradient = 2 * np.array(A).T @ (np.array(A) @ u - eps) + 0.1 * (np.log(u) + bias)
+    assert gradient == pytest.approx([0.0, 0.0, 0.0], abs=1e-8)
+
+
+@settings(max_examples=40)
+@given(
+    arrays(
+        float, st.tuples(st.integers(1, 5), st.integers(1, 5)), elements=st.floats(-2, 2, width=16)
+    ),
+    st.integers(0, 2**32 - 1),
+    st.sampled_from(["linear", "exponential"]),
+    st.sampled_from([1e-3, 1.0, 30.0]),
+    st.sampled_from([1e-9, 1e-5, 1e-3]),
+)
+def test_any_near_ideal_board_rests_where_the_reference_says(
+    A: NDArray[np.float64], seed: int, amplifier: str, lam: float, G0: float
+) -> None:
+    A = np.where(np.abs(A) < 1e-2, 0.0, A)
+    assume(A.any())
+    eps = np.random.default_rng(seed).standard_normal(A.shape[0])
+    changes = {"lambda": lam, "unit_conductance": G0, "gain": 1 / G0, "inverter_resistance": 1 / G0}
+    scene = design(amplifier=amplifier, **changes)
+    problem = matrix_problem(A, eps)
+    solution = solve(ideal_network(problem, make_scalings(scene), scene).problem)
+    found = board_outputs(synthesise(scene, problem))
+    assert np.max(np.abs(found - solution.u)) <= 1e-7 * max(1.0, np.max(np.abs(solution.u)))

@@ -1,0 +1,165 @@
+"""Boards with varied parts: factors in closed form, draws, and the same board in two engines."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from netlist_gen.board.circuit import Circuit
+from netlist_gen.board.synthesis import synthesise
+from netlist_gen.board.variation import draw, parameters, vary
+from netlist_gen.problem.inverse_problem import make_problem
+from netlist_gen.scene.scene import Scene
+from netlist_gen.scene.tolerances import Tolerances
+from spice_models.array_types import Floats
+from spice_models.errors import InputError
+from tests.support.making import NEAR_IDEAL, make_scene
+from verification.verify import verify
+
+REAL = {"base": "ideal", "dc_gain": 1e5, "gbw": "5MHz", "second_pole": "15MHz"}
+DESIGN = {"capacitance": "100pF", "gain": "100kohm", "stray_capacitance": "2pF", "opamp": REAL}
+
+
+def scene(design: dict[str, Any] | None = None, **tables: Any) -> Scene:
+    return make_scene({"channels": 2, "span": 1.2}, design=DESIGN | (design or {}), **tables)
+
+
+def board(design: dict[str, Any] | None = None) -> Circuit:
+    asked = scene(design)
+    return synthesise(asked, make_problem(asked))
+
+
+def values(circuit: Circuit) -> dict[str, float]:
+    """Every value of a board by the name of its parameter."""
+    found = {f"R{r.name}": r.ohms for r in circuit.resistors}
+    found |= {f"C{c.name}": c.farads for c in circuit.capacitors}
+    for matrix in circuit.matrices:
+        for k, n, _, _, ohms in matrix.elements():
+            found[f"{matrix.name}_{k + 1}_{n + 1}"] = ohms
+    for cell in circuit.opamps:
+        model = circuit.models[cell.model]
+        found |= {f"{cell.name}.gbw": model.gbw, f"{cell.name}.dc_gain": model.dc_gain}
+    return found
+
+
+def random_z(count: int, seed: int = 3) -> Floats:
+    return np.random.default_rng(seed).uniform(-1.0, 1.0, count)
+
+
+def test_every_part_has_its_own_factor() -> None:
+    nominal, tolerances = board(), Tolerances(stray=0.5, opamp_gain=3.0)
+    varied = parameters(nominal, tolerances)
+    z = random_z(len(varied))
+    before, after = values(nominal), values(vary(nominal, tolerances, z))
+    assert {p.name for p in varied} == set(before)
+    for parameter, deviation in zip(varied, z.tolist(), strict=True):
+        factor = math.exp(deviation * math.log(1.0 + getattr(tolerances, parameter.kind)))
+        assert after[parameter.name] == pytest.approx(before[parameter.name] * factor, rel=1e-14)
+
+
+def test_the_ends_of_a_tolerance() -> None:
+    nominal, tolerances = board(), Tolerances()
+    count = len(parameters(nominal, tolerances))
+    before = values(nominal)
+    for end in (1.0, -1.0):
+        after = values(vary(nominal, tolerances, np.full(count, end)))
+        assert after["Rf_1_2"] == pytest.approx(before["Rf_1_2"] * 1.01**end, rel=1e-14)
+        assert after["Cc_1"] == pytest.approx(before["Cc_1"] * 1.05**end, rel=1e-14)
+        assert after["v_1.gbw"] == pytest.approx(5e6 * 1.3**end, rel=1e-14)
+        assert after["v_1.dc_gain"] == pytest.approx(1e5 * 1.5**end, rel=1e-14)
+
+
+def test_no_deviation_changes_nothing() -> None:
+    nominal, tolerances = board(), Tolerances(temperature=50.0)
+    same = vary(nominal, tolerances, np.zeros(len(parameters(nominal, tolerances))))
+    assert values(same) == values(nominal)
+
+
+@given(st.floats(0.0, 1e3), st.floats(-10.0, 10.0))
+def test_resistors_and_capacitors_stay_positive(tolerance: float, z: float) -> None:
+    nominal = board()
+    tolerances = Tolerances(
+        resistor=tolerance, capacitor=tolerance, stray=tolerance, opamp_gain=0.0
+    )
+    after = values(vary(nominal, tolerances, np.full(len(parameters(nominal, tolerances)), z)))
+    assert min(after.values()) > 0.0
+
+
+def test_an_op_amp_without_gain_is_refused_by_name() -> None:
+    nominal, tolerances = board({"opamp": {"base": "ideal", "dc_gain": 1.5}}), Tolerances()
+    count = len(parameters(nominal, tolerances))
+    with pytest.raises(InputError, match=r"op-amp v_1: dc_gain = 1\.0: finite and above 1"):
+        vary(nominal, tolerances, np.full(count, -1.0))
+
+
+def test_both_poles_move_together_and_not_with_the_gain() -> None:
+    nominal = board()
+    tolerances = Tolerances(resistor=0.0, capacitor=0.0, stray=0.0)
+    assert {p.kind for p in parameters(nominal, tolerances)} == {"opamp_gbw", "opamp_gain"}
+    count = len(parameters(nominal, tolerances))
+    for model in vary(nominal, tolerances, np.full(count, 1.0)).models.values():
+        assert model.gbw == pytest.approx(6.5e6)
+        assert model.second_pole == pytest.approx(19.5e6)
+        assert model.dc_gain == pytest.approx(1.5e5)
+
+
+def test_the_temperature_moves_the_whole_board() -> None:
+    nominal = board()
+    cold = {"resistor": 0.0, "capacitor": 0.0, "stray": 0.0, "opamp_gbw": 0.0, "opamp_gain": 0.0}
+    tolerances = Tolerances(**cold, temperature=40.0)
+    assert [p.name for p in parameters(nominal, tolerances)] == ["temperature"]
+    before, after = values(nominal), values(vary(nominal, tolerances, np.array([0.5])))
+    drift = {"R": 1e-4, "C": 3e-5, "gbw": -3e-3}
+    for name, value in after.items():
+        kind = "gbw" if name.endswith(".gbw") else name[0]
+        expected = math.exp(20.0 * (0.0 if name.endswith("dc_gain") else drift[kind]))
+        assert value == pytest.approx(before[name] * expected, rel=1e-14)
+
+
+def test_ideal_op_amps_have_no_bandwidth_to_vary() -> None:
+    nominal = board({"opamp": NEAR_IDEAL, "stray_capacitance": 0.0})
+    varied = parameters(nominal, Tolerances())
+    assert {p.kind for p in varied} == {"resistor", "capacitor", "opamp_gain"}
+    after = vary(nominal, Tolerances(), random_z(len(varied)))
+    assert all(math.isinf(model.gbw) for model in after.models.values())
+
+
+def test_a_draw_is_its_sample_s_own_bit_for_bit() -> None:
+    tolerances = Tolerances()
+    late = draw(tolerances, 50, 7, 123)
+    many = [draw(tolerances, 50, 7, number) for number in (3, 123, 124)]
+    assert np.array_equal(many[1], late)
+    assert not np.array_equal(many[2], late)
+    assert not np.array_equal(draw(tolerances, 50, 8, 123), late)
+
+
+def test_the_distributions() -> None:
+    normal = np.concatenate([draw(Tolerances(), 1000, 1, k) for k in range(40)])
+    assert normal.std() == pytest.approx(1.0 / 3.0, rel=0.02)
+    assert np.mean(np.abs(normal) < 1.0) == pytest.approx(0.9973, abs=1e-3)
+    uniform = np.concatenate(
+        [draw(Tolerances(distribution="uniform"), 1000, 1, k) for k in range(40)]
+    )
+    assert np.abs(uniform).max() <= 1.0
+    assert uniform.std() == pytest.approx(1.0 / math.sqrt(3.0), rel=0.02)
+
+
+def test_ngspice_and_the_state_space_agree_on_a_varied_board(ngspice: str) -> None:
+    asked = scene(analysis={"engine": "ngspice"})
+    problem = make_problem(asked)
+    nominal = synthesise(asked, problem)
+    tolerances = Tolerances(resistor=0.1, temperature=30.0)
+    z = random_z(len(parameters(nominal, tolerances)), seed=5)
+    varied = vary(nominal, tolerances, z)
+    verdict = verify(asked, problem=problem, circuit=varied)
+    assert verdict.agreement is not None
+    assert verdict.agreement.difference < 1e-4 * verdict.measurements.amplitude
+    # The varied board is not the nominal one: its steady state is elsewhere.
+    steady = next(check for check in verdict.checks if check.name == "steady_state")
+    assert steady.value is not None
+    assert steady.value > 0.01

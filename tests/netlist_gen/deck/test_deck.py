@@ -1,0 +1,275 @@
+"""Decks: golden files, determinism, and every card that is written, run through a real ngspice."""
+
+from __future__ import annotations
+
+import math
+import re
+import tracemalloc
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike, NDArray
+
+from netlist_gen.analysis import Analysis, OperatingPoint, Transient
+from netlist_gen.board.circuit import Circuit, Resistor
+from netlist_gen.board.synthesis import synthesise
+from netlist_gen.deck.deck import Deck, matrix_lines, write_deck
+from netlist_gen.problem.inverse_problem import make_problem
+from netlist_gen.scene.file import load_scene
+from tests.support.making import NEAR_IDEAL, make_scene, matrix_problem
+from tests.support.paths import GOLDEN, SCENES
+from verification.engines.ngspice.process import find_simulator, simulate
+from verification.engines.statespace.linearised.equilibrium import equilibrium
+from verification.waveforms import Waveforms
+
+T = [[1.0, -0.5], [0.0, 0.25]]
+EPS = [1.0, -1 / 3]
+LINEAR: dict[str, Any] = {
+    "capacitance": "10pF",
+    "gain": "1Mohm",
+    "unit_conductance": "1uS",
+    "lambda": 0.1,
+    "opamp": {"base": "ideal", "dc_gain": 1e5},
+    "stray_capacitance": 0,
+}
+EXPONENTIAL = {**LINEAR, "amplifier": "exponential", "exponential_slope": 0.1, "unit_voltage": 0.5}
+CASES: dict[str, tuple[dict[str, Any], Analysis]] = {
+    "linear": ({**LINEAR, "opamp": "tl084", "stray_capacitance": "5pF"}, Transient(1e-4, 1e-7)),
+    "exponential": (EXPONENTIAL, Transient(1e-4, 1e-7, initial="rest")),
+    "passive": (
+        {**LINEAR, "topology": "passive", "lambda": 0.5, "gain": "10Mohm"},
+        OperatingPoint(),
+    ),
+}
+
+
+def build(design: dict[str, Any], T: ArrayLike = T, eps: ArrayLike = EPS) -> Circuit:
+    return synthesise(make_scene(design=design), matrix_problem(T, eps))
+
+
+def run(deck: Deck) -> Waveforms:
+    return simulate(deck, find_simulator(), timeout=60.0)
+
+
+def rest_of(circuit: Circuit, nodes: tuple[str, ...], **options: Any) -> NDArray[np.float64]:
+    return run(write_deck(circuit, OperatingPoint(), saved=nodes, **options)).values[0]
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_golden_decks(name: str) -> None:
+    """To accept a change, write ``deck.text`` to the file and read the difference."""
+    design, analysis = CASES[name]
+    deck = write_deck(build(design), analysis)
+    assert deck.text == (GOLDEN / f"{name}.cir").read_text(encoding="utf-8")
+
+
+def test_golden_split_deck() -> None:
+    deck = write_deck(build(LINEAR), Transient(1e-4, 1e-7), matrix_file="golden_matrix.inc")
+    assert deck.text == (GOLDEN / "split.cir").read_text(encoding="utf-8")
+    matrix = (GOLDEN / "split_matrix.inc").read_text(encoding="utf-8")
+    assert deck.files == {"golden_matrix.inc": matrix}
+
+
+@pytest.mark.parametrize("path", sorted(SCENES.glob("*.toml")), ids=lambda path: path.stem)
+def test_the_same_scene_gives_the_same_bytes(path: Path) -> None:
+    def text() -> str:
+        scene = load_scene(path)
+        return write_deck(synthesise(scene, make_problem(scene)), Transient(1e-4, 1e-7)).text
+
+    assert text() == text()
+
+
+def test_every_value_keeps_every_digit() -> None:
+    circuit = build(LINEAR, [[1 / 3, -math.pi]], [1 / 7])
+    text = write_deck(circuit, Transient(1e-4 / 3, 1e-7 / 3)).text
+    cards = {line.split()[0]: line.split()[-1] for line in text.splitlines() if line}
+    assert float(cards["Rf_1_1"]) == circuit.matrices[0].ohms[0, 0]
+    assert float(cards["Rf_1_2"]) == circuit.matrices[0].ohms[0, 1]
+    assert float(cards["Ieps_1"]) == circuit.currents[0].amps
+    assert float(cards["Rr_1"]) == circuit.scalings.resistance
+    assert f".tran {0.01 * (1e-7 / 3)!r} {1e-4 / 3!r} 0.0 {1e-7 / 3!r} uic" in text
+    for line in text.splitlines():
+        if not line.startswith(("*", ".")):
+            assert not re.search(r" \d[\d.]*(meg|[fpnumkgt])\b", line, re.IGNORECASE), line
+
+
+def test_a_resistor_is_called_by_row_and_column() -> None:
+    assert matrix_lines(build(LINEAR).matrices) == [
+        "Rf_1_1 a_1 c_1 1000000.0",
+        "Rf_1_2 v_2 c_1 2000000.0",
+        "Rf_2_2 a_2 c_2 4000000.0",
+        "Rb_1_1 w_1 x_1 1000000.0",
+        "Rb_1_2 z_1 x_2 2000000.0",
+        "Rb_2_2 w_2 x_2 4000000.0",
+    ]
+
+
+@pytest.mark.usefixtures("ngspice")
+@pytest.mark.parametrize("design", [LINEAR, EXPONENTIAL, CASES["linear"][0], CASES["passive"][0]])
+@pytest.mark.parametrize("solver", ["klu", "noopiter"])
+def test_an_operating_point_of_every_kind_of_board(design: dict[str, Any], solver: str) -> None:
+    """Cards R, C, I, V, X, B, E and .op: every node, against the state-space equations."""
+    circuit = build(design)
+    nodes = (*circuit.signal_nodes, *circuit.constraint_nodes, *(o.node for o in circuit.outputs))
+    nodes = tuple(dict.fromkeys(nodes))
+    wanted = equilibrium(circuit)
+    found = rest_of(circuit, nodes, solver=solver, relative=1e-9)
+    assert found == pytest.approx([wanted[node] for node in nodes], rel=1e-6, abs=1e-9)
+
+
+@pytest.mark.usefixtures("ngspice")
+def test_the_signs_of_an_ideal_board_by_hand() -> None:
+    """One channel, T = 1: u = eps / (1 + lam), w = s G0 (u - eps), v = u."""
+    circuit = build({**LINEAR, "opamp": NEAR_IDEAL, "gain": "2Mohm"}, [[1.0]], [0.5])
+    v, a, w = rest_of(circuit, ("v_1", "a_1", "w_1"), relative=1e-9)
+    assert v == pytest.approx(0.5 / 1.1, rel=1e-7)
+    assert a == pytest.approx(-0.5 / 1.1, rel=1e-7)
+    assert w == pytest.approx(2.0 * (0.5 / 1.1 - 0.5), rel=1e-6)
+
+
+@pytest.mark.usefixtures("ngspice")
+def test_an_rc_step_has_its_time_constant() -> None:
+    """Cards C, I (DC), .tran with uic: one ideal channel settles with RC / (1 + 1/lam)."""
+    circuit = build({**LINEAR, "opamp": NEAR_IDEAL, "gain": "1Mohm"}, [[1.0]], [1.0])
+    tau = circuit.scalings.resistance * 1e-11 / (1 + 10.0)
+    for method in ("trapezoidal", "gear"):
+        analysis = Transient(5 * tau, tau / 400, method=method)  # type: ignore[arg-type]
+        found = run(write_deck(circuit, analysis))
+        wanted = (1 - np.exp(-found.time / tau)) / 1.1
+        assert np.max(np.abs(found["v_1"] - wanted)) < 2e-5
+        assert found.time[-1] == pytest.approx(5 * tau, rel=1e-9)
+
+
+@pytest.mark.usefixtures("ngspice")
+def test_initial_voltages_are_taken() -> None:
+    """Card .ic: without strain the integrator decays from where it was put."""
+    circuit = build({**LINEAR, "opamp": NEAR_IDEAL}, [[1.0]], [0.0])
+    tau = circuit.scalings.resistance * 1e-11 / 11.0
+    start = {"v_1": 0.25, "a_1": -0.25}
+    found = run(write_deck(circuit, Transient(3 * tau, tau / 400, voltages=start)))
+    assert found["v_1"] == pytest.approx(0.25 * np.exp(-found.time / tau), abs=2e-5)
+
+
+@pytest.mark.usefixtures("ngspice")
+def test_a_board_may_start_from_rest() -> None:
+    """Card I with PWL, and .tran without uic: the strain steps on an equilibrium."""
+    circuit = build(EXPONENTIAL, [[0.5, -0.25]], [1.0])
+    analysis = Transient(2e-3, 1e-6, initial="rest")
+    deck = write_deck(circuit, analysis)
+    assert "PWL(0 0 1" in deck.text
+    assert " uic" not in deck.text
+    found = run(deck)
+    asleep, awake = equilibrium(circuit, sources_on=False), equilibrium(circuit)
+    for node in ("a_1", "a_2"):
+        assert found[node][0] == pytest.approx(asleep[node], rel=1e-5)
+        assert found[node][-1] == pytest.approx(awake[node], rel=1e-4)
+    quiet = build(LINEAR)
+    assert " uic" in write_deck(quiet, analysis).text  # a discharged linear board is at rest
+
+
+@pytest.mark.usefixtures("ngspice")
+@pytest.mark.parametrize("design", [LINEAR, EXPONENTIAL])
+def test_a_split_deck_gives_the_same_answer(design: dict[str, Any]) -> None:
+    circuit = build(design)
+    nodes = tuple(output.node for output in circuit.outputs)
+    whole = rest_of(circuit, nodes)
+    split = rest_of(circuit, nodes, matrix_file="Matrix-2.inc")
+    assert split == pytest.approx(whole, rel=1e-9)
+    analysis = Transient(1e-5, 1e-7)
+    a, b = run(write_deck(circuit, analysis)), run(write_deck(circuit, analysis, matrix_file="m"))
+    assert b.values[-1] == pytest.approx(a.values[-1], rel=1e-6)
+
+
+@pytest.mark.usefixtures("ngspice")
+def test_the_matrix_file_can_be_swapped() -> None:
+    """Two boards of the same signs: the amplifiers of one with the matrix of the other."""
+    one, other = build(LINEAR), build(LINEAR, [[0.3, -2.0], [0.0, 1.5]], EPS)
+    nodes = ("v_1", "v_2")
+    decks = [
+        write_deck(c, OperatingPoint(), saved=nodes, matrix_file="m.inc") for c in (one, other)
+    ]
+    assert decks[0].text == decks[1].text
+    swapped = run(replace(decks[0], files=decks[1].files)).values[0]
+    assert swapped == pytest.approx(rest_of(other, nodes), rel=1e-9)
+    assert swapped != pytest.approx(rest_of(one, nodes), rel=1e-2)
+    rest = equilibrium(other)
+    assert swapped == pytest.approx([rest["v_1"], rest["v_2"]], rel=1e-6)
+
+
+@pytest.mark.usefixtures("ngspice")
+@pytest.mark.parametrize("G0", [1e-12, 1e-9, 1e-6, 1e-3])
+@pytest.mark.parametrize("solver", ["klu", "noopiter"])
+def test_the_scale_of_the_conductances_does_not_matter(G0: float, solver: str) -> None:
+    """The same board in units of 1/G0 ohm and the time constant kept, with its inverters."""
+    design = {
+        **LINEAR, "unit_conductance": G0, "gain": 1 / G0, "capacitance": 1e-5 * G0,
+        "inverter_resistance": 1 / G0,
+    }  # fmt: skip
+    circuit = build(design)
+    rest = equilibrium(circuit)
+    wanted = [rest["v_1"], rest["v_2"]]
+    found = rest_of(circuit, ("v_1", "v_2"), solver=solver)
+    assert found == pytest.approx(wanted, rel=1e-6)
+    time = run(write_deck(circuit, Transient(1e-3, 1e-7), solver=solver))
+    assert time.values[-1] == pytest.approx(wanted, rel=1e-4)
+
+
+def test_options_follow_the_analysis() -> None:
+    circuit = build(LINEAR)
+    gear = write_deck(circuit, Transient(1e-4, 1e-7, method="gear"), solver="noopiter").text
+    assert ".options noopiter\n" in gear
+    assert "method=gear" in gear
+    assert "method=" not in write_deck(circuit, OperatingPoint()).text
+    assert ".options klu\n" in write_deck(circuit, OperatingPoint()).text
+
+
+def test_only_the_nodes_asked_for_are_saved() -> None:
+    deck = write_deck(build(LINEAR), OperatingPoint(), saved=["w_2", "v_1"])
+    assert deck.saved == ("w_2", "v_1")
+    assert ".save v(w_2) v(v_1)\n" in deck.text
+
+
+def test_the_header_says_what_the_deck_is() -> None:
+    head = [
+        x for x in write_deck(build(EXPONENTIAL), OperatingPoint()).text.split("\n") if x[:1] == "*"
+    ]
+    text = "\n".join(head)
+    for part in ("scene scene: 2 channels, 2 sensors, exponential", "units: ohm, F, V, A, s",
+                 "G0 = 1e-06 S", "U0 = 0.5 V", "Ve = 0.1 V", "lambda = 0.1", "u_1 = -v(a_1)",
+                 "left out: 2 matrix resistors; 1 entries of T are zero"):  # fmt: skip
+        assert part in text
+
+
+def test_a_large_board_is_written_in_little_memory() -> None:
+    """131,072 resistors as lines, not as objects: 8 MB of text, and not much beside it."""
+    circuit = build(LINEAR, np.random.default_rng(0).standard_normal((256, 256)), np.ones(256))
+    tracemalloc.start()
+    deck = write_deck(circuit, Transient(1e-4, 1e-7))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert len(re.findall(r"^R[fb]_\d+_\d+ ", deck.text, re.MULTILINE)) == 2 * 256 * 256
+    assert peak < 100e6
+
+
+def test_a_part_with_a_name_of_its_own_comes_through() -> None:
+    circuit = build(LINEAR)
+    extra = Resistor("load_1", "v_1", "0", 1234.5)
+    text = write_deck(
+        replace(circuit, resistors=(*circuit.resistors, extra)), OperatingPoint()
+    ).text
+    assert "Rload_1 v_1 0 1234.5\n" in text
+
+
+def test_an_exponential_board_starts_at_every_resolution(ngspice: str) -> None:
+    """The first iteration overflowed at 250 points a period with a longer first step."""
+    scene = load_scene(SCENES / "paper-exponential.toml")
+    circuit = synthesise(scene, make_problem(scene))
+    for points in (180, 250, 300):
+        step = 1.339e-07 * 125 / points
+        deck = write_deck(circuit, Transient(2e-6, step, truncation=(6.28 / points) ** 3 / 6))
+        u_4 = -simulate(deck, find_simulator(), timeout=60)["a_4"]
+        assert np.all(np.isfinite(u_4))
+        assert u_4[0] == pytest.approx(1.0, abs=1e-4)  # v = 0 is u = U0

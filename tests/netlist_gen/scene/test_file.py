@@ -1,0 +1,185 @@
+"""A scene broken in every way: file, key, value, what is accepted, and exit status 2."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from cli.main import main
+from netlist_gen.scene.file import load_scene, parse_scene
+from spice_models.errors import InputError
+from tests.support.making import write_matrix_scene
+from tests.support.paths import SCENES
+
+TACTILE = '[problem]\nkind = "tactile"\n'
+
+
+def run(scene: Path, *options: str) -> Result:
+    return CliRunner().invoke(main, ["netlist", str(scene), *options])
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "value", "accepted"),
+    [
+        (TACTILE + "[design]\ncapacitanc = 1", "design.capacitanc", "1", "mean 'capacitance'?"),
+        (TACTILE + "chanels = 7", "problem.chanels", "7", "mean 'channels'?"),
+        (TACTILE + "load = {forse = 1.0}", "problem.load.forse", "1.0", "mean 'force'?"),
+        (TACTILE + "[desing]\nx = 1", "desing", "{'x': 1}", "mean 'design'?"),
+        (TACTILE + "[checks]\novershot = {max = 1}", "checks.overshot", "", "mean 'overshoot'?"),
+        (TACTILE + "[design]\nlam = 1.0", "design.lam", "1.0", "mean 'lambda'?"),
+        (TACTILE + "channels = 0", "problem.channels", "0", "greater than or equal to 1"),
+        (TACTILE + "channels = 2.5", "problem.channels", "2.5", "whole number"),
+        (TACTILE + 'channels = "7"', "problem.channels", "'7'", "without quotes"),
+        (TACTILE + "channels = true", "problem.channels", "True", "plain whole number"),
+        (TACTILE + "poisson = 0.6", "problem.poisson", "0.6", "less than or equal to 0.5"),
+        (TACTILE + "span = inf", "problem.span", "inf", "finite number"),
+        (TACTILE + "noise = {variance = nan}", "problem.noise.variance", "nan", "finite number"),
+        (TACTILE + "load = {normalised = 1}", "problem.load.normalised", "1", "valid boolean"),
+        (TACTILE + 'load = {kind = "cyl"}', "problem.load.kind", "'cyl'", "mean 'cylinder'?"),
+        (TACTILE + 'load = {kind = "csv"}', "problem.load.file", "", "y and stress"),
+        (TACTILE + "load = 3", "problem.load", "3", "expected a table"),
+        (TACTILE + 'kernel = "shear"', "problem.kernel", "'shear'", "'normal' or 'tangential'"),
+        ('[problem]\nkind = "tactil"', "problem.kind", "'tactil'", "mean 'tactile'?"),
+        ("[problem]\nchannels = 7", "problem.kind", "", "'tactile' or 'matrix'"),
+        ("problem = 3", "problem", "3", "expected a table"),
+        ("", "problem", "", "required"),
+        ('[problem]\nkind = "matrix"', "problem.matrix", "", "required; M rows"),
+        (TACTILE + '[design]\ngain = "-1ohm"', "design.gain", "'-1ohm'", "above zero"),
+        (TACTILE + "[design]\ncapacitance = 0", "design.capacitance", "0", "above zero"),
+        (TACTILE + "[design]\ncapacitance = nan", "design.capacitance", "nan", "'10pF'"),
+        (TACTILE + '[design]\ncapacitance = "10 V"', "design.capacitance", "'10 V'", "'10pF'"),
+        (TACTILE + '[design]\ncapacitance = "1,5pF"', "design.capacitance", "'1,5pF'", "no comma"),
+        (TACTILE + "[design]\ncapacitance = 2020-01-01", "design.capacitance", "", "'10pF'"),
+        (TACTILE + "[design]\nstray_capacitance = -1", "design.stray_capacitance", "-1", "zero or"),
+        (TACTILE + "[design]\nlambda = 1\nresistance = 2", "design.lambda", "1", "'resistance'"),
+        (TACTILE + "[design]\nbias = true", "design.bias", "True", "exponential"),
+        (TACTILE + '[design]\nopamp = "ua74"', "design.opamp.base", "'ua74'", "mean 'ua741'?"),
+        (TACTILE + "[design.opamp]\ndc_gain = 0.5", "design.opamp", "0.5", "above 1"),
+        (
+            TACTILE + "[design.opamp]\nphase_margin = 60\nsecond_pole = 1e6",
+            "design.opamp", "60.0", "one of the two",
+        ),
+        (TACTILE + "[design]\ngain = 1e200\nlambda = 1e200", "design", "1e+200", "out of range"),
+        (TACTILE + '[analysis]\nstop = "fast"', "analysis.stop", "'fast'", "or 'auto'"),
+        (TACTILE + "[analysis]\nstop = -1", "analysis.stop", "-1", "above zero"),
+        (TACTILE + '[analysis]\nengine = "spice"', "analysis.engine", "'spice'", "'ngspice'"),
+        (TACTILE + "[checks.settling_time]\nband = 2.5", "checks.settling_time.band", "2.5", "1"),
+        (TACTILE + "[checks]\novershoot = {}", "checks.overshoot.max", "", "required; fraction"),
+        ("design = 3\n" + TACTILE, "design", "3", "expected a table"),
+        ('name = "a b"\n' + TACTILE, "name", "'a b'", "letters, digits"),
+        ('name = "a\\n.control"\n' + TACTILE, "name", "", "letters, digits"),
+        ('name = "a\\n"\n' + TACTILE, "name", "", "letters, digits"),
+        ("this is not TOML", "TOML", "", "line 1"),
+        ("x = " + "[" * 20_000, "TOML", "", "nested too deeply"),
+    ],
+)  # fmt: skip
+def test_a_mistake_is_named(tmp_path: Path, text: str, key: str, value: str, accepted: str) -> None:
+    scene = tmp_path / "broken.toml"
+    scene.write_text(text, encoding="utf-8")
+    plain, as_json = run(scene), run(scene, "--json")
+    assert (plain.exit_code, as_json.exit_code) == (2, 2)
+    assert plain.stdout == ""
+    assert str(scene) in plain.stderr
+    document = json.loads(as_json.stdout)
+    assert document["outcome"] == "bad input"
+    assert document["error"]["file"] == str(scene)
+    complaint = next(c for c in document["error"]["complaints"] if c["key"] == key)
+    assert value in complaint["value"]
+    assert accepted in complaint["accepted"]
+    for part in (key, value, accepted):
+        assert part in plain.stderr
+
+
+def test_all_mistakes_come_at_once() -> None:
+    data = {
+        "problem": {"kind": "tactile", "channels": 0, "noise": {"variance": -1.0}},
+        "design": {"capacitance": -1, "opamp": "ua74", "lambda": 1, "resistance": 2, "bias": True},
+        "check": {},
+    }
+    with pytest.raises(InputError) as caught:
+        parse_scene(data, "s.toml")
+    assert {c.key for c in caught.value.complaints} == {
+        "problem.channels",
+        "problem.noise.variance",
+        "design.capacitance",
+        "design.opamp.base",
+        "design.lambda",
+        "design.bias",
+        "check",
+    }
+    assert str(caught.value).count("s.toml: ") == 7
+
+
+def test_files_that_are_no_scene(tmp_path: Path) -> None:
+    huge = tmp_path / "huge.toml"
+    huge.write_bytes(b"#" * 1_000_001)
+    binary = tmp_path / "binary.toml"
+    binary.write_bytes(b"\xff\xfe\x00")
+    for path, says in (
+        (tmp_path / "missing.toml", "No such file"),
+        (tmp_path, "not a regular file"),
+        (Path("/dev/zero"), "not a regular file"),
+        (huge, "over 1000000 bytes"),
+        (binary, "utf-8"),
+    ):
+        result = run(path, "--json")
+        assert result.exit_code == 2
+        assert says in json.loads(result.stdout)["error"]["message"]
+        assert "taction new" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("T", "eps", "says"),
+    [
+        ("1,2\n3\n", "1\n2\n", "line 2 has 1 values, the first 2"),
+        ("1,2\n3,\n", "1\n2\n", "line 2, column 2: a hole"),
+        ("1,x\n3,4\n", "1\n2\n", "line 1, column 2: 'x' is not a finite number"),
+        ("1,nan\n3,4\n", "1\n2\n", "'nan' is not a finite number"),
+        ("1,1_5\n3,4\n", "1\n2\n", "'1_5' is not a finite number"),
+        ("1;2\n3;4\n", "1\n2\n", "'1;2' is not a finite number"),
+        ("1,2\n3,4\n", "1\n2\n3\n", "shape 3; expected 2"),
+        ("1,2\n3,4\n", "1,2\n3,4\n", "shape 2 x 2; expected 2"),
+        ("0,0\n0,0\n", "1\n2\n", "T is all zeros"),
+        ("", "1\n", "shape 0 x 0"),
+        ("# only a comment\n", "1\n", "shape 0 x 0"),
+    ],
+)
+def test_a_table_with_a_mistake_is_named(tmp_path: Path, T: str, eps: str, says: str) -> None:
+    scene = write_matrix_scene(tmp_path, [[1.0]], [1.0])
+    (tmp_path / "T.csv").write_text(T)
+    (tmp_path / "eps.csv").write_text(eps)
+    result = run(scene, "--json")
+    assert result.exit_code == 2
+    assert says in result.stderr
+    assert json.loads(result.stdout)["error"]["kind"] == "InputError"
+
+
+@pytest.mark.parametrize("name", ["missing.csv", "a\\u0000b.csv", "."])
+def test_a_table_that_cannot_be_opened(tmp_path: Path, name: str) -> None:
+    scene = write_matrix_scene(tmp_path, [[1.0]], [1.0])
+    scene.write_text(scene.read_text().replace("T.csv", name))
+    result = run(scene)
+    assert result.exit_code == 2
+    assert "problem.matrix" in result.stderr
+    assert "expected numbers separated by commas" in result.stderr
+
+
+@pytest.mark.parametrize("path", sorted(SCENES.glob("*.toml")), ids=lambda path: path.stem)
+def test_every_shipped_scene_loads_and_carries_its_file_name(path: Path) -> None:
+    scene = load_scene(path)
+    assert (scene.name, scene.file, scene.folder) == (path.stem, path, SCENES)
+
+
+def test_a_byte_order_mark_is_no_mistake(tmp_path: Path) -> None:
+    path = tmp_path / "s.toml"
+    path.write_text("\ufeff" + TACTILE, encoding="utf-8")
+    assert load_scene(path).problem.kind == "tactile"
+
+
+def test_a_load_without_a_kind_is_a_cylinder() -> None:
+    scene = parse_scene({"problem": {"kind": "tactile", "load": {"force": 2.0}}}, "s.toml")
+    assert scene.problem.model_dump()["load"]["kind"] == "cylinder"
+    assert scene.problem.model_dump()["load"]["force"] == 2.0

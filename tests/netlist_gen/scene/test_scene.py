@@ -1,0 +1,151 @@
+"""The published schema, the template, and values that are frozen."""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+from pydantic import ValidationError
+
+from cli.main import main
+from netlist_gen.board.scalings import make_scalings
+from netlist_gen.scene.file import load_scene
+from netlist_gen.scene.scene import Scene
+from tests.support.making import make_scene
+from tests.support.paths import ROOT, SCENES
+
+SCHEMA = json.loads((ROOT / "docs" / "scene.schema.json").read_text(encoding="utf-8"))
+TYPES: dict[str, Any] = {
+    "object": dict,
+    "array": list,
+    "string": str,
+    "boolean": bool,
+    "integer": int,
+    "number": (int, float),
+    "null": type(None),
+}
+
+
+def mistakes(value: Any, schema: dict[str, Any], where: str = "") -> list[str]:
+    """Say where `value` breaks `schema`; knows the words that the scene's schema uses."""
+    found: list[str] = []
+    for word, wanted in schema.items():
+        if word == "$ref":
+            found += mistakes(value, SCHEMA["$defs"][wanted.rpartition("/")[2]], where)
+        elif word in ("anyOf", "oneOf"):
+            fits = sum(not mistakes(value, option, where) for option in wanted)
+            if fits == 0 or (word == "oneOf" and fits > 1):
+                found.append(f"{where}: fits {fits} of {word}")
+        elif word == "type":
+            right = isinstance(value, TYPES[wanted])
+            if not right or (isinstance(value, bool) and wanted != "boolean"):
+                found.append(f"{where}: no {wanted}")
+        elif word == "enum" and value not in wanted:
+            found.append(f"{where}: not in {wanted}")
+        elif word == "const" and value != wanted:
+            found.append(f"{where}: not {wanted}")
+        elif word == "pattern" and not re.search(wanted, value):
+            found.append(f"{where}: not like {wanted}")
+        elif word in LIMITS and isinstance(value, int | float) and not LIMITS[word](value, wanted):
+            found.append(f"{where}: {word} {wanted}")
+        elif word == "properties" and isinstance(value, dict):
+            for key, item in value.items():
+                if key in wanted:
+                    found += mistakes(item, wanted[key], f"{where}.{key}")
+                elif schema.get("additionalProperties") is False:
+                    found.append(f"{where}.{key}: unknown")
+        elif word == "required" and isinstance(value, dict):
+            found += [f"{where}.{key}: missing" for key in wanted if key not in value]
+    return found
+
+
+LIMITS: dict[str, Any] = {
+    "minimum": lambda value, limit: value >= limit,
+    "maximum": lambda value, limit: value <= limit,
+    "exclusiveMinimum": lambda value, limit: value > limit,
+    "exclusiveMaximum": lambda value, limit: value < limit,
+}
+
+
+def test_the_published_schema_is_current() -> None:
+    result = CliRunner().invoke(main, ["new", "--schema"])
+    assert result.exit_code == 0
+    now = json.loads(result.stdout)
+    assert now == SCHEMA, "run: taction new --schema > docs/scene.schema.json"
+
+
+@pytest.mark.parametrize("path", sorted(SCENES.glob("*.toml")), ids=lambda path: path.stem)
+def test_the_schema_accepts_every_shipped_scene(path: Path) -> None:
+    assert mistakes(tomllib.loads(path.read_text(encoding="utf-8")), SCHEMA) == []
+
+
+@pytest.mark.parametrize(
+    ("scene", "where"),
+    [
+        ({}, ".problem: missing"),
+        ({"problem": {"kind": "tactil"}}, ".problem: fits 0"),
+        ({"problem": {"kind": "matrix"}}, ".problem: fits 0"),
+        ({"problem": {"kind": "tactile", "channels": 0}}, ".problem: fits 0"),
+        ({"problem": {"kind": "tactile"}, "design": {"lam": 1}}, ".design.lam: unknown"),
+        ({"problem": {"kind": "tactile"}, "design": {"opamp": "x"}}, ".design.opamp: fits 0"),
+        ({"problem": {"kind": "tactile"}, "name": "a b"}, ".name: not like"),
+    ],
+)
+def test_the_schema_refuses(scene: dict[str, Any], where: str) -> None:
+    assert where in " ".join(mistakes(scene, SCHEMA))
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        {"problem": {"kind": "tactile", "load": {"force": 2}}},
+        {"problem": {"kind": "tactile"}, "design": {"opamp": "tl084", "capacitance": 1e-12}},
+        {"problem": {"kind": "tactile"}, "analysis": {"stop": "2ms"}},
+    ],
+)
+def test_schema_and_program_accept_the_same(scene: dict[str, Any]) -> None:
+    assert mistakes(scene, SCHEMA) == []
+    Scene.model_validate(scene)
+
+
+def test_the_template_is_the_defaults(tmp_path: Path) -> None:
+    path = tmp_path / "my board.toml"
+    result = CliRunner().invoke(main, ["new", str(path)])
+    assert result.exit_code == 0
+    scene = load_scene(path)
+    assert scene.name == "my-board"
+    default = make_scene()
+    assert scene.problem == default.problem
+    assert scene.analysis == default.analysis
+    assert scene.checks == default.checks
+    assert make_scalings(scene) == make_scalings(default)
+    spelled_out = scene.design.model_copy(update={"resistance": None})
+    assert spelled_out == default.design
+
+
+def test_the_template_names_every_key(tmp_path: Path) -> None:
+    path = tmp_path / "s.toml"
+    CliRunner().invoke(main, ["new", str(path)])
+    text = path.read_text(encoding="utf-8")
+    for table in SCHEMA["$defs"].values():
+        for key in table.get("properties", {}):
+            if key not in OF_TABLES:
+                assert re.search(rf"\b{key}\b", text), f"{key} is not in the template"
+
+
+# Op-amp figures are in `taction models`; these are keys of tables written on one line.
+OF_TABLES = {
+    *("dc_gain", "second_pole", "phase_margin", "input_resistance", "differential_capacitance"),
+    *("input_capacitance", "output_resistance", "centre"),
+}
+
+
+def test_a_scene_cannot_be_changed() -> None:
+    scene = make_scene()
+    with pytest.raises(ValidationError, match="frozen"):
+        scene.design.capacitance = 1.0  # type: ignore[misc]

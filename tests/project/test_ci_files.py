@@ -1,0 +1,93 @@
+"""Workflow, hook and docs/ci.md say what the tool does."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import tomllib
+from typing import Any
+
+import pytest
+import yaml
+
+from cli.main import COMMANDS
+from cli.regress import regress
+from netlist_gen.scene.regression import Regression
+from tests.support.paths import ROOT
+from verification.studies.regression.run import Status
+
+GUIDE = (ROOT / "docs" / "ci.md").read_text("utf-8")
+WORKFLOW = yaml.safe_load((ROOT / ".github" / "workflows" / "taction.yml").read_text("utf-8"))
+BLOCKS = re.findall(r"```(\w+)\n(.*?)```", GUIDE, re.DOTALL)
+
+
+def blocks(language: str) -> list[str]:
+    return [text for found, text in BLOCKS if found == language]
+
+
+def accepts(command: str) -> dict[str, Any]:
+    """Parse a command line as `taction regress` would, without running it."""
+    words = shlex.split(command.partition("#")[0])
+    assert words[:2] == ["taction", "regress"]
+    return regress.make_context("regress", words[2:]).params
+
+
+def steps(workflow: dict[str, Any]) -> list[dict[str, Any]]:
+    return [step for job in workflow["jobs"].values() for step in job["steps"]]
+
+
+def test_the_workflow_runs_what_anybody_can_run() -> None:
+    lines = [step.get("run", "") for step in steps(WORKFLOW)]
+    assert ".ci/run" in lines
+    (command,) = (line for line in lines if "bin/taction regress" in line)
+    params = accepts(command.replace("/opt/taction/bin/", ""))
+    assert (params["folder"], params["baseline"]) == ("scenes/", "scenes/baseline.json")
+    assert WORKFLOW["permissions"] == {"contents": "read"}
+    assert (params["junit"], params["markdown"]) == ("report.xml", "summary.md")
+
+
+def test_ci_run_compares_the_scenes_after_the_tests() -> None:
+    lines = (ROOT / ".ci" / "run").read_text().splitlines()
+    assert lines.index("make regress || status=1") > lines.index("make test || status=1")
+    assert "taction regress scenes/ --baseline scenes/baseline.json" in (
+        ROOT / "Makefile"
+    ).read_text("utf-8")
+
+
+def test_the_hook_is_one_that_pre_commit_can_read() -> None:
+    (hook,) = yaml.safe_load((ROOT / ".pre-commit-hooks.yaml").read_text("utf-8"))
+    assert {"id", "name", "entry", "language"} <= hook.keys()
+    assert hook["language"] == "python"
+    assert hook["entry"].split()[1] in COMMANDS
+    accepts(shlex.join([*hook["entry"].split(), *hook["args"]]))
+    pattern = re.compile(hook["files"])
+    changed = ["scenes/a.toml", "scenes/a/T.csv", "scenes/baseline.json"]
+    assert all(pattern.search(name) for name in changed)
+    assert not pattern.search("cli/scenes.py")
+    assert f"id: {hook['id']}" in GUIDE
+
+
+def test_every_command_and_file_that_the_guide_shows_can_be_read() -> None:
+    commands = [*blocks("sh"), *blocks("yaml"), *blocks("groovy")]
+    shown = [line for text in commands for line in re.findall(r"taction regress [^'\n]*", text)]
+    assert len(shown) >= 5
+    for line in shown:
+        accepts(line)
+    for text in blocks("yaml"):
+        assert yaml.safe_load(text)
+
+
+def test_the_guide_explains_every_option_and_every_status() -> None:
+    for option in (param.opts[0] for param in regress.params if param.opts[0].startswith("--")):
+        assert option in GUIDE
+    rows = re.findall(r"^\| ([a-z ]+) \| .* \| ([0-9 or]+) \|$", GUIDE, re.MULTILINE)
+    assert {name for name, _ in rows} == {s.value for s in Status} - {Status.NOT_RUN.value}
+
+
+@pytest.mark.parametrize("text", [*blocks("toml"), "template"], ids=["guide", "template"])
+def test_the_tolerances_shown_are_the_defaults(text: str) -> None:
+    if text == "template":
+        text = (ROOT / "cli" / "scene_template.toml").read_text("utf-8")
+    assert Regression.model_validate(tomllib.loads(text)["regression"]) == Regression()
+    groups = tomllib.loads(text)["regression"]
+    assert groups.keys() == Regression.model_fields.keys()

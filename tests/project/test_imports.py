@@ -1,0 +1,145 @@
+"""Who may import whom: the floors of the house, the three witnesses, and a light command line."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from tests.support.paths import ROOT
+
+# Lowest first; a package imports from itself and from what stands before it.
+PACKAGES = ("spice_models", "netlist_gen", "verification", "taction", "cli")
+
+# The three witnesses of a verdict. None may reach another one's modules, however long the way, else
+# two of them could be wrong together. A name stands for a module or a package and all below it;
+# what stands earlier in the table is not part of what stands later.
+WITNESSES = {
+    "ngspice": ("verification.engines.ngspice",),
+    "state space": ("verification.engines.statespace",),
+    "reference": ("verification.reference",),
+}
+
+# What else a witness must not know: ngspice sees the deck, the state space the circuit, and the
+# reference solver the problem.
+UNKNOWN = {
+    "ngspice": (
+        "netlist_gen.scene.scene",
+        "netlist_gen.problem.inverse_problem",
+        "netlist_gen.board.synthesis",
+        "netlist_gen.board.circuit",
+        "spice_models.opamp",
+    ),
+    "state space": (
+        "netlist_gen.scene.scene",
+        "netlist_gen.problem.inverse_problem",
+        "netlist_gen.board.synthesis",
+        "netlist_gen.deck.deck",
+        "spice_models.subcircuits",
+    ),
+    "reference": (
+        "netlist_gen.board.circuit",
+        "netlist_gen.board.synthesis",
+        "netlist_gen.deck.deck",
+        "spice_models.opamp",
+        "spice_models.subcircuits",
+    ),
+}
+
+HEAVY = ("numpy", "scipy", "pydantic", "PySpice", "matplotlib", "mpmath")
+
+
+@cache
+def modules() -> dict[str, Path]:
+    """Every module of ours by its dotted name; a package is its ``__init__``."""
+    found = {}
+    for package in PACKAGES:
+        for path in sorted((ROOT / package).rglob("*.py")):
+            parts = path.relative_to(ROOT).with_suffix("").parts
+            found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+@cache
+def imports(module: str) -> frozenset[str]:
+    """Our modules that `module` imports: at its top, in a function or for type checking."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(modules()[module].read_text("utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{module} line {node.lineno}: relative imports hide the floor"
+            for alias in node.names:
+                name = f"{node.module}.{alias.name}"
+                found.add(name if name in modules() else str(node.module))
+    return frozenset(found & modules().keys())
+
+
+def reached(module: str) -> set[str]:
+    """Everything that `module` imports, directly or through others."""
+    seen: set[str] = set()
+    todo = [module]
+    while todo:
+        new = imports(todo.pop()) - seen
+        seen |= new
+        todo.extend(new)
+    return seen
+
+
+def below(name: str, roots: tuple[str, ...]) -> bool:
+    return any(name == root or name.startswith(root + ".") for root in roots)
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_a_package_imports_only_from_its_own_floor_and_below(package: str) -> None:
+    allowed = PACKAGES[: PACKAGES.index(package) + 1]
+    upward = [
+        f"{module} imports {name}"
+        for module in modules()
+        if below(module, (package,))
+        for name in sorted(imports(module))
+        if not below(name, allowed)
+    ]
+    assert not upward, "\n".join(upward)
+
+
+def test_no_module_imports_itself_in_a_circle() -> None:
+    assert [module for module in modules() if module in reached(module)] == []
+
+
+def witness_of(module: str) -> str | None:
+    return next((name for name, own in WITNESSES.items() if below(module, own)), None)
+
+
+@pytest.mark.parametrize("witness", WITNESSES)
+def test_a_witness_does_not_know_the_others(witness: str) -> None:
+    own = [module for module in modules() if witness_of(module) == witness]
+    assert own
+    known = [
+        f"{module} reaches {name}"
+        for module in own
+        for name in sorted(reached(module))
+        if below(name, UNKNOWN[witness]) or witness_of(name) not in {witness, None}
+    ]
+    assert not known, "\n".join(known)
+
+
+def test_help_loads_nothing_heavy() -> None:
+    script = (
+        "import sys\n"
+        "from cli.main import main\n"
+        "sys.argv = ['taction', '--help']\n"
+        "try:\n"
+        "    main()\n"
+        "except SystemExit as end:\n"
+        "    assert not end.code, end.code\n"
+        f"print(*sorted(set(sys.modules) & {set(HEAVY)!r}), file=sys.stderr)\n"
+    )
+    run = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr
+    assert "verify" in run.stdout
+    assert run.stderr.split() == []

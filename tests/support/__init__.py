@@ -1,0 +1,1 @@
+"""What several tests share: boards, scenes, oracles, running the command."""

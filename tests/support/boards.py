@@ -1,0 +1,205 @@
+"""Boards made by hand for the tests of the state-space engine, independent of the synthesis."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from netlist_gen.board.circuit import (
+    Capacitor,
+    Circuit,
+    CurrentSource,
+    OpAmpCell,
+    Output,
+    Resistor,
+    ResistorMatrix,
+    Scalings,
+    SignalAmplifier,
+    VoltageSource,
+)
+from spice_models.array_types import Floats
+from spice_models.opamp import OpAmp
+
+IDEAL = OpAmp("ideal", 1e8)
+
+
+def two_pole(
+    gbw: float, cin: float, *, gain: float = 1e5, output: float = 75.0, rin: float = np.inf
+) -> OpAmp:
+    """Second pole at three times the gain-bandwidth product."""
+    return OpAmp(
+        "two_pole",
+        gain,
+        gbw=gbw,
+        second_pole=3.0 * gbw,
+        input_resistance=rin,
+        input_capacitance=cin,
+        output_resistance=output,
+    )
+
+
+def kernel(channels: int, span: float, depth: float = 1.0) -> Floats:
+    """Eq (19) with E = 1 at equally spaced points."""
+    y = np.linspace(-span, span, channels)
+    d2 = (y[:, None] - y[None, :]) ** 2
+    x2 = depth**2
+    return 3.0 / (2.0 * np.pi) * depth * (x2 - d2) / (x2 + d2) ** 2
+
+
+def strain(channels: int, span: float) -> Floats:
+    """Strain of the cylinder load (18) with p = 3, a = 1, finely integrated."""
+    y = np.linspace(-span, span, channels)
+    s = np.linspace(-1.0, 1.0, 4001)[1:-1]
+    d2 = (y[:, None] - s[None, :]) ** 2
+    profile = 3.0 / np.pi * np.sqrt(1.0 - s**2)
+    response = 3.0 / (2.0 * np.pi) * (1.0 - d2) / (1.0 + d2) ** 2
+    total: Floats = (response * profile).sum(axis=1) * (s[1] - s[0])
+    return total
+
+
+def board(
+    T: Floats,
+    eps: Floats,
+    model: OpAmp,
+    *,
+    R: float = 1.786e6,
+    C: float = 10e-12,
+    s: float = 6.252e6,
+    G0: float = 0.3313e-6,
+    exponential: bool = False,
+    bias: bool = False,
+    U0: float = 1.0,
+    Ve: float = 1.0,
+) -> Circuit:
+    """Integrator topology, as the design's section on the op-amp realisation has it."""
+    M, N = T.shape
+    lam = (2.0 * Ve / U0 if exponential else 1.0) / (R * s * G0**2)
+    opamps: list[OpAmpCell] = []
+    resistors: list[Resistor] = []
+    capacitors: list[Capacitor] = []
+    amplifiers: list[SignalAmplifier] = []
+
+    def inverter(name: str, source: str, output: str, ohms: float) -> None:
+        opamps.append(OpAmpCell(f"X{name}", model.name, "0", f"{name}_in", output))
+        resistors.append(Resistor(f"Ri_{name}", source, f"{name}_in", ohms))
+        resistors.append(Resistor(f"Rf_{name}", f"{name}_in", output, ohms))
+
+    columns, rows = np.any(T < 0, axis=0).tolist(), np.any(T < 0, axis=1).tolist()
+    for n in range(N):
+        opamps.append(OpAmpCell(f"Xv{n}", model.name, "0", f"x{n}", f"v{n}"))
+        resistors.append(Resistor(f"Rn{n}", f"x{n}", f"v{n}", R))
+        capacitors.append(Capacitor(f"Cn{n}", f"x{n}", f"v{n}", C))
+        if exponential:
+            amplifiers.append(SignalAmplifier(f"B{n}", "exponential", f"v{n}", f"a{n}", U0, Ve))
+            if columns[n]:
+                inverter(f"p{n}", f"a{n}", f"u{n}", 1e5)
+        else:
+            inverter(f"a{n}", f"v{n}", f"a{n}", 1e5)
+        if bias:
+            resistors.append(Resistor(f"Rb{n}", "ve", f"x{n}", R))
+    for k in range(M):
+        opamps.append(OpAmpCell(f"Xw{k}", model.name, "0", f"c{k}", f"w{k}"))
+        resistors.append(Resistor(f"Rs{k}", f"c{k}", f"w{k}", s))
+        if rows[k]:
+            inverter(f"m{k}", f"w{k}", f"m{k}", 1e5)
+    with np.errstate(divide="ignore"):
+        ohms = 1.0 / (np.abs(T) * G0)
+    positive = "u" if exponential else "v"
+    shared = (ohms, T < 0)
+    forward = ResistorMatrix(
+        "Rf",
+        *shared,
+        by_column=True,
+        plus=tuple(f"a{n}" for n in range(N)),
+        minus=tuple(f"{positive}{n}" if columns[n] else "" for n in range(N)),
+        sinks=tuple(f"c{k}" for k in range(M)),
+    )
+    backward = ResistorMatrix(
+        "Rb",
+        *shared,
+        by_column=False,
+        plus=tuple(f"w{k}" for k in range(M)),
+        minus=tuple(f"m{k}" if rows[k] else "" for k in range(M)),
+        sinks=tuple(f"x{n}" for n in range(N)),
+    )
+    return Circuit(
+        name="hand",
+        amplifier="exponential" if exponential else "linear",
+        topology="integrator",
+        scalings=Scalings(G0, U0, Ve, R, C, s, lam),
+        models={model.name: model},
+        opamps=tuple(opamps),
+        amplifiers=tuple(amplifiers),
+        resistors=tuple(resistors),
+        matrices=(forward, backward),
+        capacitors=tuple(capacitors),
+        currents=tuple(CurrentSource(f"I{k}", f"c{k}", float(eps[k]) * G0 * U0) for k in range(M)),
+        voltages=(VoltageSource("Ve", "ve", Ve),) if bias else (),
+        signal_nodes=tuple(f"v{n}" for n in range(N)),
+        constraint_nodes=tuple(f"w{k}" for k in range(M)),
+        outputs=tuple(
+            Output(f"a{n}", -1.0) if exponential else Output(f"v{n}", 1.0) for n in range(N)
+        ),
+        omissions=(),
+    )
+
+
+def paper_board(C: float = 10e-12, gbw: float = 790e3, cin: float = 12.1e-12) -> Circuit:
+    """Row A of the calibration: seven channels over [-3, 3]."""
+    return board(kernel(7, 3.0), strain(7, 3.0), two_pole(gbw, cin), C=C)
+
+
+def single_mode(rc: float, tau: float = 0.455e-6, gain: float = 100.0) -> Circuit:
+    """One mode with DC loop gain K and two equal lags: ``(1 + p RC)(1 + p tau)^2 + K = 0``.
+
+    Built of ideal op-amps: a leaky integrator, then two lags of a resistor and a capacitor each,
+    buffered; the last amplifier has gain K.
+    """
+    R, G = 10e3, 1e-4
+    buffers = [OpAmpCell(f"Xb{k}", "follow", f"l{k}", f"b{k}", f"b{k}") for k in (1, 2)]
+    return Circuit(
+        name="single",
+        amplifier="linear",
+        topology="integrator",
+        scalings=Scalings(G, 1.0, 1.0, R, rc / R, R, 1.0),
+        models={"follow": OpAmp("follow", 1e9)},
+        opamps=(OpAmpCell("Xv", "follow", "0", "x", "v"), *buffers),
+        amplifiers=(),
+        resistors=(
+            Resistor("R", "x", "v", R),
+            Resistor("R1", "v", "l1", R),
+            Resistor("R2", "b1", "l2", R),
+            Resistor("Rk", "b2", "x", R / gain),
+        ),
+        matrices=(),
+        capacitors=(
+            Capacitor("C", "x", "v", rc / R),
+            Capacitor("C1", "l1", "0", tau / R),
+            Capacitor("C2", "l2", "0", tau / R),
+        ),
+        currents=(CurrentSource("I", "x", -1e-4),),
+        voltages=(),
+        signal_nodes=("v",),
+        constraint_nodes=("b2",),
+        outputs=(Output("v", 1.0),),
+        omissions=(),
+    )
+
+
+def lags(count: int, tau: float) -> Circuit:
+    """Buffered RC stages of one time constant after a 1 V source: a Jordan block of that size."""
+    places = range(1, count + 1)
+    ends = ["in", *(f"b{k}" for k in places)]
+    return replace(
+        single_mode(1e-6),
+        models={"op": OpAmp("op", 1e15)},
+        opamps=tuple(
+            OpAmpCell(f"X{k}", "op", f"c{k}", f"b{k}", f"b{k}") for k in range(1, count + 1)
+        ),
+        resistors=tuple(Resistor(f"R{k}", ends[k - 1], f"c{k}", 1e3) for k in places),
+        capacitors=tuple(Capacitor(f"C{k}", f"c{k}", "0", tau / 1e3) for k in places),
+        currents=(),
+        voltages=(VoltageSource("V", "in", 1.0),),
+        outputs=(Output(f"b{count}", 1.0),),
+    )

@@ -1,0 +1,51 @@
+"""Entries of a baseline, and a scene that is quick to verify, for tests."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from verification.studies.regression.baseline import Entry
+
+
+def entry(**changes: Any) -> Entry:
+    """An entry of one output that rises to 1 V."""
+    fields: dict[str, Any] = {
+        "name": "one",
+        "fingerprint": "f" * 64,
+        "revision": "a" * 40,
+        "taction": "0.1.0",
+        "simulator": "ngspice-46",
+        "outcome": "pass",
+        "checks": {"stability": "pass"},
+        "amplitude": 1.0,
+        "speed": 1e6,
+        "levels": {"u_1.target": 1.0, "u_1.final": 1.0, "u_1.overshoot": 0.25},
+        "times": {"settling_time": [5e-6], "u_1.rise_time": [2e-6]},
+        "poles": {"growth_rate": -1e6, "frequency": 0.0},
+        "states": {"u_1": "settled"},
+        "time": [0.0, 1e-6, 5e-6],
+        "outputs": {"u_1": [0.0, 0.6321205588, 0.9932620530]},
+    }
+    return Entry.model_validate(fields | changes)
+
+
+FAST = """
+name = "fast"
+[problem]
+kind = "tactile"
+channels = 3
+span = 2.0
+[analysis]
+engine = "statespace"
+[checks]
+settling_time = {{ band = 0.01, max = "{limit}" }}
+[design]
+capacitance = "{capacitance}"
+"""
+
+
+def write_fast(path: Path, *, limit: str = "1s", capacitance: str = "10pF", more: str = "") -> Path:
+    """Write a scene of three channels that is verified in some hundredths of a second."""
+    path.write_text(FAST.format(limit=limit, capacitance=capacitance) + more, encoding="utf-8")
+    return path

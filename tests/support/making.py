@@ -1,0 +1,37 @@
+"""Scenes and problems for tests, without a scene file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from netlist_gen.problem.inverse_problem import InverseProblem
+from netlist_gen.scene.file import parse_scene
+from netlist_gen.scene.scene import Scene
+
+NEAR_IDEAL = {"base": "ideal", "dc_gain": 1e12}
+
+
+def make_scene(problem: dict[str, Any] | None = None, **tables: Any) -> Scene:
+    """A tactile scene with the defaults but for `problem` and the tables given by name."""
+    return parse_scene({"problem": {"kind": "tactile", **(problem or {})}, **tables}, "scene.toml")
+
+
+def matrix_problem(T: ArrayLike, eps: ArrayLike) -> InverseProblem:
+    return InverseProblem(np.array(T, float), np.array(eps, float), None, None)
+
+
+def write_matrix_scene(folder: Path, T: ArrayLike, eps: ArrayLike, rest: str = "") -> Path:
+    """Write a scene of kind matrix and its CSV files; `rest` is more TOML."""
+    rows: list[NDArray[np.float64]] = [np.atleast_1d(row) for row in np.array(T, float)]
+    (folder / "T.csv").write_text("".join(",".join(map(repr, r.tolist())) + "\n" for r in rows))
+    (folder / "eps.csv").write_text("".join(f"{e!r}\n" for e in np.array(eps, float).tolist()))
+    scene = folder / "scene.toml"
+    scene.write_text(
+        f'[problem]\nkind = "matrix"\nmatrix = "T.csv"\nstrain = "eps.csv"\n{rest}\n',
+        encoding="utf-8",
+    )
+    return scene

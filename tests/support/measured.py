@@ -1,0 +1,92 @@
+"""Measurements and evidence made by hand, for tests of what is concluded from them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from netlist_gen.scene.scene import Checks
+from verification.measures.measure import ChannelMeasure, Measurements, Reading
+from verification.measures.settling import ChannelState
+from verification.pipeline.agreement import Agreement
+from verification.pipeline.checks import Evidence
+from verification.pipeline.step_error import StepError
+from verification.small_signal.margin import Margin
+from verification.small_signal.poles import summarise
+
+EXACT = StepError(0.0, 0.0, 0.0, 0.0)
+STABLE = summarise(np.array([-1e3 + 1e5j, -1e3 - 1e5j]), complete=True)
+UNSTABLE = summarise(np.array([1e3 + 1e5j, 1e3 - 1e5j]), complete=True)
+
+
+def channel(index: int = 0, **changes: Any) -> ChannelMeasure:
+    """A settled channel that goes from 0 to 1 V, rises in 10 µs and settles in 1 ms."""
+    made = ChannelMeasure(
+        index=index,
+        target=1.0,
+        final=1.0,
+        rise_time=Reading(10e-6, 1e-9),
+        settling_time=Reading(1e-3, 1e-7),
+        overshoot=0.1,
+        state=ChannelState.SETTLED,
+        frequency=None,
+        growth_rate=None,
+        reason="",
+        rise_reason="",
+    )
+    return replace(made, **changes)
+
+
+def oscillating(index: int = 0) -> ChannelMeasure:
+    return channel(
+        index,
+        state=ChannelState.OSCILLATING,
+        settling_time=None,
+        frequency=4e4,
+        growth_rate=1e3,
+        reason="it oscillates",
+    )
+
+
+def measured(*channels: ChannelMeasure, **changes: Any) -> Measurements:
+    """Measurements of the channels; the network settles with the last of them."""
+    settled = [c.settling_time for c in channels if c.settling_time is not None]
+    every = len(settled) == len(channels)
+    made = Measurements(
+        amplitude=1.0,
+        band=0.01,
+        channels=channels,
+        settling_time=max(settled, key=lambda r: r.value) if every else None,
+        reason="" if every else "channel 1: it oscillates",
+        modes=(),
+    )
+    return replace(made, **changes)
+
+
+def evidence(
+    *channels: ChannelMeasure,
+    checks: dict[str, Any] | None = None,
+    error: StepError = EXACT,
+    **changes: Any,
+) -> Evidence:
+    made = Evidence(
+        checks=Checks.model_validate(checks or {}),
+        measurements=measured(*(channels or (channel(),))),
+        error=error,
+        agreement=None,
+        poles=STABLE,
+        margin=None,
+        reference_error=0.0,
+        reference_problem="",
+    )
+    return replace(made, **changes)
+
+
+def agreement(difference: float, step_error: float = 0.0, reason: str = "") -> Agreement:
+    return Agreement(difference, step_error, 1e-6, 0, np.zeros(0), np.zeros((0, 1)), reason)
+
+
+def margin(factor: float) -> Margin:
+    return Margin(factor, f"C may shrink by {factor:g}")

@@ -1,0 +1,10 @@
+"""Where things are in the checkout."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+SCENES = ROOT / "scenes"
+DATA = ROOT / "tests" / "data"
+GOLDEN = ROOT / "tests" / "golden"

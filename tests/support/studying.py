@@ -1,0 +1,56 @@
+"""Small scenes and executors for tests of studies over varied boards."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from netlist_gen.scene.scene import Scene
+from tests.support.making import NEAR_IDEAL, make_scene
+from verification.studies.running.executors import Workers
+
+QUIET = {"resistor": 0, "capacitor": 0, "stray": 0, "opamp_gbw": 0, "opamp_gain": 0}
+DAMPED = {"capacitance": "100pF", "gain": "100kohm", "stray_capacitance": 0.0, "opamp": NEAR_IDEAL}
+IDEAL = """[design]
+gain = "100kohm"
+capacitance = "100pF"
+stray_capacitance = 0
+opamp = { base = "ideal", dc_gain = 1e12 }
+"""
+TEXT = """name = "two"
+[problem]
+kind = "tactile"
+channels = 2
+span = 1.2
+[design]
+capacitance = "100pF"
+gain = "100kohm"
+stray_capacitance = 0
+opamp = { base = "ideal", dc_gain = 1e12 }
+[checks]
+steady_state = { tolerance = 0.005 }
+settling_time = { band = 0.1 }
+"""
+
+
+def small_scene(**tables: Any) -> Scene:
+    """Two channels with ideal op-amps, by the state-space engine."""
+    tables = {"design": DAMPED, "analysis": {"engine": "statespace"}} | tables
+    return make_scene({"channels": 2, "span": 1.2}, **tables)
+
+
+def scene_file(folder: Path, rest: str = "") -> str:
+    """Write the same scene, with a steady-state limit that some samples do not keep."""
+    path = folder / "two.toml"
+    path.write_text(TEXT + rest, encoding="utf-8")
+    return str(path)
+
+
+@contextmanager
+def one_thread() -> Iterator[Workers]:
+    """Run samples in this process, one at a time."""
+    with ThreadPoolExecutor(1) as executor:
+        yield Workers(executor, lambda: 2, (BrokenExecutor,))

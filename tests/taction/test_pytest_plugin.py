@@ -1,0 +1,141 @@
+"""The pytest plugin, in pytest sessions of its own."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from importlib import metadata
+
+import pytest
+from click.testing import CliRunner
+
+from cli.main import main
+from tests.support.entries import write_fast
+from tests.support.paths import ROOT
+
+pytest_plugins = ["pytester"]
+
+HEAVY = ("numpy", "scipy", "pydantic", "PySpice", "rich", "netlist_gen", "verification")
+
+
+@pytest.fixture
+def session(pytester: pytest.Pytester) -> pytest.Pytester:
+    """A folder with a pytest session that has our plugin and no cache."""
+    pytester.makeini("[pytest]\naddopts = -p no:cacheprovider -p no:xdist\n")
+    return pytester
+
+
+def run(session: pytest.Pytester, *words: str) -> pytest.RunResult:
+    return session.runpytest_subprocess(*words, timeout=120)
+
+
+def test_pytest_finds_the_plugin_where_taction_is_installed() -> None:
+    (entry,) = metadata.entry_points(group="pytest11", name="taction")
+    assert entry.value == "taction.pytest_plugin"
+
+
+def test_a_session_without_scenes_loads_nothing_of_taction(session: pytest.Pytester) -> None:
+    session.makepyfile(
+        f"""
+        import sys
+
+        def test_light():
+            assert "taction.pytest_plugin" in sys.modules
+            assert not set(sys.modules) & set({HEAVY!r})
+        """
+    )
+    run(session).assert_outcomes(passed=1)
+
+
+def test_loading_the_plugin_loads_pytest_and_nothing_else_of_weight() -> None:
+    script = (
+        "import sys, pytest\n"
+        "before = set(sys.modules)\n"
+        "import taction.pytest_plugin\n"
+        "print(*sorted(set(sys.modules) - before))\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=ROOT,
+    )
+    assert done.stdout.split() == ["taction", "taction.pytest_plugin"]
+
+
+def test_scene_files_are_collected_and_judged(session: pytest.Pytester) -> None:
+    write_fast(session.path / "good.scene.toml")
+    write_fast(session.path / "slow.scene.toml", limit="1us")
+    write_fast(session.path / "not-ours.toml", limit="1us")
+    (session.path / "odd.scene.toml").write_text("[problem]\nkind = 'tactil'\n")
+    result = run(session)
+    result.assert_outcomes(passed=1, failed=2)
+    result.stdout.fnmatch_lines(
+        [
+            "odd.scene.toml: bad input",
+            "*problem.kind = 'tactil': did you mean 'tactile'*",
+            "slow.scene.toml: fail",
+            "*check settling time fails*",
+        ]
+    )
+    result.stdout.no_fnmatch_line("*Traceback*")
+
+
+def test_what_could_not_be_decided_is_no_pass(
+    session: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TACTION_NGSPICE", "no-such-ngspice")
+    scene = write_fast(session.path / "a.scene.toml")
+    scene.write_text(scene.read_text().replace("statespace", "ngspice"))
+    result = run(session)
+    result.assert_outcomes(failed=1)
+    result.stdout.fnmatch_lines(["*no verdict*", "*no-such-ngspice*"])
+
+
+def test_collected_scenes_are_compared_with_a_baseline(session: pytest.Pytester) -> None:
+    scene = write_fast(session.path / "a.scene.toml")
+    words = ["regress", str(session.path), "--baseline", str(session.path / "b.json"), "--update"]
+    assert CliRunner().invoke(main, words).exit_code == 0
+    option = "--taction-baseline=b.json"
+    run(session, option).assert_outcomes(passed=1)
+    write_fast(scene, capacitance="10.5pF")
+    run(session).assert_outcomes(passed=1)
+    result = run(session, option)
+    result.assert_outcomes(failed=1)
+    result.stdout.fnmatch_lines(["*a.scene.toml: changed*", "*tolerances off*"])
+
+
+def test_a_baseline_that_cannot_be_read_ends_the_collection(session: pytest.Pytester) -> None:
+    write_fast(session.path / "a.scene.toml")
+    result = run(session, "--taction-baseline=none.json")
+    result.assert_outcomes(errors=1)
+    result.stdout.fnmatch_lines(["*none.json*there is no such file*"])
+    result.stdout.no_fnmatch_line("*Traceback*")
+
+
+def test_the_fixture_verifies_a_scene_once_a_session(session: pytest.Pytester) -> None:
+    write_fast(session.mkdir("boards") / "a.toml")
+    session.makepyfile(
+        """
+        seen = []
+
+        def test_board(taction_scene):
+            verdict = taction_scene("boards/a.toml")
+            assert verdict.outcome.value == "pass"
+            assert verdict.measurements.settling_time.value < 1e-3
+            seen.append(verdict)
+
+        def test_the_same_board(taction_scene):
+            assert taction_scene("boards/a.toml") is seen[0]
+            assert taction_scene("boards/a.toml", engine="statespace") is not seen[0]
+        """
+    )
+    run(session).assert_outcomes(passed=2)
+
+
+def test_the_fixture_names_what_is_wrong_with_a_scene(session: pytest.Pytester) -> None:
+    session.makepyfile("def test_board(taction_scene):\n    taction_scene('none.toml')\n")
+    result = run(session)
+    result.assert_outcomes(failed=1)
+    result.stdout.fnmatch_lines(["*InputError*none.toml*No such file*"])

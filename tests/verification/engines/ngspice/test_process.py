@@ -1,0 +1,282 @@
+"""The runner against a real ngspice: right answers, and each way to fail by its own name."""
+
+from __future__ import annotations
+
+import subprocess
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spice_models.errors import (
+    BadEvidence,
+    DidNotLoad,
+    InputError,
+    Killed,
+    OutOfDisk,
+    SimulationError,
+    SimulatorNotFound,
+    SingularCircuit,
+    StepTooSmall,
+    TimedOut,
+)
+from tests.support.small_decks import TAU, SmallDeck, divider, endless, transient, wrapped
+from verification.engines.ngspice.process import Simulator, find_simulator, simulate, start
+from verification.waveforms import Waveforms
+
+
+@pytest.fixture(scope="session")
+def simulator(ngspice: str) -> Simulator:
+    return find_simulator(ngspice)
+
+
+def largest_error(waveforms: Waveforms) -> float:
+    """Against the closed form of an RC step, V."""
+    exact = -np.expm1(-waveforms.time / TAU)
+    return float(np.abs(waveforms["out"] - exact).max())
+
+
+def test_rc_step_agrees_with_the_closed_form_and_converges_at_second_order(
+    simulator: Simulator,
+) -> None:
+    coarse, fine = (
+        simulate(transient(step=step, solver=simulator.solver_option), simulator, timeout=30.0)
+        for step in (1e-8, 5e-9)
+    )
+    # The trapezoidal rule errs by (h/tau)^2/12 max(t/tau exp(-t/tau)) = 1e-4/12/e = 3.07e-6.
+    assert largest_error(coarse) == pytest.approx(3.07e-6, rel=0.1)
+    assert largest_error(coarse) / largest_error(fine) == pytest.approx(4.0, rel=0.05)
+    assert coarse.engine == f"ngspice-{simulator.version}"
+    assert coarse.cost.points == len(coarse.time)
+    assert coarse.cost.seconds > 0.0
+
+
+def test_operating_point_is_one_point_at_time_zero(simulator: Simulator) -> None:
+    waveforms = simulate(divider(), simulator, timeout=30.0)
+    assert waveforms.time.tolist() == [0.0]
+    assert waveforms["out"][0] == pytest.approx(0.75, rel=1e-12)
+    assert waveforms.nodes == ("out", "in")
+
+
+def test_capital_letters_in_node_names_are_kept(simulator: Simulator) -> None:
+    deck = transient("R2 out Other 1.0", saved=("Other", "out"))
+    waveforms = simulate(deck, simulator, timeout=30.0)
+    assert waveforms.nodes == ("Other", "out")
+    np.testing.assert_allclose(waveforms["Other"], waveforms["out"], rtol=1e-6, atol=1e-12)
+
+
+def test_an_include_file_stands_beside_the_deck(simulator: Simulator) -> None:
+    deck = transient(".include Load.inc", files={"Load.inc": "R2 out 0 1000.0\n"})
+    waveforms = simulate(deck, simulator, timeout=30.0)
+    assert waveforms["out"][-1] == pytest.approx(0.5 * -np.expm1(-10.0), rel=1e-5)
+
+
+def test_two_runs_at_the_same_time(simulator: Simulator) -> None:
+    decks = [transient(step=step, stop=2e-4) for step in (1e-8, 2e-8)]
+    with (
+        start(decks[0], simulator, timeout=30.0) as fine,
+        start(decks[1], simulator, timeout=30.0) as coarse,
+    ):
+        fine_points, coarse_points = (len(run.result().time) for run in (fine, coarse))
+    assert fine_points / coarse_points == pytest.approx(2.0, rel=0.01)
+    assert not fine.folder.exists()
+    assert not coarse.folder.exists()
+
+
+def test_run_folder_goes_on_success_and_stays_when_asked(
+    simulator: Simulator, tmp_path: Path
+) -> None:
+    simulate(transient(), simulator, timeout=30.0, folder=tmp_path / "gone")
+    assert not (tmp_path / "gone").exists()
+    simulate(transient(), simulator, timeout=30.0, folder=tmp_path / "kept", keep=True)
+    assert (tmp_path / "kept" / "out.raw").stat().st_size > 0
+    with pytest.raises(InputError, match="must be empty"):
+        start(transient(), simulator, timeout=30.0, folder=tmp_path / "kept")
+
+
+def test_the_command_repeats_the_run(simulator: Simulator, tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    simulate(transient(), simulator, timeout=30.0, folder=folder, keep=True)
+    first = (folder / "out.raw").read_bytes().partition(b"Binary:")[2]
+    (folder / "out.raw").unlink()
+    subprocess.run(
+        ["sh", "command.txt"], cwd=folder, stdin=subprocess.DEVNULL, capture_output=True, check=True
+    )
+    assert (folder / "out.raw").read_bytes().partition(b"Binary:")[2] == first
+
+
+def test_a_cancelled_run_ends_and_leaves_nothing(simulator: Simulator, tmp_path: Path) -> None:
+    fake = wrapped(simulator, tmp_path, f"echo $$ > {tmp_path}/pid")
+    with start(endless(), fake, timeout=60.0) as run:
+        pid = process_id(tmp_path / "pid")
+    assert not is_running(pid)
+    assert not run.folder.exists()
+    with pytest.raises(SimulationError, match="cancelled"):
+        run.result()
+
+
+def test_a_run_that_nobody_asks_for_ends_with_its_object(
+    simulator: Simulator, tmp_path: Path
+) -> None:
+    fake = wrapped(simulator, tmp_path, f"echo $$ > {tmp_path}/pid")
+    run = start(endless(), fake, timeout=60.0, folder=tmp_path / "run")
+    pid = process_id(tmp_path / "pid")
+    del run
+    assert not is_running(pid)
+    assert not (tmp_path / "run").exists()
+
+
+def test_nothing_of_the_users_surroundings_reaches_the_process(
+    simulator: Simulator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / ".spiceinit").write_text("set filetype=ascii\n")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("SPICE_ASCIIRAWFILE", "1")
+    monkeypatch.chdir(tmp_path)
+    assert simulate(transient(), simulator, timeout=30.0).time[-1] == pytest.approx(5e-6)
+
+
+LOAD = "R9 x 0 1.0"
+FAILURES: dict[str, tuple[SmallDeck, type[SimulationError], str]] = {
+    "unknown model": (transient("D1 out 0 nowhere"), DidNotLoad, "d1 out 0 nowhere"),
+    "bad value": (transient("R2 out 0 {1.0 +}"), DidNotLoad, "netlist line no."),
+    "loop of voltage sources": (
+        transient("V2 in 0 2.0", start=""),
+        SingularCircuit,
+        "check node v1#branch",
+    ),
+    "loop of voltage sources at an operating point": (
+        SmallDeck(
+            divider().text.replace("R2", "V2 in 0 2.0\nR2"), ("out", "in"), divider().analysis
+        ),
+        SingularCircuit,
+        "check node",
+    ),
+    "no solution": (
+        transient("B1 x 0 V = v(x) > 0.5 ? 0 : 1", LOAD),
+        StepTooSmall,
+        'trouble with node "x"',
+    ),
+    "missing node": (transient(saved=("out", "nowhere")), BadEvidence, "missing: v(nowhere)"),
+    "overflow": (
+        transient("B1 x 0 V = exp(1e6*v(out))", LOAD, saved=("out", "x")),
+        BadEvidence,
+        "v(x) ",
+    ),
+    "one over zero": (
+        transient("B1 x 0 V = 1/(v(out)-v(out))", LOAD, saved=("out", "x")),
+        BadEvidence,
+        "v(x) ",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", FAILURES)
+def test_failure_has_its_type_its_log_and_its_folder(
+    case: str, simulator: Simulator, tmp_path: Path
+) -> None:
+    deck, kind, text = FAILURES[case]
+    folder = tmp_path / "run"
+    with pytest.raises(kind) as caught:
+        simulate(deck, simulator, timeout=30.0, folder=folder)
+    assert type(caught.value) is kind
+    assert text.lower() in str(caught.value).lower()
+    assert caught.value.folder == folder
+    left = {path.name for path in folder.iterdir()}
+    assert left >= {"deck.cir", "command.txt", "stdout.txt", "stderr.txt"}
+
+
+def test_a_floating_node_is_flagged(simulator: Simulator) -> None:
+    # Node f hangs on a capacitor alone, so it has no operating point; ngspice goes on.
+    deck = transient("C2 in f 1e-09", saved=("out", "f"), start="")
+    waveforms = simulate(deck, simulator, timeout=30.0)
+    assert "Warning: singular matrix:  check node f" in waveforms.flags
+    assert simulate(transient(), simulator, timeout=30.0).flags == ()
+
+
+DISKS = {
+    "limit, signal": "ulimit -f 16",
+    "limit, silent": "trap '' XFSZ; ulimit -f 16",
+    "full device": "ln -s /dev/full out.raw",
+}
+
+
+@pytest.mark.parametrize("case", DISKS)
+def test_out_of_disk(case: str, simulator: Simulator, tmp_path: Path) -> None:
+    fake = wrapped(simulator, tmp_path, DISKS[case])
+    with pytest.raises(OutOfDisk) as caught:
+        simulate(transient(stop=1e-4), fake, timeout=30.0, folder=tmp_path / "run")
+    partial = caught.value.partial
+    assert (partial is None) == (case == "full device")
+    if isinstance(partial, Waveforms):
+        assert 0.0 < partial.time[-1] < 1e-4
+
+
+def test_a_run_folder_that_cannot_be_written(simulator: Simulator, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutOfDisk, match="cannot be written"):
+        simulate(transient(), simulator, timeout=30.0, folder=tmp_path / "file" / "run")
+
+
+def test_timeout_ends_the_whole_group_and_keeps_what_was_written(
+    simulator: Simulator, tmp_path: Path
+) -> None:
+    fake = wrapped(simulator, tmp_path, "sleep 1000 & echo $! > child")
+    folder = tmp_path / "run"
+    with pytest.raises(TimedOut, match=r"0\.5 s") as caught:
+        simulate(endless(), fake, timeout=0.5, folder=folder)
+    partial = caught.value.partial
+    assert isinstance(partial, Waveforms)
+    assert 0.0 < partial.time[-1] < 1.0
+    assert largest_error(partial) < 1e-6
+    assert not is_running(int((folder / "child").read_text()))
+
+
+def process_id(path: Path) -> int:
+    """Wait until a wrapper has written its process id."""
+    for _ in range(500):
+        if path.exists() and (text := path.read_text()).endswith("\n"):
+            return int(text)
+        time.sleep(0.01)
+    raise AssertionError(f"{path} was not written")
+
+
+def is_running(pid: int) -> bool:
+    """Whether the process is neither gone nor a zombie within a second."""
+    status = Path(f"/proc/{pid}/status")
+    for _ in range(100):
+        try:
+            if "\nState:\tZ" in status.read_text():
+                return False
+        except (FileNotFoundError, ProcessLookupError):
+            return False
+        time.sleep(0.01)
+    return True
+
+
+def test_killed_by_a_signal(simulator: Simulator, tmp_path: Path) -> None:
+    fake = wrapped(simulator, tmp_path, "(sleep 0.3; kill -SEGV $$) &")
+    with pytest.raises(Killed, match="SIGSEGV") as caught:
+        simulate(endless(), fake, timeout=30.0, folder=tmp_path / "run")
+    assert isinstance(caught.value.partial, Waveforms)
+
+
+def test_an_executable_that_has_gone(tmp_path: Path) -> None:
+    gone = Simulator(str(tmp_path / "ngspice"), 46, klu=True)
+    with pytest.raises(SimulatorNotFound, match="does not start"):
+        simulate(transient(), gone, timeout=30.0, folder=tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_the_deck_is_screened_before_anything_is_written(
+    simulator: Simulator, tmp_path: Path
+) -> None:
+    with pytest.raises(DidNotLoad, match="control"):
+        simulate(
+            transient(".control", "shell touch it", ".endc"),
+            simulator,
+            timeout=30.0,
+            folder=tmp_path / "run",
+        )
+    assert not (tmp_path / "run").exists()

@@ -1,0 +1,140 @@
+"""Raw files: round trip, ngspice's own, the way back into ngspice, and every refusal."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from spice_models.errors import BadEvidence, OutOfDisk
+from tests.support.small_decks import transient
+from verification.engines.ngspice.process import find_simulator, simulate
+from verification.engines.ngspice.raw_file import read_raw, write_raw
+from verification.waveforms import Cost, Waveforms
+
+
+def record(points: int, nodes: int = 2, seed: int = 7) -> Waveforms:
+    rng = np.random.default_rng(seed)
+    return Waveforms(
+        time=np.cumsum(rng.uniform(0.1, 1.0, points)),
+        nodes=tuple(f"n{index}" for index in range(nodes)),
+        values=rng.normal(size=(points, nodes)),
+        engine="test",
+        cost=Cost(0.0, points),
+    )
+
+
+@given(points=st.integers(1, 40), nodes=st.integers(1, 12), seed=st.integers(0, 9))
+def test_round_trip_is_exact(
+    tmp_path_factory: pytest.TempPathFactory, points: int, nodes: int, seed: int
+) -> None:
+    path = tmp_path_factory.mktemp("raw") / "a.raw"
+    written = record(points, nodes, seed)
+    write_raw(path, written, title="a title: with a colon")
+    plot = read_raw(path)
+    path.unlink()  # a map outlives its file
+    assert (plot.title, plot.name) == ("a title: with a colon", "Transient Analysis")
+    assert plot.vectors == ("time", *(f"v({node})" for node in written.nodes))
+    np.testing.assert_array_equal(plot.data[:, 0], written.time)
+    np.testing.assert_array_equal(plot.data[:, 1:], written.values)
+
+
+def test_strided_values_are_written_like_compact_ones(tmp_path: Path) -> None:
+    whole = record(5, 4)
+    view = Waveforms(whole.time, ("a", "b"), whole.values[:, ::2], "test", whole.cost)
+    copy = Waveforms(whole.time, ("a", "b"), whole.values[:, ::2].copy(), "test", whole.cost)
+    write_raw(tmp_path / "view", view)
+    write_raw(tmp_path / "copy", copy)
+    assert (tmp_path / "view").read_bytes() == (tmp_path / "copy").read_bytes()
+
+
+def test_a_file_of_ngspices_own(ngspice: str, tmp_path: Path) -> None:
+    deck = transient(saved=("out", "in"))
+    simulate(deck, find_simulator(ngspice), timeout=30.0, folder=tmp_path / "run", keep=True)
+    plot = read_raw(tmp_path / "run" / "out.raw")
+    assert plot.name == "Transient Analysis"
+    assert plot.vectors == ("time", "v(out)", "v(in)")
+    assert plot.promised == len(plot.data) > 500
+    assert plot.data[-1, 0] == pytest.approx(5e-6, rel=1e-12)
+    assert plot.data[-1, 1] == pytest.approx(-np.expm1(-5.0), abs=1e-5)
+    np.testing.assert_array_equal(plot.data[:, 2], 1.0)
+
+
+def test_ngspice_loads_what_is_written(ngspice: str, tmp_path: Path) -> None:
+    waveforms = record(4)
+    write_raw(tmp_path / "a.raw", waveforms)
+    commands = ["load a.raw", "set numdgt=16", "set wr_singlescale", "wrdata b.txt v(n1) v(n0)"]
+    script = "\n".join(["*ng_script", ".control", *commands, "quit 0", ".endc", ""])
+    (tmp_path / "load.cir").write_text(script)
+    subprocess.run(
+        [ngspice, "-n", "-b", "load.cir"],
+        stdin=subprocess.DEVNULL,
+        cwd=tmp_path,
+        capture_output=True,
+        timeout=30.0,
+        check=False,
+    )
+    expected = np.column_stack([waveforms.time, waveforms["n1"], waveforms["n0"]])
+    # 17 digits name a double exactly.
+    np.testing.assert_array_equal(np.loadtxt(tmp_path / "b.txt"), expected)
+
+
+def raw_bytes(tmp_path: Path, points: int = 3) -> bytes:
+    write_raw(tmp_path / "good.raw", record(points))
+    return (tmp_path / "good.raw").read_bytes()
+
+
+REFUSED = {
+    "complex": (b"Flags: real", b"Flags: complex", "complex"),
+    "padded": (b"Flags: real", b"Flags: real padded", "padded"),
+    "no flags": (b"Flags: real\n", b"", "missing"),
+    "text": (b"Binary:", b"Values:", "are text"),
+    "no points": (b"No. Points: 3", b"No. Points: 0", "bytes of values"),
+    "negative": (b"No. Points: 3", b"No. Points: -3", "no. points"),
+    "fewer names": (b"\t2\tv(n1)\tvoltage\n", b"", "announced"),
+    "wrong index": (b"\t2\tv(n1)", b"\t3\tv(n1)", "strange vector line"),
+    "another file": (b"Title:", b"Title", "not a raw file"),
+    "more points": (b"No. Points: 3", b"No. Points: 2", "48"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_refused(case: str, tmp_path: Path) -> None:
+    old, new, message = REFUSED[case]
+    good = raw_bytes(tmp_path)
+    assert old in good
+    (tmp_path / "bad.raw").write_bytes(good.replace(old, new, 1))
+    with pytest.raises(BadEvidence, match=message):
+        read_raw(tmp_path / "bad.raw")
+
+
+def test_refused_whole_files(tmp_path: Path) -> None:
+    good = raw_bytes(tmp_path)
+    path = tmp_path / "bad.raw"
+    for content, message in (
+        (good + good, "several plots"),
+        (b"", "no end"),
+        (good.partition(b"No. Points")[0], "no end"),
+        (
+            good.partition(b"Binary:")[0].replace(b"Points: 3", b"Points: 0") + b"Binary:\n",
+            "no poi",
+        ),
+    ):
+        path.write_bytes(content)
+        with pytest.raises(BadEvidence, match=message):
+            read_raw(path)
+    with pytest.raises(BadEvidence, match="never written"):
+        read_raw(tmp_path / "nowhere.raw")
+
+
+def test_a_short_file_is_a_full_disk_or_a_partial_result(tmp_path: Path) -> None:
+    (tmp_path / "short.raw").write_bytes(raw_bytes(tmp_path)[:-1])
+    with pytest.raises(OutOfDisk, match="71 of 72 bytes"):
+        read_raw(tmp_path / "short.raw")
+    plot = read_raw(tmp_path / "short.raw", partial=True)
+    np.testing.assert_array_equal(plot.data[:, 0], record(3).time[:2])
+    assert plot.promised == 3

@@ -1,0 +1,135 @@
+"""Screening: what must not reach ngspice, and what must."""
+
+from __future__ import annotations
+
+import pytest
+
+from netlist_gen.analysis import OperatingPoint
+from spice_models.errors import DidNotLoad, SingularCircuit
+from tests.support.small_decks import SmallDeck, divider, transient
+from verification.engines.ngspice.screening import screen
+
+REFUSED = {
+    ".control": ".control\nshell touch it\n.endc",
+    "indented, capital": "  .CONTROL",
+    "command in a comment": "*# shell touch it",
+    "script": "*ng_script",
+    "library": ".lib /etc/passwd",
+    "unknown include": ".include nowhere.inc",
+    "include by path": '.include "../other.inc"',
+    "absolute include": ".include /etc/passwd",
+    "continued include": ".include\n+ /etc/passwd",
+    "continued command": "R7 out 0 1.0\n+\n .control",
+    "unknown option": ".options frobnicate=3",
+    "resampling": ".options interp",
+    "missing field": "R7 out 0",
+    "bad number": "R7 out 0 1.2.3k",
+    "no ohms": "R7 out 0 0.0",
+    "no ohms, otherwise": "R7 out 0 0e-3k",
+    "code model": "A1 [in] [out] model",
+    "unknown subcircuit": "X1 in out nowhere",
+    "control character": "R7 out 0 1.0\x0cx",
+    "carriage return": "R7 out 0 1.0\r.control",
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_refused(case: str) -> None:
+    with pytest.raises(DidNotLoad):
+        screen(transient(REFUSED[case]))
+    with pytest.raises(DidNotLoad):
+        screen(transient(".include a.inc", files={"a.inc": REFUSED[case] + "\n"}))
+
+
+@pytest.mark.parametrize(
+    "name", ["../a", "/a", ".spiceinit", "a b", "a\nb", "", "-n", "deck.cir", "spinit"]
+)
+def test_refused_file_names(name: str) -> None:
+    with pytest.raises(DidNotLoad, match="file name"):
+        screen(transient(files={name: ""}))
+
+
+def test_a_piece_that_is_known_is_checked_where_it_stands() -> None:
+    known = "R7 free 0 1.0\nR8 free 0 1.0"
+    screen(transient(f"{known}\nI7 0 free 1.0"))
+    for lines in (".subckt inner a\n{}\n.ends", "{}\n*# shell touch it", "{}\nR9 free 0 0"):
+        with pytest.raises((DidNotLoad, SingularCircuit)):
+            screen(transient("I7 0 free 1.0\n" + lines.format(known)))
+
+
+def test_a_file_that_includes_itself() -> None:
+    with pytest.raises(DidNotLoad, match="within itself"):
+        screen(transient(".include a.inc", files={"a.inc": ".include a.inc\n"}))
+
+
+def test_a_script_in_place_of_a_title() -> None:
+    deck = divider()
+    for first in ("*ng_script", "*# shell touch it", ".control"):
+        with pytest.raises(DidNotLoad):
+            screen(SmallDeck(f"{first}\n{deck.text}", deck.saved, deck.analysis))
+
+
+@pytest.mark.parametrize("saved", [(), ("out", "out"), ("out", "OUT")])
+def test_saved_nodes_are_distinct(saved: tuple[str, ...]) -> None:
+    with pytest.raises(DidNotLoad, match="distinct"):
+        screen(SmallDeck(divider().text, saved, OperatingPoint()))
+
+
+FLOATING = {
+    "current source": "I1 0 f 1e-6",
+    "sensed": "I1 0 f 1e-6\nE1 e 0 f 0 1.0\nR9 e 0 1.0",
+    "transconductance": "G1 0 f out 0 1e-3",
+    "behavioural current": "B1 0 f I = v(out)",
+    "through a subcircuit": "I1 0 f 1e-6\nX1 f e\n+ buffer\nR9 e 0 1.0",
+    "port that nothing holds": "X1 f e buffer\nR9 e 0 1.0",
+}
+BUFFER = ".subckt buffer a b\nE1 b 0 a 0 1.0\n.ends buffer"
+
+
+@pytest.mark.parametrize("case", FLOATING)
+def test_a_node_that_nothing_holds(case: str) -> None:
+    # With KLU, ngspice 46 gives 0 V for node out, in place of 0.99 V, and exit status 0.
+    with pytest.raises(SingularCircuit, match="'f'"):
+        screen(transient(FLOATING[case], BUFFER))
+
+
+ACCEPTED = {
+    "a resistor holds it": "I1 0 f 1e-6\nR9 f 0 1.0",
+    "a capacitor holds it": "I1 0 f 1e-6\nC9 f 0 1e-9",
+    "its own conductance": "I1 0 f 1e-6\nG1 f 0 f 0 1e-3",
+    "behavioural voltage": "I1 0 f 1e-6\nB1 f 0 V = v(out)",
+    "a subcircuit holds it": "I1 0 f 1e-6\nX1 in f buffer",
+    "within an include": "I1 0 f 1e-6\n.include a.inc",
+    "suffixes": "R7 out 0 10k\nR8 out 0 1.5Meg\nR9 out 0 +.5e3ohm\nC9 out 0 10pF",
+    "expressions": "R7 out 0 {2*3}\nE1 e 0 value={v(out)}\nE2 g 0 vol='v(out)'",
+    "comment": "* .control would be a command",
+    "quoted include": '.include "a.inc"',
+}
+
+
+@pytest.mark.parametrize("case", ACCEPTED)
+def test_accepted(case: str) -> None:
+    deck = transient(ACCEPTED[case], BUFFER, files={"a.inc": "R9 f 0 1.0\n"})
+    assert screen(deck) is None  # what is not accepted raises
+
+
+def test_a_line_that_continues_nothing() -> None:
+    with pytest.raises(DidNotLoad, match="not accepted"):
+        screen(transient(".include a.inc", files={"a.inc": "+ R7 out 0 1.0\n"}))
+
+
+def test_the_same_lines_in_another_circuit_are_judged_there() -> None:
+    """What was read of one deck is not read again in the next; what it means there is."""
+    lines = "I1 0 f 1e-6\nX1 f e buffer\nR9 e 0 1.0"
+    holding = BUFFER.replace("E1 b", "R1 a 0 1.0\nE1 b")
+    for _ in range(2):
+        assert screen(transient(".options noinit", lines, ".options acct", holding)) is None
+        with pytest.raises(SingularCircuit, match="'f'"):
+            screen(transient(".options noinit", lines, ".options acct", BUFFER))
+
+
+def test_a_title_is_no_device() -> None:
+    deck = divider()
+    for title in ("taction", ".title taction"):
+        text = deck.text.replace("* taction", title, 1)
+        assert screen(SmallDeck(text, deck.saved, deck.analysis)) is None

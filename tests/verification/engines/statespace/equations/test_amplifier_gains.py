@@ -1,0 +1,64 @@
+"""Every signal amplifier, with and without bias: three witnesses and a closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from spice_models.amplifier import AMPLIFIERS
+from tests.support.making import make_scene
+from verification.verify import verify
+
+NONLINEAR = [name for name in AMPLIFIERS if name != "linear"]
+INVERSE = {
+    "exponential": np.log,
+    "sinh": np.arcsinh,
+    "softplus": lambda u: np.log(np.expm1(u)),
+    "tanh": np.arctanh,
+}
+BOARD = {
+    "capacitance": "100pF",
+    "resistance": "2Mohm",
+    "gain": "1Mohm",
+    "unit_conductance": "1uS",
+    "exponential_slope": "300mV",
+    "unit_voltage": "500mV",
+    "stray_capacitance": "1pF",
+    "opamp": {"base": "ideal", "dc_gain": 1e6, "gbw": "10MHz", "second_pole": "30MHz"},
+}
+
+
+def scene(amplifier: str, bias: bool):
+    problem = {"kind": "tactile", "channels": 3, "span": 1.5, "load": {"force": 1.5}}
+    return make_scene(problem=problem, design=BOARD | {"amplifier": amplifier, "bias": bias})
+
+
+@pytest.mark.parametrize("bias", [False, True])
+@pytest.mark.parametrize("amplifier", NONLINEAR)
+def test_ngspice_the_state_space_and_the_reference_agree(ngspice: str, amplifier: str, bias: bool):
+    verdict = verify(scene(amplifier, bias))
+    assert verdict.waveforms.engine.startswith("ngspice")
+    assert {c.name: c.outcome.value for c in verdict.checks} == {
+        "steady_state": "pass",
+        "settling_time": "pass",
+        "stability": "pass",
+        "engines_agree": "pass",
+    }
+
+
+@pytest.mark.parametrize("bias", [False, True])
+@pytest.mark.parametrize("amplifier", NONLINEAR)
+def test_the_final_outputs_balance_every_signal_node(ngspice: str, amplifier: str, bias: bool):
+    """At rest v/R + I_b + sum_k T_kn G0 w_k = 0 with v = Ve g^-1(u/U0): eq (9), by hand."""
+    verdict = verify(scene(amplifier, bias))
+    s, T, eps = verdict.circuit.scalings, verdict.problem.matrix, verdict.problem.strain
+    u = np.array([channel.final for channel in verdict.measurements.channels])
+    v = s.exponential_slope * INVERSE[amplifier](u / s.unit_voltage)
+    w = s.gain * s.unit_conductance * (T @ u - eps * s.unit_voltage)
+    currents = v / s.resistance + bias * s.exponential_slope / s.resistance
+    feedback = s.unit_conductance * T.T @ w
+    assert currents + feedback == pytest.approx(0.0, abs=2e-3 * np.max(np.abs(feedback)))
+
+
+def test_every_kind_has_a_closed_form_here():
+    assert set(INVERSE) == set(NONLINEAR)

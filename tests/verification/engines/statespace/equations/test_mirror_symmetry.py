@@ -1,0 +1,192 @@
+"""Boards that are their own mirror image: found by value, split exactly, the same modes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from netlist_gen.board.circuit import Circuit, Resistor
+from spice_models.array_types import Floats, Ints
+from tests.support.boards import board, kernel, lags, paper_board, strain, two_pole
+from verification.engines.statespace.equations.mirror_symmetry import (
+    Halves,
+    evened,
+    image_within,
+    proposed_image,
+)
+from verification.engines.statespace.linearised.equilibrium import equilibrium
+from verification.engines.statespace.linearised.modes import decompose, eigenvalues
+from verification.engines.statespace.linearised.state_space import linearise
+from verification.engines.statespace.transients.exact import exact
+from verification.engines.statespace.transients.matrix_exponential import ModalFlow
+from verification.small_signal.poles import poles
+
+LETTERS = str.maketrans("0123456789", "ABCDEFGHIJ")
+ODD, EVEN = np.array([4, 3, 2, 1, 0]), np.array([5, 4, 3, 2, 1, 0])
+
+
+def symmetric(image: Ints) -> Floats:
+    A = np.random.default_rng(len(image)).standard_normal((len(image), len(image)))
+    both: Floats = A + A[np.ix_(image, image)]
+    return both
+
+
+def small_board(channels: int, *, exponential: bool = False) -> Circuit:
+    """With a symmetric matrix to the bit, which numbers by `linspace` need not give."""
+    T = kernel(channels, 3.0)
+    eps = np.maximum(strain(channels, 3.0), 0.05)
+    T, eps = 0.5 * (T + T[::-1, ::-1]), 0.5 * (eps + eps[::-1])
+    return board(T, eps, two_pole(790e3, 12e-12), exponential=exponential, bias=exponential)
+
+
+def with_one_resistor_off(circuit: Circuit, by: float) -> Circuit:
+    forward = circuit.matrices[0]
+    ohms = forward.ohms.copy()
+    ohms[2, 0] *= 1.0 + by
+    return replace(circuit, matrices=(replace(forward, ohms=ohms), *circuit.matrices[1:]))
+
+
+def test_names_propose_the_image() -> None:
+    names = ("x_1", "v_1", "x_2", "v_2", "ve", "x_10", "xv_1.p1", "xv_2.p1", "c")
+    wanted = ["x_10", "v_2", "x_2", "v_1", "ve", "x_1", "xv_2.p1", "xv_1.p1", "c"]
+    image = proposed_image(names)
+    assert [names[k] for k in image] == wanted
+    assert np.array_equal(image[image], np.arange(len(names)))
+
+
+@pytest.mark.parametrize("image", [ODD, EVEN, np.array([0, 2, 1, 3])])
+def test_what_commutes_with_the_exchange_splits_exactly(image: Ints) -> None:
+    A = symmetric(image)
+    halves = Halves.of(image)
+    assert halves.commute_with(A)
+    even, odd = halves.split(A)
+    x = np.random.default_rng(2).standard_normal(len(image))
+    x_even, x_odd = x + x[image], x - x[image]
+    first = halves.own[: halves.pairs]
+    assert even @ x_even[halves.own] == pytest.approx((A @ x_even)[halves.own], rel=1e-13)
+    assert odd @ x_odd[first] == pytest.approx((A @ x_odd)[first], rel=1e-13)
+    wanted = np.sort_complex(np.linalg.eigvals(A))
+    assert np.sort_complex(eigenvalues((even, odd))) == pytest.approx(wanted, abs=1e-13)
+    modes = decompose((even, odd), halves)
+    assert (modes.right * modes.poles) @ modes.left == pytest.approx(A, abs=1e-13)
+    assert modes.left @ modes.right == pytest.approx(np.eye(len(image)), abs=1e-13)
+    assert np.all(np.diff(modes.poles.real) <= 1e-13)
+    whole = decompose([A])
+    for one, other in ((modes.spread, whole.spread), (modes.condition, whole.condition)):
+        assert np.all((0.5 * other < one) & (one < 2.0 * other))
+
+
+def test_real_arithmetic_keeps_pairs_and_their_order_of_accuracy() -> None:
+    # Poles over nine decades, the slow ones wanted to their own size.
+    wanted = np.array([-1.0, -2.0 + 30.0j, -2.0 - 30.0j, -5e3, -1e5 + 4e6j, -1e5 - 4e6j, -3e9])
+    blocks = np.zeros((7, 7))
+    blocks[np.arange(7), np.arange(7)] = wanted.real
+    for k in (1, 4):
+        blocks[k, k + 1], blocks[k + 1, k] = wanted[k].imag, -wanted[k].imag
+    turn = np.eye(7) + np.triu(np.random.default_rng(5).integers(-2, 3, (7, 7)), 1)
+    scale = 10.0 ** np.arange(7)
+    A = np.linalg.inv(turn) @ blocks @ turn * scale / scale[:, None]
+    modes = decompose([A])
+    assert modes.poles == pytest.approx(np.sort_complex(wanted)[::-1], rel=1e-5)
+    off = np.abs(modes.poles[:, None] - wanted[None, :]).min(axis=1)
+    assert np.all(off <= 10.0 * modes.spread)
+    assert modes.defect < 1e-12
+    pairs = np.flatnonzero(modes.poles.imag > 0.0)
+    assert np.array_equal(modes.right[:, pairs], modes.right[:, pairs + 1].conj())
+    assert np.array_equal(modes.left[pairs], modes.left[pairs + 1].conj())
+
+
+@pytest.mark.parametrize("channels", [2, 3, 4, 7, 8])
+@pytest.mark.parametrize("exponential", [False, True])
+def test_the_halves_of_a_board_have_its_poles(channels: int, exponential: bool) -> None:
+    circuit = small_board(channels, exponential=exponential)
+    for sources_on in (True, False):
+        space = linearise(circuit, equilibrium(circuit, sources_on=sources_on))
+        assert space.halves is not None
+        found, wanted = (
+            eigenvalues([block.A for block in space.blocks]),
+            np.linalg.eigvals(space.A),
+        )
+        for few, others in ((found, wanted), (wanted, found)):
+            distance = np.abs(few[:, None] - others[None, :]).min(axis=1)
+            assert np.all(distance <= 1e-9 * np.abs(few) + 1e-14 * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize("exponential", [False, True])
+def test_a_board_reduced_by_halves_is_the_board_reduced_whole(exponential: bool) -> None:
+    circuit = small_board(5, exponential=exponential)
+    found = linearise(circuit)
+    assert found.halves is not None
+    # Names without numbers propose no image.
+    spelled = {name: name.translate(LETTERS) for name in found.nodes}
+    places = {spelled[name]: place for name, place in found.descriptor.places.items()}
+    wanted = linearise(replace(found.descriptor, names=tuple(places), places=places))
+    assert wanted.halves is None
+    assert [spelled[name] for name in found.states] == list(wanted.states)
+    assert pytest.approx(wanted.A, rel=1e-12, abs=1e-15 * np.abs(wanted.A).max()) == found.A
+    pairs = [
+        (found.B, wanted.B),
+        (found.charge, wanted.charge),
+        (found.charge_offset, wanted.charge_offset),
+        (found.C, wanted.C),
+        (found.D, wanted.D),
+        *zip(found.rows(found.nodes[::-1]), wanted.rows(wanted.nodes[::-1]), strict=True),
+    ]
+    for one, other in pairs:
+        assert pytest.approx(other, rel=1e-12, abs=1e-13 * np.abs(other).max()) == one
+    z = np.random.default_rng(3).standard_normal(len(found.nodes))
+    assert found.state_of(z) == pytest.approx(found.charge @ z + found.charge_offset, rel=1e-12)
+
+
+@pytest.mark.parametrize("by", [2.3e-16, 1e-15, 1e-12, 1e-6])
+def test_a_board_that_is_not_quite_its_own_image_is_taken_whole(by: float) -> None:
+    circuit = small_board(7)
+    off = with_one_resistor_off(circuit, by)
+    assert linearise(circuit).halves is not None
+    assert linearise(off).halves is None
+    assert poles(off).rightmost == pytest.approx(poles(circuit).rightmost, rel=1e-9 + 10.0 * by)
+    t = np.linspace(0.0, 1e-4, 101)
+    one, other = exact(circuit).at(t), exact(off).at(t)
+    assert np.abs(one - other).max() <= (1e-11 + 10.0 * by) * np.abs(one).max()
+
+
+def test_a_board_without_images_is_taken_whole() -> None:
+    lonely = replace(
+        paper_board(), resistors=(*paper_board().resistors, Resistor("R", "v0", "0", 1e6))
+    )
+    assert linearise(small_board(1)).halves is None
+    assert linearise(lags(3, 1e-6)).halves is None
+    assert linearise(lonely).halves is None
+    assert image_within(np.array([0, 1]), ODD) is None
+
+
+def test_values_of_images_that_differ_by_rounding_are_evened() -> None:
+    values, places = np.array([1.0, 3.0, 1.0 + 2e-15]), np.array([0, 2, 4])
+    found = evened(values, places, ODD)
+    assert found[0] == found[2] == pytest.approx(1.0, rel=1e-14)
+    apart = np.array([1.0, 3.0, 1.0 + 1e-12])
+    assert evened(apart, places, ODD) is apart
+
+
+def test_a_symmetric_strain_drives_no_odd_mode() -> None:
+    circuit = small_board(7)
+    space, flow = linearise(circuit), exact(circuit).flow
+    assert space.halves is not None
+    assert isinstance(flow, ModalFlow)
+    even, odd = map(np.linalg.eigvals, [block.A for block in space.blocks])
+    for pole in flow.poles:
+        assert np.abs(even - pole).min() < 1e-7 * abs(pole)
+    assert len(flow.poles) <= np.sum(even.imag >= 0.0) < 0.7 * (len(even) + len(odd))
+
+
+def test_a_growing_mode_is_never_left_out() -> None:
+    circuit = small_board(7)
+    wild = replace(circuit, capacitors=tuple(replace(c, farads=4e-12) for c in circuit.capacitors))
+    growing = poles(wild).poles
+    growing = growing[(growing.real > 0.0) & (growing.imag > 0.0)]
+    flow = exact(wild).flow
+    assert isinstance(flow, ModalFlow)
+    assert len(growing) > 2
+    assert np.sum(flow.poles.real > 0.0) == len(growing)

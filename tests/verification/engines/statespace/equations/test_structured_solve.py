@@ -1,0 +1,231 @@
+"""Structured solves, steps, pole search and pole count of large boards, against dense ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from netlist_gen.analysis import Transient
+from netlist_gen.board.circuit import Circuit
+from spice_models.errors import EngineError
+from tests.support.boards import board, kernel, paper_board, single_mode, strain, two_pole
+from verification.engines.statespace.equations.coarse_board import coarsen
+from verification.engines.statespace.equations.stamps import stamp
+from verification.engines.statespace.equations.structured_solve import Structure
+from verification.engines.statespace.linearised.count_unstable import cell_poles, count_right
+from verification.engines.statespace.linearised.equilibrium import equilibrium
+from verification.engines.statespace.linearised.rightmost_poles import (
+    nearest_poles,
+    rightmost_poles,
+)
+from verification.engines.statespace.linearised.state_space import linearise
+from verification.engines.statespace.transients import amplified, structured_radau
+from verification.engines.statespace.transients.exact import exact, simulate
+from verification.small_signal.poles import count_unstable, poles, time_scales
+
+
+def wide_board(channels: int, C: float = 10e-12) -> Circuit:
+    """The paper's board with more channels and as much conductance at every node."""
+    T, eps = kernel(channels, 3.0), strain(channels, 3.0)
+    model = two_pole(790e3, 12e-12)
+    return board(T, eps, model, G0=0.3313e-6 * 7 / channels, C=C)
+
+
+def exponential_board(channels: int) -> Circuit:
+    T, eps = kernel(channels, 3.0), np.maximum(strain(channels, 3.0), 0.05)
+    model = two_pole(790e3, 12e-12)
+    return board(T, eps, model, G0=0.3313e-6 * 7 / channels, exponential=True, bias=True, C=20e-12)
+
+
+def rectangular_board() -> Circuit:
+    """Five sensors, nine channels, and entries that are zero."""
+    T = np.random.default_rng(3).standard_normal((5, 9))
+    T[np.abs(T) < 0.3] = 0.0
+    return board(T, np.linspace(-1.0, 1.0, 5), two_pole(1e6, 5e-12), G0=1e-6, R=1e5, s=1e5)
+
+
+@pytest.mark.parametrize("circuit", [paper_board(), rectangular_board(), exponential_board(7)])
+@pytest.mark.parametrize("shift", [0.0, 3e6, 1e4 - 2.5e5j])
+def test_a_structured_solve_is_the_dense_one(circuit: Circuit, shift: complex) -> None:
+    descriptor = stamp(circuit)
+    slopes = np.linspace(-2.0, -1.0, descriptor.devices.count)
+    K = descriptor.dense_stiffness()
+    K[descriptor.devices.output, descriptor.devices.input] += slopes
+    r = np.random.default_rng(1).standard_normal(descriptor.size)
+    wanted = np.linalg.solve(shift * descriptor.dense_mass() - K, r)
+    structure = Structure(descriptor, slopes)
+    found = structure.factor(shift).solve(r.astype(np.complex128) if np.imag(shift) else r)
+    assert found == pytest.approx(wanted, abs=1e-9 * np.abs(wanted).max())
+    assert max(group.places.shape[1] for group in structure.groups) <= 16
+
+
+def test_a_factorisation_without_a_solver_does_not_solve() -> None:
+    with pytest.raises(EngineError, match="without a solver"):
+        Structure(stamp(paper_board())).factor(1e6, solver=False).solve(np.zeros(112))
+
+
+@pytest.mark.parametrize("C", [10e-12, 8e-12, 5e-12])
+def test_the_winding_number_counts_what_the_eigenvalues_say(C: float) -> None:
+    circuit = paper_board(C)
+    found = poles(circuit)
+    assert count_unstable(circuit) == found.unstable_count
+    structure = Structure(stamp(circuit))
+    for line in (found.rightmost.real + 2.0, found.rightmost.real - 2.0, -3e3, -1e5):
+        assert count_right(structure, line) == np.sum(found.poles.real > line)
+
+
+@pytest.mark.parametrize("ratio", [0.02, 0.0209, 1.0, 47.9, 48.1])
+def test_the_count_follows_the_single_modes_window(ratio: float) -> None:
+    inside = 24.0 - np.sqrt(575.0) < ratio < 24.0 + np.sqrt(575.0)
+    assert count_unstable(single_mode(ratio * 0.455e-6)) == (2 if inside else 0)
+
+
+def test_the_count_of_other_boards() -> None:
+    for circuit in (rectangular_board(), exponential_board(7)):
+        assert count_unstable(circuit) == poles(circuit).unstable_count
+
+
+def test_a_line_through_a_cells_pole_is_refused() -> None:
+    structure = Structure(stamp(single_mode(1e-9)))
+    _, cells = cell_poles(structure)
+    assert len(cells) == 3
+    with pytest.raises(EngineError, match="pole of a single cell lies on the line"):
+        count_right(structure, float(cells[0].real))
+
+
+@pytest.mark.parametrize(
+    "circuit", [wide_board(40), wide_board(40, C=5e-12), exponential_board(40)]
+)
+def test_rightmost_poles_of_a_wide_board_are_the_dense_ones(circuit: Circuit) -> None:
+    found = poles(circuit)
+    assert not found.complete
+    dense = np.linalg.eigvals(linearise(circuit).A)
+    lead = dense[np.argmax(dense.real)]
+    assert found.rightmost == pytest.approx(complex(lead.real, abs(lead.imag)), rel=1e-7)
+
+
+def test_nearest_poles_come_in_pairs() -> None:
+    descriptor = stamp(wide_board(10))
+    dense = np.linalg.eigvals(linearise(descriptor).A)
+    found = nearest_poles(Structure(descriptor), 1e4 + 2.5e5j, 3, 1e-10)
+    assert len(found) == 6
+    for pole in found:
+        assert np.abs(dense - pole).min() < 1e-8 * abs(pole)
+
+
+def test_a_coarse_board_is_a_guide_to_the_whole() -> None:
+    whole = stamp(wide_board(40))
+    coarse = coarsen(whole)
+    assert set(coarse.names) < set(whole.names)
+    assert linearise(coarse).n == 14 * 13
+    guide = poles(wide_board(40))
+    near = np.linalg.eigvals(linearise(coarse).A)
+    lead = near[np.argmax(near.real)]
+    assert abs(lead.imag) == pytest.approx(guide.rightmost.imag, rel=1e-3)
+    assert coarsen(stamp(paper_board())).names == stamp(paper_board()).names
+    assert "ve" in coarsen(stamp(exponential_board(30))).names
+    assert rightmost_poles(stamp(paper_board()))[0] == pytest.approx(
+        complex(poles(paper_board()).rightmost), rel=1e-8
+    )
+
+
+def test_time_scales_of_a_wide_board_come_from_its_coarse_image() -> None:
+    circuit = wide_board(40)
+    scales = time_scales(circuit)
+    assert not scales.complete
+    whole = time_scales(wide_board(20))
+    assert scales.ringing[0].period == pytest.approx(whole.ringing[0].period, rel=0.1)
+    assert scales.slowest == pytest.approx(whole.slowest, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    "analysis",
+    [
+        Transient(1e-3, 1e-6),
+        Transient(1e-4, 1e-6, initial="rest"),
+        Transient(1e-4, 1e-6, voltages={"v2": 0.1, "x2": 1e-3}),
+    ],
+)
+def test_steps_agree_with_the_exact_transient(analysis: Transient) -> None:
+    circuit = paper_board()
+    found = structured_radau.simulate(circuit, analysis, nodes=("v3", "v0", "w3"))
+    solution = exact(
+        circuit, initial=analysis.initial, voltages=analysis.voltages, nodes=found.nodes
+    )
+    wanted = solution.at(found.time)
+    assert found.time[-1] == analysis.stop
+    assert np.abs(found.values - wanted).max() < 5e-5 * np.abs(wanted).max()
+    tight = structured_radau.simulate(circuit, analysis, nodes=found.nodes, tolerance=1e-9)
+    assert np.abs(tight.values - wanted).max() < 1e-7 * np.abs(wanted).max()
+    assert 0 < found.cost.points < 500
+
+
+def test_a_wide_board_goes_through_its_structure_by_itself() -> None:
+    circuit = wide_board(40)
+    times = np.linspace(0.0, 2e-4, 101)
+    found = simulate(circuit, Transient(2e-4, 1e-6), times=times)
+    assert found.cost.factorisations > 1
+    wanted = exact(circuit).at(times)
+    assert np.abs(found.values - wanted).max() < 5e-5 * np.abs(wanted).max()
+
+
+def test_an_unstable_board_grows_as_its_pole_says_and_its_record_ends() -> None:
+    circuit = paper_board(5e-12)
+    found = structured_radau.simulate(circuit, Transient(2e-3, 1e-6))
+    wanted = exact(circuit).at(found.time)
+    error = np.abs(found.values - wanted).max(axis=1)
+    size = np.maximum.accumulate(np.abs(wanted).max(axis=1))
+    assert np.all(error < 1e-3 * size + 1e-12)
+    long = structured_radau.simulate(circuit, Transient(1e-2, 1e-6))
+    assert long.time[-1] < 1e-2
+    assert "diverges" in long.flags[0]
+
+
+def test_a_board_without_a_step_stays_where_it_is() -> None:
+    quiet = replace(paper_board(), currents=())
+    assert not structured_radau.simulate(quiet, Transient(1e-5, 1e-6)).values.any()
+
+
+def test_the_stepper_is_for_linear_boards() -> None:
+    with pytest.raises(EngineError, match="linear boards"):
+        structured_radau.simulate(exponential_board(3), Transient(1e-5, 1e-6))
+
+
+def test_the_equilibrium_of_a_wide_exponential_board() -> None:
+    circuit = exponential_board(40)
+    found = equilibrium(circuit)
+    assert found.residual < 1e-9
+    u = -np.array([found[f"a{n}"] for n in range(40)])
+    T, eps = kernel(40, 3.0), np.maximum(strain(40, 3.0), 0.05)
+    gradient = 2.0 * T.T @ (T @ u - eps) + circuit.scalings.lam * (np.log(u) + 1.0)
+    assert np.abs(gradient).max() < 1e-2 * circuit.scalings.lam
+
+
+@pytest.mark.parametrize(
+    ("circuit", "analysis"),
+    [
+        (exponential_board(5), Transient(1e-4, 1e-6)),
+        (exponential_board(5), Transient(1e-4, 1e-6, initial="rest")),
+        (exponential_board(5), Transient(1e-4, 1e-6, voltages={"v2": -0.4})),
+        (wide_board(5), Transient(1e-4, 1e-6)),
+    ],
+)
+def test_a_large_exponential_board_takes_the_same_course(
+    circuit: Circuit, analysis: Transient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    nodes = (*(output.node for output in circuit.outputs), "w2")
+    wanted = amplified.simulate(circuit, analysis, nodes=nodes)
+    monkeypatch.setattr(amplified, "LARGE", 0)
+    found = amplified.simulate(circuit, analysis, nodes=nodes)
+    assert np.abs(found.values - wanted.values).max() < 1e-8 * np.abs(wanted.values).max()
+
+
+def test_a_large_exponential_board_beyond_all_bounds_is_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(amplified, "LARGE", 0)
+    far = Transient(1e-4, 1e-6, voltages={"v1": 1e4})
+    with pytest.raises(EngineError, match="beyond the range of floats in the initial state"):
+        amplified.simulate(exponential_board(3), far)

@@ -1,0 +1,100 @@
+"""DC equilibria: the regularised optimum, hard exponential boards, and typed refusals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from netlist_gen.board.circuit import Resistor
+from spice_models.errors import EngineError
+from tests.support.boards import IDEAL, board, kernel, paper_board, single_mode, strain, two_pole
+from verification.engines.statespace.equations.amplifier_gains import GAINS, gain_of
+from verification.engines.statespace.linearised.equilibrium import equilibrium, solve_loop
+
+
+def test_the_single_mode_divides_by_its_loop_gain() -> None:
+    found = equilibrium(single_mode(1e-6))
+    # 1e-4 A out of x through 1 / (1/R + K/R) with R = 10 k.
+    assert found["v"] == pytest.approx(1.0 / 101.0, rel=1e-6)
+    assert found["0"] == 0.0
+    assert found.residual < 1e-14
+    assert equilibrium(single_mode(1e-6), sources_on=False)["v"] == 0.0
+
+
+def entropy_gradient(u: np.ndarray, T: np.ndarray, eps: np.ndarray, lam: float) -> np.ndarray:
+    return np.asarray(2.0 * T.T @ (T @ u - eps) + lam * (np.log(u) + 1.0))
+
+
+@pytest.mark.parametrize("s", [1e3, 1e6, 1e9])
+def test_an_ideal_exponential_board_rests_at_the_entropy_optimum(s: float) -> None:
+    T, eps = kernel(7, 3.0), np.maximum(strain(7, 3.0), 0.05)
+    circuit = board(T, eps, IDEAL, s=s, exponential=True, bias=True)
+    found = equilibrium(circuit)
+    u = np.array([output.sign * found[output.node] for output in circuit.outputs])
+    assert np.all(u > 0.0)
+    gradient = entropy_gradient(u, T, eps, circuit.scalings.lam)
+    scale = np.abs(2.0 * T.T @ eps).max() + circuit.scalings.lam
+    assert np.abs(gradient).max() < 1e-4 * scale
+
+
+def test_op_amps_of_finite_gain_move_the_equilibrium_by_about_one_over_their_gain() -> None:
+    T, eps = kernel(7, 3.0), np.maximum(strain(7, 3.0), 0.05)
+    ideal = equilibrium(board(T, eps, IDEAL, exponential=True, bias=True))
+    real = equilibrium(board(T, eps, two_pole(1e6, 1e-11), exponential=True, bias=True))
+    shift = max(abs(ideal[f"a{n}"] - real[f"a{n}"]) for n in range(7))
+    assert 1e-6 < shift < 1e-3
+
+
+@given(
+    seed=st.integers(0, 2**16),
+    strength=st.floats(-8.0, 12.0),
+    drive=st.floats(-3.0, 3.0),
+)
+def test_a_monotone_exponential_loop_is_always_solved(
+    seed: int, strength: float, drive: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    B = rng.standard_normal((6, 8))
+    H = 10.0**strength * B @ B.T
+    H += 1e-5 * np.abs(H).max() * rng.standard_normal((6, 6))
+    a = 10.0**drive * rng.standard_normal(6)
+    y, _ = solve_loop(H, a, gain_of("exponential"))
+    terms = np.abs(y) + np.abs(H) @ np.exp(y) + np.abs(a)
+    assert np.all(np.abs(y + H @ np.exp(y) - a) <= 1e-10 * terms)
+
+
+def test_a_loop_with_positive_feedback_and_no_solution_is_refused() -> None:
+    with pytest.raises(EngineError, match="no equilibrium found"):
+        solve_loop(np.array([[-1.0]]), np.array([2.0]), gain_of("exponential"))
+
+
+def test_an_undriven_amplifier_beyond_the_range_of_floats_is_refused() -> None:
+    with pytest.raises(EngineError, match="no equilibrium found"):
+        solve_loop(np.zeros((1, 1)), np.array([1e4]), gain_of("exponential"))
+
+
+def test_a_node_without_a_path_is_named() -> None:
+    circuit = paper_board()
+    floating = replace(circuit, resistors=(*circuit.resistors, Resistor("Rx", "p", "q", 1.0)))
+    with pytest.raises(EngineError, match=r"node '[pq]'"):
+        equilibrium(floating)
+
+
+@pytest.mark.parametrize("kind", sorted(GAINS))
+def test_coordinates_invert_and_slopes_are_slopes(kind: str) -> None:
+    gain = GAINS[kind]
+    q, h = (a.ravel() for a in np.meshgrid(np.linspace(-50, 500, 23), 10.0 ** np.arange(-12, 13)))
+    y = gain.from_coordinate(q, h)
+    rest = np.abs(y + h * gain.value(y) - q)
+    assert np.all(rest <= 1e-13 * (1.0 + np.abs(q)) * (1.0 + np.abs(y)))
+    x, d = np.linspace(-2.0, 2.0, 9), 1e-5
+    assert (gain.value(x + d) - gain.value(x - d)) / (2 * d) == pytest.approx(gain.slope(x), 1e-8)
+
+
+def test_an_unknown_kind_is_refused() -> None:
+    with pytest.raises(EngineError, match="no amplifier kind 'cubic'"):
+        gain_of("cubic")

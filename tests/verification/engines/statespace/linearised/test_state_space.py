@@ -1,0 +1,153 @@
+"""The state space of a board, against closed forms and against equations written by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from netlist_gen.board.circuit import Capacitor, CurrentSource, OpAmpCell, Resistor, VoltageSource
+from spice_models.array_types import Floats
+from spice_models.errors import EngineError
+from spice_models.opamp import OpAmp
+from tests.support.boards import kernel, paper_board, single_mode, strain
+from verification.engines.statespace.equations.stamps import stamp
+from verification.engines.statespace.linearised.state_space import linearise
+
+EMPTY = replace(
+    single_mode(1e-6), models={}, opamps=(), resistors=(), capacitors=(), currents=(), outputs=()
+)
+
+
+def poles_of(**parts: Any) -> Floats:
+    return np.asarray(np.sort(np.linalg.eigvals(linearise(replace(EMPTY, **parts)).A).real))
+
+
+def test_an_rc_stage_has_its_pole_and_its_gain() -> None:
+    space = linearise(
+        replace(
+            EMPTY,
+            resistors=(Resistor("R", "in", "out", 2e3),),
+            capacitors=(Capacitor("C", "out", "0", 1e-9),),
+            voltages=(VoltageSource("V", "in", 3.0),),
+        )
+    )
+    assert space.states == ("out",)
+    assert pytest.approx(np.array([[-1.0 / 2e-6]]), rel=1e-15) == space.A
+    assert pytest.approx(np.array([[0.0, 3.0 / 2e-6]]), rel=1e-15) == space.B
+    C, D = space.rows(("in", "out", "0"))
+    assert C.ravel().tolist() == [0.0, 1.0, 0.0]
+    assert D[:, 1].tolist() == [3.0, 0.0, 0.0]
+
+
+def test_nodes_without_capacitance_are_eliminated_exactly() -> None:
+    # A ladder: 1 k to a bare node, from there 2 k to the capacitor and 3 k to ground.
+    space = linearise(
+        replace(
+            EMPTY,
+            resistors=(Resistor("R2", "m", "c", 2e3), Resistor("R3", "m", "0", 3e3)),
+            capacitors=(Capacitor("C", "c", "0", 1e-9),),
+            currents=(CurrentSource("I", "m", 1e-3),),
+        )
+    )
+    assert space.A.item() == pytest.approx(-1.0 / (5e3 * 1e-9), rel=1e-14)
+    C, D = space.rows(("m",))
+    assert C.item() == pytest.approx(3.0 / 5.0, rel=1e-14)
+    assert D[0, 0] == pytest.approx(1e-3 * (2e3 * 3e3 / 5e3), rel=1e-14)
+
+
+def test_a_floating_capacitor_is_one_state() -> None:
+    values = poles_of(
+        resistors=(Resistor("R1", "a", "0", 1e3), Resistor("R2", "b", "0", 3e3)),
+        capacitors=(Capacitor("C", "a", "b", 1e-9),),
+    )
+    assert values == pytest.approx([-1.0 / (4e3 * 1e-9)], rel=1e-12)
+
+
+def test_an_ideal_integrator_multiplies_its_capacitor() -> None:
+    model = OpAmp("ideal", 1e3)
+    values = poles_of(
+        models={"ideal": model},
+        opamps=(OpAmpCell("X", "ideal", "0", "x", "v"),),
+        resistors=(Resistor("R", "x", "v", 1e4), Resistor("Rs", "x", "0", 1e4)),
+        capacitors=(Capacitor("C", "x", "v", 1e-9),),
+    )
+    # The node sees (1 + A0) C and (1 + A0) / R + 1 / Rs.
+    assert values == pytest.approx([-(1001.0 + 1.0) / (1001.0 * 1e4 * 1e-9)], rel=1e-12)
+
+
+def test_a_follower_has_the_poles_of_its_quadratic() -> None:
+    gbw, second, gain = 1e6, 3e6, 1e5
+    values = linearise(
+        replace(
+            EMPTY,
+            models={"op": OpAmp("op", gain, gbw=gbw, second_pole=second)},
+            opamps=(OpAmpCell("X", "op", "in", "out", "out"),),
+            voltages=(VoltageSource("V", "in", 1.0),),
+        )
+    )
+    p1, p2 = 2 * np.pi * gbw / gain, 2 * np.pi * second
+    wanted = np.roots([1.0, p1 + p2, p1 * p2 * (1.0 + gain)])
+    found = np.linalg.eigvals(values.A)
+    assert np.sort_complex(found) == pytest.approx(np.sort_complex(wanted), rel=1e-12)
+
+
+def test_output_resistance_and_input_capacitances_by_hand() -> None:
+    gain, rin, ro, cd, ci, load = 100.0, 1e6, 50.0, 2e-12, 3e-12, 1e3
+    model = OpAmp("op", gain, np.inf, np.inf, rin, cd, ci, ro)
+    values = poles_of(
+        models={"op": model},
+        opamps=(OpAmpCell("X", "op", "0", "x", "out"),),
+        resistors=(Resistor("Rf", "x", "out", 1e4), Resistor("Rl", "out", "0", load)),
+    )
+    # Output: (-gain x - out)/ro - out/load + (x - out)/1e4 = 0; input: both capacitances on x.
+    out = (1e-4 - gain / ro) / (1.0 / ro + 1.0 / load + 1e-4)
+    assert values == pytest.approx([-(1.0 / rin + 1e-4 * (1.0 - out)) / (cd + ci)], rel=1e-12)
+
+
+def test_a_linear_board_has_thirteen_states_a_channel() -> None:
+    space = linearise(paper_board())
+    assert space.n == 91
+    assert len(set(space.states)) == 91
+
+
+def test_matrices_are_stamped_as_their_elements_would_be() -> None:
+    circuit = paper_board()
+    loose = [
+        Resistor(f"{m.name}_{k}_{n}", a, b, ohms)
+        for m in circuit.matrices
+        for k, n, a, b, ohms in m.elements()
+    ]
+    wanted = stamp(replace(circuit, matrices=(), resistors=(*circuit.resistors, *loose)))
+    found = stamp(circuit)
+    order = [wanted.place(name) for name in found.names]
+    K = wanted.dense_stiffness()[np.ix_(order, order)]
+    assert found.dense_stiffness() == pytest.approx(K, rel=1e-13)
+
+
+def test_the_state_space_rests_where_the_regularised_problem_has_its_solution() -> None:
+    circuit = paper_board()
+    T, eps, lam = kernel(7, 3.0), strain(7, 3.0), circuit.scalings.lam
+    wanted = np.linalg.solve(T.T @ T + lam * np.eye(7), T.T @ eps)
+    space = linearise(circuit)
+    C, D = space.rows(circuit.signal_nodes)
+    found = D.sum(axis=1) - C @ np.linalg.solve(space.A, space.B.sum(axis=1))
+    assert found == pytest.approx(wanted, abs=1e-4 * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize(
+    ("parts", "telling"),
+    [
+        ({"resistors": (Resistor("R", "a", "b", 1e3),)}, "undetermined: a, b"),
+        (
+            {"voltages": (VoltageSource("V", "a", 1.0), VoltageSource("W", "a", 2.0))},
+            "W drives a node",
+        ),
+        ({"voltages": (VoltageSource("V", "0", 1.0),)}, "V drives a node"),
+    ],
+)
+def test_what_has_no_state_space_is_refused_by_name(parts: dict[str, Any], telling: str) -> None:
+    with pytest.raises(EngineError, match=telling):
+        linearise(replace(EMPTY, **parts))

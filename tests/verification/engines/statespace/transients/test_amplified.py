@@ -1,0 +1,185 @@
+"""Transients of exponential boards, against SciPy's Radau at 1e-12 and closed forms."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from netlist_gen.analysis import Transient
+from netlist_gen.board.circuit import (
+    Capacitor,
+    Circuit,
+    CurrentSource,
+    Output,
+    Resistor,
+    SignalAmplifier,
+)
+from spice_models.array_types import Floats
+from spice_models.errors import EngineError
+from tests.support.boards import board, kernel, single_mode, strain, two_pole
+from verification.engines.statespace.equations.stamps import stamp
+from verification.engines.statespace.linearised.equilibrium import equilibrium
+from verification.engines.statespace.linearised.initial_state import initial_state
+from verification.engines.statespace.linearised.state_space import linearise, open_loop
+from verification.engines.statespace.transients.amplified import Amplified
+from verification.engines.statespace.transients.exact import simulate
+
+
+def breadboard(**design: float) -> Circuit:
+    T, eps = kernel(7, 3.0), np.maximum(strain(7, 3.0), 0.05)
+    return board(T, eps, two_pole(790e3, 12e-12), exponential=True, bias=True, **design)
+
+
+def lone_amplifier(kind: str = "exponential") -> Circuit:
+    """``C v' = -U0 exp(v / Ve) / R``: v falls from 0 as ``-Ve log(1 + U0 t / (R C Ve))``."""
+    return replace(
+        single_mode(1e-6),
+        amplifier=kind,
+        models={},
+        opamps=(),
+        amplifiers=(SignalAmplifier("B", kind, "v", "a", 2.0, 0.5),),
+        resistors=(Resistor("R", "a", "v", 1e4), Resistor("Rv", "v", "0", 1e15)),
+        capacitors=(Capacitor("C", "v", "0", 1e-9),),
+        currents=(),
+        outputs=(Output("a", -1.0),),
+    )
+
+
+def scipy_reference(circuit: Circuit, analysis: Transient, times: Floats) -> Floats:
+    nodes = tuple(output.node for output in circuit.outputs)
+    space = open_loop(stamp(circuit))
+    system = Amplified(space, nodes)
+    x0 = initial_state(space, analysis.initial, analysis.voltages)
+    found = solve_ivp(
+        lambda _, x: system.rate(x),
+        (0.0, float(times[-1])),
+        x0,
+        method="Radau",
+        rtol=1e-12,
+        atol=1e-15,
+        jac=lambda _, x: system.jacobian(x),
+        t_eval=times,
+    )
+    assert found.success
+    return system.report(system.watch(found.y).T)
+
+
+@pytest.mark.parametrize("initial", ["zero", "rest"])
+def test_seven_channels_against_scipy(initial: str) -> None:
+    circuit = breadboard()
+    analysis = Transient(2e-5, 1e-7, initial="rest" if initial == "rest" else "zero")
+    times = np.array([1e-7, 1e-6, 5e-6] if initial == "zero" else [1e-8, 1e-7, 1e-6])
+    found = simulate(circuit, analysis, times=times)
+    wanted = scipy_reference(circuit, analysis, times)
+    assert np.abs(found.values / wanted - 1.0).max() < 1e-8
+    assert found.cost.factorisations > 0
+
+
+def test_a_capacitor_discharged_by_its_own_exponential() -> None:
+    t = np.linspace(0.0, 2e-4, 401)
+    found = simulate(lone_amplifier(), Transient(2e-4, 1e-6), nodes=("v", "a"), times=t)
+    # The resistor also sees v: tiny here only at the start; compare the rate equation instead.
+    v, a = found["v"], found["a"]
+    assert a == pytest.approx(-2.0 * np.exp(v / 0.5), rel=1e-12)
+    reference = solve_ivp(
+        lambda _, x: -(x + 2.0 * np.exp(x / 0.5)) / 1e-5 - x / 1e6,
+        (0.0, 2e-4),
+        [0.0],
+        method="LSODA",
+        rtol=1e-12,
+        atol=1e-14,
+        t_eval=t,
+    )
+    assert v == pytest.approx(reference.y[0], abs=1e-9)
+
+
+def test_the_transient_ends_at_the_equilibrium() -> None:
+    circuit = breadboard()
+    record = simulate(circuit, Transient(3e-3, 1e-6))
+    rest = equilibrium(circuit)
+    assert record.time[-1] == 3e-3
+    wanted = [rest[node] for node in record.nodes]
+    assert record.values[-1] == pytest.approx(wanted, rel=1e-8)
+
+
+def test_from_rest_nothing_moves_without_strain() -> None:
+    circuit = replace(breadboard(), currents=())
+    record = simulate(circuit, Transient(1e-4, 1e-6, initial="rest"))
+    assert np.abs(record.values / record.values[0] - 1.0).max() < 1e-9
+
+
+def test_a_small_step_is_the_linearised_boards() -> None:
+    circuit = breadboard()
+    rest = replace(
+        circuit,
+        currents=tuple(replace(c, amps=1e-6 * c.amps) for c in circuit.currents),
+    )
+    record = simulate(rest, Transient(3e-5, 1e-7, initial="rest"))
+    space = linearise(replace(rest, currents=()))
+    B = linearise(rest).B[:, 0]
+    C, _ = space.rows(record.nodes)
+    poles, V = np.linalg.eig(space.A)
+    share = np.linalg.solve(V, -np.linalg.solve(space.A, B))
+    step = ((C @ V) @ (share[:, None] * (1.0 - np.exp(np.outer(poles, record.time))))).real.T
+    moved = record.values - record.values[0]
+    assert moved == pytest.approx(step, abs=1e-4 * np.abs(step).max())
+
+
+def test_the_jacobian_is_the_rates_derivative() -> None:
+    system = Amplified(open_loop(stamp(breadboard())), ("a0",))
+    x = 0.3 * np.random.default_rng(5).standard_normal(system.size)
+    numeric = np.stack(
+        [(system.rate(x + d) - system.rate(x - d)) / 2e-6 for d in 1e-6 * np.eye(system.size)],
+        axis=1,
+    )
+    J = system.jacobian(x)
+    assert np.abs(numeric - J).max() < 1e-6 * np.abs(J).max()
+
+
+def test_an_amplifier_fed_through_resistors_alone() -> None:
+    # No capacitance at its input: v = (a + 3 w) / 4 + ..., algebraic in its own output.
+    circuit = replace(
+        lone_amplifier(),
+        resistors=(
+            Resistor("R", "a", "v", 3e4),
+            Resistor("Rw", "w", "v", 1e4),
+            Resistor("Rg", "w", "0", 1e4),
+        ),
+        capacitors=(Capacitor("C", "w", "0", 1e-9),),
+        currents=(CurrentSource("I", "w", 1e-4),),
+    )
+    t = np.linspace(0.0, 1e-4, 101)
+    record = simulate(circuit, Transient(1e-4, 1e-6), nodes=("v", "a", "w"), times=t)
+    v, a, w = record["v"], record["a"], record["w"]
+    assert a == pytest.approx(-2.0 * np.exp(v / 0.5), rel=1e-9)
+    assert v == pytest.approx((a + 3.0 * w) / 4.0, abs=1e-9)
+    rest = equilibrium(circuit)
+    assert record.values[-1] == pytest.approx([rest[n] for n in ("v", "a", "w")], rel=1e-6)
+
+
+@pytest.mark.parametrize("scale", [-1e9, -1e3, 1e3, 1e9])
+@pytest.mark.parametrize("R", [1e4, 1e9])
+def test_any_bounded_strain_ends_or_diverges_without_overflow(scale: float, R: float) -> None:
+    T, eps = kernel(3, 1.0), strain(3, 1.0)
+    model = two_pole(790e3, 12e-12)
+    circuit = board(T, scale * eps, model, exponential=True, bias=True, C=1e-10, R=R, Ve=0.026)
+    record = simulate(circuit, Transient(1e-4, 1e-6))
+    assert np.all(np.isfinite(record.values))
+    assert (record.time[-1] < 1e-4) == ("diverges" in " ".join(record.flags))
+    if record.time[-1] < 1e-4:
+        with pytest.raises(EngineError, match="diverges"):
+            simulate(circuit, Transient(1e-4, 1e-6), times=np.array([5e-5, 1e-4]))
+
+
+def test_what_cannot_be_simulated_is_refused() -> None:
+    with pytest.raises(EngineError, match="no amplifier kind 'cubic'"):
+        simulate(lone_amplifier("cubic"), Transient(1e-4, 1e-6))
+    loaded = replace(lone_amplifier(), capacitors=(Capacitor("C", "v", "a", 1e-9),))
+    with pytest.raises(EngineError, match="capacitor at the output"):
+        simulate(loaded, Transient(1e-4, 1e-6))
+    far = Transient(1e-4, 1e-6, voltages={"v": 1e4})
+    with pytest.raises(EngineError, match="beyond the range of floats in the initial state"):
+        simulate(lone_amplifier(), far)

@@ -1,0 +1,173 @@
+"""Exact transients: closed forms, 50 digits, defective modes, initial states."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from netlist_gen.analysis import Transient
+from netlist_gen.board.circuit import Capacitor, Output, Resistor
+from spice_models.errors import EngineError
+from tests.support.boards import IDEAL, board, kernel, lags, paper_board, strain
+from tests.support.precise import precise_step
+from verification.engines.statespace.equations.stamps import stamp
+from verification.engines.statespace.linearised.state_space import linearise
+from verification.engines.statespace.transients.exact import exact, simulate
+from verification.engines.statespace.transients.matrix_exponential import LadderFlow, ModalFlow
+
+TAU = 1e-6
+
+
+@pytest.fixture(scope="module")
+def fifty_digits() -> tuple[list[float], Any]:
+    """Seven channels at 4 ms / 2^j, all states."""
+    return precise_step(stamp(paper_board()), 2.0**-8, 22)
+
+
+def test_seven_channels_against_fifty_digits(fifty_digits: tuple[list[float], Any]) -> None:
+    times, precise = fifty_digits
+    circuit = paper_board()
+    states = linearise(circuit).states
+    nodes = (*circuit.signal_nodes, "c3", "xXw3.p1")
+    wanted = precise[:, [states.index(name) for name in nodes]].astype(np.float64)
+    solution = exact(circuit, nodes=nodes)
+    assert solution.form == "modes"
+    error, amplitude = np.abs(solution.at(np.array(times)) - wanted), np.abs(wanted).max(axis=0)
+    assert np.all(error <= 1e-11 * amplitude)
+    assert error.max() <= solution.error
+    # And relative to each single value, but for those near a zero crossing or the start.
+    large = np.abs(wanted) > 0.1 * amplitude
+    assert large.sum() > 50
+    assert np.all(error[large] <= 1e-10 * np.abs(wanted)[large])
+
+
+def test_the_ladder_agrees_with_fifty_digits_too(fifty_digits: tuple[list[float], Any]) -> None:
+    times, precise = fifty_digits
+    circuit = paper_board()
+    space = linearise(circuit)
+    C, _ = space.rows(circuit.signal_nodes)
+    target = -np.linalg.solve(space.A, space.B.sum(axis=1))
+    flow = LadderFlow(space.A, C, -target, times[0])
+    wanted = precise[:, [space.states.index(n) for n in circuit.signal_nodes]].astype(np.float64)
+    difference = C @ target + flow.at(np.array(times)) - wanted
+    assert np.abs(difference).max() <= 1e-10 * np.abs(wanted).max()
+    assert np.abs(difference).max() <= flow.error
+
+
+@pytest.mark.parametrize("count", [2, 5])
+def test_a_defective_board_takes_the_matrix_exponential(count: int) -> None:
+    solution = exact(lags(count, TAU))
+    assert solution.form == "exponential"
+    t = np.linspace(0.0, 10 * TAU, 101)
+    x = t / TAU
+    terms = [x**k / np.prod(np.arange(1.0, k + 1.0)) for k in range(count)]
+    assert solution.at(t)[:, 0] == pytest.approx(1.0 - np.exp(-x) * sum(terms), abs=1e-12)
+    slope = np.exp(-x) * terms[-1] / TAU
+    assert solution.derivative(t)[:, 0] == pytest.approx(slope, abs=1e-9 / TAU)
+    assert solution.error < 1e-9
+    late = 1000 * TAU  # far beyond what the ladder was built for
+    assert solution.at(np.array([late])).item() == pytest.approx(1.0, abs=1e-9)
+
+
+def test_derivatives_are_derivatives() -> None:
+    solution = exact(paper_board())
+    t, h = np.linspace(1e-6, 1e-4, 50), 1e-9
+    five = [8.0, 1.0]
+    numeric = (
+        five[0] * (solution.at(t + h) - solution.at(t - h))
+        - five[1] * (solution.at(t + 2 * h) - solution.at(t - 2 * h))
+    ) / (12 * h)
+    exact_slope = solution.derivative(t)
+    assert numeric == pytest.approx(exact_slope, abs=1e-7 * np.abs(exact_slope).max())
+
+
+def test_the_uniform_record_is_the_same_solution() -> None:
+    circuit = paper_board()
+    record = simulate(circuit, Transient(stop=1e-3, max_step=1.1e-6))
+    assert record.time[-1] == 1e-3
+    assert np.diff(record.time).max() <= 1.1e-6
+    assert record.engine == "statespace"
+    wanted = exact(circuit).at(record.time)
+    assert record.values == pytest.approx(wanted, abs=1e-14)
+    few = simulate(circuit, Transient(1e-3, 1e-6), nodes=("w3", "0"), times=np.array([1e-5, 1e-3]))
+    assert few.nodes == ("w3", "0")
+    assert few["0"].tolist() == [0.0, 0.0]
+
+
+def test_a_board_that_does_not_move_and_records_of_few_points() -> None:
+    still = exact(replace(paper_board(), currents=()))
+    assert still.uniform(1e-6, 10) == pytest.approx(np.zeros((10, 7)), abs=0.0)
+    assert still.at(np.array([0.0, 1e-3])) == pytest.approx(np.zeros((2, 7)), abs=0.0)
+    solution = exact(paper_board())
+    for count in (1, 2, 3, 5, 500):
+        wanted = solution.at(np.float64(3e-7) * np.arange(count))
+        assert solution.uniform(3e-7, count) == pytest.approx(wanted, abs=1e-14)
+
+
+def test_modes_that_have_faded_are_not_missed() -> None:
+    solution = exact(paper_board())
+    t = np.geomspace(1e-11, 1e-2, 3000)
+    assert isinstance(solution.flow, ModalFlow)
+    poles, share = solution.flow.poles, solution.flow.share
+    wanted = solution.final + (np.exp(np.outer(t, poles)) @ share).real
+    assert solution.at(t) == pytest.approx(wanted, abs=1e-14)
+    rates = (np.exp(np.outer(t, poles)) @ (share * poles[:, None])).real
+    slope = solution.derivative(t)
+    assert np.all(np.abs(slope - rates) <= 1e-12 * np.abs(rates).max(axis=0))
+
+
+def test_a_start_along_a_mode_shows_only_that_mode() -> None:
+    circuit = paper_board(5e-12)
+    space = linearise(circuit)
+    poles, vectors = np.linalg.eig(space.A)
+    lead = int(np.argmax(poles.real))
+    quiet = replace(circuit, currents=())
+    voltages = dict(zip(space.states, 1e-3 * vectors[:, lead].real, strict=True))
+    t = np.linspace(0.0, 1e-4, 201)
+    record = simulate(quiet, Transient(1e-4, 1e-6, voltages=voltages), times=t)
+    shape = vectors[[space.states.index(n) for n in circuit.signal_nodes], lead]
+    wanted = 1e-3 * (np.exp(poles[lead] * t)[:, None] * shape).real
+    assert record.values == pytest.approx(wanted, abs=1e-7 * np.abs(wanted).max())
+
+
+def test_from_rest_a_board_with_a_voltage_source_does_not_move_without_strain() -> None:
+    T, eps = kernel(5, 2.0), strain(5, 2.0)
+    model = replace(IDEAL, gbw=1e6, output_resistance=50.0, input_capacitance=1e-12)
+    circuit = replace(board(T, eps, model, bias=True), currents=())
+    assert circuit.voltages
+    rest = exact(circuit, initial="rest")
+    assert rest.start == pytest.approx(rest.final, rel=1e-9)
+    zero = exact(circuit, initial="zero")
+    assert np.abs(zero.start - zero.final).max() > 0.1
+
+
+def test_a_capacitor_at_a_voltage_source_starts_discharged() -> None:
+    circuit = replace(
+        lags(1, TAU),
+        models={},
+        opamps=(),
+        resistors=(Resistor("R", "c1", "0", 1e3),),
+        capacitors=(Capacitor("C", "in", "c1", 1e-9),),
+        outputs=(Output("c1", 1.0),),
+    )
+    t = np.linspace(0.0, 5e-6, 11)
+    assert exact(circuit).at(t)[:, 0] == pytest.approx(np.exp(-t / 1e-6), rel=1e-12)
+
+
+def test_what_is_not_linear_or_not_there_is_refused() -> None:
+    T, eps = kernel(3, 1.0), strain(3, 1.0)
+    with pytest.raises(EngineError, match="not linear"):
+        exact(board(T, eps, IDEAL, exponential=True))
+    with pytest.raises(EngineError, match="no node or op-amp state 'nowhere'"):
+        exact(paper_board(), nodes=("nowhere",))
+
+
+def test_a_diverging_board_gives_what_comes_before_the_range_of_floats_ends() -> None:
+    record = simulate(paper_board(5e-12), Transient(stop=1.0, max_step=1e-3))
+    assert 1e200 < np.abs(record.values).max() < np.inf
+    assert record.time[-1] == pytest.approx(np.log(1e308) / 7462.0, rel=0.05)
+    with pytest.raises(EngineError, match="leaves the range of floats"):
+        simulate(paper_board(5e-12), Transient(1.0, 1.0), times=np.array([0.5, 1.0]))

@@ -1,0 +1,88 @@
+"""A settling time is the true one or none at all, over random five-channel networks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from verification.measures.measure import ChannelState, measure
+from verification.measures.times import rises, settles
+
+SUSTAINED = (ChannelState.OSCILLATING, ChannelState.CLIPPED, ChannelState.DIVERGED)
+
+
+def network(rng):
+    """Return a decaying response (function of time), its record's end and its points."""
+    reals = -(10 ** rng.uniform(-1, 1, rng.integers(1, 4)))
+    pace = 10 ** rng.uniform(0.3, 1.5, rng.integers(0, 3))
+    poles = np.concatenate([reals, (-(10 ** rng.uniform(-2.5, -0.5, pace.size)) + 1j) * pace])
+    shape = rng.normal(size=(poles.size, 5)) * np.where(poles.imag > 0, 0.3, 1.0)[:, None]
+    shape = shape * np.exp(1j * rng.uniform(0, 6.28, poles.size) * (poles.imag > 0))[:, None]
+    end = 9 / np.abs(poles.real).min()
+    points = int(np.clip(6.4 * end * max(1.0, pace.max(initial=1.0)), 400, 60000))
+    return lambda t: 1 + (np.exp(t[:, None] * poles) @ shape).real, end, points
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_settling_time_is_right_or_absent(seed):
+    response, end, points = network(np.random.default_rng(seed))
+    time = np.linspace(0, end, points)
+    u, target = response(time), np.ones(5)
+    amplitude = np.abs(u[0] - 1).max()
+    rough = time[np.abs(u - 1).max(axis=1) > 0.01 * amplitude][-1]
+    fine = np.linspace(0.9 * rough, 1.1 * rough, 200_001)
+    truth = fine[np.abs(response(fine) - 1).max(axis=1) > 0.01 * amplitude][-1]
+    for fraction in (0.6, 0.98, 1.02, 1.1, 1.8):
+        part = time <= truth * fraction
+        found = measure(time[part], u[part], target)
+        assert not any(c.state in SUSTAINED for c in found.channels)
+        if fraction < 1.05:
+            assert found.settling_time is None
+        elif found.settling_time is None:
+            assert fraction < 1.5
+            assert "simulate" in found.reason
+        else:
+            error = abs(found.settling_time.value - truth)
+            assert error <= found.settling_time.uncertainty + 2 * (fine[1] - fine[0])
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_silence_tells_what_a_fit_would(seed):
+    response, end, points = network(np.random.default_rng(seed))
+    time = np.linspace(0, 1.5 * end, points)
+    u, target = response(time), np.ones(5)
+    spared = []
+    for share in (0.2, 0.5, 0.8, 1.0):
+        part = time <= share * time[-1]
+        found = measure(time[part], u[part], target)
+        quick = measure(time[part], u[part], target, details=False)
+        assert found.look == quick.look
+        assert [c.state for c in found.channels] == [c.state for c in quick.channels]
+        assert [c.reason for c in found.channels] == [c.reason for c in quick.channels]
+        spared.append(found.modes != quick.modes == ())
+    assert spared[-1]
+    assert not spared[0]
+
+
+def test_settle_reads_what_is_there():
+    time = np.linspace(0, 1, 101)
+    errors = np.array([1 - time, time, np.zeros(101), time - 1])
+    falling, outside, still, rising = settles(time, errors, 0.25)
+    assert falling.value == pytest.approx(0.75, abs=1e-9)
+    assert outside is None
+    assert (still.value, still.uncertainty) == (0.0, 0.0)
+    assert rising == falling
+    assert settles(time, errors[1:2], 0.25) == [None]
+
+
+def test_rises_of_channels_of_either_direction():
+    """First-order steps: 10-90 % takes ``tau ln 9``, and one that is too slow has no rise time."""
+    time = np.linspace(0, 12, 1201)
+    tau, steps = np.array([0.5, 1.0, 20.0, 2.0]), np.array([1.0, -3.0, 1.0, -0.1])
+    errors = -steps[:, None] * np.exp(-time / tau[:, None])
+    quick, falling, slow, small = rises(time, errors, steps, 0.1, 0.9)
+    assert slow is None
+    for reading, pace in ((quick, 0.5), (falling, 1.0), (small, 2.0)):
+        assert abs(reading.value - pace * np.log(9)) <= reading.uncertainty < 1e-3
+        assert not reading.fragile
+    assert rises(time, errors[:0], steps[:0], 0.1, 0.9) == []

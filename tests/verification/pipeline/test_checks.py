@@ -1,0 +1,247 @@
+"""The checks: pass, fail or undecided, by value, uncertainty and limit."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from tests.support.measured import (
+    UNSTABLE,
+    agreement,
+    channel,
+    evidence,
+    margin,
+    measured,
+    oscillating,
+)
+from verification.measures.measure import Reading
+from verification.measures.settling import ChannelState
+from verification.pipeline.checks import (
+    Check,
+    Evidence,
+    Outcome,
+    at_most,
+    describe_states,
+    judge,
+    overall,
+)
+from verification.pipeline.step_error import StepError
+
+PASS, FAIL, UNDECIDED = Outcome.PASS, Outcome.FAIL, Outcome.INCONCLUSIVE
+
+
+def check(name: str, given: Evidence) -> Check:
+    return next(found for found in judge(given) if found.name == name)
+
+
+@pytest.mark.parametrize(
+    ("value", "uncertainty", "limit", "outcome"),
+    [
+        (1.0, 0.0, 1.0, PASS),
+        (0.9, 0.1, 1.0, PASS),
+        (0.95, 0.1, 1.0, UNDECIDED),
+        (1.05, 0.1, 1.0, UNDECIDED),
+        (1.2, 0.1, 1.0, FAIL),
+        (1.0, math.inf, 1.0, UNDECIDED),
+        (1.0, math.nan, 1.0, UNDECIDED),
+        (math.nan, 0.0, 1.0, UNDECIDED),
+        (math.inf, 0.0, 1.0, UNDECIDED),
+        (-5.0, 0.0, 0.0, PASS),
+    ],
+)
+def test_a_limit_within_the_uncertainty_is_undecided(
+    value: float, uncertainty: float, limit: float, outcome: Outcome
+) -> None:
+    assert at_most(value, uncertainty, limit) is outcome
+
+
+@pytest.mark.parametrize(
+    ("outcomes", "whole"),
+    [
+        ((PASS, PASS), PASS),
+        ((PASS, UNDECIDED), UNDECIDED),
+        ((UNDECIDED, FAIL, PASS), FAIL),
+        ((), UNDECIDED),
+    ],
+)
+def test_the_whole_is_its_worst_part(outcomes: tuple[Outcome, ...], whole: Outcome) -> None:
+    checks = [Check("x", outcome, None, None, None, None, "s", "") for outcome in outcomes]
+    assert overall(checks) is whole
+
+
+@pytest.mark.parametrize(
+    ("final", "error", "reference_error", "outcome"),
+    [
+        (1.0009, 0.0, 0.0, PASS),
+        (1.0011, 0.0, 0.0, FAIL),
+        (0.9989, 0.0, 0.0, FAIL),
+        (1.0009, 2e-4, 0.0, UNDECIDED),
+        (1.0009, 0.0, 2e-4, UNDECIDED),
+        (1.0, math.inf, 0.0, UNDECIDED),
+    ],
+)
+def test_steady_state(final: float, error: float, reference_error: float, outcome: Outcome) -> None:
+    given = evidence(
+        channel(final=final),
+        error=StepError(error, 0.0, 0.0, 0.0),
+        reference_error=reference_error,
+    )
+    found = check("steady_state", given)
+    assert found.outcome is outcome
+    assert found.value == pytest.approx(abs(final - 1.0))
+    assert found.tolerance == 1e-3
+
+
+def test_a_steady_state_is_a_fraction_of_the_step_amplitude() -> None:
+    given = evidence(measurements=measured(channel(final=1.001), amplitude=0.5))
+    assert check("steady_state", given).value == pytest.approx(2e-3)
+
+
+def test_an_oscillating_board_has_no_steady_state_even_on_target() -> None:
+    given = evidence(oscillating())
+    found = check("steady_state", given)
+    assert found.outcome is FAIL
+    assert "no steady state: channel 1 oscillating at 40 kHz, growth rate +1000 /s" in found.reason
+    assert check("settling_time", given).outcome is FAIL
+    assert check("settling_time", given).value is None
+
+
+@pytest.mark.parametrize(
+    ("limit", "uncertainty", "error", "outcome"),
+    [
+        (None, 1e-7, 0.0, PASS),
+        (2e-3, 1e-7, 0.0, PASS),
+        (1e-3, 1e-7, 0.0, UNDECIDED),
+        (1.01e-3, 1e-7, 2e-5, UNDECIDED),
+        (0.9e-3, 1e-7, 0.0, FAIL),
+        (None, 1e-7, math.inf, UNDECIDED),
+    ],
+)
+def test_settling_time(
+    limit: float | None, uncertainty: float, error: float, outcome: Outcome
+) -> None:
+    given = evidence(
+        channel(settling_time=Reading(1e-3, uncertainty)),
+        checks={"settling_time": {"max": limit} if limit else {}},
+        error=StepError(0.0, error, 0.0, 0.0),
+    )
+    assert check("settling_time", given).outcome is outcome
+
+
+@pytest.mark.parametrize(
+    ("limits", "alternative", "outcome"),
+    [
+        ({"max": 11e-6, "min": 9e-6}, None, PASS),
+        ({"max": 9e-6}, None, FAIL),
+        ({"min": 11e-6}, None, FAIL),
+        ({"min": 10e-6}, None, UNDECIDED),
+        ({"max": 11e-6}, 4e-6, PASS),
+        ({"max": 11e-6}, 14e-6, UNDECIDED),
+        ({"min": 9e-6}, 4e-6, UNDECIDED),
+        ({"min": 3e-6}, 4e-6, PASS),
+        ({"max": 3e-6}, 4e-6, FAIL),
+    ],
+)
+def test_rise_time_and_the_hair_that_decides(
+    limits: dict[str, float], alternative: float | None, outcome: Outcome
+) -> None:
+    reading = Reading(10e-6, 1e-9, alternative is not None, alternative)
+    given = evidence(channel(rise_time=reading), checks={"rise_time": limits})
+    assert check("rise_time", given).outcome is outcome
+
+
+def test_rise_time_of_the_channel_that_is_named_or_the_middle_one() -> None:
+    channels = [channel(n, rise_time=Reading((n + 1) * 1e-6, 0.0)) for n in range(4)]
+    for named, value in ((None, 2e-6), (4, 4e-6)):
+        wanted: dict[str, Any] = {"max": 1.0, **({"channel": named} if named else {})}
+        assert check("rise_time", evidence(*channels, checks={"rise_time": wanted})).value == value
+    none = evidence(*channels, checks={"rise_time": {"channel": 5}})
+    assert check("rise_time", none).outcome is UNDECIDED
+    small = evidence(
+        channel(rise_time=None, rise_reason="step too small"), checks={"rise_time": {"max": 1}}
+    )
+    assert check("rise_time", small).outcome is UNDECIDED
+    assert "step too small" in check("rise_time", small).reason
+
+
+@pytest.mark.parametrize(
+    ("limit", "error", "outcome"),
+    [(0.11, 0.0, PASS), (0.09, 0.0, FAIL), (0.1, 1e-3, UNDECIDED)],
+)
+def test_overshoot(limit: float, error: float, outcome: Outcome) -> None:
+    checks = {"overshoot": {"max": limit}}
+    given = evidence(checks=checks, error=StepError(0.0, 0.0, 0.0, error))
+    assert check("overshoot", given).outcome is outcome
+    assert check("overshoot", evidence(oscillating(), checks=checks)).outcome is FAIL
+
+
+def test_checks_that_nobody_asked_for_are_not_made() -> None:
+    assert [found.name for found in judge(evidence())] == [
+        "steady_state",
+        "settling_time",
+        "stability",
+    ]
+
+
+def test_stability_is_the_poles_word_and_the_transient_may_object() -> None:
+    assert check("stability", evidence()).outcome is PASS
+    unstable = check("stability", evidence(poles=UNSTABLE))
+    assert unstable.outcome is FAIL
+    assert "oscillates at 15.92 kHz, growth rate +1000 /s" in unstable.reason
+    objected = check("stability", evidence(oscillating()))
+    assert objected.outcome is UNDECIDED
+    assert "the transient does not" in objected.reason
+
+
+@pytest.mark.parametrize(
+    ("factor", "outcome"), [(2.5, PASS), (2.0, PASS), (1.9, FAIL), (0.0, FAIL)]
+)
+def test_a_stability_margin(factor: float, outcome: Outcome) -> None:
+    found = check("stability", evidence(checks={"stability": {"margin": 2}}, margin=margin(factor)))
+    assert (found.outcome, found.value, found.expected, found.unit) == (
+        outcome, factor, 2.0, "ratio",
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("difference", "step_error", "reason", "outcome"),
+    [
+        (5e-4, 0.0, "", PASS),
+        (2e-3, 0.0, "", FAIL),
+        (2e-3, 1e-2, "", UNDECIDED),
+        (math.nan, math.nan, "no state-space form", UNDECIDED),
+    ],
+)
+def test_two_engines_agree(
+    difference: float, step_error: float, reason: str, outcome: Outcome
+) -> None:
+    given = evidence(agreement=agreement(difference, step_error, reason))
+    assert check("engines_agree", given).outcome is outcome
+
+
+def test_an_untrusted_reference_decides_nothing_but_stability() -> None:
+    wanted = {"rise_time": {"max": 1.0}, "overshoot": {"max": 1.0}}
+    given = evidence(checks=wanted, reference_problem="the gap is too wide")
+    for found in judge(given):
+        if found.name != "stability":
+            assert found.outcome is UNDECIDED
+            assert found.reason == "the gap is too wide"
+    assert overall(judge(given)) is UNDECIDED
+
+
+def test_a_board_that_need_not_move_is_no_verdict() -> None:
+    given = evidence(measurements=measured(channel(target=0.0, final=0.3), amplitude=0.0))
+    assert check("steady_state", given).outcome is UNDECIDED
+    assert check("settling_time", given).outcome is UNDECIDED
+
+
+def test_states_are_told_in_words() -> None:
+    stuck = channel(2, state=ChannelState.NOT_SETTLED, settling_time=None)
+    found = describe_states(measured(oscillating(0), oscillating(1), stuck, channel(3)))
+    assert found == (
+        "channel 1, 2 oscillating at 40 kHz, growth rate +1000 /s; channel 3 not settled"
+    )
+    assert describe_states(measured(oscillating(0), oscillating(1))).startswith("every channel")
+    assert describe_states(measured(channel())) == ""

@@ -1,0 +1,145 @@
+"""Ideal transients against closed forms, the matrix exponential and quadrature."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.linalg import expm
+
+from tests.support.oracle import kernel
+from verification.reference import IdealNetwork, Problem, ideal_linear, ideal_transient, solve
+from verification.reference.dynamics import Outcome
+from verification.reference.step_response import Response
+
+Y = np.linspace(-3.0, 3.0, 7)
+MATRIX = kernel(Y, Y, 1.0)
+STRAIN = MATRIX @ np.maximum(1.0 - Y * Y, 0.0) + 0.02 * np.cos(5.0 * Y)
+BOARD = IdealNetwork(MATRIX, STRAIN, G0=1e-6, U0=0.5, R=2e6, C=1e-11, s=3e6)
+REST = np.zeros(7)
+
+
+def test_one_channel_is_an_rc_step() -> None:
+    network = IdealNetwork(np.eye(1), np.ones(1), G0=1e-6, U0=2.0, R=1e6, C=1e-12, s=4e6)
+    assert network.mu == pytest.approx(0.25, rel=1e-15)
+    tau = 1e-6 / (1.0 + 4.0)
+    response = ideal_linear(network, np.zeros(1))
+    assert response.target == pytest.approx([2.0 / 1.25], rel=1e-15)
+    assert response.settling_time(0.01) == pytest.approx(tau * np.log(100.0), rel=1e-12)
+    assert response.rise_times() == pytest.approx([tau * np.log(9.0)], rel=1e-12)
+    t = np.array([0.0, 0.3e-6])
+    assert response.outputs(t)[:, 0] == pytest.approx(1.6 * (1.0 - np.exp(-t / tau)), rel=1e-12)
+
+
+@pytest.mark.parametrize("shape", [(3, 5), (5, 3), (4, 4)])
+def test_modes_are_the_matrix_exponential(rng: np.random.Generator, shape: tuple[int, int]) -> None:
+    T, eps, v0 = rng.standard_normal(shape), rng.standard_normal(shape[0]), rng.random(shape[1])
+    network = replace(BOARD, T=T, eps=eps)
+    A = -(np.eye(shape[1]) / network.R + network.s * network.G0**2 * T.T @ T) / network.C
+    load = network.s * network.G0**2 * network.U0 * T.T @ eps / network.C
+    rest = -np.linalg.solve(A, load)
+    response = ideal_linear(network, v0)
+    assert response.target == pytest.approx(rest, rel=1e-12)
+    for t in (0.0, 3e-7, 2e-5):
+        wanted = rest + expm(A * t) @ (v0 - rest)
+        assert response.outputs(np.array([t]))[0] == pytest.approx(wanted, rel=1e-9, abs=1e-12)
+
+
+def test_radau_agrees_with_the_modes() -> None:
+    exact, run = ideal_linear(BOARD, REST), ideal_transient(BOARD, REST)
+    assert run.outcome is Outcome.TRUSTED
+    assert run.response is not None
+    t = run.response.time[::50]
+    assert run.response.outputs(t) == pytest.approx(exact.outputs(t), abs=1e-8)
+    assert run.response.settling_time() == pytest.approx(exact.settling_time(), rel=1e-6)
+    assert run.response.rise_times() == pytest.approx(exact.rise_times(), rel=1e-6, nan_ok=True)
+
+
+def test_one_exponential_channel_by_quadrature() -> None:
+    network = IdealNetwork(np.eye(1), np.ones(1), 1e-6, 1.0, 1e6, 1e-12, 1e8, "exponential", 0.1)
+    start = np.array([-0.5])
+    run = ideal_transient(network, start)
+    assert run.outcome is Outcome.TRUSTED
+    assert run.response is not None
+    mu, begin = network.mu, -0.5 / 0.1
+    level = float(np.log(0.5 * (np.exp(begin) + run.rest.u[0])))
+    # Time is the integral of dx / (dx/dt), t in units of R C.
+    wanted, _ = quad(lambda x: 1.0 / (-x - (np.exp(x) - 1.0) / mu), begin, level, epsrel=1e-12)
+    reached = run.response.outputs(np.array([wanted * 1e-6]))[0, 0]
+    assert reached == pytest.approx(np.exp(level), rel=1e-8)
+
+
+@pytest.mark.parametrize("amplifier", ["exponential", "sinh", "softplus", "tanh"])
+@pytest.mark.parametrize("R", [2e6, 1e10])
+def test_energy_balance_and_second_opinion(amplifier: str, R: float) -> None:
+    network = replace(BOARD, amplifier=amplifier, R=R, Ve=0.2)
+    run = ideal_transient(network, REST)
+    assert run.outcome is Outcome.TRUSTED
+    assert run.energy_residual < 1e-9
+    assert run.second_opinion < 1e-7
+    assert run.response is not None
+    assert run.response.outputs(run.response.time[-1:])[0] == pytest.approx(
+        run.response.target, abs=1e-6 * run.response.amplitude
+    )
+    wanted = solve(Problem(MATRIX, STRAIN, 2.0 * network.mu, amplifier))
+    assert run.response.target == pytest.approx(network.U0 * wanted.u, rel=1e-13)
+
+
+def test_stiffness_does_not_depend_on_the_capacitor() -> None:
+    network = replace(BOARD, amplifier="exponential", Ve=0.2, bias=True)
+    run = ideal_transient(network, REST)
+    D = np.sqrt(run.rest.u)
+    sigma = np.linalg.svd(MATRIX * D, compute_uv=False)
+    wanted = (network.mu + sigma[0] ** 2) / (network.mu + sigma[-1] ** 2)
+    assert run.stiffness == pytest.approx(wanted, rel=1e-12)
+    assert ideal_transient(replace(network, C=1e-6), REST).stiffness == run.stiffness
+
+
+def test_time_scales_with_the_capacitor() -> None:
+    fast = ideal_linear(BOARD, REST).settling_time()
+    assert ideal_linear(replace(BOARD, C=1e-9), REST).settling_time() == pytest.approx(100 * fast)
+
+
+def test_a_record_that_is_too_short_never_settles() -> None:
+    run = ideal_transient(BOARD, REST, stop=1e-7)
+    assert run.response is not None
+    assert run.response.settling_time() == float("inf")
+    assert np.all(np.isnan(run.response.rise_times()))
+
+
+def test_overflow_is_an_outcome() -> None:
+    run = ideal_transient(replace(BOARD, amplifier="exponential", Ve=1e-3), np.full(7, 5.0))
+    assert run.outcome is Outcome.NOT_FINITE
+    assert run.response is None
+
+
+def test_nothing_moves_without_strain() -> None:
+    response = ideal_linear(replace(BOARD, eps=np.zeros(7)), REST)
+    assert response.settling_time() == 0.0
+    assert np.all(np.isnan(response.rise_times()))
+
+
+def test_modes_refuse_other_amplifiers() -> None:
+    with pytest.raises(ValueError, match="not exponential"):
+        ideal_linear(replace(BOARD, amplifier="exponential"), REST)
+
+
+def test_settling_is_the_last_crossing_and_rise_the_first() -> None:
+    def outputs(t: np.ndarray) -> np.ndarray:
+        ringing = 1.0 - np.exp(-t) * np.cos(5.0 * t)
+        return np.stack([ringing, 0.01 * ringing], axis=1)
+
+    response = Response(np.linspace(0.0, 20.0, 4001), outputs, np.zeros(2), np.array([1.0, 0.01]))
+    settled = response.settling_time(0.05)
+    assert outputs(np.array([settled]))[0, 0] == pytest.approx(
+        1.05 if outputs(np.array([settled]))[0, 0] > 1 else 0.95, abs=1e-9
+    )
+    after = outputs(np.linspace(settled * (1 + 1e-9), 20.0, 10_000))[:, 0]
+    assert np.all(np.abs(after - 1.0) <= 0.05 + 1e-9)
+    rise = response.rise_times()
+    assert np.isnan(rise[1])  # 1 % of the amplitude
+    t = np.linspace(0.0, 1.0, 1_000_001)
+    first = [t[np.argmax(outputs(t)[:, 0] >= level)] for level in (0.1, 0.9)]
+    assert rise[0] == pytest.approx(first[1] - first[0], abs=3e-6)

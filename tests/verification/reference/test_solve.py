@@ -1,0 +1,208 @@
+"""The reference solver against 50 digits: reach, honesty, what it refuses."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import mpmath
+import numpy as np
+import pytest
+
+from spice_models.errors import InputError, SolverError
+from tests.support.oracle import count_claims, error_of, exact_solution, kernel, random_problems
+from verification.reference import Problem, Solution, solve
+
+NONLINEAR = ("exponential", "sinh", "softplus", "tanh")
+EVERY = ("linear", *NONLINEAR)
+
+
+def tactile(channels: int, depth: float, seed: int = 0, noise: float = 0.05) -> Problem:
+    """The paper's problem, half a cylinder load, sensors and channels over [-3, 3]."""
+    y = np.linspace(-3.0, 3.0, channels)
+    T = kernel(y, y, depth)
+    stress = 2.0 * np.sqrt(np.maximum(1.0 - y * y, 0.0))
+    rng = np.random.default_rng(seed)
+    return Problem(T, T @ stress + noise * rng.standard_normal(channels), 1.0)
+
+
+def assert_right(problem: Problem) -> Solution:
+    solution = solve(problem)
+    assert solution.trusted, solution.reason
+    assert solution.certificate <= solution.bound
+    error = error_of(solution)
+    assert error <= solution.error_bound
+    assert error <= 1e-12 * max(float(np.max(np.abs(solution.u))), 1e-12)
+    return solution
+
+
+@pytest.mark.parametrize(
+    ("regulariser", "bias"),
+    [(name, bias) for name in EVERY for bias in (False, True) if name != "linear" or not bias],
+)
+@pytest.mark.parametrize("lam", [1e6, 1.0, 1e-4, 1e-8, 1e-12])
+def test_reach_in_lambda(regulariser: str, bias: bool, lam: float) -> None:
+    assert_right(replace(tactile(9, 1.0), regulariser=regulariser, bias=bias, lam=lam))
+
+
+@pytest.mark.parametrize("regulariser", EVERY)
+@pytest.mark.parametrize("scale", [1e-13, 1e-12, 1e3])
+def test_reach_in_the_scale_of_the_matrix(regulariser: str, scale: float) -> None:
+    base = tactile(6, 1.0)
+    for lam in (1.0, 1e-6 * scale * scale, 1e-12):
+        problem = Problem(scale * base.T, scale * base.eps, lam, regulariser)
+        assert_right(problem)
+
+
+@pytest.mark.parametrize("regulariser", EVERY)
+@pytest.mark.parametrize("factor", [0.0, -1.0, 1e4, -1e4])
+@pytest.mark.parametrize("lam", [10.0, 1e-3, 1e-9])
+def test_reach_in_the_strain(regulariser: str, factor: float, lam: float) -> None:
+    base = tactile(6, 1.0)
+    assert_right(replace(base, eps=factor * base.eps, regulariser=regulariser, lam=lam))
+
+
+@pytest.mark.parametrize("regulariser", EVERY)
+@pytest.mark.parametrize("thickness", [2.0, 8.0, 20.0])
+@pytest.mark.parametrize("lam", [1e-2, 1e-9])
+def test_thick_layers(regulariser: str, thickness: float, lam: float) -> None:
+    base = tactile(12, thickness * 6.0 / 11.0)
+    T = base.T * thickness**2
+    assert_right(Problem(T, T @ np.ones(12) + 0.01 * base.eps, lam, regulariser))
+
+
+@pytest.mark.parametrize("regulariser", EVERY)
+@pytest.mark.parametrize(("rows", "channels"), [(1, 1), (1, 6), (6, 1), (4, 9), (9, 4)])
+def test_shapes_signs_zeros_and_rank(
+    rng: np.random.Generator, regulariser: str, rows: int, channels: int
+) -> None:
+    T = rng.standard_normal((rows, channels))
+    eps = rng.standard_normal(rows)
+    sparse = T * (rng.random(T.shape) < 0.5)
+    for matrix in (T, sparse, np.outer(T[:, 0], T[0]), np.zeros_like(T)):
+        for lam in (1.0, 1e-7):
+            assert_right(Problem(matrix, eps, lam, regulariser))
+
+
+def test_channels_whose_output_underflows_report_v() -> None:
+    problem = Problem(np.eye(3), np.array([1.0, -1.0, -1e-3]), 1e-6, "exponential")
+    solution = assert_right(problem)
+    assert solution.v is not None
+    assert solution.u[1] == 0.0
+    # u = 0 leaves mu v = eps, exactly.
+    assert solution.v[1] == pytest.approx(-1.0 / 0.5e-6, rel=1e-14)
+    found = exact_solution(problem, solution.v)
+    assert found is not None
+    assert solution.v.tolist() == pytest.approx([float(x) for x in found[1]], rel=1e-13)
+
+
+def test_one_channel_in_closed_form() -> None:
+    # |u - e|^2 + lam (u log u - u): u + mu log u = e, so u = mu W(exp(e / mu) / mu).
+    solution = solve(Problem(np.eye(1), np.array([2.0]), 0.6, "exponential"))
+    mu = 0.3
+    wanted = mu * mpmath.lambertw(mpmath.exp(2.0 / mu) / mu).real
+    assert solution.u[0] == pytest.approx(float(wanted), rel=1e-15)
+    biased = solve(Problem(np.eye(1), np.array([2.0]), 0.6, "exponential", bias=True))
+    wanted = mu * mpmath.lambertw(mpmath.exp((2.0 - mu) / mu) / mu).real
+    assert biased.u[0] == pytest.approx(float(wanted), rel=1e-15)
+
+
+def test_bias_alone_sets_the_output_without_a_matrix() -> None:
+    blind = Problem(np.zeros((2, 2)), np.ones(2), 1.0, "exponential", bias=True)
+    assert solve(blind).u == pytest.approx(np.exp([-1.0, -1.0]), rel=1e-15)
+
+
+@pytest.mark.parametrize("regulariser", NONLINEAR)
+@pytest.mark.parametrize("lam", [1e-2, 1e-12])
+def test_two_hundred_channels(regulariser: str, lam: float) -> None:
+    solution = solve(replace(tactile(200, 1.0), regulariser=regulariser, lam=lam))
+    assert solution.trusted, solution.reason
+
+
+def test_objective_is_the_printed_one() -> None:
+    problem = replace(tactile(7, 1.0), regulariser="exponential", bias=True, lam=0.3)
+    solution = solve(problem)
+    residual = problem.T @ solution.u - problem.eps
+    entropy = float(np.sum(solution.u * np.log(solution.u)))
+    assert solution.objective == pytest.approx(float(residual @ residual) + 0.3 * entropy)
+    linear = replace(tactile(7, 1.0), lam=0.3)
+    u = solve(linear).u
+    residual = linear.T @ u - linear.eps
+    assert solve(linear).objective == pytest.approx(float(residual @ residual + 0.3 * u @ u))
+
+
+def test_gap_bounds_the_excess_of_the_objective() -> None:
+    """The certificate, evaluated again from u alone by its definition in 50 digits."""
+    problem = replace(tactile(5, 1.0), regulariser="exponential", lam=1e-2)
+    solution = solve(problem)
+    found = exact_solution(problem, np.asarray(solution.v))
+    assert found is not None
+    with mpmath.workdps(50):
+        T, eps = mpmath.matrix(problem.T.tolist()), mpmath.matrix(problem.eps.tolist())
+        values = []
+        for u in (found[0], [mpmath.mpf(x) for x in solution.u.tolist()]):
+            residual = T * mpmath.matrix(u) - eps
+            penalty = sum(x * mpmath.log(x) - x for x in u)
+            values.append((residual.T * residual)[0] + mpmath.mpf(problem.lam) * penalty)
+        assert 0 <= values[1] - values[0] <= solution.bound
+
+
+def test_lambda_zero_is_least_squares(rng: np.random.Generator) -> None:
+    T, eps = rng.standard_normal((8, 5)), rng.standard_normal(8)
+    solution = assert_right(Problem(T, eps, 0.0))
+    assert solution.u == pytest.approx(np.linalg.lstsq(T, eps, rcond=None)[0], rel=1e-12)
+    assert solution.condition == pytest.approx(np.linalg.cond(T), rel=1e-10)
+
+
+@pytest.mark.parametrize(
+    "problem",
+    [
+        replace(tactile(12, 12.0), lam=0.0),  # condition number 1e24
+        Problem(np.ones((3, 3)), np.ones(3), 0.0),
+        Problem(np.zeros((3, 3)), np.ones(3), 0.0),
+        Problem(np.ones((2, 4)), np.ones(2), 0.0),
+    ],
+)
+def test_what_double_precision_cannot_answer_is_refused(problem: Problem) -> None:
+    solution = solve(problem)
+    assert not solution.trusted
+    assert "condition number" in solution.reason
+    assert solution.condition > 1e14
+    assert np.all(np.isfinite(solution.u))
+
+
+def test_a_hundred_and_fifty_random_problems_without_a_false_claim() -> None:
+    claims = count_claims(random_problems(seed=1993, count=150))
+    assert claims.false == ()
+    assert all(problem.lam == 0.0 for problem in claims.inconclusive)
+    assert len(claims.inconclusive) <= 8
+    assert claims.worst < 1e-12
+
+
+def test_a_matrix_too_small_to_scale() -> None:
+    with pytest.raises(SolverError, match="too small"):
+        solve(Problem(np.full((2, 2), 1e-170), np.ones(2), 1.0))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "key"),
+    [
+        ((np.ones(3), np.ones(3), 1.0), "T = shape"),
+        ((np.ones((2, 3)), np.ones(3), 1.0), "eps = shape"),
+        ((np.full((2, 2), np.nan), np.ones(2), 1.0), "T"),
+        ((np.eye(2), np.array([1.0, np.inf]), 1.0), "eps"),
+        ((np.eye(2), np.ones(2), -1.0), "lam"),
+        ((np.eye(2), np.ones(2), 0.0, "exponential"), "lam"),
+        ((np.eye(2), np.ones(2), 1.0, "expo"), "regulariser"),
+        ((np.eye(2), np.ones(2), 1.0, "linear", True), "bias"),
+    ],
+)
+def test_problems_prove_themselves(arguments: tuple[object, ...], key: str) -> None:
+    with pytest.raises(InputError, match=key):
+        Problem(*arguments)  # type: ignore[arg-type]  # wrong on purpose
+
+
+def test_values_are_frozen() -> None:
+    solution = solve(tactile(5, 1.0))
+    with pytest.raises(ValueError, match="read-only"):
+        solution.u[0] = 1.0
+    assert solution.lam == solution.problem.lam

@@ -1,0 +1,114 @@
+"""The pages of a reproduction, and the command."""
+
+from __future__ import annotations
+
+import base64
+import re
+from pathlib import Path
+
+import pytest
+
+from tests.support.running import document, taction
+from verification.report.paper import report
+from verification.report.paper.plots import draw
+from verification.report.paper.report import paper_document, write_paper
+from verification.studies.paper import reproduce
+from verification.studies.paper.findings import (
+    Chapter,
+    Finding,
+    Outcome,
+    Panel,
+    Picture,
+    curve,
+    load_claims,
+)
+
+PNG = b"\x89PNG\r\n"
+PICTURE = Picture(
+    "a-picture",
+    "What <is> seen | here.",
+    (Panel("title", "x", "y", (curve([1, 2], [3, 4], "line"),), logs="x", marks=((3.5, "mark"),)),),
+)
+
+
+def chapter(quick: bool) -> Chapter:
+    wanted = [claim for claim in load_claims() if claim.chapter == "reconstruction"]
+    found = (Finding(c.id, "run", "a | b <c>", c.expected, {"value": 1.0}) for c in wanted)
+    return Chapter(tuple(found), (PICTURE,))
+
+
+@pytest.fixture
+def short(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One chapter that costs nothing."""
+    monkeypatch.setattr(reproduce, "CHAPTERS", {"reconstruction": ("A <title>", chapter)})
+
+
+@pytest.mark.usefixtures("short")
+def test_the_pages_hold_every_claim_and_their_pictures(tmp_path: Path) -> None:
+    found = reproduce.reproduce()
+    names = write_paper(found, str(tmp_path))
+    assert set(names) == {path.name for path in tmp_path.iterdir()}
+    html, markdown = ((tmp_path / name).read_text("utf-8") for name in ("paper.html", "paper.md"))
+    assert html.count("<tr class=") == len(found.judged) == markdown.count("a \\| b \\<c\\>")
+    (data,) = re.findall(r'src="data:image/png;base64,([^"]+)"', html)
+    assert base64.b64decode(data) == (tmp_path / "a-picture.png").read_bytes() == draw(PICTURE)
+    assert "src=" not in re.sub(r'src="data:[^"]+"', "", html)
+    assert "href=" not in html
+    assert "A &lt;title&gt;" in html
+    assert "(a-picture.png)" in markdown
+
+
+@pytest.mark.usefixtures("short")
+def test_without_matplotlib_there_are_pages_without_pictures(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(report, "can_draw", lambda: False)
+    assert write_paper(reproduce.reproduce(), str(tmp_path)) == report.PAGES
+    assert "<img" not in (tmp_path / "paper.html").read_text("utf-8")
+
+
+def test_a_picture_is_a_png_and_always_the_same() -> None:
+    assert draw(PICTURE).startswith(PNG)
+    assert draw(PICTURE) == draw(PICTURE)
+
+
+@pytest.mark.usefixtures("short")
+def test_the_command_prints_json_and_writes_the_pages(tmp_path: Path) -> None:
+    result = taction("reproduce", "--quick", "--json", "-o", str(tmp_path / "new"))
+    assert result.exit_code == 0
+    answer = document(result)
+    assert answer["outcome"] == "pass"
+    assert {"id", "claim", "place", "run", "printed", "ours", "verdict"} <= set(answer["claims"][0])
+    assert (tmp_path / "new" / "paper.html").exists()
+
+
+@pytest.mark.parametrize(
+    ("outcome", "status"),
+    [(Outcome.FAILS, 1), (Outcome.NOT_RUN, 3)],
+)
+def test_the_exit_status_tells_a_wrong_verdict_from_a_missing_one(
+    outcome: Outcome, status: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def one(quick: bool) -> Chapter:
+        first, *rest = chapter(quick).findings
+        return Chapter((Finding(first.id, "run", "ours", outcome), *rest))
+
+    monkeypatch.setattr(reproduce, "CHAPTERS", {"reconstruction": ("title", one)})
+    result = taction("reproduce")
+    assert result.exit_code == status
+    assert "figure-5" in result.stdout
+
+
+@pytest.mark.usefixtures("short")
+def test_a_folder_that_cannot_be_made_is_refused_before_any_work(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    result = taction("reproduce", "-o", str(tmp_path / "file" / "below"))
+    assert result.exit_code == 2
+    assert "--output" in result.stderr
+
+
+@pytest.mark.usefixtures("short")
+def test_the_document_names_verdict_and_expectation() -> None:
+    found = paper_document(reproduce.reproduce(quick=True))
+    assert found["quick"] is True
+    assert all(each["as_expected"] for each in found["claims"])

@@ -1,0 +1,192 @@
+"""A regression run as JUnit XML, Markdown, table and JSON."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import re
+
+import pytest
+from lxml import etree
+from rich.console import Console
+
+from cli.common import plain
+from tests.support.entries import entry
+from tests.support.paths import DATA
+from verification.pipeline.checks import Check, Outcome
+from verification.report.regression.junit import regression_junit
+from verification.report.regression.markdown import regression_markdown
+from verification.report.regression.text import SHOWN, print_regression, regression_document
+from verification.studies.regression.compare import Difference
+from verification.studies.regression.run import RegressionReport, SceneResult, Status
+
+# The schema that the xUnit plugin of Jenkins publishes; GitLab and the reporters on GitHub read it.
+SCHEMA = DATA / "junit-10.xsd"
+NASTY = 'a <b> & "c" | `d` ]]> \x1b[31m\x00 µΩ\nnext * line'
+
+
+def check(outcome: Outcome, name: str = "settling_time") -> Check:
+    return Check(name, outcome, 2e-3, 1e-6, 5e-3, None, "s", NASTY)
+
+
+def changed(count: int = 1) -> tuple[Difference, ...]:
+    return tuple(
+        Difference("waveforms", f"u_{n}", 1.5, 1.0, 0.01, 50.0 + n, "V", "max norm")
+        for n in range(count)
+    )
+
+
+OFF = Difference("checks", "stability", "fail", "pass", None, math.inf)
+FINE = Difference("levels", "u_1.final", 1.0, 1.0, 1e-3, 0.0, "V")
+RESULTS = (
+    SceneResult(
+        "same.toml", Status.SAME, (check(Outcome.PASS),), (FINE,), (), "", entry(), entry()
+    ),
+    SceneResult(
+        "changed.toml",
+        Status.CHANGED,
+        (check(Outcome.PASS),),
+        (FINE, *changed(SHOWN + 3)),
+        ("simulator was ngspice-39, now ngspice-46",),
+        "",
+        entry(),
+        entry(),
+        1234.5678,
+    ),
+    SceneResult(
+        "broken.toml", Status.BROKEN, (check(Outcome.FAIL),), (OFF,), (), "", entry(), entry()
+    ),
+    SceneResult(
+        "better.toml",
+        Status.NEWLY_PASSING,
+        (check(Outcome.PASS),),
+        changed(),
+        (),
+        "",
+        entry(),
+        entry(),
+    ),
+    SceneResult("new.toml", Status.NEW, (check(Outcome.PASS),), entry=entry()),
+    SceneResult(
+        "undecided.toml", Status.NO_VERDICT, (check(Outcome.INCONCLUSIVE),), reason="too near"
+    ),
+    SceneResult("crashed.toml", Status.NO_VERDICT, reason=NASTY),
+    SceneResult("gone.toml", Status.MISSING, reason="not in the folder", baseline=entry()),
+    SceneResult("bad.toml", Status.BAD_INPUT, reason=NASTY),
+    SceneResult("later.toml", Status.NOT_RUN, reason="interrupted"),
+)
+
+
+def report(*results: SceneResult, updated: bool = False) -> RegressionReport:
+    return RegressionReport("scenes", "b.json", "c" * 40, results or RESULTS, updated)
+
+
+def parsed(text: str) -> etree._Element:
+    return etree.fromstring(text.encode())
+
+
+@pytest.mark.parametrize("updated", [False, True])
+def test_junit_keeps_to_the_published_schema(updated: bool) -> None:
+    schema = etree.XMLSchema(etree.parse(SCHEMA))
+    for each in (report(updated=updated), *(report(r, updated=updated) for r in RESULTS)):
+        document = parsed(regression_junit(each))
+        assert schema.validate(document), schema.error_log
+
+
+def test_the_schema_would_notice() -> None:
+    schema = etree.XMLSchema(etree.parse(SCHEMA))
+    document = parsed(regression_junit(report()))
+    document[0].set("surprise", "1")
+    assert not schema.validate(document)
+
+
+def test_junit_counts_what_is_in_it() -> None:
+    root = parsed(regression_junit(report()))
+    for node in (root, *root.findall("testsuite")):
+        assert int(node.get("tests")) == len(node.findall(".//testcase"))
+        assert int(node.get("failures")) == len(node.findall(".//failure"))
+        assert int(node.get("errors")) == len(node.findall(".//error"))
+    assert all(len(case) <= 1 for case in root.iter("testcase"))
+    assert root.find("testsuite[@name='changed']").get("time") == "1234.568"
+
+
+@pytest.mark.parametrize(
+    ("suite", "case", "end"),
+    [
+        ("same", "baseline levels", None),
+        ("changed", "check settling_time", None),
+        ("changed", "baseline waveforms", "failure"),
+        ("changed", "baseline levels", None),
+        ("broken", "check settling_time", "failure"),
+        ("broken", "baseline checks", "failure"),
+        ("better", "baseline waveforms", "skipped"),
+        ("new", "baseline", "skipped"),
+        ("undecided", "check settling_time", "error"),
+        ("crashed", "verify", "error"),
+        ("gone", "verify", "failure"),
+        ("bad", "verify", "error"),
+        ("later", "verify", "skipped"),
+    ],
+)
+def test_each_test_ends_as_its_scene_did(suite: str, case: str, end: str | None) -> None:
+    root = parsed(regression_junit(report()))
+    node = root.find(f"testsuite[@name='{suite}']/testcase[@name='{case}']")
+    assert [child.tag for child in node] == ([end] if end else [])
+
+
+def test_junit_says_value_baseline_tolerance_and_how_far_off() -> None:
+    text = parsed(regression_junit(report())).find(".//testsuite[@name='changed']//failure").text
+    assert f"u_{SHOWN + 2}: 1.5 V, baseline 1 V, tolerance 10 mV, 64 tolerances off" in text
+    assert "simulator was ngspice-39" in text
+
+
+def test_an_accepted_change_is_no_failure() -> None:
+    root = parsed(regression_junit(report(RESULTS[1], RESULTS[7], updated=True)))
+    assert (root.get("failures"), len(root.findall(".//skipped"))) == ("0", 2)
+
+
+def test_markdown_tables_have_their_columns_whatever_a_reason_holds() -> None:
+    text = regression_markdown(report())
+    rows = [line for line in text.splitlines() if line.startswith("|")]
+    assert rows
+    for row in rows:
+        assert len(re.findall(r"(?<!\\)\|", row)) == 7  # six cells
+    assert "<b>" not in text
+    assert "and 3 more" in text
+    assert "| changed | changed | 1 of 1 pass | 64 | ngspice-46 | aaaaaaaaaaaa |" in text
+    assert "### same.toml" not in text
+
+
+def test_the_table_for_people_names_every_scene_and_every_change() -> None:
+    stream = io.StringIO()
+    print_regression(report(), Console(file=stream, width=160))
+    text = stream.getvalue()
+    for result in RESULTS:
+        assert result.file.removesuffix(".toml") in text
+    assert "waveform u_14" in text
+    assert "check stability" in text
+    assert "1 same, 1 changed, 1 broken, 1 newly passing, 1 new, 1 missing" in text
+
+
+def test_the_document_for_machines_has_every_difference() -> None:
+    document = json.loads(json.dumps(plain(regression_document(report())), allow_nan=False))
+    assert (document["exit_status"], document["interrupted"]) == (130, True)
+    scene = document["scenes"][1]
+    assert (scene["status"], scene["baseline"]["revision"]) == ("changed", "a" * 40)
+    assert len(scene["differences"]) == SHOWN + 4
+    first = scene["differences"][1]
+    assert (first["value"], first["baseline"], first["tolerance"]) == (1.5, 1.0, 0.01)
+    assert (first["off"], first["changed"], first["unit"]) == (50.0, True, "V")
+    assert document["scenes"][2]["differences"][0]["off"] is None
+
+
+@pytest.mark.parametrize(
+    ("places", "status"),
+    [
+        ((0,), 0), ((0, 4), 0), ((3,), 0), ((1,), 1), ((2,), 1), ((7,), 1),
+        ((5,), 3), ((6,), 3), ((8,), 2), ((9,), 130), ((5, 1), 1), ((8, 1, 6), 2),
+    ],
+)  # fmt: skip
+def test_the_worst_scene_decides_the_exit_status(places: tuple[int, ...], status: int) -> None:
+    assert report(*(RESULTS[place] for place in places)).exit_status == status

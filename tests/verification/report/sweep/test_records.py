@@ -1,0 +1,192 @@
+"""What a sweep leaves behind: JSON, tables, CSV, Parquet, netCDF and pictures."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections import Counter
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from cli.main import main
+from cli.sweep import _state
+from netlist_gen.overrides.axes import parse_axes
+from netlist_gen.scene.file import load_scene
+from tests.support.making import write_matrix_scene
+from verification.report.sweep import files
+from verification.report.sweep.maps import plot_sweep
+from verification.studies.running import executors
+from verification.studies.running.executors import Workers
+from verification.studies.sweep.plan import Plan
+from verification.studies.sweep.run import Count
+from verification.studies.sweep.store import Store
+
+DESIGN = """[design]
+gain = "100kohm"
+capacitance = "100pF"
+stray_capacitance = 0
+opamp = { base = "ideal", dc_gain = 1e12 }
+"""
+OVER = ("--over", "C=50p:200p:3", "--over", "gain=50k,100k")
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A scene, and a command line that computes in this process."""
+    write_matrix_scene(tmp_path, [[1.0, 0.2], [0.2, 1.0]], [1.0, 0.5], DESIGN)
+    with ThreadPoolExecutor(1) as executor:
+
+        class Here:
+            def __enter__(self) -> Workers:
+                return Workers(executor, lambda: 2, ())
+
+            def __exit__(self, *error: object) -> None:
+                return None
+
+        monkeypatch.setattr(executors, "local", lambda jobs: Here())
+        monkeypatch.chdir(tmp_path)
+        yield tmp_path
+
+
+def taction(*words: str) -> Result:
+    return CliRunner().invoke(main, ["sweep", "scene.toml", "--engine", "statespace", *words])
+
+
+def test_json_has_one_record_a_point(folder: Path) -> None:
+    done = taction(*OVER, "--json", "-o", "a.sqlite")
+    assert done.exit_code == 0, done.output
+    document = json.loads(done.stdout)
+    assert [axis["key"] for axis in document["axes"]] == ["design.capacitance", "design.gain"]
+    assert document["axes"][0]["values"][1] == pytest.approx(100e-12)
+    assert document["outcomes"] == {"pass": 6}
+    assert [point["values"]["gain"] for point in document["points"]] == [5e4, 1e5] * 3
+    for point in document["points"]:
+        # Ideal op-amps: the slowest pole is at -1 / (R C) or further left (eq 9).
+        slowest = 1.0 / (point["resistance"] * point["values"]["C"])
+        assert point["rightmost_pole"][0] < -slowest
+        assert point["settling_time"] > 0.0
+    again = json.loads(taction(*OVER, "--json", "-o", "a.sqlite").stdout)
+    assert (again["ran"], again["points"]) == (0, document["points"])
+
+
+def test_the_table_and_the_default_database(folder: Path) -> None:
+    done = taction(*OVER)
+    assert done.exit_code == 0, done.output
+    assert (folder / "scene.sqlite").exists()
+    assert "6 points: 6 pass" in done.stdout
+    assert "6 computed now, 0 from scene.sqlite" in done.stdout
+    assert "200 pF" in done.stdout
+
+
+def test_no_verdict_at_any_point_ends_with_3(folder: Path) -> None:
+    done = taction("--over", "stop=1p,2p")
+    assert done.exit_code == 3, done.output
+    assert "--retry failed" in done.stdout
+
+
+def test_csv_has_every_number_exactly(folder: Path) -> None:
+    done = taction(*OVER, "--export", "a.csv", "--json")
+    rows = list(csv.DictReader((folder / "a.csv").read_text().splitlines()))
+    points = json.loads(done.stdout)["points"]
+    assert len(rows) == len(points) == 6
+    for row, point in zip(rows, points, strict=True):
+        assert float(row["C"]) == point["values"]["C"]
+        assert float(row["settling_time"]) == point["settling_time"]
+        assert row["margin"] == ""
+        assert (row["outcome"], row["stable"]) == ("pass", "True")
+
+
+def test_parquet_has_types_and_units(folder: Path) -> None:
+    pq = pytest.importorskip("pyarrow.parquet")
+    taction(*OVER, "--export", "a.parquet")
+    table = pq.read_table(folder / "a.parquet")
+    assert table.num_rows == 6
+    assert str(table.schema.field("settling_time").type) == "double"
+    assert table.schema.field("C").metadata == {b"unit": b"F"}
+    assert table.column("stable").to_pylist() == [True] * 6
+
+
+def test_netcdf_has_named_axes_and_units(folder: Path) -> None:
+    xr = pytest.importorskip("xarray")
+    done = taction(*OVER, "--export", "a.nc", "--json")
+    points = json.loads(done.stdout)["points"]
+    with xr.open_dataset(folder / "a.nc", engine="scipy") as data:
+        assert dict(data.sizes) == {"C": 3, "gain": 2, "engine": 1}
+        assert (data.C.attrs["units"], data.settling_time.attrs["units"]) == ("F", "s")
+        assert data.gain.attrs["long_name"] == "design.gain"
+        found = data.settling_time.sel(gain=1e5, engine="statespace").values
+        assert found.tolist() == [point["settling_time"] for point in points[1::2]]
+        assert data.outcome.attrs["flag_meanings"].split()[0] == "pass"
+        assert np.all(data.outcome.values == 0)
+
+
+def test_zipped_axes_share_a_dimension(folder: Path) -> None:
+    xr = pytest.importorskip("xarray")
+    done = taction(
+        "--over", "C=50p,100p gain=100k,50k", "--over", "lambda=0.1,1", "--export", "a.nc"
+    )
+    assert done.exit_code == 0, done.output
+    with xr.open_dataset(folder / "a.nc", engine="scipy") as data:
+        assert dict(data.sizes) == {"C": 2, "lambda": 2, "engine": 1}
+        assert data.gain.dims == ("C",)
+        assert data.gain.values.tolist() == [1e5, 5e4]
+
+
+@pytest.mark.parametrize("over", [OVER, OVER[:2], ("--over", "initial=zero,rest")])
+@pytest.mark.parametrize("ending", ["png", "svg"])
+def test_pictures(folder: Path, over: tuple[str, ...], ending: str) -> None:
+    done = taction(*over, "--plot", f"a.{ending}")
+    assert done.exit_code == 0, done.output
+    picture = (folder / f"a.{ending}").read_bytes()
+    assert len(picture) > 10_000
+    if ending == "svg":
+        assert b"<svg" in picture
+
+
+def test_a_map_with_both_engines_and_a_boundary(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = load_scene(folder / "scene.toml")
+    axes = parse_axes(scene, ["C=1p:100p:5", "gain=1k:1M:4"])
+    plan = Plan(scene, axes, ("ngspice", "statespace"))
+    shape = (5, 4, 2)
+    growth = np.linspace(-1e4, 1e4, 40).reshape(shape)
+    fake: dict[str, Any] = {name: np.full(shape, 0.5) for name in files.NUMBERS}
+    fake["settling_time"][growth > 0] = np.nan
+    fake |= {"growth_rate": growth, "outcome": (np.arange(40).reshape(shape) % 4).astype(np.int8)}
+    monkeypatch.setattr("verification.report.sweep.maps.grids", lambda plan, store: fake)
+    with Store(str(folder / "a.sqlite")) as store:
+        plot_sweep(plan, store, str(folder / "a.png"))
+    assert (folder / "a.png").stat().st_size > 20_000
+
+
+def test_what_cannot_be_written_is_refused_before_any_work(folder: Path) -> None:
+    for words, says in (
+        (("--export", "a.xls"), ".csv, .parquet, .nc"),
+        (("--export", "missing/a.csv"), "folder does not exist"),
+        (("--plot", "a.gif"), ".png, .svg, .pdf"),
+        (("--plot", "a.png", "--over", "R=1M,2M"), "one or two can be drawn"),
+    ):
+        done = taction(*OVER, *words)
+        assert done.exit_code == 2, done.output
+        assert says in done.stderr
+    assert not (folder / "scene.sqlite").exists()
+
+
+def test_a_database_that_is_none(folder: Path) -> None:
+    (folder / "a.sqlite").write_text("a,b\n" * 2000)
+    done = taction(*OVER, "-o", "a.sqlite")
+    assert done.exit_code == 2
+    assert "no SQLite database" in done.stderr
+
+
+def test_rate_and_remaining_time_count_what_was_computed_only() -> None:
+    count = Count(total=100, done=60, ran=20, outcomes=Counter({"pass": 55, "fail": 5}))
+    assert _state(count, 10.0) == "2/s, 0:00:20 left; 5 fail, 55 pass"
+    assert _state(Count(total=9, done=2, outcomes=Counter({"pass": 2})), 1.0) == "2 pass"

@@ -1,0 +1,148 @@
+"""Pictures, tables, documents and exported waveforms of one verdict."""
+
+from __future__ import annotations
+
+import importlib.util
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from netlist_gen.board.circuit import Output
+from netlist_gen.scene.file import load_scene
+from spice_models.errors import InputError
+from tests.support.measured import channel, measured
+from tests.support.paths import SCENES
+from verification.engines.ngspice.raw_file import read_raw
+from verification.measures.measure import Reading
+from verification.measures.settling import ChannelState
+from verification.report.verdict.json_document import (
+    channel_record,
+    reading_record,
+    verdict_document,
+)
+from verification.report.verdict.plots import plot_verdict, time_unit
+from verification.report.verdict.table import amount, channel_table, print_verdict
+from verification.report.verdict.waveform_files import check_export, export
+from verification.verify import Verdict, verify
+from verification.waveforms import Cost, Waveforms
+
+
+@cache
+def verdict() -> Verdict:
+    scene = load_scene(SCENES / "tuned-breadboard.toml")
+    analysis = scene.analysis.model_copy(update={"engine": "statespace"})
+    found = verify(scene.model_copy(update={"analysis": analysis}))
+    every = slice(None, None, 40)  # enough points to draw
+    waves = found.waveforms
+    waves = replace(waves, time=waves.time[every], values=waves.values[every])
+    return replace(found, waveforms=waves, u=found.u[every])
+
+
+def test_pictures_of_every_kind_and_the_same_twice(tmp_path: Path) -> None:
+    starts = {"png": b"\x89PNG\r\n", "svg": b"<?xml", "pdf": b"%PDF"}
+    for ending, start in starts.items():
+        file = tmp_path / f"a.{ending}"
+        plot_verdict(verdict(), str(file))
+        content = file.read_bytes()
+        assert content.startswith(start)
+        assert len(content) > 10_000
+    again = tmp_path / "b.svg"
+    plot_verdict(verdict(), str(again))
+    assert again.read_bytes() == (tmp_path / "a.svg").read_bytes()
+
+
+def test_a_picture_that_cannot_be_written(tmp_path: Path) -> None:
+    folder = tmp_path / "taken.png"
+    folder.mkdir()
+    with pytest.raises(InputError, match="expected a file that can be written"):
+        plot_verdict(verdict(), str(folder))
+
+
+@pytest.mark.parametrize(
+    ("longest", "size", "name"),
+    [(2.0, 1.0, "s"), (7.8e-3, 1e-3, "ms"), (9e-5, 1e-6, "µs"), (1e-12, 1e-9, "ns")],
+)
+def test_the_unit_of_a_time_axis(longest: float, size: float, name: str) -> None:
+    assert time_unit(longest) == (size, name)
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "text"),
+    [
+        (None, "s", "-"),
+        (float("inf"), "s", "-"),
+        (2.42e-3, "s", "2.42 ms"),
+        (-1123.46, "1/s", "-1123 /s"),
+        (2.41911, "ratio", "2.42"),
+        (4.73e-5, "step", "0.00473 %"),
+    ],
+)
+def test_amounts_for_people(value: float | None, unit: str, text: str) -> None:
+    assert amount(value, unit) == text
+
+
+def test_the_tables_hold_every_check_and_every_channel() -> None:
+    console = Console(width=200)
+    with console.capture() as captured:
+        print_verdict(verdict(), console)
+    text = captured.get()
+    for check in verdict().checks:
+        assert check.name.replace("_", " ") in text
+    assert text.rstrip().endswith("PASS")
+    assert "statespace" in text
+
+
+def test_a_channel_in_trouble_is_told_with_its_numbers() -> None:
+    ringing = channel(
+        1, state=ChannelState.OSCILLATING, frequency=4e4, growth_rate=1e3, settling_time=None,
+        rise_time=Reading(10e-6, 0.0, True, 4e-6),
+    )  # fmt: skip
+    console = Console(width=160)
+    with console.capture() as captured:
+        console.print(channel_table(measured(channel(0), ringing)))
+    text = captured.get()
+    assert "oscillating" in text
+    assert "10 us (fragile: or 4 us)" in text
+
+
+def test_a_document_is_plain_and_counts_channels_from_one() -> None:
+    document = verdict_document(verdict())
+    assert [record["index"] for record in document["channels"]] == list(range(1, 8))
+    assert document["engine"] == "statespace"
+    assert document["error_budget"]["opamps"]["unit"] == "V"
+    fragile = channel_record(channel(rise_time=Reading(1e-5, 0.0, True, 4e-6)))
+    assert (fragile["fragile"], fragile["alternatives"]) == (True, [4e-6])
+    assert reading_record(None) is None
+    assert reading_record(Reading(float("nan"), 0.0)) is None
+
+
+def test_an_exported_record_keeps_every_digit(tmp_path: Path) -> None:
+    """Two channels, the second read with a minus sign."""
+    time = np.array([0.0, 1 / 3, 1.0])
+    values = np.array([[0.0, 0.0], [1 / 7, -0.1], [1e-20, -2 / 3]])
+    waveforms = Waveforms(time, ("v_1", "a_2"), values, "test", Cost(0.0, 3))
+    circuit = replace(verdict().circuit, outputs=(Output("v_1", 1.0), Output("a_2", -1.0)))
+    export(circuit, waveforms, str(tmp_path / "w.csv"))
+    assert (tmp_path / "w.csv").read_text().splitlines()[0] == "time,u_1,u_2"
+    table = np.loadtxt(tmp_path / "w.csv", delimiter=",", skiprows=1)
+    assert np.array_equal(table, np.column_stack([time, values * [1.0, -1.0]]))
+    export(circuit, waveforms, str(tmp_path / "w.raw"))
+    plot = read_raw(tmp_path / "w.raw")
+    assert plot.vectors == ("time", "v(v_1)", "v(a_2)")
+    assert np.array_equal(plot.data, np.column_stack([time, values]))
+
+
+def test_an_export_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
+    for name, says in (("w.txt", "ends in .csv"), ("no/w.csv", "folder does not exist")):
+        with pytest.raises(InputError, match=says):
+            check_export(str(tmp_path / name))
+    if importlib.util.find_spec("pyarrow") is None:
+        with pytest.raises(InputError, match="needs pyarrow"):
+            check_export(str(tmp_path / "w.parquet"))
+    (tmp_path / "taken.csv").mkdir()
+    with pytest.raises(InputError, match="can be written"):
+        export(verdict().circuit, verdict().waveforms, str(tmp_path / "taken.csv"))

@@ -1,0 +1,262 @@
+"""Onset of oscillation: closed forms and the calibrated board, put on trial by a real ngspice."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from cli.main import main
+from netlist_gen.board.circuit import (
+    Capacitor,
+    Circuit,
+    CurrentSource,
+    OpAmpCell,
+    Output,
+    Resistor,
+    ResistorMatrix,
+    Scalings,
+)
+from netlist_gen.deck.deck import write_deck
+from netlist_gen.scene.file import load_scene
+from spice_models.errors import InputError
+from spice_models.opamp import OpAmp
+from tests.support.boards import single_mode
+from tests.support.paths import SCENES
+from verification.engines.ngspice.executable import find_simulator
+from verification.engines.statespace.linearised.equilibrium import equilibrium
+from verification.small_signal.poles import poles
+from verification.studies.onset import transient_trial as confirm_module
+from verification.studies.onset.onset import (
+    board_over,
+    confirmations,
+    crossings,
+    onset,
+    parse_onset_axis,
+)
+from verification.studies.onset.scan_result import Crossing
+from verification.studies.onset.transient_trial import Confirmation, along, confirm
+
+TUNED = SCENES / "tuned-breadboard.toml"
+EXPONENTIAL = SCENES / "paper-exponential.toml"
+TAU, R = 0.455e-6, 10e3
+
+
+def feedback(source: str, ohms: float) -> ResistorMatrix:
+    """One resistor from `source` to node x, as a 1 x 1 matrix."""
+    one = np.array([[ohms]])
+    return ResistorMatrix("Rb", one, one < 0, False, (source,), ("",), ("x",))
+
+
+def window(farads: float) -> Circuit:
+    """K = 100 and two equal lags: ``(1 + pRC)(1 + p tau)^2 + 100 = 0``."""
+    board = single_mode(farads * R, TAU)
+    kept = tuple(r for r in board.resistors if r.name != "Rk")
+    return replace(board, resistors=kept, matrices=(feedback("b2", R / 100.0),))
+
+
+def latch(ohms: float) -> Circuit:
+    """Positive feedback: ``p = (10 kohm / ohms - 1) / RC`` with RC = 1 us, a real pole."""
+    inverter = (Resistor("Ri", "v", "j", R), Resistor("Rj", "j", "a", R))
+    return Circuit(
+        name="latch",
+        amplifier="linear",
+        topology="integrator",
+        scalings=Scalings(1e-4, 1.0, 1.0, R, 1e-10, R, 1.0),
+        models={"ideal": OpAmp("ideal", 1e8)},
+        opamps=(OpAmpCell("v", "ideal", "0", "x", "v"), OpAmpCell("a", "ideal", "0", "j", "a")),
+        amplifiers=(),
+        resistors=(Resistor("R", "x", "v", R), *inverter),
+        matrices=(feedback("a", ohms),),
+        capacitors=(Capacitor("C", "x", "v", 1e-10),),
+        currents=(CurrentSource("I", "x", -1e-7),),
+        voltages=(),
+        signal_nodes=("v",),
+        constraint_nodes=("a",),
+        outputs=(Output("v", 1.0),),
+        omissions=(),
+    )
+
+
+def check_sides(trial: Confirmation, share: float = 0.03) -> None:
+    """Both sides within `share` of the pole, and with opposite signs."""
+    assert trial.confirmed is True, trial.reason
+    for side in (trial.below, trial.above):
+        assert side is not None
+        assert side.growth_rate == pytest.approx(side.predicted.real, rel=share)
+        assert side.frequency == pytest.approx(abs(side.predicted.imag) / 2 / math.pi, rel=0.003)
+    assert trial.below is not None
+    assert trial.above is not None
+    assert trial.below.predicted.real * trial.above.predicted.real < 0.0
+
+
+def test_both_ends_of_the_window_of_the_single_mode(ngspice: str) -> None:
+    found = crossings(window, np.geomspace(1e-13, 1e-8, 61).tolist())
+    ends = [TAU * (24.0 - math.sqrt(575.0)) / R, TAU * (24.0 + math.sqrt(575.0)) / R]
+    assert [c.value for c in found.crossings] == pytest.approx(ends, rel=1e-6)
+    assert ends == pytest.approx([0.948e-12, 2.183e-9], rel=1e-3)
+    assert [c.unstable_above for c in found.crossings] == [True, False]
+    # On the axis (w tau)^2 = 1 + 2 tau / RC.
+    for crossing in found.crossings:
+        w = math.sqrt(1.0 + 2.0 * TAU / (R * crossing.value)) / TAU
+        assert crossing.frequency == pytest.approx(w / 2.0 / math.pi, rel=1e-6)
+    low, high = found.stable_ranges
+    assert (low[1], high[0]) == tuple(c.value for c in found.crossings)
+    for each in confirmations(window, found):
+        check_sides(each.confirmation)
+
+
+def test_a_real_pole_that_crosses_at_zero_is_confirmed_too(ngspice: str) -> None:
+    found = crossings(latch, np.geomspace(1e3, 1e5, 21).tolist())
+    (crossing,) = found.crossings
+    assert crossing.value == pytest.approx(R, rel=1e-6)
+    assert (crossing.frequency, crossing.unstable_above) == (0.0, False)
+    (finding,) = confirmations(latch, found)
+    check_sides(finding.confirmation)
+    assert finding.confirmation.above is not None
+    assert finding.confirmation.above.predicted.real == pytest.approx(
+        (1 / 1.03 - 1) / 1e-6, rel=1e-4
+    )
+
+
+def test_an_antisymmetric_mode_that_the_load_never_excites_is_confirmed(ngspice: str) -> None:
+    scene = load_scene(TUNED)
+    found = onset(scene, parse_onset_axis(scene, "C=3pF:30pF:21"))
+    (low, _), (high, edge) = ((f, f.crossing) for f in found.findings)
+    assert edge.value == pytest.approx(4.134e-12, rel=1e-4)
+    assert (edge.below, edge.above, edge.changes_stability) == (2, 0, True)
+    assert low.crossing.changes_stability is False
+    check_sides(high.confirmation)
+    (stable,) = found.scan.stable_ranges
+    assert stable == (edge.value, 3e-11)
+    # At 3.8 pF the pole stands at +2.7e4 /s, and its mode is antisymmetric.
+    board = board_over(scene, found.axis)(3.8e-12)
+    pole = poles(board).rightmost
+    assert pole.real == pytest.approx(2.7e4, rel=0.02)
+    start = along(board, pole).voltages
+    rest = equilibrium(board)
+    v = np.array([start[node] - rest[node] for node in board.signal_nodes])
+    assert v == pytest.approx(-v[::-1], abs=1e-6 * np.abs(v).max())
+
+
+def test_an_exponential_board_is_taken_at_the_equilibrium_of_each_value(ngspice: str) -> None:
+    scene = load_scene(EXPONENTIAL)
+    found = onset(scene, parse_onset_axis(scene, "gain=2M:10M:15"))
+    (finding,) = found.findings
+    assert finding.crossing.unstable_above
+    assert finding.crossing.value == pytest.approx(6.829e6, rel=1e-3)
+    check_sides(finding.confirmation)
+    assert not found.disagreement
+
+
+def test_a_mode_hidden_by_a_faster_instability_is_left_undecided(ngspice: str) -> None:
+    scene = load_scene(EXPONENTIAL)
+    found = onset(scene, parse_onset_axis(scene, "gain=10M:20M:7"))
+    (finding,) = found.findings
+    assert finding.crossing.below == 2
+    assert finding.confirmation.confirmed is None
+    assert "hides the mode" in finding.confirmation.reason
+
+
+@pytest.fixture
+def damping(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let confirmations integrate with Gear's method and steps that damp a growing mode."""
+
+    def damped(circuit: Circuit, analysis: Any, **options: Any) -> Any:
+        coarse = replace(analysis, method="gear", max_step=8.0 * analysis.max_step, truncation=1e3)
+        return write_deck(circuit, coarse, **options)
+
+    monkeypatch.setattr(confirm_module, "write_deck", damped)
+
+
+@pytest.mark.usefixtures("ngspice", "damping")
+def test_an_integration_that_damps_is_reported_as_a_disagreement() -> None:
+    crossing = Crossing(TAU * (24.0 + math.sqrt(575.0)) / R, 357007.0, False, 2, 0)
+    trial = confirm(window, crossing, find_simulator(), logarithmic=True, timeout=60.0)
+    assert trial.confirmed is False
+    assert "the transient grows with -" in trial.reason
+    assert trial.below is not None
+    assert trial.below.predicted.real > 0.0
+
+
+@pytest.mark.usefixtures("ngspice", "damping")
+def test_the_command_ends_with_3_where_a_transient_contradicts_the_poles() -> None:
+    result = run("--over", "C=4pF:5pF:3", "--json")
+    assert result.exit_code == 3
+    (crossing,) = json.loads(result.stdout)["crossings"]
+    assert crossing["confirmed"] is False
+    assert crossing["below"]["measured"]["growth_rate"] < 0.0
+    assert crossing["below"]["predicted"]["growth_rate"] > 0.0
+
+
+def test_without_ngspice_crossings_are_found_and_stay_undecided(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("TACTION_NGSPICE", "/nonexistent/ngspice")
+    found = crossings(window, np.geomspace(1e-10, 1e-8, 21).tolist())
+    (finding,) = confirmations(window, found)
+    assert finding.confirmation.confirmed is None
+    assert "ngspice is needed" in finding.confirmation.reason
+
+
+@pytest.mark.parametrize("text", ["channels=5:9:3", "opamp.base=ua741,lf353", "C=1p", "sensors"])
+def test_an_onset_needs_a_continuous_range(text: str) -> None:
+    scene = load_scene(TUNED)
+    with pytest.raises(InputError, match="--over"):
+        parse_onset_axis(scene, text)
+
+
+def run(*arguments: str) -> Any:
+    return CliRunner().invoke(main, ["onset", str(TUNED), *arguments])
+
+
+def test_the_command_answers_in_json_and_draws(tmp_path: Path) -> None:
+    picture = tmp_path / "locus.svg"
+    result = run("--over", "C=1pF:100pF:21", "--no-confirm", "--json", "--plot", str(picture))
+    assert result.exit_code == 0
+    document = json.loads(result.stdout)
+    assert [c["value"] for c in document["crossings"]] == pytest.approx(
+        [1.84427e-12, 3.285655e-12, 4.133746e-12], rel=1e-6
+    )
+    last = document["crossings"][-1]
+    assert (last["direction"], last["confirmed"]) == ("unstable below", None)
+    assert last["frequency"] == pytest.approx(185.997e3, rel=1e-5)
+    assert document["stable_ranges"] == [[last["value"], 1e-10]]
+    assert document["scanned"]["from"] == 1e-12
+    assert document["scanned"]["default"] is False
+    assert document["own_value"] == 1e-11
+    assert picture.read_text(encoding="utf-8").count("<svg") == 1
+
+
+def test_the_command_prints_a_table_and_its_default_range() -> None:
+    result = run("--over", "gain", "--no-confirm")
+    assert result.exit_code == 0
+    assert "gain from 76.67 kohm to 69 Mohm (default range)" in result.stdout
+    assert "4.703454 Mohm" in result.stdout
+
+
+def test_the_command_refuses_what_it_cannot_scan() -> None:
+    for arguments, text in (
+        (("--over", "capacitence"), "did you mean 'capacitance'"),
+        (("--over", "C", "--plot", "locus.txt"), "expected a file that ends in"),
+    ):
+        result = run(*arguments)
+        assert result.exit_code == 2
+        assert text in result.stderr
+
+
+def test_winding_numbers_count_what_the_poles_say():
+    scene = load_scene("scenes/tuned-breadboard.toml")
+    axis = parse_onset_axis(scene, "C=2pF:20pF:13")
+    found = onset(scene, axis, transients=False)
+    assert len(found.counts) == len(found.findings) + 1
+    assert found.counts[-1].poles == 0
+    assert found.counts[0].poles > 0
+    assert all(c.winding == c.poles for c in found.counts)
+    assert not found.disagreement

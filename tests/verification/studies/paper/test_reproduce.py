@@ -1,0 +1,91 @@
+"""The paper's claims: a table without holes, scenes as published, verdicts and pages."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from spice_models.errors import SimulatorNotFound
+from tests.support.paths import SCENES
+from verification.studies.paper import findings
+from verification.studies.paper.findings import Chapter, Finding, Outcome, load_claims, weigh
+from verification.studies.paper.reproduce import CHAPTERS, Judged, Reproduction, Section, _run
+from verification.studies.paper.tactile import FINE, GradientFlow, by_transform
+
+
+def test_every_claim_has_a_chapter_and_its_own_name() -> None:
+    claims = load_claims()
+    assert {claim.chapter for claim in claims} == set(CHAPTERS)
+    assert len({claim.id for claim in claims}) == len(claims)
+    assert all(claim.claim and claim.place for claim in claims)
+    assert all(claim.expected is not Outcome.NOT_RUN for claim in claims)
+
+
+def test_the_shipped_scenes_are_those_of_the_scenes_folder() -> None:
+    own = {path.name for path in findings.HERE.glob("*.toml")} - {"claims.toml"}
+    assert own
+    for name in own:
+        assert (findings.HERE / name).read_bytes() == (SCENES / name).read_bytes(), name
+
+
+def test_a_claim_that_holds_only_under_its_condition_says_so() -> None:
+    assert weigh(True) is Outcome.HOLDS
+    assert weigh(False, True) is Outcome.CONDITION
+    assert weigh(False) is Outcome.FAILS
+
+
+def reproduction(*outcomes: Outcome) -> Reproduction:
+    claim = replace(load_claims()[0], expected=Outcome.HOLDS)
+    judged = tuple(Judged(claim, Finding(claim.id, "run", "ours", each)) for each in outcomes)
+    return Reproduction((Section("title", judged, (), 0.0),), (), True, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("outcomes", "expected"),
+    [
+        ((Outcome.HOLDS, Outcome.HOLDS), "pass"),
+        ((Outcome.HOLDS, Outcome.FAILS), "fail"),
+        ((Outcome.HOLDS, Outcome.NOT_RUN), "inconclusive"),
+        ((Outcome.NOT_RUN, Outcome.CONDITION), "fail"),
+    ],
+)
+def test_another_verdict_than_the_expected_one_fails(
+    outcomes: tuple[Outcome, ...], expected: str
+) -> None:
+    assert reproduction(*outcomes).outcome == expected
+
+
+def test_what_could_not_be_run_is_said_for_each_of_its_claims() -> None:
+    def without_simulator(quick: bool) -> Chapter:
+        raise SimulatorNotFound("no executable 'ngspice'")
+
+    claims = list(load_claims()[:2])
+    chapter = _run(without_simulator, claims, quick=True)
+    assert [finding.id for finding in chapter.findings] == [claim.id for claim in claims]
+    assert {finding.outcome for finding in chapter.findings} == {Outcome.NOT_RUN}
+    assert "no executable" in chapter.findings[0].ours
+
+
+def test_the_gradient_flow_obeys_its_equation() -> None:
+    """du/dt = -T'(Tu - eps), by a difference; and it starts at 0."""
+    flow, strain = GradientFlow(FINE.matrix), FINE.strain(1)
+    unit = 1.0 / float(np.linalg.norm(FINE.matrix, 2)) ** 2
+    assert np.abs(flow.at(0.0, strain)).max() == 0.0
+    step = 1e-4
+    slope = (flow.at(3.0 + step, strain) - flow.at(3.0 - step, strain)) / (2.0 * step * unit)
+    u = flow.at(3.0, strain)
+    expected = -FINE.matrix.T @ (FINE.matrix @ u - strain)
+    np.testing.assert_allclose(slope, expected, atol=1e-6 * np.abs(expected).max())
+
+
+def test_the_fourier_transform_inverts_a_circular_convolution() -> None:
+    offset = FINE.spacing * np.fft.fftfreq(FINE.channels, 1.0 / FINE.channels)
+    row = 1.5 / np.pi * (1.0 - offset**2) / (1.0 + offset**2) ** 2  # eq (19), x = E = 1
+    rng = np.random.default_rng(7)
+    stress = rng.normal(size=FINE.channels)
+    place = np.arange(FINE.channels)
+    circulant = row[(place[:, None] - place[None, :]) % FINE.channels]
+    found = by_transform(FINE, circulant @ stress)
+    np.testing.assert_allclose(found, stress, atol=1e-6)

@@ -1,0 +1,150 @@
+"""Studies on a real Dask cluster over TCP on loopback: workers that are killed, or are others."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from cli.main import main
+from netlist_gen.overrides.axes import parse_axes
+from spice_models.errors import InputError
+from tests.support.making import NEAR_IDEAL, make_scene
+from tests.support.paths import ROOT
+from tests.support.studying import scene_file
+from verification.report.sweep.records import records
+from verification.studies.running.executors import cluster
+from verification.studies.sweep.plan import Plan
+from verification.studies.sweep.run import sweep
+from verification.studies.sweep.store import Store
+
+DESIGN = {"capacitance": "100pF", "gain": "100kohm", "stray_capacitance": 0, "opamp": NEAR_IDEAL}
+POINTS = 60
+pytest.importorskip("distributed")
+
+
+@contextmanager
+def dask(
+    *words: str, folder: Path, source: Path = ROOT, **settings: str
+) -> Iterator[subprocess.Popen[bytes]]:
+    fixed = {"OMP_NUM_THREADS": "1", "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "false"}
+    environment = os.environ | fixed | settings
+    with (folder / f"{words[0]}.log").open("ab") as log:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "dask", *words, "--host", "127.0.0.1", "--no-dashboard"],
+            cwd=source,  # where `python -m` looks for taction first
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=log,
+        )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+@contextmanager
+def scheduler(folder: Path) -> Iterator[Path]:
+    file = folder / "scheduler.json"
+    words = ("scheduler", "--port", "0", "--scheduler-file", str(file))
+    with dask(*words, folder=folder):
+        end = time.monotonic() + 60
+        while not file.exists() and time.monotonic() < end:
+            time.sleep(0.02)
+        yield file
+
+
+def worker(stack: ExitStack, file: Path, **other: Any) -> subprocess.Popen[bytes]:
+    words = ("worker", "--scheduler-file", str(file), "--nthreads", "1", "--no-nanny")
+    local = ("--local-directory", str(file.parent))
+    return stack.enter_context(dask(*words, *local, folder=file.parent, **other))
+
+
+def address(file: Path) -> str:
+    found: dict[str, Any] = json.loads(file.read_text())
+    return str(found["address"])
+
+
+def test_a_killed_worker_costs_nothing_but_time(tmp_path: Path) -> None:
+    asked = make_scene({"channels": 2, "span": 1.2}, design=DESIGN)
+    plan = Plan(asked, parse_axes(asked, [f"C=50p:500p:{POINTS}"]), ("statespace",))
+    with ExitStack() as stack:
+        file = stack.enter_context(scheduler(tmp_path))
+        assert address(file).startswith("tcp://127.0.0.1:")
+        victim, _ = (worker(stack, file) for _ in range(2))
+        store = stack.enter_context(Store(str(tmp_path / "a.sqlite")))
+        workers = stack.enter_context(cluster(address(file)))
+
+        def kill(count: Any) -> None:
+            if count.done == 5:  # one leaves in mid-run, another joins
+                worker(stack, file)
+                os.kill(victim.pid, signal.SIGKILL)
+
+        count = sweep(plan, store, workers, progress=kill)
+        rows = list(records(plan, store))
+    assert count.outcomes == {"pass": POINTS}
+    assert len(rows) == count.ran == POINTS
+
+
+def test_a_yield_and_the_corners_are_those_of_one_process(tmp_path: Path) -> None:
+    scene = scene_file(tmp_path)
+    studies = (["montecarlo", scene, "-n", "12", "--seed", "3"], ["corners", scene])
+
+    def told(*where: str) -> list[dict[str, Any]]:
+        runs = [
+            CliRunner().invoke(main, [*study, "--engine", "statespace", *where, "--json"])
+            for study in studies
+        ]
+        assert [run.exit_code for run in runs] == [0, 1], runs[0].stderr
+        return [json.loads(run.stdout) for run in runs]
+
+    with ExitStack() as stack:
+        file = stack.enter_context(scheduler(tmp_path))
+        worker(stack, file)
+        there = told("--cluster", address(file))
+    assert there == told("--jobs", "1")
+    assert there[0]["samples"] == 12
+
+
+def another_source(folder: Path) -> Path:
+    """Copy taction and change a comment where boards are designed."""
+    for package in ("spice_models", "netlist_gen", "verification", "cli"):
+        skipped = shutil.ignore_patterns("__pycache__")
+        shutil.copytree(ROOT / package, folder / package, ignore=skipped)
+    with (folder / "netlist_gen" / "circuit.py").open("a") as file:
+        file.write("# another\n")
+    return folder
+
+
+def test_a_worker_with_another_source_and_another_ngspice_is_refused(
+    tmp_path: Path, ngspice: str
+) -> None:
+    assert ngspice
+    old = tmp_path / "old-ngspice"
+    old.write_text("#!/bin/sh\necho '** ngspice-39 : Circuit level simulation program'\n")
+    old.chmod(0o755)
+    asked = make_scene({"channels": 2, "span": 1.2}, design=DESIGN)
+    plan = Plan(asked, parse_axes(asked, ["C=50p,60p"]), ("ngspice",))
+    with ExitStack() as stack:
+        file = stack.enter_context(scheduler(tmp_path))
+        source = another_source(tmp_path / "other")
+        worker(stack, file, source=source, TACTION_NGSPICE=str(old))
+        store = stack.enter_context(Store(str(tmp_path / "a.sqlite")))
+        workers = stack.enter_context(cluster(address(file)))
+        with pytest.raises(InputError, match="another state of the source of taction") as refused:
+            sweep(plan, store, workers)
+        assert "ngspice-39 noopiter instead of ngspice-" in str(refused.value)
+        assert store.count() == 0

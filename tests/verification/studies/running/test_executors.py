@@ -1,0 +1,134 @@
+"""The local pool: results, exceptions, killed workers, and an end that leaves nothing behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from concurrent.futures import BrokenExecutor, wait
+from pathlib import Path
+
+import pytest
+
+from spice_models.errors import InputError
+from tests.support.paths import ROOT
+from verification.studies.running.executors import ATTEMPTS, LocalPool, cluster, local
+
+
+@pytest.fixture
+def pool() -> Iterator[LocalPool]:
+    pool = LocalPool(2)
+    yield pool
+    pool.shutdown(wait=False, cancel_futures=True)
+
+
+def gone(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().split()[2] == "Z"
+    except FileNotFoundError:
+        return True
+
+
+def test_results_and_exceptions_come_back(pool: LocalPool) -> None:
+    futures = [pool.submit(pow, 2, k) for k in range(20)]
+    assert [future.result(60) for future in futures] == [2**k for k in range(20)]
+    with pytest.raises(ZeroDivisionError):
+        pool.submit(divmod, 1, 0).result(60)
+
+
+def test_one_blas_thread_a_worker(pool: LocalPool) -> None:
+    assert pool.submit(os.getenv, "OMP_NUM_THREADS").result(60) == "1"
+    assert pool.submit(os.getenv, "OPENBLAS_NUM_THREADS").result(60) == "1"
+
+
+def test_a_killed_worker_costs_its_own_task_only(pool: LocalPool, tmp_path: Path) -> None:
+    victim, other = pool.pids()
+    log = tmp_path / "log"
+    futures = [pool.submit(_note, str(log), k) for k in range(12)]
+    os.kill(victim, signal.SIGKILL)
+    assert sorted(future.result(60) for future in futures) == list(range(12))
+    assert other in pool.pids()
+    assert victim not in pool.pids()
+    assert len(log.read_text().split()) <= 13
+
+
+def _note(log: str, number: int) -> int:
+    with Path(log).open("a") as file:
+        file.write(f"{number}\n")
+    time.sleep(0.05)
+    return number
+
+
+def test_an_idle_worker_may_die_too(pool: LocalPool) -> None:
+    for pid in pool.pids():
+        os.kill(pid, signal.SIGKILL)
+    time.sleep(0.2)
+    assert pool.submit(pow, 2, 5).result(60) == 32
+
+
+def test_a_task_that_kills_every_worker_is_given_up(pool: LocalPool) -> None:
+    poison = pool.submit(os.abort)
+    sound = [pool.submit(pow, 2, k) for k in range(6)]
+    with pytest.raises(BrokenExecutor):
+        poison.result(60)
+    assert ATTEMPTS == 3
+    assert [future.result(60) for future in sound] == [2**k for k in range(6)]
+
+
+def test_shutdown_ends_what_runs(pool: LocalPool) -> None:
+    pids = pool.pids()
+    running = [pool.submit(time.sleep, 100) for _ in range(2)]
+    waiting = pool.submit(pow, 2, 5)
+    time.sleep(0.3)
+    began = time.monotonic()
+    pool.shutdown(wait=False, cancel_futures=True)
+    assert waiting.cancelled()
+    wait(running, timeout=20)
+    while not all(map(gone, pids)) and time.monotonic() < began + 20:
+        time.sleep(0.01)
+    assert all(map(gone, pids))
+    with pytest.raises(RuntimeError):
+        pool.submit(pow, 2, 5)
+
+
+PARENT = """
+import sys, time
+from verification.studies.running.executors import LocalPool
+if __name__ == "__main__":
+    pool = LocalPool(2)
+    print(*pool.pids(), flush=True)
+    pool.submit(time.sleep, 100)
+    time.sleep(100)
+"""
+
+
+def test_workers_do_not_outlive_a_killed_parent() -> None:
+    parent = subprocess.Popen(
+        [sys.executable, "-c", PARENT], cwd=ROOT, stdout=subprocess.PIPE, text=True
+    )
+    assert parent.stdout is not None
+    pids = [int(word) for word in parent.stdout.readline().split()]
+    parent.stdout.close()
+    parent.kill()
+    parent.wait()
+    end = time.monotonic() + 20
+    while not all(map(gone, pids)) and time.monotonic() < end:
+        time.sleep(0.01)
+    assert len(pids) == 2
+    assert all(map(gone, pids))
+
+
+def test_local_is_a_context() -> None:
+    with local(1) as workers:
+        assert workers.window() >= 1
+        assert workers.executor.submit(pow, 3, 2).result(60) == 9
+
+
+def test_no_scheduler_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("verification.studies.running.executors.PATIENCE", 0.2)
+    with pytest.raises(InputError, match="no Dask scheduler answers"), cluster("tcp://127.0.0.1:9"):
+        pass

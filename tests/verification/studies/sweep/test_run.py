@@ -1,0 +1,268 @@
+"""Sweeps: nothing twice, failures as rows, and the same by any way."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from netlist_gen.overrides.axes import parse_axes, with_values
+from netlist_gen.scene.file import load_scene
+from netlist_gen.scene.scene import Scene
+from spice_models.errors import InputError, NoVerdictError
+from tests.support.making import NEAR_IDEAL, make_scene, write_matrix_scene
+from tests.support.studying import IDEAL
+from verification.report.sweep.records import records
+from verification.studies.running.executors import Workers
+from verification.studies.running.versions import Versions, own_versions
+from verification.studies.sweep import point as point_module
+from verification.studies.sweep.plan import Plan, Requests
+from verification.studies.sweep.point import Job, Result, compute
+from verification.studies.sweep.run import Count, sweep
+from verification.studies.sweep.store import Store
+from verification.verify import verify
+
+DAMPED = {"capacitance": "100pF", "gain": "100kohm", "stray_capacitance": 0.0, "opamp": NEAR_IDEAL}
+
+
+@pytest.fixture
+def workers() -> Iterator[Workers]:
+    with ThreadPoolExecutor(1) as executor:
+        yield Workers(executor, lambda: 2, (BrokenExecutor,))
+
+
+def scene(**tables: Any) -> Scene:
+    return make_scene({"channels": 2, "span": 1.2}, design=DAMPED, **tables)
+
+
+def plan(*over: str, engines: tuple[str, ...] = ("statespace",), **more: Any) -> Plan:
+    asked = scene()
+    return Plan(asked, parse_axes(asked, over), engines, **more)
+
+
+def run(asked: Plan, path: Path, workers: Workers, **more: Any) -> tuple[Count, list[Any]]:
+    with Store(str(path)) as store:
+        count = sweep(asked, store, workers, **more)
+        return count, list(records(asked, store))
+
+
+def test_every_point_is_the_verification_of_its_scene(tmp_path: Path, workers: Workers) -> None:
+    asked = plan("C=50p,100p", "gain=50k:200k:2")
+    count, rows = run(asked, tmp_path / "a.sqlite", workers)
+    assert [row["values"] for row in rows] == [
+        {"C": C, "gain": gain} for C in (50e-12, 100e-12) for gain in (5e4, 2e5)
+    ]
+    for row in rows:
+        changes = {
+            "design.capacitance": row["values"]["C"],
+            "design.gain": row["values"]["gain"],
+            "analysis.engine": "statespace",
+        }
+        verdict = verify(with_values(asked.scene, changes))
+        assert verdict.measurements.settling_time is not None
+        # verify finds the root on the exact solution, a sweep interpolates its points.
+        settled = verdict.measurements.settling_time.value
+        assert row["settling_time"] == pytest.approx(settled, rel=1e-6)
+        assert row["rightmost_pole"][0] == verdict.poles.rightmost.real
+        assert row["outcome"] == verdict.outcome.value
+        assert [check["name"] for check in row["checks"]] == [c.name for c in verdict.checks]
+    assert (count.total, count.done, count.ran) == (4, 4, 4)
+
+
+def test_nothing_is_computed_twice(tmp_path: Path, workers: Workers) -> None:
+    path = tmp_path / "a.sqlite"
+    first, rows = run(plan("C=50p,100p"), path, workers)
+    again, same = run(plan("C=50p,100p"), path, workers)
+    assert (first.ran, again.ran, again.done) == (2, 0, 2)
+    assert same == rows
+    # Another sweep over another key meets the scene's own C, 100 pF, and its own gain.
+    other, _ = run(plan("gain=100k,200k"), path, workers)
+    assert (other.ran, other.done) == (1, 2)
+    # The same value twice in one sweep.
+    twice, rows = run(plan("C=70p,70p"), path, workers)
+    assert (twice.ran, twice.done, len(rows)) == (1, 2, 2)
+
+
+def test_a_resistance_and_its_lambda_are_the_same_point(tmp_path: Path, workers: Workers) -> None:
+    path = tmp_path / "a.sqlite"
+    _, rows = run(plan("R=1M"), path, workers)
+    assert rows[0]["resistance"] == 1e6
+    count, rows = run(plan(f"lambda={rows[0]['lambda']!r}"), path, workers)
+    assert rows[0]["resistance"] == 1e6
+    assert count.ran == 0
+
+
+def test_zipped_keys_change_together(tmp_path: Path, workers: Workers) -> None:
+    count, rows = run(plan("C=50p,100p gain=200k,100k"), tmp_path / "a.sqlite", workers)
+    assert count.total == 2
+    assert [row["values"] for row in rows] == [
+        {"C": 50e-12, "gain": 2e5},
+        {"C": 100e-12, "gain": 1e5},
+    ]
+
+
+def test_a_point_without_verdict_is_a_row(tmp_path: Path, workers: Workers) -> None:
+    # A settled record in fewer than 50 steps is refused by the plan of the transient.
+    asked, path = plan("stop=1p,1m"), tmp_path / "a.sqlite"
+    count, rows = run(asked, path, workers)
+    assert [row["outcome"] for row in rows] == ["error", "fail"]  # not settled after 1 ms
+    assert rows[0]["failure"] == "InputError"
+    assert "shorter than 50 time steps" in rows[0]["reason"]
+    assert count.outcomes == {"error": 1, "fail": 1}
+    again, _ = run(asked, path, workers)
+    assert again.ran == 0
+    retried, _ = run(asked, path, workers, retry_failed=True)
+    assert retried.ran == 1
+
+
+def test_a_point_that_cannot_be_built_is_a_row(tmp_path: Path, workers: Workers) -> None:
+    asked = make_scene({"channels": 2, "span": 1.2}, design=DAMPED | {"resistance": "100Mohm"})
+    both = Plan(asked, parse_axes(asked, ["topology=integrator,passive"]), ("statespace",))
+    count, rows = run(both, tmp_path / "a.sqlite", workers)
+    assert [row["outcome"] for row in rows] == ["pass", "error"]
+    assert "of the passive topology" in rows[1]["reason"]
+    assert count.done == 2
+
+
+def test_an_unforeseen_error_is_a_row_and_is_retried(
+    tmp_path: Path, workers: Workers, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked, path = plan("C=50p,100p"), tmp_path / "a.sqlite"
+    with monkeypatch.context() as patch:
+        patch.setattr(point_module, "verify", lambda *_, **__: 1 / 0)
+        count, rows = run(asked, path, workers)
+    assert count.outcomes == {"error": 2}
+    assert rows[0]["failure"] == "ZeroDivisionError"
+    count, rows = run(asked, path, workers, retry_failed=True)
+    assert count.outcomes == {"pass": 2}
+    assert rows[0]["failure"] is None
+
+
+def test_what_counts_and_what_does_not(tmp_path: Path, workers: Workers) -> None:
+    path = tmp_path / "a.sqlite"
+    base = plan("C=50p")
+    run(base, path, workers)
+
+    def ran(tables: dict[str, Any]) -> int:
+        asked = scene(**tables)
+        return run(Plan(asked, parse_axes(asked, ["C=50p"]), ("statespace",)), path, workers)[0].ran
+
+    assert ran({"name": "another"}) == 0
+    assert ran({"analysis": {"timeout": "5s"}}) == 0
+    assert ran({"checks": {"settling_time": {"band": 0.02}}}) == 1
+    assert ran({"analysis": {"initial": "rest"}}) == 1
+
+
+def test_a_changed_file_is_another_problem(tmp_path: Path, workers: Workers) -> None:
+    path = tmp_path / "a.sqlite"
+    design = IDEAL
+    file = write_matrix_scene(tmp_path, [[1.0, 0.2], [0.2, 1.0]], [1.0, 0.5], design)
+    asked = load_scene(file)
+    sweep_of = Plan(asked, parse_axes(asked, ["C=50p"]), ("statespace",))
+    assert [run(sweep_of, path, workers)[0].ran for _ in range(2)] == [1, 0]
+    write_matrix_scene(tmp_path, [[1.0, 0.3], [0.2, 1.0]], [1.0, 0.5], design)
+    assert run(sweep_of, path, workers)[0].ran == 1
+
+
+def test_waveforms_only_where_asked_for(tmp_path: Path, workers: Workers) -> None:
+    path = tmp_path / "a.sqlite"
+    plain, keeping = plan("C=50p"), plan("C=50p", keep_waveforms=True)
+    run(plain, path, workers)
+    count, rows = run(keeping, path, workers)
+    assert count.ran == 1
+    assert run(keeping, path, workers)[0].ran == 0
+    with Store(str(path)) as store:
+        key = store.key_of(next(iter(Requests(keeping))).request)
+        assert key is not None
+        data = np.load(io.BytesIO(store.waveforms(key) or b""))
+    assert data["u"].shape == (len(data["time"]), 2)
+    off = np.abs(data["u"][-1] - data["u"][-2]).max()
+    assert off < 1e-4 * rows[0]["step_amplitude"]
+
+
+def test_another_version_at_the_worker_is_named() -> None:
+    own = own_versions(False)
+    job = Job(scene(), None, True, False, Versions("0.0.9", own.code, own.ngspice))  # type: ignore[arg-type]
+    result = compute(job)
+    assert f"taction {own.taction} instead of 0.0.9" in result.skew
+    old, new = Versions("1", b"", "ngspice-39 noopiter"), Versions("1", b"", "ngspice-46 klu")
+    assert new.differences(old) == ["ngspice-39 noopiter instead of ngspice-46 klu"]
+
+
+class Skewed(ThreadPoolExecutor):
+    def submit(self, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        future.set_result(Result("error", {}, skew="node7 has ngspice-39 instead of ngspice-46"))
+        return future
+
+
+def test_a_skewed_worker_ends_the_sweep(tmp_path: Path) -> None:
+    workers = Workers(Skewed(1), lambda: 1, ())
+    with pytest.raises(InputError, match="node7 has ngspice-39 instead of ngspice-46"):
+        run(plan("C=50p"), tmp_path / "a.sqlite", workers)
+    with Store(str(tmp_path / "a.sqlite")) as store:
+        assert store.count() == 0
+
+
+class Deadly(ThreadPoolExecutor):
+    def submit(self, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        future.set_exception(BrokenExecutor("abrupt end"))
+        return future
+
+
+def test_a_point_that_no_worker_survives_is_a_row(tmp_path: Path) -> None:
+    workers = Workers(Deadly(1), lambda: 1, (BrokenExecutor,))
+    count, rows = run(plan("C=50p,60p"), tmp_path / "a.sqlite", workers)
+    assert count.outcomes == {"error": 2}
+    assert rows[0]["failure"] == "BrokenExecutor"
+    assert "killed" in rows[0]["reason"]
+
+
+class Elsewhere(ThreadPoolExecutor):
+    def submit(self, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        future.set_exception(ModuleNotFoundError("No module named 'verification'"))
+        return future
+
+
+def test_workers_without_taction_or_without_a_scheduler_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "a.sqlite"
+    with pytest.raises(NoVerdictError, match="same taction installed"):
+        run(plan("C=50p"), path, Workers(Elsewhere(1), lambda: 1, ()))
+    closed = ThreadPoolExecutor(1)
+    closed.shutdown()
+    with pytest.raises(NoVerdictError, match="the same command goes on"):
+        run(plan("C=50p"), path, Workers(closed, lambda: 1, ()))
+
+
+def test_both_engines_and_a_single_run_of_ngspice(
+    tmp_path: Path, workers: Workers, ngspice: str
+) -> None:
+    asked = plan("C=100p", engines=("ngspice", "statespace"), second_look=False)
+    _, rows = run(asked, tmp_path / "a.sqlite", workers)
+    assert [row["engine"] for row in rows] == ["ngspice", "statespace"]
+    assert [row["outcome"] for row in rows] == ["pass", "pass"]
+    assert rows[0]["settling_time"] == pytest.approx(rows[1]["settling_time"], rel=1e-3)
+    assert 0.0 < rows[0]["simulation_error"] < 1e-4
+
+
+def test_the_engine_is_no_axis() -> None:
+    with pytest.raises(InputError, match="--engine both"):
+        plan("engine=ngspice,statespace")
+
+
+def test_progress_counts_every_point(tmp_path: Path, workers: Workers) -> None:
+    seen: list[int] = []
+    run(
+        plan("C=50p:100p:5"),
+        tmp_path / "a.sqlite",
+        workers,
+        progress=lambda count: seen.append(count.done),
+    )
+    assert seen == [1, 2, 3, 4, 5]

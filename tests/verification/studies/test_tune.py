@@ -1,0 +1,201 @@
+"""Tuning: faster within the limits, verified by ngspice, the solution held, and errors."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+
+from cli.main import main
+from netlist_gen.board.scalings import make_scalings
+from netlist_gen.scene.scene import Scene
+from spice_models.errors import EngineError, InputError
+from tests.support.making import make_scene
+from verification.report.tuning_plot import plot_tradeoff
+from verification.studies import tune as tune_module
+from verification.studies.tune import Candidate, Tuning, tune
+from verification.verify import verify
+
+REAL = {"base": "ideal", "dc_gain": 1e5, "gbw": "1MHz", "second_pole": "3MHz"}
+DESIGN = {
+    "capacitance": "100pF",
+    "gain": "100kohm",
+    "stray_capacitance": "5pF",
+    "unit_conductance": "10uS",
+    "lambda": 0.1,
+    "opamp": REAL,
+}
+TEXT = """name = "slow"
+[problem]
+kind = "tactile"
+channels = 2
+span = 1.2
+[design]
+capacitance = "100pF"
+gain = "100kohm"
+stray_capacitance = "5pF"
+unit_conductance = "10uS"
+lambda = 0.1
+opamp = { base = "ideal", dc_gain = 1e5, gbw = "1MHz", second_pole = "3MHz" }
+"""
+
+
+def scene(**tables: Any) -> Scene:
+    return make_scene({"channels": 2, "span": 1.2}, design=DESIGN, **tables)
+
+
+@functools.cache
+def tuned() -> Tuning:
+    return tune(scene(), overshoot=0.02, margin=1.3)
+
+
+def taction(*arguments: str) -> Result:
+    return CliRunner().invoke(main, ["tune", *arguments])
+
+
+def test_the_board_becomes_faster_within_the_limits() -> None:
+    found = tuned()
+    assert found.after.settling_time < 0.5 * found.before.settling_time
+    assert found.after.overshoot <= 0.02
+    assert found.after.stable
+    assert found.after.values["design.gain"] > 1e5
+    # No point of a fine grid that keeps the limits is much better.
+    good = [c for c in found.frontier if c.overshoot <= 0.0198]
+    assert found.after.settling_time == min(c.settling_time for c in good)
+
+
+def test_ngspice_verifies_what_was_found(ngspice: str) -> None:
+    found = tuned()
+    verdict = verify(found.scene)
+    assert verdict.waveforms.engine.startswith("ngspice")
+    checks = {check.name: check for check in verdict.checks}
+    assert {name: check.outcome.value for name, check in checks.items()} == dict.fromkeys(
+        checks, "pass"
+    )
+    assert checks["overshoot"].expected == 0.02
+    assert checks["stability"].expected == 1.3
+    settling = verdict.measurements.settling_time
+    assert settling is not None
+    assert settling.value == pytest.approx(found.after.settling_time, rel=0.05)
+
+
+def test_lambda_is_held_and_the_resistance_follows() -> None:
+    before, after = make_scalings(scene()), make_scalings(tuned().scene)
+    assert after.lam == pytest.approx(before.lam, rel=1e-12)
+    assert after.resistance * after.gain == pytest.approx(before.resistance * before.gain)
+
+
+def test_the_same_search_finds_the_same() -> None:
+    again = tune(scene(), overshoot=0.02, margin=1.3)
+    assert (again.after, again.frontier, again.tried) == (
+        tuned().after,
+        tuned().frontier,
+        tuned().tried,
+    )
+
+
+def test_the_frontier_is_nondominated() -> None:
+    frontier = tuned().frontier
+    assert len(frontier) > 3
+    for one, other in itertools.pairwise(frontier):
+        assert one.overshoot < other.overshoot
+        assert one.settling_time > other.settling_time
+
+
+def test_a_frontier_leaves_out_what_is_beaten_unstable_or_never_settles() -> None:
+    def candidate(settling: float, overshoot: float, stable: bool = True) -> Candidate:
+        return Candidate({}, settling, overshoot, stable)
+
+    best = [candidate(3.0, 0.1), candidate(1.0, 0.2)]
+    beaten = [candidate(3.0, 0.2), candidate(4.0, 0.1), candidate(1.0, 0.3)]
+    no_design = [candidate(0.5, 0.0, stable=False), candidate(float("inf"), 0.0)]
+    assert tune_module._frontier([*beaten, *best, *no_design]) == tuple(best)
+
+
+def test_two_keys_do_no_worse_than_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tune_module, "GRID", {1: 7, 2: 7})
+    one = tune(scene(), ["gain"], overshoot=0.02)
+    two = tune(scene(), ["gain", "C"], overshoot=0.02)
+    assert set(two.after.values) == {"design.gain", "design.capacitance"}
+    assert two.after.settling_time < one.after.settling_time
+
+
+def test_the_scene_s_own_limits_are_the_defaults(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tune_module, "GRID", {1: 5})
+    asked = scene(checks={"overshoot": {"max": 0.07}, "stability": {"margin": 1.2}})
+    found = tune(asked)
+    assert (found.overshoot_limit, found.margin) == (0.07, 1.2)
+    assert tune(scene()).overshoot_limit == tune_module.OVERSHOOT
+
+
+@pytest.mark.parametrize(
+    ("keys", "text"),
+    [
+        (["gian"], "did you mean 'gain'"),
+        ([], "one to 3 different keys"),
+        (["gain", "C", "G0", "Ve"], "one to 3 different keys"),
+        (["gain", "design.gain"], "one to 3 different keys"),
+        (["channels"], "only the design can be tuned"),
+        (["design.amplifier"], "has no value above zero"),
+    ],
+)
+def test_keys_that_cannot_be_tuned(keys: list[str], text: str) -> None:
+    with pytest.raises(InputError, match=text):
+        tune(scene(), keys)
+
+
+def test_nothing_feasible_says_what_came_nearest(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tune_module, "GRID", {1: 3})
+    monkeypatch.setattr(tune_module, "REACH", 1.1)
+    ringing = make_scene(
+        {"channels": 2, "span": 1.2}, design=DESIGN | {"gain": 3e5, "capacitance": 1e-11}
+    )
+    with pytest.raises(EngineError, match=r"the least overshoot of them is .* Loosen a limit"):
+        tune(ringing, overshoot=1e-9)
+    with pytest.raises(EngineError, match=r"a margin of 90 in C; tried \d+, none has the margin"):
+        tune(ringing, margin=90.0)
+
+
+def test_the_command_draws_and_documents(tmp_path: Path) -> None:
+    file, plot = tmp_path / "slow.toml", tmp_path / "tradeoff.png"
+    file.write_text(TEXT, encoding="utf-8")
+    found = taction(str(file), "--overshoot", "0.02", "--plot", str(plot), "--json")
+    assert found.exit_code == 0, found.stderr
+    document = json.loads(found.stdout)
+    assert document["after"]["settling_time"] < document["before"]["settling_time"]
+    assert document["lambda"] == pytest.approx(0.1)
+    assert document["verification"]["outcome"] == "pass"
+    assert plot.read_bytes().startswith(b"\x89PNG")
+    assert len(document["frontier"]) > 3
+
+
+def test_the_command_shows_what_to_write_into_the_scene(tmp_path: Path) -> None:
+    file = tmp_path / "slow.toml"
+    file.write_text(TEXT, encoding="utf-8")
+    found = taction(str(file), "--overshoot", "0.02")
+    assert found.exit_code == 0, found.stderr
+    assert "before" in found.stdout
+    assert "  resistance = " in found.stdout
+
+
+@pytest.mark.parametrize(
+    "option", [["--overshoot", "0"], ["--margin", "0.5"], ["--plot", "a.xyz"], ["--over", ""]]
+)
+def test_options_that_cannot_be(tmp_path: Path, option: list[str]) -> None:
+    file = tmp_path / "slow.toml"
+    file.write_text(TEXT, encoding="utf-8")
+    assert taction(str(file), *option).exit_code == 2
+
+
+def test_a_picture_of_a_board_that_never_settled(tmp_path: Path) -> None:
+    found = tuned()
+    before = Candidate(found.before.values, float("inf"), float("inf"), stable=False)
+    unsettled = Tuning(before, *(getattr(found, n) for n in Tuning.__slots__[1:]))
+    path = tmp_path / "t.svg"
+    plot_tradeoff(unsettled, str(path))
+    assert "<svg" in path.read_text()

@@ -1,0 +1,263 @@
+"""Yields: intervals in closed form, draws that nothing disturbs, stopping, sensitivities."""
+
+from __future__ import annotations
+
+import json
+import math
+from concurrent.futures import BrokenExecutor, Executor, Future
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+from scipy.stats import binom, binomtest
+
+from cli.main import main
+from netlist_gen.board.variation import draw
+from spice_models.errors import InputError, NoVerdictError
+from tests.support.studying import QUIET, one_thread, scene_file, small_scene
+from verification.studies.running.executors import Workers, local
+from verification.studies.tolerance import yield_report
+from verification.studies.tolerance.varied_board import Sample, Study, evaluate, prepare
+from verification.studies.tolerance.yield_report import Tally, interval, report, run_samples
+
+WORN = {"resistor": 0.05, "capacitor": 0.1}
+
+
+def study(**tables: Any) -> Study:
+    checks = {"steady_state": {"tolerance": 0.03}, "settling_time": {"band": 0.2}}
+    tables = {"tolerances": WORN, "checks": checks} | tables
+    return prepare(small_scene(**tables))
+
+
+def drawn(asked: Study, count: int, workers: Workers, **more: Any) -> list[Sample]:
+    tally = Tally(count, **more)
+    list(run_samples(asked, range(count), 5, workers, tally))
+    return tally.samples
+
+
+def taction(*arguments: str) -> Result:
+    return CliRunner().invoke(main, ["montecarlo", *arguments])
+
+
+@pytest.mark.parametrize(("passed", "samples"), [(0, 10), (10, 10), (3, 10), (970, 1000), (1, 2)])
+def test_the_interval_is_clopper_and_pearson_s(passed: int, samples: int) -> None:
+    low, high = interval(passed, samples)
+    expected = binomtest(passed, samples).proportion_ci(0.95, method="exact")
+    assert (low, high) == pytest.approx((expected.low, expected.high), rel=1e-9)
+    # By its definition each end makes what was seen, or more of it, a 2.5 % event.
+    if passed:
+        assert binom.sf(passed - 1, samples, low) == pytest.approx(0.025, rel=1e-9)
+    if passed < samples:
+        assert binom.cdf(passed, samples, high) == pytest.approx(0.025, rel=1e-9)
+
+
+def test_the_interval_at_its_ends() -> None:
+    assert interval(0, 0) == (0.0, 1.0)
+    assert interval(0, 10)[1] == pytest.approx(1.0 - 0.025**0.1, rel=1e-12)
+    assert interval(10, 10)[0] == pytest.approx(0.025**0.1, rel=1e-12)
+
+
+def test_a_sample_is_the_same_alone_in_a_batch_and_in_any_order() -> None:
+    asked = study()
+    with one_thread() as workers:
+        batch = drawn(asked, 6, workers)
+        tally = Tally(6)
+        backwards = list(run_samples(asked, [5, 3, 4, 0, 2, 1], 5, workers, tally))
+    assert [sample.number for sample in batch] == list(range(6))
+    assert sorted(backwards, key=lambda sample: sample.number) == batch
+    z = draw(asked.scene.tolerances, len(asked.varied), 5, 4)
+    assert evaluate(asked, 4, z) == batch[4]
+    assert len({sample.steady_state for sample in batch}) == 6
+
+
+def test_processes_compute_the_same() -> None:
+    asked = study()
+    with one_thread() as workers:
+        alone = drawn(asked, 8, workers)
+    with local(2) as workers:
+        assert drawn(asked, 8, workers) == alone
+
+
+def test_the_yield_counts_what_the_checks_say() -> None:
+    asked = study()
+    with one_thread() as workers:
+        samples = drawn(asked, 40, workers)
+    found = report(asked, samples, 5)
+    within = sum(s.steady_state is not None and s.steady_state <= 0.03 for s in samples)
+    assert 0 < within < 40
+    assert (found.samples, found.passed, found.failures) == (
+        40,
+        within,
+        {"steady_state": 40 - within},
+    )
+    assert (found.low, found.high) == interval(within, 40)
+    spread = next(each for each in found.quantities if each.name == "steady_state")
+    errors = sorted(s.steady_state for s in samples if s.steady_state is not None)
+    assert (spread.at_most, spread.low, spread.median, spread.high) == (
+        0.03,
+        errors[1],
+        errors[19],
+        errors[37],
+    )
+
+
+def test_samples_without_verdict_count_as_not_passed() -> None:
+    asked = study()
+    samples = [Sample(0, "pass", settling_time=1e-6), Sample(1, "inconclusive", reason="lost")]
+    found = report(asked, [*samples, Sample(2, "fail", ("settling_time",))], 1)
+    assert (found.passed, found.without_verdict) == (1, 1)
+    assert found.fraction == pytest.approx(1 / 3)
+    assert found.reasons == {"lost": 1}
+    settling = found.quantities[0]
+    # Of the two with a verdict one never settles; the lost one is not among them.
+    assert (settling.low, settling.high, settling.missing) == (1e-6, math.inf, 1)
+
+
+class _Failing(Executor):
+    """Every third sample goes wrong."""
+
+    def __init__(self, error: BaseException) -> None:
+        self.error = error
+
+    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        if args[1] % 3:
+            future.set_result(Sample(args[1], "pass"))
+        else:
+            future.set_exception(self.error)
+        return future
+
+
+@pytest.mark.parametrize("error", [BrokenExecutor("gone"), ZeroDivisionError("a bug")])
+def test_a_lost_worker_or_a_bug_costs_its_sample_only(error: BaseException) -> None:
+    workers = Workers(_Failing(error), lambda: 3, (BrokenExecutor,))
+    samples = drawn(study(), 9, workers)
+    assert [s.number for s in samples if s.outcome == "inconclusive"] == [0, 3, 6]
+    assert str(error) in samples[0].reason
+
+
+def test_workers_that_are_gone_are_an_error() -> None:
+    class Gone(Executor):
+        def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
+            future: Future[Any] = Future()
+            future.cancel()
+            future.set_running_or_notify_cancel()
+            return future
+
+    with pytest.raises(NoVerdictError, match="the workers are gone"):
+        drawn(study(), 9, Workers(Gone(), lambda: 3, (BrokenExecutor,)))
+
+
+def test_a_worker_with_another_taction_is_refused() -> None:
+    asked = study()
+    other = replace(asked, versions=replace(asked.versions, taction="0.0.7"))
+    with one_thread() as workers, pytest.raises(InputError, match=r"instead of 0\.0\.7"):
+        drawn(other, 3, workers)
+
+
+def test_until_stops_at_the_first_narrow_interval_in_order_of_the_numbers() -> None:
+    outcomes = np.random.default_rng(1).random(400) < 0.9
+    samples = [Sample(k, "pass" if good else "fail") for k, good in enumerate(outcomes.tolist())]
+    expected = next(
+        n
+        for n in range(yield_report.LEAST_SAMPLES, 401)
+        if np.subtract(*interval(int(outcomes[:n].sum()), n)[::-1]) <= 2 * 0.05
+    )
+    assert 100 < expected < 300
+    for order in (range(400), np.random.default_rng(2).permutation(400).tolist()):
+        tally = Tally(400, 0.05)
+        for number in order:
+            tally.add(samples[number])
+        assert (tally.enough, tally.samples) == (True, samples[:expected])
+
+
+def test_what_varies_explains_the_variance_and_nothing_else_does() -> None:
+    # The steady state does not depend on C, the settling time does; nothing else varies.
+    asked = study(tolerances=QUIET | {"capacitor": 0.1})
+    with one_thread() as workers:
+        found = report(asked, drawn(asked, 100, workers), 5)
+    settling = [each for each in found.sensitivities if each.quantity == "settling_time"]
+    assert {each.parameter for each in settling} == {"Cc_1", "Cc_2"}
+    assert sum(each.correlation**2 for each in settling) > 0.5  # the slower channel decides
+    assert all(each.correlation > 0 for each in settling)
+    assert not [each for each in found.sensitivities if each.quantity == "steady_state"]
+
+
+def test_a_component_with_a_large_tolerance_is_ranked_first() -> None:
+    asked = study(tolerances=QUIET | {"temperature": 30.0, "capacitor": 1e-4})
+    with one_thread() as workers:
+        found = report(asked, drawn(asked, 40, workers), 5)
+    settling = [each for each in found.sensitivities if each.quantity == "settling_time"]
+    assert settling[0].parameter == "temperature"
+    # Larger resistors raise the outputs, which enter the wide band from below the sooner.
+    assert settling[0].correlation < -0.999
+    assert settling[0].standard_error == pytest.approx(1.0 / math.sqrt(40.0))
+
+
+def test_no_tolerance_is_an_error_that_names_the_table() -> None:
+    with pytest.raises(InputError, match="tolerances: every tolerance is zero"):
+        prepare(small_scene(tolerances=QUIET))
+
+
+def test_the_command_reports_and_json_has_everything(tmp_path: Path) -> None:
+    scene = scene_file(tmp_path)
+    plain = taction(scene, "-n", "12", "--jobs", "1")
+    assert plain.exit_code == 0
+    assert "of 12), 95 % interval" in plain.stdout
+    document = json.loads(taction(scene, "-n", "12", "--jobs", "1", "--json").stdout)
+    assert (document["scene"], document["seed"], document["samples"]) == ("two", 1, 12)
+    assert document["complete"] is True
+    names = [each["name"] for each in document["quantities"]]
+    assert names == ["settling_time", "overshoot", "steady_state", "growth_rate"]
+    assert document["quantities"][2]["at_most"] == 0.005
+
+
+def test_one_sample_alone_is_the_one_of_the_batch(tmp_path: Path) -> None:
+    scene, file = scene_file(tmp_path), tmp_path / "s.jsonl"
+    assert taction(scene, "-n", "6", "--jobs", "1", "-o", str(file)).exit_code == 0
+    lines = [json.loads(line) for line in file.read_text().splitlines()]
+    stored = next(line for line in lines[1:] if line["number"] == 4)
+    alone = json.loads(taction(scene, "--sample", "4", "--json").stdout)
+    assert alone["sample"] == stored
+    # A verification in full reads times off the exact solution, not off points.
+    assert alone["settling_time"] == pytest.approx(stored["settling_time"], rel=1e-6)
+    # 8 of the matrix, 12 other resistors, 2 capacitors, 8 op-amps without a bandwidth.
+    assert len(alone["deviations"]) == 30
+
+
+def test_the_smallest_yield_decides_the_exit_status(tmp_path: Path) -> None:
+    scene, file = scene_file(tmp_path), str(tmp_path / "s.jsonl")
+    found = json.loads(taction(scene, "-n", "12", "--jobs", "1", "-o", file, "--json").stdout)
+    assert 0 < found["low"] < found["fraction"]
+    for wanted, status in ((0.9 * found["low"], 0), (found["fraction"], 3)):
+        again = taction(scene, "-n", "12", "-o", file, "--min-yield", repr(wanted))
+        assert again.exit_code == status
+    strict = tmp_path / "strict"
+    strict.mkdir()
+    hard = scene_file(strict, "[tolerances]\nresistor = 0.5\n")
+    assert taction(hard, "-n", "12", "--jobs", "1", "--min-yield", "1").exit_code == 1
+
+
+@pytest.mark.parametrize("width", ["0", "60%", "x", "-1%"])
+def test_a_width_that_is_none(tmp_path: Path, width: str) -> None:
+    found = taction(scene_file(tmp_path), "--until", width)
+    assert found.exit_code == 2
+    assert "expected a half width such as 1%" in found.stderr
+
+
+def test_ngspice_takes_the_same_way(tmp_path: Path, ngspice: str) -> None:
+    scene = scene_file(tmp_path)
+    found = {}
+    for engine in ("ngspice", "statespace"):
+        file = tmp_path / f"{engine}.jsonl"
+        arguments = ["-n", "3", "--jobs", "1", "--engine", engine, "-o", str(file)]
+        assert taction(scene, *arguments).exit_code == 0
+        rows = [json.loads(line) for line in file.read_text().splitlines()[1:]]
+        found[engine] = sorted(rows, key=lambda row: int(row["number"]))
+    for one, other in zip(found["ngspice"], found["statespace"], strict=True):
+        assert one["outcome"] == other["outcome"]
+        assert one["settling_time"] == pytest.approx(other["settling_time"], rel=1e-3)
+        assert one["steady_state"] == pytest.approx(other["steady_state"], abs=1e-5)

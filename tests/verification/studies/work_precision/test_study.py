@@ -1,0 +1,244 @@
+"""A work-precision study of a small board, and what is read from it."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from cli.main import main
+from netlist_gen.scene.scene import Scene
+from spice_models.errors import EngineError, SimulatorNotFound
+from tests.support.making import make_scene
+from verification.report.work_precision.plot import plot_study
+from verification.report.work_precision.tables import accuracy_document
+from verification.studies.running.timed_call import Worker
+from verification.studies.work_precision import ladders
+from verification.studies.work_precision import study as study_module
+from verification.studies.work_precision.method_runs import Run, Task
+from verification.studies.work_precision.methods import METHODS, Method
+from verification.studies.work_precision.norms import NORMS
+from verification.studies.work_precision.study import Study, study
+
+BUDGET = 120.0  # s: far more than it takes, also on a machine that is busy
+OPAMP = {"base": "ideal", "dc_gain": 1e5, "gbw": 0.9e6, "second_pole": 2.7e6}
+
+
+def small(stop: str | float = "auto", **design: Any) -> Scene:
+    """Three channels that ring for 22 periods of 6 us."""
+    board = {
+        "capacitance": 1e-11,
+        "resistance": 14.4e6,
+        "gain": 2.3e6,
+        "unit_conductance": 1.16e-6,
+        "stray_capacitance": 2.05e-12,
+        "opamp": {**OPAMP, "output_resistance": 75.0},
+    }
+    problem = {"channels": 3, "span": 2.0}
+    return make_scene(problem, design=board | design, analysis={"stop": stop})
+
+
+def named(name: str, **changes: Any) -> Method:
+    return replace(next(m for m in METHODS if m.name == name), **changes)
+
+
+LADDER = (16.0, 32.0, 64.0, 125.0)
+FEW = (
+    named("ngspice trapezoidal", ladder=LADDER),
+    named("ngspice Gear", ladder=LADDER),
+    named("state space, exact"),
+    named("state space, implicit", ladder=(1e-3, 1e-5, 1e-7)),
+    named("state space, structured", ladder=(1e-3,)),
+    named("ideal network, Radau", ladder=(1e-5, 1e-6, 1e-7, 1e-8)),
+    named("ideal network, LSODA", ladder=(1e-4, 1e-7)),
+)
+
+
+@pytest.fixture(scope="module")
+def found(ngspice: str) -> Study:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ladders, "REPEATS", 2)
+        return study(small(), budget=BUDGET, methods=FEW)
+
+
+def test_every_setting_is_a_point_with_errors_and_a_spread(found: Study) -> None:
+    assert len(found.points) == sum(len(method.ladder) for method in FEW)
+    for point in found.points:
+        assert point.status == "done"
+        assert point.repeats == 2
+        assert point.fastest is not None
+        assert point.seconds is not None
+        assert point.slowest is not None
+        assert 0.0 < point.fastest <= point.seconds <= point.slowest
+        for norm in ("final", "maximum", "settling_time"):
+            assert point.errors[norm] is not None
+        rings = point.method.problem == "board"
+        assert (point.errors["frequency"] is not None) == rings
+        assert (point.errors["growth_rate"] is not None) == rings
+
+
+def test_ngspice_tells_its_steps_and_factorisations(found: Study) -> None:
+    for point in found.of(FEW[0]):
+        assert point.steps is not None
+        assert point.factorisations is not None
+        assert point.factorisations >= 2 * point.steps  # an iteration and its confirmation
+        periods = found.extent.transient.stop / found.extent.period
+        assert point.steps >= 0.99 * periods * point.setting
+
+
+def test_each_reference_is_by_another_solver(found: Study) -> None:
+    by = {
+        "state space, exact": "modes",
+        "state space, implicit at 1e-12": "Radau IIA, 5 stages",
+        "exact modes": "modes",
+    }
+    for point in found.points:
+        assert by[point.reference] != point.method.solver
+    for judgement in found.problems.values():
+        floor = judgement.floor["maximum"]
+        assert len(judgement.references) == 2
+        assert floor is not None
+        assert floor < 1e-10
+
+
+def test_errors_fall_along_every_ladder(found: Study) -> None:
+    for method in FEW:
+        errors = [point.errors["maximum"] for point in found.of(method)]
+        assert errors == sorted(errors, key=lambda e: e or 0.0, reverse=True)
+    exact = found.of(FEW[2])[0].errors["maximum"]
+    assert exact is not None
+    assert exact < 1e-10
+
+
+def test_the_fitted_orders_are_the_theoretical_ones(found: Study) -> None:
+    for name in ("ngspice trapezoidal", "ngspice Gear"):
+        order = found.orders[name]
+        assert order.points == (0, 1, 2, 3)
+        assert order.value == pytest.approx(2.0, abs=0.15)
+    radau = found.orders["ideal network, Radau"].value
+    assert radau == pytest.approx(5.0, abs=0.5)
+    assert found.orders["state space, exact"].value is None
+
+
+def test_the_phase_error_of_the_trapezoidal_rule_is_the_closed_form(found: Study) -> None:
+    """Its frequency is ``(2/h) atan(omega h / 2)``: too low by ``(omega h)^2 / 12``."""
+    pole = found.extent.pole
+    assert pole is not None
+    for point in found.of(FEW[0]):
+        h = found.extent.period / point.setting
+        assert point.errors["frequency"] == pytest.approx(abs(pole * h) ** 2 / 12, rel=0.15)
+
+
+def test_the_cheapest_setting_reaches_the_error_and_is_the_cheapest(found: Study) -> None:
+    for engines in (None, ["ngspice"]):
+        point = found.cheapest(1e-3, engines=engines)
+        assert point is not None
+        error = point.errors["maximum"]
+        assert error is not None
+        assert error <= 1e-3
+        for other in found.points:
+            ours = other.method.problem == "board"
+            if ours and (engines is None or other.method.engine in engines):
+                good = other.errors["maximum"]
+                if good is not None and good <= 1e-3:
+                    assert (point.seconds or 0.0) <= (other.seconds or math.inf)
+    assert found.cheapest(1e-20) is None
+    assert found.cheapest(1e-8, engines=["ngspice"]) is None
+
+
+def test_document_and_picture(found: Study, tmp_path: Path) -> None:
+    document = accuracy_document(found)
+    assert [m["name"] for m in document["methods"]] == [m.name for m in FEW]
+    assert document["norms"] == list(NORMS)
+    assert document["machine"]["ngspice"] is not None
+    assert document["stretch"].startswith("the whole transient")
+    first = document["methods"][0]
+    assert first["order_theory"] == 2.0
+    assert first["order_points"] == list(LADDER)
+    late = replace(found.points[0], status="timeout", errors=dict.fromkeys(NORMS))
+    plot_study(replace(found, points=(late, *found.points[1:])), str(tmp_path / "a.svg"))
+    picture = (tmp_path / "a.svg").read_text(encoding="utf-8")
+    assert "timed out at 16 points per period" in picture
+    assert picture.count("</svg>") == 1
+
+
+def sleeps(task: Task, setting: float) -> Run:
+    import time
+
+    time.sleep(60.0)
+    raise AssertionError
+
+
+def refuses(task: Task, setting: float) -> Run:
+    raise EngineError("no answer")
+
+
+def ladder_of(run: Callable[..., Run]) -> Method:
+    return named("state space, implicit", run=run, ladder=(1e-3, 1e-5))
+
+
+def test_a_time_out_is_a_point_and_a_failure_has_its_reason() -> None:
+    with Worker() as worker:
+        task: Any = None
+        worker.call(60.0, abs, -1)
+        late, left = ladders.run_ladders(task, [ladder_of(sleeps)], 0.5, worker, print)
+        failed, none = ladders.run_ladders(task, [ladder_of(refuses)], 60.0, worker, print)
+    assert [tally.status for tally in late] == ["timeout"]
+    assert late[0].seconds[0] == pytest.approx(0.25, abs=0.05)  # half of what was left
+    assert left == ["state space, implicit, tolerance 1e-05: not run, the setting before timed out"]
+    assert [tally.status for tally in failed] == ["failed", "failed"]
+    assert failed[0].note == "EngineError: no answer"
+    assert none == []
+
+
+def test_without_ngspice_and_without_linearity_it_says_what_it_left_out(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def nowhere() -> None:
+        raise SimulatorNotFound("no executable 'ngspice'")
+
+    monkeypatch.setattr(study_module, "find_simulator", nowhere)
+    monkeypatch.setattr(ladders, "REPEATS", 1)
+    scene = small(
+        6e-5, amplifier="exponential", exponential_slope=0.1, resistance=1.9e6, capacitance=5e-11
+    )
+    methods = [m for m in FEW if m.problem == "board"]
+    found = study(scene, budget=BUDGET, methods=methods)
+    assert found.omissions == (
+        *study_module.NEVER_RUN,
+        "ngspice trapezoidal: not run, no executable 'ngspice'",
+        "ngspice Gear: not run, no executable 'ngspice'",
+        "state space, exact: not run, the board's amplifiers are not linear",
+        "state space, structured: not run, the board's amplifiers are not linear",
+    )
+    assert {point.reference for point in found.points} == {"LSODA at 1e-12 on the state space"}
+    errors = [point.errors["maximum"] for point in found.points]
+    assert errors == sorted(errors, key=lambda e: e or 0.0, reverse=True)
+    assert errors[-1] is not None
+    assert errors[-1] < 1e-8
+
+
+@pytest.mark.usefixtures("ngspice")
+def test_the_command_prints_one_document_and_keeps_progress_apart(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        study_module.study,
+        "__kwdefaults__",
+        {**(study_module.study.__kwdefaults__ or {}), "methods": FEW[2:3]},
+    )
+    scene = tmp_path / "scene.toml"
+    scene.write_text('[problem]\nkind = "tactile"\nchannels = 2\nspan = 2.0\n')
+    result = CliRunner().invoke(main, ["accuracy", str(scene), "--budget", "60", "--json"])
+    assert result.exit_code == 0, result.output
+    document = json.loads(result.stdout)
+    assert [method["name"] for method in document["methods"]] == ["state space, exact"]
+    assert "references" in result.stderr
+    refused = CliRunner().invoke(main, ["accuracy", str(scene), "--plot", "nowhere/a.png"])
+    assert refused.exit_code == 2

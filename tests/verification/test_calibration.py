@@ -1,0 +1,98 @@
+"""The paper's three numbers, from scenes/paper-breadboard.toml: measured with ngspice decks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from netlist_gen.analysis import Transient
+from netlist_gen.board.circuit import Circuit
+from netlist_gen.board.synthesis import synthesise
+from netlist_gen.deck.deck import write_deck
+from netlist_gen.problem.inverse_problem import make_problem
+from netlist_gen.scene.file import load_scene
+from spice_models.array_types import Floats
+from spice_models.subcircuits import opamp_subcircuit
+from tests.support.paths import SCENES
+from tests.support.small_decks import SmallDeck
+from verification.engines.ngspice.process import find_simulator, simulate
+from verification.small_signal.margin import with_capacitance
+
+pytestmark = pytest.mark.usefixtures("ngspice")
+SCENE = load_scene(SCENES / "paper-breadboard.toml")
+
+
+def board(farads: float = 10e-12) -> Circuit:
+    return with_capacitance(synthesise(SCENE, make_problem(SCENE)), farads)
+
+
+def rise_time(time: Floats, values: Floats, final: float) -> float:
+    """10-90 %, first crossings, by straight lines."""
+
+    def crossing(level: float) -> float:
+        k = int(np.argmax(values / final >= level))
+        y0, y1 = values[k - 1] / final, values[k] / final
+        return float(time[k - 1] + (level - y0) / (y1 - y0) * (time[k] - time[k - 1]))
+
+    return crossing(0.9) - crossing(0.1)
+
+
+def test_the_constraint_amplifier_alone_rises_in_one_microsecond() -> None:
+    """Feedback s and the matrix resistors of the middle row; nothing else at the summing node."""
+    circuit = board()
+    (model,) = circuit.models.values()
+    model = replace(model, input_capacitance=0.0, differential_capacitance=0.0)
+    row = circuit.matrices[0].ohms[3]
+    source = float(1.0 / np.sum(1.0 / row[np.isfinite(row)]))
+    noise_gain = 1.0 + circuit.scalings.gain / source
+    assert noise_gain == pytest.approx(2.4, abs=0.05)
+    text = "\n".join(
+        [
+            "* constraint amplifier alone",
+            str(opamp_subcircuit(model, noninverting_grounded=True)).strip(),
+            f"X1 0 c w {model.name}",
+            f"Rs w c {circuit.scalings.gain!r}",
+            f"Rin c 0 {source!r}",
+            "I1 0 c 1e-09",
+            ".options klu method=trap reltol=1e-06 abstol=1e-15 vntol=1e-09",
+            ".save v(w)",
+            ".tran 2e-09 1e-05 0.0 2e-09 uic",
+            ".end\n",
+        ]
+    )
+    deck = SmallDeck(text, ("w",), Transient(1e-5, 2e-9))
+    found = simulate(deck, find_simulator(), timeout=60.0)
+    final = -1e-9 * circuit.scalings.gain / (1.0 + noise_gain / model.dc_gain)
+    assert found["w"][-1] == pytest.approx(final, rel=1e-6)
+    assert rise_time(found.time, found["w"], final) == pytest.approx(1.0e-6, rel=0.10)
+
+
+def test_the_centre_output_rises_in_ten_microseconds() -> None:
+    circuit = board()
+    found = simulate(
+        write_deck(circuit, Transient(60e-6, 0.1e-6), saved=["v_4"]),
+        find_simulator(),
+        timeout=60.0,
+    )
+    T, eps = make_problem(SCENE).matrix, make_problem(SCENE).strain
+    lam = circuit.scalings.lam
+    target = np.linalg.solve(T.T @ T + lam * np.eye(7), T.T @ eps)[3]
+    assert rise_time(found.time, found["v_4"], float(target)) == pytest.approx(10e-6, rel=0.05)
+
+
+@pytest.mark.parametrize(("farads", "stable"), [(10e-12, True), (8.2e-12, False), (6.8e-12, False)])
+def test_it_is_stable_at_10_pf_and_oscillates_at_the_next_smaller_values(
+    farads: float, stable: bool
+) -> None:
+    """The ringing's peak-to-peak height in three equal stretches, after the rise."""
+    deck = write_deck(board(farads), Transient(1.5e-3, 0.2e-6), saved=["v_4"])
+    found = simulate(deck, find_simulator(), timeout=60.0)
+    heights = [
+        float(np.ptp(found["v_4"][(found.time > start) & (found.time < start + 0.4e-3)]))
+        for start in (0.3e-3, 0.7e-3, 1.1e-3)
+    ]
+    assert heights == sorted(heights, reverse=stable)
+    assert (heights[-1] < 0.7 * heights[0]) is stable
+    assert (heights[-1] > 1.3 * heights[0]) is not stable

@@ -1,0 +1,1 @@
+"""The third witness: a deck's text to waveforms, by ngspice."""

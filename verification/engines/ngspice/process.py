@@ -1,0 +1,249 @@
+"""ngspice as a witness: one process a simulation, and evidence before belief.
+
+It sees a deck's text and nothing else. Each run has a folder of its own, which is its home and
+working directory, so that no start-up file of the user's can change a result; it is removed on
+success and kept on failure, when it is a reproducer: deck, included files, command line, log and
+the result as far as it came.
+"""
+
+from __future__ import annotations
+
+import _thread
+import contextlib
+import functools
+import os
+import shlex
+import signal
+import subprocess
+import threading
+import time
+import weakref
+from pathlib import Path
+from types import TracebackType
+
+from spice_models.errors import SimulationError, SimulatorNotFound
+from verification.engines.ngspice.evidence import Ending, judge
+from verification.engines.ngspice.executable import Simulator, environment, find_simulator
+from verification.engines.ngspice.run_folder import make_folder, remove_folder
+from verification.engines.ngspice.screening import Deck, screen
+from verification.waveforms import Waveforms
+
+__all__ = ["PHYSICAL_BOUND", "Run", "Simulator", "find_simulator", "simulate", "start"]
+
+PHYSICAL_BOUND = 1e6
+"""No node of a working board is above this voltage, V."""
+
+_HERE = Path("$PWD")
+_ARGUMENTS = ("-b", "-n", "-r", "out.raw", "deck.cir")
+
+
+class _Process:
+    """The process of a run, and a thread that notes when it ended.
+
+    A thread that blocks in wait(2) wakes with the process; ``Popen.wait(timeout)`` would poll.
+    """
+
+    def __init__(self, simulator: Simulator, folder: Path) -> None:
+        self.folder = folder
+        self.started = self.ended = time.perf_counter()
+        self._popen = _launch(simulator, folder)
+        self._over = threading.Event()
+        _thread.start_new_thread(self._watch, ())  # `Thread` would wait here until it runs
+
+    @property
+    def status(self) -> int:
+        """Exit status, negative for a signal; once it has ended."""
+        return int(self._popen.returncode)
+
+    def wait(self, seconds: float) -> bool:
+        """Wait no longer than `seconds`; return whether it has ended."""
+        return self._over.wait(max(seconds, 0.0))
+
+    def kill(self) -> None:
+        """End whatever is left of the process group, and wait until it has ended."""
+        if not self._over.is_set():
+            with contextlib.suppress(ProcessLookupError):  # it may end in between
+                os.killpg(self._popen.pid, signal.SIGKILL)
+            self._over.wait()
+
+    def discard(self, keep: bool) -> None:
+        """End it and remove its folder, unless that is to be kept."""
+        self.kill()
+        if not keep:
+            remove_folder(self.folder)
+
+    def _watch(self) -> None:
+        try:
+            self._popen.wait()
+            self.ended = time.perf_counter()
+        finally:
+            self._over.set()
+
+
+class Run:
+    """A simulation under way; `start` makes it.
+
+    It ends, and its folder goes, when it is cancelled, on the way out of a ``with`` block, when
+    the object is dropped without having been asked for its result, or when Python ends: a failure
+    elsewhere leaves no simulator behind.
+
+    Attributes
+    ----------
+    folder : Path
+        The run folder while it runs.
+    """
+
+    def __init__(
+        self,
+        deck: Deck,
+        simulator: Simulator,
+        folder: Path,
+        *,
+        timeout: float,
+        keep: bool,
+        bound: float,
+    ) -> None:
+        self.folder = folder
+        self._deck = deck
+        self._engine = simulator.engine
+        self._timeout = timeout
+        self._keep = keep
+        self._bound = bound
+        self._process = _Process(simulator, folder)
+        self._discard = weakref.finalize(self, self._process.discard, keep)
+
+    def __enter__(self) -> Run:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.cancel()
+
+    def result(self) -> Waveforms:
+        """Wait for the end and return the waveforms; call it once.
+
+        Raises
+        ------
+        SimulationError
+            One of its kinds; the run folder is kept and named in the message.
+        """
+        if not self._discard.alive:
+            raise SimulationError("a run gives its result once, and not after it was cancelled")
+        process = self._process
+        try:
+            in_time = process.wait(process.started + self._timeout - time.perf_counter())
+        finally:  # also on Ctrl-C, which does not reach a process group of its own
+            process.kill()
+        self._discard.detach()
+        with open(f"{self.folder}/stderr.txt", encoding="utf-8", errors="replace") as file:  # noqa: PTH123
+            errors = file.read()
+        ending = Ending(
+            status=process.status,
+            timed_out=not in_time,
+            timeout=self._timeout,
+            seconds=process.ended - process.started,
+            errors=errors,
+            folder=self.folder,
+        )
+        waveforms = judge(self._deck, ending, engine=self._engine, bound=self._bound)
+        if not self._keep:
+            remove_folder(self.folder)
+        return waveforms
+
+    def cancel(self) -> None:
+        """End the process group and remove the run folder, unless `result` was called."""
+        self._discard()
+
+
+def start(
+    deck: Deck,
+    simulator: Simulator,
+    *,
+    timeout: float,
+    folder: Path | None = None,
+    keep: bool = False,
+    bound: float = PHYSICAL_BOUND,
+) -> Run:
+    """Screen a deck and start its simulation.
+
+    Parameters
+    ----------
+    deck : Deck
+        What to run.
+    simulator : Simulator
+        Who runs it.
+    timeout : float
+        Wall time allowed, s.
+    folder : Path, optional
+        The run folder, made here; it must not exist or be empty. A fresh temporary one if not
+        given.
+    keep : bool
+        Keep the run folder also on success.
+    bound : float
+        Voltage above which a result is not believed, V.
+
+    Raises
+    ------
+    InputError
+        The run folder is not empty.
+    DidNotLoad, SingularCircuit
+        The deck did not pass the screening; nothing was started or written.
+    SimulatorNotFound
+        The executable has gone.
+    OutOfDisk
+        The deck could not be written.
+    """
+    screen(deck)
+    place = make_folder(deck, _command(simulator), folder)
+    try:
+        return Run(deck, simulator, place, timeout=timeout, keep=keep, bound=bound)
+    except OSError as error:
+        remove_folder(place)
+        raise SimulatorNotFound(f"{simulator.executable} does not start: {error}") from error
+
+
+def simulate(
+    deck: Deck,
+    simulator: Simulator,
+    *,
+    timeout: float,
+    folder: Path | None = None,
+    keep: bool = False,
+    bound: float = PHYSICAL_BOUND,
+) -> Waveforms:
+    """Run a deck to its end; see `start` and `Run.result`."""
+    with start(deck, simulator, timeout=timeout, folder=folder, keep=keep, bound=bound) as run:
+        return run.result()
+
+
+def _command(simulator: Simulator) -> str:
+    """Return a command line that repeats the run from within its folder, wherever that is."""
+    fixed = tuple(environment(_HERE).items())
+    return _quoted(simulator.executable, fixed)
+
+
+@functools.lru_cache(maxsize=4)
+def _quoted(executable: str, variables: tuple[tuple[str, str], ...]) -> str:
+    words = [f"{name}={value}" for name, value in variables if value != str(_HERE)]
+    homes = " ".join(f'{name}="$PWD"' for name, value in variables if value == str(_HERE))
+    return f"{shlex.join(['env', '-i', *words])} {homes} {shlex.join([executable, *_ARGUMENTS])}\n"
+
+
+def _launch(simulator: Simulator, folder: Path) -> subprocess.Popen[bytes]:
+    with (
+        open(f"{folder}/stdout.txt", "wb", buffering=0) as out,  # noqa: PTH123 - quicker
+        open(f"{folder}/stderr.txt", "wb", buffering=0) as err,  # noqa: PTH123
+    ):
+        return subprocess.Popen(
+            [simulator.executable, *_ARGUMENTS],
+            cwd=folder,
+            env=environment(folder),
+            stdin=subprocess.DEVNULL,
+            stdout=out,
+            stderr=err,
+            start_new_session=True,  # a process group of its own, which a timeout ends whole
+        )

@@ -1,0 +1,1 @@
+"""The second witness: a circuit to its equations, poles and transients."""

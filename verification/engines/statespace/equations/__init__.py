@@ -1,0 +1,1 @@
+"""A circuit as descriptor equations, and how they are solved."""

@@ -1,0 +1,120 @@
+"""What the engines know of each behavioural amplifier: ``g``, its slope, and a safe coordinate.
+
+One entry of `GAINS` a kind of `spice_models.amplifier.AMPLIFIERS` (any but the linear one, which
+is an op-amp). The safe coordinate of a channel is ``q = y + h g(y)`` with ``h >= 0``: where the
+feedback is strong it is nearly the amplifier's output, where it is weak nearly its input, so a
+Newton step in q neither overflows nor crawls.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from spice_models.array_types import Floats
+from spice_models.errors import EngineError
+
+HUGE = 1e300
+NEWTON_STEPS = 200  # bisection alone would get there
+LARGEST_EXPONENT = 690.0  # exp(690) is near 1e300: room for a gain, none for an overflow
+
+
+@dataclass(frozen=True, slots=True)
+class Gain:
+    """An increasing function g of the dimensionless input ``y = v / v_scale``.
+
+    Attributes
+    ----------
+    value, slope : callable
+        g and g' of an array.
+    from_coordinate : callable
+        ``(q, h) -> y`` with ``y + h g(y) = q``.
+    upper : float
+        Largest y at which g is representable.
+    """
+
+    value: Callable[[Floats], Floats]
+    slope: Callable[[Floats], Floats]
+    from_coordinate: Callable[[Floats, Floats], Floats]
+    upper: float
+
+
+def _exponential_from_coordinate(q: Floats, h: Floats) -> Floats:
+    """Solve ``y + h exp(y) = q`` by the Wright omega function, free of cancellation."""
+    from scipy.special import wrightomega
+
+    log_h = np.log(h)
+    omega = wrightomega(q + log_h)
+    large = omega > 1.0
+    return np.where(large, np.log(np.where(large, omega, 1.0)) - log_h, q - omega)
+
+
+def _by_newton(
+    value: Callable[[Floats], Floats], slope: Callable[[Floats], Floats]
+) -> Callable[[Floats, Floats], Floats]:
+    """Return ``(q, h) -> y`` by Newton's method inside a bracket that never loses the root.
+
+    ``y + h g(y)`` increases with a slope of at least 1, so the root lies between 0 and
+    ``q - h g(0)``; a step that leaves the bracket, or follows one that left a tenth of the rest,
+    is replaced by its middle.
+    """
+
+    def solve(q: Floats, h: Floats) -> Floats:
+        with np.errstate(over="ignore", invalid="ignore"):
+            far = q - h * value(np.zeros_like(q))
+            low, high = np.minimum(far, 0.0), np.maximum(far, 0.0)
+            y = np.zeros_like(q)
+            before = np.full_like(q, np.inf)
+            for _ in range(NEWTON_STEPS):
+                excess = y + h * value(y) - q
+                low, high = np.where(excess <= 0, y, low), np.where(excess >= 0, y, high)
+                step = y - excess / (1.0 + h * slope(y))
+                # Far out on an exponential, Newton's step is 1 whatever the distance.
+                good = (step >= low) & (step <= high) & (np.abs(excess) <= 0.1 * before)
+                before = np.abs(excess)
+                following = np.where(good | (excess == 0), step, 0.5 * (low + high))
+                if np.all(np.abs(following - y) <= 4e-16 * np.abs(following)):
+                    return following
+                y = following
+        return y
+
+    return solve
+
+
+def _softplus(y: Floats) -> Floats:
+    return np.maximum(y, 0.0) + np.log1p(np.exp(-np.abs(y)))
+
+
+def _sigmoid(y: Floats) -> Floats:
+    small = np.exp(-np.abs(y))
+    return np.where(y >= 0, 1.0, small) / (1.0 + small)
+
+
+def _sech2(y: Floats) -> Floats:
+    small = np.exp(-2.0 * np.abs(y))
+    return 4.0 * small / (1.0 + small) ** 2
+
+
+GAINS: dict[str, Gain] = {
+    "exponential": Gain(np.exp, np.exp, _exponential_from_coordinate, LARGEST_EXPONENT),
+    "sinh": Gain(np.sinh, np.cosh, _by_newton(np.sinh, np.cosh), LARGEST_EXPONENT),
+    "softplus": Gain(_softplus, _sigmoid, _by_newton(_softplus, _sigmoid), HUGE),
+    "tanh": Gain(np.tanh, _sech2, _by_newton(np.tanh, _sech2), HUGE),
+}
+
+
+def gain_of(kind: str) -> Gain:
+    """Return the entry of `GAINS`.
+
+    Raises
+    ------
+    EngineError
+        The kind has no entry.
+    """
+    if kind not in GAINS:
+        known = ", ".join(sorted(GAINS))
+        message = f"the state-space engine has no amplifier kind {kind!r}; it knows {known}"
+        raise EngineError(message)
+    return GAINS[kind]

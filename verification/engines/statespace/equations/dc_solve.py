@@ -1,0 +1,86 @@
+"""The DC equations ``K z = r`` of a board: dense, or through the structure of a large one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from spice_models.array_types import Floats
+from spice_models.errors import EngineError
+from verification.engines.statespace.equations.descriptor import Descriptor
+from verification.engines.statespace.equations.mirror_symmetry import dense
+from verification.engines.statespace.equations.structured_solve import Structure
+
+LOOSE = 1e17  # largest element of an inverse that still means something, rows scaled
+
+
+def dense_response(descriptor: Descriptor) -> tuple[Callable[[Floats], Floats], Floats]:
+    """Solve ``K z = r`` densely: the solver, and the columns for a unit output of each device.
+
+    Raises
+    ------
+    EngineError
+        K is singular: some node has no DC path, or a loop has no DC answer.
+    """
+    board = dense(descriptor)
+    K, halves = board.stiffness, board.halves
+    inverses = [_inverse(part) for _, part in board.blocks]
+    known = [inverse for inverse in inverses if inverse is not None]
+    if len(known) < len(inverses):
+        raise _undetermined(K, descriptor.names)
+
+    def roughly(r: Floats) -> Floats:
+        if halves is None:
+            return known[0] @ r
+        pairs = zip(known, halves.split_vectors(r), strict=True)
+        return halves.join_vectors(*(inverse @ part for inverse, part in pairs))
+
+    def solve(r: Floats) -> Floats:
+        z = roughly(r)
+        return z + roughly(r - K @ z)
+
+    # -v_out + a = 0 in a device's row: a unit output is a right-hand side of -1.
+    unit = np.zeros((descriptor.size, descriptor.devices.count))
+    unit[descriptor.devices.output, np.arange(descriptor.devices.count)] = -1.0
+    return solve, solve(unit) if unit.size else unit
+
+
+def _inverse(K: Floats) -> Floats | None:
+    """Invert after a scaling of the rows; None if K is singular."""
+    scale = np.abs(K).max(axis=1, initial=0.0)
+    if not scale.all():
+        return None
+    try:
+        inverse = np.linalg.inv(K / scale[:, None])
+    except np.linalg.LinAlgError:
+        return None
+    return inverse / scale if np.abs(inverse).max(initial=0.0) < LOOSE else None
+
+
+def _undetermined(K: Floats, names: tuple[str, ...]) -> EngineError:
+    """Name a node that the DC equations do not determine."""
+    scale = np.abs(K).max(axis=1)
+    lonely = np.flatnonzero(scale == 0.0)
+    if lonely.size:
+        return EngineError(f"node {names[lonely[0]]!r} has no DC path to anything")
+    loose = np.linalg.svd(K / scale[:, None])[2][-1]  # what the equations leave free
+    worst = names[int(np.argmax(np.abs(loose)))]
+    message = f"the DC equations do not determine node {worst!r} (no DC path, or no feedback)"
+    return EngineError(message)
+
+
+def structured_response(descriptor: Descriptor) -> tuple[Callable[[Floats], Floats], Floats]:
+    """As `dense_response`, through the structure of a large board: one solve a column."""
+    solve_shifted = Structure(descriptor).factor(0.0).solve
+
+    def solve(r: Floats) -> Floats:
+        z = -solve_shifted(r)
+        return np.asarray(z - solve_shifted(r - descriptor.stiffness_times(z)))
+
+    columns = np.zeros((descriptor.size, descriptor.devices.count))
+    for k, place in enumerate(descriptor.devices.output.tolist()):
+        unit = np.zeros(descriptor.size)
+        unit[place] = -1.0
+        columns[:, k] = -solve_shifted(unit)
+    return solve, columns

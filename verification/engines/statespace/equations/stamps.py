@@ -1,0 +1,261 @@
+"""From a `Circuit` to its descriptor equations (`equations.Descriptor`).
+
+The op-amp is ``A(s) = A0 / ((1 + s/p1)(1 + s/p2))`` with ``p1 = 2 pi gbw / A0``: an integrator
+``x1' = -p1 x1 + 2 pi gbw (v+ - v-)``, a lag ``x2' = p2 (x1 - x2)``, and its output a source
+behind the output resistance. All parts of a kind are stamped at once, as arrays.
+"""
+
+from __future__ import annotations
+
+import functools
+import operator
+from collections.abc import Iterable
+
+import numpy as np
+
+from netlist_gen.board.circuit import Circuit, ResistorMatrix
+from spice_models.array_types import Bools, Floats, Ints
+from spice_models.errors import EngineError
+from verification.engines.statespace.equations.descriptor import (
+    Coupling,
+    Descriptor,
+    Devices,
+    Triplets,
+)
+
+GROUND = -1
+FIGURES = operator.attrgetter(
+    "dc_gain",
+    "gbw",
+    "second_pole",
+    "input_resistance",
+    "differential_capacitance",
+    "input_capacitance",
+    "output_resistance",
+)
+
+
+class _Entries:
+    """A matrix while it is being stamped: arrays of (row, column, value), ground included."""
+
+    def __init__(self) -> None:
+        self.parts: list[tuple[Ints, Ints, Floats]] = []
+
+    def add(self, rows: Ints, columns: Ints, values: Floats) -> None:
+        """Stamp one entry a row."""
+        self.parts.append((rows, columns, values))
+
+    def branch(self, a: Ints, b: Ints, values: Floats) -> None:
+        """Stamp two-terminal elements between places a and b."""
+        for p, q in ((a, b), (b, a)):
+            self.add(p, p, values)
+            self.add(p, q, -values)
+
+    def triplets(self, rows: Bools) -> Triplets:
+        """Return what stands in the chosen `rows` (size + 1, the last for ground)."""
+        i, j, values = (np.concatenate(part) for part in zip(*self.parts, strict=True))
+        live = np.flatnonzero(rows[i] & (j != GROUND) & (values != 0.0))
+        return Triplets(i[live], j[live], values[live])
+
+
+class _Stamper:
+    """Collects stamps: of currents, which the row of an ideal source does not take, and of laws."""
+
+    def __init__(self, circuit: Circuit) -> None:
+        self.circuit = circuit
+        self.places: dict[str, int] = {}
+        self.fixed: set[int] = set()
+        self.currents, self.laws, self.mass = _Entries(), _Entries(), _Entries()
+        self.couplings: list[tuple[Ints, Ints, Floats]] = []
+
+    def nodes(self, names: Iterable[str]) -> Ints:
+        """Return the places of nodes, given on first sight; `GROUND` for ground."""
+        places = self.places
+        found = [GROUND if n == "0" else places.setdefault(n, len(places)) for n in names]
+        return np.array(found, dtype=np.int64)
+
+    def fix(self, node: str, what: str) -> None:
+        """Claim a node's row for an ideal source."""
+        if node == "0" or self.places[node] in self.fixed:
+            message = f"{what} drives a node whose voltage another ideal source determines"
+            raise EngineError(message)
+        self.fixed.add(self.places[node])
+
+    def matrix(self, matrix: ResistorMatrix) -> None:
+        """Stamp a resistor matrix: arrays off the diagonal, sums on it."""
+        G = np.divide(1.0, matrix.ohms)
+        G, negative = (G, matrix.negative) if matrix.by_column else (G.T, matrix.negative.T)
+        live = np.flatnonzero(G.any(axis=1))  # a row without a resistor may not have its node
+        G, negative = G[live], negative[live]
+        sinks = self.nodes(matrix.sinks[k] for k in live.tolist())
+        G = np.concatenate([np.where(negative, 0.0, G), np.where(negative, G, 0.0)], axis=1)
+        used, names = np.flatnonzero(G.any(axis=0)), (*matrix.plus, *matrix.minus)
+        drivers = self.nodes(names[d] for d in used.tolist())
+        G = np.ascontiguousarray(G[:, used])
+        # Sorted: where one row is another's mirror image, so are their sums, to the bit.
+        for places, axis in ((sinks, 1), (drivers, 0)):
+            self.currents.add(places, places, -np.sort(G, axis=axis).sum(axis=axis))
+        driven = drivers != GROUND
+        self.couplings.append((sinks, drivers[driven], G[:, driven]))
+
+    def opamps(self, pins: Ints) -> None:
+        """Stamp the op-amp macromodels; `pins` (P, 3) are plus, minus and output."""
+        models = self.circuit.models
+        which = {name: k for k, name in enumerate(models)}
+        chosen = np.array([which[cell.model] for cell in self.circuit.opamps], dtype=np.int64)
+        figures = np.array([FIGURES(model) for model in models.values()]).reshape(-1, 7)
+        gain, gbw, second, leak, between, grounded, resistance = figures[chosen].T
+        plus, minus, out = pins.T
+        self.currents.branch(plus, minus, -1.0 / leak)
+        self.mass.branch(plus, minus, between)
+        for pin in (plus, minus):
+            self.mass.add(pin, pin, grounded)
+        states = self._states(np.isfinite(np.stack([gbw, second], axis=1)))
+        # The signal so far is factor (z[plus] - z[minus]).
+        rate = 2.0 * np.pi * gbw
+        plus, minus = self._lag(states[:, 0], rate / gain, rate, plus, minus)
+        factor = np.where(states[:, 0] != GROUND, 1.0, gain)
+        rate = 2.0 * np.pi * second
+        plus, minus = self._lag(states[:, 1], rate, rate * factor, plus, minus)
+        factor = np.where(states[:, 1] != GROUND, 1.0, factor)
+        ideal = resistance == 0.0
+        g = np.divide(1.0, resistance, out=np.ones_like(resistance), where=~ideal)
+        for entries, rows in (
+            (self.laws, np.where(ideal, out, GROUND)),
+            (self.currents, np.where(ideal, GROUND, out)),
+        ):
+            entries.add(rows, plus, factor * g)
+            entries.add(rows, minus, -factor * g)
+            entries.add(rows, out, -g)
+
+    def _states(self, wanted: Bools) -> Ints:
+        """Give the poles of the op-amps their places, (P, 2); `GROUND` where one has none."""
+        listed: list[str] = []
+        for cell, (first, second) in zip(self.circuit.opamps, wanted.tolist(), strict=True):
+            listed.append(f"x{cell.name}.p1" if first else "0")
+            listed.append(f"x{cell.name}.p2" if second else "0")
+        return self.nodes(listed).reshape(-1, 2)
+
+    def _lag(
+        self, x: Ints, rate: Floats, gain: Floats, plus: Ints, minus: Ints
+    ) -> tuple[Ints, Ints]:
+        """Add states ``x' = -rate x + gain (z[plus] - z[minus])``; return the signal's new places.
+
+        Where `x` is `GROUND` there is no such state, and the places stay as they are.
+        """
+        self.mass.add(x, x, np.ones(len(x)))
+        self.laws.add(x, plus, gain)
+        self.laws.add(x, minus, -gain)
+        self.laws.add(x, x, -rate)
+        none = x == GROUND
+        return np.where(none, plus, x), np.where(none, minus, GROUND)
+
+    def sources(self, devices: Devices) -> tuple[Floats, Floats]:
+        """Stamp the laws of ideal sources; return the drive: switched and constant, (size,)."""
+        c, size = self.circuit, len(self.places)
+        nodes = self.nodes(v.node for v in c.voltages)
+        constant = np.zeros(size)
+        constant[nodes] = [v.volts for v in c.voltages]
+        for places in (nodes, devices.output):
+            self.laws.add(places, places, -np.ones(len(places)))
+        into = self.nodes(i.node for i in c.currents)
+        amps = np.array([i.amps for i in c.currents], dtype=np.float64)
+        switched = np.zeros(size)
+        np.add.at(switched, into[into != GROUND], amps[into != GROUND])
+        switched[list(self.fixed)] = 0.0
+        return switched, constant
+
+
+def _claim_rows(stamper: _Stamper) -> None:
+    c = stamper.circuit
+    for source in c.voltages:
+        stamper.fix(source.node, source.name)
+    for amplifier in c.amplifiers:
+        stamper.fix(amplifier.output, amplifier.name)
+    ideal = {name for name, model in c.models.items() if model.output_resistance == 0.0}
+    for cell in c.opamps:
+        if cell.model in ideal:
+            stamper.fix(cell.output, cell.name)
+
+
+def _devices(stamper: _Stamper) -> Devices:
+    amplifiers = stamper.circuit.amplifiers
+    kinds = {a.kind for a in amplifiers}
+    if len(kinds) > 1:
+        message = f"the signal amplifiers are of several kinds: {', '.join(sorted(kinds))}"
+        raise EngineError(message)
+    if any(a.input == "0" for a in amplifiers):
+        raise EngineError("a signal amplifier's input is grounded")
+    places = stamper.nodes(n for a in amplifiers for n in (a.input, a.output)).reshape(-1, 2)
+    return Devices(
+        kind=next(iter(kinds), ""),
+        input=places[:, 0],
+        output=places[:, 1],
+        u_scale=np.array([a.u_scale for a in amplifiers], dtype=np.float64),
+        v_scale=np.array([a.v_scale for a in amplifiers], dtype=np.float64),
+    )
+
+
+@functools.lru_cache(maxsize=1)  # one verification asks several times for the same board
+def stamp(circuit: Circuit) -> Descriptor:
+    """Stamp a board.
+
+    Returns
+    -------
+    Descriptor
+        SI base units throughout.
+
+    Raises
+    ------
+    EngineError
+        Two ideal sources on one node, or amplifiers of several kinds.
+    """
+    stamper = _Stamper(circuit)
+    pins = (n for cell in circuit.opamps for n in (cell.noninverting, cell.inverting, cell.output))
+    wired = stamper.nodes(pins).reshape(-1, 3)
+    devices = _devices(stamper)
+    resistors = stamper.nodes(n for part in circuit.resistors for n in (part.a, part.b))
+    capacitors = stamper.nodes(n for part in circuit.capacitors for n in (part.a, part.b))
+    stamper.nodes(source.node for source in circuit.currents)
+    stamper.nodes(source.node for source in circuit.voltages)
+    _claim_rows(stamper)
+    for matrix in circuit.matrices:
+        stamper.matrix(matrix)
+    node_count = len(stamper.places)
+    stamper.opamps(wired)
+    ohms = np.array([part.ohms for part in circuit.resistors], dtype=np.float64)
+    stamper.currents.branch(resistors[0::2], resistors[1::2], -1.0 / ohms)
+    farads = np.array([part.farads for part in circuit.capacitors], dtype=np.float64)
+    stamper.mass.branch(capacitors[0::2], capacitors[1::2], farads)
+    return _finish(stamper, node_count, devices)
+
+
+def _finish(stamper: _Stamper, node_count: int, devices: Devices) -> Descriptor:
+    switched, constant = stamper.sources(devices)
+    board = np.append(np.ones(len(stamper.places), dtype=np.bool_), False)
+    determined = np.zeros(len(stamper.places), dtype=np.bool_)
+    determined[list(stamper.fixed)] = True
+    free = board & np.append(~determined, False)
+    laws, currents = stamper.laws.triplets(board), stamper.currents.triplets(free)
+    couplings = []
+    for sinks, drivers, G in stamper.couplings:
+        live = sinks != GROUND
+        if determined[sinks[live]].any():
+            raise EngineError("an ideal source drives a summing node of a resistor matrix")
+        couplings.append(Coupling(sinks[live], drivers, G[live], ~determined[drivers]))
+    return Descriptor(
+        names=tuple(stamper.places),
+        node_count=node_count,
+        mass=stamper.mass.triplets(free),
+        local=Triplets(
+            np.concatenate([laws.rows, currents.rows]),
+            np.concatenate([laws.columns, currents.columns]),
+            np.concatenate([laws.values, currents.values]),
+        ),
+        couplings=tuple(couplings),
+        switched=switched,
+        constant=constant,
+        determined=determined,
+        devices=devices,
+        places=stamper.places,
+    )

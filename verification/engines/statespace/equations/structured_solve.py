@@ -1,0 +1,230 @@
+"""Structured solves of ``(c M - K) x = r``: channels touch each other only through T.
+
+The unknowns split into summing nodes (N + M of them, the sinks of the two resistor matrices) and
+the rest. Without the summing nodes the rest falls apart into small cells, an op-amp and its
+inverter each, that are inverted all at once; what is left is a dense system on the summing nodes
+alone (the cells' Schur complement). With N = M:
+
+- a factorisation costs four products of N-by-2N with 2N-by-N and one dense LU of size 2N, instead
+  of one of size 16 N: N = 500 takes 0.35 s, N = 128 15 ms;
+- a solve costs four products of T with a vector, one product with the inverse of size 2N and work
+  on the cells that is linear in N.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from spice_models.array_types import Complexes, Floats, Ints
+from spice_models.errors import EngineError
+from verification.engines.statespace.equations.descriptor import Descriptor
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Group:
+    """Cells of one size: places (cells, m) among the inner unknowns, and their blocks."""
+
+    places: Ints
+    mass: Floats
+    stiffness: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Factor:
+    """One factorised shift.
+
+    Attributes
+    ----------
+    shift : complex
+        c, 1/s.
+    schur : ndarray (S, S)
+        What is left on the summing nodes.
+    solve : callable
+        ``r -> x`` for a vector of all unknowns, real or complex.
+    """
+
+    shift: complex
+    schur: Complexes
+    solve: Callable[[Any], Any]
+
+
+class Structure:
+    """The pencil ``c M - K`` of a board, ready to be factorised at any shift.
+
+    Parameters
+    ----------
+    descriptor : Descriptor
+        The equations.
+    slopes : ndarray (m,)
+        Of the behavioural amplifiers at the point of linearisation (empty if there are none).
+    """
+
+    def __init__(self, descriptor: Descriptor, slopes: Floats | None = None) -> None:
+        from scipy import sparse
+
+        self.descriptor = descriptor
+        size = descriptor.size
+        self.mass = _sparse(descriptor.mass, size)
+        self.local = _sparse(descriptor.local, size)
+        devices = descriptor.devices
+        if devices.count:
+            slopes = np.zeros(devices.count) if slopes is None else slopes
+            shape = (size, size)
+            feel = sparse.csr_array((slopes, (devices.output, devices.input)), shape=shape)
+            self.local = self.local + feel
+        sinks = [part.sinks for part in descriptor.couplings]
+        self.outer: Ints = np.unique(np.concatenate([*sinks, np.zeros(0, dtype=np.int64)]))
+        inner = np.ones(size, dtype=np.bool_)
+        inner[self.outer] = False
+        self.inner: Ints = np.flatnonzero(inner)
+        self._renumber()
+        self.groups = self._cells()
+
+    def _renumber(self) -> None:
+        """Cut M, K and the couplings along the two kinds of unknowns."""
+        o, i = self.outer, self.inner
+        place = np.full(self.descriptor.size, -1)
+        place[o], place[i] = np.arange(len(o)), np.arange(len(i))
+        cut = {}
+        for name, rows, columns in (("oo", o, o), ("oi", o, i), ("io", i, o), ("ii", i, i)):
+            cut[name] = (self.mass[rows][:, columns], self.local[rows][:, columns])
+        self.parts = cut
+        self.couplings: list[tuple[Ints, Ints, Floats, Floats]] = []
+        for part in self.descriptor.couplings:
+            if np.isin(part.drivers, o).any():
+                raise EngineError("a summing node drives a resistor matrix: no cells to cut out")
+            if len(np.unique(part.drivers)) < len(part.drivers):
+                raise EngineError("a node drives a resistor matrix twice")
+            load = part.conductance * part.loaded
+            self.couplings.append((place[part.sinks], place[part.drivers], part.conductance, load))
+
+    def _cells(self) -> list[_Group]:
+        from scipy.sparse import csgraph
+
+        M, K = self.parts["ii"]
+        count, label = csgraph.connected_components(abs(M) + abs(K), directed=False)
+        sizes = np.bincount(label, minlength=count)
+        order = np.argsort(label, kind="stable")
+        starts = np.concatenate([[0], np.cumsum(sizes)])
+        groups = []
+        for size in np.unique(sizes):
+            chosen = np.flatnonzero(sizes == size)
+            places = order[starts[chosen][:, None] + np.arange(size)]
+            groups.append(_Group(places, _blocks(M, places), _blocks(K, places)))
+        return groups
+
+    def factor(self, shift: complex, *, solver: bool = True) -> Factor:
+        """Factorise ``shift M - K``; without `solver`, stop at the Schur complement.
+
+        Raises
+        ------
+        EngineError
+            The shift is an eigenvalue to working precision.
+        """
+        real = complex(shift).imag == 0.0
+        c = complex(shift).real if real else complex(shift)
+        Z = self._inner_inverse(c)
+        into = (c * self.parts["oi"][0] - self.parts["oi"][1]).tocsr()
+        outof = (c * self.parts["io"][0] - self.parts["io"][1]).tocsc()
+        schur = (c * self.parts["oo"][0] - self.parts["oo"][1] - into @ Z @ outof).toarray()
+        right, left = (Z @ outof).tocsr(), (into @ Z).tocsc()
+        for sinks, drivers, G, _ in self.couplings:
+            schur[sinks] += (right[drivers].T @ G.T).T
+        for sinks, drivers, _, load in self.couplings:
+            schur[:, sinks] += left[:, drivers] @ load.T
+        for sinks, drivers, G, _ in self.couplings:
+            for sinks2, drivers2, _, load in self.couplings:
+                between = Z[drivers][:, drivers2]
+                if between.nnz:
+                    add = _real_times(G, between @ load.T)
+                    schur[np.ix_(sinks, sinks2)] -= add
+        return Factor(shift, schur, self._solver(Z, schur, into, outof) if solver else _refuse)
+
+    def _inner_inverse(self, c: Any) -> Any:
+        """Inverse of the cells at shift c, as a sparse matrix."""
+        from scipy import sparse
+
+        rows, columns, values = [], [], []
+        for group in self.groups:
+            block = np.linalg.inv(c * group.mass - group.stiffness)
+            m = group.places.shape[1]
+            rows.append(np.repeat(group.places, m, axis=1).ravel())
+            columns.append(np.tile(group.places, (1, m)).ravel())
+            values.append(block.ravel())
+        n = len(self.inner)
+        if not rows:
+            return sparse.csr_array((n, n))
+        where = (np.concatenate(rows), np.concatenate(columns))
+        return sparse.csr_array((np.concatenate(values), where), shape=(n, n))
+
+    def _solver(self, Z: Any, schur: Any, into: Any, outof: Any) -> Callable[[Any], Any]:
+        from scipy.linalg import get_lapack_funcs
+
+        o, i, couplings = self.outer, self.inner, self.couplings
+        scale = np.abs(schur).max(axis=1, initial=0.0)
+        scaled = np.asfortranarray(schur / scale[:, None])
+        routines: Any = get_lapack_funcs(("getrf", "getrs"), (scaled,))
+        getrf, getrs = routines
+        lu, pivots, singular = getrf(scaled, overwrite_a=True)
+        if singular:
+            raise EngineError("the shift is an eigenvalue of the board")
+
+        def triangular(b: Any) -> Any:
+            if np.iscomplexobj(b) and not np.iscomplexobj(lu):  # else its imaginary part is lost
+                return getrs(lu, pivots, b.real)[0] + 1j * getrs(lu, pivots, b.imag)[0]
+            return getrs(lu, pivots, b)[0]
+
+        def solve(r: Any) -> Any:
+            y = Z @ r[i]
+            rest = r[o] - into @ y
+            for sinks, drivers, G, _ in couplings:
+                rest[sinks] += _real_times(G, y[drivers])
+            x_o = triangular(rest / scale)
+            back = outof @ x_o
+            for sinks, drivers, _, load in couplings:
+                back[drivers] -= _real_times(load.T, x_o[sinks])
+            x = np.empty(len(r), dtype=x_o.dtype)
+            x[o] = x_o
+            x[i] = y - Z @ back
+            return x
+
+        return solve
+
+
+def _refuse(_: Any) -> Any:
+    raise EngineError("this factorisation was made without a solver")
+
+
+def _real_times(real: Floats, x: Any) -> Any:
+    """Real matrix times complex array without making the matrix complex."""
+    if not np.iscomplexobj(x):
+        return real @ x
+    flat = x.view(np.float64).reshape(len(x), -1) if x.flags.c_contiguous else None
+    if flat is None:
+        return real @ x.real + 1j * (real @ x.imag)
+    return np.ascontiguousarray(real @ flat).view(np.complex128).reshape(-1, *x.shape[1:])
+
+
+def _sparse(triplets: Any, size: int) -> Any:
+    from scipy import sparse
+
+    where = (triplets.rows, triplets.columns)
+    return sparse.csr_array((triplets.values, where), shape=(size, size))
+
+
+def _blocks(matrix: Any, places: Ints) -> Floats:
+    """Diagonal blocks of a sparse matrix at `places` (cells, m), shape (cells, m, m)."""
+    cells, m = places.shape
+    coo = matrix.tocoo()
+    cell = np.full(matrix.shape[0], -1)
+    spot = np.zeros(matrix.shape[0], dtype=np.int64)
+    cell[places], spot[places] = np.arange(cells)[:, None], np.arange(m)
+    kept = cell[coo.row] >= 0
+    blocks = np.zeros((cells, m, m))
+    where = (cell[coo.row[kept]], spot[coo.row[kept]], spot[coo.col[kept]])
+    np.add.at(blocks, where, coo.data[kept])
+    return blocks

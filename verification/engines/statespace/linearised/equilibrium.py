@@ -1,0 +1,236 @@
+"""The DC equilibrium of a board: linear solve, or a globally convergent Newton method.
+
+A board with m behavioural amplifiers is a linear network with m nonlinear one-ports. Seen from
+them it is ``y + H g(y) = a`` with ``y = v_in / v_scale``: H is the DC gain from amplifier outputs
+back to inputs, a what the sources alone do. H is nearly symmetric and positive semidefinite (the
+network descends an energy), so the solution is unique, and Newton's method damped on
+``|F|`` converges from anywhere in the coordinate ``q = y + diag(H) g(y)`` (see `gains`).
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+
+from netlist_gen.board.circuit import Circuit
+from spice_models.array_types import Floats
+from spice_models.errors import EngineError
+from verification.engines.statespace.equations.amplifier_gains import Gain, gain_of
+from verification.engines.statespace.equations.dc_solve import dense_response, structured_response
+from verification.engines.statespace.equations.descriptor import Descriptor
+from verification.engines.statespace.equations.mirror_symmetry import dense
+from verification.engines.statespace.equations.stamps import stamp
+from verification.engines.statespace.equations.structured_solve import Structure
+
+MAX_STEPS = 200
+STAGES = 10.0 ** np.arange(0, -17, -2)  # of the homotopy: added diagonal feedback, times H
+POLISHED = 1e-13  # residual above which the last steps are taken on all unknowns
+CERTIFICATE = 1e-9  # largest residual accepted, relative to the terms that cancel in it
+
+LARGE = 600  # unknowns above which a board is solved through its structure
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Equilibrium:
+    """Where the board rests.
+
+    Attributes
+    ----------
+    descriptor : Descriptor
+        The equations that it solves.
+    values : ndarray (size,)
+        Node voltages and op-amp states, V.
+    slopes : ndarray (m,)
+        ``d v_out / d v_in`` of each behavioural amplifier there, V/V (negative).
+    residual : float
+        Largest residual, relative to the terms that cancel in it.
+    steps : int
+        Newton steps; 0 for a linear board.
+    """
+
+    descriptor: Descriptor
+    values: Floats
+    slopes: Floats
+    residual: float
+    steps: int
+
+    def __getitem__(self, name: str) -> float:
+        """Return a node's voltage, V; 0 for ground."""
+        return 0.0 if name == "0" else float(self.values[self.descriptor.place(name)])
+
+
+def equilibrium(circuit: Circuit | Descriptor, *, sources_on: bool = True) -> Equilibrium:
+    """Find the DC equilibrium.
+
+    Parameters
+    ----------
+    circuit : Circuit or Descriptor
+        The board.
+    sources_on : bool
+        Whether the strain currents flow; voltage sources always do.
+
+    Returns
+    -------
+    Equilibrium
+        With its certificate (`residual`).
+
+    Raises
+    ------
+    EngineError
+        The DC equations are singular, an amplifier would have to go beyond the range of floats,
+        or the certificate was not reached; never a wrong answer.
+
+    Notes
+    -----
+    Costs one factorisation of all unknowns, dense or (above `LARGE` unknowns) structured with m
+    solves, and one dense factorisation of size m per Newton step.
+    """
+    return _rest(stamp(circuit) if isinstance(circuit, Circuit) else circuit, sources_on)
+
+
+@functools.lru_cache(maxsize=2)  # one verification asks several times, with the strain or without
+def _rest(descriptor: Descriptor, sources_on: bool) -> Equilibrium:
+    drive = descriptor.drive(sources_on=sources_on)
+    response = structured_response if descriptor.size > LARGE else dense_response
+    solve, columns = response(descriptor)
+    z = solve(-drive)
+    devices = descriptor.devices
+    if not devices.count:
+        return Equilibrium(descriptor, z, np.zeros(0), _residual(descriptor, z, drive), 0)
+    gain = gain_of(devices.kind)
+    H = columns[devices.input] * devices.u_scale / devices.v_scale[:, None]
+    y, steps = solve_loop(H, z[devices.input] / devices.v_scale, gain)
+    z = solve(-drive) - columns @ (devices.u_scale * gain.value(y))
+    z[devices.input] = devices.v_scale * y
+    z[devices.output] = -devices.u_scale * gain.value(y)
+    residual = _residual(descriptor, z, drive)
+    if residual > POLISHED:
+        z = _polish(descriptor, z, drive)
+        y, residual = z[devices.input] / devices.v_scale, _residual(descriptor, z, drive)
+    if not residual <= CERTIFICATE:
+        message = f"the equilibrium has a relative residual of {residual:.3g}"
+        raise EngineError(message)
+    slopes = -devices.u_scale / devices.v_scale * gain.slope(y)
+    return Equilibrium(descriptor, z, slopes, residual, steps)
+
+
+def _polish(descriptor: Descriptor, z: Floats, drive: Floats) -> Floats:
+    """Take Newton steps on all unknowns at once: the loop's gain magnifies its rounding.
+
+    As corrections of z they also refine each other, so that every row's residual falls to the
+    rounding of its own terms.
+    """
+    devices = descriptor.devices
+    gain = gain_of(devices.kind)
+    for _ in range(4):
+        y = np.minimum(z[devices.input] / devices.v_scale, gain.upper)
+        F = descriptor.stiffness_times(z) + drive
+        F[devices.output] -= devices.u_scale * gain.value(y)
+        slopes = -devices.u_scale / devices.v_scale * gain.slope(y)
+        z = z + _newton_step(descriptor, slopes, F, np.abs(z))
+    return z
+
+
+def _newton_step(descriptor: Descriptor, slopes: Floats, F: Floats, size: Floats) -> Floats:
+    """Solve ``(K + slopes) dz = -F``, the unknowns counted in their own `size`."""
+    if descriptor.size > LARGE:
+        return np.asarray(Structure(descriptor, slopes).factor(0.0).solve(F))
+    devices, K = descriptor.devices, dense(descriptor).stiffness.copy()
+    K[devices.output, devices.input] += slopes
+    size = np.maximum(size, 1e-12 * size.max())
+    K *= size
+    scale = np.abs(K).max(axis=1)
+    return np.asarray(size * np.linalg.solve(K / scale[:, None], -F / scale))
+
+
+def _residual(descriptor: Descriptor, z: Floats, drive: Floats) -> float:
+    """Largest ``|K z + b + f|`` relative to the largest term of its row."""
+    f = np.zeros(descriptor.size)
+    devices = descriptor.devices
+    if devices.count:
+        value = gain_of(devices.kind).value(z[devices.input] / devices.v_scale)
+        f[devices.output] = -devices.u_scale * value
+    if descriptor.size > LARGE:
+        kept, size = (descriptor.stiffness_times(z, magnitudes=each) for each in (False, True))
+    else:
+        K = dense(descriptor).stiffness
+        kept, size = K @ z, np.abs(K) @ np.abs(z)
+    terms, rest = size + np.abs(drive) + np.abs(f), np.abs(kept + drive + f)
+    return float(np.max(rest / np.where(terms > 0.0, terms, 1.0), initial=0.0))
+
+
+def solve_loop(H: Floats, a: Floats, gain: Gain) -> tuple[Floats, int]:
+    """Solve ``y + H g(y) = a`` by damped Newton, with a homotopy where that stalls.
+
+    Parameters
+    ----------
+    H : ndarray (m, m)
+        Dimensionless DC feedback.
+    a : ndarray (m,)
+        Inputs with the feedback cut.
+
+    Returns
+    -------
+    tuple of ndarray (m,) and int
+        y, and the Newton steps taken.
+
+    Raises
+    ------
+    EngineError
+        Not found within `MAX_STEPS` a stage.
+    """
+    diagonal = np.diag(H)
+    h = np.maximum(diagonal, 1e-12 * np.abs(H).max(initial=1e-300))
+    y, steps, done = _newton(H, h, a, gain, a.copy())
+    if done:
+        return y, steps
+    q = a.copy()
+    for stage in (*STAGES, 0.0):
+        extra = stage * np.abs(H).sum(axis=1)
+        y, taken, done = _newton(H + np.diag(extra), h + extra, a, gain, q)
+        steps += taken
+        following = max(stage * 1e-2, 0.0) * np.abs(H).sum(axis=1)
+        q = y + (h + following) * gain.value(np.minimum(y, gain.upper))
+    if not done:
+        message = f"no equilibrium found in {steps} Newton steps: the loop through the signal \
+amplifiers has no bounded solution within the range of floats, or is not monotone"
+        raise EngineError(message)
+    return y, steps
+
+
+def _newton(H: Floats, h: Floats, a: Floats, gain: Gain, q: Floats) -> tuple[Floats, int, bool]:
+    """Damp Newton's method on |F| in q; True when F vanishes against the terms that cancel."""
+
+    def evaluate(q: Floats) -> tuple[Floats, Floats, float, bool]:
+        y = gain.from_coordinate(q, h)
+        with np.errstate(over="ignore"):
+            g = gain.value(y)
+        if np.any(y > gain.upper) or not np.all(np.isfinite(g)):
+            return y, np.full_like(y, np.inf), np.inf, False
+        F = y + H @ g - a
+        terms = np.abs(y) + np.abs(H) @ g + np.abs(a)
+        return y, F, float(F @ F), bool(np.all(np.abs(F) <= 1e-14 * (terms + len(y))))
+
+    y, F, merit, done = evaluate(q)
+    for step in range(MAX_STEPS):
+        if done or not np.isfinite(merit):
+            return y, step, done
+        slope = gain.slope(y)
+        share = 1.0 / (1.0 + h * slope)  # dy/dq
+        J = np.diag(share) + H * (slope * share)
+        dq = np.linalg.lstsq(J, -F, rcond=None)[0]
+        damping = 1.0
+        while damping > 1e-14:
+            trial = evaluate(q + damping * dq)
+            if trial[2] < (1.0 - 1e-4 * damping) * merit or trial[3]:
+                break
+            damping *= 0.5
+        else:
+            # Rounding is reached: F no longer decreases along an exact Newton direction.
+            terms = np.abs(y) + np.abs(H) @ gain.value(y) + np.abs(a)
+            return y, step, bool(np.all(np.abs(F) <= 1e-11 * (terms + len(y))))
+        q = q + damping * dq
+        y, F, merit, done = trial
+    return y, MAX_STEPS, False

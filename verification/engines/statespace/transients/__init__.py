@@ -1,0 +1,1 @@
+"""Transients of a board: exact, by reduced order, by implicit steps."""

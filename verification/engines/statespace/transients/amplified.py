@@ -1,0 +1,221 @@
+"""Transients of boards with behavioural (exponential) amplifiers: Radau IIA, exact Jacobian.
+
+The board is reduced to its n states, ``x' = A x + B [on, 1] + E a``, with the m amplifiers as
+inputs ``a = -u_scale g(y)`` of their own ``y = v_in / v_scale``. The output of an amplifier is
+reported as g of the interpolated y, so a small u keeps its relative accuracy.
+"""
+
+from __future__ import annotations
+
+import math
+import time as clock
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from netlist_gen.analysis import Transient
+from netlist_gen.board.circuit import Circuit
+from spice_models.array_types import Complexes, Floats
+from spice_models.errors import EngineError
+from verification.engines.statespace.equations.amplifier_gains import gain_of
+from verification.engines.statespace.equations.stamps import stamp
+from verification.engines.statespace.linearised.equilibrium import (
+    LARGE,
+    Equilibrium,
+    equilibrium,
+    solve_loop,
+)
+from verification.engines.statespace.linearised.initial_state import initial_state
+from verification.engines.statespace.linearised.state_space import StateSpace, open_loop
+from verification.engines.statespace.transients.amplified_large import Wide
+from verification.engines.statespace.transients.radau import Radau, Solve
+from verification.waveforms import Cost, Waveforms
+
+TOLERANCE = 1e-9  # of a step, relative to each voltage's own scale
+ESCAPED = 1e8  # of the board's largest voltage: beyond, it has diverged and the record ends
+FIRST = 0.01  # of its magnitude: what no unknown exceeds in the first step
+FLOOR = 1e-3  # of the board's largest voltage: below, an error counts absolutely
+
+
+class Amplified:
+    """The reduced equations of a board with amplifiers, for `radau.Radau`.
+
+    A rate costs one product with A (n² for every z); a factorisation one dense inverse of size n
+    per shift.
+
+    Parameters
+    ----------
+    space : StateSpace
+        From `descriptor.open_loop`.
+    nodes : tuple of str
+        What to report.
+    """
+
+    def __init__(self, space: StateSpace, nodes: tuple[str, ...]) -> None:
+        self.space, self.nodes = space, nodes
+        self.size = space.n
+        self.devices = space.descriptor.devices
+        # a linear board has no amplifiers, so it does not matter which kind they are not
+        self.gain = gain_of(self.devices.kind or "exponential")
+        on = np.ones(2)
+        self.constant = space.B[:, :2] @ on
+        self.E = space.B[:, 2:]
+        v_scale = self.devices.v_scale[:, None]
+        self.Cy = space.C[self.devices.input] / v_scale
+        self.dy = space.D[self.devices.input, :2] @ on / v_scale[:, 0]
+        self.H = space.D[self.devices.input, 2:] * self.devices.u_scale / v_scale
+        self.direct = bool(np.any(self.H))
+        self.C, D = space.rows(nodes)
+        self.d, self.Da = D[:, :2] @ on, D[:, 2:]
+
+    def inputs(self, x: Floats) -> Floats:
+        """``y = v_in / v_scale`` of every amplifier, shape (m,) or (m, s)."""
+        y = self.Cy @ x + (self.dy if x.ndim == 1 else self.dy[:, None])
+        if not self.direct:
+            return np.asarray(y)
+        if x.ndim == 1:
+            return solve_loop(self.H, y, self.gain)[0]
+        return np.stack([solve_loop(self.H, column, self.gain)[0] for column in y.T], axis=1)
+
+    def outputs(self, y: Floats) -> Floats:
+        """Amplifier voltages; not finite where y is beyond the range of floats."""
+        with np.errstate(over="ignore"):
+            value = self.gain.value(np.where(y > self.gain.upper, np.inf, y))
+        return -(self.devices.u_scale if y.ndim == 1 else self.devices.u_scale[:, None]) * value
+
+    def rate(self, z: Floats) -> Floats:
+        """Time derivative of the states."""
+        a = self.outputs(self.inputs(z))
+        if not np.all(np.isfinite(a)):
+            return np.full(z.shape, np.inf)
+        constant = self.constant if z.ndim == 1 else self.constant[:, None]
+        return np.asarray(self.space.A @ z + constant + self.E @ a)
+
+    def mass(self, z: NDArray[np.inexact]) -> NDArray[np.inexact]:
+        """Return z: the mass matrix is the identity."""
+        return z
+
+    def jacobian(self, x: Floats) -> Floats:
+        """Exact derivative of `rate`, shape (n, n)."""
+        y = self.inputs(x)
+        slope = self.gain.slope(y)
+        # dy = Cy dx - H g'(y) dy
+        feel = self.Cy
+        if self.direct:
+            feel = np.asarray(np.linalg.inv(np.eye(len(y)) + self.H * slope) @ self.Cy)
+        return np.asarray(self.space.A - (self.E * (self.devices.u_scale * slope)) @ feel)
+
+    def factor(self, z: Floats, shifts: Complexes) -> list[Solve]:
+        """Invert ``shift - J`` for every shift."""
+        J = self.jacobian(z)
+        found: list[Solve] = []
+        for shift in shifts.tolist():
+            matrix = -J.astype(np.complex128) if shift.imag else -J
+            matrix[np.diag_indices(self.size)] += shift if shift.imag else shift.real
+            inverse = np.linalg.inv(matrix)
+            found.append(lambda r, inverse=inverse: inverse @ r)  # type: ignore[misc]
+        return found
+
+    def watch(self, z: Floats) -> Floats:
+        """Stack the states' part of the reported nodes and of the amplifiers' inputs."""
+        return np.vstack([self.C, self.Cy]) @ z
+
+    def report(self, watched: Floats) -> Floats:
+        """Node voltages from watched values (P, K + m), shape (P, K)."""
+        K = len(self.nodes)
+        y = watched[:, K:].T + self.dy[:, None]
+        if self.direct:
+            y = np.stack([solve_loop(self.H, column, self.gain)[0] for column in y.T], axis=1)
+        return np.asarray(watched[:, :K] + self.d + self.outputs(y).T @ self.Da.T)
+
+    def start(self, analysis: Transient) -> Floats:
+        """States just after the strain steps on, shape (n,)."""
+        return initial_state(self.space, analysis.initial, analysis.voltages)
+
+    def magnitudes(self, rest: Equilibrium) -> Floats:
+        """Magnitudes of the states at an equilibrium, shape (n,)."""
+        return np.abs(self.space.state_of(rest.values))
+
+    def speed(self, z: Floats, floor: Floats) -> float:
+        """Fastest relative rate of a state, 1/s."""
+        return float(np.max(np.abs(self.rate(z)) / floor, initial=0.0))
+
+
+def simulate(
+    circuit: Circuit,
+    analysis: Transient,
+    *,
+    nodes: Iterable[str] | None = None,
+    times: Floats | None = None,
+    tolerance: float = TOLERANCE,
+) -> Waveforms:
+    """Simulate a transient of a board with behavioural amplifiers.
+
+    Parameters
+    ----------
+    circuit, analysis, nodes, times
+        As `statespace.simulate`; `max_step` is the spacing of the points, the step is chosen by
+        the error estimate.
+    tolerance : float
+        Of one step, relative.
+
+    Returns
+    -------
+    Waveforms
+        A board that diverges gives a record that ends early, beyond any physical bound (an
+        `EngineError` where `times` were asked for).
+
+    Raises
+    ------
+    EngineError
+        No equilibrium, no state space, or the solution leaves the range of floats.
+
+    Notes
+    -----
+    A step costs about four Newton iterations of six products with A; a change of step or of the
+    operating point costs one real and two complex inverses of size n (n = 91: 4 ms). Above
+    `LARGE` unknowns both go through the board's structure (see `wide`).
+    """
+    began = clock.perf_counter()
+    descriptor = stamp(circuit)
+    wanted = tuple(nodes) if nodes is not None else tuple(o.node for o in circuit.outputs)
+    large = descriptor.size > LARGE
+    system = Wide(descriptor, wanted) if large else Amplified(open_loop(descriptor), wanted)
+    z = system.start(analysis)
+    floor = voltage_floor(system.magnitudes(equilibrium(descriptor)), z)
+    largest = max(floor.max(initial=0.0), system.devices.u_scale.max(initial=0.0))
+    limit = ESCAPED * float(largest)
+    stop = analysis.stop if times is None else float(times[-1])
+    speed = system.speed(z, floor)
+    if not math.isfinite(speed):
+        raise EngineError("an amplifier is beyond the range of floats in the initial state")
+    first = min(FIRST / speed if speed > 0.0 else stop, stop)
+    dense = Radau(system, z, tolerance, floor, first, limit).run(stop)
+    diverges = f"the board diverges: it passes {limit:.3g} V at {dense.ends[-1]!r} s"
+    if times is not None and dense.escaped:
+        raise EngineError(diverges)
+    if times is None:
+        times = record_times(analysis, dense.ends[-1])
+    values = system.report(dense.at(times))
+    if not np.all(np.isfinite(values)):
+        raise EngineError("an amplifier left the range of floats between two steps")
+    cost = Cost(clock.perf_counter() - began, dense.steps, dense.factorisations)
+    flags = (diverges,) if dense.escaped else ()
+    return Waveforms(times, wanted, values, "statespace", cost, flags)
+
+
+def record_times(analysis: Transient, end: float) -> Floats:
+    """Uniform instants with no spacing above `max_step`, up to `end`, s."""
+    count = math.ceil(analysis.stop / analysis.max_step * (1.0 - 1e-12)) + 1
+    times = np.linspace(0.0, analysis.stop, count)
+    if end >= analysis.stop * (1.0 - 1e-9):
+        return times
+    return np.append(times[times < end], end)
+
+
+def voltage_floor(rest: Floats, z: Floats) -> Floats:
+    """Magnitude of each unknown below which its error counts absolutely, V; shape (size,)."""
+    typical = np.maximum(rest, np.abs(z))
+    largest = float(typical.max(initial=0.0))
+    return np.maximum(typical, FLOOR * (largest if largest > 0.0 else 1.0))

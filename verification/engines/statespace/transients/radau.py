@@ -1,0 +1,259 @@
+"""Radau IIA collocation of any odd number of stages for ``M z' = F(z)``, adaptive, dense output.
+
+With s stages the order is 2s - 1, L-stable and stiffly accurate, so M may be singular (index 1).
+The stage equations are solved by simplified Newton in the eigenbasis of the inverse of the
+method's matrix: one real and (s - 1)/2 complex systems a factorisation (Hairer and Wanner, Solving
+Ordinary Differential Equations II, sections IV.8 and IV.10). The embedded error estimate has order
+s, as has the dense output, the collocation polynomial itself.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spice_models.array_types import Complexes, Floats
+from spice_models.errors import EngineError
+from verification.engines.statespace.transients.radau_tableau import tableau
+
+Solve = Callable[[Complexes], Complexes]
+
+STAGES = 5
+NEWTON_STEPS = 8
+SHRINK, GROW, SAFETY = 0.2, 8.0, 0.9
+KEEP = 1.3  # a step is not lengthened by less than this: it would cost new factorisations
+
+
+class System(Protocol):
+    """``M z' = F(z)``; arrays of shape (size,) or, for several z at once, (size, s)."""
+
+    size: int
+
+    def rate(self, z: Floats) -> Floats:
+        """Evaluate F; not finite where z is out of range."""
+        ...
+
+    def mass(self, z: NDArray[np.inexact]) -> NDArray[np.inexact]:
+        """Apply M."""
+        ...
+
+    def factor(self, z: Floats, shifts: Complexes) -> list[Solve]:
+        """Solvers of ``(shift M - F'(z)) x = r``, the first shift real."""
+        ...
+
+    def watch(self, z: Floats) -> Floats:
+        """Linear combinations of z that the dense output shall keep; shape (W,) or (W, s)."""
+        ...
+
+
+@dataclass(slots=True, eq=False)
+class Dense:
+    """Dense output of the watched values: a polynomial in every step.
+
+    Attributes
+    ----------
+    ends : list of float
+        0 and the end of every step, s.
+    pieces : list of ndarray (W, s + 1)
+        Coefficients of theta = 0 .. 1 over a step.
+    steps, rejected, factorisations : int
+        What it cost.
+    escaped : bool
+        Whether it ended early because an unknown passed its limit.
+    """
+
+    ends: list[float]
+    pieces: list[Floats]
+    steps: int = 0
+    rejected: int = 0
+    factorisations: int = 0
+    escaped: bool = False
+
+    def at(self, times: Floats) -> Floats:
+        """Watched values at `times`, shape (P, W)."""
+        ends = np.array(self.ends)
+        which = np.clip(np.searchsorted(ends, times, side="left") - 1, 0, len(self.pieces) - 1)
+        theta = (times - ends[which]) / (ends[which + 1] - ends[which])
+        pieces = np.stack(self.pieces)[which]
+        powers = theta[:, None] ** np.arange(pieces.shape[2])
+        return np.asarray(np.einsum("pws,ps->pw", pieces, powers))
+
+
+class Radau:
+    """Integrates one system from t = 0.
+
+    Parameters
+    ----------
+    system : System
+        What to integrate.
+    z : ndarray (size,)
+        Consistent initial value.
+    relative : float
+        Relative tolerance of a step.
+    floor : ndarray (size,)
+        Magnitude below which an unknown's error counts as if it had this magnitude.
+    first_step : float
+        s.
+    limit : float
+        A magnitude of any unknown at which to end early (`Dense.escaped`).
+    """
+
+    def __init__(
+        self,
+        system: System,
+        z: Floats,
+        relative: float,
+        floor: Floats,
+        first_step: float,
+        limit: float = math.inf,
+    ) -> None:
+        self.system, self.z, self.t, self.h = system, z, 0.0, first_step
+        self.relative, self.floor, self.limit = relative, floor, limit
+        self.table = tableau(STAGES)
+        self.newton_tolerance = max(1e-14 / relative, min(0.03, math.sqrt(relative)))
+        self.solvers: list[Solve] = []  # empty: to be made
+        self.fresh = False  # whether the Jacobian is that of the present z
+        self.polynomial: Floats | None = None
+        self.last_step = first_step
+        self.out = Dense([0.0], [])
+
+    def run(self, stop: float, max_steps: int = 1_000_000) -> Dense:
+        """Integrate to `stop`, s, or until an unknown passes the limit.
+
+        Raises
+        ------
+        EngineError
+            The solution leaves the range of floats, or the step underflows.
+        """
+        self.stop = stop
+        while self.t < stop * (1.0 - 1e-14) and not self.out.escaped:
+            self._advance()
+            if self.out.steps > max_steps:
+                message = f"{max_steps} steps did not reach {stop!r} s (now {self.t!r} s)"
+                raise EngineError(message)
+        return self.out
+
+    def _advance(self) -> None:
+        """Take one accepted step."""
+        rate = self.system.rate(self.z)
+        if not np.all(np.isfinite(rate)):
+            message = f"an amplifier left the range of floats at {self.t!r} s"
+            raise EngineError(message)
+        while True:
+            left = self.stop - self.t
+            # Two equal last steps instead of a long and a tiny one.
+            wanted = (
+                left if self.h > 0.99 * left else (0.5 * left if self.h > 0.5 * left else self.h)
+            )
+            if wanted != self.h:
+                self.h, self.solvers = wanted, []
+            if self.h < 1e-15 * max(self.stop, self.t):
+                message = f"the time step fell below {self.h:.3g} s at {self.t!r} s"
+                raise EngineError(message)
+            if self._attempt(rate):
+                return
+
+    def _attempt(self, rate: Floats) -> bool:
+        """Try a step of h; on failure choose another h (or Jacobian) and return False."""
+        if not self.solvers:
+            self.solvers = self.system.factor(self.z, self.table.shifts / self.h)
+            self.out.factorisations += len(self.table.shifts)
+            self.fresh = True
+        found = self._newton()
+        if found is None:
+            if self.fresh:
+                self.h *= 0.5
+            self.solvers = []
+            self.out.rejected += 1
+            return False
+        Z, contraction = found
+        error = self._error(rate, Z)
+        factor = SAFETY * error ** (-1.0 / (STAGES + 1)) if error > 0.0 else GROW
+        factor = min(max(factor, SHRINK), GROW)
+        if error > 1.0:
+            self.h *= min(factor, SAFETY)
+            self.solvers = []
+            self.out.rejected += 1
+            return False
+        self._accept(Z)
+        self.fresh = False
+        if factor > KEEP:
+            self.h *= factor
+            self.solvers = []
+        elif contraction > 0.05:
+            self.solvers = []  # a new Jacobian is cheaper than slow Newton steps
+        return True
+
+    def _scale(self, z: Floats) -> Floats:
+        return self.relative * np.maximum(np.abs(z), self.floor)
+
+    def _norm(self, x: Floats, scale: Floats) -> float:
+        with np.errstate(over="ignore"):  # Newton's method may go anywhere before it is stopped
+            return float(np.sqrt(np.mean((x / scale) ** 2)))
+
+    def _newton(self) -> tuple[Floats, float] | None:
+        """Solve the stage equations; None if Newton's method does not contract."""
+        table, system, h = self.table, self.system, self.h
+        Z = self._guess()
+        W = table.left @ Z.T.astype(np.complex128)  # (k, size)
+        scale, before, contraction = self._scale(self.z), math.inf, 0.0
+        for step in range(NEWTON_STEPS):
+            F = system.rate(self.z[:, None] + Z)
+            if not np.all(np.isfinite(F)):
+                return None
+            residual = table.left @ F.T - (table.shifts[:, None] / h) * system.mass(W.T).T
+            dW = np.stack([solve(r) for solve, r in zip(self.solvers, residual, strict=True)])
+            W = W + dW
+            dZ = (table.right @ dW).real.T
+            Z = (table.right @ W).real.T
+            size = self._norm(dZ, scale[:, None])
+            if not math.isfinite(size):
+                return None
+            if step > 0:
+                contraction = size / before
+                if contraction >= 1.0 or (
+                    contraction ** (NEWTON_STEPS - 1 - step) / (1.0 - contraction) * size
+                    > self.newton_tolerance
+                ):
+                    return None
+            if size == 0.0 or (
+                step > 0 and contraction / (1.0 - contraction) * size < self.newton_tolerance
+            ):
+                return Z, contraction
+            before = size
+        return None
+
+    def _guess(self) -> Floats:
+        """Extrapolate the last step's polynomial, shape (size, s)."""
+        if self.polynomial is None:
+            return np.zeros((self.system.size, STAGES))
+        theta = 1.0 + self.table.c * self.h / self.last_step
+        k = np.arange(1, STAGES + 1)
+        return np.asarray(self.polynomial @ (theta[:, None] ** k - 1.0).T)
+
+    def _error(self, rate: Floats, Z: Floats) -> float:
+        scale = np.maximum(self._scale(self.z), self._scale(self.z + Z[:, -1]))
+        pull = np.asarray(self.system.mass(Z @ self.table.estimate).real) / self.h
+        error = self.solvers[0]((rate + pull).astype(np.complex128)).real
+        if self._norm(error, scale) > 1.0:
+            # Once more through the filter: stiff components are overestimated otherwise.
+            again = self.system.rate(self.z + error)
+            if np.all(np.isfinite(again)):
+                error = self.solvers[0]((again + pull).astype(np.complex128)).real
+        return self._norm(error, scale)
+
+    def _accept(self, Z: Floats) -> None:
+        self.polynomial = Z @ self.table.polynomial
+        piece = np.column_stack([self.system.watch(self.z), self.system.watch(self.polynomial)])
+        self.out.pieces.append(piece)
+        self.z = self.z + Z[:, -1]
+        self.t += self.h
+        self.last_step = self.h
+        self.out.ends.append(self.t)
+        self.out.steps += 1
+        self.out.escaped = bool(np.abs(self.z).max(initial=0.0) > self.limit)

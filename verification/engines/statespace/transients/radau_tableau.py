@@ -1,0 +1,67 @@
+"""Coefficients of the Radau IIA methods, in the basis that decouples their stages.
+
+Hairer and Wanner, Solving Ordinary Differential Equations II, sections IV.5 and IV.8.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from spice_models.array_types import Complexes, Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tableau:
+    """One method, in the basis that decouples its stages.
+
+    Attributes
+    ----------
+    c : ndarray (s,)
+        Collocation points, the last is 1.
+    shifts : ndarray ((s + 1) / 2,)
+        Eigenvalues of the inverse of the method's matrix: the real one, then one of each pair.
+    left, right : ndarray ((s + 1) / 2, s) and (s, (s + 1) / 2)
+        ``W = left Z`` and ``Z = Re(right W)``.
+    estimate : ndarray (s,)
+        Error estimate: ``(shift0 M / h - F')^-1 (F(z0) + M estimate Z / h)``.
+    polynomial : ndarray (s, s)
+        ``Q = Z^T polynomial`` are the coefficients of theta, theta², ...
+    """
+
+    c: Floats
+    shifts: Complexes
+    left: Complexes
+    right: Complexes
+    estimate: Floats
+    polynomial: Floats
+
+
+@cache
+def tableau(stages: int) -> Tableau:
+    """Compute the Radau IIA method with `stages` stages (odd)."""
+    from numpy.polynomial.legendre import Legendre
+
+    first, second = Legendre.basis(stages), Legendre.basis(stages - 1)
+    c = 0.5 * (np.sort((first - second).roots().real) + 1.0)
+    c[-1] = 1.0
+    k = np.arange(1, stages + 1)
+    powers = c[:, None] ** k  # of the collocation polynomial's terms
+    inverse = (k * c[:, None] ** (k - 1)) @ np.linalg.inv(powers)  # of the method's matrix
+    values, vectors = np.linalg.eig(inverse)
+    kept = np.flatnonzero(values.imag >= 0.0)
+    kept = kept[np.argsort(values[kept].imag)]
+    weight = np.where(values[kept].imag > 0.0, 2.0, 1.0)
+    unit = np.zeros(stages)
+    unit[0] = -1.0
+    embedded = np.linalg.solve(c ** (k - 1)[:, None], unit)  # (b_hat - b) / gamma
+    return Tableau(
+        c=c,
+        shifts=values[kept].astype(np.complex128),
+        left=np.linalg.inv(vectors)[kept].astype(np.complex128),
+        right=(vectors[:, kept] * weight).astype(np.complex128),
+        estimate=np.asarray(embedded @ inverse),
+        polynomial=np.linalg.inv(powers).T.astype(np.float64),
+    )

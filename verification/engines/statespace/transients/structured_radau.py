@@ -1,0 +1,261 @@
+"""Transients of large linear boards: Radau IIA steps through the board's structure.
+
+For ``M e' = K e`` (e is the deviation from the equilibrium) a Radau IIA step of s stages is a sum
+of s independent solves with ``theta_j M / h - K``, half of them by symmetry, whatever the order:
+no stage equations are left to iterate on. The step is chosen from a ladder of powers of two by
+comparing one step with two of half its size, dense output included; factorisations are kept, so a
+step costs (s + 1)/2 structured solves (see `structure`) and nothing else.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Iterable
+
+import numpy as np
+
+from netlist_gen.analysis import Transient
+from netlist_gen.board.circuit import Circuit
+from spice_models.array_types import Floats, Ints
+from spice_models.errors import EngineError
+from verification.engines.statespace.equations.stamps import stamp
+from verification.engines.statespace.equations.structured_solve import Structure
+from verification.engines.statespace.transients.amplified import record_times
+from verification.engines.statespace.transients.radau_tableau import tableau
+from verification.waveforms import Cost, Waveforms
+
+STAGES = 7
+TOLERANCE = 1e-5  # of one step and of its dense output, in step amplitudes
+POINTS = 16  # points of the record on a first step
+PATIENCE = 8  # steps before the next try with a longer one; doubles when a try fails
+SMALLEST = 2.0**-40  # of the first step
+ESCAPED = 1e8  # step amplitudes at which a diverging board's record ends
+
+
+class Stepper:
+    """Steps of one board; `tables` of solvers by level, the step is ``base * 2^level``.
+
+    Parameters
+    ----------
+    structure : Structure
+        The board.
+    watch : ndarray of int (K,)
+        Unknowns whose waveforms are wanted.
+    base : float
+        Step of level 0, s.
+    """
+
+    def __init__(self, structure: Structure, watch: Ints, base: float) -> None:
+        self.structure, self.watch, self.base = structure, watch, base
+        self.table = tableau(STAGES)
+        self.weight = self.table.shifts * self.table.left.sum(axis=1)
+        self.solvers: dict[int, list] = {}  # type: ignore[type-arg]
+        self.factorisations = 0
+
+    def step_of(self, level: int) -> float:
+        """Length of a step, s."""
+        return self.base * 2.0**level
+
+    def prepare(self, level: int) -> None:
+        """Factorise for a level, forgetting levels far away (memory)."""
+        if level in self.solvers:
+            return
+        self.solvers = {k: v for k, v in self.solvers.items() if abs(k - level) <= 1}
+        h = self.step_of(level)
+        factors = [self.structure.factor(shift / h) for shift in self.table.shifts.tolist()]
+        self.solvers[level] = [factor.solve for factor in factors]
+        self.factorisations += len(factors)
+
+    def step(self, charge: Floats, level: int) -> tuple[Floats, Floats]:
+        """Take one step.
+
+        Parameters
+        ----------
+        charge : ndarray (size,)
+            ``M e`` at its start.
+
+        Returns
+        -------
+        ndarray (size,) and ndarray (s, K)
+            ``M e`` at its end, and the watched deviations at the collocation points.
+        """
+        self.prepare(level)
+        h = self.step_of(level)
+        stages = np.zeros((STAGES, len(self.watch)))
+        last = np.zeros(len(charge))
+        for j, solve in enumerate(self.solvers[level]):
+            real = self.table.shifts[j].imag == 0.0
+            y = solve(charge if real else charge.astype(np.complex128)) * (self.weight[j] / h)
+            last += (self.table.right[-1, j] * y).real
+            stages += np.outer(self.table.right[:, j], y[self.watch]).real
+        return self.structure.mass @ last, stages
+
+    def sample(self, start: Floats, stages: Floats, theta: Floats) -> Floats:
+        """Watched deviations at fractions `theta` (P,) of a step, shape (P, K)."""
+        nodes = np.concatenate([[0.0], self.table.c])
+        values = np.vstack([start, stages])
+        return _barycentric(nodes, values, theta)
+
+
+def _barycentric(nodes: Floats, values: Floats, at: Floats) -> Floats:
+    """Evaluate the polynomial through (nodes, values) at points, shape (P, K)."""
+    gaps = nodes[:, None] - nodes[None, :] + np.eye(len(nodes))
+    weights = 1.0 / gaps.prod(axis=1)
+    distance = at[:, None] - nodes[None, :]
+    hit = distance == 0.0
+    terms = weights / np.where(hit, 1.0, distance)
+    found = (terms @ values) / terms.sum(axis=1)[:, None]
+    rows, columns = np.nonzero(hit)
+    found[rows] = values[columns]
+    return np.asarray(found)
+
+
+class _Run:
+    """One transient under way."""
+
+    def __init__(self, stepper: Stepper, charge: Floats, start: Floats, tolerance: float) -> None:
+        self.stepper, self.charge, self.now, self.t = stepper, charge, start, 0.0
+        self.amplitude = float(np.abs(start).max(initial=0.0))
+        self.tolerance, self.level, self.steps = tolerance, 0, 0
+        self.patience, self.waited = PATIENCE, 0
+        self.ends: list[float] = [0.0]
+        self.pieces: list[tuple[Floats, Floats]] = []
+
+    def accept(self, charge: Floats, stages: Floats, level: int) -> None:
+        self.pieces.append((self.now, stages))
+        self.charge, self.now = charge, stages[-1]
+        self.t += self.stepper.step_of(level)
+        self.ends.append(self.t)
+        self.steps += 1
+
+    def compare(self, level: int) -> bool:
+        """Try one step of `level` against two of the level below; go on with what held."""
+        stepper, half = self.stepper, np.array([0.5])
+        long_charge, long = stepper.step(self.charge, level)
+        mid_charge, first = stepper.step(self.charge, level - 1)
+        end_charge, second = stepper.step(mid_charge, level - 1)
+        quarters = np.array([0.25, 0.5, 0.75])
+        dense = stepper.sample(self.now, long, quarters)
+        fine = np.vstack(
+            [
+                stepper.sample(self.now, first, half),
+                first[-1],
+                stepper.sample(first[-1], second, half),
+            ]
+        )
+        scale = max(self.amplitude, float(np.abs(second[-1]).max(initial=0.0)))
+        worst = max(float(np.abs(dense - fine).max()), float(np.abs(long[-1] - second[-1]).max()))
+        if worst <= self.tolerance * scale:
+            self.accept(long_charge, long, level)
+            return True
+        if level > self.level:  # the shorter steps are known to hold
+            self.accept(mid_charge, first, level - 1)
+            self.accept(end_charge, second, level - 1)
+        return False
+
+    def begin(self) -> None:
+        """Descend from the first step's length to one that holds."""
+        while not self.compare(self.level):
+            self.level -= 2 if self.level < -2 else 1
+            if self.stepper.step_of(self.level) < SMALLEST * self.stepper.base:
+                raise EngineError("no step is short enough for the start of this transient")
+
+    def advance(self, left: float) -> None:
+        """Take one step, or try a longer one where that can pay."""
+        self.waited += 1
+        longer = self.stepper.step_of(self.level + 1)
+        if self.waited > self.patience and left > self.patience * longer:
+            self.waited = 0
+            if self.compare(self.level + 1):
+                self.level, self.patience = self.level + 1, PATIENCE
+            else:
+                self.patience *= 2
+            return
+        charge, stages = self.stepper.step(self.charge, self.level)
+        self.accept(charge, stages, self.level)
+
+
+def simulate(
+    circuit: Circuit,
+    analysis: Transient,
+    *,
+    nodes: Iterable[str] | None = None,
+    times: Floats | None = None,
+    tolerance: float = TOLERANCE,
+) -> Waveforms:
+    """Simulate a large linear board.
+
+    Parameters
+    ----------
+    circuit, analysis, nodes, times
+        As `statespace.simulate`; `max_step` is the spacing of the points, and the first step
+        tried is `POINTS` of them.
+    tolerance : float
+        Of one step, in step amplitudes. Errors of steps in a ringing add up over its decay.
+
+    Raises
+    ------
+    EngineError
+        The board is not linear, or has no equilibrium.
+
+    Notes
+    -----
+    A step costs four structured solves (see `structure`): 14 products of T with a vector and four
+    products with inverses of size N + M.
+    """
+    began = clock.perf_counter()
+    if circuit.amplifiers:
+        raise EngineError("the structured stepper is for linear boards")
+    descriptor = stamp(circuit)
+    structure = Structure(descriptor)
+    wanted = tuple(nodes) if nodes is not None else tuple(o.node for o in circuit.outputs)
+    watch = np.array([descriptor.place(name) for name in wanted], dtype=np.int64)
+    solve = structure.factor(0.0).solve
+    rest = solve(descriptor.drive(sources_on=True))
+    z0 = np.zeros(descriptor.size)
+    if analysis.initial == "rest":
+        z0 = solve(descriptor.drive(sources_on=False))
+    for name, volts in analysis.voltages.items():
+        z0[descriptor.place(name)] = volts
+    charge = structure.mass @ (z0 - rest)
+    stop = analysis.stop if times is None else float(times[-1])
+    instants = record_times(analysis, stop) if times is None else times
+    run = _run(structure, watch, charge, min(POINTS * analysis.max_step, stop), stop, tolerance)
+    if times is None:
+        instants = record_times(analysis, min(run.t, stop))
+    values = rest[watch] + _record(run, instants)
+    seconds = clock.perf_counter() - began
+    cost = Cost(seconds, run.steps, run.stepper.factorisations + 1)
+    flags = (f"the board diverges: the record ends at {run.t!r} s",) if run.t < stop else ()
+    return Waveforms(instants, wanted, values, "statespace", cost, flags)
+
+
+def _run(
+    structure: Structure, watch: Ints, charge: Floats, base: float, stop: float, tolerance: float
+) -> _Run:
+    stepper = Stepper(structure, watch, base)
+    # Just after the step the charges are still there: c P(c)^-1 M e for a huge c.
+    huge = 1e9 / base
+    start = huge * structure.factor(huge).solve(charge)[watch]
+    run = _Run(stepper, charge, start, tolerance)
+    if not run.amplitude > 0.0:
+        run.amplitude = 1.0
+    run.begin()
+    while run.t < stop * (1.0 - 1e-12):
+        run.advance(stop - run.t)
+        if float(np.abs(run.now).max(initial=0.0)) > ESCAPED * run.amplitude:
+            break
+    return run
+
+
+def _record(run: _Run, times: Floats) -> Floats:
+    ends = np.array(run.ends)
+    which = np.clip(np.searchsorted(ends, times, side="left") - 1, 0, len(run.pieces) - 1)
+    found = np.empty((len(times), len(run.now)))
+    edges = np.searchsorted(which, np.arange(len(run.pieces) + 1))
+    for k in np.unique(which):
+        part = slice(int(edges[k]), int(edges[k + 1]))
+        theta = (times[part] - ends[k]) / (ends[k + 1] - ends[k])
+        start, stages = run.pieces[k]
+        found[part] = run.stepper.sample(start, stages, theta)
+    return found

@@ -1,0 +1,184 @@
+"""The first witness's answer for a scene: what an ideal network settles to, and how fast."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from netlist_gen.board.circuit import Circuit, Scalings
+from netlist_gen.board.synthesis import realised_matrix
+from netlist_gen.problem.inverse_problem import InverseProblem
+from netlist_gen.scene.scene import Scene
+from spice_models.array_types import Floats
+from verification.reference import (
+    IdealNetwork,
+    Problem,
+    Solution,
+    ideal_linear,
+    ideal_transient,
+    solve,
+)
+from verification.reference.dynamics import Outcome, ScaledNetwork
+from verification.reference.energy_balance import energy_residual
+from verification.reference.step_response import Response
+
+ENERGY_STRIDE = 20  # of the response's instants, which are 1 % apart
+REMEMBERED = 8  # solutions: points of a sweep over C share one
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pace:
+    """Figures of the ideal transient.
+
+    Attributes
+    ----------
+    settling_time : float
+        To the scene's band, s; not a number where the transient cannot be trusted.
+    energy_residual : float
+        How far the transient is from losing what it dissipates, relative (see
+        `verification.reference.energy_balance.energy_residual`).
+    """
+
+    settling_time: float
+    energy_residual: float
+
+
+@dataclass(frozen=True, eq=False)
+class IdealAnswer:
+    """Steady state and transient of the ideal network.
+
+    Attributes
+    ----------
+    network : IdealNetwork
+        Whose answer it is.
+    band : float
+        Of the settling time, a fraction of the step amplitude.
+    solution : Solution
+        The reference steady state, dimensionless, with its certificate.
+    start, target : ndarray (N,)
+        u at t = 0 and at rest, V.
+    error : float
+        Bound on the error of `target`, as a fraction of the step amplitude.
+    problem : str
+        Why the answer cannot be believed; empty if it can.
+    integrated : Pace or None
+        Of a transient that had to be integrated; None for linear amplifiers, whose modes are exact.
+    """
+
+    network: IdealNetwork
+    band: float
+    solution: Solution
+    start: Floats
+    target: Floats
+    error: float
+    problem: str
+    integrated: Pace | None
+
+    @functools.cached_property
+    def pace(self) -> Pace:
+        """Figures of the transient; no check needs them, so modes are evaluated on demand."""
+        if self.integrated is not None:
+            return self.integrated
+        response = ideal_linear(self.network, self.start, self.solution)
+        residual = _linear_residual(self.network, response)
+        return Pace(response.settling_time(self.band), residual)
+
+
+def ideal_network(problem: InverseProblem, scalings: Scalings, scene: Scene) -> IdealNetwork:
+    """Return the ideal network of `problem` with the scene's own numbers, nothing rounded."""
+    return IdealNetwork(
+        T=problem.matrix,
+        eps=problem.strain,
+        G0=scalings.unit_conductance,
+        U0=scalings.unit_voltage,
+        R=scalings.resistance,
+        C=scalings.capacitance,
+        s=scalings.gain,
+        amplifier=scene.design.amplifier,
+        Ve=scalings.exponential_slope,
+        bias=scene.design.biased,
+    )
+
+
+def rounded_network(network: IdealNetwork, circuit: Circuit) -> IdealNetwork:
+    """Return `network` with the resistors that `circuit` really has."""
+    ohms = {resistor.name: resistor.ohms for resistor in circuit.resistors}
+    gains = [value for name, value in ohms.items() if name.startswith("s_")]
+    changed = replace(network, T=realised_matrix(circuit), s=gains[0] if gains else network.s)
+    return changed if circuit.topology == "passive" else replace(changed, R=ohms["r_1"])
+
+
+def initial_voltages(scene: Scene, network: IdealNetwork) -> Floats:
+    """Return v of every signal node when the strain steps on, shape (N,), V.
+
+    Raises
+    ------
+    SolverError
+        The scene starts from rest, and the network without strain has no solution.
+    """
+    if scene.analysis.initial == "zero" or network.amplifier == "linear":
+        return np.zeros(network.T.shape[1])
+    asleep = solve(replace(network, eps=np.zeros_like(network.eps)).problem)
+    return network.unit * (asleep.v if asleep.v is not None else asleep.u)
+
+
+def ideal_answer(network: IdealNetwork, scene: Scene) -> IdealAnswer:
+    """Solve for the steady state, and for the transient from the scene's initial state.
+
+    Raises
+    ------
+    SolverError
+        Nothing at all can be returned.
+    """
+    initial = initial_voltages(scene, network)
+    band = scene.checks.settling_time.band
+    pace, why = None, ""
+    if network.amplifier == "linear":
+        solution, start = _solved(network.problem), initial
+    else:
+        transient = ideal_transient(network, initial)
+        solution, response = transient.rest, transient.response
+        start = np.full(len(solution.u), np.nan) if response is None else response.start
+        if response is None or transient.outcome is not Outcome.TRUSTED:
+            why = transient.outcome.value
+            pace = Pace(np.nan, transient.energy_residual)
+        else:
+            pace = Pace(response.settling_time(band), transient.energy_residual)
+    target = solution.u * network.U0
+    amplitude = float(np.abs(target - start).max()) or 1.0
+    return IdealAnswer(
+        network=network,
+        band=band,
+        solution=solution,
+        start=start,
+        target=target,
+        error=np.inf if why else solution.error_bound * network.U0 / amplitude,
+        problem=solution.reason or why,
+        integrated=pace,
+    )
+
+
+def _solved(problem: Problem) -> Solution:
+    """Solve `problem`, or remember: the points of a sweep often share one."""
+    T, eps = problem.T, problem.eps
+    content = (T.shape, T.tobytes(), eps.tobytes())
+    return _solution(*content, problem.lam, problem.regulariser, problem.bias)
+
+
+@functools.lru_cache(maxsize=REMEMBERED)
+def _solution(
+    shape: tuple[int, ...], T: bytes, eps: bytes, lam: float, regulariser: str, bias: bool
+) -> Solution:
+    matrix = np.frombuffer(T).reshape(shape)
+    return solve(Problem(matrix, np.frombuffer(eps), lam, regulariser, bias))
+
+
+def _linear_residual(network: IdealNetwork, response: Response) -> float:
+    unit = network.R * network.C
+
+    def dense(t: Floats) -> Floats:
+        return response.outputs(t * unit).T / network.U0
+
+    return energy_residual(ScaledNetwork(network), response.time[::ENERGY_STRIDE] / unit, dense)

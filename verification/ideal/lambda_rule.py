@@ -1,0 +1,61 @@
+"""A scene's lambda by a rule: ``lambda = "discrepancy"`` becomes a number before the synthesis."""
+
+from __future__ import annotations
+
+from netlist_gen.problem.inverse_problem import make_problem
+from netlist_gen.scene.file import load_scene
+from netlist_gen.scene.scene import Scene
+from spice_models.errors import Complaint, InputError, SolverError
+
+
+def resolve_lambda(scene: Scene) -> Scene:
+    """Return `scene` with a number for lambda; unchanged where it has one.
+
+    Raises
+    ------
+    InputError
+        The rule needs what the scene does not know: the noise's variance (``discrepancy``), or the
+        true stress (``mse``).
+    SolverError
+        The rule finds no lambda of its own: its score is best at an end of the range.
+    """
+    rule = scene.design.lam
+    if not isinstance(rule, str):
+        return scene
+    from verification.reference import Problem
+    from verification.reference.lambda_choice import DECADES, RULES, Knowledge, choose
+
+    inverse = make_problem(scene)
+    variance = scene.problem.noise.variance
+    if RULES[rule].needs_variance and variance == 0:
+        text = "the rule needs problem.noise.variance above zero"
+        raise InputError(scene.file, Complaint("design.lambda", repr(rule), text))
+    if RULES[rule].needs_truth and inverse.stress is None:
+        text = "the rule needs the true stress: problem.stress"
+        raise InputError(scene.file, Complaint("design.lambda", repr(rule), text))
+    problem = Problem(
+        inverse.matrix, inverse.strain, 1.0, scene.design.amplifier, scene.design.biased
+    )
+    choice = choose(problem, rule, Knowledge(variance=variance, truth=inverse.stress))
+    if choice.at_edge:
+        raise SolverError(
+            f"lambda = {rule!r} finds no optimum from {DECADES[0]:g} to {DECADES[1]:g} decades of"
+            f" the squared norm of T: its score is best at the end, {choice.solution.lam:.3g}."
+            " Give a number, or another rule"
+        )
+    return scene.with_lambda(choice.solution.lam, rule)
+
+
+def read_scene(path: str, engine: str | None = None) -> Scene:
+    """Read the scene at `path`, its lambda as a number; `engine` replaces its own.
+
+    Raises
+    ------
+    InputError, SolverError
+        See `netlist_gen.scene.file.load_scene` and `resolve_lambda`.
+    """
+    scene = resolve_lambda(load_scene(path))
+    if engine is None:
+        return scene
+    analysis = scene.analysis.model_copy(update={"engine": engine})
+    return scene.model_copy(update={"analysis": analysis})

@@ -1,0 +1,1 @@
+"""From waveforms to numbers; nothing here knows a circuit."""

@@ -1,0 +1,268 @@
+"""Level crossings and peaks between the points of sampled waveforms, with their uncertainty.
+
+Samples are taken as exact, the shape between them is not: a cubic through the four nearest points
+gives the value, its distance from two parabolas and from the chord gives the doubt. A crossing's
+doubt in time is the time the cubic takes to pass through its doubt in value, so a shallow crossing
+is more uncertain than a steep one, and a peak that may or may not reach the level counts as well.
+
+Many waveforms (rows, R) are searched for many levels (J a row) at once: only the few points near a
+level are looked at, all of them in the same handful of array operations.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from spice_models.array_types import Bools, Floats, Indices
+
+# The fine grid on which a bracketed crossing is located before a last linear step.
+_GRID = np.linspace(0.0, 1.0, 129)
+_STENCIL = np.arange(4)[:, None]
+_AROUND = np.arange(-1, 2)[:, None]
+_LEANS = np.array([0.0, -1.0, 1.0])[:, None, None]
+# A peak below this fraction of a positive level's height is not examined between its points.
+_NEAR = 0.5
+
+
+class Crossing(NamedTuple):
+    """A crossing's instant and its uncertainty, both s."""
+
+    time: float
+    uncertainty: float
+
+
+class Crossings(NamedTuple):
+    """Instants and uncertainties of many crossings, s, one shape; NaN where there is none."""
+
+    time: Floats
+    uncertainty: Floats
+
+
+class Peaks(NamedTuple):
+    """Local maxima, (M,) each: which points they are, instants, heights and doubts of heights."""
+
+    point: Indices
+    time: Floats
+    height: Floats
+    doubt: Floats
+
+
+def interpolate(
+    time: Floats, y: Floats, row: Indices, interval: Indices, at: Floats
+) -> tuple[Floats, Floats]:
+    """Return cubics' values and how far they may be off, both of shape (S, Q).
+
+    The doubt is the largest distance to the two parabolas that leave out one outer point, or a
+    quarter of the distance to the chord: the parabolas see the third derivative, the chord the
+    second, and for a sinusoid one of them is large wherever the cubic's own error is (down to
+    six points a period).
+
+    Parameters
+    ----------
+    time, y : ndarray (P,) and (R, P)
+        Record, P at least 4; s and any unit.
+    row, interval : ndarray (S,)
+        Waveform, and the interval between two points, 0 to P - 2, to interpolate in.
+    at : ndarray (S, Q)
+        Instants in those intervals, s.
+    """
+    # minimum and maximum: for a handful of instants np.clip costs as much as all the rest
+    first = np.minimum(np.maximum(interval - 1, 0), time.size - 4)
+    stencil = first + _STENCIL
+    t0, t1, t2, t3 = time[stencil][:, :, None]
+    y0, y1, y2, y3 = y[row, stencil][:, :, None]
+    # Newton's divided differences, from the middle pair outwards.
+    d12 = (y2 - y1) / (t2 - t1)
+    d012 = (d12 - (y1 - y0) / (t1 - t0)) / (t2 - t0)
+    d123 = ((y3 - y2) / (t3 - t2) - d12) / (t3 - t1)
+    d0123 = (d123 - d012) / (t3 - t0)
+    begin, end = time[interval][:, None], time[interval + 1][:, None]
+    left, right = y[row, interval][:, None], y[row, interval + 1][:, None]
+    after0, after1 = at - t0, at - t1
+    middle = after1 * (at - t2)
+    cubic = y1 + after1 * d12 + middle * (d012 + after0 * d0123)
+    chord = left + (at - begin) * ((right - left) / (end - begin))
+    outer = np.maximum(np.abs(after0), np.abs(at - t3))
+    return cubic, np.maximum(np.abs(middle * d0123) * outer, 0.25 * np.abs(cubic - chord))
+
+
+def peaks(time: Floats, y: Floats, row: Indices, k: Indices, sign: Floats) -> Peaks:
+    """Interpolate those of the points `k` that are local maxima of ``sign * y[row]``, (S,) each."""
+    inner = np.flatnonzero((k > 0) & (k < time.size - 1))
+    around = sign[inner] * y[row[inner], k[inner] + _AROUND]
+    top = np.flatnonzero((around[1] >= around[0]) & (around[1] >= around[2]))
+    left, here, right = around[:, top]
+    point = inner[top]
+    k = k[point]
+    t = time[k]
+    before, after = t - time[k - 1], time[k + 1] - t
+    fall_l, fall_r = (here - left) / before, (here - right) / after
+    curvature = fall_l + fall_r
+    flat = curvature <= 0
+    offset = np.where(flat, 0.0, (fall_l * after - fall_r * before) / np.where(flat, 1, curvature))
+    at = t + 0.5 * np.minimum(np.maximum(offset, -before), after)
+    value, doubt = interpolate(time, y, row[point], k - (at < t), at[:, None])
+    return Peaks(point, at, np.maximum(sign[point] * value[:, 0], here), doubt[:, 0])
+
+
+def highest(time: Floats, y: Floats, sign: Floats) -> Floats:
+    """Return the maximum of each row of ``sign * y``, a peak between points included.
+
+    Parameters
+    ----------
+    time, y : ndarray (P,) and (R, P)
+        Record, P at least 4.
+    sign : ndarray (R,)
+        Of each row, 1.0 or -1.0.
+    """
+    row = np.arange(len(y))
+    ups = zip(y, sign > 0, strict=True)
+    top = np.array([each.argmax() if up else each.argmin() for each, up in ups], dtype=np.intp)
+    found = sign * y[row, top]
+    rows = np.repeat(row, 5)
+    near = peaks(time, y, rows, np.repeat(top, 5) + np.tile(np.arange(-2, 3), row.size), sign[rows])
+    np.maximum.at(found, rows[near.point], near.height)
+    return np.asarray(found)
+
+
+def _last_positive(f: Floats) -> Floats:
+    """Return where each row of `f` (S, Q) is last positive, linear between its points, 0 to 1."""
+    last = f.shape[1] - 1
+    row = np.arange(len(f))
+    i = last - (f[:, ::-1] > 0).argmax(axis=1)
+    here, beyond = f[row, i], f[row, np.minimum(i + 1, last)]
+    falls = (here > 0) & (i < last)
+    part = np.where(falls, here / np.where(falls, here - beyond, 1.0), 0.0)
+    return np.where(here > 0, (i + part) / last, 0.0)
+
+
+class _Sides(NamedTuple):
+    """Columns ``sign * y[row]`` of a search, (C,) each."""
+
+    row: Indices
+    sign: Floats
+
+
+def _falls(
+    time: Floats, y: Floats, row: Indices, sign: Floats, level: Floats, since: Floats
+) -> Crossings:
+    """Locate falls of ``sign * y[row]`` through `level` from `since` to the next point, (S,)."""
+    interval = np.minimum(np.searchsorted(time, since, side="right"), time.size - 1) - 1
+    left = time[interval + 1] - since
+    value, doubt = interpolate(time, y, row, interval, since[:, None] + left[:, None] * _GRID)
+    excess = sign[:, None] * value - level[:, None]
+    part = _last_positive(np.concatenate([excess, excess - doubt, excess + doubt]))
+    at, early, late = since + left * part.reshape(3, -1)
+    width = np.maximum(at - early, late - at)
+    return Crossings(at, np.maximum(width, np.spacing(np.abs(at))))
+
+
+def _latest(mask: Bools, column: Indices, at: Floats, columns: int) -> Floats:
+    """Return the last of `at` (M,) in each column, (..., C), where `mask` (..., M), or -inf."""
+    found = np.full((*mask.shape[:-1], columns), -np.inf)
+    level, m = np.divmod(np.flatnonzero(mask), column.size)
+    found.reshape(-1, columns)[level, column[m]] = at[m]  # of several for one the last stays
+    return found
+
+
+def last_crossings(
+    time: Floats, y: Floats, levels: Floats, first: Indices | None = None, *, mirrored: bool = False
+) -> Crossings:
+    """Find the last instants at which waveforms are above their levels.
+
+    Parameters
+    ----------
+    time, y : ndarray (P,) and (R, P)
+        Record, P at least 4; s and any unit.
+    levels : ndarray (J, R)
+        In the unit of `y`.
+    first : ndarray (R,), optional
+        Point of each row before which nothing is looked at.
+    mirrored : bool
+        Whether the same is wanted of ``-y``, too.
+
+    Returns
+    -------
+    Crossings
+        Shape (J, R), or (J, 2 R) with those of ``-y`` behind. NaN where a row is never above; the
+        last point, without doubt, where it ends above. A later peak that reaches the level only
+        between points, or only within its doubt, is taken into account: in the instant if the
+        interpolated peak is above, in the uncertainty in any case.
+    """
+    rows, columns = len(y), len(y) * (1 + mirrored)  # row n, and behind all -y[n]
+    sides = _Sides(np.arange(columns) % rows, np.repeat([1.0, -1.0], rows)[:columns])
+    over = _beyond(y, levels.min(axis=0), first, mirrored)
+    floor = levels - (1 - _NEAR) * np.abs(levels)
+    near = _beyond(y, floor.min(axis=0), first, mirrored)
+    near[:, 1:-1] &= _extremes(y, mirrored)
+    if mirrored:
+        levels, floor = (np.concatenate([each, each], axis=1) for each in (levels, floor))
+    column, k = np.divmod(np.flatnonzero(over), time.size)
+    value = sides.sign[column] * y[sides.row[column], k]
+    known = _latest(value > levels[:, column], column, time[k], columns)
+    column, k = np.divmod(np.flatnonzero(near), time.size)
+    row, sign = sides.row[column], sides.sign[column]
+    high = sign * y[row, k] > floor[:, column]
+    top = peaks(time, y, row, k, sign)
+    column = column[top.point]
+    # As interpolated, and with the doubt taken away and added.
+    reached = top.height + _LEANS * top.doubt > levels[:, column]
+    starts = _latest(high[:, top.point] & reached, column, top.time, columns)
+    return _crossings(time, y, sides, levels, np.maximum(known, starts))
+
+
+def _beyond(y: Floats, low: Floats, first: Indices | None, mirrored: bool) -> Bools:
+    """Return where each row is above `low` (R,), and behind that where -y is, from `first` on."""
+    low = low[:, None]
+    found = np.concatenate([y > low, y < -low]) if mirrored else y > low
+    if first is not None:
+        for n, begin in enumerate(first.tolist()):
+            found[n :: len(y), :begin] = False
+    return found
+
+
+def _extremes(y: Floats, mirrored: bool) -> Bools:
+    """Return which of the inner points are local maxima, and behind that which are minima."""
+    up, down = y[:, 1:] >= y[:, :-1], y[:, 1:] <= y[:, :-1]
+    maxima = up[:, :-1] & down[:, 1:]
+    return np.concatenate([maxima, down[:, :-1] & up[:, 1:]]) if mirrored else maxima
+
+
+def _crossings(time: Floats, y: Floats, sides: _Sides, levels: Floats, starts: Floats) -> Crossings:
+    """Locate falls after the instants `starts` (3, J, C); a doubt could give the last two."""
+    start = starts[0]
+    ends = sides.sign * y[sides.row, -1] > levels
+    inside = ~ends & (starts > -np.inf)
+    at, doubt = np.where(ends, time[-1], np.nan), np.where(ends, 0.0, np.nan)
+
+    def falls(since: Floats, level: Indices, column: Indices) -> Crossings:
+        row, sign = sides.row[column], sides.sign[column]
+        return _falls(time, y, row, sign, levels[level, column], since[level, column])
+
+    places = np.nonzero(inside[0])
+    at[places], doubt[places] = falls(start, *places)
+    rivals = inside[0] & inside & (starts != start)
+    for other in np.flatnonzero(rivals.any(axis=(1, 2))):
+        places = np.nonzero(rivals[other])
+        rival = falls(starts[other], *places)
+        apart = np.abs(rival.time - at[places]) + rival.uncertainty
+        doubt[places] = np.maximum(doubt[places], apart)
+    return Crossings(at, doubt)
+
+
+def first_crossings(
+    time: Floats, y: Floats, levels: Floats, stop: Indices | None = None
+) -> Crossings:
+    """Find the first instants above; as `last_crossings`, time reversed, up to `stop` (R,)."""
+    first = None if stop is None else time.size - stop
+    found = last_crossings(-time[::-1], y[:, ::-1], levels, first)
+    return Crossings(-found.time, found.uncertainty)
+
+
+def first_above(time: Floats, y: Floats, level: float) -> Crossing | None:
+    """Find the first instant at which one waveform (P,) is above `level`, or None."""
+    found = first_crossings(time, y[None], np.array([[level]]))
+    at, doubt = found.time.item(), found.uncertainty.item()
+    return None if np.isnan(at) else Crossing(at, doubt)

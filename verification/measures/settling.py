@@ -1,0 +1,260 @@
+"""The state of one channel at the end of its record, and the proof of a settling time.
+
+A record proves that a channel settled when, at its end, the channel
+
+1. is inside the band, and has been for 5 % of its settling time and, while it rings, for three
+   ringing periods, unless what rings is by now below half the band;
+2. does not ring on: what ringing is left is below 5 % of the band, or decays beyond the doubt of
+   the fit;
+3. does not drift out again: the limit extrapolated from its last three stretches is in the band.
+
+Everything else is another state, with a reason that says what to do.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from spice_models.array_types import Floats
+from verification.measures.envelope import saturates
+from verification.measures.mode_fit import Mode
+from verification.measures.times import Reading
+
+_DWELL = 0.05  # of the settling time that must follow it inside the band
+_DWELL_PERIODS = 3.0
+_SAFE = 0.5  # of the band: a decaying ringing below it will not leave the band again
+_QUIET = 0.05  # of the band: ringing below it is not judged
+_FLAT_TOP = 0.2  # of a period spent within 1 % of one extreme; 0.064 for a sinusoid
+_GOOD_FIT = 0.1  # unexplained part below which a fit's growth rate is believed
+_SILENT = 1 / 21  # of the band: `Drift.heading` carries a mean on by no more than twenty times it
+_ENDS = np.array([3.0, 2.0, 1.0, 0.0])  # of the last three stretches, counted from the last
+_RUNAWAY = 10.0  # step amplitudes off target, and accelerating
+
+
+class ChannelState(StrEnum):
+    """How a channel's record ends."""
+
+    SETTLED = "settled"
+    NOT_SETTLED = "not settled"
+    OSCILLATING = "oscillating"
+    CLIPPED = "clipped"
+    DIVERGED = "diverged"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ringing:
+    """What is known of the ringing in one channel.
+
+    Attributes
+    ----------
+    time, amplitude : ndarray (M,)
+        Envelope, s and the unit of the signal.
+    period : float or None
+        s.
+    mode : Mode or None
+        The channel's strongest oscillating mode.
+    share : float
+        That mode's amplitude in this channel at the end of the fitted stretch.
+    """
+
+    time: Floats
+    amplitude: Floats
+    period: float | None
+    mode: Mode | None
+    share: float
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """ChannelState, settling time where there is one, and why there is none."""
+
+    state: ChannelState
+    settling_time: Reading | None
+    reason: str
+
+
+class Drift:
+    """Where the channels of a record are heading at its end.
+
+    Parameters
+    ----------
+    time, errors : ndarray (P,) and (N, P)
+        Record, s, and distances to the targets, finite.
+
+    Attributes
+    ----------
+    last : ndarray (N, L)
+        The errors over the last three stretches, each a tenth of the record.
+    """
+
+    def __init__(self, time: Floats, errors: Floats) -> None:
+        self.time, self.errors = time, errors
+        self._stretch = 0.1 * float(np.ptp(time)) if time.size else 0.0
+        first = max(int(np.searchsorted(time, time[-1:].sum() - 3 * self._stretch)) - 1, 0)
+        self._marked, self.last = time[first:], errors[:, first:]
+        means, widths = self.last[:, 1:] + self.last[:, :-1], 0.5 * np.diff(self._marked)
+        self._area = np.zeros_like(self.last)
+        np.cumsum(means * widths, 1, out=self._area[:, 1:])
+
+    def heading(self, n: int, period: float) -> tuple[float, float]:
+        """Extrapolate where channel `n` goes.
+
+        The means of the last three stretches, each a tenth of the record in whole ringing periods,
+        form a geometric series for an exponential approach (Aitken's extrapolation), carried on
+        for one more record at most, and for one stretch only where a ringing is longer than a
+        stretch.
+
+        Returns
+        -------
+        limit, ratio : float
+            Limit of the error and how much a stretch's change is of the one before it; the ratio
+            is 0 when nothing moves or the changes alternate.
+        """
+        width = self._stretch
+        furthest = 10.0 if width >= period else 1.0
+        if 0 < period <= width:
+            width = period * int(width / period)
+        ends = self._marked[-1] - width * _ENDS
+        a, b, c, d = np.interp(ends, self._marked, self._area[n]).tolist()
+        first, second, third = (b - a) / width, (c - b) / width, (d - c) / width
+        before, last = second - first, third - second
+        if before * last <= 0:
+            return third, 0.0
+        ratio = last / before
+        stretches = min(ratio / (1 - ratio), furthest) if ratio < 1 else furthest
+        return third + last * stretches, ratio
+
+
+def silent(drift: Drift, amplitude: Floats, tolerance: float) -> bool:
+    """Tell whether every channel is settled whatever modes a fit would find.
+
+    Over the last three stretches the errors are so small that no extrapolation of theirs leaves
+    the band, and the envelopes `amplitude` (M, N) end below what is judged.
+    """
+    last = drift.last
+    calm = max(last.max(), -last.min()) <= _SILENT * tolerance
+    return bool(calm and amplitude[-1].max() <= _QUIET * tolerance)
+
+
+def _flat_top(time: Floats, error: Floats, period: float) -> bool:
+    """Tell whether the last three periods dwell at an extreme, as a rail makes them."""
+    first = int(np.searchsorted(time, time[-1] - 3 * period))
+    e, weight = error[first:], np.gradient(time[first:])
+    margin = 0.01 * (e.max() - e.min())
+    top, bottom = weight[e > e.max() - margin].sum(), weight[e < e.min() + margin].sum()
+    return bool(max(top, bottom) > _FLAT_TOP * weight.sum())
+
+
+def _decays(ring: Ringing) -> bool:
+    """Tell whether the ringing decays: the fit's word, or else the envelope's last half.
+
+    Without a fit and with hardly an envelope nothing is known, and the dwell must prove it.
+    """
+    if ring.mode is not None and ring.mode.residual < _GOOD_FIT:
+        return ring.mode.decays
+    half = ring.amplitude[-max(ring.amplitude.size // 2, 1) :]
+    return half.size < 2 or bool(half[-1] < 0.9 * half[0])
+
+
+def _left(ring: Ringing, end: float) -> tuple[float, float]:
+    """Return the ringing's amplitude at `end` and its period (0 and 0 if nothing rings).
+
+    The envelope's last chunk lies before the end, and a record of few periods has hardly an
+    envelope: a fit that leaves little unexplained and decays carries it on. A mode slower than
+    the dominant line is a trend to the envelope, so the larger of the two counts.
+    """
+    last, mode, period = float(ring.amplitude[-1]), ring.mode, ring.period or 0.0
+    if mode is None or mode.residual > _GOOD_FIT or not mode.decays:
+        return last, period
+    fitted = ring.share * math.exp(mode.growth_rate * (end - mode.stop))
+    if mode.frequency * (mode.stop - mode.start) < 1:
+        fitted = 0.0  # less than a period is as well a drift
+    elif ring.amplitude.size < 8:
+        return fitted, 1 / mode.frequency
+    carried = last * math.exp(mode.growth_rate * (end - ring.time[-1]))
+    return max((carried, period), (fitted, 1 / mode.frequency))
+
+
+def sustained(time: Floats, error: Floats, tolerance: float, ring: Ringing) -> ChannelState | None:
+    """Return OSCILLATING or CLIPPED if the channel rings without decay at its end, else None."""
+    mode = ring.mode
+    if ring.period is None:
+        grows = mode is not None and mode.grows and not mode.doubt and ring.share > tolerance
+        return ChannelState.OSCILLATING if grows else None
+    if ring.amplitude[-1] <= _QUIET * tolerance:
+        return None
+    if saturates(ring.amplitude):
+        return ChannelState.CLIPPED
+    if _decays(ring):
+        return None
+    return ChannelState.CLIPPED if _flat_top(time, error, ring.period) else ChannelState.OSCILLATING
+
+
+def judge(
+    drift: Drift, n: int, found: Reading | None, tolerance: float, step: float, ring: Ringing
+) -> Judgement:
+    """Judge channel `n`.
+
+    Parameters
+    ----------
+    drift : Drift
+        Of the record, of at least 8 points.
+    found : Reading or None
+        When it was last outside its band; None if it ends outside.
+    tolerance : float
+        Half width of the settling band, in the unit of `error`.
+    step : float
+        The network's step amplitude, in the same unit.
+    ring : Ringing
+        The channel's ringing.
+    """
+    time, error = drift.time, drift.errors[n]
+    state = sustained(time, error, tolerance, ring)
+    if state is not None:
+        how = "at a constant amplitude" if state is ChannelState.CLIPPED else "and does not decay"
+        return Judgement(state, None, f"it oscillates {how}: it never settles")
+    left, period = _left(ring, float(time[-1]))
+    limit, ratio = drift.heading(n, period)
+    if found is None:
+        return _outside(float(error[-1]), tolerance, step, ring.mode, left, limit, ratio)
+    if abs(limit) > tolerance and left < tolerance:
+        reason = f"inside the band at the end but drifting towards {limit:.4g} off target"
+        return Judgement(ChannelState.NOT_SETTLED, None, reason + ": simulate longer")
+    dwell = float(time[-1] - time[0]) - found.value
+    need = _DWELL * found.value
+    if left > _SAFE * tolerance:
+        need = max(need, period * _DWELL_PERIODS)
+    if dwell < need:
+        reason = f"inside the band for the last {dwell:.4g} s only, {need:.4g} s would prove it"
+        return Judgement(ChannelState.NOT_SETTLED, None, reason + ": simulate longer")
+    return Judgement(ChannelState.SETTLED, found, "")
+
+
+def _outside(
+    last: float,
+    tolerance: float,
+    step: float,
+    mode: Mode | None,
+    left: float,
+    limit: float,
+    ratio: float,
+) -> Judgement:
+    """Say why a channel that ends outside its band, and does not oscillate, is there."""
+    off = f"{last:.4g} off target ({abs(last) / step:.3%} of the step)"
+    if ratio >= 1 and abs(last) > _RUNAWAY * step:
+        return Judgement(ChannelState.DIVERGED, None, f"{off} at the end, and accelerating")
+    if left > _QUIET * tolerance and mode is not None and mode.decays:
+        longer = math.log(max(left / tolerance, 2.0)) / -mode.growth_rate
+        reason = f"still ringing at {mode.frequency:.4g} Hz with {left:.4g}, which decays"
+        reason += f": simulate {longer:.2g} s longer"
+    elif abs(limit) <= tolerance:
+        reason = f"{off} at the end, still moving towards it: simulate longer"
+    elif abs(limit - last) < tolerance:
+        reason = f"at rest {off}: the reference and the circuit disagree"
+    else:
+        reason = f"{off} at the end and moving towards {limit:.4g} off target: simulate longer"
+    return Judgement(ChannelState.NOT_SETTLED, None, reason)

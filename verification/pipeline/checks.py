@@ -1,0 +1,272 @@
+"""Checks and their outcomes: each with its value, its uncertainty, its limit and a reason.
+
+What could not be decided is never a pass. `CHECKS` is the table; to add a check is to add one
+function and one entry.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+from netlist_gen.quantities import show
+from netlist_gen.scene.scene import Checks
+from verification.measures.measure import ChannelMeasure, Measurements
+from verification.measures.settling import ChannelState
+from verification.measures.times import Reading
+from verification.pipeline.agreement import Agreement
+from verification.pipeline.step_error import StepError
+from verification.small_signal.margin import Margin
+from verification.small_signal.poles import Poles
+
+
+class Outcome(enum.Enum):
+    """How a check, or a whole verification, ended."""
+
+    PASS = "pass"  # noqa: S105
+    FAIL = "fail"
+    INCONCLUSIVE = "inconclusive"
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One check.
+
+    Attributes
+    ----------
+    value, uncertainty : float or None
+        What was measured and how wrong it may be, in `unit`.
+    expected, tolerance : float or None
+        The wanted value and how far from it is accepted, or the limit in `expected` alone.
+    unit : str
+        ``"s"``, ``"1/s"``, ``"step"`` (a fraction of the step amplitude) or ``"ratio"``.
+    """
+
+    name: str
+    outcome: Outcome
+    value: float | None
+    uncertainty: float | None
+    expected: float | None
+    tolerance: float | None
+    unit: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """Everything that a check may look at.
+
+    `agreement` is None where only one engine ran, or where a growing oscillation gives no scale;
+    `margin` is what the scene's stability check asks for, where it asks for more than stability;
+    `reference_error` is a fraction of the step amplitude; `reference_problem` says why the
+    reference solution cannot be believed, or is empty.
+    """
+
+    checks: Checks
+    measurements: Measurements
+    error: StepError
+    agreement: Agreement | None
+    poles: Poles
+    margin: Margin | None
+    reference_error: float
+    reference_problem: str
+
+
+NO_STEP = "nothing to judge: with this strain and initial state no output has to move"
+UNSTEADY = (ChannelState.OSCILLATING, ChannelState.CLIPPED, ChannelState.DIVERGED)
+
+
+def judge(evidence: Evidence) -> tuple[Check, ...]:
+    """Run every check of `CHECKS` that the scene asks for."""
+    return tuple(check for make in CHECKS if (check := make(evidence)) is not None)
+
+
+def overall(checks: Iterable[Check]) -> Outcome:
+    """Fail if any check failed, else inconclusive if any is undecided, else pass."""
+    outcomes = {check.outcome for check in checks}
+    for worst in (Outcome.FAIL, Outcome.INCONCLUSIVE):
+        if worst in outcomes:
+            return worst
+    return Outcome.PASS if outcomes else Outcome.INCONCLUSIVE
+
+
+def at_most(value: float, uncertainty: float, limit: float) -> Outcome:
+    """Compare with an upper limit; a difference within the uncertainty is undecided."""
+    if not math.isfinite(value):
+        return Outcome.INCONCLUSIVE
+    if value + uncertainty <= limit:
+        return Outcome.PASS
+    return Outcome.FAIL if value - uncertainty > limit else Outcome.INCONCLUSIVE
+
+
+def describe_states(measurements: Measurements) -> str:
+    """Say which channels are in trouble, with frequency and growth rate where they ring."""
+    groups: dict[ChannelState, list[ChannelMeasure]] = {}
+    for channel in measurements.channels:
+        groups.setdefault(channel.state, []).append(channel)
+    parts = []
+    for state, channels in groups.items():
+        if state is ChannelState.SETTLED:
+            continue
+        where = "channel " + ", ".join(str(channel.index + 1) for channel in channels)
+        if len(channels) == len(measurements.channels) > 1:
+            where = "every channel"
+        text = f"{where} {state.value}"
+        first = channels[0]
+        if first.frequency is not None:
+            text += f" at {show(first.frequency, 'Hz')}"
+        if first.growth_rate is not None:
+            text += f", growth rate {first.growth_rate:+.4g} /s"
+        parts.append(text)
+    return "; ".join(parts)
+
+
+def _steady_state(evidence: Evidence) -> Check:
+    limit = evidence.checks.steady_state.tolerance
+    m = evidence.measurements
+    value = max(abs(c.final - c.target) for c in m.channels) / m.amplitude if m.amplitude else 0.0
+    uncertainty = evidence.error.steady_state + evidence.reference_error
+    outcome, reason = at_most(value, uncertainty, limit), "largest |final - reference|"
+    trouble = describe_states(m)
+    if evidence.reference_problem:
+        outcome, reason = Outcome.INCONCLUSIVE, evidence.reference_problem
+    elif not m.amplitude:
+        return _undecided("steady_state", "step", NO_STEP, limit)
+    elif any(c.state in UNSTEADY for c in m.channels):
+        outcome, reason = Outcome.FAIL, f"no steady state: {trouble}"
+    elif trouble:
+        reason += f"; {trouble}"
+    return Check("steady_state", outcome, value, uncertainty, 0.0, limit, "step", reason)
+
+
+def _settling_time(evidence: Evidence) -> Check:
+    wanted = evidence.checks.settling_time
+    reading = evidence.measurements.settling_time
+    band = f"to ±{100 * wanted.band:g} % of the step amplitude"
+    if evidence.reference_problem:
+        return _undecided("settling_time", "s", evidence.reference_problem, wanted.max)
+    if not evidence.measurements.amplitude:
+        return _undecided("settling_time", "s", NO_STEP, wanted.max)
+    if reading is None:
+        trouble = evidence.measurements.reason
+        return Check("settling_time", Outcome.FAIL, None, None, wanted.max, None, "s", trouble)
+    return _timed("settling_time", reading, evidence.error.settling_time, wanted.max, band)
+
+
+def _rise_time(evidence: Evidence) -> Check | None:
+    wanted = evidence.checks.rise_time
+    if wanted is None:
+        return None
+    if evidence.reference_problem:
+        return _undecided("rise_time", "s", evidence.reference_problem, wanted.max)
+    channels = evidence.measurements.channels
+    number = wanted.channel or (len(channels) + 1) // 2
+    if number > len(channels):
+        reason = f"there is no channel {number}; the scene has {len(channels)}"
+        return _undecided("rise_time", "s", reason, wanted.max)
+    channel = channels[number - 1]
+    if channel.rise_time is None:
+        return _undecided("rise_time", "s", f"channel {number}: {channel.rise_reason}", wanted.max)
+    text = f"10-90 % of channel {number}"
+    check = _timed("rise_time", channel.rise_time, evidence.error.rise_time, wanted.max, text)
+    if wanted.min is None or check.outcome is not Outcome.PASS:
+        return check
+    values = [channel.rise_time.value, channel.rise_time.alternative or channel.rise_time.value]
+    doubt = check.uncertainty or 0.0
+    lower, other = (at_most(-value, doubt, -wanted.min) for value in values)
+    lower = lower if lower is other else Outcome.INCONCLUSIVE  # fragile, and a hair decides
+    reason = f"{text}; at least {show(wanted.min, 's')}"
+    return Check("rise_time", lower, check.value, check.uncertainty, wanted.max, None, "s", reason)
+
+
+def _overshoot(evidence: Evidence) -> Check | None:
+    wanted = evidence.checks.overshoot
+    if wanted is None:
+        return None
+    if evidence.reference_problem:
+        return _undecided("overshoot", "step", evidence.reference_problem, wanted.max)
+    value = max(channel.overshoot or 0.0 for channel in evidence.measurements.channels)
+    error = evidence.error.overshoot
+    outcome = at_most(value, error, wanted.max)
+    reason = "largest excursion beyond a target"
+    if any(channel.state in UNSTEADY for channel in evidence.measurements.channels):
+        outcome, reason = Outcome.FAIL, describe_states(evidence.measurements)
+    return Check("overshoot", outcome, value, error, wanted.max, None, "step", reason)
+
+
+def _stability(evidence: Evidence) -> Check:
+    pole, wanted = evidence.poles.rightmost, evidence.checks.stability.margin
+    text = f"rightmost pole {pole.real:+.4g} {pole.imag:+.4g}j /s"
+    margin = evidence.margin
+
+    def check(outcome: Outcome, reason: str) -> Check:
+        if margin is None:
+            return Check("stability", outcome, pole.real, None, 0.0, None, "1/s", reason)
+        return Check("stability", outcome, margin.factor, None, wanted, None, "ratio", reason)
+
+    if not evidence.poles.stable:
+        ringing = show(abs(pole.imag) / (2 * math.pi), "Hz")
+        verb = f"oscillates at {ringing}" if pole.imag else "runs away"
+        return check(Outcome.FAIL, f"{verb}, growth rate {pole.real:+.4g} /s: {text}")
+    trouble = [c for c in evidence.measurements.channels if c.state in UNSTEADY]
+    if trouble:
+        seen = describe_states(evidence.measurements)
+        return check(
+            Outcome.INCONCLUSIVE, f"the poles say stable ({text}), the transient does not: {seen}"
+        )
+    if margin is None:
+        return check(Outcome.PASS, text)
+    outcome = Outcome.PASS if margin.factor >= wanted else Outcome.FAIL
+    return check(outcome, f"{text}; {margin.text}")
+
+
+def _engines_agree(evidence: Evidence) -> Check | None:
+    agreement, m = evidence.agreement, evidence.measurements
+    if agreement is None:
+        return None
+    limit, amplitude = evidence.checks.engines_agree.tolerance, m.amplitude or 1.0
+    if agreement.reason:
+        reason = f"the state-space engine has no answer: {agreement.reason}"
+        return _undecided("engines_agree", "step", reason, limit)
+    value, steps = agreement.difference / amplitude, agreement.step_error / amplitude
+    outcome = at_most(value, 0.0, limit)
+    reason = "largest difference to the state-space engine, steps extrapolated"
+    if outcome is Outcome.FAIL and steps > limit:
+        outcome = Outcome.INCONCLUSIVE
+        reason += f"; the simulation's own steps err by {steps:.2g}: raise points_per_period"
+    elif outcome is Outcome.FAIL:
+        reason += f"; channel {agreement.channel + 1} at {show(agreement.time, 's')}"
+    return Check("engines_agree", outcome, value, None, limit, None, "step", reason)
+
+
+def _timed(name: str, reading: Reading, error: float, limit: float | None, text: str) -> Check:
+    uncertainty = reading.uncertainty + error
+    outcome, reason = Outcome.PASS, text
+    if not math.isfinite(uncertainty):
+        reason += "; a second run at another step disagrees on whether there is such a time"
+        return Check(name, Outcome.INCONCLUSIVE, reading.value, None, limit, None, "s", reason)
+    if limit is not None:
+        outcome = at_most(reading.value, uncertainty, limit)
+        if outcome is Outcome.INCONCLUSIVE:
+            reason += "; the limit is within the uncertainty"
+    if reading.fragile and reading.alternative is not None:
+        reason += f"; fragile: a hair decides between this and {show(reading.alternative, 's')}"
+        if limit is not None and at_most(reading.alternative, uncertainty, limit) is not outcome:
+            outcome = Outcome.INCONCLUSIVE
+    return Check(name, outcome, reading.value, uncertainty, limit, None, "s", reason)
+
+
+def _undecided(name: str, unit: str, reason: str, limit: float | None) -> Check:
+    return Check(name, Outcome.INCONCLUSIVE, None, None, limit, None, unit, reason)
+
+
+CHECKS: tuple[Callable[[Evidence], Check | None], ...] = (
+    _steady_state,
+    _settling_time,
+    _rise_time,
+    _overshoot,
+    _stability,
+    _engines_agree,
+)

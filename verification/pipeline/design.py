@@ -1,0 +1,77 @@
+"""A scene's board with all that is known of it before anything runs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from netlist_gen.analysis import Transient
+from netlist_gen.board.circuit import Circuit
+from netlist_gen.board.scalings import make_scalings
+from netlist_gen.board.synthesis import synthesise
+from netlist_gen.problem.inverse_problem import InverseProblem, make_problem
+from netlist_gen.scene.scene import Scene
+from verification.ideal.ideal_answer import ideal_network
+from verification.ideal.lambda_rule import resolve_lambda
+from verification.pipeline.clock import Clock
+from verification.pipeline.simulation import choose_engine
+from verification.pipeline.transient_plan import plan_transient
+from verification.reference import IdealNetwork
+from verification.small_signal.poles import Poles, poles_behind
+from verification.small_signal.time_scales import TimeScales, time_scales
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Design:
+    """A board, its problem, and how it is to be simulated.
+
+    Attributes
+    ----------
+    scene : Scene
+        With a number for lambda.
+    network : IdealNetwork
+        What the board would be with ideal parts, for the reference.
+    poles, scales
+        Of the board linearised at its equilibrium.
+    engine : str
+        A key of `verification.pipeline.simulation.ENGINES`.
+    transient : Transient
+        As long and as fine as the scales ask for.
+    """
+
+    scene: Scene
+    problem: InverseProblem
+    circuit: Circuit
+    network: IdealNetwork
+    scales: TimeScales
+    poles: Poles
+    engine: str
+    transient: Transient
+
+
+def design_board(
+    scene: Scene,
+    clock: Clock,
+    *,
+    problem: InverseProblem | None = None,
+    circuit: Circuit | None = None,
+) -> Design:
+    """Synthesise the board of `scene` and plan its transient.
+
+    `problem` and `circuit` replace what would be made from the scene.
+
+    Raises
+    ------
+    InputError, NoVerdictError
+        As `verification.verify.verify`.
+    """
+    clock.begin("synthesis")
+    scene = resolve_lambda(scene)
+    problem = make_problem(scene) if problem is None else problem
+    circuit = synthesise(scene, problem) if circuit is None else circuit
+    network = ideal_network(problem, make_scalings(scene), scene)
+    clock.begin("poles")
+    scales = time_scales(circuit, initial=scene.analysis.initial)
+    poles = poles_behind(circuit, scales)
+    engine = choose_engine(scene)
+    transient = plan_transient(scene, scales, engine)
+    return Design(scene, problem, circuit, network, scales, poles, engine, transient)

@@ -1,0 +1,81 @@
+"""The error budget of an answer: each part measured by itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from netlist_gen.board.circuit import Circuit
+from netlist_gen.problem.inverse_problem import InverseProblem
+from spice_models.array_types import Floats
+from verification.engines.statespace.linearised.equilibrium import Equilibrium
+from verification.ideal.ideal_answer import IdealAnswer, rounded_network
+from verification.reference import IdealNetwork, solve
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorPart:
+    """One part: the largest deviation of any channel in V, and how it was found.
+
+    `value` is None where it cannot be known.
+    """
+
+    name: str
+    value: float | None
+    how: str
+
+
+def error_budget(
+    problem: InverseProblem,
+    network: IdealNetwork,
+    circuit: Circuit,
+    ideal: IdealAnswer,
+    rest: Equilibrium,
+    final: Floats,
+    simulator: float,
+) -> tuple[ErrorPart, ...]:
+    """Split the way from the true stress to the simulated outputs into its parts.
+
+    Parameters
+    ----------
+    rest : Equilibrium
+        Of the board, from the state-space equations.
+    final : ndarray (N,)
+        Outputs at the end of the record, V.
+    simulator : float
+        The simulation's own error, V.
+
+    Raises
+    ------
+    SolverError
+        The steady state with the rounded resistors cannot be computed.
+    """
+    rounded = solve(rounded_network(network, circuit).problem).u * network.U0
+    board = np.array([out.sign * rest[out.node] for out in circuit.outputs])
+    truth = None if problem.stress is None else problem.stress * network.U0
+    return (
+        ErrorPart(
+            "ill_posedness",
+            None if truth is None else _largest(ideal.target - truth),
+            "regularised optimum against the true stress (regularisation and noise)",
+        ),
+        ErrorPart(
+            "resistors",
+            _largest(rounded - ideal.target),
+            "optimum with the resistors as they are against the one asked for",
+        ),
+        ErrorPart(
+            "opamps",
+            _largest(board - rounded),
+            "the board's equilibrium against the optimum (finite gain, loading)",
+        ),
+        ErrorPart(
+            "unsettled", _largest(final - board), "end of the record against that equilibrium"
+        ),
+        ErrorPart("simulator", simulator, "two runs at different steps, extrapolated"),
+    )
+
+
+def _largest(difference: Floats) -> float:
+    return float(np.max(np.abs(difference), initial=0.0))

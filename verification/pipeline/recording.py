@@ -1,0 +1,179 @@
+"""Transients recorded and measured against the reference; nothing is judged here."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TypedDict
+
+from netlist_gen.analysis import Transient
+from netlist_gen.board.circuit import Circuit
+from netlist_gen.scene.scene import Scene
+from spice_models.array_types import Floats
+from verification.ideal.ideal_answer import IdealAnswer, ideal_answer
+from verification.measures.measure import Measurements, glance, measure
+from verification.pipeline.agreement import Agreement, compare_engines, exact_record, other_engine
+from verification.pipeline.clock import Clock, Progress
+from verification.pipeline.design import Design, design_board
+from verification.pipeline.effort import Effort
+from verification.pipeline.simulation import PHYSICAL_BOUND, Pending, Simulation, begin, outputs
+from verification.pipeline.step_error import StepError, simulation_error, undecided
+from verification.waveforms import Waveforms
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Record:
+    """Waveforms of one transient and what was measured on them."""
+
+    circuit: Circuit
+    transient: Transient
+    waveforms: Waveforms
+    measurements: Measurements
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """A transient with what tells its error.
+
+    Attributes
+    ----------
+    simulation : Simulation
+        The waveforms.
+    measurements : Measurements
+        Of the finer run.
+    u : ndarray (P, N)
+        Outputs of the finer run, V.
+    error : StepError
+        The simulation's own.
+    agreement : Agreement or None
+        With the other engine; None where only one ran.
+    """
+
+    simulation: Simulation
+    measurements: Measurements
+    u: Floats
+    error: StepError
+    agreement: Agreement | None
+
+
+def record_transient(scene: Scene, progress: Progress = lambda stage: None) -> Record:
+    """Simulate the transient of `scene` once, without a second look at another step.
+
+    Raises
+    ------
+    InputError, NoVerdictError
+        As `verification.verify.verify`.
+    """
+    clock = Clock(progress)
+    design = design_board(scene, clock)
+    clock.begin("simulation")
+    once = Effort(second_look=False)
+    pending = begin(design.scene, design.circuit, design.transient, design.engine, once)
+    ideal = ideal_answer(design.network, design.scene)
+    waveforms = pending.result().fine
+    clock.begin("measures")
+    measurements, _ = measure_outputs(
+        design.scene, design.circuit, ideal, waveforms, design.transient
+    )
+    return Record(design.circuit, design.transient, waveforms, measurements)
+
+
+def watch(
+    design: Design, ideal: IdealAnswer, pending: Pending, clock: Clock, effort: Effort
+) -> Recording:
+    """Wait for a simulation under way, do what can be done meanwhile, and measure it.
+
+    The coarser run ends while the finer one is under way; it is read, and the other engine run, in
+    that time. Without a second look the state-space engine takes the coarser run's place. It is
+    judged only where its readings alone do not tell the finer run's error.
+    With details, times on an exact solution are found by root finding, not on its grid.
+
+    Raises
+    ------
+    SimulationError
+        As `verification.pipeline.simulation.Pending.result`.
+    """
+    scene, circuit, transient = design.scene, design.circuit, design.transient
+    stable = design.poles.stable
+    clock.begin("simulation")
+    second, share = pending.second_look(), pending.share
+    clock.begin("second look", beside="simulation")
+    if not effort.second_look and share and stable:
+        second, share = exact_record(circuit, transient), 1.0
+    coarse = other = None
+    if second is not None:
+        terms = _terms(scene, circuit, transient)
+        there = outputs(circuit, second)
+        coarse = glance(second.time, there, ideal.target, ideal.start, **terms)
+    if second is not None and effort.second_look and stable:
+        other = other_engine(circuit, transient, second)
+    clock.begin("simulation")
+    simulation = pending.result(running_away=not stable)
+    clock.begin("measures")
+    fine, u = measure_outputs(
+        scene, circuit, ideal, simulation.fine, transient, details=effort.details
+    )
+    if effort.details and stable and _is_exact(design):
+        fine = _on_the_solution(design, ideal, u[-1])
+    if math.isinf(simulation.share):  # the record ends early: nothing tells its error
+        coarse, share = None, math.inf
+    if second is not None and coarse is not None and undecided(fine, coarse):
+        again, _ = measure_outputs(scene, circuit, ideal, second, transient, details=effort.details)
+        coarse = again.look
+    error = simulation_error(fine, coarse, share)
+    agreement = compare_engines(circuit, simulation, other) if other is not None else None
+    return Recording(simulation, fine, u, error, agreement)
+
+
+def _is_exact(design: Design) -> bool:
+    from verification.engines.statespace.transients.exact import is_large
+
+    linear = not design.circuit.amplifiers
+    automatic = design.scene.analysis.stop == "auto"
+    return design.engine == "statespace" and linear and automatic and not is_large(design.circuit)
+
+
+def _on_the_solution(design: Design, ideal: IdealAnswer, final: Floats) -> Measurements:
+    """Measure the exact solution; `final` stays the end of the record, as for every engine."""
+    from verification.small_signal.exact_measures import measure_exact
+
+    found = measure_exact(
+        design.circuit,
+        ideal.target,
+        ideal.start,
+        initial=design.transient.initial,
+        band=design.scene.checks.settling_time.band,
+    )
+    ends = zip(found.channels, final.tolist(), strict=True)
+    return replace(found, channels=tuple(replace(c, final=end) for c, end in ends))
+
+
+def measure_outputs(
+    scene: Scene,
+    circuit: Circuit,
+    ideal: IdealAnswer,
+    waveforms: Waveforms,
+    transient: Transient,
+    *,
+    details: bool = True,
+) -> tuple[Measurements, Floats]:
+    """Measure `waveforms` against the reference; return the measures and u (P, N), V."""
+    u, terms = outputs(circuit, waveforms), _terms(scene, circuit, transient)
+    found = measure(waveforms.time, u, ideal.target, ideal.start, **terms, details=details)
+    return found, u
+
+
+class _Terms(TypedDict):
+    """What `measure` and `glance` are told besides the record and where it should go."""
+
+    band: float
+    bound: float
+    expected_stop: float
+
+
+def _terms(scene: Scene, circuit: Circuit, transient: Transient) -> _Terms:
+    return {
+        "band": scene.checks.settling_time.band,
+        "bound": PHYSICAL_BOUND * circuit.scalings.unit_voltage,
+        "expected_stop": transient.stop,
+    }

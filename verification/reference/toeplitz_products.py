@@ -1,0 +1,157 @@
+"""Fast products with a Toeplitz matrix and solvers that need no more than those.
+
+The Newton matrix ``mu I + D T^T T D`` is preconditioned by circulants, each for one value of D^2
+and blended where D^2 lies between them: a single one leaves channels with a small D badly scaled.
+Two digits a step are enough, so the solver works in single precision if the condition allows.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spice_models.array_types import Floats
+
+Real = NDArray[Any]
+"""Single or double precision."""
+
+INNER_TOLERANCE = 1e-2
+INNER_STEPS = 500
+SINGLE_CONDITION = 1e5
+"""Condition of the Newton matrix up to which the inner solver works in single precision."""
+BLENDS = 3
+"""Circulants in the preconditioner."""
+
+
+class ToeplitzMatrix:
+    """A square Toeplitz matrix by its first column and row.
+
+    Parameters
+    ----------
+    column, row : ndarray (N,)
+        First column and first row; their first entries agree.
+
+    Attributes
+    ----------
+    norm : float
+        Norm of the circulant that T is a part of: an upper bound on the spectral norm of T.
+    """
+
+    def __init__(self, column: Floats, row: Floats) -> None:
+        from scipy import fft
+
+        self.size = len(column)
+        self._length = fft.next_fast_len(2 * self.size - 1, real=True)
+        ring = np.zeros(self._length)
+        ring[: self.size] = column
+        if self.size > 1:
+            ring[1 - self.size :] = row[:0:-1]
+        self._spectrum = np.asarray(fft.rfft(ring))
+        self._single = self._spectrum.astype(np.complex64)
+        self.norm = float(np.max(np.abs(self._spectrum)))
+        self.rounding = 4.0 * float(np.finfo(float).eps) * float(np.sqrt(np.log2(self._length + 1)))
+        """Rounding error of a product over ``norm |x|``: root of log N for a fast transform."""
+
+    def product(self, u: Real) -> Real:
+        """Return ``T u`` for u (N,), in the precision of u."""
+        return self._convolve(u, conjugate=False)
+
+    def transposed(self, r: Real) -> Real:
+        """Return ``T^T r`` for r (N,), in the precision of r."""
+        return self._convolve(r, conjugate=True)
+
+    def _convolve(self, x: Real, conjugate: bool) -> Real:
+        from scipy import fft
+
+        image = np.asarray(fft.rfft(x, self._length))
+        spectrum = self._single if image.dtype == np.complex64 else self._spectrum
+        image *= np.conj(spectrum) if conjugate else spectrum
+        return np.asarray(fft.irfft(image, self._length, overwrite_x=True)[: self.size])
+
+
+def circulant_power(column: Floats, row: Floats) -> Floats:
+    """Return the squared spectrum of the circulant nearest to T (T. Chan), (N // 2 + 1,)."""
+    from scipy import fft
+
+    size = len(column)
+    share = np.arange(size) / size
+    wrapped = np.concatenate([[0.0], row[:0:-1]])
+    return np.asarray(np.abs(fft.rfft((1.0 - share) * column + share * wrapped)) ** 2)
+
+
+class ConjugateGradients:
+    """``(mu I + D T^T T D) y = D T^T f1 + f2`` to two digits."""
+
+    def __init__(self, T: ToeplitzMatrix, power: Floats, D: Floats, mu: float) -> None:
+        self._T, self._D, self._mu = T, D, mu
+        square = D * D
+        top, crest = float(np.max(square)), float(np.max(power))
+        single = top * T.norm**2 <= SINGLE_CONDITION * mu
+        self._type: np.dtype[Any] = np.dtype(np.float32 if single else np.float64)
+        least = max(float(np.min(square)), 0.3 * mu / crest if crest > 0.0 else top, 1e-300)
+        low, high = np.log(least), np.log(max(top, least))
+        nodes = np.linspace(low, high, BLENDS) if high - low > 0.1 else np.array([high])
+        place = np.zeros_like(D)
+        if len(nodes) > 1:
+            place = (np.log(np.maximum(square, least)) - low) / (nodes[1] - nodes[0])
+        apart = np.abs(place - np.arange(len(nodes))[:, None])
+        self._weights: Real = np.sqrt(np.maximum(1.0 - apart, 0.0)).astype(self._type)
+        self._inverses: Real = (mu / (mu + np.outer(np.exp(nodes), power))).astype(self._type)
+
+    def solve(self, f1: Floats, f2: Floats) -> Floats:
+        """Return y (N,) for f1 and f2 (N,)."""
+        b = self._D * self._T.transposed(f1) + f2
+        size = float(np.linalg.norm(b))
+        if size == 0.0:
+            return b
+        D: Real = self._D.astype(self._type)
+        mu = self._type.type(self._mu)
+        y: Real = np.zeros_like(D)
+        r: Real = (b / size).astype(self._type)
+        z = self._preconditioned(r)
+        p, rho = z, float(r @ z)
+        target = INNER_TOLERANCE**2 * rho
+        for _ in range(INNER_STEPS):
+            q = D * self._T.transposed(self._T.product(D * p)) + mu * p
+            curvature = float(p @ q)
+            if not curvature > 0.0:
+                break
+            step = self._type.type(rho / curvature)
+            y += step * p
+            r -= step * q
+            z = self._preconditioned(r)
+            rho, before = float(r @ z), rho
+            if not rho > target:
+                break
+            p = z + self._type.type(rho / before) * p
+        return np.asarray(y.astype(np.float64) * size)
+
+    def _preconditioned(self, r: Real) -> Real:
+        from scipy import fft
+
+        images: Real = np.asarray(fft.rfft(self._weights * r, axis=1, workers=2))
+        images *= self._inverses
+        back: Real = fft.irfft(images, len(r), axis=1, workers=2, overwrite_x=True)
+        return np.asarray(np.sum(self._weights * back, axis=0))
+
+
+class Levinson:
+    """``(T^2 + mu) y = T f1 + f2`` for symmetric T, by one complex Toeplitz system.
+
+    ``(T + i sqrt(mu))^-1 = (T - i sqrt(mu)) (T^2 + mu)^-1``: real and imaginary part.
+    """
+
+    def __init__(self, column: Floats, mu: float) -> None:
+        self._root = np.sqrt(mu)
+        self._column = column.astype(complex)
+        self._column[0] += 1j * self._root
+
+    def solve(self, f1: Floats, f2: Floats) -> Floats:
+        """Return y (N,) for f1 and f2 (N,)."""
+        from scipy.linalg import solve_toeplitz
+
+        both = np.stack([f1, f2], axis=1)
+        x = solve_toeplitz((self._column, self._column), both)
+        return np.asarray(x[:, 0].real - x[:, 1].imag / self._root)

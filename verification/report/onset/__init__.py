@@ -1,0 +1,1 @@
+"""Stability crossings as tables and plots."""

@@ -1,0 +1,1 @@
+"""A regression as text, Markdown and JUnit XML."""

@@ -1,0 +1,175 @@
+"""A regression run in words: the rows that every report shares, the table, the JSON document."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+from rich.text import Text
+
+from netlist_gen.quantities import show
+from verification.report.verdict.json_document import check_record
+from verification.studies.regression.compare import Difference
+from verification.studies.regression.run import RegressionReport, SceneResult, Status
+
+SHOWN = 12  # changed quantities a scene in a report for people; the JSON has all
+SUMMARY = ("scene", "status", "checks", "tolerances off", "simulator", "baseline from")
+CHANGES = ("what", "value", "baseline", "tolerance", "tolerances off", "note")
+PREFIX = {"checks": "check ", "states": "state ", "waveforms": "waveform "}
+COLOUR = {
+    Status.SAME: "green",
+    Status.NEWLY_PASSING: "green",
+    Status.NEW: "cyan",
+    Status.NOT_RUN: "yellow",
+    Status.NO_VERDICT: "yellow",
+}
+
+
+def summary_row(result: SceneResult) -> tuple[str, ...]:
+    """Return one scene's row under the titles `SUMMARY`."""
+    passed = sum(check.outcome.value == "pass" for check in result.checks)
+    checks = f"{passed} of {len(result.checks)} pass" if result.checks else "-"
+    worst = off_text(result.worst) if result.differences else "-"
+    simulator = result.entry.simulator if result.entry else "-"
+    revision = short(result.baseline.revision) if result.baseline else "-"
+    scene = result.file.removesuffix(".toml")
+    return scene, result.status.value, checks, worst, simulator, revision
+
+
+def change_rows(result: SceneResult) -> list[tuple[str, ...]]:
+    """Return the changed quantities under the titles `CHANGES`, `SHOWN` of them at the most."""
+    rows: list[tuple[str, ...]] = [
+        (
+            PREFIX.get(d.group, "") + d.name,
+            value_text(d.value, d.unit),
+            value_text(d.baseline, d.unit),
+            value_text(d.tolerance, d.unit),
+            off_text(d.off),
+            d.note,
+        )
+        for d in result.changes[:SHOWN]
+    ]
+    more = len(result.changes) - SHOWN
+    return [*rows, (f"and {more} more (--json has all)", "", "", "", "", "")] if more > 0 else rows
+
+
+def change_line(d: Difference) -> str:
+    """Return one changed quantity in a line."""
+    now, then = value_text(d.value, d.unit), value_text(d.baseline, d.unit)
+    text = f"{PREFIX.get(d.group, '')}{d.name}: {now}, baseline {then}"
+    if d.tolerance is not None:
+        text += f", tolerance {value_text(d.tolerance, d.unit)}, {off_text(d.off)} tolerances off"
+    return f"{text} ({d.note})" if d.note else text
+
+
+def remarks(result: SceneResult) -> list[str]:
+    """Return what is to be said of a scene beside its changes: failed checks, reason, notes."""
+    failed = [c for c in result.checks if c.outcome.value == "fail"]
+    found = [f"check {c.name.replace('_', ' ')} fails: {c.reason}" for c in failed]
+    return [*found, *([result.reason] if result.reason else []), *result.notes]
+
+
+def headline(report: RegressionReport) -> str:
+    """Return the run in one line."""
+    counts = ", ".join(f"{count} {status}" for status, count in report.count().items())
+    text = f"{report.folder} against {report.baseline}: {counts}"
+    return text if report.revision == "unknown" else f"{text}; at {short(report.revision)}"
+
+
+def short(revision: str) -> str:
+    """Return a commit as people write it."""
+    return revision if revision == "unknown" else revision[:12]
+
+
+def off_text(off: float) -> str:
+    """Return a difference in tolerances; what cannot be compared is "differs"."""
+    return f"{off:.3g}" if math.isfinite(off) else "differs"
+
+
+def value_text(value: float | str | None, unit: str) -> str:
+    """Return a value with its unit; a dash where there is none."""
+    if value is None:
+        return "-"
+    if isinstance(value, str):
+        return value
+    if unit in ("V", "s", "Hz"):
+        return show(value, unit, 6)
+    return f"{value:.6g} /s" if unit == "1/s" else f"{value:.6g}"
+
+
+def print_regression(report: RegressionReport, console: Console) -> None:
+    """Print the scenes, then what changed in each."""
+    table = Table(*SUMMARY, box=SIMPLE_HEAD, pad_edge=False)
+    for result in report.results:
+        row = [escape(cell) for cell in summary_row(result)]
+        table.add_row(*row[:1], Text(row[1], style=COLOUR.get(result.status, "red")), *row[2:])
+    console.print(table)
+    for result in report.results:
+        _print_scene(result, console)
+    console.print(Text(headline(report), style="bold"))
+
+
+def _print_scene(result: SceneResult, console: Console) -> None:
+    rows, said = change_rows(result), remarks(result)
+    if result.status is Status.SAME or not (rows or said):
+        return
+    console.print(Text(f"{result.file}: {result.status.value}", style="bold"))
+    for line in said:
+        console.print(Text(f"  {line}"))
+    if rows:
+        table = Table(*CHANGES, box=SIMPLE_HEAD, pad_edge=False)
+        for row in rows:
+            table.add_row(*map(escape, row))
+        console.print(table)
+
+
+def regression_document(report: RegressionReport) -> dict[str, Any]:
+    """Return a run as plain data; SI base units, and `off` is null where nothing compares."""
+    return {
+        "exit_status": report.exit_status,
+        "folder": report.folder,
+        "baseline": report.baseline,
+        "revision": report.revision,
+        "updated": report.updated,
+        "interrupted": report.interrupted,
+        "counts": report.count(),
+        "scenes": [_record(result) for result in report.results],
+    }
+
+
+def _record(result: SceneResult) -> dict[str, Any]:
+    then, now = result.baseline, result.entry
+    return {
+        "file": result.file,
+        "status": result.status.value,
+        "outcome": now.outcome if now else None,
+        "reason": result.reason,
+        "notes": list(result.notes),
+        "simulator": now.simulator if now else None,
+        "baseline": then and {key: getattr(then, key) for key in ORIGIN},
+        "worst": result.worst if result.differences else None,
+        "checks": [check_record(check) for check in result.checks],
+        "differences": [_difference(d) for d in result.differences],
+        "seconds": result.seconds,
+    }
+
+
+ORIGIN = ("outcome", "revision", "taction", "simulator", "fingerprint")
+
+
+def _difference(d: Difference) -> dict[str, Any]:
+    return {
+        "group": d.group,
+        "name": d.name,
+        "value": d.value,
+        "baseline": d.baseline,
+        "tolerance": d.tolerance,
+        "off": d.off,
+        "changed": d.changed,
+        "unit": d.unit,
+        "note": d.note,
+    }

@@ -1,0 +1,190 @@
+"""A sweep to a file: CSV, Parquet or netCDF, by the file's ending; SI base units."""
+
+from __future__ import annotations
+
+import csv
+import importlib.util
+import itertools
+import os
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spice_models.errors import Complaint, InputError
+from verification.report.atomic_files import check_folder
+from verification.report.sweep.records import all_records, records
+from verification.studies.sweep.plan import Plan
+from verification.studies.sweep.point import NUMBERS
+from verification.studies.sweep.store import Store
+
+NEEDS = {  # ending: package, how to get it
+    ".parquet": ("pyarrow", "Parquet needs pyarrow: pip install 'taction[parquet]'"),
+    ".nc": ("xarray", "netCDF needs xarray: pip install 'taction[netcdf]'"),
+}
+WORDS = ("outcome", "failure", "state", "simulator", "reason")
+OUTCOMES = ("pass", "fail", "inconclusive", "error")
+BATCH = 5000  # rows that are in memory at a time
+UNITS = {"step": "1", "": "1"}  # as netCDF's conventions spell a plain number
+
+
+def check_sweep_export(path: str) -> None:
+    """Refuse a file that could not be written, before any work is done.
+
+    Raises
+    ------
+    InputError
+        An unknown ending, a missing folder, or a package that is not installed.
+    """
+    ending = Path(path).suffix.lower()
+    if ending not in WRITERS:
+        text = f"expected a file that ends in {', '.join(WRITERS)}"
+        raise InputError("--export", Complaint("FILE", repr(path), text))
+    check_folder(path, "--export")
+    package, remedy = NEEDS.get(ending, ("", ""))
+    if package and importlib.util.find_spec(package) is None:
+        raise InputError("--export", Complaint("FILE", repr(path), remedy))
+
+
+def export_sweep(plan: Plan, store: Store, path: str) -> None:
+    """Write every stored point of `plan` to `path`.
+
+    CSV and Parquet have one row a point and engine; netCDF has one dimension a group of axes and
+    one for the engine, with the axes as coordinates and units on everything.
+
+    Raises
+    ------
+    InputError
+        See `check_sweep_export`; or the file cannot be written.
+    """
+    check_sweep_export(path)
+    try:
+        with _replacing(Path(path)) as temporary:
+            WRITERS[Path(path).suffix.lower()](plan, store, temporary)
+    except OSError as error:
+        text = f"{error.strerror or error}; expected a file that can be written"
+        raise InputError("--export", Complaint("FILE", repr(path), text)) from None
+
+
+@contextmanager
+def _replacing(target: Path) -> Iterator[Path]:
+    """Give a place to write to, and put it at `target` only when it is complete."""
+    handle, name = tempfile.mkstemp(suffix=target.suffix, dir=target.parent)
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        yield temporary
+        umask = os.umask(0)
+        os.umask(umask)
+        temporary.chmod(0o666 & ~umask)
+        temporary.replace(target)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _numbers(plan: Plan) -> dict[str, str]:
+    """Return `NUMBERS` without those that are an axis, such as lambda."""
+    names = {axis.name for axis in plan.axes}
+    return {name: unit for name, unit in NUMBERS.items() if name not in names}
+
+
+def _rows(plan: Plan, store: Store) -> Iterator[dict[str, Any]]:
+    kept = ("engine", "stable", *_numbers(plan), *WORDS)
+    for record in records(plan, store):
+        yield record["values"] | {name: record[name] for name in kept}
+
+
+def _csv(plan: Plan, store: Store, path: Path) -> None:
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(_titles(plan))
+        for row in _rows(plan, store):
+            writer.writerow(
+                repr(v) if isinstance(v, float) else "" if v is None else v for v in row.values()
+            )
+
+
+def _titles(plan: Plan) -> list[str]:
+    return [*(axis.name for axis in plan.axes), "engine", "stable", *_numbers(plan), *WORDS]
+
+
+def _parquet(plan: Plan, store: Store, path: Path) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    kinds = {"real": pa.float64(), "integer": pa.int64(), "choice": pa.string()}
+
+    def column(name: str, kind: Any, unit: str) -> Any:
+        return pa.field(name, kind, metadata={"unit": unit} if unit else None)
+
+    schema = pa.schema(
+        [
+            *(column(axis.name, kinds[axis.key.kind], axis.key.unit) for axis in plan.axes),
+            column("engine", pa.string(), ""),
+            column("stable", pa.bool_(), ""),
+            *(column(name, pa.float64(), unit) for name, unit in _numbers(plan).items()),
+            *(column(name, pa.string(), "") for name in WORDS),
+        ]
+    )
+    words = [axis.name for axis in plan.axes if axis.key.kind == "choice"]
+    with pq.ParquetWriter(path, schema) as writer:
+        rows = _rows(plan, store)
+        while batch := list(itertools.islice(rows, BATCH)):
+            for row in batch:
+                row.update({name: str(row[name]) for name in words})
+            writer.write_table(pa.Table.from_pylist(batch, schema=schema))
+
+
+def grids(plan: Plan, store: Store) -> dict[str, np.ndarray[Any, Any]]:
+    """Return the numbers of a sweep as arrays over the grid, the engine last.
+
+    Every name of `NUMBERS` (NaN where there is none) and ``outcome``, the place in `OUTCOMES`
+    (-1 where nothing is stored); shape ``(*plan.shape, len(plan.engines))``.
+    """
+    shape = (*plan.shape, len(plan.engines))
+    found = {name: np.full(shape, np.nan) for name in NUMBERS}
+    outcome = np.full(shape, -1, dtype=np.int8)
+    for place, record in zip(np.ndindex(*shape), all_records(plan, store), strict=True):
+        if record is None:
+            continue
+        outcome[place] = OUTCOMES.index(record["outcome"])
+        for name, array in found.items():
+            if record[name] is not None:
+                array[place] = record[name]
+    return {**found, "outcome": outcome}
+
+
+def _netcdf(plan: Plan, store: Store, path: Path) -> None:
+    import xarray as xr
+
+    dimensions = [group[0].name for group in plan.groups]
+    coordinates: dict[str, Any] = {"engine": ("engine", list(plan.engines))}
+    for group, dimension in zip(plan.groups, dimensions, strict=True):
+        for axis in group:
+            values = axis.values if axis.key.kind != "choice" else [str(v) for v in axis.values]
+            about = {"long_name": axis.key.path, "units": axis.key.unit or "1"}
+            coordinates[axis.name] = (dimension, list(values), about)
+    everything = (*dimensions, "engine")
+    arrays = grids(plan, store)
+    variables: dict[str, Any] = {
+        name: (everything, arrays[name], {"units": UNITS.get(unit, unit)})
+        for name, unit in _numbers(plan).items()
+    }
+    flags = {
+        "flag_values": np.arange(len(OUTCOMES), dtype=np.int8),
+        "flag_meanings": " ".join(OUTCOMES),
+    }
+    variables["outcome"] = (everything, arrays["outcome"], flags)
+    about = {"scene": plan.scene.name, "Conventions": "CF-1.8", "source": "taction sweep"}
+    data = xr.Dataset(variables, coordinates, about)
+    data.to_netcdf(path, engine="scipy", format="NETCDF3_64BIT")
+
+
+WRITERS: dict[str, Callable[[Plan, Store, Path], None]] = {
+    ".csv": _csv,
+    ".parquet": _parquet,
+    ".nc": _netcdf,
+}

@@ -1,0 +1,1 @@
+"""Yields and corners as tables."""

@@ -1,0 +1,1 @@
+"""A verdict as table, JSON, plot and waveform files."""

@@ -1,0 +1,1 @@
+"""The linearised board: poles, margins, time scales, measures on the exact solution."""

@@ -1,0 +1,101 @@
+"""How fast the constraint plane is: the figure that the paper gives first.
+
+The paper measures "the rise time of the constraint plane amplifiers" and says that the response at
+the board is slower, because the resistors at a summing node form a time constant with its
+capacitance. So two figures: the amplifier alone at its noise gain, and the stage with its
+capacitance, which may ring.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from netlist_gen.board.circuit import GROUND, Circuit, CurrentSource, Output, Resistor
+from verification.engines.statespace.transients.exact import exact
+from verification.measures.crossings import first_above
+
+POINTS = 4000
+SPAN = 12.0  # record length in slowest time constants
+
+
+@dataclass(frozen=True, slots=True)
+class ConstraintPlane:
+    """10-90 % rise times of the constraint stage with the most resistors' load, s.
+
+    Attributes
+    ----------
+    row : int
+        Which stage, from 1.
+    amplifier_rise_time : float
+        Without capacitance at the summing node.
+    stage_rise_time : float
+        With it.
+    stage_overshoot : float
+        Of the stage's own step, with it, as a fraction.
+    """
+
+    row: int
+    amplifier_rise_time: float
+    stage_rise_time: float
+    stage_overshoot: float
+
+
+def constraint_plane(circuit: Circuit) -> ConstraintPlane | None:
+    """Take the most loaded constraint stage out of `circuit` and step its input current.
+
+    Returns None for a board whose op-amps have no poles: it rises at once.
+
+    Raises
+    ------
+    EngineError
+        The stage has no state-space form.
+    """
+    load = np.sum(1.0 / circuit.matrices[0].ohms, axis=1)
+    row = int(np.argmax(load)) + 1
+    stage = _alone(circuit, row, float(load[row - 1]))
+    bare = _without_capacitance(stage)
+    if not np.isfinite(next(iter(bare.models.values())).gbw):
+        return None
+    amplifier, _ = _rise(bare)
+    whole, overshoot = _rise(stage)
+    return ConstraintPlane(row, amplifier, whole, overshoot)
+
+
+def _alone(circuit: Circuit, row: int, siemens: float) -> Circuit:
+    """Return one constraint stage: its op-amp, s, stray, and all its resistors as one load."""
+    node = f"c_{row}"
+    return replace(
+        circuit,
+        opamps=tuple(cell for cell in circuit.opamps if cell.name == node),
+        amplifiers=(),
+        resistors=(
+            *(part for part in circuit.resistors if part.name == f"s_{row}"),
+            Resistor("load", node, GROUND, 1.0 / siemens),
+        ),
+        matrices=(),
+        capacitors=tuple(part for part in circuit.capacitors if part.a == node),
+        currents=(CurrentSource("step", node, -1.0 / circuit.scalings.gain),),
+        voltages=(),
+        outputs=(Output(f"w_{row}", 1.0),),
+    )
+
+
+def _without_capacitance(stage: Circuit) -> Circuit:
+    models = {
+        name: replace(model, input_capacitance=0.0, differential_capacitance=0.0)
+        for name, model in stage.models.items()
+    }
+    return replace(stage, capacitors=(), models=models)
+
+
+def _rise(stage: Circuit) -> tuple[float, float]:
+    solution = exact(stage)
+    slowest = 1.0 / float(np.min(np.abs(solution.poles.real)))
+    time = np.linspace(0.0, SPAN * slowest, POINTS)
+    step = solution.at(time)[:, 0] / solution.final[0]
+    early, late = first_above(time, step, 0.1), first_above(time, step, 0.9)
+    if early is None or late is None:
+        return float("nan"), 0.0
+    return late.time - early.time, max(float(step.max()) - 1.0, 0.0)

@@ -1,0 +1,1 @@
+"""Every stability crossing over a range, confirmed by transients."""

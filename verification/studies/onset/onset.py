@@ -1,0 +1,217 @@
+"""Onset of oscillation: where one value takes a board across its edge of stability.
+
+Poles say where; transients that ngspice integrates on both sides, started along the mode in
+question, say whether that is so. Neither is corrected by the other: where they disagree, the
+answer is that they disagree.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+from netlist_gen.board.circuit import Circuit
+from netlist_gen.board.synthesis import synthesise
+from netlist_gen.overrides.axes import Axis, parse_axis, with_value
+from netlist_gen.problem.inverse_problem import make_problem
+from netlist_gen.scene.scene import Scene
+from spice_models.errors import (
+    Complaint,
+    EngineError,
+    InputError,
+    SimulatorNotFound,
+    SimulatorTooOld,
+)
+from verification.engines.ngspice.executable import find_simulator
+from verification.small_signal.poles import count_unstable, poles
+from verification.studies.onset.pole_scan import scan
+from verification.studies.onset.scan_result import Crossing, Scan
+from verification.studies.onset.transient_trial import Confirmation, confirm
+
+AROUND = 30.0  # the default range is the scene's own value over and times this
+POINTS = 61  # of the grid that a scan begins with: 20 a decade in the default range
+TIMEOUT = 600.0  # of one transient, s
+
+Build = Callable[[float], Circuit]
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """A crossing and what the transients beside it say."""
+
+    crossing: Crossing
+    confirmation: Confirmation
+
+
+@dataclass(frozen=True, slots=True)
+class Count:
+    """Unstable poles at one value between two crossings, counted twice.
+
+    Attributes
+    ----------
+    value : float
+        Where.
+    poles : int
+        Eigenvalues on or right of the imaginary axis.
+    winding : int or None
+        Turns of the loop's determinant around the origin along that axis, which needs no
+        eigenvalue; None where it could not be followed, with the `reason`.
+    """
+
+    value: float
+    poles: int
+    winding: int | None
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Onset:
+    """Every crossing of a scene over one axis."""
+
+    scene: Scene
+    axis: Axis
+    scan: Scan
+    findings: tuple[Finding, ...]
+    counts: tuple[Count, ...]
+
+    @property
+    def disagreement(self) -> bool:
+        """Whether a transient contradicts a pole, or one count of unstable poles the other."""
+        trials = any(each.confirmation.confirmed is False for each in self.findings)
+        return trials or any(c.winding is not None and c.winding != c.poles for c in self.counts)
+
+
+def parse_onset_axis(scene: Scene, text: str) -> Axis:
+    """Read ``--over`` of an onset: a bare key takes the scene's value / 30 to its value * 30.
+
+    Raises
+    ------
+    InputError
+        See `netlist_gen.overrides.axes.parse_axis`; also for a key that does not vary continuously
+        or a list of fewer than two values.
+    """
+    axis = parse_axis(scene, text, points=POINTS, around=AROUND)
+    if axis.key.kind != "real":
+        accepted = "an onset needs a key that varies continuously, such as C or gain"
+        raise InputError("--over", Complaint("key", repr(axis.name), accepted))
+    if len(set(axis.values)) < 2:
+        accepted = f"an onset needs a range, such as {axis.name}=LOW:HIGH, or two values"
+        raise InputError("--over", Complaint("values", repr(text), accepted))
+    return axis
+
+
+def board_over(scene: Scene, axis: Axis) -> Build:
+    """Return the board of `scene` as a function of the value on `axis`.
+
+    It raises InputError for a value with which there is no board.
+    """
+    path = axis.key.path
+    problem = None if path.startswith("problem.") else make_problem(scene)
+
+    def build(value: float) -> Circuit:
+        changed = with_value(scene, path, value)
+        return synthesise(changed, problem or make_problem(changed))
+
+    return build
+
+
+def onset(
+    scene: Scene,
+    axis: Axis,
+    *,
+    transients: bool = True,
+    progress: Progress = lambda stage: None,
+) -> Onset:
+    """Find every crossing of `scene` over `axis` and put each on trial.
+
+    Parameters
+    ----------
+    scene : Scene
+        The board and its load; exponential boards are linearised at the equilibrium that each
+        value has.
+    axis : Axis
+        From `parse_onset_axis`.
+    transients : bool
+        Whether to confirm crossings with ngspice.
+    progress : callable, optional
+        Told what is under way.
+
+    Raises
+    ------
+    InputError, EngineError
+        No value on the axis gives a board with poles.
+    """
+    build = board_over(scene, axis)
+    values = [float(value) for value in axis.values]
+    logarithmic = axis.scale != "lin" and min(values) > 0.0
+    timeout = scene.analysis.timeout
+    found = crossings(build, values, logarithmic=logarithmic, progress=progress)
+    trials = confirmations(build, found, transients=transients, timeout=timeout, progress=progress)
+    return Onset(scene, axis, found, trials, counts(build, found, progress=progress))
+
+
+def counts(
+    build: Build, found: Scan, *, progress: Progress = lambda stage: None
+) -> tuple[Count, ...]:
+    """Count the unstable poles between every two crossings by eigenvalues and by winding number.
+
+    Not done for a board too large for all of its eigenvalues.
+    """
+    if not found.complete:
+        return ()
+    ends = [found.samples[0].value, *(c.value for c in found.crossings), found.samples[-1].value]
+    pairs = [(low, high) for low, high in pairwise(ends) if high > low]
+    middles = [math.sqrt(a * b) if found.logarithmic else 0.5 * (a + b) for a, b in pairs]
+    return tuple(_count(build, value, progress) for value in middles)
+
+
+def _count(build: Build, value: float, progress: Progress) -> Count:
+    progress(f"winding number at {value:.4g}")
+    circuit = build(value)
+    eigenvalues = poles(circuit).unstable_count
+    try:
+        return Count(value, eigenvalues, count_unstable(circuit))
+    except EngineError as error:
+        return Count(value, eigenvalues, None, str(error))
+
+
+def crossings(
+    build: Build,
+    values: Sequence[float],
+    *,
+    logarithmic: bool = True,
+    progress: Progress = lambda stage: None,
+) -> Scan:
+    """Find every crossing of a board given as a function of one value; see `scan.scan`."""
+    progress(f"poles at {len(values)} values and more")
+    return scan(lambda value: poles(build(value)), values, logarithmic=logarithmic)
+
+
+def confirmations(
+    build: Build,
+    found: Scan,
+    *,
+    transients: bool = True,
+    timeout: float = TIMEOUT,
+    progress: Progress = lambda stage: None,
+) -> tuple[Finding, ...]:
+    """Put every crossing of a scan on trial; without ngspice they stay unconfirmed."""
+    why, simulator = "transients were not asked for", None
+    if transients and found.crossings:
+        try:
+            simulator = find_simulator()
+        except (SimulatorNotFound, SimulatorTooOld) as error:
+            why = f"ngspice is needed to confirm a crossing: {error}"
+    findings = []
+    for number, crossing in enumerate(found.crossings, start=1):
+        progress(f"transients beside crossing {number} of {len(found.crossings)}")
+        confirmation = (
+            Confirmation(None, why)
+            if simulator is None
+            else confirm(build, crossing, simulator, logarithmic=found.logarithmic, timeout=timeout)
+        )
+        findings.append(Finding(crossing, confirmation))
+    return tuple(findings)

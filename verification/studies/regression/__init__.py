@@ -1,0 +1,1 @@
+"""Scenes against a stored baseline."""

@@ -1,0 +1,1 @@
+"""Grids of verifications, stored and resumable."""

@@ -1,0 +1,1 @@
+"""Yield and worst cases under component tolerances."""

@@ -1,0 +1,1 @@
+"""Error against run time over engines, methods and tolerances."""
