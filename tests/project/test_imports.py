@@ -1,4 +1,4 @@
-"""Who may import whom: the floors of the house, the three witnesses, and a light command line."""
+"""Who may import whom: the floors of the house, the three witnesses, a light command line."""
 
 from __future__ import annotations
 
@@ -12,8 +12,23 @@ import pytest
 
 from tests.support.paths import ROOT
 
-# Lowest first; a package imports from itself and from what stands before it.
 PACKAGES = ("spice_models", "netlist_gen", "verification", "taction", "cli")
+
+# The floors of the house, the lowest first, and the rooms on each. A room imports from itself and
+# from the floors below, never from another room of its own floor. A longer name wins over a
+# shorter one: `verification.waveforms` is a room of its own.
+FLOORS: tuple[tuple[str, ...], ...] = (
+    ("spice_models",),
+    ("netlist_gen", "verification.waveforms", "verification.reference", "verification.measures"),
+    ("verification.engines.ngspice", "verification.engines.statespace", "verification.ideal"),
+    ("verification.small_signal",),
+    ("verification.pipeline",),
+    ("verification.verify",),
+    ("verification.studies",),
+    ("verification.report",),
+    ("taction", "cli"),
+)
+ROOMS = tuple(room for floor in FLOORS for room in floor)
 
 # The three witnesses of a verdict. None may reach another one's modules, however long the way, else
 # two of them could be wrong together. A name stands for a module or a package and all below it;
@@ -94,17 +109,30 @@ def below(name: str, roots: tuple[str, ...]) -> bool:
     return any(name == root or name.startswith(root + ".") for root in roots)
 
 
-@pytest.mark.parametrize("package", PACKAGES)
-def test_a_package_imports_only_from_its_own_floor_and_below(package: str) -> None:
-    allowed = PACKAGES[: PACKAGES.index(package) + 1]
-    upward = [
+def room_of(module: str) -> str | None:
+    """The room that a module is in; None for the face of a package above the rooms."""
+    return max((room for room in ROOMS if below(module, (room,))), key=len, default=None)
+
+
+def test_what_is_in_no_room_is_the_empty_face_of_a_folder() -> None:
+    faces = {module for module in modules() if room_of(module) is None}
+    assert faces == {"verification", "verification.engines"}
+    assert all(not imports(face) for face in faces)
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_a_room_imports_only_from_itself_and_from_the_floors_below(room: str) -> None:
+    floor = next(number for number, rooms in enumerate(FLOORS) if room in rooms)
+    allowed = {None, room, *(name for rooms in FLOORS[:floor] for name in rooms)}
+    own = [module for module in modules() if room_of(module) == room]
+    assert own
+    wrong = [
         f"{module} imports {name}"
-        for module in modules()
-        if below(module, (package,))
+        for module in own
         for name in sorted(imports(module))
-        if not below(name, allowed)
+        if room_of(name) not in allowed
     ]
-    assert not upward, "\n".join(upward)
+    assert not wrong, "\n".join(wrong)
 
 
 def test_no_module_imports_itself_in_a_circle() -> None:
