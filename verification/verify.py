@@ -9,7 +9,8 @@ from netlist_gen.board.circuit import Circuit
 from netlist_gen.problem.inverse_problem import InverseProblem
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
-from verification.engines.statespace.linearised.equilibrium import Equilibrium, equilibrium
+from verification.engines.statespace.linearised.board import LinearBoard
+from verification.engines.statespace.linearised.equilibrium import Equilibrium
 from verification.ideal.energy_rise import EnergyRise, energy_rise
 from verification.ideal.ideal_answer import IdealAnswer, ideal_answer
 from verification.measures.measure import Measurements
@@ -61,7 +62,7 @@ def verify(
     progress: Progress = lambda stage: None,
     *,
     problem: InverseProblem | None = None,
-    circuit: Circuit | None = None,
+    circuit: Circuit | LinearBoard | None = None,
     ideal: IdealAnswer | None = None,
     effort: Effort = FULL,
 ) -> Verdict:
@@ -92,16 +93,16 @@ def verify(
     clock = Clock(progress)
     design = design_board(scene, clock, problem=problem, circuit=circuit)
     clock.begin("simulation")
-    pending = begin(design.scene, design.circuit, design.transient, design.engine, effort)
+    pending = begin(design.scene, design.board, design.transient, design.engine, effort)
     clock.begin("reference", beside="simulation")
     ideal = ideal_answer(design.network, design.scene) if ideal is None else ideal
-    rest = equilibrium(design.circuit) if effort.details else None
+    rest = design.board.equilibrium if effort.details else None
     constraint = constraint_plane(design.circuit) if effort.details else None
     margin = _margin(design, effort.full_margin)
     seen = watch(design, ideal, pending, clock, effort)
     accuracy = attained(design, seen.simulation, seen.measurements.amplitude)
     if accuracy is not None and (again := finer(design.scene, accuracy)) is not None:
-        board, problem = design.circuit, design.problem
+        board, problem = design.board, design.problem
         verdict = verify(
             again, progress, problem=problem, circuit=board, ideal=ideal, effort=effort
         )
@@ -152,7 +153,7 @@ def _margin(design: Design, full: bool) -> Margin | None:
     if wanted <= 1.0:
         return None
     reach = max(wanted, REACH) if full else wanted
-    return capacitance_margin(design.circuit, reach, design.poles)
+    return capacitance_margin(design.board, reach, design.poles)
 
 
 def _evidence(

@@ -15,6 +15,7 @@ from netlist_gen.analysis import Transient
 from netlist_gen.board.circuit import Circuit
 from netlist_gen.scene.scene import Scene
 from spice_models.errors import EngineError
+from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.transients import (
     amplified,
     exact,
@@ -80,14 +81,14 @@ def attained(design: Design, simulation: Simulation, amplitude: float) -> Accura
     amplitude : float
         Step amplitude, V.
     """
-    circuit, transient = design.circuit, design.transient
+    transient = design.transient
     wanted, fine = design.scene.analysis.error, simulation.fine
     if wanted is None:
         return None
     if fine.engine == exact.ENGINE:
-        method, volts, how = _state_space(circuit, transient, fine, wanted)
+        method, volts, how = _state_space(design.board, transient, fine, wanted)
     else:
-        method, (volts, how) = transient.method, _two_runs(circuit, simulation)
+        method, (volts, how) = transient.method, _two_runs(design.circuit, simulation)
     return Accuracy(
         wanted=wanted,
         achieved=volts / (amplitude or 1.0) if math.isfinite(volts) else None,
@@ -134,20 +135,21 @@ def _two_runs(circuit: Circuit, simulation: Simulation) -> tuple[float, str]:
 
 
 def _state_space(
-    circuit: Circuit, transient: Transient, fine: Waveforms, wanted: float
+    board: LinearBoard, transient: Transient, fine: Waveforms, wanted: float
 ) -> tuple[str, float, str]:
     """Return the method, its error in V and how it was found."""
-    if not circuit.amplifiers and not exact.is_large(circuit):
-        bound = exact.exact(circuit, initial=transient.initial, stop=transient.stop).error
+    amplifiers = board.circuit.amplifiers
+    if not (amplifiers or board.descriptor.is_large):
+        bound = exact.exact_solution(board, initial=transient.initial, stop=transient.stop).error
         return "exact", bound, "bound on the rounding of the exact solution"
-    run = amplified.simulate if circuit.amplifiers else structured_radau.simulate
+    run = amplified.simulate if amplifiers else structured_radau.simulate
     stepped = any(flag.startswith(reduced_order.STEPPED) for flag in fine.flags)
     linear = "implicit, structured" if stepped else "Krylov space, structured"
-    method = "implicit, adaptive" if circuit.amplifiers else linear
+    method = "implicit, adaptive" if amplifiers else linear
     tolerance = state_space_tolerance(wanted)
     times = fine.time[:: max(len(fine.time) // INSTANTS, 1)]
     try:
-        other = run(circuit, transient, times=times, tolerance=LOOSER * tolerance)
+        other = run(board, transient, times=times, tolerance=LOOSER * tolerance)
     except EngineError as error:
         return method, math.nan, f"the second run failed: {error}"
     apart = np.abs(other.values - fine.values[np.searchsorted(fine.time, times)]).max()

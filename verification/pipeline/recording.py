@@ -68,7 +68,7 @@ def record_transient(scene: Scene, progress: Progress = lambda stage: None) -> R
     design = design_board(scene, clock)
     clock.begin("simulation")
     once = Effort(second_look=False)
-    pending = begin(design.scene, design.circuit, design.transient, design.engine, once)
+    pending = begin(design.scene, design.board, design.transient, design.engine, once)
     ideal = ideal_answer(design.network, design.scene)
     waveforms = pending.result().fine
     clock.begin("measures")
@@ -99,14 +99,14 @@ def watch(
     second, share = pending.second_look(), pending.share
     clock.begin("second look", beside="simulation")
     if not effort.second_look and share and stable:
-        second, share = exact_record(circuit, transient), 1.0
+        second, share = exact_record(design.board, transient), 1.0
     coarse = other = None
     if second is not None:
         terms = _terms(scene, circuit, transient)
         there = outputs(circuit, second)
         coarse = glance(second.time, there, ideal.target, ideal.start, **terms)
     if second is not None and effort.second_look and stable:
-        other = other_engine(circuit, transient, second)
+        other = other_engine(design.board, transient, second)
     clock.begin("simulation")
     simulation = pending.result(running_away=not stable)
     clock.begin("measures")
@@ -126,11 +126,8 @@ def watch(
 
 
 def _is_exact(design: Design) -> bool:
-    from verification.engines.statespace.transients.exact import is_large
-
-    linear = not design.circuit.amplifiers
-    automatic = design.scene.analysis.stop == "auto"
-    return design.engine == "statespace" and linear and automatic and not is_large(design.circuit)
+    small = not (design.circuit.amplifiers or design.board.descriptor.is_large)
+    return design.engine == "statespace" and design.scene.analysis.stop == "auto" and small
 
 
 def _on_the_solution(design: Design, ideal: IdealAnswer, final: Floats) -> Measurements:
@@ -138,7 +135,7 @@ def _on_the_solution(design: Design, ideal: IdealAnswer, final: Floats) -> Measu
     from verification.small_signal.exact_measures import measure_exact
 
     found = measure_exact(
-        design.circuit,
+        design.board,
         ideal.target,
         ideal.start,
         initial=design.transient.initial,

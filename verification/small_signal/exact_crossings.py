@@ -8,6 +8,7 @@ peaks are then refined on the continuous solution with its derivative.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,47 +25,44 @@ NEAR = 0.04  # of a level: a peak between points that comes so close to it is lo
 ROOT_STEPS = 60
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class Continuous:
     """The channels ``u = sign V`` of an exact solution on a grid, with refinement.
 
-    Parameters
+    Attributes
     ----------
     solution : Exact
         Its nodes are the channels.
     signs : ndarray (N,)
         Of the channels.
-    detail : float
-        The smallest thing to be seen, V.
-    horizon : float
-        Latest instant of interest, s.
+    time : ndarray (P,)
+        The grid, s.
+    u, slope : ndarray (P, N)
+        The channels there, and their time derivatives, V and V/s.
     """
 
-    def __init__(self, solution: Exact, signs: Floats, detail: float, horizon: float) -> None:
-        self.solution, self.signs = solution, signs
-        self.weight = np.abs(solution.share).max(axis=1)
-        if solution.form != "modes":
-            step = float(np.abs(solution.final - solution.start).max(initial=detail))
-            self.weight = np.full(len(solution.poles), UNRESOLVED * step)
-        self.time = self._grid(detail, horizon)
-        self.u: Floats = solution.at(self.time) * signs
-        self.slope: Floats = solution.derivative(self.time) * signs
+    solution: Exact
+    signs: Floats
+    time: Floats
+    u: Floats
+    slope: Floats
 
-    def _grid(self, detail: float, horizon: float) -> Floats:
-        poles, times, t, count = self.solution.poles, [], 0.0, 0
-        log_weight = np.log(np.maximum(self.weight, 1e-300))
-        while t < horizon:
-            alive = log_weight + poles.real * t > math.log(ALIVE * detail)
-            rate = float(np.abs(poles[alive]).max(initial=0.0))
-            step = min(FINENESS / rate, horizon / 50) if rate > 0.0 else horizon / 50
-            # While fast modes die the step follows them after every block.
-            points = min(BLOCK, math.ceil((horizon - t) / step))
-            times.append(t + step * np.arange(points))
-            t, count = t + step * points, count + points
-            if count > MAX_POINTS:
-                message = f"{MAX_POINTS} points reach {t:.3g} s of {horizon:.3g} s: the time \
-scales are too far apart to be measured"
-                raise EngineError(message)
-        return np.concatenate([*times, [max(t, horizon)]])
+    @classmethod
+    def of(cls, solution: Exact, signs: Floats, detail: float, horizon: float) -> Continuous:
+        """Make a grid up to `horizon`, s, fine enough for anything larger than `detail`, V.
+
+        Raises
+        ------
+        EngineError
+            The time scales are too far apart for a grid.
+        """
+        time = _grid(solution, detail, horizon)
+        u, slope = solution.at(time) * signs, solution.derivative(time) * signs
+        return cls(solution, signs, time, u, slope)
+
+    def mirrored(self) -> Continuous:
+        """Return the same channels with the other sign, sharing the grid."""
+        return replace(self, signs=-self.signs, u=-self.u, slope=-self.slope)
 
     def values(self, channel: int, times: Floats) -> tuple[Floats, Floats]:
         """One channel and its derivative at `times`, (P,) each."""
@@ -152,9 +150,23 @@ scales are too far apart to be measured"
         return max([float(u[k]), *(height for _, height in around)])
 
 
-def mirrored(scan: Continuous) -> Continuous:
-    """Return the same channels with the other sign, sharing the grid."""
-    other = object.__new__(Continuous)
-    other.solution, other.signs, other.weight = scan.solution, -scan.signs, scan.weight
-    other.time, other.u, other.slope = scan.time, -scan.u, -scan.slope
-    return other
+def _grid(solution: Exact, detail: float, horizon: float) -> Floats:
+    weight = np.abs(solution.share).max(axis=1)
+    if solution.form != "modes":
+        step = float(np.abs(solution.final - solution.start).max(initial=detail))
+        weight = np.full(len(solution.poles), UNRESOLVED * step)
+    poles, times, t, count = solution.poles, [], 0.0, 0
+    log_weight = np.log(np.maximum(weight, 1e-300))
+    while t < horizon:
+        alive = log_weight + poles.real * t > math.log(ALIVE * detail)
+        rate = float(np.abs(poles[alive]).max(initial=0.0))
+        step = min(FINENESS / rate, horizon / 50) if rate > 0.0 else horizon / 50
+        # While fast modes die the step follows them after every block.
+        points = min(BLOCK, math.ceil((horizon - t) / step))
+        times.append(t + step * np.arange(points))
+        t, count = t + step * points, count + points
+        if count > MAX_POINTS:
+            message = f"{MAX_POINTS} points reach {t:.3g} s of {horizon:.3g} s: the time \
+scales are too far apart to be measured"
+            raise EngineError(message)
+    return np.concatenate([*times, [max(t, horizon)]])

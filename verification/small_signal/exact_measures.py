@@ -14,12 +14,13 @@ import numpy as np
 
 from netlist_gen.board.circuit import Circuit
 from spice_models.array_types import Floats
-from verification.engines.statespace.transients.exact import Exact, exact
+from verification.engines.statespace.linearised.board import LinearBoard
+from verification.engines.statespace.transients.exact import Exact, exact_solution
 from verification.measures.measure import ChannelMeasure, Measurements, network_settling_time
 from verification.measures.mode_fit import Mode
 from verification.measures.settling import ChannelState
 from verification.measures.times import Reading, reading
-from verification.small_signal.exact_crossings import Continuous, mirrored
+from verification.small_signal.exact_crossings import Continuous
 from verification.small_signal.time_scales import last_crossing
 
 SMALL_STEP = 0.05  # of A: a channel with a smaller step has no rise time
@@ -47,7 +48,7 @@ class _Board:
 
 
 def measure_exact(
-    circuit: Circuit,
+    circuit: Circuit | LinearBoard,
     target: Floats,
     start: Floats | None = None,
     *,
@@ -59,7 +60,7 @@ def measure_exact(
 
     Parameters
     ----------
-    circuit : Circuit
+    circuit : Circuit or LinearBoard
         Without behavioural amplifiers.
     target : ndarray (N,)
         Reference steady state of u, V.
@@ -71,24 +72,25 @@ def measure_exact(
     Raises
     ------
     EngineError
-        As `engines.statespace.exact`; or time scales too far apart for a grid.
+        As `exact_solution`; or time scales too far apart for a grid.
 
     Notes
     -----
     Of a board that never settles the overshoot is the one until its decaying modes are gone.
-    Costs `exact`, the solution at some 25 points a ringing period, and some ten evaluations for
-    every time that is read (seven channels: about 0.1 s).
+    Costs `exact_solution`, the solution at some 25 points a ringing period, and some ten
+    evaluations for every time that is read (seven channels: about 0.1 s).
     """
-    solution = exact(circuit, initial=initial)
-    signs = np.array([output.sign for output in circuit.outputs])
+    linear = LinearBoard.of(circuit)
+    solution = exact_solution(linear, initial=initial)
+    signs = np.array([output.sign for output in linear.circuit.outputs])
     start = solution.start * signs if start is None else start
     amplitude = float(np.abs(target - start).max(initial=0.0))
     share = np.abs(solution.share)
     tolerance = band * amplitude if amplitude > 0.0 else float(share.max(initial=1.0))
     final = solution.final * signs
-    scan = Continuous(solution, signs, tolerance, _horizon(solution, final - target, tolerance))
+    scan = Continuous.of(solution, signs, tolerance, _horizon(solution, final - target, tolerance))
     board = _Board(
-        solution, scan, mirrored(scan), share, target, start, final, amplitude, band, rise
+        solution, scan, scan.mirrored(), share, target, start, final, amplitude, band, rise
     )
     channels = tuple(_channel(board, n) for n in range(len(target)))
     settling, reason = network_settling_time(channels)

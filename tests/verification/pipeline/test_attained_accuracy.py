@@ -15,7 +15,7 @@ from netlist_gen.scene.scene import Scene
 from spice_models.errors import InputError
 from tests.support.making import make_scene
 from tests.support.paths import SCENES
-from verification.engines.statespace.transients.exact import exact
+from verification.engines.statespace.transients.exact import exact_solution
 from verification.pipeline import transient_plan
 from verification.pipeline.attained_accuracy import Accuracy, both_tries, finer
 from verification.pipeline.simulation import choose_engine, outputs, state_space_tolerance
@@ -109,7 +109,7 @@ def test_ngspice_reaches_the_error_and_knows_it(ngspice: str, wanted: float) -> 
     assert found.reached
     assert found.method == "trapezoidal"
     wave = verdict.waveforms
-    truth = exact(verdict.circuit).at(np.asarray(wave.time))
+    truth = exact_solution(verdict.circuit).at(np.asarray(wave.time))
     signs = np.array([output.sign for output in verdict.circuit.outputs])
     error = np.abs(outputs(verdict.circuit, wave) - signs * truth).max()
     # Richardson's estimate against the exact solution; the step is not wasted either

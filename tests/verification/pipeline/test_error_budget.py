@@ -11,7 +11,7 @@ import pytest
 from netlist_gen.board.scalings import make_scalings
 from netlist_gen.board.synthesis import synthesise
 from tests.support.making import make_scene, matrix_problem
-from verification.engines.statespace.linearised.equilibrium import equilibrium
+from verification.engines.statespace.linearised.board import LinearBoard
 from verification.ideal.ideal_answer import ideal_answer, ideal_network, rounded_network
 from verification.pipeline.error_budget import error_budget
 
@@ -30,7 +30,7 @@ def budget(design: dict[str, Any], final: float, stress: float | None = None) ->
         network,
         circuit,
         ideal_answer(network, scene),
-        equilibrium(circuit),
+        LinearBoard(circuit).equilibrium,
         np.array([final]),
         1e-9,
     )

@@ -25,6 +25,7 @@ from spice_models.errors import (
     SimulatorTooOld,
 )
 from verification.engines.ngspice.executable import find_simulator
+from verification.engines.statespace.linearised.board import LinearBoard
 from verification.small_signal.poles import count_unstable, poles
 from verification.studies.onset.pole_scan import scan
 from verification.studies.onset.scan_result import Crossing, Scan
@@ -170,10 +171,10 @@ def counts(
 
 def _count(build: Build, value: float, progress: Progress) -> Count:
     progress(f"winding number at {value:.4g}")
-    circuit = build(value)
-    eigenvalues = poles(circuit).unstable_count
+    board = LinearBoard(build(value))
+    eigenvalues = poles(board).unstable_count
     try:
-        return Count(value, eigenvalues, count_unstable(circuit))
+        return Count(value, eigenvalues, count_unstable(board))
     except EngineError as error:
         return Count(value, eigenvalues, None, str(error))
 

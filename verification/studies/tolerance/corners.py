@@ -20,7 +20,7 @@ from netlist_gen.board.variation import Parameter, vary
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from spice_models.errors import Complaint, InputError
-from verification.engines.statespace.linearised.equilibrium import equilibrium
+from verification.engines.statespace.linearised.board import LinearBoard
 from verification.studies.running.executors import Workers
 from verification.studies.tolerance.varied_board import (
     Quantity,
@@ -160,7 +160,7 @@ def _steady_gradients(study: Study) -> list[Floats]:
     count = len(study.varied)
 
     def error(z: Floats) -> Floats:
-        rest = equilibrium(vary(study.nominal, study.scene.tolerances, z))
+        rest = LinearBoard(vary(study.nominal, study.scene.tolerances, z)).equilibrium
         found = [output.sign * rest[output.node] for output in study.nominal.outputs]
         return np.array(found) - study.ideal.target
 

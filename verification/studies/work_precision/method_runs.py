@@ -20,8 +20,9 @@ from spice_models.array_types import Floats
 from spice_models.errors import EngineError, TimedOut
 from verification.engines.ngspice import process
 from verification.engines.ngspice.executable import Simulator, find_simulator
+from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.transients import amplified, structured_radau
-from verification.engines.statespace.transients import exact as exact_engine
+from verification.engines.statespace.transients.exact import ENGINE, exact_solution
 from verification.pipeline.simulation import PHYSICAL_BOUND, outputs
 from verification.pipeline.transient_plan import coarser
 from verification.reference import IdealNetwork
@@ -101,7 +102,8 @@ def linear_board(circuit: Circuit) -> str:
 
 def small_board(circuit: Circuit) -> str:
     """Return why a method with dense matrices of all states does not take this one, or nothing."""
-    return "too many unknowns for dense matrices" if exact_engine.is_large(circuit) else ""
+    large = LinearBoard(circuit).descriptor.is_large
+    return "too many unknowns for dense matrices" if large else ""
 
 
 def small_linear_board(circuit: Circuit) -> str:
@@ -123,11 +125,11 @@ def exact(task: Task, _: float) -> Run:
     """Run the exact engine, recording `BASE_POINTS` on a ringing period."""
     began = clock.perf_counter()
     transient = task.transient
-    found = exact_engine.exact(task.circuit, initial=transient.initial, stop=transient.stop)
+    found = exact_solution(task.circuit, initial=transient.initial, stop=transient.stop)
     time = amplified.record_times(transient, transient.stop)
     values = found.uniform(float(time[1]), len(time))
     cost = Cost(clock.perf_counter() - began, 0, 1)
-    return _thin(task, Waveforms(time, found.nodes, values, exact_engine.ENGINE, cost))
+    return _thin(task, Waveforms(time, found.nodes, values, ENGINE, cost))
 
 
 def structured(task: Task, tolerance: float) -> Run:

@@ -10,7 +10,7 @@ import numpy as np
 
 from spice_models.array_types import Floats
 from spice_models.errors import NoVerdictError
-from verification.engines.statespace.linearised.equilibrium import equilibrium
+from verification.engines.statespace.linearised.board import LinearBoard
 from verification.reference import solve
 from verification.studies.running.timed_call import Worker
 from verification.studies.work_precision.ladders import Tally
@@ -154,7 +154,7 @@ def _floor(references: Sequence[tuple[Floats, Reference]], scale: Scale) -> Erro
 
 def _board_target(task: Task) -> Floats:
     """Return the outputs at the board's equilibrium, shape (N,), V."""
-    rest = equilibrium(task.circuit)
+    rest = LinearBoard(task.circuit).equilibrium
     return np.array([out.sign * rest[out.node] for out in task.circuit.outputs])
 
 

@@ -30,7 +30,7 @@ from spice_models.opamp import OpAmp
 from tests.support.boards import single_mode
 from tests.support.paths import SCENES
 from verification.engines.ngspice.executable import find_simulator
-from verification.engines.statespace.linearised.equilibrium import equilibrium
+from verification.engines.statespace.linearised.board import LinearBoard
 from verification.small_signal.poles import poles
 from verification.studies.onset import transient_trial as confirm_module
 from verification.studies.onset.onset import (
@@ -140,7 +140,7 @@ def test_an_antisymmetric_mode_that_the_load_never_excites_is_confirmed(ngspice:
     pole = poles(board).rightmost
     assert pole.real == pytest.approx(2.7e4, rel=0.02)
     start = along(board, pole).voltages
-    rest = equilibrium(board)
+    rest = LinearBoard(board).equilibrium
     v = np.array([start[node] - rest[node] for node in board.signal_nodes])
     assert v == pytest.approx(-v[::-1], abs=1e-6 * np.abs(v).max())
 

@@ -9,27 +9,21 @@ network descends an energy), so the solution is unique, and Newton's method damp
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
 
 import numpy as np
 
-from netlist_gen.board.circuit import Circuit
 from spice_models.array_types import Floats
 from spice_models.errors import EngineError
 from verification.engines.statespace.equations.amplifier_gains import Gain, gain_of
-from verification.engines.statespace.equations.dc_solve import dense_response, structured_response
+from verification.engines.statespace.equations.dc_solve import Response
 from verification.engines.statespace.equations.descriptor import Descriptor
-from verification.engines.statespace.equations.mirror_symmetry import dense
-from verification.engines.statespace.equations.stamps import stamp
 from verification.engines.statespace.equations.structured_solve import Structure
 
 MAX_STEPS = 200
 STAGES = 10.0 ** np.arange(0, -17, -2)  # of the homotopy: added diagonal feedback, times H
 POLISHED = 1e-13  # residual above which the last steps are taken on all unknowns
 CERTIFICATE = 1e-9  # largest residual accepted, relative to the terms that cancel in it
-
-LARGE = 600  # unknowns above which a board is solved through its structure
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,13 +55,17 @@ class Equilibrium:
         return 0.0 if name == "0" else float(self.values[self.descriptor.place(name)])
 
 
-def equilibrium(circuit: Circuit | Descriptor, *, sources_on: bool = True) -> Equilibrium:
+def solve_equilibrium(
+    descriptor: Descriptor, response: Response, *, sources_on: bool = True
+) -> Equilibrium:
     """Find the DC equilibrium.
 
     Parameters
     ----------
-    circuit : Circuit or Descriptor
+    descriptor : Descriptor
         The board.
+    response : tuple of callable and ndarray
+        Its `dc_solve.dc_response`.
     sources_on : bool
         Whether the strain currents flow; voltage sources always do.
 
@@ -79,22 +77,14 @@ def equilibrium(circuit: Circuit | Descriptor, *, sources_on: bool = True) -> Eq
     Raises
     ------
     EngineError
-        The DC equations are singular, an amplifier would have to go beyond the range of floats,
-        or the certificate was not reached; never a wrong answer.
+        An amplifier would have to go beyond the range of floats, or the certificate was not
+        reached; never a wrong answer.
 
     Notes
     -----
-    Costs one factorisation of all unknowns, dense or (above `LARGE` unknowns) structured with m
-    solves, and one dense factorisation of size m per Newton step.
+    Costs one dense factorisation of size m per Newton step.
     """
-    return _rest(stamp(circuit) if isinstance(circuit, Circuit) else circuit, sources_on)
-
-
-@functools.lru_cache(maxsize=2)  # one verification asks several times, with the strain or without
-def _rest(descriptor: Descriptor, sources_on: bool) -> Equilibrium:
-    drive = descriptor.drive(sources_on=sources_on)
-    response = structured_response if descriptor.size > LARGE else dense_response
-    solve, columns = response(descriptor)
+    drive, (solve, columns) = descriptor.drive(sources_on=sources_on), response
     z = solve(-drive)
     devices = descriptor.devices
     if not devices.count:
@@ -135,9 +125,9 @@ def _polish(descriptor: Descriptor, z: Floats, drive: Floats) -> Floats:
 
 def _newton_step(descriptor: Descriptor, slopes: Floats, F: Floats, size: Floats) -> Floats:
     """Solve ``(K + slopes) dz = -F``, the unknowns counted in their own `size`."""
-    if descriptor.size > LARGE:
+    if descriptor.is_large:
         return np.asarray(Structure(descriptor, slopes).factor(0.0).solve(F))
-    devices, K = descriptor.devices, dense(descriptor).stiffness.copy()
+    devices, K = descriptor.devices, descriptor.dense.stiffness.copy()
     K[devices.output, devices.input] += slopes
     size = np.maximum(size, 1e-12 * size.max())
     K *= size
@@ -152,10 +142,10 @@ def _residual(descriptor: Descriptor, z: Floats, drive: Floats) -> float:
     if devices.count:
         value = gain_of(devices.kind).value(z[devices.input] / devices.v_scale)
         f[devices.output] = -devices.u_scale * value
-    if descriptor.size > LARGE:
+    if descriptor.is_large:
         kept, size = (descriptor.stiffness_times(z, magnitudes=each) for each in (False, True))
     else:
-        K = dense(descriptor).stiffness
+        K = descriptor.dense.stiffness
         kept, size = K @ z, np.abs(K) @ np.abs(z)
     terms, rest = size + np.abs(drive) + np.abs(f), np.abs(kept + drive + f)
     return float(np.max(rest / np.where(terms > 0.0, terms, 1.0), initial=0.0))

@@ -150,8 +150,10 @@ class LadderFlow:
     """
 
     def __init__(self, A: Floats, C: Floats, deviation: Floats, stop: float) -> None:
-        scale = _balance(A)
-        self.A = A * scale[None, :] / scale[:, None]
+        from scipy.linalg import matrix_balance
+
+        balanced, (scale, _) = matrix_balance(A, permute=False, separate=True)
+        self.A: Floats = np.asarray(balanced, dtype=np.float64)
         self.C = C * scale[None, :]
         self.deviation = deviation / scale
         norm = float(np.abs(self.A).sum(axis=1).max(initial=0.0))
@@ -197,19 +199,3 @@ def _taylor(small: Floats, X: Floats, fractions: Floats | float = 1.0) -> Floats
         term = (small @ term) * (fractions / k)
         total += term
     return total
-
-
-def _balance(A: Floats) -> Floats:
-    """Scale states by powers of two until rows and columns weigh the same (Osborne), shape (n,)."""
-    size = np.abs(A - np.diag(np.diag(A)))
-    scale = np.ones(len(A))
-    for _ in range(20):
-        rows = (size * scale[None, :]).sum(axis=1) / scale
-        columns = (size / scale[:, None]).sum(axis=0) * scale
-        usable = (rows > 0.0) & (columns > 0.0)
-        ratio = np.where(usable, rows, 1.0) / np.where(usable, columns, 1.0)
-        change = 2.0 ** np.round(0.25 * np.log2(ratio))
-        if np.all(change == 1.0):
-            break
-        scale = scale * change
-    return scale

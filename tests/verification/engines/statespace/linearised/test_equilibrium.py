@@ -13,16 +13,17 @@ from netlist_gen.board.circuit import Resistor
 from spice_models.errors import EngineError
 from tests.support.boards import IDEAL, board, kernel, paper_board, single_mode, strain, two_pole
 from verification.engines.statespace.equations.amplifier_gains import GAINS, gain_of
-from verification.engines.statespace.linearised.equilibrium import equilibrium, solve_loop
+from verification.engines.statespace.linearised.board import LinearBoard
+from verification.engines.statespace.linearised.equilibrium import solve_loop
 
 
 def test_the_single_mode_divides_by_its_loop_gain() -> None:
-    found = equilibrium(single_mode(1e-6))
+    found = LinearBoard(single_mode(1e-6)).equilibrium
     # 1e-4 A out of x through 1 / (1/R + K/R) with R = 10 k.
     assert found["v"] == pytest.approx(1.0 / 101.0, rel=1e-6)
     assert found["0"] == 0.0
     assert found.residual < 1e-14
-    assert equilibrium(single_mode(1e-6), sources_on=False)["v"] == 0.0
+    assert LinearBoard(single_mode(1e-6)).rest["v"] == 0.0
 
 
 def entropy_gradient(u: np.ndarray, T: np.ndarray, eps: np.ndarray, lam: float) -> np.ndarray:
@@ -33,7 +34,7 @@ def entropy_gradient(u: np.ndarray, T: np.ndarray, eps: np.ndarray, lam: float) 
 def test_an_ideal_exponential_board_rests_at_the_entropy_optimum(s: float) -> None:
     T, eps = kernel(7, 3.0), np.maximum(strain(7, 3.0), 0.05)
     circuit = board(T, eps, IDEAL, s=s, exponential=True, bias=True)
-    found = equilibrium(circuit)
+    found = LinearBoard(circuit).equilibrium
     u = np.array([output.sign * found[output.node] for output in circuit.outputs])
     assert np.all(u > 0.0)
     gradient = entropy_gradient(u, T, eps, circuit.scalings.lam)
@@ -43,8 +44,8 @@ def test_an_ideal_exponential_board_rests_at_the_entropy_optimum(s: float) -> No
 
 def test_op_amps_of_finite_gain_move_the_equilibrium_by_about_one_over_their_gain() -> None:
     T, eps = kernel(7, 3.0), np.maximum(strain(7, 3.0), 0.05)
-    ideal = equilibrium(board(T, eps, IDEAL, exponential=True, bias=True))
-    real = equilibrium(board(T, eps, two_pole(1e6, 1e-11), exponential=True, bias=True))
+    ideal = LinearBoard(board(T, eps, IDEAL, exponential=True, bias=True)).equilibrium
+    real = LinearBoard(board(T, eps, two_pole(1e6, 1e-11), exponential=True, bias=True)).equilibrium
     shift = max(abs(ideal[f"a{n}"] - real[f"a{n}"]) for n in range(7))
     assert 1e-6 < shift < 1e-3
 
@@ -81,7 +82,7 @@ def test_a_node_without_a_path_is_named() -> None:
     circuit = paper_board()
     floating = replace(circuit, resistors=(*circuit.resistors, Resistor("Rx", "p", "q", 1.0)))
     with pytest.raises(EngineError, match=r"node '[pq]'"):
-        equilibrium(floating)
+        _ = LinearBoard(floating).equilibrium
 
 
 @pytest.mark.parametrize("kind", sorted(GAINS))
