@@ -12,7 +12,7 @@ from spice_models.array_types import Floats
 from verification.engines.statespace.linearised.equilibrium import Equilibrium, equilibrium
 from verification.ideal.energy_rise import EnergyRise, energy_rise
 from verification.ideal.ideal_answer import IdealAnswer, ideal_answer
-from verification.measures.measure import Measurements
+from verification.measures.measurements import Measurements
 from verification.pipeline.agreement import Agreement
 from verification.pipeline.attained_accuracy import Accuracy, attained, both_tries, finer
 from verification.pipeline.checks import Check, Evidence, Outcome, judge, overall

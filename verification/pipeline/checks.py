@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 from netlist_gen.quantities import show
 from netlist_gen.scene.scene import Checks
-from verification.measures.measure import ChannelMeasure, Measurements
+from verification.measures.measurements import ChannelMeasure, Measurements
+from verification.measures.readings import Reading
 from verification.measures.settling import ChannelState
-from verification.measures.times import Reading
 from verification.pipeline.agreement import Agreement
 from verification.pipeline.step_error import StepError
 from verification.small_signal.margin import Margin

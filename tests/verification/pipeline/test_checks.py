@@ -16,7 +16,7 @@ from tests.support.measured import (
     measured,
     oscillating,
 )
-from verification.measures.measure import Reading
+from verification.measures.readings import Reading
 from verification.measures.settling import ChannelState
 from verification.pipeline.checks import (
     Check,
