@@ -1,8 +1,8 @@
 """Crossings and peaks of an exact transient, found by root finding on the solution itself.
 
-A grid follows the modes that are still alive (24 points on the period of the fastest), so no
-excursion between its points is higher than a hundredth of the height that its neighbours show;
-crossings and peaks are then refined on the continuous solution.
+A grid follows the modes that are still alive (25 points on the period of the fastest). A peak
+between two of its points is lower than where their tangents meet, so each peak that could matter is
+known; crossings and peaks are then refined on the continuous solution.
 """
 
 from __future__ import annotations
@@ -20,10 +20,9 @@ from verification.measures.crossings import Crossings
 from verification.small_signal.time_scales import UNRESOLVED
 
 FINENESS = 0.25  # step times |p| of the fastest mode alive: 25 points a period
-ALIVE = 1e-4  # of the finest detail asked for: a mode below is not followed
 BLOCK = 2000  # points with one step
 MAX_POINTS = 2_000_000
-NEAR = 0.04  # of a level: a peak between points that comes so close to it is looked at
+ABOVE = 2.0  # times the height at which tangents meet: what a peak between points cannot exceed
 
 
 class ExactSignal:
@@ -36,7 +35,7 @@ class ExactSignal:
     signs, target : ndarray (N,)
         Of the channels, and their reference steady state, V.
     detail : float
-        The smallest thing to be seen, V.
+        Modes with a smaller amplitude are not followed, V.
     horizon : float
         Latest instant of interest, s.
     """
@@ -58,7 +57,7 @@ class ExactSignal:
         poles, times, t, count = self.solution.poles, [], 0.0, 0
         log_weight = np.log(np.maximum(self.weight, 1e-300))
         while t < horizon:
-            alive = log_weight + poles.real * t > math.log(ALIVE * detail)
+            alive = log_weight + poles.real * t > math.log(detail)
             rate = float(np.abs(poles[alive]).max(initial=0.0))
             step = min(FINENESS / rate, horizon / 50) if rate > 0.0 else horizon / 50
             # While fast modes die the step follows them after every block.
@@ -94,10 +93,9 @@ scales are too far apart to be measured"
         """See `Signal`."""
         found = []
         for n, side in enumerate(sign):
-            y = side * self.errors[:, n]
-            k = int(np.argmax(y))
-            around = self._peaks(n, side, max(k - 1, 0), min(k + 1, len(y) - 1), -math.inf)
-            found.append(max([float(y[k]), *(height for _, height in around)]))
+            top = float((side * self.errors[:, n]).max())
+            peaks = self._peaks(n, side, 0, len(self.time) - 1, top)
+            found.append(max([top, *(height for _, height in peaks)]))
         return np.array(found)
 
     def _crossings(self, times: list[list[float]], channels: Indices) -> Crossings:
@@ -122,12 +120,18 @@ scales are too far apart to be measured"
     def _peaks(
         self, n: int, sign: float, first: int, last: int, level: float
     ) -> list[tuple[float, float]]:
-        """Peaks ``(instant, height)`` of ``sign * error`` above `level` between two grid points."""
-        slope = sign * self.slopes[first : last + 1, n]
-        y = sign * self.errors[first : last + 1, n]
+        """Peaks ``(instant, height)`` of ``sign * error`` between two points of the grid.
+
+        Left out are those that cannot be higher than `level`.
+        """
+        time, stretch = self.time[first : last + 1], slice(first, last + 1)
+        slope, y = sign * self.slopes[stretch, n], sign * self.errors[stretch, n]
         tops = np.flatnonzero((slope[:-1] > 0.0) & (slope[1:] <= 0.0))
-        tops = first + tops[np.maximum(y[tops], y[tops + 1]) > level]
-        ends = zip(self.time[tops].tolist(), self.time[tops + 1].tolist(), strict=True)
+        width, rise, fall = time[tops + 1] - time[tops], slope[tops], slope[tops + 1]
+        meet = np.clip((y[tops + 1] - y[tops] - fall * width) / (rise - fall), 0.0, width)
+        seen = np.maximum(y[tops], y[tops + 1])
+        tops = tops[seen + ABOVE * (y[tops] + rise * meet - seen) > level]
+        ends = zip(time[tops].tolist(), time[tops + 1].tolist(), strict=True)
         at = [_root(lambda t: self._slope(n, t), low, high) for low, high in ends]
         return [(t, sign * self._error(n, t)) for t in at]
 
@@ -136,8 +140,7 @@ scales are too far apart to be measured"
         y = sign * self.errors[:, n]
         above = np.flatnonzero(y > level)
         last = int(above[0]) if above.size else len(y) - 1
-        margin = NEAR * float(np.abs(y[: last + 1] - level).max(initial=0.0))
-        for t, height in self._peaks(n, sign, 0, last, level - margin):
+        for t, height in self._peaks(n, sign, 0, last, level):
             if height > level:
                 k = int(np.searchsorted(self.time, t)) - 1
                 return self._root(n, sign * level, float(self.time[k]), t)
@@ -156,9 +159,8 @@ scales are too far apart to be measured"
         y = sign * self.errors[:, n]
         above = np.flatnonzero(y > level)
         last = int(above[-1]) if above.size else 0
-        margin = NEAR * abs(level - sign * float(self.ends[n]))
-        tops = self._peaks(n, sign, last, len(y) - 1, level - margin)
-        higher = [t for t, height in tops if height > level]
+        peaks = self._peaks(n, sign, last, len(y) - 1, level)
+        higher = [t for t, height in peaks if height > level]
         if higher:
             k = int(np.searchsorted(self.time, higher[-1]))
             return self._root(n, sign * level, higher[-1], float(self.time[k]))

@@ -15,7 +15,7 @@ import numpy as np
 from netlist_gen.board.circuit import Circuit
 from spice_models.array_types import Bools, Floats
 from verification.engines.statespace.transients.exact import Exact, exact
-from verification.measures.definitions import BAND_SHIFT, FAINT, RISE_LEVELS
+from verification.measures.definitions import FAINT, RISE_LEVELS
 from verification.measures.measurements import (
     NO_STEP,
     Measurements,
@@ -29,7 +29,7 @@ from verification.measures.settling import ChannelState, Settlement
 from verification.small_signal.exact_crossings import ExactSignal
 from verification.small_signal.time_scales import INVISIBLE, RINGS, last_crossing
 
-RISE_TAIL = 1e-3  # of A: when less than that is left to come, nothing rises any more
+ALIVE = 1e-4  # of the settling band: what stays below is not followed, nor waited for
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,8 +83,8 @@ def measure_exact(
     amplitude, final, share = step.amplitude, solution.final * signs, np.abs(solution.share)
     tolerance = band * amplitude if amplitude > 0.0 else float(share.max(initial=1.0))
     growing = (solution.poles.real >= 0.0)[:, None] & (share > INVISIBLE * amplitude)
-    horizon = _horizon(solution, final - target, tolerance)
-    signal = ExactSignal(solution, signs, target, tolerance, horizon)
+    detail = ALIVE * tolerance
+    signal = ExactSignal(solution, signs, target, detail, _horizon(solution, detail))
     readings = read(signal, step, final, tolerance, rise, np.any(growing, axis=0))
     board, modes = _Board(solution, share, growing, step, final, band), _modes(solution, amplitude)
     short = "it never reaches the levels of its own step"
@@ -95,23 +95,20 @@ def measure_exact(
     return summary(amplitude, band, modes, channels)
 
 
-def _horizon(solution: Exact, offset: Floats, tolerance: float) -> float:
-    """Instant after which no channel can cross a level of interest any more, s."""
-    inner = (1.0 - 2.0 * BAND_SHIFT) * tolerance - np.abs(offset)
-    room = np.maximum(inner, RISE_TAIL * tolerance)
+def _horizon(solution: Exact, detail: float) -> float:
+    """Instant after which no channel is further than `detail` from where it comes to rest, s."""
     decaying = solution.poles.real < 0.0
     rate = solution.poles.real[decaying]
     shortest = 1.0 / float(np.abs(solution.poles).max(initial=1.0))
     if solution.form == "modes":
-        share = np.abs(solution.share[decaying])
-        ends = [last_crossing(share[:, n], rate, float(left)) for n, left in enumerate(room)]
-        return 1.05 * max([shortest, *ends])
+        ends = [last_crossing(share, rate, detail) for share in np.abs(solution.share[decaying]).T]
+        return max([shortest, *ends])
     # Defective modes have no amplitudes: look for a stretch of three times its past that is calm.
     end = shortest
     limit = 1e4 / float(np.abs(rate).min(initial=np.inf)) if len(rate) else shortest
     while end < limit:
         stretch = np.linspace(end, 4.0 * end, 200)
-        if np.all(np.abs(solution.at(stretch) - solution.final) <= room):
+        if np.all(np.abs(solution.at(stretch) - solution.final) <= detail):
             break
         end *= 1.5
     return end
