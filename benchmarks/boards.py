@@ -32,7 +32,7 @@ from spice_models.errors import SimulationError
 from verification.engines.ngspice import process
 from verification.engines.ngspice.executable import find_simulator
 from verification.engines.statespace.transients import exact
-from verification.pipeline.transient_plan import coarser, plan_transient
+from verification.pipeline.transient_plan import POINTS_PER_PERIOD, coarser, plan_transient
 from verification.small_signal.time_scales import time_scales
 from verification.waveforms import Waveforms
 
@@ -125,7 +125,7 @@ def run_ngspice(board: Board, setting: Setting, timeout: float) -> Waveforms:
     """Run one transient at `setting`."""
     planned = board.transient
     if setting.kind == "even":
-        points = board.scene.analysis.points_per_period
+        points = board.scene.analysis.points_per_period or POINTS_PER_PERIOD
         transient = coarser(planned, points / setting.value)
     else:
         transient = replace(planned, max_step=planned.stop / FREE, truncation=setting.value)

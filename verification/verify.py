@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from netlist_gen.analysis import Transient
 from netlist_gen.board.circuit import Circuit
@@ -13,15 +13,16 @@ from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.linearised.equilibrium import Equilibrium
 from verification.ideal.energy_rise import EnergyRise, energy_rise
 from verification.ideal.ideal_answer import IdealAnswer, ideal_answer
-from verification.measures.measure import Measurements
+from verification.measures.measurements import Measurements
 from verification.pipeline.agreement import Agreement
-from verification.pipeline.attained_accuracy import Accuracy, attained, both_tries, finer
-from verification.pipeline.checks import Check, Evidence, Outcome, judge, overall
+from verification.pipeline.attained_accuracy import Accuracy
+from verification.pipeline.attempts import attempt
+from verification.pipeline.checks import Check, Evidence, Outcome, overall, run_checks
 from verification.pipeline.clock import Clock, Progress
 from verification.pipeline.design import Design, design_board
 from verification.pipeline.effort import FULL, Effort
 from verification.pipeline.error_budget import ErrorPart, error_budget
-from verification.pipeline.recording import Recording, watch
+from verification.pipeline.recording import Recording
 from verification.pipeline.simulation import begin
 from verification.pipeline.step_error import StepError
 from verification.pipeline.warnings import find_warnings
@@ -96,28 +97,21 @@ def verify(
     pending = begin(design.scene, design.board, design.transient, design.engine, effort)
     clock.begin("reference", beside="simulation")
     ideal = ideal_answer(design.network, design.scene) if ideal is None else ideal
+    margin = _margin(design, effort.full_margin)
     rest = design.board.equilibrium if effort.details else None
     constraint = constraint_plane(design.circuit) if effort.details else None
-    margin = _margin(design, effort.full_margin)
-    seen = watch(design, ideal, pending, clock, effort)
-    accuracy = attained(design, seen.simulation, seen.measurements.amplitude)
-    if accuracy is not None and (again := finer(design.scene, accuracy)) is not None:
-        board, problem = design.board, design.problem
-        verdict = verify(
-            again, progress, problem=problem, circuit=board, ideal=ideal, effort=effort
-        )
-        return replace(verdict, scene=design.scene, accuracy=both_tries(accuracy, verdict.accuracy))
+    made = attempt(design, ideal, pending, clock, effort)
+    seen, wave = made.seen, made.seen.simulation.fine
     evidence = _evidence(design, ideal, margin, seen)
-    checks = judge(evidence)
-    budget = _budget(design, ideal, rest, seen)
-    wave = seen.simulation.fine
+    checks = run_checks(evidence)
     energy = energy_rise(design.network, wave.time, seen.u) if effort.details else None
+    budget = _budget(design, ideal, rest, seen)
     clock.end()
     return Verdict(
         scene=design.scene,
         problem=design.problem,
         circuit=design.circuit,
-        transient=design.transient,
+        transient=made.design.transient,
         ideal=ideal,
         poles=design.poles,
         margin=margin,
@@ -126,7 +120,7 @@ def verify(
         u=seen.u,
         measurements=seen.measurements,
         error=seen.error,
-        accuracy=accuracy,
+        accuracy=made.accuracy,
         agreement=seen.agreement,
         energy=energy,
         budget=budget,

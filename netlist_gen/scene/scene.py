@@ -182,8 +182,10 @@ class AnalysisChoice(Model):
     engine: Literal["auto", "ngspice", "statespace"] = "auto"
     stop: SecondsOrAuto = "auto"
     initial: Literal["zero", "rest"] = "zero"
-    points_per_period: Annotated[Real, Field(ge=8, le=10_000)] = Field(
-        125, description="time points in one period of the fastest ringing mode that matters"
+    points_per_period: Annotated[Real, Field(ge=8, le=10_000)] | None = Field(
+        None,
+        description="time points in one period of the fastest ringing mode that matters; by default"
+        " 125, or as many as 'error' needs",
     )
     error: Annotated[Positive, Field(lt=1)] | None = Field(
         None, description="largest error of the transient, fraction of the step amplitude"
@@ -192,7 +194,7 @@ class AnalysisChoice(Model):
 
     @model_validator(mode="after")
     def _one_resolution(self) -> Self:
-        if self.error is not None and "points_per_period" in self.model_fields_set:
+        if self.error is not None and self.points_per_period is not None:
             raise ValueError("'error' excludes 'points_per_period', which follows from it")
         return self
 
@@ -231,9 +233,12 @@ class StabilityCheck(Model):
 
 
 class EnginesAgreeCheck(Model):
-    """Largest difference between ngspice and the state-space engine, over all time."""
+    """Largest difference between ngspice and the state-space engine, over all time.
 
-    tolerance: Positive = 1e-3
+    Without a tolerance, 1e-3 of the step amplitude, judged only where both engines run anyway.
+    """
+
+    tolerance: Positive | None = None
 
 
 class Checks(Model):

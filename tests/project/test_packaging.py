@@ -30,7 +30,8 @@ def archives(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """A wheel and a source archive, built from a copy so that the checkout stays clean."""
     copy = tmp_path_factory.mktemp("checkout")
     for package in PACKAGES:
-        shutil.copytree(ROOT / package, copy / package)
+        shutil.copytree(ROOT / package, copy / package, symlinks=True)
+    shutil.copytree(ROOT / "scenes", copy / "scenes")
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, copy)
     out = tmp_path_factory.mktemp("dist")
@@ -43,7 +44,9 @@ def archives(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 
 def sources() -> set[str]:
-    return {
+    scenes = [path for path in (ROOT / "scenes").rglob("*") if path.suffix in {".toml", ".csv"}]
+    assert scenes
+    return {f"verification/{path.relative_to(ROOT).as_posix()}" for path in scenes} | {
         path.relative_to(ROOT).as_posix()
         for package in PACKAGES
         for path in (ROOT / package).rglob("*")

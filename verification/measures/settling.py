@@ -22,7 +22,7 @@ import numpy as np
 from spice_models.array_types import Floats
 from verification.measures.envelope import saturates
 from verification.measures.mode_fit import Mode
-from verification.measures.times import Reading
+from verification.measures.readings import Reading
 
 _DWELL = 0.05  # of the settling time that must follow it inside the band
 _DWELL_PERIODS = 3.0
@@ -46,7 +46,7 @@ class ChannelState(StrEnum):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Ringing:
+class ChannelRinging:
     """What is known of the ringing in one channel.
 
     Attributes
@@ -69,8 +69,8 @@ class Ringing:
 
 
 @dataclass(frozen=True, slots=True)
-class Judgement:
-    """ChannelState, settling time where there is one, and why there is none."""
+class Settlement:
+    """State of a channel, its settling time where it has settled, and why it has not."""
 
     state: ChannelState
     settling_time: Reading | None
@@ -149,7 +149,7 @@ def _flat_top(time: Floats, error: Floats, period: float) -> bool:
     return bool(max(top, bottom) > _FLAT_TOP * weight.sum())
 
 
-def _decays(ring: Ringing) -> bool:
+def _decays(ring: ChannelRinging) -> bool:
     """Tell whether the ringing decays: the fit's word, or else the envelope's last half.
 
     Without a fit and with hardly an envelope nothing is known, and the dwell must prove it.
@@ -160,7 +160,7 @@ def _decays(ring: Ringing) -> bool:
     return half.size < 2 or bool(half[-1] < 0.9 * half[0])
 
 
-def _left(ring: Ringing, end: float) -> tuple[float, float]:
+def _left(ring: ChannelRinging, end: float) -> tuple[float, float]:
     """Return the ringing's amplitude at `end` and its period (0 and 0 if nothing rings).
 
     The envelope's last chunk lies before the end, and a record of few periods has hardly an
@@ -179,7 +179,9 @@ def _left(ring: Ringing, end: float) -> tuple[float, float]:
     return max((carried, period), (fitted, 1 / mode.frequency))
 
 
-def sustained(time: Floats, error: Floats, tolerance: float, ring: Ringing) -> ChannelState | None:
+def sustained(
+    time: Floats, error: Floats, tolerance: float, ring: ChannelRinging
+) -> ChannelState | None:
     """Return OSCILLATING or CLIPPED if the channel rings without decay at its end, else None."""
     mode = ring.mode
     if ring.period is None:
@@ -194,10 +196,10 @@ def sustained(time: Floats, error: Floats, tolerance: float, ring: Ringing) -> C
     return ChannelState.CLIPPED if _flat_top(time, error, ring.period) else ChannelState.OSCILLATING
 
 
-def judge(
-    drift: Drift, n: int, found: Reading | None, tolerance: float, step: float, ring: Ringing
-) -> Judgement:
-    """Judge channel `n`.
+def prove(
+    drift: Drift, n: int, found: Reading | None, tolerance: float, step: float, ring: ChannelRinging
+) -> Settlement:
+    """Tell whether channel `n` settled, and why not.
 
     Parameters
     ----------
@@ -209,29 +211,29 @@ def judge(
         Half width of the settling band, in the unit of `error`.
     step : float
         The network's step amplitude, in the same unit.
-    ring : Ringing
+    ring : ChannelRinging
         The channel's ringing.
     """
     time, error = drift.time, drift.errors[n]
     state = sustained(time, error, tolerance, ring)
     if state is not None:
         how = "at a constant amplitude" if state is ChannelState.CLIPPED else "and does not decay"
-        return Judgement(state, None, f"it oscillates {how}: it never settles")
+        return Settlement(state, None, f"it oscillates {how}: it never settles")
     left, period = _left(ring, float(time[-1]))
     limit, ratio = drift.heading(n, period)
     if found is None:
         return _outside(float(error[-1]), tolerance, step, ring.mode, left, limit, ratio)
     if abs(limit) > tolerance and left < tolerance:
         reason = f"inside the band at the end but drifting towards {limit:.4g} off target"
-        return Judgement(ChannelState.NOT_SETTLED, None, reason + ": simulate longer")
+        return Settlement(ChannelState.NOT_SETTLED, None, reason + ": simulate longer")
     dwell = float(time[-1] - time[0]) - found.value
     need = _DWELL * found.value
     if left > _SAFE * tolerance:
         need = max(need, period * _DWELL_PERIODS)
     if dwell < need:
         reason = f"inside the band for the last {dwell:.4g} s only, {need:.4g} s would prove it"
-        return Judgement(ChannelState.NOT_SETTLED, None, reason + ": simulate longer")
-    return Judgement(ChannelState.SETTLED, found, "")
+        return Settlement(ChannelState.NOT_SETTLED, None, reason + ": simulate longer")
+    return Settlement(ChannelState.SETTLED, found, "")
 
 
 def _outside(
@@ -242,11 +244,11 @@ def _outside(
     left: float,
     limit: float,
     ratio: float,
-) -> Judgement:
+) -> Settlement:
     """Say why a channel that ends outside its band, and does not oscillate, is there."""
     off = f"{last:.4g} off target ({abs(last) / step:.3%} of the step)"
     if ratio >= 1 and abs(last) > _RUNAWAY * step:
-        return Judgement(ChannelState.DIVERGED, None, f"{off} at the end, and accelerating")
+        return Settlement(ChannelState.DIVERGED, None, f"{off} at the end, and accelerating")
     if left > _QUIET * tolerance and mode is not None and mode.decays:
         longer = math.log(max(left / tolerance, 2.0)) / -mode.growth_rate
         reason = f"still ringing at {mode.frequency:.4g} Hz with {left:.4g}, which decays"
@@ -257,4 +259,4 @@ def _outside(
         reason = f"at rest {off}: the reference and the circuit disagree"
     else:
         reason = f"{off} at the end and moving towards {limit:.4g} off target: simulate longer"
-    return Judgement(ChannelState.NOT_SETTLED, None, reason)
+    return Settlement(ChannelState.NOT_SETTLED, None, reason)

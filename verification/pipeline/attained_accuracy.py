@@ -13,7 +13,6 @@ import numpy as np
 
 from netlist_gen.analysis import Transient
 from netlist_gen.board.circuit import Circuit
-from netlist_gen.scene.scene import Scene
 from spice_models.errors import EngineError
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.transients import (
@@ -25,6 +24,7 @@ from verification.engines.statespace.transients import (
 from verification.measures.resampling import lagrange
 from verification.pipeline.design import Design
 from verification.pipeline.simulation import Simulation, outputs, state_space_tolerance
+from verification.pipeline.transient_plan import plan_transient
 from verification.waveforms import Waveforms
 
 STENCIL = 4  # points of the interpolation between two runs
@@ -101,19 +101,19 @@ def attained(design: Design, simulation: Simulation, amplitude: float) -> Accura
     )
 
 
-def finer(scene: Scene, accuracy: Accuracy | None) -> Scene | None:
-    """Return the scene with the step that should reach its error, after one that missed.
+def finer(design: Design, accuracy: Accuracy | None) -> Design | None:
+    """Return the design with the step that should reach its error, after one that missed.
 
-    None where there is no need for it, where the engine has no step, or after a second try.
+    None where there is no need for it, and where the engine has no step.
     """
     if accuracy is None or accuracy.reached or accuracy.achieved is None:
         return None
-    tried = "points_per_period" in scene.analysis.model_fields_set
-    if tried or accuracy.engine == exact.ENGINE:
+    if accuracy.engine == exact.ENGINE:
         return None
     ratio = math.sqrt(accuracy.achieved / (RESERVE * accuracy.wanted))  # of order 2
-    points = {"points_per_period": ratio * accuracy.points_per_period}
-    return scene.model_copy(update={"analysis": scene.analysis.model_copy(update=points)})
+    points = ratio * accuracy.points_per_period
+    transient = plan_transient(design.scene, design.scales, design.engine, points)
+    return replace(design, transient=transient)
 
 
 def both_tries(first: Accuracy, second: Accuracy | None) -> Accuracy | None:

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 from netlist_gen.quantities import show
 from netlist_gen.scene.scene import Checks
-from verification.measures.measure import ChannelMeasure, Measurements
+from verification.measures.measurements import ChannelMeasure, Measurements
+from verification.measures.readings import Reading
 from verification.measures.settling import ChannelState
-from verification.measures.times import Reading
 from verification.pipeline.agreement import Agreement
 from verification.pipeline.step_error import StepError
 from verification.small_signal.margin import Margin
@@ -74,11 +74,12 @@ class Evidence:
     reference_problem: str
 
 
+AGREE = 1e-3  # of A: difference between engines where the scene sets no limit
 NO_STEP = "nothing to judge: with this strain and initial state no output has to move"
 UNSTEADY = (ChannelState.OSCILLATING, ChannelState.CLIPPED, ChannelState.DIVERGED)
 
 
-def judge(evidence: Evidence) -> tuple[Check, ...]:
+def run_checks(evidence: Evidence) -> tuple[Check, ...]:
     """Run every check of `CHECKS` that the scene asks for."""
     return tuple(check for make in CHECKS if (check := make(evidence)) is not None)
 
@@ -226,7 +227,7 @@ def _engines_agree(evidence: Evidence) -> Check | None:
     agreement, m = evidence.agreement, evidence.measurements
     if agreement is None:
         return None
-    limit, amplitude = evidence.checks.engines_agree.tolerance, m.amplitude or 1.0
+    limit, amplitude = evidence.checks.engines_agree.tolerance or AGREE, m.amplitude or 1.0
     if agreement.reason:
         reason = f"the state-space engine has no answer: {agreement.reason}"
         return _undecided("engines_agree", "step", reason, limit)

@@ -11,7 +11,8 @@ from netlist_gen.board.circuit import Circuit
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from verification.ideal.ideal_answer import IdealAnswer, ideal_answer
-from verification.measures.measure import Measurements, glance, measure
+from verification.measures.measure import measure, read_record
+from verification.measures.measurements import Measurements
 from verification.pipeline.agreement import Agreement, compare_engines, exact_record, other_engine
 from verification.pipeline.clock import Clock, Progress
 from verification.pipeline.design import Design, design_board
@@ -104,7 +105,7 @@ def watch(
     if second is not None:
         terms = _terms(scene, circuit, transient)
         there = outputs(circuit, second)
-        coarse = glance(second.time, there, ideal.target, ideal.start, **terms)
+        coarse = read_record(second.time, there, ideal.target, ideal.start, **terms)
     if second is not None and effort.second_look and stable:
         other = other_engine(design.board, transient, second)
     clock.begin("simulation")
@@ -119,7 +120,7 @@ def watch(
         coarse, share = None, math.inf
     if second is not None and coarse is not None and undecided(fine, coarse):
         again, _ = measure_outputs(scene, circuit, ideal, second, transient, details=effort.details)
-        coarse = again.look
+        coarse = again.readings
     error = simulation_error(fine, coarse, share)
     agreement = compare_engines(circuit, simulation, other) if other is not None else None
     return Recording(simulation, fine, u, error, agreement)
@@ -161,7 +162,7 @@ def measure_outputs(
 
 
 class _Terms(TypedDict):
-    """What `measure` and `glance` are told besides the record and where it should go."""
+    """What `measure` and `read_record` are told besides the record and where it should go."""
 
     band: float
     bound: float

@@ -136,7 +136,7 @@ def choose_engine(scene: Scene) -> str:
     """
     if scene.analysis.engine != "auto":
         return scene.analysis.engine
-    compared = "engines_agree" in scene.checks.model_fields_set
+    compared = scene.checks.engines_agree.tolerance is not None
     if scene.analysis.error is not None and not compared:
         return "statespace"
     try:

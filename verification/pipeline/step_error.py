@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from verification.measures.channel_readings import Look
-from verification.measures.measure import Measurements
-from verification.measures.times import Reading
+from verification.measures.measurements import Measurements
+from verification.measures.readings import Reading, Readings
 
 LATER = 0.05  # of a settling time: how much later the second run's may be without a judgement
 
@@ -25,7 +24,7 @@ class StepError:
     overshoot: float
 
 
-def undecided(fine: Measurements, coarse: Look) -> bool:
+def undecided(fine: Measurements, coarse: Readings) -> bool:
     """Tell whether the second run must be judged before its readings count.
 
     So it is where it shows a time that the first run has none of, which a record that proves
@@ -40,7 +39,7 @@ def undecided(fine: Measurements, coarse: Look) -> bool:
     return more or any(a is None and b is not None for a, b in rises)
 
 
-def simulation_error(fine: Measurements, coarse: Look | None, share: float) -> StepError:
+def simulation_error(fine: Measurements, coarse: Readings | None, share: float) -> StepError:
     """Estimate the error of every measure of `fine` (Richardson's extrapolation).
 
     A settling time jumps by half a ringing period when a peak moves through the edge of the band,
@@ -48,7 +47,7 @@ def simulation_error(fine: Measurements, coarse: Look | None, share: float) -> S
 
     Parameters
     ----------
-    fine, coarse : Measurements and Look
+    fine, coarse : Measurements and Readings
         The same transient at a step and at a larger one; without a second run the error is 0 as
         far as the step goes, because there is none.
     share : float
@@ -62,7 +61,7 @@ def simulation_error(fine: Measurements, coarse: Look | None, share: float) -> S
     if coarse is None:
         unknown = 0.0 if share == 0 else math.inf
         return StepError(unknown, unknown, unknown, unknown)
-    own = fine.look
+    own = fine.readings
     rises = zip(own.rise_times, coarse.rise_times, strict=True)
     return StepError(
         steady_state=share * _furthest(own.finals, coarse.finals) / (fine.amplitude or 1.0),

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from verification.measures.measure import ChannelState, measure
+from verification.measures.measure import measure
+from verification.measures.settling import ChannelState
 
 ONE = np.ones(1)
 

@@ -5,8 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from verification.measures.measure import ChannelState, measure
-from verification.measures.times import rises, settles
+from verification.definitions import RISE_LEVELS
+from verification.measures.measure import measure
+from verification.measures.readings import rise_times, settling_times
+from verification.measures.sampled_signal import SampledSignal
+from verification.measures.settling import ChannelState
 
 SUSTAINED = (ChannelState.OSCILLATING, ChannelState.CLIPPED, ChannelState.DIVERGED)
 
@@ -56,7 +59,7 @@ def test_silence_tells_what_a_fit_would(seed):
         part = time <= share * time[-1]
         found = measure(time[part], u[part], target)
         quick = measure(time[part], u[part], target, details=False)
-        assert found.look == quick.look
+        assert found.readings == quick.readings
         assert [c.state for c in found.channels] == [c.state for c in quick.channels]
         assert [c.reason for c in found.channels] == [c.reason for c in quick.channels]
         spared.append(found.modes != quick.modes == ())
@@ -67,12 +70,12 @@ def test_silence_tells_what_a_fit_would(seed):
 def test_settle_reads_what_is_there():
     time = np.linspace(0, 1, 101)
     errors = np.array([1 - time, time, np.zeros(101), time - 1])
-    falling, outside, still, rising = settles(time, errors, 0.25)
+    falling, outside, still, rising = settling_times(SampledSignal(time, errors), 0.25)
     assert falling.value == pytest.approx(0.75, abs=1e-9)
     assert outside is None
     assert (still.value, still.uncertainty) == (0.0, 0.0)
     assert rising == falling
-    assert settles(time, errors[1:2], 0.25) == [None]
+    assert settling_times(SampledSignal(time, errors[1:2]), 0.25) == (None,)
 
 
 def test_rises_of_channels_of_either_direction():
@@ -80,9 +83,11 @@ def test_rises_of_channels_of_either_direction():
     time = np.linspace(0, 12, 1201)
     tau, steps = np.array([0.5, 1.0, 20.0, 2.0]), np.array([1.0, -3.0, 1.0, -0.1])
     errors = -steps[:, None] * np.exp(-time / tau[:, None])
-    quick, falling, slow, small = rises(time, errors, steps, 0.1, 0.9)
+    quick, falling, slow, small = rise_times(
+        SampledSignal(time, errors), steps, steps != 0, RISE_LEVELS
+    )
     assert slow is None
     for reading, pace in ((quick, 0.5), (falling, 1.0), (small, 2.0)):
         assert abs(reading.value - pace * np.log(9)) <= reading.uncertainty < 1e-3
         assert not reading.fragile
-    assert rises(time, errors[:0], steps[:0], 0.1, 0.9) == []
+    assert rise_times(SampledSignal(time, errors), steps, steps == 1e9, RISE_LEVELS) == (None,) * 4

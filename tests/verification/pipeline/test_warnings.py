@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.support.measured import EXACT, UNSTABLE, channel, evidence
-from verification.measures.measure import Reading
+from verification.measures.readings import Reading
 from verification.pipeline.step_error import StepError
 from verification.pipeline.warnings import find_warnings
 from verification.small_signal.poles import summarise

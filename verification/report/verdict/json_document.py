@@ -6,8 +6,8 @@ import math
 from dataclasses import asdict
 from typing import Any
 
-from verification.measures.measure import ChannelMeasure
-from verification.measures.times import Reading
+from verification.measures.measurements import ChannelMeasure
+from verification.measures.readings import Reading
 from verification.pipeline.checks import Check
 from verification.verify import Verdict
 

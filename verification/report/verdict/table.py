@@ -11,8 +11,8 @@ from rich.table import Table
 from rich.text import Text
 
 from netlist_gen.quantities import show
-from verification.measures.measure import Measurements
-from verification.measures.times import Reading
+from verification.measures.measurements import Measurements
+from verification.measures.readings import Reading
 from verification.pipeline.attained_accuracy import Accuracy
 from verification.pipeline.checks import Check, Outcome
 from verification.verify import Verdict

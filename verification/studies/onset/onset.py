@@ -28,7 +28,7 @@ from verification.engines.ngspice.executable import find_simulator
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.small_signal.poles import count_unstable, poles
 from verification.studies.onset.pole_scan import scan
-from verification.studies.onset.scan_result import Crossing, Scan
+from verification.studies.onset.scan_result import AxisCrossing, Scan
 from verification.studies.onset.transient_trial import Confirmation, confirm
 
 AROUND = 30.0  # the default range is the scene's own value over and times this
@@ -43,7 +43,7 @@ Progress = Callable[[str], None]
 class Finding:
     """A crossing and what the transients beside it say."""
 
-    crossing: Crossing
+    crossing: AxisCrossing
     confirmation: Confirmation
 
 

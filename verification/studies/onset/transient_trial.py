@@ -26,7 +26,7 @@ from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.linearised.state_space import StateSpace
 from verification.measures.mode_fit import Mode, fit_modes
 from verification.small_signal.poles import poles
-from verification.studies.onset.scan_result import Crossing
+from verification.studies.onset.scan_result import AxisCrossing
 from verification.waveforms import Waveforms
 
 ASIDE = 0.03  # distance of a transient from the crossing, relative
@@ -96,7 +96,7 @@ class _Trial:
 
 
 def confirm(
-    build: Build, crossing: Crossing, simulator: Simulator, *, logarithmic: bool, timeout: float
+    build: Build, crossing: AxisCrossing, simulator: Simulator, *, logarithmic: bool, timeout: float
 ) -> Confirmation:
     """Run transients on both sides of `crossing` at the same time and compare with the poles.
 
@@ -104,7 +104,7 @@ def confirm(
     ----------
     build : callable
         The board at a value.
-    crossing : Crossing
+    crossing : AxisCrossing
         What is to be confirmed.
     simulator : Simulator
         An ngspice.
@@ -129,7 +129,7 @@ def confirm(
     return Confirmation(confirmed, reasons, below, above)
 
 
-def _prepare(build: Build, crossing: Crossing, side: int, logarithmic: bool) -> _Trial:
+def _prepare(build: Build, crossing: AxisCrossing, side: int, logarithmic: bool) -> _Trial:
     """Go to one side of the crossing, near enough that the pole has the sign it should have."""
     unstable = crossing.unstable_above == (side > 0)
     aside = ASIDE
@@ -149,7 +149,7 @@ def _prepare(build: Build, crossing: Crossing, side: int, logarithmic: bool) -> 
 
 
 def _follow(
-    build: Build, crossing: Crossing, value: float
+    build: Build, crossing: AxisCrossing, value: float
 ) -> tuple[LinearBoard, complex, list[complex]]:
     """Follow the pole from the axis to `value`, each time to the nearest.
 

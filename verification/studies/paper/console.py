@@ -9,7 +9,7 @@ from netlist_gen.overrides.keys import Value
 from netlist_gen.quantities import show
 from netlist_gen.scene.scene import Scene
 from spice_models.errors import EngineError
-from verification.pipeline.checks import Outcome as Passed
+from verification.pipeline.checks import Outcome
 from verification.pipeline.effort import Effort
 from verification.pipeline.recording import record_transient
 from verification.studies.paper.findings import (
@@ -100,7 +100,7 @@ def _tuned(scene: Scene) -> tuple[Finding, Picture]:
             agree
             and overshoot <= LIMIT
             and reading.value < found.before.settling_time
-            and names["steady_state"] is Passed.PASS
+            and names["steady_state"] is Outcome.PASS
         ),
         {"settling_time": reading.value, "overshoot": overshoot,
          "gain": found.after.values["design.gain"]},

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from netlist_gen.scene.scene import CsvLoad, MatrixProblem, Scene
 from spice_models.array_types import Floats
-from verification.measures.measure import ChannelMeasure
-from verification.measures.times import Reading
+from verification.measures.measurements import ChannelMeasure
+from verification.measures.readings import Reading
 from verification.studies.regression.baseline import Entry
 from verification.verify import Verdict
 

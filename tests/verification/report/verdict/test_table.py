@@ -17,7 +17,7 @@ from spice_models.errors import InputError
 from tests.support.measured import channel, measured
 from tests.support.paths import SCENES
 from verification.engines.ngspice.raw_file import read_raw
-from verification.measures.measure import Reading
+from verification.measures.readings import Reading
 from verification.measures.settling import ChannelState
 from verification.report.verdict.json_document import (
     channel_record,

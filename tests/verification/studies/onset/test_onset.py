@@ -40,7 +40,7 @@ from verification.studies.onset.onset import (
     onset,
     parse_onset_axis,
 )
-from verification.studies.onset.scan_result import Crossing
+from verification.studies.onset.scan_result import AxisCrossing
 from verification.studies.onset.transient_trial import Confirmation, along, confirm
 
 TUNED = SCENES / "tuned-breadboard.toml"
@@ -177,7 +177,7 @@ def damping(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("ngspice", "damping")
 def test_an_integration_that_damps_is_reported_as_a_disagreement() -> None:
-    crossing = Crossing(TAU * (24.0 + math.sqrt(575.0)) / R, 357007.0, False, 2, 0)
+    crossing = AxisCrossing(TAU * (24.0 + math.sqrt(575.0)) / R, 357007.0, False, 2, 0)
     trial = confirm(window, crossing, find_simulator(), logarithmic=True, timeout=60.0)
     assert trial.confirmed is False
     assert "the transient grows with -" in trial.reason
