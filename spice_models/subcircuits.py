@@ -43,7 +43,7 @@ class BehaviouralAmplifier(Protocol):
 PORTS = ("inp", "inn", "out")
 """External nodes of an op-amp's subcircuit: non-inverting input, inverting input, output."""
 
-_STAGE_CAPACITANCE = 10e-12
+STAGE_CAPACITANCE = 10e-12
 """Capacitor of each pole, F: about what a signal node carries, so a stage's currents and charges
 are those of the board and one set of tolerances fits both. Measured (linear board, N = 32, ngspice
 46, 500 steps): 550 time points; 697 with stages of 1 Mohm, 889 with 1 kohm, where currents of
@@ -76,11 +76,11 @@ def opamp_subcircuit(model: OpAmp, *, noninverting_grounded: bool) -> SubCircuit
     for index, pole in enumerate((model.first_pole, model.second_pole), start=1):
         if math.isfinite(pole):
             node = f"p{index}"
-            resistance = 1.0 / (2.0 * math.pi * pole * _STAGE_CAPACITANCE)
+            resistance = 1.0 / (2.0 * math.pi * pole * STAGE_CAPACITANCE)
             # From ground to the node: a positive control voltage pushes current into it.
             Card(cell, f"G{index}", "0", node, *control, repr(gain / resistance))
             Card(cell, f"R{index}", node, "0", repr(resistance))
-            Card(cell, f"C{index}", node, "0", repr(_STAGE_CAPACITANCE))
+            Card(cell, f"C{index}", node, "0", repr(STAGE_CAPACITANCE))
             control, gain = (node, "0"), 1.0
     if model.output_resistance > 0.0:
         Card(cell, "Eo", "e", "0", *control, repr(gain))
