@@ -16,6 +16,7 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema
 
+from netlist_gen.analysis import SETTLING_BAND
 from netlist_gen.scene.fields import (
     Count,
     Farads,
@@ -208,7 +209,7 @@ class SteadyStateCheck(Model):
 class SettlingTimeCheck(Model):
     """Settling to ``±band`` (a fraction of the step amplitude) within `max`."""
 
-    band: Annotated[Positive, Field(lt=1)] = 0.01
+    band: Annotated[Positive, Field(lt=1)] = SETTLING_BAND
     max: Seconds | None = None
 
 

@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from netlist_gen.analysis import SETTLING_BAND
 from spice_models.array_types import Floats
 from verification.definitions import RISE_LEVELS
 from verification.measures.envelope import Envelope, envelope
@@ -49,7 +50,7 @@ def measure(
     target: Floats,
     start: Floats | None = None,
     *,
-    band: float = 0.01,
+    band: float = SETTLING_BAND,
     rise: tuple[float, float] = RISE_LEVELS,
     bound: float | None = None,
     expected_stop: float | None = None,
@@ -106,7 +107,7 @@ def read_record(
     target: Floats,
     start: Floats | None = None,
     *,
-    band: float = 0.01,
+    band: float = SETTLING_BAND,
     rise: tuple[float, float] = RISE_LEVELS,
     bound: float | None = None,
     expected_stop: float | None = None,

@@ -21,7 +21,7 @@ import numpy as np
 
 from spice_models.array_types import Floats
 from verification.measures.envelope import saturates
-from verification.measures.mode_fit import Mode
+from verification.measures.mode_fit import GOOD_FIT, Mode
 from verification.measures.readings import Reading
 
 _DWELL = 0.05  # of the settling time that must follow it inside the band
@@ -29,7 +29,6 @@ _DWELL_PERIODS = 3.0
 _SAFE = 0.5  # of the band: a decaying ringing below it will not leave the band again
 _QUIET = 0.05  # of the band: ringing below it is not judged
 _FLAT_TOP = 0.2  # of a period spent within 1 % of one extreme; 0.064 for a sinusoid
-_GOOD_FIT = 0.1  # unexplained part below which a fit's growth rate is believed
 _SILENT = 1 / 21  # of the band: `Drift.heading` carries a mean on by no more than twenty times it
 _ENDS = np.array([3.0, 2.0, 1.0, 0.0])  # of the last three stretches, counted from the last
 _RUNAWAY = 10.0  # step amplitudes off target, and accelerating
@@ -154,7 +153,7 @@ def _decays(ring: ChannelRinging) -> bool:
 
     Without a fit and with hardly an envelope nothing is known, and the dwell must prove it.
     """
-    if ring.mode is not None and ring.mode.residual < _GOOD_FIT:
+    if ring.mode is not None and ring.mode.residual < GOOD_FIT:
         return ring.mode.decays
     half = ring.amplitude[-max(ring.amplitude.size // 2, 1) :]
     return half.size < 2 or bool(half[-1] < 0.9 * half[0])
@@ -168,7 +167,7 @@ def _left(ring: ChannelRinging, end: float) -> tuple[float, float]:
     the dominant line is a trend to the envelope, so the larger of the two counts.
     """
     last, mode, period = float(ring.amplitude[-1]), ring.mode, ring.period or 0.0
-    if mode is None or mode.residual > _GOOD_FIT or not mode.decays:
+    if mode is None or mode.residual > GOOD_FIT or not mode.decays:
         return last, period
     fitted = ring.share * math.exp(mode.growth_rate * (end - mode.stop))
     if mode.frequency * (mode.stop - mode.start) < 1:

@@ -11,12 +11,11 @@ from netlist_gen.board.circuit import Circuit
 from spice_models.array_types import Floats
 from spice_models.errors import EngineError
 from verification.engines.statespace.linearised.board import LinearBoard
-from verification.measures.resampling import lagrange
+from verification.measures.resampling import CUBIC, lagrange
 from verification.pipeline.simulation import Simulation, outputs
 from verification.waveforms import Waveforms
 
 MAX_INSTANTS = 20_000
-STENCIL = 4  # a cubic: more points would magnify rounding where steps grow from tiny ones
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,12 +94,12 @@ def compare_engines(circuit: Circuit, simulation: Simulation, other: Other) -> A
     error of its steps.
     """
     fine, instants = simulation.fine, other.instants
-    if other.reason or len(fine.time) < STENCIL:
+    if other.reason or len(fine.time) < CUBIC:
         reason = other.reason or f"the record has {len(fine.time)} points"
         return Agreement(np.nan, np.nan, np.nan, 0, instants, other.exact * np.nan, reason)
     inside = (instants >= fine.time[0]) & (instants <= fine.time[-1])
     instants = instants[inside]
-    u = lagrange(fine.time, outputs(circuit, fine), instants, STENCIL)
+    u = lagrange(fine.time, outputs(circuit, fine), instants, CUBIC)
     correction = simulation.share * (u - other.second[inside])
     difference = u + correction - other.exact[inside]
     place, channel = np.unravel_index(int(np.argmax(np.abs(difference))), difference.shape)

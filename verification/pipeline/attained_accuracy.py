@@ -21,13 +21,12 @@ from verification.engines.statespace.transients import (
     reduced_order,
     structured_radau,
 )
-from verification.measures.resampling import lagrange
+from verification.measures.resampling import CUBIC, lagrange
 from verification.pipeline.design import Design
 from verification.pipeline.simulation import Simulation, outputs, state_space_tolerance
 from verification.pipeline.transient_plan import plan_transient
 from verification.waveforms import Waveforms
 
-STENCIL = 4  # points of the interpolation between two runs
 INSTANTS = 2000  # at which two runs of an adaptive engine are compared
 LOOSER = 10.0  # the second run's tolerance over the first's
 RESERVE = 0.8  # of the wanted error: what the second try aims at
@@ -126,10 +125,10 @@ def both_tries(first: Accuracy, second: Accuracy | None) -> Accuracy | None:
 def _two_runs(circuit: Circuit, simulation: Simulation) -> tuple[float, str]:
     """Return the stepping engine's error in V, extrapolated from its two runs."""
     fine, coarse = simulation.fine, simulation.coarse
-    if coarse is None or len(fine.time) < STENCIL:
+    if coarse is None or len(fine.time) < CUBIC:
         return math.nan, "no second run"
     inside = (coarse.time >= fine.time[0]) & (coarse.time <= fine.time[-1])
-    u = lagrange(fine.time, outputs(circuit, fine), np.asarray(coarse.time[inside]), STENCIL)
+    u = lagrange(fine.time, outputs(circuit, fine), np.asarray(coarse.time[inside]), CUBIC)
     apart = np.abs(u - outputs(circuit, coarse)[inside]).max()
     return simulation.share * float(apart), "difference to a run at twice the step, extrapolated"
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 from netlist_gen.quantities import show
 from netlist_gen.scene.scene import Checks
+from verification.measures.definitions import SHIFTED
 from verification.measures.measurements import ChannelMeasure, Measurements
 from verification.measures.readings import Reading
 from verification.measures.settling import ChannelState
@@ -177,7 +178,7 @@ def _rise_time(evidence: Evidence) -> Check | None:
     values = [channel.rise_time.value, channel.rise_time.alternative or channel.rise_time.value]
     doubt = check.uncertainty or 0.0
     lower, other = (at_most(-value, doubt, -wanted.min) for value in values)
-    lower = lower if lower is other else Outcome.INCONCLUSIVE  # fragile, and a hair decides
+    lower = lower if lower is other else Outcome.INCONCLUSIVE  # fragile
     reason = f"{text}; at least {show(wanted.min, 's')}"
     return Check("rise_time", lower, check.value, check.uncertainty, wanted.max, None, "s", reason)
 
@@ -253,7 +254,8 @@ def _timed(name: str, reading: Reading, error: float, limit: float | None, text:
         if outcome is Outcome.INCONCLUSIVE:
             reason += "; the limit is within the uncertainty"
     if reading.fragile and reading.alternative is not None:
-        reason += f"; fragile: a hair decides between this and {show(reading.alternative, 's')}"
+        other = show(reading.alternative, "s")
+        reason += f"; fragile: {other} with {SHIFTED[name.removesuffix('_time')]}"
         if limit is not None and at_most(reading.alternative, uncertainty, limit) is not outcome:
             outcome = Outcome.INCONCLUSIVE
     return Check(name, outcome, reading.value, uncertainty, limit, None, "s", reason)

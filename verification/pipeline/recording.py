@@ -10,6 +10,7 @@ from netlist_gen.analysis import Transient
 from netlist_gen.board.circuit import Circuit
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
+from verification.engines.ngspice.process import PHYSICAL_BOUND
 from verification.ideal.ideal_answer import IdealAnswer, ideal_answer
 from verification.measures.measure import measure, read_record
 from verification.measures.measurements import Measurements
@@ -17,7 +18,7 @@ from verification.pipeline.agreement import Agreement, compare_engines, exact_re
 from verification.pipeline.clock import Clock, Progress
 from verification.pipeline.design import Design, design_board
 from verification.pipeline.effort import Effort
-from verification.pipeline.simulation import PHYSICAL_BOUND, Pending, Simulation, begin, outputs
+from verification.pipeline.simulation import Pending, Simulation, begin, outputs
 from verification.pipeline.step_error import StepError, simulation_error, undecided
 from verification.waveforms import Waveforms
 

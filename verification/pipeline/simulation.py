@@ -28,7 +28,7 @@ from spice_models.errors import (
 )
 from verification.engines.ngspice import session
 from verification.engines.ngspice.executable import find_simulator
-from verification.engines.ngspice.process import Run, start
+from verification.engines.ngspice.process import PHYSICAL_BOUND, Run, start
 from verification.engines.ngspice.session import Turn
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.pipeline.effort import FULL, Effort
@@ -39,7 +39,6 @@ from verification.waveforms import Waveforms
 # a few boards with nonlinear amplifiers do not get away from there. The older solver does.
 SPARSE = "noopiter"
 SECOND_SOLVER = "KLU did not get away from the start; ngspice's older solver gave this answer"
-PHYSICAL_BOUND = 1e6  # unit voltages; what is above has diverged
 COARSER = 2.0  # the second run's step over the first's
 ORDER = 2  # of the trapezoidal rule
 STEP_SHARE = 0.05  # of a wanted error: the state-space engine's tolerance

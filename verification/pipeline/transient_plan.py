@@ -62,7 +62,7 @@ def plan_transient(
         )
     if scene.analysis.stop == "auto":
         stop = _six_digits(stop)
-    return Transient(stop, _six_digits(step), _truncation(points), scene.analysis.initial)
+    return Transient(stop, _six_digits(step), truncation_for(points), scene.analysis.initial)
 
 
 def step_for_error(scales: TimeScales, error: float, stop: float) -> float:
@@ -129,7 +129,7 @@ def _points(scene: Scene, scales: TimeScales, engine: str) -> float:
     return scales.max_step_for(1.0) / step_for_error(scales, choice.error, stop)
 
 
-def _truncation(points: float) -> float:
+def truncation_for(points: float) -> float:
     """Return twice the local error ``(omega h)³ / 12`` of a mode with `points` on its period.
 
     So a mode that is faster than the one that sets the maximum step gets nearly as many points,

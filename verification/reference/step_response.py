@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from netlist_gen.analysis import SETTLING_BAND
 from spice_models.array_types import Floats
 from verification.definitions import RISE_LEVELS, SMALL_STEP
 
@@ -37,7 +38,7 @@ class Response:
         """Step amplitude ``max |u(inf) - u(0)|``, V."""
         return float(np.max(np.abs(self.target - self.start)))
 
-    def settling_time(self, band: float = 0.01) -> float:
+    def settling_time(self, band: float = SETTLING_BAND) -> float:
         """Return the last instant at which any channel is outside the band around its target.
 
         Parameters

@@ -12,6 +12,7 @@ from typing import Literal
 
 import numpy as np
 
+from netlist_gen.analysis import SETTLING_BAND
 from netlist_gen.board.circuit import Circuit
 from spice_models.array_types import Bools, Floats
 from verification.definitions import FAINT, RISE_LEVELS
@@ -51,7 +52,7 @@ def measure_exact(
     start: Floats | None = None,
     *,
     initial: Literal["zero", "rest"] = "zero",
-    band: float = 0.01,
+    band: float = SETTLING_BAND,
     rise: tuple[float, float] = RISE_LEVELS,
 ) -> Measurements:
     """Measure the step response of a linear board.

@@ -53,7 +53,7 @@ class Candidate:
     values : dict of str to float
         Parameter values by dotted path.
     settling_time : float
-        s; infinite if it does not settle. Where a hair decides between two, the longer.
+        s; infinite if it does not settle. Of a fragile reading's two values the longer.
     overshoot : float
         Fraction of the step amplitude; infinite for an unstable board.
     stable : bool

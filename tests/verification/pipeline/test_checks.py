@@ -144,7 +144,7 @@ def test_settling_time(
         ({"max": 3e-6}, 4e-6, FAIL),
     ],
 )
-def test_rise_time_and_the_hair_that_decides(
+def test_a_fragile_rise_time(
     limits: dict[str, float], alternative: float | None, outcome: Outcome
 ) -> None:
     reading = Reading(10e-6, 1e-9, alternative is not None, alternative)

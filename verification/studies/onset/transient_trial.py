@@ -25,6 +25,7 @@ from verification.engines.ngspice.process import Run, start
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.linearised.state_space import StateSpace
 from verification.measures.mode_fit import Mode, fit_modes
+from verification.pipeline.transient_plan import truncation_for
 from verification.small_signal.poles import poles
 from verification.studies.onset.scan_result import AxisCrossing
 from verification.waveforms import Waveforms
@@ -202,7 +203,7 @@ def along(board: LinearBoard, pole: complex, fastest: float = 0.0) -> Transient:
     return Transient(
         stop=length,
         max_step=step,
-        truncation=(_TURN / POINTS) ** 3 / 6.0,
+        truncation=truncation_for(POINTS),
         voltages=dict(zip(space.nodes, start_at.tolist(), strict=True)),
     )
 

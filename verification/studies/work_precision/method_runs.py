@@ -20,10 +20,11 @@ from spice_models.array_types import Floats
 from spice_models.errors import EngineError, TimedOut
 from verification.engines.ngspice import process
 from verification.engines.ngspice.executable import Simulator, find_simulator
+from verification.engines.ngspice.process import PHYSICAL_BOUND
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.transients import amplified, structured_radau
 from verification.engines.statespace.transients.exact import ENGINE, exact_solution
-from verification.pipeline.simulation import PHYSICAL_BOUND, outputs
+from verification.pipeline.simulation import outputs
 from verification.pipeline.transient_plan import coarser
 from verification.reference import IdealNetwork
 from verification.reference.dynamics import ScaledNetwork
