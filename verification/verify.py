@@ -22,8 +22,9 @@ from verification.pipeline.design import Design, design_board
 from verification.pipeline.effort import FULL, Effort
 from verification.pipeline.error_budget import ErrorPart, error_budget
 from verification.pipeline.recording import Recording, watch
-from verification.pipeline.simulation import begin
+from verification.pipeline.simulation import Pending, begin
 from verification.pipeline.step_error import StepError
+from verification.pipeline.transient_plan import plan_transient
 from verification.pipeline.warnings import find_warnings
 from verification.small_signal.constraint_stage import ConstraintPlane, constraint_plane
 from verification.small_signal.margin import REACH, Margin, capacitance_margin
@@ -92,8 +93,7 @@ def verify(
     """
     clock = Clock(progress)
     design = design_board(scene, clock, problem=problem, circuit=circuit)
-    clock.begin("simulation")
-    pending = begin(design.scene, design.board, design.transient, design.engine, effort)
+    pending = _begin(design, clock, effort)
     clock.begin("reference", beside="simulation")
     ideal = ideal_answer(design.network, design.scene) if ideal is None else ideal
     rest = design.board.equilibrium if effort.details else None
@@ -102,11 +102,10 @@ def verify(
     seen = watch(design, ideal, pending, clock, effort)
     accuracy = attained(design, seen.simulation, seen.measurements.amplitude)
     if accuracy is not None and (again := finer(design.scene, accuracy)) is not None:
-        board, problem = design.board, design.problem
-        verdict = verify(
-            again, progress, problem=problem, circuit=board, ideal=ideal, effort=effort
-        )
-        return replace(verdict, scene=design.scene, accuracy=both_tries(accuracy, verdict.accuracy))
+        design = replace(design, transient=plan_transient(again, design.scales, design.engine))
+        seen = watch(design, ideal, _begin(design, clock, effort), clock, effort)
+        second = attained(design, seen.simulation, seen.measurements.amplitude)
+        accuracy = both_tries(accuracy, second)
     evidence = _evidence(design, ideal, margin, seen)
     checks = judge(evidence)
     budget = _budget(design, ideal, rest, seen)
@@ -135,6 +134,11 @@ def verify(
         outcome=overall(checks),
         timing=clock.seconds,
     )
+
+
+def _begin(design: Design, clock: Clock, effort: Effort) -> Pending:
+    clock.begin("simulation")
+    return begin(design.scene, design.board, design.transient, design.engine, effort)
 
 
 def _budget(
