@@ -62,6 +62,4 @@ class OperatingPoint:
     """The equilibrium with the strain applied."""
 
 
-SETTLING_BAND = 0.01  # half width of the settling band, fraction of the step amplitude, by default
-
 Analysis = Transient | OperatingPoint

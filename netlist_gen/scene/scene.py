@@ -16,7 +16,6 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema
 
-from netlist_gen.analysis import SETTLING_BAND
 from netlist_gen.scene.fields import (
     Count,
     Farads,
@@ -39,6 +38,7 @@ from netlist_gen.scene.fields import (
 from netlist_gen.scene.regression import Regression
 from netlist_gen.scene.tolerances import Tolerances
 from spice_models.amplifier import AMPLIFIERS
+from spice_models.definitions import SETTLING_BAND
 from spice_models.presets import preset_names
 
 NAME_PATTERN = r"^[A-Za-z0-9_.-]+$"

@@ -18,7 +18,7 @@ PACKAGES = ("spice_models", "netlist_gen", "verification", "taction", "cli")
 # from the floors below, never from another room of its own floor. A longer name wins over a
 # shorter one: `verification.waveforms` is a room of its own.
 FLOORS: tuple[tuple[str, ...], ...] = (
-    ("spice_models", "verification.definitions"),
+    ("spice_models",),
     ("netlist_gen", "verification.waveforms", "verification.reference", "verification.measures"),
     ("verification.engines.ngspice", "verification.engines.statespace", "verification.ideal"),
     ("verification.small_signal",),

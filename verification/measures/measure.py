@@ -8,7 +8,7 @@ Definitions, once for the whole tool, with the network's step amplitude
   step is under 5 % of A;
 - overshoot: how far a channel goes beyond its target, as a fraction of A.
 
-The numbers stand in `verification.definitions`. A settling time is given only where the
+The numbers stand in `spice_models.definitions`. A settling time is given only where the
 record proves it: see `verification.measures.settling`. The times count from the record's first
 point.
 """
@@ -19,9 +19,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from netlist_gen.analysis import SETTLING_BAND
 from spice_models.array_types import Floats
-from verification.definitions import RISE_LEVELS
+from spice_models.definitions import RISE_LEVELS, SETTLING_BAND
 from verification.measures.envelope import Envelope, envelope
 from verification.measures.measurements import (
     NO_STEP,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from verification.definitions import FAINT, SMALL_STEP
+from spice_models.definitions import FAINT, SMALL_STEP
 from verification.measures.mode_fit import Mode
 from verification.measures.readings import Reading, Readings, Step, latest
 from verification.measures.settling import ChannelState, Settlement

@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from spice_models.array_types import Bools, Floats, Indices
-from verification.definitions import BAND_SHIFT, FRAGILE, LEVEL_SHIFT, SMALL_STEP
+from spice_models.definitions import BAND_SHIFT, FRAGILE, LEVEL_SHIFT, SMALL_STEP
 from verification.measures.crossings import Crossings
 
 

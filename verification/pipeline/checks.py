@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from netlist_gen.quantities import show
 from netlist_gen.scene.scene import Checks
-from verification.measures.definitions import SHIFTED
+from spice_models.definitions import SHIFTED
 from verification.measures.measurements import ChannelMeasure, Measurements
 from verification.measures.readings import Reading
 from verification.measures.settling import ChannelState

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from netlist_gen.quantities import show
-from verification.measures.definitions import SHIFTED
+from spice_models.definitions import SHIFTED
 from verification.pipeline.checks import Evidence
 
 WELL_ABOVE = 10.0  # a tolerance should be this many times the simulation's own error

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netlist_gen.analysis import SETTLING_BAND
 from spice_models.array_types import Floats
-from verification.definitions import RISE_LEVELS, SMALL_STEP
+from spice_models.definitions import RISE_LEVELS, SETTLING_BAND, SMALL_STEP
 
 EPS = float(np.finfo(np.float64).eps)
 

@@ -12,10 +12,9 @@ from typing import Literal
 
 import numpy as np
 
-from netlist_gen.analysis import SETTLING_BAND
 from netlist_gen.board.circuit import Circuit
 from spice_models.array_types import Bools, Floats
-from verification.definitions import FAINT, RISE_LEVELS
+from spice_models.definitions import FAINT, RISE_LEVELS, SETTLING_BAND
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.transients.exact import Exact, exact_solution
 from verification.measures.measurements import (

@@ -11,19 +11,8 @@ from netlist_gen.board.circuit import Circuit
 from spice_models.array_types import Complexes
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.linearised.count_unstable import count_right
-from verification.engines.statespace.linearised.modes import eigenvalues
 from verification.engines.statespace.linearised.rightmost_poles import rightmost_poles
-from verification.small_signal.time_scales import Ringing, TimeScales, time_scales
-
-__all__ = [
-    "Poles",
-    "Ringing",
-    "TimeScales",
-    "count_unstable",
-    "poles",
-    "summarise",
-    "time_scales",
-]
+from verification.small_signal.time_scales import TimeScales
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,8 +65,7 @@ def poles(circuit: Circuit | LinearBoard) -> Poles:
     board = LinearBoard.of(circuit)
     if board.descriptor.is_large:
         return summarise(rightmost_poles(board), complete=False)
-    found = eigenvalues([block.A for block in board.state_space.blocks])
-    return summarise(found, complete=True)
+    return summarise(board.state_space.eigenvalues, complete=True)
 
 
 def poles_behind(board: LinearBoard, scales: TimeScales) -> Poles:

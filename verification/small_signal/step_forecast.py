@@ -206,7 +206,7 @@ def _instants(poles: Complexes, stop: float) -> Floats:
 
 def _exp(exponents: Complexes) -> Complexes:
     """Return the exponential, or its largest value where it would overflow."""
-    return np.exp(np.minimum(exponents.real, LARGEST) + 1j * exponents.imag)
+    return np.asarray(np.exp(np.minimum(exponents.real, LARGEST) + 1j * exponents.imag))
 
 
 def _real(growth: Complexes, shares: Complexes) -> Floats:

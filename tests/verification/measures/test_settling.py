@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from verification.definitions import RISE_LEVELS
+from spice_models.definitions import RISE_LEVELS
 from verification.measures.measure import measure
 from verification.measures.readings import rise_times, settling_times
 from verification.measures.sampled_signal import SampledSignal

@@ -9,7 +9,8 @@ import pytest
 
 from tests.support.boards import lags, paper_board, single_mode
 from verification.engines.statespace.transients.exact import exact_solution
-from verification.small_signal.poles import poles, summarise, time_scales
+from verification.small_signal.poles import poles, summarise
+from verification.small_signal.time_scales import time_scales
 
 TAU = 0.455e-6
 

@@ -136,12 +136,12 @@ def test_an_antisymmetric_mode_that_the_load_never_excites_is_confirmed(ngspice:
     (stable,) = found.scan.stable_ranges
     assert stable == (edge.value, 3e-11)
     # At 3.8 pF the pole stands at +2.7e4 /s, and its mode is antisymmetric.
-    board = board_over(scene, found.axis)(3.8e-12)
+    board = LinearBoard(board_over(scene, found.axis)(3.8e-12))
     pole = poles(board).rightmost
     assert pole.real == pytest.approx(2.7e4, rel=0.02)
     start = along(board, pole).voltages
-    rest = LinearBoard(board).equilibrium
-    v = np.array([start[node] - rest[node] for node in board.signal_nodes])
+    rest = board.equilibrium
+    v = np.array([start[node] - rest[node] for node in board.circuit.signal_nodes])
     assert v == pytest.approx(-v[::-1], abs=1e-6 * np.abs(v).max())
 
 

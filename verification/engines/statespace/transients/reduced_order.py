@@ -168,7 +168,7 @@ def _converged(space: Space, start: Floats, stop: float, tolerance: float) -> tu
                 missed = np.abs(seen[0, :-1] - start).max(initial=0.0)
                 error = max(change / tail, float(missed), float(np.abs(seen[:, -1]).max()))
                 if error <= MARGIN * tolerance * amplitude:
-                    ritz = replace(found, share=found.share[:, :-1])
+                    ritz = Ritz(found.poles, found.share[:, :-1])
                     return ritz, error + ROUNDING * amplitude
             last = seen
         else:  # the board's own pole, or one of the projection alone: the next look may tell

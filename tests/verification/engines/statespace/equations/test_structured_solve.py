@@ -23,7 +23,8 @@ from verification.engines.statespace.linearised.rightmost_poles import (
 )
 from verification.engines.statespace.transients import amplified, structured_radau
 from verification.engines.statespace.transients.exact import exact_solution, simulate
-from verification.small_signal.poles import count_unstable, poles, time_scales
+from verification.small_signal.poles import count_unstable, poles
+from verification.small_signal.time_scales import time_scales
 
 
 def wide_board(channels: int, C: float = 10e-12) -> Circuit:
