@@ -133,14 +133,14 @@ def _first_crossing(growth: Callable[[float], float], reach: float) -> float:
 
     `growth` gives the rightmost pole's real part, 1/s, by the factor.
     """
-    from scipy.optimize import brentq
-
     growth = functools.cache(growth)  # the search for the root asks again for both ends
     if not growth(1.0) < 0.0:
         return 0.0
     factors = np.geomspace(1.0, reach, 1 + math.ceil(PER_DECADE * math.log10(reach)))
     for low, high in itertools.pairwise(factors.tolist()):
         if not growth(high) < 0.0:
+            from scipy.optimize import brentq
+
             root = brentq(growth, low, high, xtol=0.1 * CLOSE, rtol=0.4 * CLOSE)
             return float(root / (1.0 + 0.5 * CLOSE))  # on the stable side
     return reach

@@ -15,8 +15,8 @@ Response = tuple[Callable[[Floats], Floats], Floats]
 LOOSE = 1e17  # largest element of an inverse that still means something, rows scaled
 
 
-def dc_response(descriptor: Descriptor) -> Response:
-    """Prepare to solve ``K z = r``.
+def dense_response(descriptor: Descriptor) -> Response:
+    """Prepare to solve ``K z = r`` densely.
 
     Returns
     -------
@@ -27,15 +27,7 @@ def dc_response(descriptor: Descriptor) -> Response:
     ------
     EngineError
         K is singular: some node has no DC path, or a loop has no DC answer.
-
-    Notes
-    -----
-    Costs one factorisation of all unknowns: dense, or of a large board structured with m solves.
     """
-    return _structured(descriptor) if descriptor.is_large else _dense(descriptor)
-
-
-def _dense(descriptor: Descriptor) -> Response:
     board = descriptor.dense
     K, halves = board.stiffness, board.halves
     inverses = [_inverse(part) for _, part in board.blocks]
@@ -83,8 +75,9 @@ def _undetermined(K: Floats, names: tuple[str, ...]) -> EngineError:
     return EngineError(message)
 
 
-def _structured(descriptor: Descriptor) -> Response:
-    solve_shifted = Structure(descriptor).factor(0.0).solve
+def structured_response(structure: Structure) -> Response:
+    """As `dense_response`, through the structure of a large board: one solve a device."""
+    descriptor, solve_shifted = structure.descriptor, structure.factor(0.0).solve
 
     def solve(r: Floats) -> Floats:
         z = -solve_shifted(r)

@@ -8,7 +8,11 @@ from dataclasses import dataclass
 
 from netlist_gen.board.circuit import Circuit
 from verification.engines.statespace.equations.coarse_board import coarsen
-from verification.engines.statespace.equations.dc_solve import Response, dc_response
+from verification.engines.statespace.equations.dc_solve import (
+    Response,
+    dense_response,
+    structured_response,
+)
 from verification.engines.statespace.equations.descriptor import Descriptor
 from verification.engines.statespace.equations.stamps import stamp
 from verification.engines.statespace.equations.structured_solve import Structure
@@ -66,7 +70,14 @@ class LinearBoard:
 
     @functools.cached_property
     def _response(self) -> Response:
-        return dc_response(self.descriptor)
+        if self.descriptor.is_large:
+            return structured_response(self._bare)
+        return dense_response(self.descriptor)
+
+    @functools.cached_property
+    def _bare(self) -> Structure:
+        """The structure without the amplifiers' slopes."""
+        return Structure(self.descriptor)
 
     @property
     def _operating_point(self) -> Equilibrium | None:
@@ -87,7 +98,7 @@ class LinearBoard:
     def structure(self) -> Structure:
         """The equations of a large board, to be solved without any dense matrix of all of them."""
         point = self._operating_point
-        return Structure(self.descriptor, None if point is None else point.slopes)
+        return self._bare if point is None else Structure(self.descriptor, point.slopes)
 
     @functools.cached_property
     def coarse(self) -> LinearBoard:

@@ -65,7 +65,7 @@ def solve_equilibrium(
     descriptor : Descriptor
         The board.
     response : tuple of callable and ndarray
-        Its `dc_solve.dc_response`.
+        As `dc_solve.dense_response` has it.
     sources_on : bool
         Whether the strain currents flow; voltage sources always do.
 

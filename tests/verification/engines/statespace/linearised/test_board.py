@@ -73,7 +73,7 @@ def test_one_verification_computes_nothing_twice(
     honest = transient_plan.step_for_error
     monkeypatch.setattr(transient_plan, "step_for_error", lambda *args: 4.0 * honest(*args))
     stamped = recorded(monkeypatch, board_module, "stamp")
-    factorised = recorded(monkeypatch, board_module, "dc_response")
+    factorised = recorded(monkeypatch, board_module, "dense_response")
     solved = recorded(monkeypatch, board_module, "solve_equilibrium")
     linearised = recorded(monkeypatch, board_module, "linearise")
     decomposed = recorded(monkeypatch, state_space_module, "decompose")
