@@ -16,7 +16,7 @@ from netlist_gen.analysis import SETTLING_BAND
 from netlist_gen.board.circuit import Circuit
 from spice_models.array_types import Bools, Floats
 from verification.engines.statespace.transients.exact import Exact, exact
-from verification.measures.definitions import FAINT, RISE_LEVELS
+from verification.measures.definitions import FAINT
 from verification.measures.measurements import (
     NO_STEP,
     Measurements,
@@ -52,7 +52,6 @@ def measure_exact(
     *,
     initial: Literal["zero", "rest"] = "zero",
     band: float = SETTLING_BAND,
-    rise: tuple[float, float] = RISE_LEVELS,
 ) -> Measurements:
     """Measure the step response of a linear board.
 
@@ -64,7 +63,7 @@ def measure_exact(
         Reference steady state of u, V.
     start : ndarray (N,), optional
         u before the step, V; by default the solution's own.
-    initial, band, rise
+    initial, band
         As `netlist_gen.analysis.Transient` and `measures.measure` have them.
 
     Raises
@@ -86,7 +85,7 @@ def measure_exact(
     growing = (solution.poles.real >= 0.0)[:, None] & (share > INVISIBLE * amplitude)
     detail = ALIVE * tolerance
     signal = ExactSignal(solution, signs, target, detail, _horizon(solution, detail))
-    readings = read(signal, step, final, tolerance, rise, np.any(growing, axis=0))
+    readings = read(signal, step, final, tolerance, np.any(growing, axis=0))
     board, modes = _Board(solution, share, growing, step, final, band), _modes(solution, amplitude)
     short = "it never reaches the levels of its own step"
     channels = []
