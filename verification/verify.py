@@ -15,12 +15,12 @@ from verification.ideal.ideal_answer import IdealAnswer, ideal_answer
 from verification.measures.measurements import Measurements
 from verification.pipeline.agreement import Agreement
 from verification.pipeline.attained_accuracy import Accuracy
-from verification.pipeline.attempts import attempt
 from verification.pipeline.checks import Check, Evidence, Outcome, overall, run_checks
 from verification.pipeline.clock import Clock, Progress
 from verification.pipeline.design import Design, design_board
 from verification.pipeline.effort import FULL, Effort
 from verification.pipeline.error_budget import ErrorPart, error_budget
+from verification.pipeline.recording import attempt
 from verification.pipeline.simulation import begin
 from verification.pipeline.step_error import StepError
 from verification.pipeline.warnings import find_warnings
@@ -98,8 +98,8 @@ def verify(
     margin = _margin(design, effort.full_margin)
     rest = equilibrium(design.circuit) if effort.details else None
     constraint = constraint_plane(design.circuit) if effort.details else None
-    made = attempt(design, ideal, pending, clock, effort)
-    seen, wave = made.seen, made.seen.simulation.fine
+    design, seen = attempt(design, ideal, pending, clock, effort)
+    wave = seen.simulation.fine
     evidence = Evidence(
         checks=design.scene.checks,
         measurements=seen.measurements,
@@ -119,7 +119,7 @@ def verify(
         scene=design.scene,
         problem=design.problem,
         circuit=design.circuit,
-        transient=made.design.transient,
+        transient=design.transient,
         ideal=ideal,
         poles=design.poles,
         margin=margin,
@@ -128,7 +128,7 @@ def verify(
         u=seen.u,
         measurements=seen.measurements,
         error=seen.error,
-        accuracy=made.accuracy,
+        accuracy=seen.accuracy,
         agreement=seen.agreement,
         energy=energy,
         budget=budget,
