@@ -10,19 +10,17 @@ from netlist_gen.problem.inverse_problem import InverseProblem
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from verification.engines.statespace.linearised.board import LinearBoard
-from verification.engines.statespace.linearised.equilibrium import Equilibrium
 from verification.ideal.energy_rise import EnergyRise, energy_rise
 from verification.ideal.ideal_answer import IdealAnswer, ideal_answer
 from verification.measures.measurements import Measurements
 from verification.pipeline.agreement import Agreement
 from verification.pipeline.attained_accuracy import Accuracy
-from verification.pipeline.attempts import attempt
 from verification.pipeline.checks import Check, Evidence, Outcome, overall, run_checks
 from verification.pipeline.clock import Clock, Progress
 from verification.pipeline.design import Design, design_board
 from verification.pipeline.effort import FULL, Effort
 from verification.pipeline.error_budget import ErrorPart, error_budget
-from verification.pipeline.recording import Recording
+from verification.pipeline.recording import attempt
 from verification.pipeline.simulation import begin
 from verification.pipeline.step_error import StepError
 from verification.pipeline.warnings import find_warnings
@@ -100,18 +98,28 @@ def verify(
     margin = _margin(design, effort.full_margin)
     rest = design.board.equilibrium if effort.details else None
     constraint = constraint_plane(design.circuit) if effort.details else None
-    made = attempt(design, ideal, pending, clock, effort)
-    seen, wave = made.seen, made.seen.simulation.fine
-    evidence = _evidence(design, ideal, margin, seen)
+    design, seen = attempt(design, ideal, pending, clock, effort)
+    wave = seen.simulation.fine
+    evidence = Evidence(
+        checks=design.scene.checks,
+        measurements=seen.measurements,
+        error=seen.error,
+        agreement=seen.agreement,
+        poles=design.poles,
+        margin=margin,
+        reference_error=ideal.error,
+        reference_problem=ideal.problem,
+    )
     checks = run_checks(evidence)
     energy = energy_rise(design.network, wave.time, seen.u) if effort.details else None
-    budget = _budget(design, ideal, rest, seen)
+    own_error = seen.error.steady_state * seen.measurements.amplitude
+    budget = () if rest is None else error_budget(design, ideal, rest, seen.u[-1], own_error)
     clock.end()
     return Verdict(
         scene=design.scene,
         problem=design.problem,
         circuit=design.circuit,
-        transient=made.design.transient,
+        transient=design.transient,
         ideal=ideal,
         poles=design.poles,
         margin=margin,
@@ -120,7 +128,7 @@ def verify(
         u=seen.u,
         measurements=seen.measurements,
         error=seen.error,
-        accuracy=made.accuracy,
+        accuracy=seen.accuracy,
         agreement=seen.agreement,
         energy=energy,
         budget=budget,
@@ -131,35 +139,9 @@ def verify(
     )
 
 
-def _budget(
-    design: Design, ideal: IdealAnswer, rest: Equilibrium | None, seen: Recording
-) -> tuple[ErrorPart, ...]:
-    if rest is None:
-        return ()
-    simulator = seen.error.steady_state * seen.measurements.amplitude
-    return error_budget(
-        design.problem, design.network, design.circuit, ideal, rest, seen.u[-1], simulator
-    )
-
-
 def _margin(design: Design, full: bool) -> Margin | None:
     wanted = design.scene.checks.stability.margin
     if wanted <= 1.0:
         return None
     reach = max(wanted, REACH) if full else wanted
     return capacitance_margin(design.board, reach, design.poles)
-
-
-def _evidence(
-    design: Design, ideal: IdealAnswer, margin: Margin | None, seen: Recording
-) -> Evidence:
-    return Evidence(
-        checks=design.scene.checks,
-        measurements=seen.measurements,
-        error=seen.error,
-        agreement=seen.agreement,
-        poles=design.poles,
-        margin=margin,
-        reference_error=ideal.error,
-        reference_problem=ideal.problem,
-    )

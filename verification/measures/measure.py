@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spice_models.array_types import Floats
-from spice_models.definitions import RISE_LEVELS, SETTLING_BAND
+from spice_models.definitions import SETTLING_BAND
 from verification.measures.envelope import Envelope, envelope
 from verification.measures.measurements import (
     NO_STEP,
@@ -50,7 +50,6 @@ def measure(
     start: Floats | None = None,
     *,
     band: float = SETTLING_BAND,
-    rise: tuple[float, float] = RISE_LEVELS,
     bound: float | None = None,
     expected_stop: float | None = None,
     details: bool = True,
@@ -69,8 +68,6 @@ def measure(
         Value before the step; the first point by default.
     band : float
         Half width of the settling band, fraction of A.
-    rise : tuple of float
-        Levels of the rise time, fractions of a channel's own step.
     bound : float, optional
         A magnitude that no channel can physically exceed, in the unit of `u`; what does has
         diverged.
@@ -83,10 +80,10 @@ def measure(
     Raises
     ------
     ValueError
-        Shapes that do not match, time that does not increase, a target or levels that are not
+        Shapes that do not match, time that does not increase, a target or a band that is not
         usable: mistakes of the caller, not properties of a waveform.
     """
-    _check(time, u, target, band, rise)
+    _check(time, u, target, band)
     part = sound_part(time, u, target, start, bound, expected_stop)
     t = part.signal.time
     v, drift = u[: t.size], Drift(t, part.signal.errors)
@@ -96,7 +93,7 @@ def measure(
         ringing = envelope(t, v)
         over = not part.cut and silent(drift, ringing.amplitude, band * amplitude)
         modes = () if over and not details else fit_modes(t, v, ringing=ringing)
-    record = _Record(part, v, part.read(band, rise), drift, band, ringing, modes)
+    record = _Record(part, v, part.read(band), drift, band, ringing, modes)
     return summary(amplitude, band, modes, [_channel(record, n) for n in range(target.size)])
 
 
@@ -107,7 +104,6 @@ def read_record(
     start: Floats | None = None,
     *,
     band: float = SETTLING_BAND,
-    rise: tuple[float, float] = RISE_LEVELS,
     bound: float | None = None,
     expected_stop: float | None = None,
 ) -> Readings:
@@ -116,9 +112,9 @@ def read_record(
     A settling time is when the channel was last outside its band. It is left out where `measure`
     never has one: in a record that is cut short, and without a step.
     """
-    _check(time, u, target, band, rise)
+    _check(time, u, target, band)
     part = sound_part(time, u, target, start, bound, expected_stop)
-    found = part.read(band, rise)
+    found = part.read(band)
     if part.cut or part.step.amplitude == 0:
         found = replace(found, settling_times=(None,) * target.size)
     return found
@@ -137,7 +133,7 @@ class _Record:
     modes: tuple[Mode, ...]
 
 
-def _check(time: Floats, u: Floats, target: Floats, band: float, rise: tuple[float, float]) -> None:
+def _check(time: Floats, u: Floats, target: Floats, band: float) -> None:
     """Raise ValueError on arguments that no record could make right."""
     mistakes = (
         (time.ndim != 1 or time.size < 1, "time must have the shape (P,), P at least 1"),
@@ -145,7 +141,6 @@ def _check(time: Floats, u: Floats, target: Floats, band: float, rise: tuple[flo
         (not np.isfinite(target).all(), "the target must be finite"),
         (not np.all(np.diff(time) > 0), "time must increase strictly"),
         (not 0 < band < 1, "the band must be between 0 and 1"),
-        (not 0 <= rise[0] < rise[1] <= 1, "the rise levels must be increasing, in 0 to 1"),
     )
     for wrong, text in mistakes:
         if wrong:

@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from spice_models.array_types import Bools, Floats, Indices
-from spice_models.definitions import BAND_SHIFT, FRAGILE, LEVEL_SHIFT, SMALL_STEP
+from spice_models.definitions import BAND_SHIFT, FRAGILE, LEVEL_SHIFT, RISE_LEVELS, SMALL_STEP
 from verification.measures.crossings import Crossings
 
 
@@ -114,14 +114,7 @@ class Step:
         return np.asarray((sizes >= SMALL_STEP * self.amplitude) & (sizes > 0))
 
 
-def read(
-    signal: Signal,
-    step: Step,
-    finals: Floats,
-    tolerance: float,
-    levels: tuple[float, float],
-    lost: Bools,
-) -> Readings:
+def read(signal: Signal, step: Step, finals: Floats, tolerance: float, lost: Bools) -> Readings:
     """Read a signal.
 
     Parameters
@@ -130,14 +123,12 @@ def read(
         Last values, in the unit of the signal.
     tolerance : float
         Half width of the settling band, in the same unit.
-    levels : tuple of float
-        Of the rise time, fractions of a channel's own step.
     lost : ndarray (N,)
         Channels whose rise time has no meaning.
     """
     return Readings(
         finals=tuple(finals.tolist()),
-        rise_times=rise_times(signal, step.sizes, step.rising() & ~lost, levels),
+        rise_times=rise_times(signal, step.sizes, step.rising() & ~lost),
         settling_times=settling_times(signal, tolerance),
         overshoots=_overshoots(signal, step),
     )
@@ -163,9 +154,7 @@ def settling_times(signal: Signal, tolerance: float) -> tuple[Reading | None, ..
     return tuple(found)
 
 
-def rise_times(
-    signal: Signal, steps: Floats, wanted: Bools, levels: tuple[float, float]
-) -> tuple[Reading | None, ...]:
+def rise_times(signal: Signal, steps: Floats, wanted: Bools) -> tuple[Reading | None, ...]:
     """Return the time from each channel's first crossing of the lower level to the upper's.
 
     None where it is not `wanted` (N,), or where the channel does not reach both levels.
@@ -174,7 +163,7 @@ def rise_times(
     rows = np.flatnonzero(wanted)
     if rows.size == 0:
         return tuple(found)
-    (low, high), shift = levels, LEVEL_SHIFT
+    (low, high), shift = RISE_LEVELS, LEVEL_SHIFT
     shifted = np.array([low, high, high - shift, high + shift, low - shift, low + shift])
     at, doubt = signal.first_reached(rows, steps[rows], shifted)
     widths = (doubt[0] + doubt[1]).tolist()

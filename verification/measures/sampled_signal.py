@@ -109,13 +109,13 @@ class SoundPart:
         """Return the step amplitude; without a step the largest excursion of any channel."""
         return self.step.amplitude or float(np.abs(self.signal.errors).max())
 
-    def read(self, band: float, levels: tuple[float, float]) -> Readings:
+    def read(self, band: float) -> Readings:
         """Read what is there; without a step the band is in % of the largest excursion."""
         if not self.readable:
             nothing = (None,) * len(self.final)
             return Readings(tuple(self.final.tolist()), nothing, nothing, (0.0,) * len(self.final))
         tolerance = band * self.scale()
-        return read(self.signal, self.step, self.final, tolerance, levels, self.lost)
+        return read(self.signal, self.step, self.final, tolerance, self.lost)
 
 
 def sound_part(

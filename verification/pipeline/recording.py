@@ -15,6 +15,7 @@ from verification.ideal.ideal_answer import IdealAnswer, ideal_answer
 from verification.measures.measure import measure, read_record
 from verification.measures.measurements import Measurements
 from verification.pipeline.agreement import Agreement, compare_engines, exact_record, other_engine
+from verification.pipeline.attained_accuracy import Accuracy, attained, both_tries, finer
 from verification.pipeline.clock import Clock, Progress
 from verification.pipeline.design import Design, design_board
 from verification.pipeline.effort import Effort
@@ -49,6 +50,8 @@ class Recording:
         The simulation's own.
     agreement : Agreement or None
         With the other engine; None where only one ran.
+    accuracy : Accuracy or None
+        The error over all time; None where the scene asks for none.
     """
 
     simulation: Simulation
@@ -56,6 +59,7 @@ class Recording:
     u: Floats
     error: StepError
     agreement: Agreement | None
+    accuracy: Accuracy | None
 
 
 def record_transient(scene: Scene, progress: Progress = lambda stage: None) -> Record:
@@ -78,6 +82,23 @@ def record_transient(scene: Scene, progress: Progress = lambda stage: None) -> R
         design.scene, design.circuit, ideal, waveforms, design.transient
     )
     return Record(design.circuit, design.transient, waveforms, measurements)
+
+
+def attempt(
+    design: Design, ideal: IdealAnswer, pending: Pending, clock: Clock, effort: Effort
+) -> tuple[Design, Recording]:
+    """Do as `watch`, and again with a smaller step where the wanted error was missed.
+
+    The design that is returned has the step of the recording.
+    """
+    seen = watch(design, ideal, pending, clock, effort)
+    better = finer(design, seen.accuracy)
+    if seen.accuracy is None or better is None:
+        return design, seen
+    clock.begin("simulation")
+    pending = begin(better.scene, better.board, better.transient, better.engine, effort)
+    again = watch(better, ideal, pending, clock, effort)
+    return better, replace(again, accuracy=both_tries(seen.accuracy, again.accuracy))
 
 
 def watch(
@@ -124,7 +145,8 @@ def watch(
         coarse = again.readings
     error = simulation_error(fine, coarse, share)
     agreement = compare_engines(circuit, simulation, other) if other is not None else None
-    return Recording(simulation, fine, u, error, agreement)
+    accuracy = attained(design, simulation, fine.amplitude)
+    return Recording(simulation, fine, u, error, agreement, accuracy)
 
 
 def _is_exact(design: Design) -> bool:

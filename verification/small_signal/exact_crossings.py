@@ -73,21 +73,19 @@ scales are too far apart to be measured"
     def last_outside(self, levels: Floats) -> Crossings:
         """See `Signal`."""
         channels = np.arange(len(self.target))
-        return self._crossings(
-            [[self._last_beyond(n, level) for n in channels.tolist()] for level in levels.tolist()],
-            channels,
+        above, below = (
+            [[self._last(n, sign, level) for n in channels.tolist()] for level in levels.tolist()]
+            for sign in (1.0, -1.0)
         )
+        return self._crossings(np.fmax(above, below), channels)
 
     def first_reached(self, rows: Indices, steps: Floats, levels: Floats) -> Crossings:
         """See `Signal`."""
-        sides = list(zip(rows, np.sign(steps), np.abs(steps), strict=True))
-        return self._crossings(
-            [
-                [self._first(n, sign, (level - 1.0) * size) for n, sign, size in sides]
-                for level in levels.tolist()
-            ],
-            rows,
-        )
+        sides = list(zip(rows.tolist(), np.sign(steps), np.abs(steps), strict=True))
+        at = [
+            [self._first(n, up, (level - 1.0) * size) for n, up, size in sides] for level in levels
+        ]
+        return self._crossings(np.array(at), rows)
 
     def highest(self, sign: Floats) -> Floats:
         """See `Signal`."""
@@ -98,9 +96,8 @@ scales are too far apart to be measured"
             found.append(max([top, *(height for _, height in peaks)]))
         return np.array(found)
 
-    def _crossings(self, times: list[list[float]], channels: Indices) -> Crossings:
+    def _crossings(self, at: Floats, channels: Indices) -> Crossings:
         """Add how far the solution's own rounding error may move crossings of `channels`."""
-        at = np.array(times)
         flat, column = np.nan_to_num(at).ravel(), np.tile(channels, len(at))
         slope = np.abs(self.solution.derivative(flat)[np.arange(flat.size), column])
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -149,10 +146,6 @@ scales are too far apart to be measured"
         if last == 0:
             return 0.0
         return self._root(n, sign * level, float(self.time[last - 1]), float(self.time[last]))
-
-    def _last_beyond(self, n: int, level: float) -> float:
-        """Return the last instant at which channel `n` is further off than `level`, s, or NaN."""
-        return float(np.fmax(self._last(n, 1.0, level), self._last(n, -1.0, level)))
 
     def _last(self, n: int, sign: float, level: float) -> float:
         """Return the last instant at which ``sign * error`` falls through `level`, s, or NaN."""

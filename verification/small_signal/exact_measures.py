@@ -14,7 +14,7 @@ import numpy as np
 
 from netlist_gen.board.circuit import Circuit
 from spice_models.array_types import Bools, Floats
-from spice_models.definitions import FAINT, RISE_LEVELS, SETTLING_BAND
+from spice_models.definitions import FAINT, SETTLING_BAND
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.transients.exact import Exact, exact_solution
 from verification.measures.measurements import (
@@ -52,7 +52,6 @@ def measure_exact(
     *,
     initial: Literal["zero", "rest"] = "zero",
     band: float = SETTLING_BAND,
-    rise: tuple[float, float] = RISE_LEVELS,
 ) -> Measurements:
     """Measure the step response of a linear board.
 
@@ -64,7 +63,7 @@ def measure_exact(
         Reference steady state of u, V.
     start : ndarray (N,), optional
         u before the step, V; by default the solution's own.
-    initial, band, rise
+    initial, band
         As `netlist_gen.analysis.Transient` and `measures.measure` have them.
 
     Raises
@@ -87,7 +86,7 @@ def measure_exact(
     growing = (solution.poles.real >= 0.0)[:, None] & (share > INVISIBLE * amplitude)
     detail = ALIVE * tolerance
     signal = ExactSignal(solution, signs, target, detail, _horizon(solution, detail))
-    readings = read(signal, step, final, tolerance, rise, np.any(growing, axis=0))
+    readings = read(signal, step, final, tolerance, np.any(growing, axis=0))
     board, modes = _Board(solution, share, growing, step, final, band), _modes(solution, amplitude)
     short = "it never reaches the levels of its own step"
     channels = []

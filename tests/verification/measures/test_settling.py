@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spice_models.definitions import RISE_LEVELS
 from verification.measures.measure import measure
 from verification.measures.readings import rise_times, settling_times
 from verification.measures.sampled_signal import SampledSignal
@@ -83,11 +82,9 @@ def test_rises_of_channels_of_either_direction():
     time = np.linspace(0, 12, 1201)
     tau, steps = np.array([0.5, 1.0, 20.0, 2.0]), np.array([1.0, -3.0, 1.0, -0.1])
     errors = -steps[:, None] * np.exp(-time / tau[:, None])
-    quick, falling, slow, small = rise_times(
-        SampledSignal(time, errors), steps, steps != 0, RISE_LEVELS
-    )
+    quick, falling, slow, small = rise_times(SampledSignal(time, errors), steps, steps != 0)
     assert slow is None
     for reading, pace in ((quick, 0.5), (falling, 1.0), (small, 2.0)):
         assert abs(reading.value - pace * np.log(9)) <= reading.uncertainty < 1e-3
         assert not reading.fragile
-    assert rise_times(SampledSignal(time, errors), steps, steps == 1e9, RISE_LEVELS) == (None,) * 4
+    assert rise_times(SampledSignal(time, errors), steps, steps == 1e9) == (None,) * 4
