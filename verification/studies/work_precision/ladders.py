@@ -10,8 +10,7 @@ import time as clock
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
-from spice_models.errors import NoVerdictError
-from verification.studies.running.timed_call import Worker
+from verification.studies.running.worker import FAILURES, Worker
 from verification.studies.work_precision.method_runs import Run, Task
 from verification.studies.work_precision.methods import Method
 
@@ -119,8 +118,8 @@ def _attempt(task: Task, tally: Tally, allowed: float, worker: Worker) -> None:
             tally.status, tally.note = "timeout", str(error)
             tally.seconds.append(allowed)
         return
-    except NoVerdictError as error:
-        tally.status, tally.note = "failed", str(error).splitlines()[0]
+    except FAILURES as error:
+        tally.status, tally.note = "failed", f"{type(error).__name__}: {error}".splitlines()[0]
         return
     tally.run = tally.run or run
     tally.seconds.append(run.seconds)

@@ -89,6 +89,11 @@ class Run:
     factorisations: int | None
 
 
+def load_integrators() -> None:
+    """Import what takes long to import, so that no measurement holds it."""
+    import scipy.integrate  # noqa: F401
+
+
 def any_board(circuit: Circuit) -> str:
     """Return why a board is not for a method, here never: an empty string."""
     return ""

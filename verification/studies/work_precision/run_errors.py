@@ -9,10 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from spice_models.array_types import Floats
-from spice_models.errors import NoVerdictError
 from verification.engines.statespace.linearised.equilibrium import equilibrium
 from verification.reference import solve
-from verification.studies.running.timed_call import Worker
+from verification.studies.running.worker import FAILURES, Worker
 from verification.studies.work_precision.ladders import Tally
 from verification.studies.work_precision.method_runs import Task
 from verification.studies.work_precision.norms import (
@@ -106,7 +105,7 @@ def _judge(
         try:
             left = SHARE * (end - clock.perf_counter())
             references.append((wanted, worker.call(left, make, task, wanted)))
-        except (TimeoutError, NoVerdictError) as error:
+        except (TimeoutError, *FAILURES) as error:
             omissions.append(f"reference {make.__name__} of the {problem}: {error}")
     if not references:
         return Judgement(omissions=(*omissions, f"{problem}: no errors without a reference"))

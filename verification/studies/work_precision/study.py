@@ -20,11 +20,11 @@ from spice_models.errors import SimulationError
 from verification.engines.ngspice.executable import find_simulator
 from verification.ideal.ideal_answer import ideal_network, initial_voltages
 from verification.studies.running.machine import describe_machine
-from verification.studies.running.timed_call import Worker
+from verification.studies.running.worker import START_UP, Worker
 from verification.studies.work_precision.convergence_order import Order, fit_order
 from verification.studies.work_precision.extent import Extent, study_extent
 from verification.studies.work_precision.ladders import Tally, run_ladders
-from verification.studies.work_precision.method_runs import Task
+from verification.studies.work_precision.method_runs import Task, load_integrators
 from verification.studies.work_precision.methods import METHODS, Method
 from verification.studies.work_precision.norms import NORMS, Errors
 from verification.studies.work_precision.run_errors import Judgement, judge_runs
@@ -167,6 +167,7 @@ def study(
     extent = study_extent(scene, circuit, network, applicable, LADDERS * budget)
     task = Task(circuit, extent.transient, network, initial_voltages(scene, network))
     with Worker() as worker:
+        worker.call(START_UP, load_integrators)
         left = LADDERS * budget - (clock.perf_counter() - began)
         tallies, not_run = run_ladders(task, applicable, left, worker, progress)
         progress("references")

@@ -18,7 +18,7 @@ from spice_models.errors import EngineError, SimulatorNotFound
 from tests.support.making import make_scene
 from verification.report.work_precision.plot import plot_study
 from verification.report.work_precision.tables import accuracy_document
-from verification.studies.running.timed_call import Worker
+from verification.studies.running.worker import Worker
 from verification.studies.work_precision import ladders
 from verification.studies.work_precision import study as study_module
 from verification.studies.work_precision.method_runs import Run, Task
