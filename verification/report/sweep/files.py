@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from spice_models.errors import Complaint, InputError
+from verification.figures import FIGURES
 from verification.report.atomic_files import check_folder
 from verification.report.sweep.records import all_records, records
 from verification.studies.sweep.plan import Plan
-from verification.studies.sweep.point import NUMBERS
 from verification.studies.sweep.store import Store
 
 NEEDS = {  # ending: package, how to get it
@@ -86,9 +86,9 @@ def _replacing(target: Path) -> Iterator[Path]:
 
 
 def _numbers(plan: Plan) -> dict[str, str]:
-    """Return `NUMBERS` without those that are an axis, such as lambda."""
+    """Return the units of `FIGURES`, without those that are an axis, such as lambda."""
     names = {axis.name for axis in plan.axes}
-    return {name: unit for name, unit in NUMBERS.items() if name not in names}
+    return {name: figure.unit for name, figure in FIGURES.items() if name not in names}
 
 
 def _rows(plan: Plan, store: Store) -> Iterator[dict[str, Any]]:
@@ -141,11 +141,11 @@ def _parquet(plan: Plan, store: Store, path: Path) -> None:
 def grids(plan: Plan, store: Store) -> dict[str, np.ndarray[Any, Any]]:
     """Return the numbers of a sweep as arrays over the grid, the engine last.
 
-    Every name of `NUMBERS` (NaN where there is none) and ``outcome``, the place in `OUTCOMES`
+    Every name of `FIGURES` (NaN where there is none) and ``outcome``, the place in `OUTCOMES`
     (-1 where nothing is stored); shape ``(*plan.shape, len(plan.engines))``.
     """
     shape = (*plan.shape, len(plan.engines))
-    found = {name: np.full(shape, np.nan) for name in NUMBERS}
+    found = {name: np.full(shape, np.nan) for name in FIGURES}
     outcome = np.full(shape, -1, dtype=np.int8)
     for place, record in zip(np.ndindex(*shape), all_records(plan, store), strict=True):
         if record is None:

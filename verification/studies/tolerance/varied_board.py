@@ -22,6 +22,7 @@ from netlist_gen.problem.inverse_problem import InverseProblem, make_problem
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from spice_models.errors import Complaint, InputError, NoVerdictError, TactionError
+from verification.figures import FIGURES, figures_of, finite, signed_errors
 from verification.ideal.ideal_answer import IdealAnswer, ideal_answer, ideal_network
 from verification.pipeline.effort import Effort
 from verification.pipeline.simulation import choose_engine
@@ -175,22 +176,18 @@ def evaluate(study: Study, number: int, z: Floats) -> Sample:
 
 def sample_of(verdict: Verdict, number: int) -> Sample:
     """Return what a verdict says of its sample."""
-    measures = verdict.measurements
-    settling = measures.settling_time
-    rises = [c.value for c in verdict.checks if c.name == "rise_time"]
-    amplitude = measures.amplitude or math.inf
-    errors = tuple((c.final - c.target) / amplitude for c in measures.channels)
+    figures, errors = figures_of(verdict, FIGURES), signed_errors(verdict)
     return Sample(
         number=number,
         outcome=verdict.outcome.value,
         failed=tuple(c.name for c in verdict.checks if c.outcome.value != "pass"),
-        settling_time=None if settling is None else settling.value,
-        rise_time=rises[0] if rises else None,
-        overshoot=max(channel.overshoot for channel in measures.channels),
-        steady_state=max(abs(error) for error in errors),
-        growth_rate=verdict.poles.rightmost.real,
-        margin=None if verdict.margin is None else verdict.margin.factor,
-        errors=errors,
+        settling_time=figures["settling_time"],
+        rise_time=next((finite(c.value) for c in verdict.checks if c.name == "rise_time"), None),
+        overshoot=figures["overshoot"],
+        steady_state=figures["steady_state_error"],
+        growth_rate=figures["growth_rate"],
+        margin=figures["margin"],
+        errors=errors if all(map(math.isfinite, errors)) else (),
     )
 
 
