@@ -121,14 +121,21 @@ class LocalPool(ThreadPoolExecutor):
         self.jobs = jobs
         self._closed = False
         self._idle: SimpleQueue[Worker] = SimpleQueue()
+        self._all: list[Worker] = []
+
+    def start(self) -> None:
+        """Start the processes, unless they run; the first call does so, too."""
+        if self._all or self._closed:
+            return
         with _one_thread_each():
-            self._all = [Worker(_context()) for _ in range(jobs)]
+            self._all = [Worker(_context()) for _ in range(self.jobs)]
             for worker in self._all:
                 worker.start()
                 self._idle.put(worker)
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
         """Run ``fn(*args, **kwargs)`` in the next process that is free."""
+        self.start()
         return super().submit(self._run, fn, *args, **kwargs)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
@@ -140,6 +147,7 @@ class LocalPool(ThreadPoolExecutor):
 
     def pids(self) -> list[int | None]:
         """Return the process ids of the workers."""
+        self.start()
         return [worker.pid for worker in self._all]
 
     def _run(self, fn: Callable[..., T], *args: Any, **kwargs: Any) -> T:

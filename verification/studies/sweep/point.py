@@ -6,7 +6,6 @@ Nothing is raised across the border between processes: whatever happens at a poi
 from __future__ import annotations
 
 import io
-import platform
 import traceback
 from dataclasses import dataclass, replace
 from typing import Any
@@ -19,7 +18,7 @@ from spice_models.errors import TactionError
 from verification.figures import FIGURES, figures_of, finite
 from verification.measures.settling import ChannelState
 from verification.pipeline.effort import Effort
-from verification.studies.running.versions import Versions, own_versions
+from verification.studies.running.versions import Versions
 from verification.studies.sweep.store import ERROR
 from verification.verify import Verdict, verify
 
@@ -62,20 +61,23 @@ class Job:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Result:
-    """What came out of a job; `skew` names a worker that should not have computed it."""
+    """What came out of a job."""
 
     outcome: str
     record: dict[str, Any]
     waveforms: bytes | None = None
-    skew: str = ""
 
 
 def compute(job: Job) -> Result:
-    """Compute a point; never raises what could be a result."""
+    """Compute a point; never raises what could be a result.
+
+    Raises
+    ------
+    OtherVersionsError
+        This is no process that should compute it.
+    """
+    job.versions.check_here()
     try:
-        differences = job.versions.differences(own_versions(bool(job.versions.ngspice)))
-        if differences:
-            return Result(ERROR, {}, skew=f"{platform.node()} has {', '.join(differences)}")
         verdict = verify(
             job.scene,
             problem=job.problem,

@@ -1,4 +1,4 @@
-"""Results of a study in one SQLite file: a transaction a point, nothing run twice, nothing lost.
+"""Results of studies in one SQLite file: a transaction a point, nothing run twice, nothing lost.
 
 The file has a write-ahead log: a process that is killed at any instant loses nothing that was
 stored, a power cut at most the last moments and never the file, and a transaction costs 0.1 ms. A
@@ -14,6 +14,7 @@ import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from types import TracebackType
 from typing import Any
 
@@ -41,9 +42,12 @@ create table waveforms (
 );
 """
 
-_ACCEPTED = "expected a database of `taction sweep`, or a name that is free"
+_ACCEPTED = "expected a database of `taction sweep` or `montecarlo`, or a name that is free"
+_LINES = b'{"kind": "taction samples'  # how a file of samples began before they came in here
 _WRONG = {  # what SQLite says, and what it means for the user
     "SQLITE_NOTADB": f"this is no SQLite database; {_ACCEPTED}. It was left as it is",
+    "LINES": "samples as lines of JSON, as taction kept them before; they cannot be read any more."
+    " Give another name, and they are drawn again, or take the taction that wrote them",
     "SQLITE_CORRUPT": "the database is damaged and was left as it is; `sqlite3 FILE .recover`"
     " may save its points; start anew with another name",
     "SQLITE_READONLY": "it cannot be written; give it write permission, or another name",
@@ -239,6 +243,8 @@ class Store:
                     " run the same command again to go on"
                 ) from error
             kind = next((kind for kind in _WRONG if name.startswith(kind)), None)
+            if kind == "SQLITE_NOTADB" and Path(self.path).read_bytes().startswith(_LINES):
+                kind = "LINES"
             raise self._wrong(_WRONG[kind] if kind else f"{error}; {_ACCEPTED}") from error
 
     def _wrong(self, text: str) -> InputError:

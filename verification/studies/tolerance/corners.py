@@ -25,7 +25,7 @@ from verification.studies.running.executors import Workers
 from verification.studies.tolerance.varied_board import (
     Quantity,
     Sample,
-    Study,
+    VariedBoard,
     evaluate,
     prepare,
     quantities,
@@ -105,7 +105,7 @@ def worst_corners(
     return (nominal, *named)
 
 
-def named_corner(study: Study, name: str, ends: Mapping[str, float]) -> Corner:
+def named_corner(study: VariedBoard, name: str, ends: Mapping[str, float]) -> Corner:
     """Verify one corner of a user's own.
 
     Parameters
@@ -129,13 +129,15 @@ def named_corner(study: Study, name: str, ends: Mapping[str, float]) -> Corner:
     return _corner(study, name, np.array(z))
 
 
-def _corner(study: Study, name: str, z: Floats) -> Corner:
+def _corner(study: VariedBoard, name: str, z: Floats) -> Corner:
     moved = zip(study.varied, z.tolist(), strict=True)
     deviations = {parameter.name: value for parameter, value in moved if value}
     return Corner(name, "", evaluate(study, 0, z), (), deviations)
 
 
-def _gradient(study: Study, workers: Workers, progress: Callable[[str], None]) -> dict[str, Floats]:
+def _gradient(
+    study: VariedBoard, workers: Workers, progress: Callable[[str], None]
+) -> dict[str, Floats]:
     """Return how much worse each quantity becomes with each component, (components,) each."""
     count = len(study.varied)
     probes = [(NOMINAL, np.zeros(count)), *enumerate(PROBE * np.eye(count))]
@@ -151,7 +153,7 @@ def _gradient(study: Study, workers: Workers, progress: Callable[[str], None]) -
     }
 
 
-def _steady_gradients(study: Study) -> list[Floats]:
+def _steady_gradients(study: VariedBoard) -> list[Floats]:
     """Return how the signed errors of channels move, upwards and downwards, the furthest first.
 
     An overshoot that is none at the nominal board has no sensitivity there either; the corners of
