@@ -96,7 +96,8 @@ def quantities(scene: Scene) -> tuple[Quantity, ...]:
 class VariedBoard:
     """A nominal board, what varies of it, and what else all its samples share.
 
-    The workers get it with each sample. It is packed once, and a worker unpacks it once: that takes as long as varying the board.
+    The workers get it with each sample. It is packed once, and a worker unpacks it once: that takes
+    as long as varying the board.
 
     Attributes
     ----------
