@@ -5,10 +5,7 @@ from __future__ import annotations
 import csv
 import importlib.util
 import itertools
-import os
-import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +13,7 @@ import numpy as np
 
 from spice_models.errors import Complaint, InputError
 from verification.figures import FIGURES
-from verification.report.atomic_files import check_folder
+from verification.report.atomic_files import check_folder, replacing
 from verification.report.sweep.records import all_records, records
 from verification.studies.sweep.plan import Plan
 from verification.studies.sweep.store import Store
@@ -61,28 +58,8 @@ def export_sweep(plan: Plan, store: Store, path: str) -> None:
         See `check_sweep_export`; or the file cannot be written.
     """
     check_sweep_export(path)
-    try:
-        with _replacing(Path(path)) as temporary:
-            WRITERS[Path(path).suffix.lower()](plan, store, temporary)
-    except OSError as error:
-        text = f"{error.strerror or error}; expected a file that can be written"
-        raise InputError("--export", Complaint("FILE", repr(path), text)) from None
-
-
-@contextmanager
-def _replacing(target: Path) -> Iterator[Path]:
-    """Give a place to write to, and put it at `target` only when it is complete."""
-    handle, name = tempfile.mkstemp(suffix=target.suffix, dir=target.parent)
-    os.close(handle)
-    temporary = Path(name)
-    try:
-        yield temporary
-        umask = os.umask(0)
-        os.umask(umask)
-        temporary.chmod(0o666 & ~umask)
-        temporary.replace(target)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with replacing(path) as temporary:
+        WRITERS[Path(path).suffix.lower()](plan, store, temporary)
 
 
 def _numbers(plan: Plan) -> dict[str, str]:

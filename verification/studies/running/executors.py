@@ -14,7 +14,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from multiprocessing import forkserver
 from queue import SimpleQueue
@@ -57,6 +57,11 @@ class Workers:
 def cores() -> int:
     """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+
+
+def workers_at(address: str | None, jobs: int | None = None) -> AbstractContextManager[Workers]:
+    """Return the cluster at `address`, or where there is none, `jobs` processes here."""
+    return local(jobs) if address is None else cluster(address)
 
 
 @contextmanager
@@ -176,15 +181,13 @@ def _context() -> Any:
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
     """Start the fork server, whose environment every worker inherits, with one BLAS thread."""
-    before = {name: os.environ.get(name) for name in THREADS}
+    before = {name: os.environ[name] for name in THREADS if name in os.environ}
     os.environ.update(dict.fromkeys(THREADS, "1"))
     try:
         if _context().get_start_method() == "forkserver":
             forkserver.ensure_running()
         yield
     finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+        for name in THREADS:
+            del os.environ[name]
+        os.environ.update(before)

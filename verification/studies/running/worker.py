@@ -18,13 +18,11 @@ from concurrent.futures import BrokenExecutor
 from contextlib import suppress
 from multiprocessing import connection, util
 from multiprocessing.connection import Connection
-from types import TracebackType
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, TypeVar
 
 from spice_models.errors import NoVerdictError
 from verification.engines.ngspice.session import end_session
 
-P = ParamSpec("P")
 T = TypeVar("T")
 
 START_UP = 60.0  # s; a busy machine may take long to start Python and load SciPy
@@ -58,12 +56,7 @@ class Worker:
     def __enter__(self) -> Worker:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.stop()
 
     @property
@@ -71,9 +64,7 @@ class Worker:
         """Process id; None before the first call."""
         return None if self._process is None else self._process.pid
 
-    def call(
-        self, timeout: float | None, function: Callable[P, T], *args: P.args, **kw: P.kwargs
-    ) -> T:
+    def call(self, timeout: float | None, function: Callable[..., T], *args: Any, **kw: Any) -> T:
         """Return ``function(*args, **kw)``, computed in the process; what it raises is raised.
 
         Parameters

@@ -24,14 +24,7 @@ from verification.verify import Verdict, verify
 
 POINT = Effort(details=False, full_margin=False, session=True)
 LONGEST = 4000  # characters of a reason
-# Of several channels the worst state counts.
-STATES = (
-    ChannelState.DIVERGED,
-    ChannelState.CLIPPED,
-    ChannelState.OSCILLATING,
-    ChannelState.NOT_SETTLED,
-    ChannelState.SETTLED,
-)
+STATES = tuple(ChannelState)  # the best first; of several channels the worst state counts
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,7 +103,7 @@ def verdict_record(verdict: Verdict) -> dict[str, Any]:
         "reason": "" if passed or decisive is None else f"{decisive.name}: {decisive.reason}",
         "engine": engine.split("-")[0],
         "simulator": engine,
-        "state": min((c.state for c in verdict.measurements.channels), key=STATES.index).value,
+        "state": max((c.state for c in verdict.measurements.channels), key=STATES.index).value,
         "stable": verdict.poles.stable,
         **figures_of(verdict, FIGURES),
         "checks": [

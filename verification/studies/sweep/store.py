@@ -15,7 +15,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from spice_models.errors import Complaint, InputError, OutOfDisk
@@ -111,12 +110,7 @@ class Store:
     def __enter__(self) -> Store:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._db.close()
 
     def key_of(self, request: bytes) -> bytes | None:
@@ -187,36 +181,30 @@ class Store:
 
     def _prepare(self) -> None:
         """Check what is there, or make the tables; two processes may do so at once."""
-        pragma = {
-            name: self._db.execute(f"pragma {name}").fetchone()[0]
-            for name in ("application_id", "user_version")
-        }
-        if not self._db.execute("select count(*) from sqlite_master").fetchone()[0]:
-            pragma = self._create()
-        if pragma["application_id"] != APPLICATION:
+        if not self._one("select count(*) from sqlite_master"):
+            self._create()
+        if self._one("pragma application_id") != APPLICATION:
             raise self._wrong(f"a database of another program; {_ACCEPTED}. It was left as it is")
-        if pragma["user_version"] != FORMAT:
+        if (other := self._one("pragma user_version")) != FORMAT:
             text = (
-                f"results of format {pragma['user_version']}, this taction has {FORMAT}; the two"
+                f"results of format {other}, this taction has {FORMAT}; the two"
                 " cannot be mixed. It was left as it is; start anew with another name"
             )
             raise self._wrong(text)
-        problem = self._db.execute("pragma quick_check(1)").fetchone()[0]
+        problem = self._one("pragma quick_check(1)")
         if problem != "ok":
             raise self._wrong(f"{_WRONG['SQLITE_CORRUPT']} ({problem})")
-        if self._db.execute("pragma journal_mode").fetchone()[0] != "wal":
+        if self._one("pragma journal_mode") != "wal":
             self._db.execute("pragma journal_mode = wal")
         self._db.execute("pragma synchronous = normal")
 
-    def _create(self) -> dict[str, int]:
+    def _create(self) -> None:
         with self._transaction():
             if not self._db.execute("select count(*) from sqlite_master").fetchone()[0]:
                 for statement in SCHEMA.split(";\n"):
                     self._db.execute(statement)
                 self._db.execute(f"pragma application_id = {APPLICATION}")
                 self._db.execute(f"pragma user_version = {FORMAT}")
-        names = ("application_id", "user_version")
-        return {name: self._db.execute(f"pragma {name}").fetchone()[0] for name in names}
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:

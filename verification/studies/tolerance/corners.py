@@ -21,6 +21,7 @@ from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from spice_models.errors import Complaint, InputError
 from verification.engines.statespace.linearised.equilibrium import equilibrium
+from verification.ideal.lambda_rule import with_engine
 from verification.studies.running.executors import Workers
 from verification.studies.tolerance.varied_board import (
     Quantity,
@@ -82,7 +83,7 @@ def worst_corners(
     """
     study = prepare(scene, full_margin=True)
     told = quantities(scene)
-    gradient = _gradient(replace(study, scene=_with_engine(scene, "statespace")), workers, progress)
+    gradient = _gradient(replace(study, scene=with_engine(scene, "statespace")), workers, progress)
     progress("sensitivities of the steady state")
     gradient["steady_state"], *others = _steady_gradients(study)
     corners = [_corner(study, "nominal", np.zeros(len(study.varied)))]
@@ -186,11 +187,6 @@ def _worse(quantity: Quantity, moved: Sample, centre: Sample) -> float:
     if after is None or before is None:
         return float(before is not None) - float(after is not None)
     return quantity.worse * float(after - before)
-
-
-def _with_engine(scene: Scene, engine: str) -> Scene:
-    analysis = scene.analysis.model_copy(update={"engine": engine})
-    return scene.model_copy(update={"analysis": analysis})
 
 
 def _top(
