@@ -77,15 +77,12 @@ def _rows(plan: Plan, store: Store) -> Iterator[dict[str, Any]]:
 def _csv(plan: Plan, store: Store, path: Path) -> None:
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
-        writer.writerow(_titles(plan))
+        axes = (axis.name for axis in plan.axes)
+        writer.writerow([*axes, "engine", "stable", *_numbers(plan), *WORDS])
         for row in _rows(plan, store):
             writer.writerow(
                 repr(v) if isinstance(v, float) else "" if v is None else v for v in row.values()
             )
-
-
-def _titles(plan: Plan) -> list[str]:
-    return [*(axis.name for axis in plan.axes), "engine", "stable", *_numbers(plan), *WORDS]
 
 
 def _parquet(plan: Plan, store: Store, path: Path) -> None:

@@ -8,18 +8,18 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import metadata
-from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from netlist_gen.scene.scene import CsvLoad, MatrixProblem, Scene
+from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from verification.figures import CHANNEL_FIGURES, FIGURES, finite
 from verification.measures.measure import ChannelMeasure
 from verification.measures.times import Reading
 from verification.studies.regression.baseline import Entry
+from verification.studies.running.digests import files_of
 from verification.verify import Verdict
 
 T = TypeVar("T")
@@ -80,18 +80,10 @@ def fingerprint(scene: Scene) -> str:
     """Return the SHA-256 of what a scene's author wrote, but for tolerances, and of its files."""
     asked = scene.model_dump(mode="json", exclude_unset=True, exclude={"regression"}, by_alias=True)
     digest = hashlib.sha256(json.dumps(asked, sort_keys=True).encode())
-    for name in _input_files(scene):
-        digest.update((scene.folder / name).read_bytes())
+    for name in files_of(scene).values():
+        if name is not None:
+            digest.update((scene.folder / str(name)).read_bytes())
     return digest.hexdigest()
-
-
-def _input_files(scene: Scene) -> list[Path]:
-    problem = scene.problem
-    if isinstance(problem, MatrixProblem):
-        names = [problem.matrix, problem.strain, problem.stress]
-    else:
-        names = [problem.load.file if isinstance(problem.load, CsvLoad) else None]
-    return [Path(name) for name in names if name is not None]
 
 
 def _of(

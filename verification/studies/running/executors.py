@@ -16,7 +16,6 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from multiprocessing import forkserver
 from queue import SimpleQueue
 from typing import Any, TypeVar
 
@@ -132,11 +131,12 @@ class LocalPool(ThreadPoolExecutor):
         """Start the processes, unless they run; the first call does so, too."""
         if self._all or self._closed:
             return
-        with _one_thread_each():
-            self._all = [Worker(_context()) for _ in range(self.jobs)]
-            for worker in self._all:
-                worker.start()
-                self._idle.put(worker)
+        one_thread_each = dict.fromkeys(THREADS, "1")
+        self._all = [Worker(_context(), one_thread_each) for _ in range(self.jobs)]
+        for worker in self._all:
+            self._idle.put(worker)
+        for worker in self._all:
+            worker.start()
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
         """Run ``fn(*args, **kwargs)`` in the next process that is free."""
@@ -176,18 +176,3 @@ def _context() -> Any:
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(PRELOAD)
     return context
-
-
-@contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """Start the fork server, whose environment every worker inherits, with one BLAS thread."""
-    before = {name: os.environ[name] for name in THREADS if name in os.environ}
-    os.environ.update(dict.fromkeys(THREADS, "1"))
-    try:
-        if _context().get_start_method() == "forkserver":
-            forkserver.ensure_running()
-        yield
-    finally:
-        for name in THREADS:
-            del os.environ[name]
-        os.environ.update(before)

@@ -13,9 +13,9 @@ import pickle
 import signal
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import BrokenExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from multiprocessing import connection, util
 from multiprocessing.connection import Connection
 from typing import Any, TypeVar
@@ -28,6 +28,7 @@ T = TypeVar("T")
 START_UP = 60.0  # s; a busy machine may take long to start Python and load SciPy
 STARTS = 5  # processes that may end while they start, one after the other
 GRACE = 2.0  # s that a process has to end what it does, before it is killed
+_STARTING = threading.Lock()  # the environment is one for all threads
 
 
 class WorkerDiedError(BrokenExecutor):
@@ -45,9 +46,12 @@ class Worker:
     ----------
     context : multiprocessing context, optional
         How the process is started; anew, without anything of this one, if not given.
+    variables : mapping of str to str
+        Of its environment, and of the fork server's where this is the first to need one.
     """
 
-    def __init__(self, context: Any = None) -> None:
+    def __init__(self, context: Any = None, variables: Mapping[str, str] | None = None) -> None:
+        self._variables = variables or {}
         self._context = context or multiprocessing.get_context("spawn")
         self._ended = False
         self._process: multiprocessing.process.BaseProcess | None = None
@@ -126,7 +130,7 @@ class Worker:
     def _start(self) -> Connection:
         self.stop()
         self._pipe, theirs = self._context.Pipe()
-        with theirs:
+        with theirs, _STARTING, _environment(self._variables):
             process = self._context.Process(target=_serve, args=(theirs,), daemon=True)
             process.start()
         self._process = process
@@ -153,6 +157,18 @@ class Worker:
         self._ended, process = True, self._process
         with suppress(AttributeError, ValueError):  # there is none, or it was closed just now
             process.terminate()  # type: ignore[union-attr]
+
+
+@contextmanager
+def _environment(variables: Mapping[str, str]) -> Iterator[None]:
+    before = {name: os.environ[name] for name in variables if name in os.environ}
+    os.environ.update(variables)
+    try:
+        yield
+    finally:
+        for name in variables:
+            del os.environ[name]
+        os.environ.update(before)
 
 
 def _serve(pipe: Connection) -> None:

@@ -84,6 +84,8 @@ def test_a_killed_fork_server_is_replaced(pool: LocalPool) -> None:
     os.kill(int(server), signal.SIGKILL)
     os.kill(pool.pids()[0], signal.SIGKILL)
     assert [future.result(60) for future in running] == [None] * 4
+    threads = [pool.submit(os.getenv, "OMP_NUM_THREADS") for _ in range(4)]
+    assert {future.result(60) for future in threads} == {"1"}
     assert pool.submit(pow, 2, 5).result(60) == 32
 
 
