@@ -65,7 +65,7 @@ def sweep(
     retry_failed : bool
         Compute those again that reached no verdict.
     progress : callable, optional
-        Told the count after every point.
+        Gets the count after every point.
 
     Raises
     ------

@@ -5,7 +5,7 @@ state-space engine. The corner that moves a quantity most is where every compone
 end of its tolerance with that sign: exact for a quantity that moves monotonically with each. The
 steady-state error is not one, it has its least value near the nominal board: the corner is that of
 the channel whose signed error, which is one, goes furthest. Where a corner that was made for one
-quantity turns out worse in another than that one's own, it is told instead.
+quantity turns out worse in another than that one's own, that corner is reported instead.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from verification.studies.tolerance.varied_board import (
 )
 
 PROBE = 0.25  # of the tolerance: far enough for a clean difference, near enough to be local
-TOLD = 5  # components of each corner that are named
+NAMED = 5  # components of each corner that are named
 CHANNELS = 8  # corners of the steady state that are tried
 NOMINAL = -1  # number of the probe without deviation
 
@@ -192,6 +192,6 @@ def _worse(quantity: Quantity, moved: Sample, centre: Sample) -> float:
 def _top(
     gradient: Floats, varied: tuple[Parameter, ...], deviations: Mapping[str, float]
 ) -> tuple[str, ...]:
-    order = np.argsort(-np.abs(gradient), kind="stable")[:TOLD].tolist()
+    order = np.argsort(-np.abs(gradient), kind="stable")[:NAMED].tolist()
     names = [varied[index].name for index in order if varied[index].name in deviations]
     return tuple(f"{'+' if deviations[name] > 0 else '-'}{name}" for name in names)

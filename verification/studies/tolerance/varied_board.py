@@ -74,7 +74,7 @@ class Sample:
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """What is told of samples: its unit, and which way is worse (1: larger, -1: smaller)."""
+    """What is reported of samples, its unit, and what is worse (1: larger, -1: smaller)."""
 
     name: str
     unit: str

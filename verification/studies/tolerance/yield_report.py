@@ -30,7 +30,7 @@ from verification.studies.tolerance.varied_board import (
 CONFIDENCE = 0.95
 LEAST_SAMPLES = 30  # before a yield is called narrow enough, and before sensitivities are given
 SIGNIFICANT = 4.0  # standard errors of a correlation that is told: hundreds are looked at
-SHARES = (0.05, 0.5, 0.95)  # quantiles that are told
+SHARES = (0.05, 0.5, 0.95)  # quantiles in the report
 
 
 @dataclass(frozen=True, slots=True)

@@ -79,7 +79,7 @@ class MethodRun:
     steps : int
         Accepted; 0 of a method that has none.
     factorisations : int or None
-        Of matrices (ngspice: one an iteration of Newton's); None where it is not told.
+        Of matrices (ngspice: one an iteration of Newton's); None where it is not known.
     """
 
     time: Floats

@@ -67,7 +67,7 @@ METHODS: tuple[Method, ...] = (
     ),
     Method(
         "ngspice Gear", "ngspice", "Gear", "board", "points per period", POINTS,
-        method_runs.gear, 2.0, "2 (ngspice's maximum order, unless told otherwise)",
+        method_runs.gear, 2.0, "2 (ngspice's default maximum order)",
     ),
     Method(
         "state space, exact", "statespace", "modes", "board", "", (0.0,),

@@ -150,7 +150,7 @@ def study(
     methods : sequence of Method
         What to compare.
     progress : callable, optional
-        Told what is under way.
+        Gets the name of each stage.
 
     Raises
     ------
