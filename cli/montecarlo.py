@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import ExitStack
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -20,8 +20,7 @@ from cli.common import (
 from spice_models.errors import Complaint, InputError
 
 if TYPE_CHECKING:
-    from verification.studies.running.executors import Workers
-    from verification.studies.tolerance.varied_board import Study
+    from verification.studies.tolerance.varied_board import VariedBoard
     from verification.studies.tolerance.yield_report import Tally, YieldReport
 
 ENGINES = click.Choice(["auto", "ngspice", "statespace"])
@@ -41,7 +40,7 @@ CLUSTER = click.option("--cluster", metavar="tcp://HOST:PORT", help="Run on this
     "-o",
     "--output",
     type=click.Path(dir_okay=False),
-    help="Samples as JSON lines, kept as they come; a later run goes on from there.",
+    help="Database of the samples, kept as they come; a later run goes on from there.",
 )
 @JOBS
 @CLUSTER
@@ -100,6 +99,7 @@ def corners(
     """
     from verification.ideal.lambda_rule import read_scene
     from verification.report.tolerance.tables import print_corners
+    from verification.studies.running.executors import workers_at
     from verification.studies.tolerance.corners import named_corner, worst_corners
     from verification.studies.tolerance.varied_board import prepare, quantities
 
@@ -109,7 +109,10 @@ def corners(
         study = prepare(asked, full_margin=True)
         found = tuple(named_corner(study, text, ends) for text, ends in wanted)
     else:
-        with _workers(options) as workers, stage_display() as progress:
+        with (
+            workers_at(options["cluster"], options["jobs"]) as workers,
+            stage_display() as progress,
+        ):
             found = worst_corners(asked, workers, progress)
     if as_json:
         print_json({"scene": asked.name, "corners": [asdict(corner) for corner in found]})
@@ -119,34 +122,22 @@ def corners(
     sys.exit(STATUS[next((o for o in ("fail", "inconclusive") if o in outcomes), "pass")])
 
 
-def _workers(options: dict[str, Any]) -> AbstractContextManager[Workers]:
-    from verification.studies.running.executors import cluster, local
-
-    address = options["cluster"]
-    return local(options["jobs"]) if address is None else cluster(address)
-
-
-def _draw(study: Study, seed: int, tally: Tally, options: dict[str, Any]) -> bool:
+def _draw(study: VariedBoard, seed: int, tally: Tally, options: dict[str, Any]) -> bool:
     """Draw what is missing; return whether Ctrl-C ended it."""
-    from verification.studies.tolerance.sample_file import SampleFile
+    from verification.studies.running.executors import workers_at
+    from verification.studies.sweep.store import Store
+    from verification.studies.tolerance.sample_store import SampleStore
     from verification.studies.tolerance.yield_report import run_samples
 
     with ExitStack() as open_ones:
         kept = None
         if options["output"] is not None:
-            kept = open_ones.enter_context(SampleFile(options["output"], study, seed))
-            for sample in kept.samples.values():
-                tally.add(sample)
-        known = set() if kept is None else set(kept.samples)
-        missing = (number for number in range(tally.wanted) if number not in known)
-        if tally.enough:
-            return False
+            store = open_ones.enter_context(Store(options["output"]))
+            kept = SampleStore(store, study, seed)
         try:
-            workers = open_ones.enter_context(_workers(options))
+            workers = open_ones.enter_context(workers_at(options["cluster"], options["jobs"]))
             progress = open_ones.enter_context(stage_display())
-            for sample in run_samples(study, missing, seed, workers, tally):
-                if kept is not None:
-                    kept.append(sample)
+            for _ in run_samples(study, range(tally.wanted), seed, workers, tally, kept):
                 progress(f"{len(tally.samples)} of {tally.wanted} samples, {tally.passed} pass")
         except KeyboardInterrupt:
             click.echo("taction: interrupted; this is what there is", err=True)
@@ -154,7 +145,7 @@ def _draw(study: Study, seed: int, tally: Tally, options: dict[str, Any]) -> boo
     return False
 
 
-def _one(study: Study, seed: int, number: int, as_json: bool) -> None:
+def _one(study: VariedBoard, seed: int, number: int, as_json: bool) -> None:
     """Judge one sample as in the batch, then run it as a full verification."""
     from netlist_gen.board.variation import draw, vary
     from verification.report.verdict.json_document import verdict_document

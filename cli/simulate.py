@@ -17,8 +17,9 @@ def simulate(scene: str, engine: str | None, output: str | None, as_json: bool) 
     """Run the transient of SCENE and measure it; nothing is judged."""
     from verification.ideal.lambda_rule import read_scene
     from verification.pipeline.recording import record_transient
-    from verification.report.verdict.json_document import channel_record, reading_record
+    from verification.report.verdict.json_document import channel_record
     from verification.report.verdict.waveform_files import check_export, export
+    from verification.studies.figures import finite
 
     asked = read_scene(scene, engine)
     if output is not None:
@@ -38,7 +39,7 @@ def simulate(scene: str, engine: str | None, output: str | None, as_json: bool) 
                 "seconds": cost.seconds,
                 "stop": float(result.waveforms.time[-1]),
                 "step_amplitude": measurements.amplitude,
-                "settling_time": reading_record(measurements.settling_time),
+                "settling_time": finite(measurements.settling_time),
                 "channels": [channel_record(channel) for channel in measurements.channels],
                 "output": output,
             }

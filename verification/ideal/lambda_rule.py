@@ -55,7 +55,10 @@ def read_scene(path: str, engine: str | None = None) -> Scene:
         See `netlist_gen.scene.file.load_scene` and `resolve_lambda`.
     """
     scene = resolve_lambda(load_scene(path))
-    if engine is None:
-        return scene
+    return scene if engine is None else with_engine(scene, engine)
+
+
+def with_engine(scene: Scene, engine: str) -> Scene:
+    """Return `scene` with another engine in its analysis."""
     analysis = scene.analysis.model_copy(update={"engine": engine})
     return scene.model_copy(update={"analysis": analysis})
