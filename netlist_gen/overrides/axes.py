@@ -22,8 +22,7 @@ from typing import Any, Literal
 import numpy as np
 
 from netlist_gen.overrides.keys import Key, Value, find_key, own_value, read_value
-from netlist_gen.scene.file import parse_scene
-from netlist_gen.scene.scene import Scene
+from netlist_gen.scene.scene import Scene, parse_scene
 from spice_models.errors import Complaint, InputError
 
 MAX_POINTS = 100_000  # on one axis

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from netlist_gen.problem.array_files import read_array, read_profile
-from netlist_gen.scene.scene import (
+from netlist_gen.scene.problem import (
     CsvLoad,
     CylinderLoad,
     MatrixProblem,
     Noise,
-    Scene,
     TactileProblem,
 )
+from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from spice_models.errors import Complaint, InputError
 

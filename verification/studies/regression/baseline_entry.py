@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from netlist_gen.scene.scene import CsvLoad, MatrixProblem, Scene
+from netlist_gen.scene.problem import CsvLoad, MatrixProblem
+from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from verification.measures.measure import ChannelMeasure
 from verification.measures.times import Reading
