@@ -27,7 +27,7 @@ from spice_models.subcircuits import amplifier_lines, opamp_subcircuit
 FIRST_STEP = 0.01
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Deck:
     """A complete deck.
 
@@ -47,6 +47,9 @@ class Deck:
     saved: tuple[str, ...]
     analysis: Analysis
     files: Mapping[str, str] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        return f"Deck({self.text.count(chr(10))} lines, saves {len(self.saved)} nodes)"
 
 
 def write_deck(

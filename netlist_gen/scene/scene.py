@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, get_args
 
 from pydantic import Field, GetJsonSchemaHandler, PrivateAttr, StrictBool, model_validator
 from pydantic_core import CoreSchema
@@ -32,7 +32,7 @@ from netlist_gen.scene.problem import MatrixProblem, TactileProblem
 from netlist_gen.scene.regression import Regression
 from netlist_gen.scene.tolerances import Tolerances
 from spice_models.amplifier import AMPLIFIERS
-from spice_models.errors import InputError
+from spice_models.errors import Complaint, InputError
 from spice_models.presets import preset_names
 
 if TYPE_CHECKING:
@@ -237,9 +237,11 @@ class Scene(Model):
         >>> scene = taction.Scene.from_arrays([[1.0, 0.5], [0.5, 1.0]], [0.2, 0.1], gain="1M")
         >>> scene.design.gain
         1000000.0
-        >>> taction.Scene.from_arrays([[1.0]], [0.2], capacitanc="10pF")
-        Traceback (most recent call last):
-        ...errors.InputError: Scene.from_arrays: capacitanc = '10pF': unknown key; did you mean ...
+        >>> try:
+        ...     taction.Scene.from_arrays([[1.0]], [0.2], capacitanc="10pF")
+        ... except taction.InputError as error:
+        ...     print(error)
+        Scene.from_arrays: capacitanc = '10pF': unknown key; did you mean 'capacitance'?
         """
         problem = {"kind": "matrix", "matrix": in_memory(T), "strain": in_memory(eps)}
         if stress is not None:
@@ -258,6 +260,15 @@ class Scene(Model):
     def lambda_rule(self) -> str:
         """The rule that chose lambda; empty where the scene gave a number."""
         return self._lambda_rule
+
+    def with_engine(self, engine: str) -> Scene:
+        """Return the scene with another engine; InputError names the known ones."""
+        known = get_args(AnalysisChoice.model_fields["engine"].annotation)
+        if engine not in known:
+            text = f"expected one of {', '.join(map(repr, known))}"
+            raise InputError(self.file, Complaint("analysis.engine", repr(engine), text))
+        analysis = self.analysis.model_copy(update={"engine": engine})
+        return self.model_copy(update={"analysis": analysis})
 
     def with_lambda(self, lam: float, rule: str) -> Scene:
         """Return the scene with the lambda that `rule` chose."""

@@ -9,7 +9,9 @@ singular value of the stacked matrix ``[T; sqrt(mu) I]``.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -57,9 +59,8 @@ def _point(
     return _Point(u, r, f1, f2, missed + noise, noise)
 
 
-def _refine(s: Scaled, factor: Factor, least: float) -> tuple[_Point, int]:
+def _refine(s: Scaled, exact: ExactMatrix, factor: Factor, least: float) -> tuple[_Point, int]:
     """Solve and refine until the residual stops shrinking, or is what evaluating it leaves."""
-    exact = ExactMatrix(s.T)
     first = DoubleDouble.of(factor.solve(s.eps, np.zeros(s.T.shape[1])))
     best = _point(s, exact, least, first)
     for step in range(MAX_REFINEMENTS):
@@ -96,24 +97,76 @@ def solve_tikhonov(problem: Problem) -> Solution:
     SolverError
         T cannot be factorised at all.
     """
+    (solution,) = solve_strains(problem, (problem.eps,))
+    return solution
+
+
+def solve_strains(problem: Problem, strains: Iterable[Floats]) -> list[Solution]:
+    """Solve as `solve_tikhonov` for several strains (M,); T is factorised once.
+
+    Raises
+    ------
+    SolverError
+        T cannot be factorised at all.
+    """
     start = time.perf_counter()
-    s = Scaled.of(problem)
-    condition = float(np.sqrt(1.0 + s.norm**2 / s.mu)) if s.mu > 0.0 else float("inf")
-    answer = None
-    if min(s.T.shape) > SMALL and condition < QR_CONDITION:
-        factor = factorise(s.T, s.gram, np.ones(s.T.shape[1]), s.mu)
-        answer = _judged(problem, s, factor, float(np.sqrt(s.mu)), condition, start)
-    if answer is None or not answer.trusted:  # perhaps T is better conditioned than lam alone says
-        svd = SVD(s.T, s.mu)
-        answer = _judged(problem, s, svd, svd.least, svd.condition, start)
-    return answer
+    board = _Board(Scaled.of(problem))
+    found = []
+    for eps in strains:
+        each = replace(problem, eps=eps)
+        s = board.scaled.with_strain(each.eps)
+        answer = None
+        if min(s.T.shape) > SMALL and board.condition < QR_CONDITION:
+            least = float(np.sqrt(s.mu))
+            answer = _judged(each, s, board, board.stacked, least, board.condition, start)
+        if answer is None or not answer.trusted:  # T may be better conditioned than lam alone says
+            svd = board.svd
+            answer = _judged(each, s, board, svd, svd.least, svd.condition, start)
+        found.append(answer)
+        start = time.perf_counter()
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Board:
+    """What all strains of one T and lam share; each part is computed when it is first needed."""
+
+    scaled: Scaled
+
+    @cached_property
+    def condition(self) -> float:
+        """Bound on the condition number of the stacked matrix."""
+        s = self.scaled
+        return float(np.sqrt(1.0 + s.norm**2 / s.mu)) if s.mu > 0.0 else float("inf")
+
+    @cached_property
+    def exact(self) -> ExactMatrix:
+        """T for products in 106 bits."""
+        return ExactMatrix(self.scaled.T)
+
+    @cached_property
+    def stacked(self) -> Factor:
+        """QR of the stacked matrix."""
+        s = self.scaled
+        return factorise(s.T, s.gram, np.ones(s.T.shape[1]), s.mu)
+
+    @cached_property
+    def svd(self) -> SVD:
+        """Singular values of T."""
+        return SVD(self.scaled.T, self.scaled.mu)
 
 
 def _judged(
-    problem: Problem, s: Scaled, factor: Factor, least: float, condition: float, start: float
+    problem: Problem,
+    s: Scaled,
+    board: _Board,
+    factor: Factor,
+    least: float,
+    condition: float,
+    start: float,
 ) -> Solution:
     """Solve with one factorisation, whose least singular value is known, and judge the answer."""
-    point, steps = _refine(s, factor, least)
+    point, steps = _refine(s, board.exact, factor, least)
     u = point.u.hi
     peak, dual = float(np.max(np.abs(u))), float(np.linalg.norm(s.eps))
     rounding = float(np.finfo(float).eps) / 2.0 * peak

@@ -157,7 +157,15 @@ def grids(plan: Plan, store: Store) -> dict[str, np.ndarray[Any, Any]]:
     return {**found, "outcome": outcome}
 
 
-def _netcdf(plan: Plan, store: Store, path: Path) -> None:
+def frame(plan: Plan, store: Store) -> Any:
+    """Return the stored points as a pandas DataFrame: one row a point and engine, as in a CSV."""
+    import pandas as pd
+
+    return pd.DataFrame(_rows(plan, store), columns=_titles(plan))
+
+
+def dataset(plan: Plan, store: Store) -> Any:
+    """Return the grid as an xarray Dataset: one dimension a group of axes, one for the engine."""
     import xarray as xr
 
     dimensions = [group[0].name for group in plan.groups]
@@ -179,8 +187,11 @@ def _netcdf(plan: Plan, store: Store, path: Path) -> None:
     }
     variables["outcome"] = (everything, arrays["outcome"], flags)
     about = {"scene": plan.scene.name, "Conventions": "CF-1.8", "source": "taction sweep"}
-    data = xr.Dataset(variables, coordinates, about)
-    data.to_netcdf(path, engine="scipy", format="NETCDF3_64BIT")
+    return xr.Dataset(variables, coordinates, about)
+
+
+def _netcdf(plan: Plan, store: Store, path: Path) -> None:
+    dataset(plan, store).to_netcdf(path, engine="scipy", format="NETCDF3_64BIT")
 
 
 WRITERS: dict[str, Callable[[Plan, Store, Path], None]] = {

@@ -18,7 +18,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, field
 from multiprocessing import connection, forkserver, util
 from typing import Any
@@ -95,6 +95,11 @@ def cluster(address: str) -> Iterator[Workers]:
         closed = (RuntimeError, OSError, distributed.client.ClosedClientError)
         lost = (distributed.KilledWorker,)
         yield Workers(client.get_executor(), _Census(client), lost, closed)
+
+
+def workers_on(jobs: int | None, address: str | None) -> AbstractContextManager[Workers]:
+    """Return `cluster` where there is an `address`, else `local`."""
+    return local(jobs) if address is None else cluster(address)
 
 
 class _Census:

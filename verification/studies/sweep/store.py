@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import json
 import sqlite3
+import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -83,7 +84,7 @@ class Store:
     Parameters
     ----------
     path : str
-        The file, made where there is none.
+        The file, made where there is none; ``":memory:"`` for none at all.
 
     Raises
     ------
@@ -103,6 +104,7 @@ class Store:
             except BaseException:
                 self._db.close()
                 raise
+        weakref.finalize(self, self._db.close)  # of a store that a result holds open
 
     def __enter__(self) -> Store:
         return self
