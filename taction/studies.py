@@ -28,7 +28,7 @@ def onset(
     ----------
     scene : path or Scene
         The board.
-    over : str or mapping
+    over : mapping, str or iterable of str
         The axis: ``{"C": ("2pF", "20pF", 13)}`` (lowest, highest, number of points), the same as
         on the command line (``"C=2pF:20pF:13"``), or a bare key, which stands for a thirtieth to
         thirty times the scene's own value.
@@ -174,7 +174,7 @@ def sweep(
 def montecarlo(
     scene: str | Path | Scene,
     *,
-    engine: str = "statespace",
+    engine: str | None = "statespace",
     samples: int = 1000,
     seed: int = 1,
     until: str | float | None = None,
@@ -189,8 +189,8 @@ def montecarlo(
     ----------
     scene : path or Scene
         The board, with its table ``[tolerances]``.
-    engine : str
-        ``"auto"``, ``"ngspice"`` or ``"statespace"`` in the place of the scene's own engine.
+    engine : str, optional
+        ``"auto"``, ``"ngspice"`` or ``"statespace"``; None for the scene's own engine.
     samples : int
         Boards to draw, at the most.
     seed : int

@@ -20,6 +20,13 @@ def load_scene(path: str | Path) -> Scene:
     InputError
         The file cannot be read, is not TOML, or does not describe a scene; all complaints that
         could be found are in it at once.
+
+    Examples
+    --------
+    >>> import taction
+    >>> scene = taction.load_scene("scenes/paper-breadboard.toml")
+    >>> scene.design.capacitance, scene.problem.channels
+    (1e-11, 7)
     """
     path = Path(path)
     return parse_scene(_read_toml(path), path)
