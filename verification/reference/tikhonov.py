@@ -11,7 +11,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache
 
 import numpy as np
 
@@ -110,63 +110,36 @@ def solve_strains(problem: Problem, strains: Iterable[Floats]) -> list[Solution]
         T cannot be factorised at all.
     """
     start = time.perf_counter()
-    board = _Board(Scaled.of(problem))
+    base = Scaled.of(problem)
+    condition = float(np.sqrt(1.0 + base.norm**2 / base.mu)) if base.mu > 0.0 else float("inf")
+    exact = ExactMatrix(base.T)
+    stacked = cache(lambda: factorise(base.T, base.gram, np.ones(base.T.shape[1]), base.mu))
+    svd = cache(lambda: SVD(base.T, base.mu))
     found = []
     for eps in strains:
-        each = replace(problem, eps=eps)
-        s = board.scaled.with_strain(each.eps)
+        each, s = replace(problem, eps=eps), base.with_strain(eps)
         answer = None
-        if min(s.T.shape) > SMALL and board.condition < QR_CONDITION:
+        if min(s.T.shape) > SMALL and condition < QR_CONDITION:
             least = float(np.sqrt(s.mu))
-            answer = _judged(each, s, board, board.stacked, least, board.condition, start)
+            answer = _judged(each, s, exact, stacked(), least, condition, start)
         if answer is None or not answer.trusted:  # T may be better conditioned than lam alone says
-            svd = board.svd
-            answer = _judged(each, s, board, svd, svd.least, svd.condition, start)
+            answer = _judged(each, s, exact, svd(), svd().least, svd().condition, start)
         found.append(answer)
         start = time.perf_counter()
     return found
 
 
-@dataclass(frozen=True, eq=False)
-class _Board:
-    """What all strains of one T and lam share; each part is computed when it is first needed."""
-
-    scaled: Scaled
-
-    @cached_property
-    def condition(self) -> float:
-        """Bound on the condition number of the stacked matrix."""
-        s = self.scaled
-        return float(np.sqrt(1.0 + s.norm**2 / s.mu)) if s.mu > 0.0 else float("inf")
-
-    @cached_property
-    def exact(self) -> ExactMatrix:
-        """T for products in 106 bits."""
-        return ExactMatrix(self.scaled.T)
-
-    @cached_property
-    def stacked(self) -> Factor:
-        """QR of the stacked matrix."""
-        s = self.scaled
-        return factorise(s.T, s.gram, np.ones(s.T.shape[1]), s.mu)
-
-    @cached_property
-    def svd(self) -> SVD:
-        """Singular values of T."""
-        return SVD(self.scaled.T, self.scaled.mu)
-
-
 def _judged(
     problem: Problem,
     s: Scaled,
-    board: _Board,
+    exact: ExactMatrix,
     factor: Factor,
     least: float,
     condition: float,
     start: float,
 ) -> Solution:
     """Solve with one factorisation, whose least singular value is known, and judge the answer."""
-    point, steps = _refine(s, board.exact, factor, least)
+    point, steps = _refine(s, exact, factor, least)
     u = point.u.hi
     peak, dual = float(np.max(np.abs(u))), float(np.linalg.norm(s.eps))
     rounding = float(np.finfo(float).eps) / 2.0 * peak

@@ -98,7 +98,9 @@ class Store:
     def __init__(self, path: str) -> None:
         self.path = path
         with self._explained():
-            self._db = sqlite3.connect(path, timeout=PATIENCE, isolation_level=None)
+            self._db = sqlite3.connect(
+                path, timeout=PATIENCE, isolation_level=None, check_same_thread=False
+            )  # a collector in another thread may close it
             try:
                 self._prepare()
             except BaseException:
