@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from contextlib import ExitStack
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -53,10 +52,11 @@ def montecarlo(scene: str, count: int, seed: int, as_json: bool, **options: Any)
     it, below it, or the samples do not decide.
     """
     from verification.ideal.lambda_rule import read_scene
+    from verification.studies.tolerance.drawing import half_width
     from verification.studies.tolerance.varied_board import prepare
     from verification.studies.tolerance.yield_report import Tally, report
 
-    width = _fraction(options["until"])
+    width = half_width(options["until"])
     study = prepare(read_scene(scene, options["engine"]))
     if options["sample"] is not None:
         _one(study, seed, options["sample"], as_json)
@@ -109,10 +109,8 @@ def corners(
         study = prepare(asked, full_margin=True)
         found = tuple(named_corner(study, text, ends) for text, ends in wanted)
     else:
-        with (
-            workers_at(options["cluster"], options["jobs"]) as workers,
-            stage_display() as progress,
-        ):
+        where = workers_at(options["cluster"], options["jobs"])
+        with where as workers, stage_display() as progress:
             found = worst_corners(asked, workers, progress)
     if as_json:
         print_json({"scene": asked.name, "corners": [asdict(corner) for corner in found]})
@@ -125,23 +123,15 @@ def corners(
 def _draw(study: VariedBoard, seed: int, tally: Tally, options: dict[str, Any]) -> bool:
     """Draw what is missing; return whether Ctrl-C ended it."""
     from verification.studies.running.executors import workers_at
-    from verification.studies.sweep.store import Store
-    from verification.studies.tolerance.sample_store import SampleStore
-    from verification.studies.tolerance.yield_report import run_samples
+    from verification.studies.tolerance.drawing import draw_samples
 
-    with ExitStack() as open_ones:
-        kept = None
-        if options["output"] is not None:
-            store = open_ones.enter_context(Store(options["output"]))
-            kept = SampleStore(store, study, seed)
-        try:
-            workers = open_ones.enter_context(workers_at(options["cluster"], options["jobs"]))
-            progress = open_ones.enter_context(stage_display())
-            for _ in run_samples(study, range(tally.wanted), seed, workers, tally, kept):
-                progress(f"{len(tally.samples)} of {tally.wanted} samples, {tally.passed} pass")
-        except KeyboardInterrupt:
-            click.echo("taction: interrupted; this is what there is", err=True)
-            return True
+    workers = workers_at(options["cluster"], options["jobs"])
+    try:
+        with stage_display() as progress:
+            draw_samples(study, seed, tally, workers, options["output"], progress)
+    except KeyboardInterrupt:
+        click.echo("taction: interrupted; this is what there is", err=True)
+        return True
     return False
 
 
@@ -174,19 +164,6 @@ def _status(found: YieldReport, wanted: float | None) -> int:
     if wanted is None or found.low >= wanted:
         return STATUS["pass"]
     return STATUS["fail"] if found.high < wanted else STATUS["inconclusive"]
-
-
-def _fraction(text: str | None) -> float | None:
-    if text is None:
-        return None
-    try:
-        value = float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)
-    except ValueError:
-        value = 0.0
-    if not 0 < value < 0.5:
-        accepted = "expected a half width such as 1% or 0.01"
-        raise InputError("--until", Complaint("WIDTH", repr(text), accepted))
-    return value
 
 
 def _ends(text: str) -> dict[str, float]:

@@ -13,7 +13,6 @@ import click
 from cli.common import STATUS, json_option, reports_errors, scene_argument
 
 if TYPE_CHECKING:
-    from netlist_gen.scene.scene import Scene
     from verification.studies.sweep.plan import Plan
     from verification.studies.sweep.run import Count
     from verification.studies.sweep.store import Store
@@ -60,14 +59,14 @@ def sweep(scene: str, over: tuple[str, ...], as_json: bool, **options: Any) -> N
     """
     from netlist_gen.overrides.axes import parse_axes
     from verification.ideal.lambda_rule import read_scene
-    from verification.studies.sweep.plan import Plan
+    from verification.studies.sweep.plan import Plan, engines_of
     from verification.studies.sweep.store import Store
 
     asked = read_scene(scene)
     plan = Plan(
         asked,
         parse_axes(asked, over),
-        _engines(asked, options["engine"]),
+        engines_of(asked, options["engine"]),
         second_look=not options["once"],
         keep_waveforms=options["keep_waveforms"],
     )
@@ -79,15 +78,6 @@ def sweep(scene: str, over: tuple[str, ...], as_json: bool, **options: Any) -> N
         _write_files(plan, store, options)
     decided = count.outcomes["pass"] + count.outcomes["fail"]
     sys.exit(0 if decided else STATUS["inconclusive"])
-
-
-def _engines(scene: Scene, wanted: str | None) -> tuple[str, ...]:
-    from verification.ideal.lambda_rule import with_engine
-    from verification.pipeline.simulation import choose_engine
-
-    if wanted == "both":
-        return ("ngspice", "statespace")
-    return (choose_engine(scene if wanted is None else with_engine(scene, wanted)),)
 
 
 def _check_files(plan: Plan, options: dict[str, Any]) -> None:

@@ -30,7 +30,7 @@ from verification.small_signal.poles import Poles
 from verification.waveforms import Waveforms
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Verdict:
     """Everything that `verify` found; `outcome` sums it up."""
 
@@ -54,6 +54,9 @@ class Verdict:
     warnings: tuple[str, ...]
     outcome: Outcome
     timing: dict[str, float]
+
+    def __repr__(self) -> str:
+        return f"Verdict({self.scene.name!r}, {self.outcome.value}, {self.waveforms.engine})"
 
 
 def verify(

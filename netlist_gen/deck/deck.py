@@ -44,10 +44,10 @@ class Deck:
         The one analysis that it asks for.
     """
 
-    text: str
+    text: str = field(repr=False)
     saved: tuple[str, ...]
     analysis: Analysis
-    files: Mapping[str, str] = field(default_factory=dict)
+    files: Mapping[str, str] = field(default_factory=dict, repr=False)
 
 
 def write_deck(
@@ -78,15 +78,19 @@ def write_deck(
     ValueError
         A name or a value that must not reach a simulator. A scene cannot cause it; it guards
         against circuits made by other means.
+
+    Examples
+    --------
+    >>> import taction
+    >>> scene = taction.load_scene("scenes/paper-breadboard.toml")
+    >>> deck = taction.netlist(scene)
+    >>> taction.write_deck(taction.synthesise(scene), deck.analysis) == deck
+    True
     """
-    return write_decks(
-        circuit,
-        (analysis,),
-        solver=solver,
-        relative=relative,
-        saved=saved,
-        matrix_file=matrix_file,
-    )[0]
+    (deck,) = write_decks(
+        circuit, [analysis], solver=solver, relative=relative, saved=saved, matrix_file=matrix_file
+    )
+    return deck
 
 
 def write_decks(

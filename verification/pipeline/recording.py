@@ -8,6 +8,7 @@ from typing import TypedDict
 
 from netlist_gen.analysis import Transient
 from netlist_gen.board.circuit import Circuit
+from netlist_gen.problem.inverse_problem import InverseProblem
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from verification.engines.ngspice.process import PHYSICAL_BOUND
@@ -24,7 +25,7 @@ from verification.pipeline.step_error import StepError, simulation_error, undeci
 from verification.waveforms import Waveforms
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Record:
     """Waveforms of one transient and what was measured on them."""
 
@@ -32,6 +33,9 @@ class Record:
     transient: Transient
     waveforms: Waveforms
     measurements: Measurements
+
+    def __repr__(self) -> str:
+        return f"Record({self.waveforms!r})"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,8 +66,15 @@ class Recording:
     accuracy: Accuracy | None
 
 
-def record_transient(scene: Scene, progress: Progress = lambda stage: None) -> Record:
+def record_transient(
+    scene: Scene,
+    progress: Progress = lambda stage: None,
+    *,
+    problem: InverseProblem | None = None,
+) -> Record:
     """Simulate the transient of `scene` once, without a second look at another step.
+
+    `problem` replaces the scene's own.
 
     Raises
     ------
@@ -71,7 +82,7 @@ def record_transient(scene: Scene, progress: Progress = lambda stage: None) -> R
         As `verification.verify.verify`.
     """
     clock = Clock(progress)
-    design = design_board(scene, clock)
+    design = design_board(scene, clock, problem=problem)
     clock.begin("simulation")
     once = Effort(second_look=False)
     pending = begin(design.scene, design.board, design.transient, design.engine, once)

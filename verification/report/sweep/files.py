@@ -68,8 +68,12 @@ def _numbers(plan: Plan) -> dict[str, str]:
     return {name: figure.unit for name, figure in FIGURES.items() if name not in names}
 
 
+def _titles(plan: Plan) -> list[str]:
+    return [*(axis.name for axis in plan.axes), "engine", "stable", *_numbers(plan), *WORDS]
+
+
 def _rows(plan: Plan, store: Store) -> Iterator[dict[str, Any]]:
-    kept = ("engine", "stable", *_numbers(plan), *WORDS)
+    kept = _titles(plan)[len(plan.axes) :]
     for record in records(plan, store):
         yield record["values"] | {name: record[name] for name in kept}
 
@@ -77,8 +81,7 @@ def _rows(plan: Plan, store: Store) -> Iterator[dict[str, Any]]:
 def _csv(plan: Plan, store: Store, path: Path) -> None:
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
-        axes = (axis.name for axis in plan.axes)
-        writer.writerow([*axes, "engine", "stable", *_numbers(plan), *WORDS])
+        writer.writerow(_titles(plan))
         for row in _rows(plan, store):
             writer.writerow(
                 repr(v) if isinstance(v, float) else "" if v is None else v for v in row.values()
@@ -131,7 +134,15 @@ def grids(plan: Plan, store: Store) -> dict[str, np.ndarray[Any, Any]]:
     return {**found, "outcome": outcome}
 
 
-def _netcdf(plan: Plan, store: Store, path: Path) -> None:
+def frame(plan: Plan, store: Store) -> Any:
+    """Return the stored points as a pandas DataFrame: one row a point and engine, as in a CSV."""
+    import pandas as pd
+
+    return pd.DataFrame(_rows(plan, store), columns=_titles(plan))
+
+
+def dataset(plan: Plan, store: Store) -> Any:
+    """Return the grid as an xarray Dataset: one dimension a group of axes, one for the engine."""
     import xarray as xr
 
     dimensions = [group[0].name for group in plan.groups]
@@ -153,8 +164,11 @@ def _netcdf(plan: Plan, store: Store, path: Path) -> None:
     }
     variables["outcome"] = (everything, arrays["outcome"], flags)
     about = {"scene": plan.scene.name, "Conventions": "CF-1.8", "source": "taction sweep"}
-    data = xr.Dataset(variables, coordinates, about)
-    data.to_netcdf(path, engine="scipy", format="NETCDF3_64BIT")
+    return xr.Dataset(variables, coordinates, about)
+
+
+def _netcdf(plan: Plan, store: Store, path: Path) -> None:
+    dataset(plan, store).to_netcdf(path, engine="scipy", format="NETCDF3_64BIT")
 
 
 WRITERS: dict[str, Callable[[Plan, Store, Path], None]] = {

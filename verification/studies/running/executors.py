@@ -28,7 +28,8 @@ T = TypeVar("T")
 ATTEMPTS = 3  # deaths of a worker until its point is given up
 PATIENCE = 15.0  # s until an address without a scheduler is given up
 NEWS = 1.0  # s between two looks at how many workers a cluster has
-PRELOAD = ["verification.studies.sweep.point", "verification.engines.statespace.transients.exact"]
+_ROOT = __name__.removesuffix(".studies.running.executors")
+PRELOAD = [f"{_ROOT}.studies.sweep.point", f"{_ROOT}.engines.statespace.transients.exact"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ from netlist_gen.overrides.keys import Value
 from netlist_gen.scene.scene import Scene
 from spice_models.errors import Complaint, InputError
 from verification.engines.ngspice.executable import find_simulator
+from verification.pipeline.simulation import choose_engine
 from verification.studies.running.digests import digest, files_of, own_code
 from verification.studies.running.versions import simulator_name
 
@@ -69,6 +70,19 @@ class Plan:
     def total(self) -> int:
         """Number of points, each engine counted."""
         return len(self.engines) * math.prod(self.shape)
+
+
+def engines_of(scene: Scene, engine: str | None) -> tuple[str, ...]:
+    """Return the engines of a sweep: the scene's own, the one asked for, or ``"both"``.
+
+    Raises
+    ------
+    InputError
+        There is no such engine.
+    """
+    if engine == "both":
+        return ("ngspice", "statespace")
+    return (choose_engine(scene if engine is None else scene.with_engine(engine)),)
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import json
 import sqlite3
+import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -86,7 +87,7 @@ class Store:
     Parameters
     ----------
     path : str
-        The file, made where there is none.
+        The file, made where there is none; ``":memory:"`` for none at all.
 
     Raises
     ------
@@ -100,12 +101,15 @@ class Store:
     def __init__(self, path: str) -> None:
         self.path = path
         with self._explained():
-            self._db = sqlite3.connect(path, timeout=PATIENCE, isolation_level=None)
+            self._db = sqlite3.connect(
+                path, timeout=PATIENCE, isolation_level=None, check_same_thread=False
+            )  # a collector in another thread may close it
             try:
                 self._prepare()
             except BaseException:
                 self._db.close()
                 raise
+        weakref.finalize(self, self._db.close)  # of a store that a result holds open
 
     def __enter__(self) -> Store:
         return self

@@ -21,7 +21,6 @@ from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from spice_models.errors import Complaint, InputError
 from verification.engines.statespace.linearised.board import LinearBoard
-from verification.ideal.lambda_rule import with_engine
 from verification.studies.running.executors import Workers
 from verification.studies.tolerance.varied_board import (
     Quantity,
@@ -83,7 +82,7 @@ def worst_corners(
     """
     study = prepare(scene, full_margin=True)
     told = quantities(scene)
-    gradient = _gradient(replace(study, scene=with_engine(scene, "statespace")), workers, progress)
+    gradient = _gradient(replace(study, scene=scene.with_engine("statespace")), workers, progress)
     progress("sensitivities of the steady state")
     gradient["steady_state"], *others = _steady_gradients(study)
     corners = [_corner(study, "nominal", np.zeros(len(study.varied)))]

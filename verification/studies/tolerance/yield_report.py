@@ -78,7 +78,7 @@ class Sensitivity:
     channel: int | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class YieldReport:
     """What the samples say; `reasons` counts why some have no verdict."""
 
@@ -92,6 +92,12 @@ class YieldReport:
     reasons: dict[str, int]
     quantities: tuple[Spread, ...]
     sensitivities: tuple[Sensitivity, ...]
+
+    def __repr__(self) -> str:
+        return (
+            f"YieldReport({self.passed} of {self.samples} pass,"
+            f" 95 % interval {100 * self.low:.3g} to {100 * self.high:.3g} %)"
+        )
 
 
 @dataclass(slots=True)
