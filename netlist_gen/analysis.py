@@ -6,6 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+# An exponential board that starts from nothing with a larger first step can make the first
+# iteration of an antilog stage overflow: one scene did at 250 points a period and at no other
+# number of points; with this first step no scene did at any number that was tried.
+FIRST_STEP = 1e-3  # of the maximum step
+
 
 @dataclass(frozen=True, slots=True)
 class Tolerances:
@@ -39,6 +44,11 @@ class Transient:
     truncation : float
         Local error that one step may make, relative: what bounds the step where the board is
         faster than `max_step` provides for.
+    charge : float or None
+        Charge below which that error counts absolutely, C; None for a charge far below every
+        capacitor's.
+    first_step : float or None
+        s; None for a thousandth of `max_step`.
     initial : str
         ``"zero"``: every capacitor is discharged when the strain steps on. ``"rest"``: the
         equilibrium without strain.
@@ -52,9 +62,16 @@ class Transient:
     stop: float
     max_step: float
     truncation: float = 1e-4
+    charge: float | None = None
+    first_step: float | None = None
     initial: Literal["zero", "rest"] = "zero"
     method: Literal["trapezoidal", "gear"] = "trapezoidal"
     voltages: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def begin(self) -> float:
+        """The first step, s."""
+        return FIRST_STEP * self.max_step if self.first_step is None else self.first_step
 
 
 @dataclass(frozen=True, slots=True)

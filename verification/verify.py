@@ -20,7 +20,7 @@ from verification.pipeline.clock import Clock, Progress
 from verification.pipeline.design import Design, design_board
 from verification.pipeline.effort import FULL, Effort
 from verification.pipeline.error_budget import ErrorPart, error_budget
-from verification.pipeline.recording import attempt
+from verification.pipeline.recording import record_and_measure
 from verification.pipeline.simulation import begin
 from verification.pipeline.step_error import StepError
 from verification.pipeline.warnings import find_warnings
@@ -46,7 +46,7 @@ class Verdict:
     u: Floats
     measurements: Measurements
     error: StepError
-    accuracy: Accuracy | None
+    accuracy: Accuracy
     agreement: Agreement | None
     energy: EnergyRise | None
     budget: tuple[ErrorPart, ...]
@@ -95,14 +95,14 @@ def verify(
     clock = Clock(progress)
     design = design_board(scene, clock, problem=problem, circuit=circuit)
     clock.begin("simulation")
-    pending = begin(design.scene, design.board, design.transient, design.engine, effort)
+    pending = begin(design.scene, design.board, design.plan, design.engine, session=effort.session)
     clock.begin("reference", beside="simulation")
     ideal = ideal_answer(design.network, design.scene) if ideal is None else ideal
     margin = _margin(design, effort.full_margin)
     rest = design.board.equilibrium if effort.details else None
     constraint = constraint_plane(design.circuit) if effort.details else None
-    design, seen = attempt(design, ideal, pending, clock, effort)
-    wave = seen.simulation.fine
+    design, seen = record_and_measure(design, ideal, pending, clock, effort)
+    wave = seen.simulation.waveforms
     evidence = Evidence(
         checks=design.scene.checks,
         measurements=seen.measurements,
@@ -136,7 +136,7 @@ def verify(
         energy=energy,
         budget=budget,
         checks=checks,
-        warnings=find_warnings(evidence, seen.simulation.notes),
+        warnings=find_warnings(evidence, (*seen.simulation.notes, *design.plan.notes)),
         outcome=overall(checks),
         timing=clock.seconds,
     )

@@ -91,6 +91,9 @@ def check_request(
     if isinstance(analysis, Transient):
         _check_value("stop", analysis.stop)
         _check_value("max_step", analysis.max_step)
+        _check_value("truncation", analysis.truncation)
+        _check_value("first_step", analysis.begin)
+        _check_value("charge", 1.0 if analysis.charge is None else analysis.charge)
         # a dot leads into a subcircuit, as in "xv_1.p1"
         _check_names(part for node in analysis.voltages for part in node.split("."))
         for node, volts in analysis.voltages.items():

@@ -22,11 +22,6 @@ from spice_models.array_types import Floats
 from spice_models.opamp import OpAmp
 from spice_models.subcircuits import amplifier_lines, opamp_subcircuit
 
-# ngspice's first step is a tenth of the .tran card's first figure. An exponential board that starts
-# from nothing with a larger one can make an antilog stage's first iteration overflow: it did at
-# 250 points a period of one scene and no other count; with this, at none that was tried.
-FIRST_STEP = 0.01
-
 
 @dataclass(frozen=True, slots=True)
 class Deck:
@@ -250,7 +245,7 @@ def _current_sources(circuit: Circuit, analysis: Analysis) -> list[str]:
     """Return the strain currents: they are all there is of the parts that depends on `analysis`."""
     values = [repr(source.amps) for source in circuit.currents]
     if isinstance(analysis, Transient) and _starts_from_rest(circuit, analysis):
-        ramp = repr(1e-3 * analysis.max_step)
+        ramp = repr(analysis.begin)
         values = [f"PWL(0 0 {ramp} {value})" for value in values]
     return [
         f"I{source.name} {GROUND} {source.node} {value}"
@@ -267,12 +262,13 @@ def _options(limits: Tolerances, analysis: Analysis, solver: str) -> list[str]:
     lines = [
         f".options {solver}",
         f".options reltol={limits.relative!r} abstol={limits.current!r} vntol={limits.voltage!r}",
-        f".options chgtol={limits.charge!r} gmin={limits.gmin!r} pivtol={limits.gmin!r}",
     ]
+    charge = limits.charge
     if isinstance(analysis, Transient):
+        charge = limits.charge if analysis.charge is None else analysis.charge
         method = "trap" if analysis.method == "trapezoidal" else "gear"
-        trtol = max(analysis.truncation / limits.relative, 1.0)
-        lines.append(f".options method={method} trtol={trtol!r}")
+        lines.append(f".options method={method} trtol={analysis.truncation / limits.relative!r}")
+    lines.append(f".options chgtol={charge!r} gmin={limits.gmin!r} pivtol={limits.gmin!r}")
     return lines
 
 
@@ -281,7 +277,7 @@ def _analysis_cards(circuit: Circuit, analysis: Analysis) -> list[str]:
         return [".op"]
     rest = _starts_from_rest(circuit, analysis)
     step = repr(analysis.max_step)
-    begin = repr(FIRST_STEP * analysis.max_step)
+    begin = repr(10.0 * analysis.begin)  # ngspice's first step is a tenth of the card's figure
     cards = [f".tran {begin} {analysis.stop!r} 0.0 {step}" + ("" if rest else " uic")]
     if analysis.voltages:
         pairs = " ".join(f"v({node})={volts!r}" for node, volts in analysis.voltages.items())

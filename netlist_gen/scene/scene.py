@@ -39,6 +39,7 @@ from spice_models.presets import preset_names
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
+AGREE = 1e-3  # of the step amplitude: how far the engines may differ where a scene says nothing
 NAME_PATTERN = r"^[A-Za-z0-9_.-]+$"
 DEFAULT_RESISTANCE = 1.786e6
 IN_MEMORY = "Scene.from_arrays"  # in the place of a file
@@ -112,17 +113,19 @@ class AnalysisChoice(Model):
     initial: Literal["zero", "rest"] = "zero"
     points_per_period: Annotated[Real, Field(ge=8, le=10_000)] | None = Field(
         None,
-        description="time points in one period of the fastest ringing mode that matters; by default"
-        " 125, or as many as 'error' needs",
+        description="even steps: time points in one period of the fastest ringing mode that"
+        " matters; by default as many as 'error' needs",
     )
-    error: Annotated[Positive, Field(lt=1)] | None = Field(
-        None, description="largest error of the transient, fraction of the step amplitude"
+    error: Annotated[Positive, Field(lt=1)] | Literal["auto"] = Field(
+        "auto",
+        description="largest error of the transient, fraction of the step amplitude; auto: a quarter"
+        " of the tightest tolerance, band or overshoot limit of the checks",
     )
     timeout: Seconds = 600.0
 
     @model_validator(mode="after")
     def _one_resolution(self) -> Self:
-        if self.error is not None and self.points_per_period is not None:
+        if self.error != "auto" and self.points_per_period is not None:
             raise ValueError("'error' excludes 'points_per_period', which follows from it")
         return self
 
@@ -163,10 +166,15 @@ class StabilityCheck(Model):
 class EnginesAgreeCheck(Model):
     """Largest difference between ngspice and the state-space engine, over all time.
 
-    Without a tolerance, 1e-3 of the step amplitude, judged only where both engines run anyway.
+    Without a tolerance, `AGREE` of the step amplitude.
     """
 
     tolerance: Positive | None = None
+
+    @property
+    def limit(self) -> float:
+        """The tolerance, or its default."""
+        return AGREE if self.tolerance is None else self.tolerance
 
 
 class Checks(Model):

@@ -7,15 +7,45 @@ from dataclasses import dataclass
 import numpy as np
 
 from netlist_gen.analysis import Transient
-from netlist_gen.board.circuit import Circuit
 from spice_models.array_types import Floats
 from spice_models.errors import EngineError
 from verification.engines.statespace.linearised.board import LinearBoard
-from verification.measures.resampling import CUBIC, lagrange
-from verification.pipeline.simulation import Simulation, outputs
+from verification.pipeline.simulation import outputs
 from verification.waveforms import Waveforms
 
 MAX_INSTANTS = 20_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Companion:
+    """Another answer at instants of a record: of the state-space engine, or at a larger step.
+
+    Attributes
+    ----------
+    instants : ndarray (Q,)
+        Of the record, s.
+    u, other : ndarray (Q, N)
+        Outputs of the record and of the other answer, V; the latter are not numbers where there
+        is no other answer.
+    share : float
+        Part of a difference that is the record's own error.
+    how : str
+        How the other answer was found.
+    reason : str
+        Why there is no other answer, or empty.
+    """
+
+    instants: Floats
+    u: Floats
+    other: Floats
+    share: float
+    how: str
+    reason: str = ""
+
+    @property
+    def error(self) -> float:
+        """Largest error of any output at any instant, V; not a number without another answer."""
+        return self.share * float(np.abs(self.u - self.other).max(initial=0.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,10 +55,10 @@ class Agreement:
     Attributes
     ----------
     difference : float
-        Largest difference of any output at any instant, V, with the stepping engine extrapolated
-        to step zero; not a number where there was nothing to compare with.
+        Largest difference of any output at any instant, V; not a number where there was nothing
+        to compare with.
     step_error : float
-        What the extrapolation took away: the stepping engine's own error, V.
+        What the steps of the stepping engine are expected to err by, V.
     time : float
         Where the difference is largest, s.
     channel : int
@@ -48,77 +78,51 @@ class Agreement:
     reason: str
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Other:
-    """The state-space engine's answer at instants of the stepping engine's second run.
+def exact_companion(
+    board: LinearBoard, transient: Transient, record: Waveforms, tolerance: float
+) -> Companion:
+    """Return what the state-space engine finds at the instants of ngspice's `record`.
 
-    Attributes
+    Parameters
     ----------
-    instants : ndarray (Q,)
-        s.
-    second : ndarray (Q, N)
-        What the second run has there, V.
-    exact : ndarray (Q, N)
-        What the state-space engine has there, V; not numbers where it has no answer.
-    reason : str
-        Why it has no answer, or empty.
-    """
-
-    instants: Floats
-    second: Floats
-    exact: Floats
-    reason: str
-
-
-def other_engine(board: LinearBoard, transient: Transient, second: Waveforms) -> Other:
-    """Simulate with the state-space engine what ngspice simulates.
-
-    The instants are those of ngspice's second run, which ends while the first is under way.
+    tolerance : float
+        Of the state-space engine's steps, where that engine needs steps.
     """
     from verification.engines.statespace.transients.exact import simulate
 
-    shown = slice(None, None, max(len(second.time) // MAX_INSTANTS, 1))
-    instants = np.asarray(second.time[shown])
-    u = outputs(board.circuit, second)[shown]
+    shown = slice(None, None, max(len(record.time) // MAX_INSTANTS, 1))
+    instants, u = np.array(record.time[shown]), outputs(board.circuit, record)[shown]
+    how = "difference to the state-space engine"
     try:
-        exact = simulate(board, transient, times=instants)
+        exact = simulate(board, transient, times=instants, tolerance=tolerance)
+        if len(exact.time) < len(instants):
+            raise EngineError("its record ends early")
     except EngineError as error:
-        return Other(instants, u, np.full_like(u, np.nan), str(error))
-    return Other(instants, u, outputs(board.circuit, exact), "")
+        return Companion(instants, u, np.full_like(u, np.nan), 1.0, how, str(error))
+    return Companion(instants, u, outputs(board.circuit, exact), 1.0, how)
 
 
-def compare_engines(circuit: Circuit, simulation: Simulation, other: Other) -> Agreement:
-    """Compare the outputs that ngspice and the state-space engine find.
+def compare_engines(companion: Companion, step_error: float) -> Agreement:
+    """Compare the outputs of ngspice with those of the state-space engine.
 
-    ngspice's answer at step zero is extrapolated from its two runs, so what is left is not the
-    error of its steps.
+    Parameters
+    ----------
+    step_error : float
+        What the steps of ngspice are expected to err by, V.
     """
-    fine, instants = simulation.fine, other.instants
-    if other.reason or len(fine.time) < CUBIC:
-        reason = other.reason or f"the record has {len(fine.time)} points"
-        return Agreement(np.nan, np.nan, np.nan, 0, instants, other.exact * np.nan, reason)
-    inside = (instants >= fine.time[0]) & (instants <= fine.time[-1])
-    instants = instants[inside]
-    u = lagrange(fine.time, outputs(circuit, fine), instants, CUBIC)
-    correction = simulation.share * (u - other.second[inside])
-    difference = u + correction - other.exact[inside]
+    difference = companion.u - companion.other
+    if companion.reason:
+        nothing = np.nan
+        return Agreement(
+            nothing, nothing, nothing, 0, companion.instants, difference, companion.reason
+        )
     place, channel = np.unravel_index(int(np.argmax(np.abs(difference))), difference.shape)
     return Agreement(
         difference=float(abs(difference[place, channel])),
-        step_error=float(np.max(np.abs(correction))),
-        time=float(instants[place]),
+        step_error=step_error,
+        time=float(companion.instants[place]),
         channel=int(channel),
-        instants=instants,
+        instants=companion.instants,
         differences=difference,
         reason="",
     )
-
-
-def exact_record(board: LinearBoard, transient: Transient) -> Waveforms | None:
-    """Return what the state-space engine has for a transient, or None where it has no answer."""
-    from verification.engines.statespace.transients.exact import simulate
-
-    try:
-        return simulate(board, transient)
-    except EngineError:
-        return None

@@ -1,8 +1,4 @@
-"""What error a transient was asked for, what it attained, and what it cost.
-
-`verification.pipeline.transient_plan` chooses the step for ``analysis.error`` beforehand; here a
-second run says what came of it, and by how much the step must shrink if it missed.
-"""
+"""What error a transient was asked for, what it attained, and what it cost."""
 
 from __future__ import annotations
 
@@ -12,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from netlist_gen.analysis import Transient
-from netlist_gen.board.circuit import Circuit
 from spice_models.errors import EngineError
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.transients import (
@@ -21,15 +16,24 @@ from verification.engines.statespace.transients import (
     reduced_order,
     structured_radau,
 )
-from verification.measures.resampling import CUBIC, lagrange
+from verification.ideal.ideal_answer import IdealAnswer
+from verification.measures.measurements import Measurements
+from verification.pipeline.agreement import Companion
 from verification.pipeline.design import Design
-from verification.pipeline.simulation import Simulation, outputs, state_space_tolerance
-from verification.pipeline.transient_plan import plan_transient
+from verification.pipeline.simulation import state_space_tolerance
+from verification.pipeline.transient_plan import (
+    AFTER_SETTLING,
+    AIM,
+    LEAST_ERROR,
+    Plan,
+    plan_transient,
+)
 from verification.waveforms import Waveforms
 
 INSTANTS = 2000  # at which two runs of an adaptive engine are compared
 LOOSER = 10.0  # the second run's tolerance over the first's
-RESERVE = 0.8  # of the wanted error: what the second try aims at
+INSIDE = 0.5  # of what the band leaves beside a static error: where a longer record ends
+FEWER = 1.05  # times as many steps: less is no better plan
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,21 +43,21 @@ class Accuracy:
     Attributes
     ----------
     wanted : float
-        ``analysis.error``, fraction of the step amplitude.
+        What the checks allow, fraction of the step amplitude (`wanted_error`).
     achieved : float or None
-        The same as found afterwards; None where nothing tells it.
+        The error as found afterwards; None where nothing tells it.
     seconds : float
-        Wall time of the run (of both tries where there were two), s.
+        Wall time of the run (of all tries), s.
     points : int
         Time points or steps of the run.
     points_per_period : float
-        Points on the period of the fastest ringing.
+        Points on the period of the fastest ringing, on average over the record.
     engine, method : str
         Who computed it, and how.
     how : str
         How `achieved` was found.
     tries : int
-        2 where the first step missed.
+        2 or more where the first run did not suffice.
     """
 
     wanted: float
@@ -71,66 +75,85 @@ class Accuracy:
         """Whether it is known to be as small as wanted."""
         return self.achieved is not None and self.achieved <= self.wanted
 
+    def after(self, earlier: Accuracy) -> Accuracy:
+        """Add the cost of an `earlier` try."""
+        return replace(
+            self, seconds=self.seconds + earlier.seconds, tries=self.tries + earlier.tries
+        )
 
-def attained(design: Design, simulation: Simulation, amplitude: float) -> Accuracy | None:
-    """Find the error that a transient attained; None if the scene asks for none.
+
+def attained(
+    design: Design, waveforms: Waveforms, companion: Companion | None, amplitude: float
+) -> Accuracy:
+    """Find the error that a transient attained.
 
     Parameters
     ----------
+    companion : Companion or None
+        Another answer for ngspice's record; None for the state-space engine, and for an unstable
+        board.
     amplitude : float
         Step amplitude, V.
     """
-    transient = design.transient
-    wanted, fine = design.scene.analysis.error, simulation.fine
-    if wanted is None:
-        return None
-    if fine.engine == exact.ENGINE:
-        method, volts, how = _state_space(design.board, transient, fine, wanted)
-    else:
-        method, (volts, how) = transient.method, _two_runs(design.circuit, simulation)
+    transient, wanted = design.transient, design.plan.wanted
+    method, volts = str(transient.method), math.nan
+    how = "the board is unstable: its error grows with the board's own voltages"
+    if waveforms.engine == exact.ENGINE:
+        method, volts, how = _state_space(design.board, transient, waveforms, wanted)
+    elif companion is not None:
+        volts, how = companion.error, companion.how
+    step = transient.stop / max(waveforms.cost.points, 1)
     return Accuracy(
         wanted=wanted,
         achieved=volts / (amplitude or 1.0) if math.isfinite(volts) else None,
-        seconds=fine.cost.seconds,
-        points=fine.cost.points,
-        points_per_period=design.scales.max_step_for(1.0) / transient.max_step,
-        engine=fine.engine,
+        seconds=waveforms.cost.seconds,
+        points=waveforms.cost.points,
+        points_per_period=design.scales.max_step_for(1.0) / step,
+        engine=waveforms.engine,
         method=method,
         how=how,
     )
 
 
-def finer(design: Design, accuracy: Accuracy | None) -> Design | None:
-    """Return the design with the step that should reach its error, after one that missed.
+def better_plan(
+    design: Design, ideal: IdealAnswer, measured: Measurements, accuracy: Accuracy
+) -> Plan | None:
+    """Return a plan for what a run left open; None where the run suffices or nothing would help."""
+    return _longer(design, ideal, measured) or _finer(design, accuracy)
 
-    None where there is no need for it, and where the engine has no step.
-    """
-    if accuracy is None or accuracy.reached or accuracy.achieved is None:
+
+def _longer(design: Design, ideal: IdealAnswer, measured: Measurements) -> Plan | None:
+    """Plan a longer record where a channel settles only after the end of the record."""
+    scene = design.scene
+    automatic = scene.analysis.stop == "auto" and design.poles.stable
+    if not automatic or measured.settling_time is not None or not measured.amplitude:
         return None
-    if accuracy.engine == exact.ENGINE:
+    rest = design.board.equilibrium.values
+    places = design.board.descriptor.places
+    final = np.array([out.sign * rest[places[out.node]] for out in design.circuit.outputs])
+    static = float(np.abs(final - ideal.target).max()) / measured.amplitude
+    room = INSIDE * (scene.checks.settling_time.band - static)
+    stop = AFTER_SETTLING * design.scales.stop_for(room) if room > 0.0 else 0.0
+    if stop <= design.transient.stop:
         return None
-    ratio = math.sqrt(accuracy.achieved / (RESERVE * accuracy.wanted))  # of order 2
-    points = ratio * accuracy.points_per_period
-    transient = plan_transient(design.scene, design.scales, design.engine, points)
-    return replace(design, transient=transient)
+    analysis = scene.analysis.model_copy(update={"stop": float(f"{stop:.6g}")})
+    longer = scene.model_copy(update={"analysis": analysis})
+    return plan_transient(longer, design.board, design.scales)
 
 
-def both_tries(first: Accuracy, second: Accuracy | None) -> Accuracy | None:
-    """Return the second try with the cost of both."""
-    if second is None:
+def _finer(design: Design, accuracy: Accuracy) -> Plan | None:
+    """Plan smaller steps where a run of ngspice missed the wanted error."""
+    given = design.scene.analysis.points_per_period is not None
+    if accuracy.reached or accuracy.achieved is None or given or accuracy.engine == exact.ENGINE:
         return None
-    return replace(second, seconds=first.seconds + second.seconds, tries=2)
-
-
-def _two_runs(circuit: Circuit, simulation: Simulation) -> tuple[float, str]:
-    """Return the stepping engine's error in V, extrapolated from its two runs."""
-    fine, coarse = simulation.fine, simulation.coarse
-    if coarse is None or len(fine.time) < CUBIC:
-        return math.nan, "no second run"
-    inside = (coarse.time >= fine.time[0]) & (coarse.time <= fine.time[-1])
-    u = lagrange(fine.time, outputs(circuit, fine), np.asarray(coarse.time[inside]), CUBIC)
-    apart = np.abs(u - outputs(circuit, coarse)[inside]).max()
-    return simulation.share * float(apart), "difference to a run at twice the step, extrapolated"
+    forecast = design.plan.forecast
+    aim = AIM * accuracy.wanted * min(forecast.error / accuracy.achieved, 1.0)
+    if aim < LEAST_ERROR:
+        return None
+    analysis = design.scene.analysis.model_copy(update={"stop": design.transient.stop})
+    scene = design.scene.model_copy(update={"analysis": analysis})
+    plan = plan_transient(scene, design.board, design.scales, aim=aim)
+    return plan if plan.forecast.steps > FEWER * forecast.steps else None
 
 
 def _state_space(
@@ -151,6 +174,8 @@ def _state_space(
         other = run(board, transient, times=times, tolerance=LOOSER * tolerance)
     except EngineError as error:
         return method, math.nan, f"the second run failed: {error}"
+    if len(other.time) < len(times):
+        return method, math.nan, "the second run ends early"
     apart = np.abs(other.values - fine.values[np.searchsorted(fine.time, times)]).max()
     text = f"difference to a run at {LOOSER:g} times the tolerance {tolerance:g}: an upper bound"
     return method, float(apart), text

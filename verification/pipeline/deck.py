@@ -11,6 +11,7 @@ from netlist_gen.deck.deck import Deck, write_deck
 from netlist_gen.problem.inverse_problem import make_problem
 from netlist_gen.scene.scene import Scene
 from spice_models.errors import Complaint, InputError
+from verification.engines.statespace.linearised.board import LinearBoard
 from verification.pipeline.transient_plan import plan_transient
 from verification.small_signal.time_scales import time_scales
 
@@ -36,8 +37,9 @@ def deck_of(
     """
     matrix_file = _matrix_file(output) if split else None
     circuit = synthesise(scene, make_problem(scene))
-    transient = plan_transient(scene, time_scales(circuit, initial=scene.analysis.initial))
-    return circuit, write_deck(circuit, transient, matrix_file=matrix_file)
+    board = LinearBoard(circuit)
+    plan = plan_transient(scene, board, time_scales(board, initial=scene.analysis.initial))
+    return circuit, write_deck(circuit, plan.transient, matrix_file=matrix_file)
 
 
 def _matrix_file(output: str | Path | None) -> str:

@@ -15,7 +15,7 @@ from verification.ideal.ideal_answer import ideal_network
 from verification.ideal.lambda_rule import resolve_lambda
 from verification.pipeline.clock import Clock
 from verification.pipeline.simulation import choose_engine
-from verification.pipeline.transient_plan import plan_transient
+from verification.pipeline.transient_plan import Plan, plan_transient
 from verification.reference import IdealNetwork
 from verification.small_signal.poles import Poles, poles_behind
 from verification.small_signal.time_scales import TimeScales, time_scales
@@ -37,8 +37,8 @@ class Design:
         Of it.
     engine : str
         A key of `verification.pipeline.simulation.ENGINES`.
-    transient : Transient
-        As long and as fine as the scales ask for.
+    plan : Plan
+        The transient, and what is expected of it.
     """
 
     scene: Scene
@@ -48,7 +48,12 @@ class Design:
     scales: TimeScales
     poles: Poles
     engine: str
-    transient: Transient
+    plan: Plan
+
+    @property
+    def transient(self) -> Transient:
+        """The transient to simulate."""
+        return self.plan.transient
 
     @property
     def circuit(self) -> Circuit:
@@ -81,5 +86,5 @@ def design_board(
     scales = time_scales(board, initial=scene.analysis.initial)
     poles = poles_behind(board, scales)
     engine = choose_engine(scene)
-    transient = plan_transient(scene, scales, engine)
-    return Design(scene, problem, board, network, scales, poles, engine, transient)
+    plan = plan_transient(scene, board, scales)
+    return Design(scene, problem, board, network, scales, poles, engine, plan)

@@ -1,10 +1,12 @@
-"""Transients recorded and measured against the reference; nothing is judged here."""
+"""Transients recorded and measured against the reference; no check is made here."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
 from typing import TypedDict
+
+import numpy as np
 
 from netlist_gen.analysis import Transient
 from netlist_gen.board.circuit import Circuit
@@ -15,14 +17,30 @@ from verification.engines.ngspice.process import PHYSICAL_BOUND
 from verification.ideal.ideal_answer import IdealAnswer, ideal_answer
 from verification.measures.measure import measure, read_record
 from verification.measures.measurements import Measurements
-from verification.pipeline.agreement import Agreement, compare_engines, exact_record, other_engine
-from verification.pipeline.attained_accuracy import Accuracy, attained, both_tries, finer
+from verification.measures.resampling import CUBIC, lagrange
+from verification.pipeline.agreement import (
+    Agreement,
+    Companion,
+    compare_engines,
+    exact_companion,
+)
+from verification.pipeline.attained_accuracy import Accuracy, attained, better_plan
 from verification.pipeline.clock import Clock, Progress
 from verification.pipeline.design import Design, design_board
 from verification.pipeline.effort import Effort
-from verification.pipeline.simulation import Pending, Simulation, begin, outputs
+from verification.pipeline.simulation import (
+    Pending,
+    Simulation,
+    begin,
+    outputs,
+    state_space_tolerance,
+)
 from verification.pipeline.step_error import StepError, simulation_error, undecided
+from verification.pipeline.transient_plan import coarser
 from verification.waveforms import Waveforms
+
+COARSER = 2.0  # a second run's step over the first's
+REPEATS = 3  # of a run that did not suffice
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -40,22 +58,22 @@ class Record:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
-    """A transient with what tells its error.
+    """A measured transient with its error.
 
     Attributes
     ----------
     simulation : Simulation
         The waveforms.
     measurements : Measurements
-        Of the finer run.
+        Of the record.
     u : ndarray (P, N)
-        Outputs of the finer run, V.
+        Outputs, V.
     error : StepError
-        The simulation's own.
+        Error of the readings.
     agreement : Agreement or None
-        With the other engine; None where only one ran.
-    accuracy : Accuracy or None
-        The error over all time; None where the scene asks for none.
+        With the other engine; None where only one engine ran.
+    accuracy : Accuracy
+        The error over all time.
     """
 
     simulation: Simulation
@@ -63,7 +81,7 @@ class Recording:
     u: Floats
     error: StepError
     agreement: Agreement | None
-    accuracy: Accuracy | None
+    accuracy: Accuracy
 
 
 def record_transient(
@@ -72,7 +90,7 @@ def record_transient(
     *,
     problem: InverseProblem | None = None,
 ) -> Record:
-    """Simulate the transient of `scene` once, without a second look at another step.
+    """Simulate the transient of `scene` and measure the record; the error is not measured.
 
     `problem` replaces the scene's own.
 
@@ -84,10 +102,9 @@ def record_transient(
     clock = Clock(progress)
     design = design_board(scene, clock, problem=problem)
     clock.begin("simulation")
-    once = Effort(second_look=False)
-    pending = begin(design.scene, design.board, design.transient, design.engine, once)
+    pending = begin(design.scene, design.board, design.plan, design.engine)
     ideal = ideal_answer(design.network, design.scene)
-    waveforms = pending.result().fine
+    waveforms = pending.result(unstable=not design.poles.stable).waveforms
     clock.begin("measures")
     measurements, _ = measure_outputs(
         design.scene, design.circuit, ideal, waveforms, design.transient
@@ -95,69 +112,97 @@ def record_transient(
     return Record(design.circuit, design.transient, waveforms, measurements)
 
 
-def attempt(
+def record_and_measure(
     design: Design, ideal: IdealAnswer, pending: Pending, clock: Clock, effort: Effort
 ) -> tuple[Design, Recording]:
-    """Do as `watch`, and again with a smaller step where the wanted error was missed.
+    """Wait for a simulation and measure the record; simulate again where the run does not suffice.
 
-    The design that is returned has the step of the recording.
-    """
-    seen = watch(design, ideal, pending, clock, effort)
-    better = finer(design, seen.accuracy)
-    if seen.accuracy is None or better is None:
-        return design, seen
-    clock.begin("simulation")
-    pending = begin(better.scene, better.board, better.transient, better.engine, effort)
-    again = watch(better, ideal, pending, clock, effort)
-    return better, replace(again, accuracy=both_tries(seen.accuracy, again.accuracy))
-
-
-def watch(
-    design: Design, ideal: IdealAnswer, pending: Pending, clock: Clock, effort: Effort
-) -> Recording:
-    """Wait for a simulation under way, do what can be done meanwhile, and measure it.
-
-    The coarser run ends while the finer one is under way; it is read, and the other engine run, in
-    that time. Without a second look the state-space engine takes the coarser run's place. It is
-    judged only where its readings alone do not tell the finer run's error.
-    With details, times on an exact solution are found by root finding, not on its grid.
+    A run that missed the wanted error is repeated with smaller steps, a record that is too short
+    for a reading is repeated with a longer stop time. The returned design has the plan of the
+    returned recording.
 
     Raises
     ------
     SimulationError
         As `verification.pipeline.simulation.Pending.result`.
     """
+    recording = _record(design, ideal, pending, clock, effort)
+    for _ in range(REPEATS):
+        plan = better_plan(design, ideal, recording.measurements, recording.accuracy)
+        if plan is None:
+            break
+        design = replace(design, plan=plan)
+        clock.begin("simulation")
+        pending = begin(design.scene, design.board, plan, design.engine, session=effort.session)
+        again = _record(design, ideal, pending, clock, effort)
+        recording = replace(again, accuracy=again.accuracy.after(recording.accuracy))
+    return design, recording
+
+
+def _record(
+    design: Design, ideal: IdealAnswer, pending: Pending, clock: Clock, effort: Effort
+) -> Recording:
     scene, circuit, transient = design.scene, design.circuit, design.transient
     stable = design.poles.stable
     clock.begin("simulation")
-    second, share = pending.second_look(), pending.share
-    clock.begin("second look", beside="simulation")
-    if not effort.second_look and share and stable:
-        second, share = exact_record(design.board, transient), 1.0
-    coarse = other = None
-    if second is not None:
-        terms = _terms(scene, circuit, transient)
-        there = outputs(circuit, second)
-        coarse = read_record(second.time, there, ideal.target, ideal.start, **terms)
-    if second is not None and effort.second_look and stable:
-        other = other_engine(design.board, transient, second)
-    clock.begin("simulation")
-    simulation = pending.result(running_away=not stable)
+    simulation = pending.result(unstable=not stable)
+    clock.begin("second look")
+    companion = None
+    if stable and design.engine == "ngspice":
+        companion = _companion(design, simulation.waveforms)
     clock.begin("measures")
-    fine, u = measure_outputs(
-        scene, circuit, ideal, simulation.fine, transient, details=effort.details
+    measurements, u = measure_outputs(
+        scene, circuit, ideal, simulation.waveforms, transient, details=effort.details
     )
     if effort.details and stable and _is_exact(design):
-        fine = _on_the_solution(design, ideal, u[-1])
-    if math.isinf(simulation.share):  # the record ends early: nothing tells its error
-        coarse, share = None, math.inf
-    if second is not None and coarse is not None and undecided(fine, coarse):
-        again, _ = measure_outputs(scene, circuit, ideal, second, transient, details=effort.details)
-        coarse = again.readings
-    error = simulation_error(fine, coarse, share)
-    agreement = compare_engines(circuit, simulation, other) if other is not None else None
-    accuracy = attained(design, simulation, fine.amplitude)
-    return Recording(simulation, fine, u, error, agreement, accuracy)
+        measurements = _on_the_solution(design, ideal, u[-1])
+    amplitude = measurements.amplitude
+    agreement = None
+    if companion is not None and (companion.share == 1.0 or companion.reason):
+        agreement = compare_engines(companion, design.plan.forecast.error * amplitude)
+    return Recording(
+        simulation=simulation,
+        measurements=measurements,
+        u=u,
+        error=_readings_error(design, ideal, measurements, companion, effort),
+        agreement=agreement,
+        accuracy=attained(design, simulation.waveforms, companion, amplitude),
+    )
+
+
+def _companion(design: Design, waveforms: Waveforms) -> Companion:
+    """Return another answer for ngspice's record: exact where possible, else at a larger step."""
+    tolerance = state_space_tolerance(design.plan.wanted)
+    exact = exact_companion(design.board, design.transient, waveforms, tolerance)
+    if not exact.reason:
+        return exact
+    plan = replace(design.plan, transient=coarser(design.transient, COARSER))
+    second = begin(design.scene, design.board, plan, design.engine).result().waveforms
+    inside = (second.time >= waveforms.time[0]) & (second.time <= waveforms.time[-1])
+    instants = np.array(second.time[inside])
+    u = lagrange(waveforms.time, outputs(design.circuit, waveforms), instants, CUBIC)
+    other, share = outputs(design.circuit, second)[inside], 1.0 / (COARSER**2 - 1.0)
+    how = "difference to a run at twice the step, extrapolated"
+    return Companion(instants, u, other, share, how, f"no state-space answer: {exact.reason}")
+
+
+def _readings_error(
+    design: Design,
+    ideal: IdealAnswer,
+    measurements: Measurements,
+    companion: Companion | None,
+    effort: Effort,
+) -> StepError:
+    """Return the error of the readings: by the other answer's readings, if there is one."""
+    if companion is None:
+        return simulation_error(measurements, None, math.inf if design.engine == "ngspice" else 0.0)
+    terms = _terms(design.scene, design.circuit, design.transient)
+    time, u = companion.instants, companion.other
+    readings = read_record(time, u, ideal.target, ideal.start, **terms)
+    if undecided(measurements, readings):
+        second = measure(time, u, ideal.target, ideal.start, **terms, details=effort.details)
+        readings = second.readings
+    return simulation_error(measurements, readings, companion.share)
 
 
 def _is_exact(design: Design) -> bool:

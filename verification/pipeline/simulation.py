@@ -1,142 +1,103 @@
-"""One transient of a scene by one engine, with a second look at another step.
+"""One transient of a scene by one engine.
 
-`ENGINES` is the table of engines; each takes a board and a transient, and gives `Simulation`.
+`ENGINES` is the table of engines; each takes a board and a plan, and gives `Pending`.
 """
 
 from __future__ import annotations
 
-import math
 import shutil
 from collections.abc import Callable
-from concurrent.futures import Future
-from contextlib import ExitStack
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from netlist_gen.analysis import Transient
 from netlist_gen.board.circuit import Circuit
-from netlist_gen.deck.deck import write_decks
+from netlist_gen.deck.deck import write_deck
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from spice_models.errors import (
     BadEvidence,
-    SimulationError,
     SimulatorNotFound,
     SimulatorTooOld,
     StepTooSmall,
+    TimedOut,
 )
-from verification.engines.ngspice import session
+from verification.engines.ngspice import session as ngspice_session
 from verification.engines.ngspice.executable import find_simulator
 from verification.engines.ngspice.process import PHYSICAL_BOUND, Run, start
 from verification.engines.ngspice.session import Turn
 from verification.engines.statespace.linearised.board import LinearBoard
-from verification.pipeline.effort import FULL, Effort
-from verification.pipeline.transient_plan import coarser
+from verification.pipeline.transient_plan import Plan
 from verification.waveforms import Waveforms
 
 # KLU pivots by its own rule and leaves more rounding in the tiny steps after a start from nothing;
 # a few boards with nonlinear amplifiers do not get away from there. The older solver does.
 SPARSE = "noopiter"
 SECOND_SOLVER = "KLU did not get away from the start; ngspice's older solver gave this answer"
-COARSER = 2.0  # the second run's step over the first's
-ORDER = 2  # of the trapezoidal rule
+SLOWER = 5.0  # times the estimated time of a run: a slower machine may need as much
 STEP_SHARE = 0.05  # of a wanted error: the state-space engine's tolerance
 LEAST_TOLERANCE, MOST_TOLERANCE = 1e-10, 1e-3  # rounding ends below, steps lose track above
-SHARE = 1.0 / (COARSER**ORDER - 1.0)  # of the difference that is the finer run's own error
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Simulation:
-    """A transient and what tells its error.
+    """A simulated transient.
 
     Attributes
     ----------
-    fine : Waveforms
-        The answer.
-    coarse : Waveforms or None
-        The same at twice the step; None from an engine that has no step.
-    share : float
-        What part of a difference between the two is the finer one's own error; infinite where
-        there is no second run although one is needed.
+    waveforms : Waveforms
+        The record.
+    whole : bool
+        False where the record ends early, because the voltages left every bound.
     notes : tuple of str
-        What the engine remarked.
+        Remarks of the engine.
     """
 
-    fine: Waveforms
-    coarse: Waveforms | None
-    share: float
+    waveforms: Waveforms
+    whole: bool
     notes: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True, slots=True)
 class Pending:
-    """A simulation under way; `result` waits for it.
+    """A simulation whose process may still run; `result` waits for the end.
 
-    Parameters
+    Attributes
     ----------
-    fine, coarse : callable
-        Wait for a run and return its waveforms; `coarse` only where there is a second run.
-    share : float
-        As `Simulation.share`.
+    wait : callable
+        Waits for the run and returns its waveforms.
     """
 
-    def __init__(
-        self,
-        fine: Callable[[], Waveforms],
-        coarse: Callable[[], Waveforms] | None = None,
-        share: float = 0.0,
-    ) -> None:
-        self.share = share
-        self._fine = fine
-        self._coarse = coarse
-        self._second: Future[Waveforms] | None = None
+    wait: Callable[[], Waveforms]
 
-    def second_look(self) -> Waveforms | None:
-        """Wait for the second run, which ends long before the first; None without a sound one.
+    def result(self, *, unstable: bool = False) -> Simulation:
+        """Wait and return the simulation, or raise the reason of its failure.
 
-        What went wrong with it is raised by `result`.
-        """
-        second = self._ask()
-        return None if second is None or second.exception() else second.result()
-
-    def result(self, *, running_away: bool = False) -> Simulation:
-        """Wait and return the simulation, or raise what went wrong with it.
-
-        Of a board that is known to be `running_away`, what was recorded before its voltages left
-        every bound, or the step its limit, is a result.
+        For an `unstable` board the record before the voltages left every bound, or before the
+        step fell below its limit, is a result.
         """
         try:
-            fine, second = self._fine(), self._ask()
-            coarse = None if second is None else second.result()
-            return Simulation(fine, coarse, self.share, fine.flags)
+            waveforms = self.wait()
+            return Simulation(waveforms, True, waveforms.flags)
         except (StepTooSmall, BadEvidence) as error:
             partial = error.partial
-            if not (running_away and isinstance(partial, Waveforms) and len(partial.time) > 1):
+            if not (unstable and isinstance(partial, Waveforms) and len(partial.time) > 1):
                 raise
             note = f"the record ends early: {str(error).splitlines()[0]}"
-            return Simulation(partial, None, math.inf, (note,))
-
-    def _ask(self) -> Future[Waveforms] | None:
-        """Wait for the second run, once, and keep its waveforms or its error."""
-        if self._coarse is not None and self._second is None:
-            self._second = Future()
-            try:
-                self._second.set_result(self._coarse())
-            except SimulationError as error:
-                self._second.set_exception(error)
-        return self._second
+            return Simulation(partial, False, (note,))
 
 
 def choose_engine(scene: Scene) -> str:
-    """Return the engine of `scene`; ``auto`` is ngspice where one that will do is found.
+    """Return the engine of `scene`; ``auto`` is ngspice where a usable ngspice is found.
 
-    A scene that asks for an error gets the cheapest engine for it, the state space, unless it
-    also asks for a comparison of the two.
+    A scene that gives an error gets the cheapest engine for that error, the state-space engine,
+    unless the scene also asks for a comparison of the two engines.
     """
     if scene.analysis.engine != "auto":
         return scene.analysis.engine
     compared = scene.checks.engines_agree.tolerance is not None
-    if scene.analysis.error is not None and not compared:
+    if scene.analysis.error != "auto" and not compared:
         return "statespace"
     try:
         find_simulator()
@@ -154,18 +115,21 @@ def state_space_tolerance(wanted: float) -> float:
 
 
 def begin(
-    scene: Scene, board: LinearBoard, analysis: Transient, engine: str, effort: Effort = FULL
+    scene: Scene, board: LinearBoard, plan: Plan, engine: str, *, session: bool = False
 ) -> Pending:
-    """Start a simulation; processes run while the caller does other work.
+    """Start a simulation; a process runs while the caller does other work.
 
-    With a second look an engine that has a step size runs twice, at two steps.
+    Parameters
+    ----------
+    session : bool
+        Whether the run is one of many, so that one ngspice takes deck after deck.
 
     Raises
     ------
     SimulationError
         From here or from `Pending.result`.
     """
-    return ENGINES[engine](scene, board, analysis, effort)
+    return ENGINES[engine](scene, board, plan, session)
 
 
 def outputs(circuit: Circuit, waveforms: Waveforms) -> Floats:
@@ -182,43 +146,35 @@ def outputs(circuit: Circuit, waveforms: Waveforms) -> Floats:
     return rows.T
 
 
-def _ngspice(scene: Scene, board: LinearBoard, analysis: Transient, effort: Effort) -> Pending:
-    circuit = board.circuit
-    wanted = [analysis, coarser(analysis, COARSER)] if effort.second_look else [analysis]
+def _ngspice(scene: Scene, board: LinearBoard, plan: Plan, session: bool) -> Pending:
+    circuit, analysis, timeout = board.circuit, plan.transient, scene.analysis.timeout
+    if plan.seconds > SLOWER * timeout:
+        raise TimedOut(
+            f"ngspice would need about {plan.seconds:.2g} s for {plan.forecast.steps:.2g} steps;"
+            f" analysis.timeout is {timeout:g} s. Use the state-space engine, a larger"
+            " analysis.error, a shorter analysis.stop or a longer analysis.timeout"
+        )
     simulator = find_simulator()
-    solver = simulator.solver_option
-    timeout = scene.analysis.timeout
     bound = PHYSICAL_BOUND * circuit.scalings.unit_voltage
-    decks = write_decks(circuit, wanted, solver=solver)
-    begin_one = session.submit if effort.session else start
-    with ExitStack() as cleanup:  # what goes wrong with one run ends the other
-        runs: list[Run | Turn] = []
-        for deck in decks:
-            runs.append(begin_one(deck, simulator, timeout=timeout, bound=bound))
-            cleanup.enter_context(runs[-1])
-        under_way = cleanup.pop_all()
 
-    def answer(run: Run | Turn, each: Transient) -> Waveforms:
+    def run(solver: str, start_run: Callable[..., Run | Turn]) -> Run | Turn:
+        deck = write_deck(circuit, analysis, solver=solver)
+        return start_run(deck, simulator, timeout=timeout, bound=bound)
+
+    first = run(simulator.solver_option, ngspice_session.submit if session else start)
+
+    def wait() -> Waveforms:
         try:
-            return run.result()
+            return first.result()
         except StepTooSmall as error:
-            if solver == SPARSE or not _at_the_start(error, each):
+            if simulator.solver_option == SPARSE or not _at_the_start(error, analysis):
                 raise
-            if error.folder is not None:  # a reproducer of nothing that is told
+            if error.folder is not None:  # the second solver makes this reproducer needless
                 shutil.rmtree(error.folder, ignore_errors=True)
-        (deck,) = write_decks(circuit, [each], solver=SPARSE)
-        waveforms = start(deck, simulator, timeout=timeout, bound=bound).result()
+        waveforms = run(SPARSE, start).result()
         return replace(waveforms, flags=(*waveforms.flags, SECOND_SOLVER))
 
-    def finish() -> Waveforms:
-        try:
-            return answer(runs[0], analysis)
-        except BaseException:  # also Ctrl-C: the other run ends with this one
-            under_way.close()
-            raise
-
-    second = (lambda: answer(runs[1], wanted[1])) if effort.second_look else None
-    return Pending(finish, second, SHARE)
+    return Pending(wait)
 
 
 def _at_the_start(error: StepTooSmall, analysis: Transient) -> bool:
@@ -227,16 +183,16 @@ def _at_the_start(error: StepTooSmall, analysis: Transient) -> bool:
     return not isinstance(partial, Waveforms) or partial.time[-1] < 1e-3 * analysis.stop
 
 
-def _statespace(scene: Scene, board: LinearBoard, analysis: Transient, effort: Effort) -> Pending:
+def _statespace(scene: Scene, board: LinearBoard, plan: Plan, session: bool) -> Pending:
     from verification.engines.statespace.transients.exact import simulate
 
-    wanted = scene.analysis.error
-    tolerance = None if wanted is None else state_space_tolerance(wanted)
-    waveforms = simulate(board, analysis, tolerance=tolerance)
+    tolerance = state_space_tolerance(plan.wanted)
+    instants = plan.instants(board)
+    waveforms = simulate(board, plan.transient, times=instants, tolerance=tolerance)
     return Pending(lambda: waveforms)
 
 
-ENGINES: dict[str, Callable[[Scene, LinearBoard, Transient, Effort], Pending]] = {
+ENGINES: dict[str, Callable[[Scene, LinearBoard, Plan, bool], Pending]] = {
     "ngspice": _ngspice,
     "statespace": _statespace,
 }

@@ -1,132 +1,150 @@
-"""How long to simulate a board and how finely, from its own time scales."""
+"""How long a board is simulated and how finely: the cheapest transient that the checks allow."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
-
-import numpy as np
+from dataclasses import dataclass, replace
 
 from netlist_gen.analysis import Transient
-from netlist_gen.scene.scene import Scene
+from netlist_gen.scene.scene import Checks, Scene
+from spice_models.array_types import Floats
 from spice_models.errors import Complaint, EngineError, InputError
-from verification.small_signal.time_scales import TimeScales
+from verification.engines.statespace.linearised.board import LinearBoard
+from verification.small_signal.step_forecast import StepForecast, StepModel
+from verification.small_signal.time_scales import GROWN, TimeScales
 
 REMAINDER = 0.1  # of the steady-state tolerance: what may still ring when the record ends
-MAX_POINTS = 2_000_000
 AFTER_SETTLING = 1.2  # a settled record must also show that it stays so
-POINTS_PER_PERIOD = 125.0  # where a scene asks neither for points nor for an error
-RECORD_POINTS = 64.0  # a period, of a record that has no step: a cubic between them errs by 2e-6
-FEWEST_POINTS = 50  # in a record
-FEWEST_PER_PERIOD = 16.0  # points, however large an error is asked for
-FEWEST_PERIODS = 8  # of ringing in a record, however fast it settles or grows
+SHARE = 0.25  # of the tightest tolerance of the checks: the error wanted by ``error = "auto"``
+AIM = 0.8  # of the wanted error: what a transient is planned for
+LEAST_ERROR = 1e-8  # of the step amplitude: no transient of ngspice is planned for less
+GROWTH_ERROR = 0.01  # of the height at which an instability counts as seen
+RECORD_SHARE = 0.02  # of the wanted error: what reading a record between its points may add
+UNSTABLE_SECONDS = 2.0  # of processor time that a board is simulated that is known to be unstable
+LINEAR_STEP, MATRIX_STEP = 2.7e-6, 3.1e-9
+"""Processor time of a step of ngspice 46 with KLU: ``LINEAR_STEP N + MATRIX_STEP N³``, s, measured
+for N = 7 to 128 on one machine; behavioural amplifiers make a step `NEWTON` times as dear."""
+NEWTON = 2.5
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A transient and what is expected of it.
+
+    Attributes
+    ----------
+    transient : Transient
+        What the engine is asked for.
+    wanted : float
+        Largest error of any output at any time, in step amplitudes, that the checks allow.
+    forecast : StepForecast
+        What ngspice's step control will do.
+    seconds : float
+        Processor time that ngspice will take, s: an estimate.
+    notes : tuple of str
+        What the plan leaves out.
+    """
+
+    transient: Transient
+    wanted: float
+    forecast: StepForecast
+    seconds: float
+    notes: tuple[str, ...] = ()
+
+    def instants(self, board: LinearBoard) -> Floats:
+        """Return the instants of a record of the state-space engine, s.
+
+        Dense where the outputs bend, so that a cubic between the instants errs by less than
+        `RECORD_SHARE` of the wanted error.
+        """
+        model = StepModel.of(board, self.transient.stop, self.transient.initial)
+        return model.instants(RECORD_SHARE * self.wanted)
+
+
+def wanted_error(scene: Scene) -> float:
+    """Return the largest error of the transient that the scene allows, in step amplitudes.
+
+    ``analysis.error``, or with ``"auto"`` the share `SHARE` of the tightest of: the tolerances of
+    the steady state and of the comparison of engines, the settling band, the overshoot limit.
+    """
+    error = scene.analysis.error
+    return SHARE * tightest(scene.checks) if error == "auto" else error
+
+
+def tightest(checks: Checks) -> float:
+    """Return the smallest limit of `checks` that is a fraction of the step amplitude."""
+    limits = [
+        checks.steady_state.tolerance,
+        checks.engines_agree.limit,
+        checks.settling_time.band,
+    ]
+    if checks.overshoot is not None and checks.overshoot.max > 0.0:
+        limits.append(checks.overshoot.max)
+    return min(limits)
 
 
 def plan_transient(
-    scene: Scene, scales: TimeScales, engine: str = "ngspice", points: float | None = None
-) -> Transient:
-    """Choose stop time and maximum step of the transient of `scene`.
+    scene: Scene, board: LinearBoard, scales: TimeScales, *, aim: float | None = None
+) -> Plan:
+    """Choose the record's length and the cheapest step control for the wanted error.
 
-    The stop time follows the slowest mode that matters, down to a tenth of the steady-state
-    tolerance (or the growth of an unstable one); the step follows the fastest ringing, or the
-    error that the scene asks for (`step_for_error`), or puts `points` points on a period of that
-    ringing. For the state-space engine the step only sets the spacing of the record, so an error
-    does not change it.
+    With ``stop = "auto"`` a record ends when all that still rings is a tenth of the steady-state
+    tolerance, or when an instability has grown. ``analysis.points_per_period`` replaces the search
+    of a step control by even steps.
+
+    Parameters
+    ----------
+    aim : float, optional
+        Error to plan for, in step amplitudes, in the place of `AIM` of the wanted one.
 
     Raises
     ------
     EngineError
-        The two are so far apart that the run would never end; the message says what to change.
+        No mode of the board shows at its outputs.
     InputError
-        ``analysis.stop`` is shorter than one step.
+        ``analysis.stop`` is shorter than the fastest visible time scale.
     """
-    points = points or _points(scene, scales, engine)
-    step = scales.max_step_for(points)
-    if scene.analysis.stop == "auto":
-        stop = max(_auto_stop(scene, scales), FEWEST_PERIODS * points * step)
+    stop = _stop(scene, scales)
+    model = StepModel.of(board, stop, scene.analysis.initial)
+    error, growing = wanted_error(scene), math.isfinite(scales.growth_time)
+    each = seconds_per_step(board)
+    notes: tuple[str, ...] = ()
+    if scene.analysis.points_per_period is not None:
+        forecast = model.even(scales.max_step_for(scene.analysis.points_per_period))
+    elif growing:
+        forecast = model.cheapest(GROWTH_ERROR * GROWN)
+        if forecast.steps * each > UNSTABLE_SECONDS:
+            shorter = model.reached(forecast, UNSTABLE_SECONDS / each)
+            notes = (
+                f"the record ends after {shorter:.3g} s, before the instability has grown: ngspice"
+                f" takes {UNSTABLE_SECONDS:g} s for as much",
+            )
+            stop = shorter
+            forecast = StepModel.of(board, stop, scene.analysis.initial).cheapest(GROWTH_ERROR)
     else:
-        stop = scene.analysis.stop
-        if stop < FEWEST_POINTS * step < math.inf:
-            text = f"shorter than {FEWEST_POINTS} time steps of {step:.3g} s; longer, or 'auto'"
-            raise InputError(scene.file, Complaint("analysis.stop", f"{stop!r} s", text))
-    if not (math.isfinite(stop) and stop > 0):
-        raise EngineError("no mode of this board shows at its outputs: there is nothing to time")
-    step = min(step, stop / FEWEST_POINTS)
-    if stop / step > MAX_POINTS:
-        raise EngineError(
-            f"the slowest mode needs {stop:.3g} s and the fastest ringing a step of {step:.3g} s:"
-            f" {stop / step:.2g} points, over {MAX_POINTS:.0g}. The board is on the edge of"
-            " oscillation, or its time scales are too far apart for one transient; give"
-            " analysis.stop or fewer analysis.points_per_period (a larger analysis.error) to look"
-            " at a part of it"
-        )
-    if scene.analysis.stop == "auto":
-        stop = _six_digits(stop)
-    return Transient(stop, _six_digits(step), truncation_for(points), scene.analysis.initial)
-
-
-def step_for_error(scales: TimeScales, error: float, stop: float) -> float:
-    """Return the step at which the trapezoidal rule errs by at most `error`, s: an estimate.
-
-    A step of h moves a pole p by ``p³h²/12``, so a mode of amplitude a is wrong by
-    ``a |p|³ h² t exp(Re p t) / 12`` after the time t, most at ``t = -1 / Re p``: the phase error
-    piles up until the ringing has died. All modes add, as if in phase, but those with
-    ``|p| h > 1``: the truncation error holds those. Never fewer than 16 points on a ringing period.
-
-    Parameters
-    ----------
-    scales : TimeScales
-        Of the board.
-    error : float
-        Fraction of the step amplitude.
-    stop : float
-        End of the record, s.
-    """
-    p, rate = np.abs(scales.poles), scales.poles.real
-    worst = np.where(rate < 0.0, np.minimum(1.0 / np.maximum(-rate, 1e-300), stop), stop)
-    with np.errstate(over="ignore"):
-        share = scales.amplitudes * p**3 * worst * np.exp(rate * worst) / 12.0
-    order = np.argsort(p)
-    step, total = scales.max_step_for(FEWEST_PER_PERIOD), 0.0
-    for speed, part in zip(p[order].tolist(), share[order].tolist(), strict=True):
-        if speed * step > 1.0:
-            break
-        total += part
-        step = min(step, math.sqrt(error / total)) if total > 0.0 else step
-    return step
-
-
-def coarser(transient: Transient, ratio: float) -> Transient:
-    """Return the same transient with every step `ratio` times as long (trapezoidal rule)."""
-    return replace(
-        transient,
-        max_step=ratio * transient.max_step,
-        truncation=ratio**3 * transient.truncation,
+        forecast = model.cheapest(max(AIM * error if aim is None else aim, LEAST_ERROR))
+    transient = Transient(
+        stop=_six_digits(stop) if scene.analysis.stop == "auto" else stop,
+        max_step=_six_digits(forecast.max_step),
+        truncation=_six_digits(forecast.truncation),
+        charge=_six_digits(forecast.charge),
+        first_step=_six_digits(forecast.first_step),
+        initial=scene.analysis.initial,
     )
+    return Plan(transient, error, forecast, forecast.steps * each, notes)
 
 
-def _auto_stop(scene: Scene, scales: TimeScales) -> float:
-    if math.isfinite(scales.growth_time):
-        return scales.growth_time
-    return AFTER_SETTLING * scales.stop_for(REMAINDER * scene.checks.steady_state.tolerance)
+def seconds_per_step(board: LinearBoard) -> float:
+    """Estimate the processor time of one step of ngspice, s."""
+    channels = len(board.circuit.signal_nodes)
+    linear = LINEAR_STEP * channels + MATRIX_STEP * channels**3
+    return NEWTON * linear if board.circuit.amplifiers else linear
 
 
-def _six_digits(seconds: float) -> float:
-    """Round away what two eigenvalue routines may differ in, for the same deck on any machine."""
-    return float(f"{seconds:.6g}")
-
-
-def _points(scene: Scene, scales: TimeScales, engine: str) -> float:
-    """Points on the period of the fastest ringing."""
-    choice = scene.analysis
-    if choice.points_per_period is not None:
-        return choice.points_per_period
-    if engine == "statespace":
-        return RECORD_POINTS
-    if choice.error is None:
-        return POINTS_PER_PERIOD
-    stop = _auto_stop(scene, scales) if choice.stop == "auto" else choice.stop
-    return scales.max_step_for(1.0) / step_for_error(scales, choice.error, stop)
+def even_transient(scene: Scene, scales: TimeScales, points: float, stop: float) -> Transient:
+    """Return a transient of even steps, `points` on the period of the fastest ringing."""
+    step = scales.max_step_for(points)
+    return Transient(stop, step, truncation_for(points), initial=scene.analysis.initial)
 
 
 def truncation_for(points: float) -> float:
@@ -136,3 +154,36 @@ def truncation_for(points: float) -> float:
     and halving the step halves it everywhere.
     """
     return (2 * math.pi / points) ** 3 / 6
+
+
+def coarser(transient: Transient, ratio: float) -> Transient:
+    """Return the same transient with every step `ratio` times as long (trapezoidal rule)."""
+    return replace(
+        transient,
+        max_step=ratio * transient.max_step,
+        truncation=ratio**3 * transient.truncation,
+        first_step=ratio * transient.begin,
+    )
+
+
+def _stop(scene: Scene, scales: TimeScales) -> float:
+    stop = scene.analysis.stop
+    if stop != "auto":
+        fastest = scales.max_step_for(2.0 * math.pi)
+        if stop < fastest < math.inf:
+            text = f"shorter than {fastest:.3g} s, in which the outputs move; longer, or 'auto'"
+            raise InputError(scene.file, Complaint("analysis.stop", f"{stop!r} s", text))
+        return stop
+    if math.isfinite(scales.growth_time):
+        stop = scales.growth_time
+    else:
+        remainder = REMAINDER * scene.checks.steady_state.tolerance
+        stop = AFTER_SETTLING * scales.stop_for(remainder)
+    if not (math.isfinite(stop) and stop > 0.0):
+        raise EngineError("no mode of this board shows at its outputs: there is nothing to time")
+    return stop
+
+
+def _six_digits(value: float) -> float:
+    """Round away what two eigenvalue routines may differ in, for the same deck on any machine."""
+    return float(f"{value:.6g}")

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -26,6 +27,8 @@ from spice_models.array_types import Complexes, Floats
 from spice_models.subcircuits import STAGE_CAPACITANCE
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.linearised.initial_state import Initial, initial_unknowns
+
+Array = TypeVar("Array", Floats, Complexes)
 
 CKTTERR = 72.0  # 12 of the trapezoidal rule's local error times 3! of the divided difference
 INSTANTS = 240  # at which the step is computed; spaced by ratio
@@ -35,6 +38,8 @@ FEWEST_STEPS = (50.0, 100.0, 200.0, 500.0, 1500.0)
 """Numbers of steps that a record has at least, to choose from. A stiff mode that is not resolved
 decays slowly under the trapezoidal rule, the more slowly the longer the step is: where that limits
 the error, a shorter maximum step is cheaper than a smaller truncation error."""
+FIRST = 0.1  # of the step that the charges allow at the start: the first step
+FEWEST_INSTANTS = 200.0  # of a record
 CHARGE = 10.0  # times C times the step amplitude: no charge of a usual board is larger
 EXPONENT = 1.5  # of the error, which the truncation error follows
 AIM = 0.93  # of the allowed error: where the search aims, so that it need not come back
@@ -146,25 +151,52 @@ class StepModel:
             charge,
         )
 
-    def forecast(self, truncation: float, max_step: float) -> StepForecast:
-        """Tell what ngspice does with a truncation error and a maximum step, s."""
+    def step_lengths(self, truncation: float, max_step: float) -> Floats:
+        """Return the step at every instant of `time`, s, shape (T,)."""
         allowed = self.by_current * truncation ** (1 / 2)
         allowed = np.maximum(self.by_charge[:, None] * truncation ** (1 / 3), allowed)
-        step = np.minimum(allowed.min(axis=1, initial=max_step), max_step)[:, None]
+        return np.asarray(np.minimum(allowed.min(axis=1, initial=max_step), max_step))
+
+    def forecast(self, truncation: float, max_step: float) -> StepForecast:
+        """Tell what ngspice does with a truncation error and a maximum step, s."""
+        step = self.step_lengths(truncation, max_step)[:, None]
         z = 0.5 * step * self.poles
         slip = (np.log((1.0 + z) / (1.0 - z)) - 2.0 * z) / step
-        drift = np.zeros_like(self.exponents)
-        between = np.diff(self.time)[:, None]
-        np.cumsum(0.5 * (slip[1:] + slip[:-1]) * between, axis=0, out=drift[1:])
+        drift = _integral(slip, self.time)
         off = _exp(self.exponents + drift) - _exp(self.exponents)
         return StepForecast(
             truncation=truncation,
             charge=self.charge,
             max_step=max_step,
-            first_step=float(step[0, 0]),
-            steps=float(np.trapezoid(1.0 / step[:, 0], self.time)),
+            first_step=FIRST * float(step[0, 0]),
+            steps=float(_integral(1.0 / step[:, 0], self.time)[-1]),
             error=float(_real(off, self.shares).max(initial=0.0)),
         )
+
+    def even(self, max_step: float) -> StepForecast:
+        """Tell what even steps of `max_step`, s, do; only faster modes get shorter steps."""
+        truncation = (max_step * float(np.abs(self.poles.imag).max(initial=0.0))) ** 3 / 6.0
+        return self.forecast(min(max(truncation / CHARGE, LEAST), MOST), max_step)
+
+    def reached(self, forecast: StepForecast, steps: float) -> float:
+        """Return the instant at which a run of `forecast` has taken `steps` steps, s."""
+        rate = 1.0 / self.step_lengths(forecast.truncation, forecast.max_step)
+        return float(np.interp(steps, _integral(rate, self.time), self.time))
+
+    def instants(self, error: float) -> Floats:
+        """Return the instants of a record whose cubic interpolation errs by `error`, s.
+
+        Parameters
+        ----------
+        error : float
+            In step amplitudes. A cubic through points h apart errs by ``h⁴ |d⁴u/dt⁴| / 384``.
+        """
+        bend = _real(_exp(self.exponents), self.poles[:, None] ** 4 * self.shares)
+        bend = np.maximum(bend.max(axis=1, initial=0.0), np.finfo(float).tiny)
+        spacing = np.minimum((384.0 * error / bend) ** 0.25, self.time[-1] / FEWEST_INSTANTS)
+        count = _integral(1.0 / spacing, self.time)
+        wanted = np.linspace(0.0, count[-1], math.ceil(count[-1]) + 1)
+        return np.asarray(np.interp(wanted, count, self.time))
 
     def cheapest(self, error: float) -> StepForecast:
         """Return the step control with the fewest steps whose error stays within `error`.
@@ -202,6 +234,14 @@ class StepModel:
 def _instants(poles: Complexes, stop: float) -> Floats:
     earliest = min(EARLIEST / float(np.abs(poles).max(initial=1.0 / stop)), 0.5 * stop)
     return np.concatenate([[0.0], np.geomspace(earliest, stop, INSTANTS)])
+
+
+def _integral(rate: Array, time: Floats) -> Array:
+    """Integrate `rate`, (T,) or (T, n), over `time` by trapezia from 0; the same shape."""
+    found = np.zeros_like(rate)
+    between = np.diff(time) if rate.ndim == 1 else np.diff(time)[:, None]
+    np.cumsum(0.5 * (rate[1:] + rate[:-1]) * between, axis=0, out=found[1:])
+    return found
 
 
 def _exp(exponents: Complexes) -> Complexes:

@@ -267,10 +267,11 @@ class _Search:
             return math.inf, math.inf, False
         if self.margin > 1 and capacitance_margin(board, self.margin).factor < self.margin:
             return math.inf, math.inf, False
-        transient = plan_transient(scene, scales, "statespace")
-        if transient.stop / transient.max_step > LONGEST:
+        plan = plan_transient(scene, board, scales)
+        transient, instants = plan.transient, plan.instants(board)
+        if len(instants) > LONGEST:
             return math.inf, math.inf, True
-        waveforms, ideal = simulate(board, transient), self._reference(scene)
+        waveforms, ideal = simulate(board, transient, times=instants), self._reference(scene)
         found, _ = measure_outputs(scene, board.circuit, ideal, waveforms, transient)
         settling, reading = math.inf, found.settling_time
         if reading is not None:

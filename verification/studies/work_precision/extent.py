@@ -14,9 +14,8 @@ from netlist_gen.scene.scene import Scene
 from spice_models.errors import EngineError
 from verification.pipeline.transient_plan import (
     AFTER_SETTLING,
-    FEWEST_PERIODS,
     REMAINDER,
-    plan_transient,
+    even_transient,
 )
 from verification.reference import IdealNetwork
 from verification.small_signal.time_scales import TimeScales, time_scales
@@ -25,6 +24,7 @@ from verification.studies.work_precision.methods import Method
 
 REPEATED = 2.0  # runs of each setting that the stretch leaves time for
 NGSPICE_SHARE = 0.6  # of the time for the ladders
+FEWEST_PERIODS = 8  # of ringing in a record, however fast it settles or grows
 MOST_PERIODS = 100.0  # of ringing: more say nothing new of a method
 UNTIMED_PERIODS = 30.0  # where there is no ngspice to take the time of
 
@@ -96,9 +96,7 @@ def study_extent(
 
 
 def _transient(scene: Scene, scales: TimeScales, stop: float) -> Transient:
-    choice = {"stop": stop, "points_per_period": BASE_POINTS, "error": None}
-    analysis = scene.analysis.model_copy(update=choice)
-    return plan_transient(scene.model_copy(update={"analysis": analysis}), scales)
+    return even_transient(scene, scales, BASE_POINTS, stop)
 
 
 def _whole(scene: Scene, scales: TimeScales, period: float) -> float:

@@ -190,7 +190,6 @@ def simulate(
         nodes=nodes,
         stop=analysis.stop if times is None else float(times[-1]),
     )
-    uniform = times is None
     if times is None:
         solved = amplified.record_times(analysis, analysis.stop)
         values = solution.uniform(float(solved[1]), len(solved))
@@ -199,7 +198,7 @@ def simulate(
     flags: tuple[str, ...] = ()
     lost = np.flatnonzero(~np.isfinite(values).all(axis=1))
     if lost.size:
-        if not uniform or lost[0] < 2:
+        if lost[0] < 2:
             raise EngineError("the board is unstable and leaves the range of floats")
         solved, values = solved[: lost[0]], values[: lost[0]]
         flags = (f"the board diverges: it leaves the range of floats after {solved[-1]!r} s",)
