@@ -62,8 +62,8 @@ class Transient:
     stop: float
     max_step: float
     truncation: float = 1e-4
-    charge: float | None = None
-    first_step: float | None = None
+    charge: float | None = field(default=None, repr=False)
+    first_step: float | None = field(default=None, repr=False)
     initial: Literal["zero", "rest"] = "zero"
     method: Literal["trapezoidal", "gear"] = "trapezoidal"
     voltages: Mapping[str, float] = field(default_factory=dict)

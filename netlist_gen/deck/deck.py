@@ -264,11 +264,12 @@ def _options(limits: Tolerances, analysis: Analysis, solver: str) -> list[str]:
         f".options reltol={limits.relative!r} abstol={limits.current!r} vntol={limits.voltage!r}",
     ]
     charge = limits.charge
+    if isinstance(analysis, Transient) and analysis.charge is not None:
+        charge = analysis.charge
+    lines.append(f".options chgtol={charge!r} gmin={limits.gmin!r} pivtol={limits.gmin!r}")
     if isinstance(analysis, Transient):
-        charge = limits.charge if analysis.charge is None else analysis.charge
         method = "trap" if analysis.method == "trapezoidal" else "gear"
         lines.append(f".options method={method} trtol={analysis.truncation / limits.relative!r}")
-    lines.append(f".options chgtol={charge!r} gmin={limits.gmin!r} pivtol={limits.gmin!r}")
     return lines
 
 

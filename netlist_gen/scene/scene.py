@@ -118,8 +118,8 @@ class AnalysisChoice(Model):
     )
     error: Annotated[Positive, Field(lt=1)] | Literal["auto"] = Field(
         "auto",
-        description="largest error of the transient, fraction of the step amplitude; auto: a quarter"
-        " of the tightest tolerance, band or overshoot limit of the checks",
+        description="largest error of the transient, fraction of the step amplitude; auto: a"
+        " quarter of the tightest tolerance, band or overshoot limit of the checks",
     )
     timeout: Seconds = 600.0
 

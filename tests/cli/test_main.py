@@ -112,7 +112,7 @@ def test_a_timeout_ends_with_3(tmp_path: Path) -> None:
     result = taction("verify", scene, "--engine", "ngspice", "--json")
     assert result.exit_code == 3
     assert document(result)["error"]["kind"] == "TimedOut"
-    assert "Allow more time" in result.stderr
+    assert "analysis.timeout is 0.01 s" in result.stderr
 
 
 def test_a_bug_is_not_taken_for_a_failed_check(monkeypatch: pytest.MonkeyPatch) -> None:

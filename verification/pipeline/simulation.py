@@ -36,6 +36,7 @@ from verification.waveforms import Waveforms
 SPARSE = "noopiter"
 SECOND_SOLVER = "KLU did not get away from the start; ngspice's older solver gave this answer"
 SLOWER = 5.0  # times the estimated time of a run: a slower machine may need as much
+GROWING = 20_000  # points of the record of a board whose outputs grow
 STEP_SHARE = 0.05  # of a wanted error: the state-space engine's tolerance
 LEAST_TOLERANCE, MOST_TOLERANCE = 1e-10, 1e-3  # rounding ends below, steps lose track above
 
@@ -187,8 +188,10 @@ def _statespace(scene: Scene, board: LinearBoard, plan: Plan, session: bool) -> 
     from verification.engines.statespace.transients.exact import simulate
 
     tolerance = state_space_tolerance(plan.wanted)
-    instants = plan.instants(board)
-    waveforms = simulate(board, plan.transient, times=instants, tolerance=tolerance)
+    instants, analysis = plan.instants(board), plan.transient
+    if instants is None:
+        analysis = replace(analysis, max_step=min(analysis.max_step, analysis.stop / GROWING))
+    waveforms = simulate(board, analysis, times=instants, tolerance=tolerance)
     return Pending(lambda: waveforms)
 
 

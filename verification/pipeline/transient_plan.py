@@ -41,6 +41,8 @@ class Plan:
         What ngspice's step control will do.
     seconds : float
         Processor time that ngspice will take, s: an estimate.
+    growing : bool
+        Whether the board is unstable and its outputs grow.
     notes : tuple of str
         What the plan leaves out.
     """
@@ -49,14 +51,17 @@ class Plan:
     wanted: float
     forecast: StepForecast
     seconds: float
+    growing: bool
     notes: tuple[str, ...] = ()
 
-    def instants(self, board: LinearBoard) -> Floats:
-        """Return the instants of a record of the state-space engine, s.
+    def instants(self, board: LinearBoard) -> Floats | None:
+        """Return the instants of a record of the state-space engine, s; None if it grows.
 
-        Dense where the outputs bend, so that a cubic between the instants errs by less than
+        They are dense where the outputs bend, so that a cubic between them errs by less than
         `RECORD_SHARE` of the wanted error.
         """
+        if self.growing:
+            return None
         model = StepModel.of(board, self.transient.stop, self.transient.initial)
         return model.instants(RECORD_SHARE * self.wanted)
 
@@ -131,7 +136,7 @@ def plan_transient(
         first_step=_six_digits(forecast.first_step),
         initial=scene.analysis.initial,
     )
-    return Plan(transient, error, forecast, forecast.steps * each, notes)
+    return Plan(transient, error, forecast, forecast.steps * each, growing, notes)
 
 
 def seconds_per_step(board: LinearBoard) -> float:

@@ -10,7 +10,7 @@ any time and the number of steps. They also give what the steps do to the output
 multiplies each mode by ``(1 + hp/2) / (1 - hp/2)`` in the place of ``exp(hp)``. Nothing is
 simulated.
 
-For a linear board a forecast leaves out ngspice's start (some 20 steps) and what rounds a step
+For a linear board a forecast leaves out ngspice's start (up to 50 steps) and what rounds a step
 down. For a board with behavioural amplifiers, and for the coarse image of a large board, it is an
 estimate: measured, the error is then within a factor of 2 of the forecast.
 """
@@ -27,6 +27,8 @@ from spice_models.array_types import Complexes, Floats
 from spice_models.subcircuits import STAGE_CAPACITANCE
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.linearised.initial_state import Initial, initial_unknowns
+from verification.engines.statespace.linearised.state_space import StateSpace
+from verification.small_signal.time_scales import RESOLVED
 
 Array = TypeVar("Array", Floats, Complexes)
 
@@ -44,8 +46,10 @@ CHARGE = 10.0  # times C times the step amplitude: no charge of a usual board is
 EXPONENT = 1.5  # of the error, which the truncation error follows
 AIM = 0.93  # of the allowed error: where the search aims, so that it need not come back
 CLOSE = 0.8  # of the allowed error: near enough to stop the search
+SPREAD = 1e-3  # relative: how far entries of a matrix with defective modes are moved
 TRIES = 12
 LEAST, MOST = 1e-15, 0.5  # truncation errors
+TINY = 1e-280  # in the place of zero
 LARGEST = 300.0  # exponent
 
 
@@ -122,10 +126,7 @@ class StepModel:
         C, _ = space.rows(equations.names)
         deviation = space.state_of(initial_unknowns(board, initial))
         deviation -= space.state_of(board.equilibrium.values)
-        poles = space.modes.poles
-        kept = poles.imag >= 0.0
-        twice = np.where(poles[kept].imag > 0.0, 2.0, 1.0)[:, None]
-        poles, modes = poles[kept], twice * space.modes.amplitudes(C, deviation).T[kept]
+        poles, modes = _modes(space, C, deviation)
         farads = np.ones(equations.size)
         farads[equations.node_count :] = STAGE_CAPACITANCE
         charges = modes @ (equations.dense.mass.T * farads)
@@ -136,9 +137,9 @@ class StepModel:
         time = _instants(poles, stop)
         exponents = np.multiply.outer(time, poles)
         growth = _exp(exponents)
-        third = np.maximum(_real(growth, poles[:, None] ** 3 * charges), np.finfo(float).tiny)
+        third = np.maximum(_real(growth, poles[:, None] ** 3 * charges), TINY)
         charge = CHARGE * board.circuit.scalings.capacitance * amplitude
-        by_charge = np.cbrt(CKTTERR * charge / third.max(axis=1, initial=0.0))
+        by_charge = np.cbrt(CKTTERR * charge / third.max(axis=1, initial=TINY))
         by_current = np.sqrt(CKTTERR * _real(growth, poles[:, None] * charges) / third)
         shown = np.abs(shares).max(axis=1, initial=0.0) > UNSEEN * amplitude
         return cls(
@@ -189,11 +190,11 @@ class StepModel:
         Parameters
         ----------
         error : float
-            In step amplitudes. A cubic through points h apart errs by ``h⁴ |d⁴u/dt⁴| / 384``.
+            In step amplitudes. A cubic through four points h apart errs by ``h⁴ |d⁴u/dt⁴| 3/128``.
         """
-        bend = _real(_exp(self.exponents), self.poles[:, None] ** 4 * self.shares)
-        bend = np.maximum(bend.max(axis=1, initial=0.0), np.finfo(float).tiny)
-        spacing = np.minimum((384.0 * error / bend) ** 0.25, self.time[-1] / FEWEST_INSTANTS)
+        bend = np.abs(_exp(self.exponents) @ (self.poles[:, None] ** 4 * self.shares))
+        bend = np.maximum(bend.max(axis=1, initial=0.0), TINY)
+        spacing = np.minimum((128.0 / 3.0 * error / bend) ** 0.25, self.time[-1] / FEWEST_INSTANTS)
         count = _integral(1.0 / spacing, self.time)
         wanted = np.linspace(0.0, count[-1], math.ceil(count[-1]) + 1)
         return np.asarray(np.interp(wanted, count, self.time))
@@ -222,13 +223,29 @@ class StepModel:
                     return found
             else:
                 high = truncation
-            ratio = AIM * error / max(found.error, np.finfo(float).tiny)
+            ratio = AIM * error / max(found.error, TINY)
             following = min(truncation * min(ratio, 1e12) ** EXPONENT, MOST)
             inside = low < following < high or (following == high == MOST)
             truncation = following if inside else math.sqrt(low * high)
             if high < 1.05 * low:
                 break
         return best or found
+
+
+def _modes(space: StateSpace, C: Floats, deviation: Floats) -> tuple[Complexes, Complexes]:
+    """Return poles (n,), one of each conjugate pair, and their amplitudes in ``C x``, (n, K).
+
+    Modes that must cancel each other (defective ones) are those of a matrix whose entries differ
+    by `SPREAD`: near enough for a forecast.
+    """
+    poles, found = space.modes.poles, space.modes.amplitudes(C, deviation).T
+    if not np.abs(found).sum(axis=0).max(initial=0.0) < RESOLVED * np.abs(C @ deviation).max():
+        noise = np.random.default_rng(0).standard_normal(space.A.shape)
+        poles, right = np.linalg.eig(space.A * (1.0 + SPREAD * noise))
+        found = np.linalg.solve(right, deviation.astype(np.complex128))[:, None] * (C @ right).T
+    kept = poles.imag >= 0.0
+    twice = np.where(poles[kept].imag > 0.0, 2.0, 1.0)[:, None]
+    return poles[kept], twice * found[kept]
 
 
 def _instants(poles: Complexes, stop: float) -> Floats:

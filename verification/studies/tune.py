@@ -269,7 +269,7 @@ class _Search:
             return math.inf, math.inf, False
         plan = plan_transient(scene, board, scales)
         transient, instants = plan.transient, plan.instants(board)
-        if len(instants) > LONGEST:
+        if instants is None or len(instants) > LONGEST:
             return math.inf, math.inf, True
         waveforms, ideal = simulate(board, transient, times=instants), self._reference(scene)
         found, _ = measure_outputs(scene, board.circuit, ideal, waveforms, transient)

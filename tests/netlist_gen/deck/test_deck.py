@@ -90,7 +90,7 @@ def test_every_value_keeps_every_digit() -> None:
     assert float(cards["Rf_1_2"]) == circuit.matrices[0].ohms[0, 1]
     assert float(cards["Ieps_1"]) == circuit.currents[0].amps
     assert float(cards["Rr_1"]) == circuit.scalings.resistance
-    assert f".tran {0.01 * (1e-7 / 3)!r} {1e-4 / 3!r} 0.0 {1e-7 / 3!r} uic" in text
+    assert f".tran {10.0 * (1e-3 * (1e-7 / 3))!r} {1e-4 / 3!r} 0.0 {1e-7 / 3!r} uic" in text
     for line in text.splitlines():
         if not line.startswith(("*", ".")):
             assert not re.search(r" \d[\d.]*(meg|[fpnumkgt])\b", line, re.IGNORECASE), line

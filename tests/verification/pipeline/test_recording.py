@@ -1,4 +1,4 @@
-"""What a second run is asked: its readings, and its state only where they leave a doubt."""
+"""A record measured beside another answer: whose readings give the error, and when it is doubted."""
 
 from __future__ import annotations
 
@@ -15,12 +15,15 @@ from tests.support.paths import SCENES
 from verification.engines.statespace.transients.exact import simulate
 from verification.ideal.ideal_answer import IdealAnswer, ideal_answer
 from verification.pipeline import recording
+from verification.pipeline.agreement import Companion
 from verification.pipeline.clock import Clock
 from verification.pipeline.design import Design, design_board
 from verification.pipeline.effort import Effort
-from verification.pipeline.recording import Recording, watch
-from verification.pipeline.simulation import SHARE, Pending
+from verification.pipeline.recording import Recording, record_and_measure
+from verification.pipeline.simulation import Pending, outputs
 from verification.waveforms import Waveforms
+
+SHARE = 1.0 / 3.0
 
 
 @cache
@@ -28,10 +31,11 @@ def board() -> tuple[Design, IdealAnswer, Waveforms]:
     """The shipped breadboard, its reference and its exact transient."""
     file = SCENES / "paper-breadboard.toml"
     data = tomllib.loads(file.read_text(encoding="utf-8"))
-    data["analysis"] = data.get("analysis", {}) | {"engine": "statespace"}
+    data["analysis"] = data.get("analysis", {}) | {"engine": "ngspice"}
     design = design_board(parse_scene(data, file), Clock(lambda stage: None))
     ideal = ideal_answer(design.network, design.scene)
-    return design, ideal, simulate(design.circuit, design.transient)
+    times = np.linspace(0.0, design.transient.stop, 30_001)
+    return design, ideal, simulate(design.board, design.transient, times=times)
 
 
 def cut(waveforms: Waveforms, stop: float) -> Waveforms:
@@ -39,17 +43,24 @@ def cut(waveforms: Waveforms, stop: float) -> Waveforms:
     return replace(waveforms, time=waveforms.time[:kept], values=waveforms.values[:kept])
 
 
-def watched(fine: Waveforms, coarse: Waveforms, stop: float) -> Recording:
+def recorded(
+    fine: Waveforms, other: Waveforms, stop: float, monkeypatch: pytest.MonkeyPatch
+) -> Recording:
+    """Measure `fine` beside `other`; a third of their difference is the error of `fine`."""
     design, ideal, _ = board()
-    design = replace(design, transient=replace(design.transient, stop=stop))
-    pending = Pending(lambda: fine, lambda: coarse, SHARE)
-    clock = Clock(lambda stage: None)
-    return watch(design, ideal, pending, clock, Effort(details=False))
+    transient = replace(design.plan.transient, stop=stop)
+    design = replace(design, plan=replace(design.plan, transient=transient))
+    u = outputs(design.circuit, fine)[: len(other.time)]
+    beside = Companion(other.time, u, outputs(design.circuit, other), SHARE, "", "none")
+    monkeypatch.setattr(recording, "_companion", lambda *_: beside)
+    monkeypatch.setattr(recording, "better_plan", lambda *_: None)
+    clock, effort = Clock(lambda stage: None), Effort(details=False)
+    return record_and_measure(design, ideal, Pending(lambda: fine), clock, effort)[1]
 
 
 @pytest.fixture
-def judged(monkeypatch: pytest.MonkeyPatch) -> list[float]:
-    """The last instants of the records that are judged, s."""
+def measured(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The last instants of the records that are measured in full, s."""
     ends = []
 
     def counted(time, *arguments, **terms):
@@ -61,39 +72,43 @@ def judged(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     return ends
 
 
-def test_the_second_run_of_a_board_that_settles_is_only_read(judged: list[float]) -> None:
+def test_the_other_answer_of_a_board_that_settles_is_only_read(
+    measured: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
     _, _, whole = board()
     stop = float(whole.time[-1])
     shifted = replace(whole, values=whole.values * (1 + 3e-4))
-    found = watched(whole, shifted, stop)
-    assert judged == [stop]
-    # All outputs are 3e-4 of themselves apart: a third of that is the finer run's, of the largest.
+    found = recorded(whole, shifted, stop, monkeypatch)
+    assert measured == [stop]
+    # All outputs are 3e-4 of themselves apart: a third of that counts, of the largest output.
     largest = max(abs(c.final) for c in found.measurements.channels)
     error = SHARE * 3e-4 * largest / found.measurements.amplitude
     assert found.error.steady_state == pytest.approx(error, rel=1e-9)
     assert 0 < found.error.settling_time < 1e-2 * found.measurements.settling_time.value
 
 
-def test_two_runs_that_prove_nothing_agree(judged: list[float]) -> None:
+def test_two_records_that_prove_nothing_agree(
+    measured: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Both end just inside their bands: readings are there, but no proof of settling."""
     _, _, whole = board()
-    settled = watched(whole, whole, float(whole.time[-1])).measurements.settling_time.value
-    part = cut(whole, 1.01 * settled)
+    settled = recorded(whole, whole, float(whole.time[-1]), monkeypatch)
+    part = cut(whole, 1.01 * settled.measurements.settling_time.value)
     stop = float(part.time[-1])
-    judged.clear()
-    found = watched(part, part, stop)
+    measured.clear()
+    found = recorded(part, part, stop, monkeypatch)
     assert found.measurements.settling_time is None
     assert found.error.settling_time == 0.0
-    assert judged == [stop, stop]
+    assert measured == [stop, stop]
 
 
-@pytest.mark.parametrize("first_is_whole", [True, False])
-def test_one_run_that_settles_and_one_that_does_not_leave_it_open(first_is_whole: bool) -> None:
+def test_a_record_that_settles_beside_one_that_does_not_leaves_it_open(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     _, _, whole = board()
     stop = float(whole.time[-1])
     short = cut(whole, 0.9 * stop)  # it ends before the stop time, so it proves nothing
-    fine, coarse = (whole, short) if first_is_whole else (short, whole)
-    found = watched(fine, coarse, stop)
-    assert (found.measurements.settling_time is not None) == first_is_whole
+    found = recorded(whole, short, stop, monkeypatch)
+    assert found.measurements.settling_time is not None
     assert found.error.settling_time == math.inf
     assert math.isfinite(found.error.rise_time)

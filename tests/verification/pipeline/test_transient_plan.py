@@ -1,90 +1,126 @@
-"""How long and how finely, from the poles of a board."""
+"""How long a board is simulated, and how finely."""
 
 from __future__ import annotations
 
 import math
 from typing import Any
 
-import numpy as np
 import pytest
 
+from netlist_gen.board.synthesis import synthesise
+from netlist_gen.overrides.axes import with_values
+from netlist_gen.scene.file import load_scene
 from netlist_gen.scene.scene import Scene
 from spice_models.errors import EngineError, InputError
+from tests.support.boards import paper_board
 from tests.support.making import make_scene
-from verification.pipeline.transient_plan import MAX_POINTS, coarser, plan_transient
-from verification.small_signal.time_scales import Ringing, TimeScales
+from tests.support.paths import SCENES
+from verification.engines.statespace.linearised.board import LinearBoard
+from verification.pipeline.transient_plan import (
+    UNSTABLE_SECONDS,
+    Plan,
+    coarser,
+    plan_transient,
+    wanted_error,
+)
+from verification.small_signal.time_scales import TimeScales, time_scales
+
+SETTLING = 1.2 * math.log(1e4)  # time constants until a tenth of 1e-3 is left, and a fifth more
 
 
-def scales(pole: complex, *, growth: float = math.inf, amplitude: float = 1.0) -> TimeScales:
-    """One pair of poles, or one real pole, with an amplitude in step amplitudes."""
-    poles = np.array([pole, pole.conjugate()] if pole.imag else [pole])
-    share = amplitude / len(poles)
-    period = 2 * math.pi / abs(pole.imag) if pole.imag else math.inf
-    ringing = (Ringing(1 / period, period, -1 / pole.real, amplitude),) if pole.imag else ()
-    return TimeScales(
-        poles=poles.astype(complex),
-        amplitudes=np.full(len(poles), share),
-        slowest=-1 / pole.real,
-        ringing=ringing,
-        growth_time=growth,
-        stop=0.0,
-        max_step=0.0,
-    )
+def planned(scene: Scene, **options: Any) -> tuple[Plan, TimeScales]:
+    board = LinearBoard(synthesise(scene))
+    scales = time_scales(board, initial=scene.analysis.initial)
+    return plan_transient(scene, board, scales, **options), scales
 
 
-NOTHING = TimeScales(np.zeros(0, complex), np.zeros(0), 0.0, (), math.inf, 0.0, 0.0)
+def breadboard(**values: Any) -> Scene:
+    changed = {name.replace("__", "."): value for name, value in values.items()}
+    return with_values(load_scene(SCENES / "paper-breadboard.toml"), changed)
 
 
-def scene(**analysis: Any) -> Scene:
-    return make_scene(analysis={"points_per_period": 100, **analysis})
+def test_the_wanted_error_is_a_quarter_of_the_tightest_limit() -> None:
+    checks = {"steady_state": {"tolerance": 1e-2}, "engines_agree": {"tolerance": 4e-2}}
+    assert wanted_error(make_scene(checks=checks)) == pytest.approx(2.5e-3)
+    band = checks | {"settling_time": {"band": 2e-3}}
+    assert wanted_error(make_scene(checks=band)) == pytest.approx(5e-4)
+    assert wanted_error(make_scene(checks=checks | {"overshoot": {"max": 0.0}})) == 2.5e-3
+    assert wanted_error(make_scene(checks=checks | {"overshoot": {"max": 4e-4}})) == 1e-4
+    assert wanted_error(make_scene(analysis={"error": 1e-7})) == 1e-7
+    assert wanted_error(make_scene()) == pytest.approx(2.5e-4)
 
 
 def test_the_stop_time_follows_the_slowest_mode() -> None:
-    """exp(-t/tau) falls to a tenth of 1e-3 at 9.21 tau; a fifth more shows that it stays."""
-    found = plan_transient(scene(), scales(-1e4 + 1e5j))
-    assert found.stop == pytest.approx(1.2 * math.log(1e4) * 1e-4, rel=1e-5)
-    assert found.max_step == pytest.approx(2 * math.pi * 1e-5 / 100, rel=1e-5)
-
-
-def test_it_shows_eight_periods_at_least() -> None:
-    found = plan_transient(scene(), scales(-1e5 + 1e5j))
-    assert found.stop == pytest.approx(8 * 2 * math.pi * 1e-5, rel=1e-5)
-
-
-def test_an_unstable_board_gets_the_time_to_show_it() -> None:
-    assert plan_transient(scene(), scales(1e3 + 1e5j, growth=5e-3)).stop == 5e-3
+    """Of the board at 1 nF and 100 kohm the signal nodes' own R and C are by far the slowest."""
+    plan, scales = planned(breadboard(design__capacitance=1e-9, design__gain=1e5))
+    slow = scales.amplitudes[scales.poles.real > -1e4].sum()
+    longest = (SETTLING + 1.2 * math.log(max(slow, 1.0))) * scales.slowest
+    assert 0.8 * longest < plan.transient.stop <= 1.01 * longest
 
 
 def test_the_times_of_the_scene_are_kept() -> None:
-    found = plan_transient(scene(stop=1 / 300, initial="rest"), scales(-1e4 + 1e5j))
-    assert found.stop == 1 / 300
-    assert found.initial == "rest"
-    assert found.truncation == pytest.approx((2 * math.pi / 100) ** 3 / 6)
+    analysis = {"stop": 1 / 300, "initial": "rest", "points_per_period": 100}
+    plan, scales = planned(make_scene(analysis=analysis))
+    assert plan.transient.stop == 1 / 300
+    assert plan.transient.initial == "rest"
+    assert plan.transient.max_step == pytest.approx(scales.max_step_for(100), rel=1e-5)
 
 
-def test_a_rounded_time_does_not_depend_on_the_last_digit_of_a_pole() -> None:
-    one = plan_transient(scene(), scales(-1.1e4 + 1.3e5j))
-    other = plan_transient(scene(), scales(-1.1e4 * (1 + 1e-13) + 1.3e5j * (1 - 1e-13)))
-    assert (one.stop, one.max_step) == (other.stop, other.max_step)
+def test_a_tighter_error_costs_more_steps_and_an_aim_replaces_it() -> None:
+    loose, _ = planned(breadboard(design__capacitance=1e-10, analysis__error=1e-2))
+    tight, _ = planned(breadboard(design__capacitance=1e-10, analysis__error=1e-4))
+    assert loose.forecast.error <= 8e-3
+    assert tight.forecast.error <= 8e-5
+    assert tight.forecast.steps > 3 * loose.forecast.steps
+    aimed, _ = planned(breadboard(design__capacitance=1e-10, analysis__error=1e-2), aim=8e-5)
+    assert aimed.forecast.steps == tight.forecast.steps
+    assert aimed.wanted == 1e-2
+
+
+def test_ringing_that_does_not_show_costs_nothing() -> None:
+    """At 1 nF and 100 kohm the ringing has 3e-4 of the step and dies in 4 us of 20 ms."""
+    plan, scales = planned(breadboard(design__capacitance=1e-9, design__gain=1e5))
+    assert scales.ringing
+    assert plan.transient.stop / scales.ringing[0].period > 4000
+    assert plan.forecast.steps < 500
+
+
+def test_an_unstable_board_gets_the_time_to_show_it_and_no_more() -> None:
+    plan, scales = planned(breadboard(design__capacitance=5e-12))
+    assert plan.growing
+    assert plan.transient.stop == pytest.approx(scales.growth_time, rel=1e-5)
+    assert plan.seconds <= UNSTABLE_SECONDS
+    assert plan.notes == ()
+
+
+def test_an_instability_too_slow_to_be_seen_is_not_waited_for() -> None:
+    """1e-5 inside the edge of oscillation, the ringing grows over a million of periods."""
+    plan, scales = planned(breadboard(design__capacitance=9.0224e-12 * (1 - 1e-5)))
+    assert scales.growth_time < math.inf
+    assert plan.seconds <= 1.1 * UNSTABLE_SECONDS
+    (note,) = plan.notes
+    assert "before the instability has grown" in note
+    assert plan.transient.stop < scales.growth_time
 
 
 def test_what_cannot_be_planned_is_refused() -> None:
-    with pytest.raises(InputError, match="shorter than 50 time steps"):
-        plan_transient(scene(stop=1e-6), scales(-1e4 + 1e5j))
-    with pytest.raises(EngineError, match="edge of oscillation"):
-        plan_transient(scene(), scales(-1e-2 + 1e6j))
+    with pytest.raises(InputError, match="in which the outputs move"):
+        planned(make_scene(analysis={"stop": 1e-12}))
+    still = TimeScales(*(time_scales(paper_board()).poles[:0],) * 2, 0.0, (), math.inf, 0.0, 0.0)
     with pytest.raises(EngineError, match="nothing to time"):
-        plan_transient(scene(), NOTHING)
+        plan_transient(make_scene(), LinearBoard(paper_board()), still)
 
 
-def test_the_points_are_bounded() -> None:
-    found = plan_transient(scene(stop=1.0), scales(-1e4 + 2e4j))
-    assert found.stop / found.max_step <= MAX_POINTS
+def test_figures_of_a_deck_have_six_digits() -> None:
+    transient = planned(breadboard())[0].transient
+    for value in (transient.stop, transient.max_step, transient.truncation, transient.charge):
+        assert value == float(f"{value:.6g}")
 
 
 def test_a_coarser_run_is_coarser_everywhere() -> None:
-    fine = plan_transient(scene(), scales(-1e4 + 1e5j))
+    fine = planned(breadboard())[0].transient
     twice = coarser(fine, 2.0)
     assert twice.max_step == 2 * fine.max_step
     assert twice.truncation == 8 * fine.truncation
+    assert twice.begin == 2 * fine.begin
     assert twice.stop == fine.stop

@@ -188,10 +188,10 @@ def simulate(
     first = min(FIRST / speed if speed > 0.0 else stop, stop)
     dense = Radau(system, z, tolerance, floor, first, limit).run(stop)
     diverges = f"the board diverges: it passes {limit:.3g} V at {dense.ends[-1]!r} s"
+    if times is not None and dense.escaped:
+        raise EngineError(diverges)
     if times is None:
         times = record_times(analysis, dense.ends[-1])
-    elif dense.escaped:
-        times = times[times <= dense.ends[-1]]
     values = system.report(dense.at(times))
     if not np.all(np.isfinite(values)):
         raise EngineError("an amplifier left the range of floats between two steps")

@@ -198,7 +198,7 @@ def simulate(
     flags: tuple[str, ...] = ()
     lost = np.flatnonzero(~np.isfinite(values).all(axis=1))
     if lost.size:
-        if lost[0] < 2:
+        if times is not None or lost[0] < 2:
             raise EngineError("the board is unstable and leaves the range of floats")
         solved, values = solved[: lost[0]], values[: lost[0]]
         flags = (f"the board diverges: it leaves the range of floats after {solved[-1]!r} s",)
