@@ -19,7 +19,8 @@ SHARE = 0.25  # of the tightest tolerance of the checks: the error wanted by ``e
 AIM = 0.8  # of the wanted error: what a transient is planned for
 LEAST_ERROR = 1e-8  # of the step amplitude: no transient of ngspice is planned for less
 GROWTH_ERROR = 0.01  # of the height at which an instability counts as seen
-RECORD_SHARE = 0.02  # of the wanted error: what reading a record between its points may add
+FEWEST_PERIODS = 8  # of ringing in a record, however fast it settles
+RECORD_ERROR = 2e-8  # of the step amplitude: what reading a record between its points may add
 UNSTABLE_SECONDS = 2.0  # of processor time that a board is simulated that is known to be unstable
 LINEAR_STEP, MATRIX_STEP = 2.7e-6, 3.1e-9
 """Processor time of a step of ngspice 46 with KLU: ``LINEAR_STEP N + MATRIX_STEP N³``, s, measured
@@ -57,13 +58,13 @@ class Plan:
     def instants(self, board: LinearBoard) -> Floats | None:
         """Return the instants of a record of the state-space engine, s; None if it grows.
 
-        They are dense where the outputs bend, so that a cubic between them errs by less than
-        `RECORD_SHARE` of the wanted error.
+        They are dense where the outputs bend, so that a cubic between them errs by about
+        `RECORD_ERROR`.
         """
         if self.growing:
             return None
         model = StepModel.of(board, self.transient.stop, self.transient.initial)
-        return model.instants(RECORD_SHARE * self.wanted)
+        return model.instants(RECORD_ERROR)
 
 
 def wanted_error(scene: Scene) -> float:
@@ -180,13 +181,12 @@ def _stop(scene: Scene, scales: TimeScales) -> float:
             raise InputError(scene.file, Complaint("analysis.stop", f"{stop!r} s", text))
         return stop
     if math.isfinite(scales.growth_time):
-        stop = scales.growth_time
-    else:
-        remainder = REMAINDER * scene.checks.steady_state.tolerance
-        stop = AFTER_SETTLING * scales.stop_for(remainder)
-    if not (math.isfinite(stop) and stop > 0.0):
+        return scales.growth_time
+    settled = AFTER_SETTLING * scales.stop_for(REMAINDER * scene.checks.steady_state.tolerance)
+    longest = max(settled, FEWEST_PERIODS * scales.max_step_for(1.0))
+    if not (math.isfinite(longest) and longest > 0.0):
         raise EngineError("no mode of this board shows at its outputs: there is nothing to time")
-    return stop
+    return longest
 
 
 def _six_digits(value: float) -> float:

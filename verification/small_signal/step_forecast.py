@@ -42,6 +42,7 @@ decays slowly under the trapezoidal rule, the more slowly the longer the step is
 the error, a shorter maximum step is cheaper than a smaller truncation error."""
 FIRST = 0.1  # of the step that the charges allow at the start: the first step
 FEWEST_INSTANTS = 200.0  # of a record
+MOVE = 0.02  # of the step amplitude: how far an output moves between two instants
 CHARGE = 10.0  # times C times the step amplitude: no charge of a usual board is larger
 EXPONENT = 1.5  # of the error, which the truncation error follows
 AIM = 0.93  # of the allowed error: where the search aims, so that it need not come back
@@ -192,9 +193,12 @@ class StepModel:
         error : float
             In step amplitudes. A cubic through four points h apart errs by ``h⁴ |d⁴u/dt⁴| 3/128``.
         """
-        bend = np.abs(_exp(self.exponents) @ (self.poles[:, None] ** 4 * self.shares))
+        growth = _exp(self.exponents)
+        rate = np.abs(growth @ (self.poles[:, None] * self.shares)).max(axis=1, initial=TINY)
+        bend = np.abs(growth @ (self.poles[:, None] ** 4 * self.shares))
         bend = np.maximum(bend.max(axis=1, initial=0.0), TINY)
-        spacing = np.minimum((128.0 / 3.0 * error / bend) ** 0.25, self.time[-1] / FEWEST_INSTANTS)
+        longest = np.minimum(self.time[-1] / FEWEST_INSTANTS, MOVE / rate)
+        spacing = np.minimum((128.0 / 3.0 * error / bend) ** 0.25, longest)
         count = _integral(1.0 / spacing, self.time)
         wanted = np.linspace(0.0, count[-1], math.ceil(count[-1]) + 1)
         return np.asarray(np.interp(wanted, count, self.time))

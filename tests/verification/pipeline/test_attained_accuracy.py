@@ -114,11 +114,11 @@ def test_a_board_that_the_other_engine_cannot_answer_runs_twice(
 
 
 def test_a_record_is_as_long_as_a_channel_needs_to_settle(ngspice: str) -> None:
-    """A static error of most of the band: the last ringing leaves the band late."""
+    """A narrow band: the last ringing leaves it long after the steady state is near enough."""
     scene = small(engine="ngspice")
     off = verify(scene).measurements
     static = max(abs(c.final - c.target) for c in off.channels) / off.amplitude
-    checks = {"settling_time": {"band": 1.0001 * static}, "steady_state": {"tolerance": 0.5}}
+    checks = {"settling_time": {"band": 3.0 * static}, "steady_state": {"tolerance": 0.5}}
     data = scene.model_dump(by_alias=True) | {"checks": checks}
     verdict = verify(Scene.model_validate(data))
     assert verdict.measurements.settling_time is not None

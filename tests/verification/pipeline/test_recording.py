@@ -1,4 +1,4 @@
-"""A record measured beside another answer: whose readings give the error, and when it is doubted."""
+"""A record beside another answer: whose readings give the error, and when it is doubted."""
 
 from __future__ import annotations
 

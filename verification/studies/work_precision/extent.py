@@ -14,6 +14,7 @@ from netlist_gen.scene.scene import Scene
 from spice_models.errors import EngineError
 from verification.pipeline.transient_plan import (
     AFTER_SETTLING,
+    FEWEST_PERIODS,
     REMAINDER,
     even_transient,
 )
@@ -24,7 +25,6 @@ from verification.studies.work_precision.methods import Method
 
 REPEATED = 2.0  # runs of each setting that the stretch leaves time for
 NGSPICE_SHARE = 0.6  # of the time for the ladders
-FEWEST_PERIODS = 8  # of ringing in a record, however fast it settles or grows
 MOST_PERIODS = 100.0  # of ringing: more say nothing new of a method
 UNTIMED_PERIODS = 30.0  # where there is no ngspice to take the time of
 

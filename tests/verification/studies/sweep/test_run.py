@@ -112,7 +112,7 @@ def test_a_point_without_verdict_is_a_row(tmp_path: Path, workers: Workers) -> N
     count, rows = run(asked, path, workers)
     assert [row["outcome"] for row in rows] == ["error", "fail"]  # not settled after 1 ms
     assert rows[0]["failure"] == "InputError"
-    assert "shorter than 50 time steps" in rows[0]["reason"]
+    assert "in which the outputs move" in rows[0]["reason"]
     assert count.outcomes == {"error": 1, "fail": 1}
     again, _ = run(asked, path, workers)
     assert again.ran == 0
@@ -248,8 +248,8 @@ def test_both_engines_and_a_single_run_of_ngspice(
     _, rows = run(asked, tmp_path / "a.sqlite", workers)
     assert [row["engine"] for row in rows] == ["ngspice", "statespace"]
     assert [row["outcome"] for row in rows] == ["pass", "pass"]
-    assert rows[0]["settling_time"] == pytest.approx(rows[1]["settling_time"], rel=1e-3)
-    assert 0.0 < rows[0]["simulation_error"] < 1e-4
+    assert rows[0]["settling_time"] == pytest.approx(rows[1]["settling_time"], rel=5e-3)
+    assert 0.0 < rows[0]["simulation_error"] < 2.5e-4
 
 
 def test_the_engine_is_no_axis() -> None:
