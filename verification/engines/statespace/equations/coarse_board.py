@@ -1,8 +1,8 @@
-"""A coarse board: every k-th channel and sensor of a large one, more strongly coupled.
+"""Make a coarse board: every k-th channel and sensor of a large board, more strongly coupled.
 
-Its cells, its loads and its low spatial modes are those of the whole board, so its poles tell
-where those of the whole board are, and its transient what the strain step excites. It is a guide,
-never an answer.
+The coarse board has the cells, the loads and the low spatial modes of the whole board, so its poles
+lie near those of the whole board, and its transient shows the modes that the strain step excites.
+It serves for estimates only, never for a result.
 """
 
 from __future__ import annotations
@@ -18,23 +18,13 @@ from verification.engines.statespace.equations.descriptor import (
 )
 from verification.engines.statespace.equations.mirror_symmetry import proposed_mirror
 
-CHANNELS = 14  # of the coarse board, and sensors
+CHANNELS = 14  # of the coarse board, and as many sensors
 
 
 def coarsen(descriptor: Descriptor, channels: int = CHANNELS) -> Descriptor:
-    """Thin out a board.
+    """Keep about `channels` channels and as many sensors of a board, evenly spaced.
 
-    Parameters
-    ----------
-    descriptor : Descriptor
-        The whole board.
-    channels : int
-        How many channels, and how many sensors, are kept, evenly spaced.
-
-    Returns
-    -------
-    Descriptor
-        With a subset of the names; the board itself where there is nothing to thin out.
+    The result has a subset of the names; a small board is returned unchanged.
     """
     kept, gain = _choose(descriptor, channels)
     if kept.all():
@@ -82,16 +72,16 @@ def _thin(part: Coupling, kept: Bools, place: Ints, gain: float) -> Coupling:
 
 
 def _choose(descriptor: Descriptor, channels: int) -> tuple[Bools, float]:
-    """Choose the unknowns to keep, and how much stronger the couplings become."""
+    """Choose the unknowns to keep; return the factor of the couplings, too."""
     units = _units(descriptor)
     kept = units < 0
-    gain, seen = 1.0, np.zeros(max(int(units.max(initial=0)) + 1, 1), dtype=np.bool_)
+    gain, chosen_from = 1.0, np.zeros(max(int(units.max(initial=0)) + 1, 1), dtype=np.bool_)
     for part in descriptor.couplings:
         fresh: Ints = np.unique(units[part.sinks])
-        fresh = fresh[~seen[np.maximum(fresh, 0)] & (fresh >= 0)]
+        fresh = fresh[~chosen_from[np.maximum(fresh, 0)] & (fresh >= 0)]
         if not len(fresh):
             continue
-        seen[fresh] = True
+        chosen_from[fresh] = True
         count = min(channels, len(fresh))
         chosen = fresh[np.linspace(0.0, len(fresh) - 1.0, count).round().astype(np.int64)]
         kept = kept | np.isin(units, chosen)
@@ -100,9 +90,10 @@ def _choose(descriptor: Descriptor, channels: int) -> tuple[Bools, float]:
 
 
 def _units(descriptor: Descriptor) -> Ints:
-    """Return the channel or sensor that each unknown belongs to; -1 for voltage sources.
+    """Return the channel or sensor of each unknown; -1 for voltage sources.
 
-    Unknowns belong together if anything but a resistor matrix or a voltage source ties them.
+    Two unknowns belong together if an element connects them that is neither a resistor matrix nor
+    a voltage source.
     """
     from scipy.sparse import coo_array, csgraph
 
