@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -104,6 +105,15 @@ class Structure:
             places = order[starts[chosen][:, None] + np.arange(size)]
             groups.append(_Group(places, _blocks(M, places), _blocks(K, places)))
         return groups
+
+    @cached_property
+    def capacitance(self) -> Floats:
+        """Largest element of each row of M, (size,)."""
+        return np.asarray(abs(self.mass).max(axis=1).toarray().ravel())
+
+    def settled_voltages(self, charge: Floats, rate: float) -> Floats:
+        """Return the voltages for charges ``M z``, at a `rate` (1/s) far above all poles."""
+        return np.asarray(rate * self.factor(rate).solve(charge))
 
     def factor(self, shift: complex, *, solver: bool = True) -> Factor:
         """Factorise ``shift M - K``; without `solver`, stop at the Schur complement.

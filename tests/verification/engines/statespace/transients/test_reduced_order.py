@@ -125,11 +125,11 @@ def test_poles_right_of_the_axis_are_not_believed() -> None:
 
 def test_an_unstable_board_takes_steps_and_says_so() -> None:
     circuit, analysis = wide_board(12, C=5e-12), Transient(3e-3, 1e-6)
-    with pytest.raises(EngineError, match="coarse image is unstable"):
+    with pytest.raises(EngineError, match="coarse board is unstable"):
         reduced(circuit, analysis)
     found = reduced_order.simulate(circuit, analysis)
     assert found.values == pytest.approx(structured_radau.simulate(circuit, analysis).values)
-    assert found.flags == ("implicit steps: the board's coarse image is unstable",)
+    assert found.flags == ("implicit steps: the board's coarse board is unstable",)
 
 
 def test_an_instability_that_has_not_grown_yet_is_found_in_the_space() -> None:
