@@ -129,7 +129,7 @@ def test_an_unstable_board_takes_steps_and_says_so() -> None:
         reduced(circuit, analysis)
     found = reduced_order.simulate(circuit, analysis)
     assert found.values == pytest.approx(structured_radau.simulate(circuit, analysis).values)
-    assert found.flags == ("implicit steps: the board's coarse board is unstable",)
+    assert found.flags == ("implicit steps: the coarse board is unstable",)
 
 
 def test_an_instability_that_has_not_grown_yet_is_found_in_the_space() -> None:
