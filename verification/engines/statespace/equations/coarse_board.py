@@ -75,17 +75,17 @@ def _choose(descriptor: Descriptor, channels: int) -> tuple[Bools, float]:
     """Choose the unknowns to keep; return the factor of the couplings, too."""
     units = _units(descriptor)
     kept = units < 0
-    gain, chosen_from = 1.0, np.zeros(max(int(units.max(initial=0)) + 1, 1), dtype=np.bool_)
+    gain, assigned = 1.0, np.zeros(max(int(units.max(initial=0)) + 1, 1), dtype=np.bool_)
     for part in descriptor.couplings:
-        fresh: Ints = np.unique(units[part.sinks])
-        fresh = fresh[~chosen_from[np.maximum(fresh, 0)] & (fresh >= 0)]
-        if not len(fresh):
+        new_units: Ints = np.unique(units[part.sinks])
+        new_units = new_units[~assigned[np.maximum(new_units, 0)] & (new_units >= 0)]
+        if not len(new_units):
             continue
-        chosen_from[fresh] = True
-        count = min(channels, len(fresh))
-        chosen = fresh[np.linspace(0.0, len(fresh) - 1.0, count).round().astype(np.int64)]
+        assigned[new_units] = True
+        count = min(channels, len(new_units))
+        chosen = new_units[np.linspace(0.0, len(new_units) - 1.0, count).round().astype(np.int64)]
         kept = kept | np.isin(units, chosen)
-        gain = max(gain, len(fresh) / count)
+        gain = max(gain, len(new_units) / count)
     return kept, gain
 
 
@@ -98,8 +98,8 @@ def _units(descriptor: Descriptor) -> Ints:
     from scipy.sparse import coo_array, csgraph
 
     source = np.zeros(descriptor.size, dtype=np.bool_)
-    alone = np.bincount(descriptor.local.rows, minlength=descriptor.size) == 1
-    source[alone & descriptor.determined] = True
+    single = np.bincount(descriptor.local.rows, minlength=descriptor.size) == 1
+    source[single & descriptor.determined] = True
     source[descriptor.devices.output] = False
     pairs = [(t.rows, t.columns) for t in (descriptor.local, descriptor.mass)]
     pairs.append((descriptor.devices.input, descriptor.devices.output))

@@ -63,20 +63,20 @@ def evened(values: Floats, places: Ints, mirror: Halves | None) -> Floats:
 class Halves:
     """The even and the odd part of vectors and matrices under an exchange.
 
-    An even vector is given by its values at `own`, an odd one by those at ``own[:pairs]``.
+    An even vector is given by its values at `first`, an odd one by those at ``first[:pairs]``.
 
     Attributes
     ----------
-    own, image : ndarray of int
-        One place of each pair, or the other one; then the places that are their own image.
+    first, second : ndarray of int
+        One place of each pair, or the other place; then the places without another image.
     pairs : int
         Number of pairs.
     mirror : ndarray of int (n,)
         Place of each place's mirror image.
     """
 
-    own: Ints
-    image: Ints
+    first: Ints
+    second: Ints
     pairs: int
     mirror: Ints
 
@@ -84,67 +84,67 @@ class Halves:
     def of(cls, mirror: Ints) -> Halves:
         """Return the halves of an exchange, given the place of each mirror image."""
         places = np.arange(len(mirror))
-        first, alone = np.flatnonzero(mirror > places), np.flatnonzero(mirror == places)
-        own = np.concatenate([first, alone])
-        return cls(own, mirror[own], len(first), mirror)
+        lower, fixed = np.flatnonzero(mirror > places), np.flatnonzero(mirror == places)
+        first = np.concatenate([lower, fixed])
+        return cls(first, mirror[first], len(lower), mirror)
 
     def within(self, chosen: Ints) -> tuple[Ints, Halves]:
-        """Return the places that a choice among `own` represents, and the exchange among them."""
-        own, image = self.own[chosen], self.image[chosen]
-        places = np.sort(np.concatenate([own, image[chosen < self.pairs]]))
-        own, image = np.searchsorted(places, own), np.searchsorted(places, image)
+        """Return the places that a choice among `first` represents, and the exchange among them."""
+        first, second = self.first[chosen], self.second[chosen]
+        places = np.sort(np.concatenate([first, second[chosen < self.pairs]]))
+        first, second = np.searchsorted(places, first), np.searchsorted(places, second)
         mirror = np.empty_like(places)
-        mirror[own], mirror[image] = image, own
-        return places, Halves(own, image, len(places) - len(own), mirror)
+        mirror[first], mirror[second] = second, first
+        return places, Halves(first, second, len(places) - len(first), mirror)
 
     def commute_with(self, A: Floats) -> bool:
         """Whether a matrix is the same to the bit after the exchange of rows and columns."""
-        return np.array_equal(A[self.own], A[self.image][:, self.mirror])
+        return np.array_equal(A[self.first], A[self.second][:, self.mirror])
 
     @property
     def share(self) -> Floats:
-        """Weight of each place in an even row: 1/2 if the row represents two, (len(own),)."""
-        return np.where(np.arange(len(self.own)) < self.pairs, 0.5, 1.0)
+        """Weight of each place in an even row: 1/2 if the row represents two, (len(first),)."""
+        return np.where(np.arange(len(self.first)) < self.pairs, 0.5, 1.0)
 
     def split(self, A: Floats) -> tuple[Floats, Floats]:
         """Return the matrices that act on even and on odd vectors."""
-        return self.split_rows(A[self.own], self.pairs)
+        return self.split_rows(A[self.first], self.pairs)
 
     def split_rows(self, C: Floats, odd: int | None = None) -> tuple[Floats, Floats]:
         """Return the rows that act on even and (only the first `odd` rows) on odd vectors."""
-        direct, crossed = C[:, self.own], C[:, self.image[: self.pairs]]
+        direct, crossed = C[:, self.first], C[:, self.second[: self.pairs]]
         difference = direct[:odd, : self.pairs] - crossed[:odd]
         direct[:, : self.pairs] += crossed
         return direct, difference
 
     def split_vectors(self, x: Floats) -> tuple[Floats, Floats]:
         """Return the even and the odd part of a vector, or of the columns of an array."""
-        own, image = x[self.own], x[self.image]
-        return 0.5 * (own + image), 0.5 * (own - image)[: self.pairs]
+        first, second = x[self.first], x[self.second]
+        return 0.5 * (first + second), 0.5 * (first - second)[: self.pairs]
 
     def join_vectors(self, even: Floats, odd: Floats) -> Floats:
         """Undo `split_vectors`."""
         whole = np.empty((len(self.mirror), *even.shape[1:]))
-        whole[self.own] = whole[self.image] = even
-        whole[self.own[: self.pairs]] += odd
-        whole[self.image[: self.pairs]] -= odd
+        whole[self.first] = whole[self.second] = even
+        whole[self.first[: self.pairs]] += odd
+        whole[self.second[: self.pairs]] -= odd
         return whole
 
     def join_rows(self, even: Floats, odd: Floats) -> Floats:
         """Undo `split_rows`."""
         whole = np.empty((len(even), len(self.mirror)))
-        whole[:, self.own] = even
+        whole[:, self.first] = even
         half = 0.5 * even[:, : self.pairs]
-        whole[:, self.own[: self.pairs]] = half + 0.5 * odd
-        whole[:, self.image[: self.pairs]] = half - 0.5 * odd
+        whole[:, self.first[: self.pairs]] = half + 0.5 * odd
+        whole[:, self.second[: self.pairs]] = half - 0.5 * odd
         return whole
 
     @functools.cached_property
     def _rank(self) -> tuple[Ints, Floats]:
-        """For every place: its index in `own`, and the sign of an odd vector there."""
+        """For every place: its index in `first`, and the sign of an odd vector there."""
         rank, sign = np.empty(len(self.mirror), dtype=np.int64), np.zeros(len(self.mirror))
-        rank[self.own] = rank[self.image] = np.arange(len(self.own))
-        sign[self.own[: self.pairs]], sign[self.image[: self.pairs]] = 1.0, -1.0
+        rank[self.first] = rank[self.second] = np.arange(len(self.first))
+        sign[self.first[: self.pairs]], sign[self.second[: self.pairs]] = 1.0, -1.0
         return rank, sign
 
     def rows_at(
@@ -156,12 +156,12 @@ class Halves:
 
     def join(self, even: Complexes, odd: Complexes) -> Complexes:
         """Return even, then odd vectors (columns) on all places."""
-        whole = np.zeros((len(self.own) + self.pairs,) * 2, dtype=np.complex128)
+        whole = np.zeros((len(self.first) + self.pairs,) * 2, dtype=np.complex128)
         count = even.shape[1]
-        whole[self.own, :count] = even
-        whole[self.image, :count] = even
-        whole[self.own[: self.pairs], count:] = odd
-        whole[self.image[: self.pairs], count:] = -odd
+        whole[self.first, :count] = even
+        whole[self.second, :count] = even
+        whole[self.first[: self.pairs], count:] = odd
+        whole[self.second[: self.pairs], count:] = -odd
         return whole
 
 

@@ -179,11 +179,11 @@ def _state_space(descriptor: Descriptor, board: Dense, b: Floats) -> StateSpace:
             charged = tuple(names[place] for place in block.places.tolist())
         return StateSpace(descriptor, charged, (block,), None)
     whole = replace(board, halves=None)
-    own_names = [names[place] for place in halves.own.tolist()]
+    first_names = [names[place] for place in halves.first.tolist()]
     parts = zip(board.blocks, halves.split_vectors(b), strict=True)
     try:
         even, odd = (
-            eliminate(M, K, inputs, determined[halves.own[: len(K)]], own_names)
+            eliminate(M, K, inputs, determined[halves.first[: len(K)]], first_names)
             for (M, K), inputs in parts
         )
     except EngineError:  # the message must name unknowns of the whole board

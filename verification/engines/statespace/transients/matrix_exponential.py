@@ -105,9 +105,9 @@ class ModalFlow(Exponentials):
 def _exponentials(times: Floats, poles: Complexes) -> Complexes:
     ring = np.flatnonzero(poles.imag)  # a real one costs a thirtieth
     with np.errstate(over="ignore", invalid="ignore"):  # an unstable board overflows
-        found = np.exp(np.outer(times, poles.real)).astype(np.complex128)
-        found[:, ring] = np.exp(np.outer(times, poles[ring]))
-    return found
+        values = np.exp(np.outer(times, poles.real)).astype(np.complex128)
+        values[:, ring] = np.exp(np.outer(times, poles[ring]))
+    return values
 
 
 def _real_product(a: Complexes, b: Complexes) -> Floats:

@@ -100,7 +100,7 @@ def reduced(
     watch = np.array([board.descriptor.place(name) for name in reported], dtype=np.int64)
     charge = structure.mass @ (initial_unknowns(board, analysis.initial, analysis.voltages) - rest)
     if not charge.any():
-        raise EngineError("nothing moves")
+        raise EngineError("the charges are at rest from the start")
     start = structure.settled_voltages(charge, HUGE * fastest)[watch]
     space = Space(structure, shift, charge, watch, LARGEST)
     ritz, error = _converged(space, start, analysis.stop, tolerance)

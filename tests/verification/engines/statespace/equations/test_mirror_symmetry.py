@@ -64,8 +64,8 @@ def test_what_commutes_with_the_exchange_splits_exactly(image: Ints) -> None:
     even, odd = halves.split(A)
     x = np.random.default_rng(2).standard_normal(len(image))
     x_even, x_odd = x + x[image], x - x[image]
-    first = halves.own[: halves.pairs]
-    assert even @ x_even[halves.own] == pytest.approx((A @ x_even)[halves.own], rel=1e-13)
+    first = halves.first[: halves.pairs]
+    assert even @ x_even[halves.first] == pytest.approx((A @ x_even)[halves.first], rel=1e-13)
     assert odd @ x_odd[first] == pytest.approx((A @ x_odd)[first], rel=1e-13)
     wanted = np.sort_complex(np.linalg.eigvals(A))
     assert np.sort_complex(decompose((even, odd), halves).poles) == pytest.approx(wanted, abs=1e-13)

@@ -156,7 +156,7 @@ def test_what_cannot_be_shown_is_refused(
 
 def test_charges_that_are_at_rest_span_no_space(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(reduced_order, "_shift", lambda *_: (1e6, 1e9))
-    with pytest.raises(EngineError, match="nothing moves"):
+    with pytest.raises(EngineError, match="at rest from the start"):
         reduced(replace(wide_board(8), currents=()), Transient(1e-3, 1e-6))
 
 
