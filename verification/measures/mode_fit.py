@@ -15,7 +15,7 @@ import numpy as np
 from spice_models.array_types import Complexes, Floats
 from verification.measures.envelope import Envelope, envelope, mixed, saturates, slows, spectrum
 from verification.measures.pole_fit import GONE, fit_poles
-from verification.measures.resampling import pace, resample
+from verification.measures.resampling import resample, typical_step
 
 _FIT_SPAN = 16384  # raw points considered before the end of the stretch
 _FIT_SAMPLES = 300  # uniform samples in one fit
@@ -105,7 +105,7 @@ def _uniform(time: Floats, signals: Floats, period: float | None) -> tuple[float
     shorten the stretch to less than eight periods of the dominant one.
     """
     time, signals = time[-_FIT_SPAN:], signals[-_FIT_SPAN:]
-    last, span, usual = time.size - 1, float(time[-1] - time[0]), pace(time)
+    last, span, usual = time.size - 1, float(time[-1] - time[0]), typical_step(time)
     coarse = usual * max(np.ceil(span / usual / _SPECTRUM), 1.0)
     _, one = resample(time, mixed(signals)[:, None], coarse, usual, last, _SPECTRUM, 2)
     power = np.abs(spectrum(one[:, 0]))
