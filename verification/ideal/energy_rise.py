@@ -1,4 +1,4 @@
-"""The network's energy along a board's own trajectory, and where op-amp dynamics make it rise.
+"""Rise of the network's energy along the trajectory of a board, caused by op-amp dynamics.
 
 Along an ideal trajectory the energy P(u) of eq (16) never increases. A board's op-amps have lags,
 so its energy may rise for a while, and the energy of a ringing board rises in every period. The

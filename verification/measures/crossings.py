@@ -121,11 +121,11 @@ def highest(time: Floats, y: Floats, sign: Floats) -> Floats:
     row = np.arange(len(y))
     ups = zip(y, sign > 0, strict=True)
     top = np.array([each.argmax() if up else each.argmin() for each, up in ups], dtype=np.intp)
-    found = sign * y[row, top]
+    heights = sign * y[row, top]
     rows = np.repeat(row, 5)
     near = peaks(time, y, rows, np.repeat(top, 5) + np.tile(np.arange(-2, 3), row.size), sign[rows])
-    np.maximum.at(found, rows[near.point], near.height)
-    return np.asarray(found)
+    np.maximum.at(heights, rows[near.point], near.height)
+    return np.asarray(heights)
 
 
 def _last_positive(f: Floats) -> Floats:

@@ -152,7 +152,7 @@ class Solution:
         ``duality gap`` (an upper bound on the objective above its minimum) or ``relative
         residual`` (of the normal equations, over ``|T|^2 |u| + |T| |eps|``).
     certificate : float
-        Value of the certificate; not a number if the solver had nothing to evaluate.
+        Value of the certificate; not a number if the solver could not evaluate it.
     bound : float
         Largest certificate of a trusted solution.
     error_bound : float
