@@ -26,8 +26,8 @@ from verification.measures.readings import Reading
 
 _DWELL = 0.05  # of the settling time: the record must continue inside the band for that long
 _DWELL_PERIODS = 3.0
-_SAFE = 0.5  # of the band: a decaying ringing below that will not leave the band again
-_QUIET = 0.05  # of the band: ringing below that is ignored
+_SAFE = 0.5  # of the band: a decaying ringing below it will not leave the band again
+_QUIET = 0.05  # of the band: ringing below it is not judged
 _FLAT_TOP = 0.2  # of a period spent within 1 % of one extreme; 0.064 for a sinusoid
 _SILENT = 1 / 21  # of the band: `Drift.heading` extrapolates at most 20 times the largest error
 _ENDS = np.array([3.0, 2.0, 1.0, 0.0])  # of the last three stretches, counted from the last
@@ -35,7 +35,7 @@ _RUNAWAY = 10.0  # step amplitudes off target, and accelerating
 
 
 class ChannelState(StrEnum):
-    """State of a channel at the end of its record."""
+    """How a channel's record ends."""
 
     SETTLED = "settled"
     NOT_SETTLED = "not settled"
