@@ -140,7 +140,7 @@ def _foot(verdict: Verdict) -> Group:
         f" step {show(verdict.transient.max_step, 's')} at the most",
         f"reference: {ideal.solution.certificate_kind} {ideal.solution.certificate:.2g}"
         f" (bound {ideal.solution.bound:.2g}); the ideal network settles in"
-        f" {show(ideal.pace.settling_time, 's')}",
+        f" {show(ideal.transient.settling_time, 's')}",
         f"time: {stages}",
     ]
     if verdict.accuracy is not None:
@@ -150,7 +150,7 @@ def _foot(verdict: Verdict) -> Group:
             2,
             f"energy: rises by {100 * verdict.energy.rise:.2g} % of its fall, at"
             f" {show(verdict.energy.time, 's')}; an ideal network's never does (identity to"
-            f" {ideal.pace.energy_residual:.1g})",
+            f" {ideal.transient.energy_residual:.1g})",
         )
     plane = verdict.constraint
     if plane is not None:

@@ -179,7 +179,7 @@ def _negligible(scene: Scene) -> Finding:
         verdict = verify(slow, effort=Effort(details=False))
         reading = verdict.measurements.settling_time
         value = float("inf") if reading is None else reading.value
-        differences.append(abs(value / verdict.ideal.pace.settling_time - 1.0))
+        differences.append(abs(value / verdict.ideal.transient.settling_time - 1.0))
     return Finding(
         "slow-signal-plane",
         "1 % settling of the board against that of the ideal network at C = 10 pF, 1 nF, 100 nF",
