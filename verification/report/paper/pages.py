@@ -7,7 +7,8 @@ import re
 from collections.abc import Iterator, Mapping
 from html import escape
 
-from verification.studies.paper.findings import ClaimOutcome, Picture
+from verification.studies.paper.findings import ClaimOutcome
+from verification.studies.paper.pictures import Picture
 from verification.studies.paper.reproduce import Reproduction, Section
 
 TITLE = "The paper, claim by claim"

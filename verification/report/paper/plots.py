@@ -8,7 +8,7 @@ import math
 from typing import TYPE_CHECKING
 
 from verification.report.verdict.plots import STYLE
-from verification.studies.paper.findings import Panel, Picture
+from verification.studies.paper.pictures import Panel, Picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
