@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import base64
-import re
 from collections.abc import Iterator, Mapping
 from html import escape
 
+from verification.report.tables import markdown_line, markdown_table
 from verification.studies.paper.findings import ClaimOutcome
 from verification.studies.paper.pictures import Picture
 from verification.studies.paper.reproduce import Reproduction, Section
@@ -38,8 +38,6 @@ tr.unexpected { background: #fdecec; }
 figure { margin: 1.5em 0; } img { max-width: 100%; height: auto; }
 figcaption { color: #555; } footer { color: #555; font-size: .9em; margin-top: 2em; }
 """
-SPECIAL = re.compile(r"([\\`*_{}\[\]<>#|~])")
-
 Images = Mapping[str, bytes]
 
 
@@ -53,15 +51,15 @@ def paper_markdown(
 def _markdown(
     found: Reproduction, images: Images, summary: str, machine: Mapping[str, str]
 ) -> Iterator[str]:
-    yield from (f"# {TITLE}", "", f"{SOURCE}.", "", _kept(summary))
+    yield from (f"# {TITLE}", "", f"{SOURCE}.", "", markdown_line(summary))
     for section in found.sections:
-        yield from ("", f"## {section.title}", "", _row(COLUMNS), _row(["---"] * len(COLUMNS)))
-        yield from (_row([_kept(cell) for cell in cells]) for _, cells in _rows(section))
+        yield from ("", f"## {section.title}", "")
+        yield from markdown_table(COLUMNS, (cells for _, cells in _rows(section)))
         for picture in _drawn(section, images):
-            yield from ("", f"![{_kept(picture.caption)}]({picture.name}.png)")
-            yield from ("", _kept(picture.caption))
+            yield from ("", f"![{markdown_line(picture.caption)}]({picture.name}.png)")
+            yield from ("", markdown_line(picture.caption))
     yield from ("", f"Made by `taction reproduce` in {found.seconds:.0f} s.", "")
-    yield from (f"- {name}: {_kept(value)}" for name, value in machine.items())
+    yield from (f"- {name}: {markdown_line(value)}" for name, value in machine.items())
 
 
 def paper_html(
@@ -99,7 +97,7 @@ def _drawn(section: Section, images: Images) -> list[Picture]:
 
 
 def _rows(section: Section) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Yield a class and the cells of every claim's row."""
+    """Yield the CSS class and the cells of the row of every claim."""
     for each in section.judged:
         claim, finding = each.claim, each.finding
         verdict, kind = finding.outcome.value, CLASSES[finding.outcome]
@@ -112,12 +110,3 @@ def _rows(section: Section) -> Iterator[tuple[str, tuple[str, ...]]]:
 def _cells(tag: str, cells: tuple[str, ...], kind: str = "") -> str:
     row = f'<tr class="{kind}">' if kind else "<tr>"
     return row + "".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in cells) + "</tr>"
-
-
-def _row(cells: tuple[str, ...] | list[str]) -> str:
-    return f"| {' | '.join(cells)} |"
-
-
-def _kept(text: str) -> str:
-    """Return `text` as one line that Markdown leaves alone."""
-    return SPECIAL.sub(r"\\\1", " ".join(text.split()))
