@@ -37,7 +37,7 @@ def check_file(
     endings : collection of str
         The file names' endings that are known, in lower case.
     packages : mapping of str to tuple of str
-        By ending, the package that writes the file and what to do where it is missing.
+        By ending, the package that writes the file and the remedy for a missing package.
 
     Raises
     ------

@@ -30,7 +30,7 @@ STATES = {True: ("C2", "confirmed"), None: ("C1", "undecided"), False: ("C3", "c
 Modes = tuple[Floats, Floats, Floats]  # value on the axis, real and imaginary part of the pole
 
 
-def plot_onset(found: Onset, path: str) -> None:
+def plot_onset(onset: Onset, path: str) -> None:
     """Draw the poles of every value in the complex plane, and damping and frequency over it.
 
     Raises
@@ -38,16 +38,16 @@ def plot_onset(found: Onset, path: str) -> None:
     InputError
         See `verification.report.verdict.plots.figure_file`.
     """
-    samples = [sample for sample in found.scan.samples if not sample.failure]
+    samples = [sample for sample in onset.scan.samples if not sample.failure]
     modes = _ringing(samples)
     with figure_file(
-        path, 11.5, 6.4, f"{found.scene.name}: poles over {found.axis.name}"
+        path, 11.5, 6.4, f"{onset.scene.name}: poles over {onset.axis.name}"
     ) as figure:
         grid = figure.add_gridspec(2, 2, width_ratios=(1.2, 1))
-        _pole_map(figure, figure.add_subplot(grid[:, 0]), found, samples, modes)
+        _pole_map(figure, figure.add_subplot(grid[:, 0]), onset, samples, modes)
         damping = figure.add_subplot(grid[0, 1])
-        _damping(damping, found, modes)
-        _frequency(figure.add_subplot(grid[1, 1], sharex=damping), found, modes)
+        _damping(damping, onset, modes)
+        _frequency(figure.add_subplot(grid[1, 1], sharex=damping), onset, modes)
         damping.tick_params(which="both", labelbottom=False)
 
 
@@ -63,7 +63,7 @@ def _ringing(samples: Sequence[Sample]) -> Modes:
     return value, real, imag
 
 
-def _window(found: Onset, samples: Sequence[Sample]) -> tuple[float, float, float]:
+def _window(onset: Onset, samples: Sequence[Sample]) -> tuple[float, float, float]:
     """Return the left, right and upper limit of the pole map, 1/s."""
     near = [
         p
@@ -71,7 +71,7 @@ def _window(found: Onset, samples: Sequence[Sample]) -> tuple[float, float, floa
         for p in [p for p in sample.poles.tolist() if p.imag > 0.0 and math.isfinite(p.real)][:NEAR]
         if abs(p.real) < MAX_DAMPING * abs(p)
     ]
-    ringing = [each.crossing for each in found.findings if each.crossing.frequency]
+    ringing = [each.crossing for each in onset.findings if each.crossing.frequency]
     decisive = [crossing for crossing in ringing if crossing.changes_stability]
     omega = [abs(crossing.pole) for crossing in decisive or ringing]
     top = HEADROOM * max(omega or [p.imag for p in near] or [1.0])
@@ -82,24 +82,24 @@ def _window(found: Onset, samples: Sequence[Sample]) -> tuple[float, float, floa
 
 
 def _pole_map(
-    figure: Figure, axes: Axes, found: Onset, samples: Sequence[Sample], modes: Modes
+    figure: Figure, axes: Axes, onset: Onset, samples: Sequence[Sample], modes: Modes
 ) -> None:
     from matplotlib.colors import LogNorm, Normalize
 
-    left, right, top = _window(found, samples)
+    left, right, top = _window(onset, samples)
     value, real, imag = modes
     scales = ((1e9, "G"), (1e6, "M"), (1e3, "k"))
     size, unit = next((scale for scale in scales if top >= scale[0]), (1.0, ""))
-    norm = (LogNorm if found.scan.logarithmic else Normalize)(samples[0].value, samples[-1].value)
+    norm = (LogNorm if onset.scan.logarithmic else Normalize)(samples[0].value, samples[-1].value)
     _damping_lines(axes, left, right, top, size)
     axes.axvline(0.0, color="k", lw=1)
     axes.axvspan(0.0, right / size, color="C3", alpha=0.06, lw=0)
     dots = axes.scatter(real / size, imag / size, c=value, s=9, norm=norm, cmap="viridis", zorder=3)
-    for each in found.findings:
+    for each in onset.findings:
         axes.plot(0.0, each.crossing.pole.imag / size, "o", mfc="none", mec="C3", ms=9, zorder=4)
     axes.set(xlim=(left / size, right / size), ylim=(0.0, top / size), title="pole map")
     axes.set(xlabel=f"real part ({unit}/s)", ylabel=f"imaginary part ({unit}rad/s)")
-    label = found.axis.name + (f" ({found.axis.key.unit})" if found.axis.key.unit else "")
+    label = onset.axis.name + (f" ({onset.axis.key.unit})" if onset.axis.key.unit else "")
     bar = figure.colorbar(dots, ax=axes, location="bottom", aspect=50, pad=0.01)
     _engineering(bar.ax.xaxis, "", samples[0].value, samples[-1].value)
     bar.set_label(label)
@@ -127,25 +127,25 @@ def _engineering(axis: Axis, unit: str, low: float, high: float) -> None:
     axis.set_minor_formatter(EngFormatter(unit=unit) if short else NullFormatter())
 
 
-def _over(axes: Axes, found: Onset) -> None:
+def _over(axes: Axes, onset: Onset) -> None:
     """Set up an axis over the swept value, with crossings and stable ranges on it."""
-    if found.scan.logarithmic:
+    if onset.scan.logarithmic:
         axes.set_xscale("log")
-    unit = found.axis.key.unit
-    low, high = found.scan.samples[0].value, found.scan.samples[-1].value
+    unit = onset.axis.key.unit
+    low, high = onset.scan.samples[0].value, onset.scan.samples[-1].value
     _engineering(axes.xaxis, unit, low, high)
     axes.set_xlim(low, high)
-    for low, high in found.scan.stable_ranges:
+    for low, high in onset.scan.stable_ranges:
         axes.axvspan(low, high, color="C2", alpha=0.08, lw=0)
-    for each in found.findings:
+    for each in onset.findings:
         colour, _ = STATES[each.confirmation.confirmed]
         axes.axvline(each.crossing.value, color=colour, lw=1, ls="--")
 
 
-def _damping(axes: Axes, found: Onset, modes: Modes) -> None:
+def _damping(axes: Axes, onset: Onset, modes: Modes) -> None:
     value, real, imag = modes
     zeta = -real / np.hypot(real, imag)
-    _over(axes, found)
+    _over(axes, onset)
     axes.axhline(0.0, color="k", lw=1)
     axes.plot(value, zeta, ".", ms=3, color="C0")
     reach = 3.0 * float(np.percentile(np.abs(zeta), 50)) if len(zeta) else 0.1
@@ -153,23 +153,23 @@ def _damping(axes: Axes, found: Onset, modes: Modes) -> None:
     axes.set(ylim=(-reach, reach), ylabel="damping ratio (below 0: grows)", title="root locus")
     legend: list[Any] = []
     for state, (colour, text) in STATES.items():
-        if any(each.confirmation.confirmed is state for each in found.findings):
+        if any(each.confirmation.confirmed is state for each in onset.findings):
             legend += axes.plot([], [], color=colour, ls="--", lw=1, label=f"crossing, {text}")
     legend.append(axes.axvspan(np.nan, np.nan, color="C2", alpha=0.2, lw=0, label="stable"))
     axes.legend(handles=legend, fontsize="x-small", loc="upper right")
 
 
-def _frequency(axes: Axes, found: Onset, modes: Modes) -> None:
+def _frequency(axes: Axes, onset: Onset, modes: Modes) -> None:
     value, real, imag = modes
-    _over(axes, found)
+    _over(axes, onset)
     hertz = imag / (2.0 * math.pi)
     stable = real < 0.0
     axes.plot(value[stable], hertz[stable], ".", ms=3, color="C0", label="decays")
     axes.plot(value[~stable], hertz[~stable], ".", ms=3, color="C3", label="grows")
-    for crossing in (each.crossing for each in found.findings if each.crossing.frequency):
+    for crossing in (each.crossing for each in onset.findings if each.crossing.frequency):
         axes.plot(crossing.value, crossing.frequency, "o", mfc="none", mec="k", ms=7)
     if len(hertz) and hertz.max() > 5.0 * hertz.min():
         axes.set_yscale("log")
     _engineering(axes.yaxis, "Hz", *axes.get_ylim())
-    axes.set(xlabel=found.axis.name, ylabel="ringing frequency")
+    axes.set(xlabel=onset.axis.name, ylabel="ringing frequency")
     axes.legend(fontsize="x-small", loc="best")

@@ -1,4 +1,4 @@
-"""An onset as JSON and as a table."""
+"""Stability crossings as JSON and as a table."""
 
 from __future__ import annotations
 
@@ -20,26 +20,26 @@ from verification.studies.onset.transient_trial import Side
 CONFIRMED = {True: "[green]yes[/green]", False: "[red]no[/red]", None: "[yellow]undecided[/yellow]"}
 
 
-def onset_document(found: Onset) -> dict[str, Any]:
-    """Return `found` as plain data, SI base units."""
-    samples = found.scan.samples
+def onset_document(onset: Onset) -> dict[str, Any]:
+    """Return `onset` as plain data, SI base units."""
+    samples = onset.scan.samples
     return {
-        "scene": found.scene.name,
-        "file": str(found.scene.file),
-        "over": found.axis.key.path,
-        "unit": found.axis.key.unit,
-        "own_value": own_value(found.scene, found.axis.key),
+        "scene": onset.scene.name,
+        "file": str(onset.scene.file),
+        "over": onset.axis.key.path,
+        "unit": onset.axis.key.unit,
+        "own_value": own_value(onset.scene, onset.axis.key),
         "scanned": {
             "from": samples[0].value,
             "to": samples[-1].value,
             "points": len(samples),
-            "scale": "logarithmic" if found.scan.logarithmic else "linear",
-            "default": found.axis.default,
+            "scale": "logarithmic" if onset.scan.logarithmic else "linear",
+            "default": onset.axis.default,
         },
-        "complete": found.scan.complete,
-        "crossings": [_finding(each, found.scan.complete) for each in found.findings],
-        "unstable_counts": [asdict(count) for count in found.counts],
-        "stable_ranges": [list(pair) for pair in found.scan.stable_ranges],
+        "complete": onset.scan.complete,
+        "crossings": [_finding(each, onset.scan.complete) for each in onset.findings],
+        "unstable_counts": [asdict(count) for count in onset.counts],
+        "stable_ranges": [list(pair) for pair in onset.scan.stable_ranges],
         "failures": [{"value": s.value, "reason": s.failure} for s in samples if s.failure],
     }
 
@@ -85,62 +85,62 @@ def direction(crossing: AxisCrossing) -> str:
     return "unstable above" if crossing.unstable_above else "unstable below"
 
 
-def print_onset(found: Onset, console: Console) -> None:
+def print_onset(onset: Onset, console: Console) -> None:
     """Print the scanned range, the crossings, and the stable ranges."""
-    samples, unit, name = found.scan.samples, found.axis.key.unit, found.axis.name
+    samples, unit, name = onset.scan.samples, onset.axis.key.unit, onset.axis.name
     low, high = show(samples[0].value, unit), show(samples[-1].value, unit)
-    range_ = f"{name} from {low} to {high}" + (" (default range)" if found.axis.default else "")
+    range_ = f"{name} from {low} to {high}" + (" (default range)" if onset.axis.default else "")
     console.print(
-        f"[bold]{escape(found.scene.name)}[/bold]: {range_}, poles at {len(samples)} values"
+        f"[bold]{escape(onset.scene.name)}[/bold]: {range_}, poles at {len(samples)} values"
     )
     if failed := [sample for sample in samples if sample.failure]:
         console.print(
             f"[yellow]no poles at {len(failed)} of them[/yellow], the first at"
             f" {show(failed[0].value, unit)}: {escape(failed[0].failure)}"
         )
-    console.print(_table(found) if found.findings else "no crossing")
-    for each in found.findings:
+    console.print(_table(onset) if onset.findings else "no crossing")
+    for each in onset.findings:
         if each.confirmation.reason:
             where = show(each.crossing.value, unit, 7)
             console.print(f"{where}: {escape(each.confirmation.reason)}")
-    if not found.scan.complete:
+    if not onset.scan.complete:
         console.print(
             "large board: only the rightmost poles were computed, so the list has no modes that"
             " begin or cease to grow while other modes grow"
         )
-    console.print(_counts(found))
-    ranges = ", ".join(f"{show(a, unit)} to {show(b, unit)}" for a, b in found.scan.stable_ranges)
+    console.print(_counts(onset))
+    ranges = ", ".join(f"{show(a, unit)} to {show(b, unit)}" for a, b in onset.scan.stable_ranges)
     console.print(f"stable: {ranges or 'nowhere in this range'}")
 
 
-def _counts(found: Onset) -> str:
+def _counts(onset: Onset) -> str:
     """Say whether the winding numbers between the crossings agree with the poles."""
-    unit = found.axis.key.unit
-    wrong = [c for c in found.counts if c.winding is not None and c.winding != c.poles]
+    unit = onset.axis.key.unit
+    wrong = [c for c in onset.counts if c.winding is not None and c.winding != c.poles]
     if wrong:
         parts = (f"{c.winding} not {c.poles} at {show(c.value, unit)}" for c in wrong)
         return "[red]winding numbers contradict the poles[/red]: " + ", ".join(parts)
-    counted = sum(c.winding is not None for c in found.counts)
-    return f"winding numbers agree with the poles in {counted} of {len(found.counts)} ranges"
+    counted = sum(c.winding is not None for c in onset.counts)
+    return f"winding numbers agree with the poles in {counted} of {len(onset.counts)} ranges"
 
 
-def _table(found: Onset) -> Table:
+def _table(onset: Onset) -> Table:
     titles = ("crossing", "frequency", "unstable", "confirmed", "rate below", "rate above")
-    complete = found.scan.complete
+    complete = onset.scan.complete
     rows = [
         (
-            show(crossing.value, found.axis.key.unit, 7),
+            show(crossing.value, onset.axis.key.unit, 7),
             show(crossing.frequency, "Hz", 5) if crossing.frequency else "real pole",
             f"{_count(crossing.below, complete)} → {_count(crossing.above, complete)}",
             CONFIRMED[trial.confirmed],
             _rates(trial.below),
             _rates(trial.above),
         )
-        for crossing, trial in ((each.crossing, each.confirmation) for each in found.findings)
+        for crossing, trial in ((each.crossing, each.confirmation) for each in onset.findings)
     ]
     caption = (
-        "unstable: poles right of the imaginary axis below and above the crossing;\n"
-        "rate: 1/s, fitted to a transient beside the crossing (and real part of the pole)"
+        "unstable: poles right of the axis below and above the crossing;\n"
+        "rate: 1/s, fitted to a transient (and real part of the pole)"
     )
     return make_table(titles, rows, caption=caption, collapse_padding=True)
 

@@ -42,41 +42,41 @@ Images = Mapping[str, bytes]
 
 
 def paper_markdown(
-    found: Reproduction, images: Images, summary: str, machine: Mapping[str, str]
+    result: Reproduction, images: Images, summary: str, machine: Mapping[str, str]
 ) -> str:
     """Return the page as Markdown; its pictures stand beside it as ``NAME.png``."""
-    return "\n".join(_markdown(found, images, summary, machine)) + "\n"
+    return "\n".join(_markdown(result, images, summary, machine)) + "\n"
 
 
 def _markdown(
-    found: Reproduction, images: Images, summary: str, machine: Mapping[str, str]
+    result: Reproduction, images: Images, summary: str, machine: Mapping[str, str]
 ) -> Iterator[str]:
     yield from (f"# {TITLE}", "", f"{SOURCE}.", "", markdown_line(summary))
-    for section in found.sections:
+    for section in result.sections:
         yield from ("", f"## {section.title}", "")
         yield from markdown_table(COLUMNS, (cells for _, cells in _rows(section)))
         for picture in _drawn(section, images):
             yield from ("", f"![{markdown_line(picture.caption)}]({picture.name}.png)")
             yield from ("", markdown_line(picture.caption))
-    yield from ("", f"Made by `taction reproduce` in {found.seconds:.0f} s.", "")
+    yield from ("", f"Made by `taction reproduce` in {result.seconds:.0f} s.", "")
     yield from (f"- {name}: {markdown_line(value)}" for name, value in machine.items())
 
 
 def paper_html(
-    found: Reproduction, images: Images, summary: str, machine: Mapping[str, str]
+    result: Reproduction, images: Images, summary: str, machine: Mapping[str, str]
 ) -> str:
     """Return the page as HTML with its pictures inside."""
-    return "\n".join(_html(found, images, summary, machine)) + "\n"
+    return "\n".join(_html(result, images, summary, machine)) + "\n"
 
 
 def _html(
-    found: Reproduction, images: Images, summary: str, machine: Mapping[str, str]
+    result: Reproduction, images: Images, summary: str, machine: Mapping[str, str]
 ) -> Iterator[str]:
     yield '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
     yield '<meta name="viewport" content="width=device-width, initial-scale=1">'
     yield f"<title>{TITLE}</title><style>{CSS}</style></head><body>"
     yield f"<h1>{TITLE}</h1><p>{escape(SOURCE)}.</p><p>{escape(summary)}</p>"
-    for section in found.sections:
+    for section in result.sections:
         yield f"<h2>{escape(section.title)}</h2>"
         yield f"<table><thead>{_cells('th', COLUMNS)}</thead><tbody>"
         for kind, cells in _rows(section):
@@ -88,7 +88,7 @@ def _html(
             yield f'<figure><img alt="{caption}" src="data:image/png;base64,{data}">'
             yield f"<figcaption>{caption}</figcaption></figure>"
     facts = "; ".join(f"{name} {value}" for name, value in machine.items())
-    yield f"<footer>Made by taction reproduce in {found.seconds:.0f} s. {escape(facts)}</footer>"
+    yield f"<footer>Made by taction reproduce in {result.seconds:.0f} s. {escape(facts)}</footer>"
     yield "</body></html>"
 
 

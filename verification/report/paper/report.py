@@ -27,16 +27,16 @@ COLOURS = {
 PAGES = ("paper.md", "paper.html")
 
 
-def paper_document(found: Reproduction) -> dict[str, Any]:
-    """Return `found` as plain data, SI base units."""
+def paper_document(result: Reproduction) -> dict[str, Any]:
+    """Return `result` as plain data, SI base units."""
     return {
-        "outcome": found.outcome,
-        "quick": found.quick,
-        "seconds": found.seconds,
+        "outcome": result.outcome,
+        "quick": result.quick,
+        "seconds": result.seconds,
         "machine": describe_machine(),
-        "claims": [_record(each) for each in found.judged],
-        "left_out": [claim.id for claim in found.left_out],
-        "chapters": [{"title": s.title, "seconds": s.seconds} for s in found.sections],
+        "claims": [_record(each) for each in result.judged],
+        "left_out": [claim.id for claim in result.left_out],
+        "chapters": [{"title": s.title, "seconds": s.seconds} for s in result.sections],
     }
 
 
@@ -56,22 +56,22 @@ def _record(each: Judged) -> dict[str, Any]:
     }
 
 
-def print_paper(found: Reproduction, console: Console) -> None:
+def print_paper(result: Reproduction, console: Console) -> None:
     """Print one table for each chapter, and the unexpected verdicts at the end."""
-    for section in found.sections:
+    for section in result.sections:
         console.print(f"\n[bold]{escape(section.title)}[/bold] ({section.seconds:.1f} s)")
         titles = ("claim", "printed", "run", "ours", "verdict")
         console.print(make_table(titles, map(_row, section.judged)))
-    if found.left_out:
-        names = ", ".join(claim.id for claim in found.left_out)
+    if result.left_out:
+        names = ", ".join(claim.id for claim in result.left_out)
         console.print(f"left out of a quick run: {names}")
-    for each in found.judged:
+    for each in result.judged:
         if not each.as_expected:
             console.print(
                 f"[red]{each.claim.id}[/red]: {each.finding.outcome.value}; expected:"
                 f" {each.claim.expected.value}. {escape(each.finding.ours)}"
             )
-    console.print(f"{summary(found)} {found.seconds:.0f} s.")
+    console.print(f"{summary(result)} {result.seconds:.0f} s.")
 
 
 def _row(each: Judged) -> list[RenderableType]:
@@ -81,9 +81,9 @@ def _row(each: Judged) -> list[RenderableType]:
     return [*map(escape, texts), Text(outcome.value, style=COLOURS[outcome])]
 
 
-def summary(found: Reproduction) -> str:
+def summary(result: Reproduction) -> str:
     """Return the number of claims with each verdict."""
-    outcomes = [each.finding.outcome for each in found.judged]
+    outcomes = [each.finding.outcome for each in result.judged]
     counts = ", ".join(f"{o.value} {outcomes.count(o)}" for o in ClaimOutcome if o in outcomes)
     return f"{len(outcomes)} claims: {counts}."
 
@@ -103,7 +103,7 @@ def check_report_folder(folder: str) -> None:
         raise InputError("--output", Complaint("DIR", repr(folder), text)) from None
 
 
-def write_paper(found: Reproduction, folder: str) -> tuple[str, ...]:
+def write_paper(result: Reproduction, folder: str) -> tuple[str, ...]:
     """Write `PAGES` and their pictures into `folder`; return the files' names.
 
     Without matplotlib the pages have no pictures. The HTML page holds its pictures itself.
@@ -113,12 +113,12 @@ def write_paper(found: Reproduction, folder: str) -> tuple[str, ...]:
     InputError
         A file cannot be written.
     """
-    pictures = [picture for section in found.sections for picture in section.pictures]
+    pictures = [picture for section in result.sections for picture in section.pictures]
     images = {each.name: draw(each) for each in pictures} if can_draw() else {}
     machine = {name: str(value) for name, value in describe_machine().items()}
     texts = (paper_markdown, paper_html)
     for name, page in zip(PAGES, texts, strict=True):
-        write_atomically(Path(folder) / name, page(found, images, summary(found), machine))
+        write_atomically(Path(folder) / name, page(result, images, summary(result), machine))
     for name, image in images.items():
         write_atomically(Path(folder) / f"{name}.png", image)
     return (*PAGES, *(f"{name}.png" for name in images))

@@ -17,7 +17,7 @@ from verification.studies.regression.run import RegressionReport, Status
 
 
 def regression_markdown(report: RegressionReport) -> str:
-    """Return a run as Markdown: a table of scenes, then a table of what changed in each."""
+    """Return a run as Markdown: a table of the scenes, then a table of changes for each."""
     return "\n".join(_lines(report)) + "\n"
 
 

@@ -30,7 +30,7 @@ COLOUR = {
 
 
 def summary_row(result: SceneResult) -> tuple[str, ...]:
-    """Return one scene's row under the titles `SUMMARY`."""
+    """Return the row of one scene under the titles `SUMMARY`."""
     passed = sum(check.outcome.value == "pass" for check in result.checks)
     checks = f"{passed} of {len(result.checks)} pass" if result.checks else "-"
     worst = off_text(result.worst) if result.differences else "-"
@@ -41,7 +41,7 @@ def summary_row(result: SceneResult) -> tuple[str, ...]:
 
 
 def change_rows(result: SceneResult) -> list[tuple[str, ...]]:
-    """Return the changed quantities under the titles `CHANGES`, `SHOWN` of them at the most."""
+    """Return at most `SHOWN` changed quantities under the titles `CHANGES`."""
     rows: list[tuple[str, ...]] = [
         (
             PREFIX.get(d.group, "") + d.name,
@@ -58,7 +58,7 @@ def change_rows(result: SceneResult) -> list[tuple[str, ...]]:
 
 
 def change_line(d: Difference) -> str:
-    """Return one changed quantity in a line."""
+    """Return a changed quantity as one line of text."""
     now, then = value_text(d.value, d.unit), value_text(d.baseline, d.unit)
     text = f"{PREFIX.get(d.group, '')}{d.name}: {now}, baseline {then}"
     if d.tolerance is not None:
@@ -74,7 +74,7 @@ def remarks(result: SceneResult) -> list[str]:
 
 
 def headline(report: RegressionReport) -> str:
-    """Return the run in one line."""
+    """Return the counts of the run as one line of text."""
     counts = ", ".join(f"{count} {status}" for status, count in report.count().items())
     text = f"{report.folder} against {report.baseline}: {counts}"
     return text if report.revision == "unknown" else f"{text}; at {short(report.revision)}"
@@ -96,7 +96,7 @@ def value_text(value: float | str | None, unit: str) -> str:
 
 
 def print_regression(report: RegressionReport, console: Console) -> None:
-    """Print the scenes, then what changed in each."""
+    """Print the scenes, then the changes of each scene."""
     rows: list[list[RenderableType]] = []
     for result in report.results:
         file, status, *others = map(escape, summary_row(result))

@@ -40,8 +40,8 @@ def check_sweep_export(path: str) -> None:
 def export_sweep(plan: Plan, store: Store, path: str) -> None:
     """Write every stored point of `plan` to `path`.
 
-    CSV and Parquet have one row a point and engine; netCDF has one dimension a group of axes and
-    one for the engine, with the axes as coordinates and units on everything.
+    CSV and Parquet have one row for each point and engine; netCDF has one dimension for each group
+    of axes and one for the engine, the axes as coordinates, and a unit for every variable.
 
     Raises
     ------
@@ -126,14 +126,14 @@ def grids(plan: Plan, store: Store) -> dict[str, np.ndarray[Any, Any]]:
 
 
 def frame(plan: Plan, store: Store) -> Any:
-    """Return the stored points as a pandas DataFrame: one row a point and engine, as in a CSV."""
+    """Return the stored points as a pandas DataFrame: the rows of a CSV file."""
     import pandas as pd
 
     return pd.DataFrame(_rows(plan, store), columns=_titles(plan))
 
 
 def dataset(plan: Plan, store: Store) -> Any:
-    """Return the grid as an xarray Dataset: one dimension a group of axes, one for the engine."""
+    """Return the grid as an xarray Dataset: the dimensions of netCDF."""
     import xarray as xr
 
     dimensions = [group[0].name for group in plan.groups]

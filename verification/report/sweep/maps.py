@@ -58,7 +58,9 @@ def check_sweep_plot(plan: Plan, path: str) -> None:
     """
     check_plot_file(path)
     if len(plan.groups) > 2:
-        text = f"{len(plan.groups)} axes; one or two can be drawn, --export holds them all"
+        text = (
+            f"{len(plan.groups)} axes; a picture has one or two axes, --export writes all of them"
+        )
         raise InputError("--plot", Complaint("FILE", repr(path), text))
 
 

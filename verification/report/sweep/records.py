@@ -49,7 +49,7 @@ def all_records(plan: Plan, store: Store) -> Iterator[dict[str, Any] | None]:
 
 
 def document_parts(plan: Plan, store: Store, count: Count, seconds: float) -> Iterator[str]:
-    """Yield the JSON document in pieces: it may be larger than the memory."""
+    """Yield the JSON document in pieces, since it may be larger than the memory."""
     head = {
         "scene": plan.scene.name,
         "file": str(plan.scene.file),

@@ -46,7 +46,7 @@ class SweepResult:
         return records(self.plan, self.store)
 
     def to_pandas(self) -> Any:
-        """Return a ``pandas.DataFrame``: one row a point and engine, one column an axis or figure.
+        """Return a ``pandas.DataFrame``: a row for each point and engine, a column for each figure.
 
         Raises
         ------

@@ -39,7 +39,7 @@ def print_yield(report: YieldReport, seed: int) -> None:
 
 
 def print_corners(corners: tuple[Corner, ...], quantities: tuple[Quantity, ...]) -> None:
-    """Print every corner with its outcome and what decides it."""
+    """Print every corner with its outcome, its failed checks and the components behind them."""
     console = Console(highlight=False)
     rows = [
         (

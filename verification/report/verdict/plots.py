@@ -60,7 +60,7 @@ def new_figure(width: float, height: float) -> Iterator[Figure]:
 
 @contextmanager
 def figure_file(path: str, width: float, height: float, title: str = "") -> Iterator[Figure]:
-    """Give a `new_figure`, and write it to `path` at the end; the same picture, the same bytes.
+    """Give a `new_figure` and write the finished picture to `path`, always with the same bytes.
 
     Raises
     ------

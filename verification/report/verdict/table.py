@@ -33,7 +33,7 @@ def print_verdict(verdict: Verdict, console: Console) -> None:
 
 
 def verdict_text(verdict: Verdict) -> str:
-    """Return what `print_verdict` prints, without colours."""
+    """Return the text of `print_verdict` without colours."""
     text = io.StringIO()
     print_verdict(verdict, Console(file=text, highlight=False, color_system=None))
     return text.getvalue().removesuffix("\n")

@@ -21,7 +21,7 @@ BELOW: dict[str, Any] = {"xytext": (0, -14), "textcoords": "offset points", "ha"
 
 
 def plot_study(study: Study, path: str) -> None:
-    """Draw the largest error against run time and against the mean step, one row a problem.
+    """Draw the largest error against run time and against the mean step, a row for each problem.
 
     The order is fitted to the filled marks, the dotted line shows the fit; a bar ends at the
     fastest and the slowest run; a cross at the upper edge is a run that timed out; the grey line

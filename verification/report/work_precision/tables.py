@@ -80,7 +80,7 @@ def _method(study: Study, method: Method) -> dict[str, Any]:
 
 
 def point_record(point: SettingResult) -> dict[str, Any]:
-    """Return one setting as plain data."""
+    """Return the result of one setting as plain data."""
     return {
         "setting": point.setting if point.method.setting else None,
         "status": point.status,
@@ -114,13 +114,13 @@ def print_study(study: Study, console: Console) -> None:
     """Print the points, the orders, the cheapest settings and the omissions."""
     console.print(f"[bold]{escape(study.scene.name)}[/bold]: error against run time")
     console.print(f"board: {study.extent.text}")
-    for problem, found in study.problems.items():
+    for problem, errors in study.problems.items():
         console.print(_points(study, problem))
-        console.print(_scale_text(found), style="dim")
+        console.print(_scale_text(errors), style="dim")
         for point in _of(study, problem):
             if point.note:
-                what = f"{point.method.name}, {point.name}: {point.status}"
-                console.print(f"[yellow]{what}[/yellow] {escape(point.note)}")
+                run = f"{point.method.name}, {point.name}: {point.status}"
+                console.print(f"[yellow]{run}[/yellow] {escape(point.note)}")
     console.print(_orders(study))
     console.print(_cheapest_table(study))
     for omission in study.omissions:
@@ -171,15 +171,15 @@ def _error(value: float | None) -> str:
     return "-" if value is None else f"{value:.1e}"
 
 
-def _scale_text(found: ProblemErrors) -> str:
-    scale = found.scale
+def _scale_text(errors: ProblemErrors) -> str:
+    scale = errors.scale
     if scale is None:
         return "no reference"
     settling = "not reached" if scale.settling_time is None else show(scale.settling_time, "s")
-    text = f"reference: {found.references[0]}"
-    if len(found.references) > 1:
-        text += f", checked by {found.references[1]}; the largest difference of the two is"
-        text += f" {_error(found.floor['maximum'])}"
+    text = f"reference: {errors.references[0]}"
+    if len(errors.references) > 1:
+        text += f", checked by {errors.references[1]}; the largest difference of the two is"
+        text += f" {_error(errors.floor['maximum'])}"
     return f"{text}; step {show(scale.amplitude, 'V')}; ±{100 * scale.band:g} % at {settling}"
 
 

@@ -30,7 +30,7 @@ def kernels(quick: bool) -> Chapter:
 
 
 def _printed(offset: Floats, nu: float) -> Floats:
-    """Return the kernel of eq (2) as it is printed, x = E = 1."""
+    """Return the kernel of eq (2) as printed, with x = E = 1."""
     return np.asarray(
         2.0 * ((1 - nu) ** 2 - nu * (nu + 1) * offset**2) / (np.pi * (1 + offset**2) ** 2)
     )
