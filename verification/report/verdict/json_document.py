@@ -1,4 +1,4 @@
-"""A verdict as one JSON document; SI base units throughout."""
+"""A verdict as one JSON document in SI base units."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ def verdict_document(verdict: Verdict) -> dict[str, Any]:
         },
         "energy": {
             "identity_residual": verdict.ideal.transient.energy_residual,
-            "rise": None if verdict.energy is None else verdict.energy.rise,
-            "rise_time": None if verdict.energy is None else verdict.energy.time,
+            "rise": verdict.energy and verdict.energy.rise,
+            "rise_time": verdict.energy and verdict.energy.time,
         },
         "constraint_plane": None if verdict.constraint is None else asdict(verdict.constraint),
         "error_budget": {

@@ -171,7 +171,7 @@ def test_what_cannot_be_written_is_refused_before_any_work(folder: Path) -> None
         (("--export", "a.xls"), ".csv, .parquet, .nc"),
         (("--export", "missing/a.csv"), "folder does not exist"),
         (("--plot", "a.gif"), ".png, .svg, .pdf"),
-        (("--plot", "a.png", "--over", "R=1M,2M"), "one or two can be drawn"),
+        (("--plot", "a.png", "--over", "R=1M,2M"), "a picture has one or two axes"),
     ):
         done = taction(*OVER, *words)
         assert done.exit_code == 2, done.output
