@@ -77,9 +77,7 @@ def reports_errors(function: Callable[..., None]) -> Callable[..., None]:
         except TactionError as error:
             _report(error, as_json)
         except MemoryError:
-            _report(
-                NoVerdictError("out of memory: the scene is too large"), as_json
-            )
+            _report(NoVerdictError("out of memory: the scene is too large"), as_json)
         except (click.exceptions.Exit, click.ClickException, click.Abort):
             raise
         except KeyboardInterrupt:

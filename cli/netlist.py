@@ -24,7 +24,7 @@ def netlist(scene: str, output: str | None, explain: bool, split: bool, as_json:
 
     circuit, deck = deck_of(read_scene(scene), output=output, split=split)
     if explain:
-        click.echo(f"{circuit.name}: omitted, because the scene does not need it:", err=True)
+        click.echo(f"{circuit.name}: left out, not needed by the scene:", err=True)
         for item in circuit.omissions:
             click.echo(f"  {item.what}: {item.why}", err=True)
     written = [] if output is None else [str(file) for file in write_files(deck, output)]

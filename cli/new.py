@@ -13,9 +13,7 @@ from spice_models.errors import Complaint, InputError
 @command
 @click.argument("file", type=click.Path(dir_okay=False), default="scene.toml")
 @click.option("--force", is_flag=True, help="Overwrite FILE.")
-@click.option(
-    "--schema", is_flag=True, help="Print the JSON schema of scene files instead."
-)
+@click.option("--schema", is_flag=True, help="Print the JSON schema of scene files instead.")
 def new(file: str, force: bool, schema: bool, as_json: bool) -> None:
     """Write a scene to FILE (scene.toml): every key with its default and a comment."""
     if schema:
