@@ -79,7 +79,7 @@ def _read_csv(path: Path, key: str) -> Floats:
         OSError,
         ValueError,
         csv.Error,
-    ) as error:  # ValueError: binary data, or a wrong file name
+    ) as error:  # ValueError: binary data, wrong name
         text = f"{_reason(error)}; expected numbers separated by commas"
         raise InputError(path, Complaint(key, repr(path.name), text)) from None
     return np.array(rows, dtype=np.float64).reshape(len(rows), len(rows[0]) if rows else 0)
