@@ -52,7 +52,7 @@ def run(scene: Path, *options: str) -> Result:
         (TACTILE + "[design]\ncapacitance = 0", "design.capacitance", "0", "above zero"),
         (TACTILE + "[design]\ncapacitance = nan", "design.capacitance", "nan", "'10pF'"),
         (TACTILE + '[design]\ncapacitance = "10 V"', "design.capacitance", "'10 V'", "'10pF'"),
-        (TACTILE + '[design]\ncapacitance = "1,5pF"', "design.capacitance", "'1,5pF'", "not as a comma"),
+        (TACTILE + '[design]\ncapacitance = "1,5pF"', "design.capacitance", "'1,5pF'", "a comma"),
         (TACTILE + "[design]\ncapacitance = 2020-01-01", "design.capacitance", "", "'10pF'"),
         (TACTILE + "[design]\nstray_capacitance = -1", "design.stray_capacitance", "-1", "zero or"),
         (TACTILE + "[design]\nlambda = 1\nresistance = 2", "design.lambda", "1", "'resistance'"),
