@@ -12,7 +12,7 @@ from verification.studies.running.threads import THREADS
 
 # name: (module of this package, line of --help); the modules are imported later: a short start-up
 COMMANDS: dict[str, tuple[str, str]] = {
-    "verify": ("verify", "Simulate a board, measure, compare with the solution: the verdict."),
+    "verify": ("verify", "Simulate a board and check it against the solution."),
     "netlist": ("netlist", "Write the ngspice deck of a scene."),
     "solve": ("solve", "Solve the problem numerically, with a certificate."),
     "simulate": ("simulate", "Run the transient: waveforms and measurements."),

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     "-n", "count", default=1000, type=click.IntRange(1, 10_000_000), help="Most samples to draw."
 )
 @click.option("--seed", default=1, type=click.IntRange(0), help="Seed of the samples.")
-@click.option("--sample", type=click.IntRange(0), help="Verify only the sample of this number.")
+@click.option("--sample", type=click.IntRange(0), help="Verify only the sample with this number.")
 @click.option(
     "--until", help="Stop when the half width of the 95 % interval is below this: 1% or 0.01."
 )

@@ -29,7 +29,7 @@ def regress(
     """Verify every scene (*.toml) in DIR and compare the results with the baseline.
 
     Exit status: 1 if a check failed, or if a result differs from the baseline by more than the
-    scene's table [regression] allows. With --update a difference is accepted, a failed check not.
+    scene's table [regression] allows. --update accepts differences, but no failed check.
     """
     from pathlib import Path
 
