@@ -20,7 +20,7 @@ from spice_models.errors import Complaint, InputError
 
 if TYPE_CHECKING:
     from verification.studies.tolerance.varied_board import VariedBoard
-    from verification.studies.tolerance.yield_report import Tally, YieldReport
+    from verification.studies.tolerance.yield_report import SampleCollection, YieldReport
 
 ENGINES = click.Choice(["auto", "ngspice", "statespace"])
 JOBS = click.option("--jobs", type=click.IntRange(1, 4096), help="Processes; one a core if absent.")
@@ -54,16 +54,16 @@ def montecarlo(scene: str, count: int, seed: int, as_json: bool, **options: Any)
     from verification.ideal.lambda_rule import read_scene
     from verification.studies.tolerance.drawing import half_width
     from verification.studies.tolerance.varied_board import prepare
-    from verification.studies.tolerance.yield_report import Tally, report
+    from verification.studies.tolerance.yield_report import SampleCollection, summarise_samples
 
     width = half_width(options["until"])
     study = prepare(read_scene(scene, options["engine"]))
     if options["sample"] is not None:
         _one(study, seed, options["sample"], as_json)
         return
-    tally = Tally(count, width)
+    tally = SampleCollection(count, width)
     interrupted = _draw(study, seed, tally, options)
-    found = report(study, tally.samples, seed)
+    found = summarise_samples(study, tally.samples, seed)
     if as_json:
         document = {"scene": study.scene.name, "engine": study.scene.analysis.engine, "seed": seed}
         print_json(document | {"complete": not interrupted} | asdict(found))
@@ -120,7 +120,7 @@ def corners(
     sys.exit(STATUS[next((o for o in ("fail", "inconclusive") if o in outcomes), "pass")])
 
 
-def _draw(study: VariedBoard, seed: int, tally: Tally, options: dict[str, Any]) -> bool:
+def _draw(study: VariedBoard, seed: int, tally: SampleCollection, options: dict[str, Any]) -> bool:
     """Draw what is missing; return whether Ctrl-C ended it."""
     from verification.studies.running.executors import workers_at
     from verification.studies.tolerance.drawing import draw_samples

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from verification.pipeline.clock import Progress
     from verification.report.sweep.result import SweepResult
     from verification.studies.onset.onset import Onset
-    from verification.studies.sweep.run import Count
+    from verification.studies.sweep.run import SweepCounts
     from verification.studies.tolerance.yield_report import YieldReport
 
 
@@ -163,7 +163,7 @@ def sweep(
     )
     store = Store(":memory:" if output is None else str(output))
 
-    def show(count: Count) -> None:
+    def show(count: SweepCounts) -> None:
         progress(f"{count.done} of {count.total} points")
 
     with workers_at(cluster, jobs) as workers:
@@ -233,9 +233,9 @@ def montecarlo(
     from verification.studies.running.executors import workers_at
     from verification.studies.tolerance.drawing import draw_samples, half_width
     from verification.studies.tolerance.varied_board import prepare
-    from verification.studies.tolerance.yield_report import Tally, report
+    from verification.studies.tolerance.yield_report import SampleCollection, summarise_samples
 
-    tally = Tally(samples, half_width(until))
+    tally = SampleCollection(samples, half_width(until))
     study = prepare(read_scene(scene, engine))
     draw_samples(study, seed, tally, workers_at(cluster, jobs), output, progress)
-    return report(study, tally.samples, seed)
+    return summarise_samples(study, tally.samples, seed)

@@ -17,7 +17,7 @@ from netlist_gen.overrides.axes import Axis
 from netlist_gen.quantities import show
 from verification.studies.figures import FIGURES
 from verification.studies.sweep.plan import Plan, Requests
-from verification.studies.sweep.run import Count
+from verification.studies.sweep.run import SweepCounts
 from verification.studies.sweep.store import Store
 
 LINES = 40  # of points that are listed; of more, only those without a verdict
@@ -38,18 +38,18 @@ def all_records(plan: Plan, store: Store) -> Iterator[dict[str, Any] | None]:
     """As `records`, with None in the place of a point that is not stored."""
     names = {axis.key.path: axis.name for axis in plan.axes}
     for point in Requests(plan):
-        row = store.row(point.request)
-        if row is None:
+        record = store.record_of(point.request)
+        if record is None:
             yield None
             continue
         values = {names[path]: value for path, value in point.values.items()}
         pole = None
-        if row.record["growth_rate"] is not None:
-            pole = [row.record["growth_rate"], 2.0 * math.pi * row.record["frequency"]]
-        yield {"values": values, **row.record, "engine": point.engine, "rightmost_pole": pole}
+        if record["growth_rate"] is not None:
+            pole = [record["growth_rate"], 2.0 * math.pi * record["frequency"]]
+        yield {"values": values, **record, "engine": point.engine, "rightmost_pole": pole}
 
 
-def document_parts(plan: Plan, store: Store, count: Count, seconds: float) -> Iterator[str]:
+def document_parts(plan: Plan, store: Store, count: SweepCounts, seconds: float) -> Iterator[str]:
     """Yield the JSON document in pieces: it may be larger than the memory."""
     head = {
         "scene": plan.scene.name,
@@ -84,7 +84,7 @@ def axis_record(axis: Axis, group: int) -> dict[str, Any]:
     }
 
 
-def print_sweep(plan: Plan, store: Store, count: Count, console: Console) -> None:
+def print_sweep(plan: Plan, store: Store, count: SweepCounts, console: Console) -> None:
     """Print the outcomes, and the points where they are few, else those without a verdict."""
     listed = list(_listed(plan, store, whole=count.total <= LINES))
     if listed:

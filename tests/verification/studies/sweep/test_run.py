@@ -23,7 +23,7 @@ from verification.studies.running.versions import OtherVersionsError, Versions, 
 from verification.studies.sweep import point as point_module
 from verification.studies.sweep.plan import Plan, Requests
 from verification.studies.sweep.point import Job, compute
-from verification.studies.sweep.run import Count, sweep
+from verification.studies.sweep.run import SweepCounts, sweep
 from verification.studies.sweep.store import Store
 from verification.verify import verify
 
@@ -45,7 +45,7 @@ def plan(*over: str, engines: tuple[str, ...] = ("statespace",), **more: Any) ->
     return Plan(asked, parse_axes(asked, over), engines, **more)
 
 
-def run(asked: Plan, path: Path, workers: Workers, **more: Any) -> tuple[Count, list[Any]]:
+def run(asked: Plan, path: Path, workers: Workers, **more: Any) -> tuple[SweepCounts, list[Any]]:
     with Store(str(path)) as store:
         count = sweep(asked, store, workers, **more)
         return count, list(records(asked, store))
