@@ -79,9 +79,9 @@ class SceneItem(pytest.Item):
             A check failed, nothing could be decided, or a result is not what the baseline holds.
         """
         from verification.studies.regression.baseline import git_revision
-        from verification.studies.regression.run import Status, judge_scene
+        from verification.studies.regression.run import Status, compare_scene
 
-        result = judge_scene(self.path, self._then, git_revision(self.path.parent))
+        result = compare_scene(self.path, self._then, git_revision(self.path.parent))
         if result.fails or result.status in (Status.NO_VERDICT, Status.BAD_INPUT):
             raise SceneFailed(result)
 

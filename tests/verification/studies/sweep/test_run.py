@@ -237,7 +237,7 @@ def test_workers_without_taction_or_without_a_scheduler_are_named(tmp_path: Path
         run(plan("C=50p"), path, Workers(Elsewhere(1), lambda: 1, ()))
     closed = ThreadPoolExecutor(1)
     closed.shutdown()
-    with pytest.raises(NoVerdictError, match="the same command goes on"):
+    with pytest.raises(NoVerdictError, match="the same command continues"):
         run(plan("C=50p"), path, Workers(closed, lambda: 1, ()))
 
 
