@@ -31,9 +31,9 @@ def accuracy(scene: str, budget: float, plot: str | None, as_json: bool) -> None
 
         check_plot_file(plot)
     from verification.report.work_precision.tables import accuracy_document, print_study
-    from verification.studies.work_precision.study import study
+    from verification.studies.work_precision.study import run_study
 
-    found = study(asked, budget=budget, progress=lambda stage: click.echo(stage, err=True))
+    found = run_study(asked, budget=budget, progress=lambda stage: click.echo(stage, err=True))
     if as_json:
         print_json(accuracy_document(found))
     else:

@@ -8,7 +8,7 @@ import numpy as np
 
 from verification.report.verdict.plots import STYLE, check_plot_file, save
 from verification.studies.work_precision.methods import Method
-from verification.studies.work_precision.study import SettingResult, Study
+from verification.studies.work_precision.study import SettingResult, WorkPrecisionStudy
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -18,7 +18,7 @@ MARKERS = "osDv^<>P"
 LOWEST = 1e-15  # an error of exactly 0 is drawn here
 
 
-def plot_study(study: Study, path: str) -> None:
+def plot_study(study: WorkPrecisionStudy, path: str) -> None:
     """Draw the largest error against run time and against the mean step, one row a problem.
 
     Filled marks are the points that the fitted order rests on, the dotted line is that fit; a bar
@@ -49,7 +49,7 @@ def plot_study(study: Study, path: str) -> None:
         save(figure, path)
 
 
-def _methods(study: Study, problem: str) -> list[tuple[Method, str, str]]:
+def _methods(study: WorkPrecisionStudy, problem: str) -> list[tuple[Method, str, str]]:
     """Return the methods of a problem with their colour and mark."""
     methods = dict.fromkeys(p.method for p in study.points if p.method.problem == problem)
     return [(m, f"C{k}", MARKERS[k % len(MARKERS)]) for k, m in enumerate(methods)]
@@ -60,7 +60,7 @@ def _error(point: SettingResult) -> float | None:
     return None if error is None else max(error, LOWEST)
 
 
-def _work(axes: Axes, study: Study, problem: str) -> None:
+def _work(axes: Axes, study: WorkPrecisionStudy, problem: str) -> None:
     _floor(axes, study, problem)
     for method, colour, mark in _methods(study, problem):
         points = [p for p in study.of(method) if p.errors["maximum"] is not None]
@@ -91,7 +91,7 @@ def _late(axes: Axes, seconds: float, top: float, text: str, colour: str) -> Non
 _LABEL = "largest error over time (of the step)"
 
 
-def _steps(axes: Axes, study: Study, problem: str) -> None:
+def _steps(axes: Axes, study: WorkPrecisionStudy, problem: str) -> None:
     unit = study.extent.period if problem == "board" else 1.0
     for method, colour, mark in _methods(study, problem):
         points = study.of(method)
@@ -113,7 +113,7 @@ def _steps(axes: Axes, study: Study, problem: str) -> None:
         axes.legend(fontsize="small")
 
 
-def _floor(axes: Axes, study: Study, problem: str) -> None:
+def _floor(axes: Axes, study: WorkPrecisionStudy, problem: str) -> None:
     floor = study.problems[problem].floor["maximum"]
     if floor:
         axes.axhline(floor, color="0.6", lw=1, ls="--", zorder=0, label="the reference's own error")
