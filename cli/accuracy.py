@@ -22,9 +22,9 @@ def accuracy(scene: str, budget: float, plot: str | None, as_json: bool) -> None
     requested_scene = read_scene(scene)
     check_plot(plot)
     from verification.report.work_precision.tables import accuracy_document, print_study
-    from verification.studies.work_precision.study import study
+    from verification.studies.work_precision.study import run_study
 
-    result = study(requested_scene, budget=budget, progress=lambda s: click.echo(s, err=True))
+    result = run_study(requested_scene, budget=budget, progress=lambda s: click.echo(s, err=True))
     if as_json:
         print_json(accuracy_document(result))
     else:

@@ -53,9 +53,9 @@ def montecarlo(scene: str, count: int, seed: int, as_json: bool, **options: Any)
     from verification.studies.running.executors import workers_at
     from verification.studies.tolerance.drawing import draw_samples, half_width
     from verification.studies.tolerance.varied_board import prepare
-    from verification.studies.tolerance.yield_report import Tally, report
+    from verification.studies.tolerance.yield_report import SampleCollection, summarise_samples
 
-    tally = Tally(count, half_width(options["until"]))
+    tally = SampleCollection(count, half_width(options["until"]))
     study = prepare(read_scene(scene, options["engine"]))
     if options["sample"] is not None:
         _verify_sample(study, seed, options["sample"], as_json)
@@ -68,7 +68,7 @@ def montecarlo(scene: str, count: int, seed: int, as_json: bool, **options: Any)
     except KeyboardInterrupt:
         click.echo("taction: interrupted; the report holds the finished samples", err=True)
         interrupted = True
-    result = report(study, tally.samples, seed)
+    result = summarise_samples(study, tally.samples, seed)
     if as_json:
         document = {"scene": study.scene.name, "engine": study.scene.analysis.engine, "seed": seed}
         print_json(document | {"complete": not interrupted} | asdict(result))

@@ -23,7 +23,7 @@ from cli.common import (
 
 if TYPE_CHECKING:
     from verification.studies.sweep.plan import Plan
-    from verification.studies.sweep.run import Count
+    from verification.studies.sweep.run import SweepCounts
     from verification.studies.sweep.store import Store
 
 
@@ -91,7 +91,7 @@ def _check_files(plan: Plan, options: dict[str, Any]) -> None:
         check_sweep_plot(plan, options["plot"])
 
 
-def _run(plan: Plan, store: Store, options: dict[str, Any]) -> Count:
+def _run(plan: Plan, store: Store, options: dict[str, Any]) -> SweepCounts:
     from verification.studies.running.executors import workers_at
     from verification.studies.sweep.run import sweep as run
 
@@ -106,7 +106,7 @@ def _run(plan: Plan, store: Store, options: dict[str, Any]) -> Count:
             sys.exit(130)
 
 
-def _report(plan: Plan, store: Store, count: Count, seconds: float, *, as_json: bool) -> None:
+def _report(plan: Plan, store: Store, count: SweepCounts, seconds: float, *, as_json: bool) -> None:
     from verification.report.sweep.records import document_parts, print_sweep
 
     if as_json:
@@ -130,7 +130,7 @@ def _write_files(plan: Plan, store: Store, options: dict[str, Any]) -> None:
 
 
 @contextmanager
-def _display(total: int) -> Iterator[Callable[[Count], None]]:
+def _display(total: int) -> Iterator[Callable[[SweepCounts], None]]:
     """Show progress, rate and remaining time on stderr if stderr is a terminal."""
     if not sys.stderr.isatty():
         yield lambda count: None
@@ -143,14 +143,14 @@ def _display(total: int) -> Iterator[Callable[[Count], None]]:
     with Progress(*columns, console=Console(stderr=True)) as display:
         task = display.add_task("sweep", total=total, state="starting")
 
-        def show(count: Count) -> None:
+        def show(count: SweepCounts) -> None:
             state = _state(count, time.perf_counter() - start)
             display.update(task, completed=count.done, state=state)
 
         yield show
 
 
-def _state(count: Count, seconds: float) -> str:
+def _state(count: SweepCounts, seconds: float) -> str:
     """Return the rate of the computed (not the stored) points, the remaining time, the outcomes."""
     outcomes = ", ".join(f"{number} {name}" for name, number in sorted(count.outcomes.items()))
     if not count.ran:

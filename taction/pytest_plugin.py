@@ -65,9 +65,9 @@ class SceneItem(pytest.Item):
     def runtest(self) -> None:
         """Verify the scene; SceneFailed without a pass, or if the baseline differs."""
         from verification.studies.regression.baseline import git_revision
-        from verification.studies.regression.run import Status, judge_scene
+        from verification.studies.regression.run import Status, compare_scene
 
-        result = judge_scene(self.path, self._entry, git_revision(self.path.parent))
+        result = compare_scene(self.path, self._entry, git_revision(self.path.parent))
         if result.fails or result.status in (Status.NO_VERDICT, Status.BAD_INPUT):
             raise SceneFailed(result)
 

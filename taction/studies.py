@@ -229,9 +229,9 @@ def montecarlo(
     from verification.studies.running.executors import workers_at
     from verification.studies.tolerance.drawing import draw_samples, half_width
     from verification.studies.tolerance.varied_board import prepare
-    from verification.studies.tolerance.yield_report import Tally, report
+    from verification.studies.tolerance.yield_report import SampleCollection, summarise_samples
 
-    tally = Tally(samples, half_width(until))
+    tally = SampleCollection(samples, half_width(until))
     study = prepare(read_scene(scene, engine))
     draw_samples(study, seed, tally, workers_at(cluster, jobs), output, progress)
-    return report(study, tally.samples, seed)
+    return summarise_samples(study, tally.samples, seed)

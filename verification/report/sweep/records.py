@@ -16,7 +16,7 @@ from netlist_gen.overrides.axes import Axis
 from verification.report.tables import make_table, spaced, value_text
 from verification.studies.figures import FIGURES
 from verification.studies.sweep.plan import Plan, Requests
-from verification.studies.sweep.run import Count
+from verification.studies.sweep.run import SweepCounts
 from verification.studies.sweep.store import Store
 
 LINES = 40  # points in the table; of a larger sweep only those without a verdict
@@ -37,18 +37,18 @@ def all_records(plan: Plan, store: Store) -> Iterator[dict[str, Any] | None]:
     """Yield as `records` does, with None for a point that is not stored."""
     names = {axis.key.path: axis.name for axis in plan.axes}
     for point in Requests(plan):
-        row = store.row(point.request)
-        if row is None:
+        record = store.record_of(point.request)
+        if record is None:
             yield None
             continue
         values = {names[path]: value for path, value in point.values.items()}
         pole = None
-        if row.record["growth_rate"] is not None:
-            pole = [row.record["growth_rate"], 2.0 * math.pi * row.record["frequency"]]
-        yield {"values": values, **row.record, "engine": point.engine, "rightmost_pole": pole}
+        if record["growth_rate"] is not None:
+            pole = [record["growth_rate"], 2.0 * math.pi * record["frequency"]]
+        yield {"values": values, **record, "engine": point.engine, "rightmost_pole": pole}
 
 
-def document_parts(plan: Plan, store: Store, count: Count, seconds: float) -> Iterator[str]:
+def document_parts(plan: Plan, store: Store, count: SweepCounts, seconds: float) -> Iterator[str]:
     """Yield the JSON document in pieces, since it may be larger than the memory."""
     head = {
         "scene": plan.scene.name,
@@ -83,7 +83,7 @@ def axis_record(axis: Axis, group: int) -> dict[str, Any]:
     }
 
 
-def print_sweep(plan: Plan, store: Store, count: Count, console: Console) -> None:
+def print_sweep(plan: Plan, store: Store, count: SweepCounts, console: Console) -> None:
     """Print the outcomes, and the points if they are few, else the points without a verdict."""
     whole = count.total <= LINES
     listed = (r for r in records(plan, store) if whole or r["outcome"] == "error")

@@ -13,7 +13,7 @@ from verification.report.sweep.files import dataset, frame
 from verification.report.sweep.maps import plot_sweep
 from verification.report.sweep.records import records
 from verification.studies.sweep.plan import Plan
-from verification.studies.sweep.run import Count
+from verification.studies.sweep.run import SweepCounts
 from verification.studies.sweep.store import Store
 
 
@@ -27,13 +27,13 @@ class SweepResult:
         The grid: the axes, their values, the engines.
     store : Store
         A database in a file or in memory, open as long as the result exists.
-    count : Count
+    count : SweepCounts
         Numbers of all points, of the points computed now, and of each outcome.
     """
 
     plan: Plan
     store: Store
-    count: Count
+    count: SweepCounts
 
     def __repr__(self) -> str:
         plan, counts = self.plan, sorted(self.count.outcomes.items())

@@ -8,7 +8,7 @@ import numpy as np
 
 from verification.report.verdict.plots import figure_file
 from verification.studies.work_precision.methods import Method
-from verification.studies.work_precision.study import SettingResult, Study
+from verification.studies.work_precision.study import SettingResult, WorkPrecisionStudy
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,7 +20,7 @@ ERROR_LABEL = "largest error over time (of the step)"
 BELOW: dict[str, Any] = {"xytext": (0, -14), "textcoords": "offset points", "ha": "center"}
 
 
-def plot_study(study: Study, path: str) -> None:
+def plot_study(study: WorkPrecisionStudy, path: str) -> None:
     """Draw the largest error against run time and against the mean step, a row for each problem.
 
     The order is fitted to the filled marks, the dotted line shows the fit; a bar ends at the
@@ -43,7 +43,7 @@ def plot_study(study: Study, path: str) -> None:
             axes[1].set_title("error against the mean step")
 
 
-def _methods(study: Study, problem: str) -> list[tuple[Method, str, str]]:
+def _methods(study: WorkPrecisionStudy, problem: str) -> list[tuple[Method, str, str]]:
     """Return the methods of a problem with their colour and mark."""
     methods = dict.fromkeys(p.method for p in study.points if p.method.problem == problem)
     return [(m, f"C{k}", MARKERS[k % len(MARKERS)]) for k, m in enumerate(methods)]
@@ -54,7 +54,7 @@ def _error(point: SettingResult) -> float | None:
     return None if error is None else max(error, LOWEST)
 
 
-def _work(axes: Axes, study: Study, problem: str) -> None:
+def _work(axes: Axes, study: WorkPrecisionStudy, problem: str) -> None:
     if floor := study.problems[problem].floor["maximum"]:
         axes.axhline(floor, color="0.6", lw=1, ls="--", zorder=0, label="error of the reference")
     for method, colour, mark in _methods(study, problem):
@@ -79,7 +79,7 @@ def _work(axes: Axes, study: Study, problem: str) -> None:
     axes.legend(fontsize="small")
 
 
-def _steps(axes: Axes, study: Study, problem: str) -> None:
+def _steps(axes: Axes, study: WorkPrecisionStudy, problem: str) -> None:
     unit = study.extent.period if problem == "board" else 1.0
     for method, colour, mark in _methods(study, problem):
         points = study.of(method)

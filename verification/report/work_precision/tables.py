@@ -15,7 +15,7 @@ from verification.studies.work_precision.convergence_order import Order
 from verification.studies.work_precision.methods import Method
 from verification.studies.work_precision.norms import NORMS
 from verification.studies.work_precision.run_errors import ProblemErrors
-from verification.studies.work_precision.study import WANTED, SettingResult, Study
+from verification.studies.work_precision.study import ERRORS, SettingResult, WorkPrecisionStudy
 
 TITLES = {
     "final": "final",
@@ -27,7 +27,7 @@ TITLES = {
 PROBLEMS = {"board": "the whole board", "ideal": "the network with ideal op-amps"}
 
 
-def accuracy_document(study: Study) -> dict[str, Any]:
+def accuracy_document(study: WorkPrecisionStudy) -> dict[str, Any]:
     """Return `study` as plain data, SI base units; errors are fractions, None where unknown."""
     transient = study.extent.transient
     pole = study.extent.pole
@@ -43,7 +43,7 @@ def accuracy_document(study: Study) -> dict[str, Any]:
         "norms": list(NORMS),
         "problems": {name: _problem(errors) for name, errors in study.problems.items()},
         "methods": [_method(study, method) for method in methods],
-        "cheapest": [_cheapest(study, error) for error in WANTED],
+        "cheapest": [_cheapest(study, error) for error in ERRORS],
         "omissions": list(study.omissions),
         "machine": study.machine,
         "seconds": study.seconds,
@@ -62,7 +62,7 @@ def _problem(errors: ProblemErrors) -> dict[str, Any]:
     }
 
 
-def _method(study: Study, method: Method) -> dict[str, Any]:
+def _method(study: WorkPrecisionStudy, method: Method) -> dict[str, Any]:
     order = study.orders[method.name]
     return {
         "name": method.name,
@@ -97,7 +97,7 @@ def point_record(point: SettingResult) -> dict[str, Any]:
     }
 
 
-def _cheapest(study: Study, error: float) -> dict[str, Any]:
+def _cheapest(study: WorkPrecisionStudy, error: float) -> dict[str, Any]:
     document: dict[str, Any] = {"error": error, "any": None, "ngspice": None}
     for name, engines in (("any", None), ("ngspice", ["ngspice"])):
         if point := study.cheapest(error, engines=engines):
@@ -110,7 +110,7 @@ def _cheapest(study: Study, error: float) -> dict[str, Any]:
     return document
 
 
-def print_study(study: Study, console: Console) -> None:
+def print_study(study: WorkPrecisionStudy, console: Console) -> None:
     """Print the points, the orders, the cheapest settings and the omissions."""
     console.print(f"[bold]{escape(study.scene.name)}[/bold]: error against run time")
     console.print(f"board: {study.extent.text}")
@@ -129,7 +129,7 @@ def print_study(study: Study, console: Console) -> None:
     console.print(f"{facts}; the study took {study.seconds:.3g} s", style="dim")
 
 
-def _points(study: Study, problem: str) -> Table:
+def _points(study: WorkPrecisionStudy, problem: str) -> Table:
     points = _of(study, problem)
     norms = [n for n in NORMS if any(p.errors[n] is not None for p in points)]
     titles = (
@@ -157,7 +157,7 @@ def _points(study: Study, problem: str) -> Table:
     return make_table(["method", *columns], rows, title=title, collapse_padding=True)
 
 
-def _of(study: Study, problem: str) -> list[SettingResult]:
+def _of(study: WorkPrecisionStudy, problem: str) -> list[SettingResult]:
     return [point for point in study.points if point.method.problem == problem]
 
 
@@ -183,7 +183,7 @@ def _scale_text(errors: ProblemErrors) -> str:
     return f"{text}; step {show(scale.amplitude, 'V')}; ±{100 * scale.band:g} % at {settling}"
 
 
-def _orders(study: Study) -> Table:
+def _orders(study: WorkPrecisionStudy) -> Table:
     rows = []
     for name, order in study.orders.items():
         points = [point for point in study.points if point.method.name == name]
@@ -200,14 +200,14 @@ def _order(order: Order) -> str:
     return f"{order.value:.2f} ± {order.sigma:.2f}"
 
 
-def _cheapest_table(study: Study) -> Table:
+def _cheapest_table(study: WorkPrecisionStudy) -> Table:
     rows = [
         (
             f"{error:.0e}",
             *_choice(study.cheapest(error)),
             *_choice(study.cheapest(error, engines=["ngspice"])),
         )
-        for error in WANTED
+        for error in ERRORS
     ]
     titles = ("largest error", "cheapest", "time", "ngspice", "time")
     return make_table(titles, rows, caption="largest error over time on the board, as measured")

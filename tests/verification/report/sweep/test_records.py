@@ -24,7 +24,7 @@ from verification.report.sweep.maps import plot_sweep
 from verification.studies.running import executors
 from verification.studies.running.executors import Workers
 from verification.studies.sweep.plan import Plan
-from verification.studies.sweep.run import Count
+from verification.studies.sweep.run import SweepCounts
 from verification.studies.sweep.store import Store
 
 DESIGN = """[design]
@@ -187,6 +187,6 @@ def test_a_database_that_is_none(folder: Path) -> None:
 
 
 def test_rate_and_remaining_time_count_what_was_computed_only() -> None:
-    count = Count(total=100, done=60, ran=20, outcomes=Counter({"pass": 55, "fail": 5}))
+    count = SweepCounts(total=100, done=60, ran=20, outcomes=Counter({"pass": 55, "fail": 5}))
     assert _state(count, 10.0) == "2/s, 0:00:20 left; 5 fail, 55 pass"
-    assert _state(Count(total=9, done=2, outcomes=Counter({"pass": 2})), 1.0) == "2 pass"
+    assert _state(SweepCounts(total=9, done=2, outcomes=Counter({"pass": 2})), 1.0) == "2 pass"
