@@ -75,9 +75,9 @@ def measure_runs(
     """
     end, problems = clock.perf_counter() + seconds, {}
     for problem, ringing in (("ideal", None), ("board", pole)):  # an ideal network never rings
-        entries_of = [t for t in entries if t.method.problem == problem and t.run is not None]
+        completed = [t for t in entries if t.method.problem == problem and t.run is not None]
         target = _board_target(task) if problem == "board" else _ideal_target(task)
-        problems[problem] = _measure(task, problem, entries_of, target, band, ringing, worker, end)
+        problems[problem] = _measure(task, problem, completed, target, band, ringing, worker, end)
     return {problem: problems[problem] for problem in ("board", "ideal")}
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import statistics
 import time as clock
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from netlist_gen.board.circuit import Circuit
@@ -19,6 +19,7 @@ from netlist_gen.scene.scene import Scene
 from spice_models.errors import SimulationError
 from verification.engines.ngspice.executable import find_simulator
 from verification.ideal.ideal_answer import ideal_network, initial_voltages
+from verification.pipeline.clock import Progress
 from verification.studies.running.machine import describe_machine
 from verification.studies.running.worker import START_UP, Worker
 from verification.studies.work_precision.convergence_order import Order, fit_order
@@ -37,8 +38,6 @@ NEVER_RUN = (
     "ngspice without a maximum step: not run, its steps would follow no ladder",
 )
 ERRORS = tuple(10.0**-k for k in range(2, 11))
-
-Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)
