@@ -1,4 +1,4 @@
-"""Analyses as small data types; the deck writer and the engines read them."""
+"""Analyses as data; the deck writer and the engines read them."""
 
 from __future__ import annotations
 
@@ -14,23 +14,13 @@ FIRST_STEP = 1e-3  # of the maximum step
 
 @dataclass(frozen=True, slots=True)
 class Tolerances:
-    """What ngspice is told to achieve; chosen from the scene's own scales, never its defaults.
+    """Tolerances of ngspice; they follow from the scene's scales, not from ngspice's defaults."""
 
-    Attributes
-    ----------
-    relative : float
-        Of Newton's iteration.
-    current, voltage, charge : float
-        Absolute, A, V and C.
-    gmin : float
-        Parallel conductance and least pivot, S.
-    """
-
-    relative: float
-    current: float
-    voltage: float
-    charge: float
-    gmin: float
+    relative: float  # of Newton's iteration
+    current: float  # absolute, A
+    voltage: float  # absolute, V
+    charge: float  # absolute, C
+    gmin: float  # parallel conductance and smallest pivot, S
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +32,8 @@ class Transient:
     stop, max_step : float
         End and largest step, s.
     truncation : float
-        Local error that one step may make, relative: what bounds the step where the board is
-        faster than `max_step` provides for.
+        Largest relative truncation error of one step; it bounds the step where the board is too
+        fast for `max_step`.
     charge : float or None
         Charge below which that error counts absolutely, C; None for a charge far below every
         capacitor's.
@@ -55,7 +45,7 @@ class Transient:
     method : str
         Integration method.
     voltages : dict of str to float
-        Initial node voltages in V that replace zeros of ``"zero"``; they start a board along one
+        Initial node voltages, V, in the place of 0 V for ``"zero"``; they start a board along one
         of its modes.
     """
 
