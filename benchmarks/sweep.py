@@ -88,42 +88,34 @@ def best(rounds: int, contestants: dict[str, TimedRun]) -> dict[str, Score]:
     return found
 
 
-ONCE = "sweep --once"
+SWEEP, XARGS = "sweep", "xargs"
 SPICELIB, WAITLESS, SHARED = "spicelib", "spicelib, no waits", "PySpice, one core"
 CLOCK, CORE = {"wall": "by the clock"}, {"processor": "by processor time"}
 BOTH = CLOCK | CORE
-TWO = ", two decks"
 RATIOS = (  # who, times as fast as whom, and what is to be reached
-    (ONCE, "xargs, one deck", BOTH, 0.9),
-    ("sweep", "xargs, two decks", BOTH, 0.9),
-    ("state space", "sweep", BOTH, 20.0),
-    ("state space", ONCE, BOTH, 20.0),
-    (ONCE, f"{SPICELIB}, bare", CLOCK, 7.0),
-    (ONCE, f"{SPICELIB}, measured", CLOCK, 7.0),
-    (ONCE, f"{WAITLESS}, bare", CLOCK, None),
-    (ONCE, f"{WAITLESS}, measured", CLOCK, None),
-    (ONCE, f"{SHARED}, bare", CORE, 1.0),
-    (ONCE, f"{SHARED}, measured", CORE, 1.0),
-    ("sweep", f"{SPICELIB}{TWO}, bare", CLOCK, 7.0),
-    ("sweep", f"{SPICELIB}{TWO}, measured", CLOCK, 7.0),
-    ("sweep", f"{SHARED}{TWO}, bare", CORE, 1.0),
-    ("sweep", f"{SHARED}{TWO}, measured", CORE, 1.0),
+    (SWEEP, XARGS, BOTH, 0.9),
+    ("state space", SWEEP, BOTH, 20.0),
+    (SWEEP, f"{SPICELIB}, bare", CLOCK, 7.0),
+    (SWEEP, f"{SPICELIB}, measured", CLOCK, 7.0),
+    (SWEEP, f"{WAITLESS}, bare", CLOCK, None),
+    (SWEEP, f"{WAITLESS}, measured", CLOCK, None),
+    (SWEEP, f"{SHARED}, bare", CORE, 1.0),
+    (SWEEP, f"{SHARED}, measured", CORE, 1.0),
 )
 
 
-def rivals(once: Plan, full: Plan, library: SharedLibrary | None) -> dict[str, TimedRun]:
-    """Return other people's runners, as far as they are at hand."""
+def rivals(plan: Plan, library: SharedLibrary | None) -> dict[str, TimedRun]:
+    """Return other people's runners, as far as they are installed."""
     found: dict[str, TimedRun] = {}
     for what in ("bare", "measured"):
         measured = what == "measured"
-        for plan, decks in ((once, ""), (full, TWO)):
-            if not why_no_spicelib():
-                for name, waits in ((SPICELIB, True), (WAITLESS, False)):
-                    run = partial(by_spicelib, plan, measured=measured, waits=waits)
-                    found[f"{name}{decks}, {what}"] = run
-            if library is not None:
-                run = partial(library.run, plan, measured=measured)
-                found[f"{SHARED}{decks}, {what}"] = run
+        if not why_no_spicelib():
+            for name, waits in ((SPICELIB, True), (WAITLESS, False)):
+                found[f"{name}, {what}"] = partial(
+                    by_spicelib, plan, measured=measured, waits=waits
+                )
+        if library is not None:
+            found[f"{SHARED}, {what}"] = partial(library.run, plan, measured=measured)
     return found
 
 
@@ -134,16 +126,12 @@ def throughput(rounds: int) -> None:
     with tempfile.TemporaryDirectory() as folder:
         missing = [why_no_spicelib(), library.why_not(Path(folder))]
     for case, stop in CASES.items():
-        full = make_plan(stop, "ngspice", second_look=True)
-        once = make_plan(stop, "ngspice", second_look=False)
-        exact = make_plan(stop, "statespace", second_look=True)
+        plan, exact = make_plan(stop, "ngspice"), make_plan(stop, "statespace")
         contestants: dict[str, TimedRun] = {
-            "xargs, one deck": partial(by_xargs, once),
-            ONCE: partial(by_sweep, once, pool=pool),
-            "xargs, two decks": partial(by_xargs, full),
-            "sweep": partial(by_sweep, full, pool=pool),
+            XARGS: partial(by_xargs, plan),
+            SWEEP: partial(by_sweep, plan, pool=pool),
             "state space": partial(by_sweep, exact, pool=pool),
-        } | rivals(once, full, None if missing[1] else library)
+        } | rivals(plan, None if missing[1] else library)
         print(f"\n{case}: {POINTS} points, {JOBS} processes where nothing else is said")
         print_scores(best(rounds, contestants))
     for why in filter(None, missing):
@@ -168,10 +156,10 @@ def print_scores(scores: dict[str, Score]) -> None:
             wanted = "" if least is None else f" (to reach: {least:g})"
             print(f"  {fast} against {slow}: {', '.join(ratios)}{wanted}")
     for name, score in scores.items():
-        if name.endswith("measured") and TWO not in name:
-            pairs = zip(score.stored, scores[ONCE].stored, strict=True)
+        if name.endswith("measured"):
+            pairs = zip(score.stored, scores[SWEEP].stored, strict=True)
             worst = max(abs(a - b) for a, b in pairs)
-            print(f"  {name}: stored overshoots differ from {ONCE}'s by {worst:.1e}")
+            print(f"  {name}: stored overshoots differ from the sweep's by {worst:.1e}")
 
 
 class Instant(Executor):

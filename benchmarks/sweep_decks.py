@@ -16,7 +16,8 @@ from netlist_gen.overrides.axes import points as points_of
 from netlist_gen.problem.inverse_problem import make_problem
 from netlist_gen.scene.file import load_scene
 from verification.engines.ngspice.executable import environment, find_simulator
-from verification.pipeline.transient_plan import coarser, plan_transient
+from verification.engines.statespace.linearised.board import LinearBoard
+from verification.pipeline.transient_plan import plan_transient
 from verification.small_signal.time_scales import time_scales
 from verification.studies.sweep.plan import Plan
 
@@ -31,11 +32,11 @@ CASES = {  # stop time of the scene: 700 points a deck, and as long as the board
 }
 
 
-def make_plan(stop: str, engine: str, *, second_look: bool) -> Plan:
+def make_plan(stop: str, engine: str) -> Plan:
     """Return the sweep over `POINTS` seven-channel boards."""
     scene = load_scene(ROOT / "scenes" / "paper-breadboard.toml")
     scene = with_value(scene, "analysis.stop", stop)
-    return Plan(scene, parse_axes(scene, [OVER]), (engine,), second_look=second_look)
+    return Plan(scene, parse_axes(scene, [OVER]), (engine,))
 
 
 def decks(plan: Plan, folder: Path) -> list[Path]:
@@ -45,14 +46,13 @@ def decks(plan: Plan, folder: Path) -> list[Path]:
     for k, values in enumerate(points_of(plan.groups)):
         scene = with_values(plan.scene, values)
         circuit = synthesise(scene, make_problem(scene))
-        transient = plan_transient(scene, time_scales(circuit))
-        for name, each in (("fine", transient), ("coarse", coarser(transient, 2.0))):
-            if name == "fine" or plan.second_look:
-                place = folder / f"{k}-{name}"
-                place.mkdir()
-                (place / "deck.cir").write_text(write_deck(circuit, each, solver=solver).text)
-                (place / "spinit").write_text("* none\n")
-                found.append(place)
+        board = LinearBoard(circuit)
+        transient = plan_transient(scene, board, time_scales(board)).transient
+        place = folder / str(k)
+        place.mkdir()
+        (place / "deck.cir").write_text(write_deck(circuit, transient, solver=solver).text)
+        (place / "spinit").write_text("* none\n")
+        found.append(place)
     return found
 
 

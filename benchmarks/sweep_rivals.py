@@ -53,8 +53,7 @@ Finished = Callable[[Path, Path], None]
 
 def _scenes(plan: Plan) -> list[Scene]:
     """Return the scene of every deck."""
-    scenes = [with_values(plan.scene, values) for values in points_of(plan.groups)]
-    return [scene for scene in scenes for _ in range(2 if plan.second_look else 1)]
+    return [with_values(plan.scene, values) for values in points_of(plan.groups)]
 
 
 def why_no_spicelib() -> str:

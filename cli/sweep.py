@@ -51,11 +51,6 @@ if TYPE_CHECKING:
 )
 @plot_option("maps over two axes, or curves over one axis,")
 @click.option("--keep-waveforms", is_flag=True, help="Store also the outputs over time.")
-@click.option(
-    "--once",
-    is_flag=True,
-    help="Run ngspice once per point and measure its error against the state-space engine.",
-)
 @JOBS
 @CLUSTER
 def sweep(scene: str, over: tuple[str, ...], as_json: bool, **options: Any) -> None:
@@ -67,8 +62,8 @@ def sweep(scene: str, over: tuple[str, ...], as_json: bool, **options: Any) -> N
     from taction.studies import plan_sweep
     from verification.studies.sweep.store import Store
 
-    once, keep = options["once"], options["keep_waveforms"]
-    plan = plan_sweep(scene, over, options["engine"], once=once, keep_waveforms=keep)
+    keep = options["keep_waveforms"]
+    plan = plan_sweep(scene, over, options["engine"], keep_waveforms=keep)
     _check_files(plan, options)
     start = time.perf_counter()
     with Store(options["output"] or f"{plan.scene.name}.sqlite") as store:

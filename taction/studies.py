@@ -71,7 +71,6 @@ def sweep(
     *,
     over: Over,
     engine: str | None = None,
-    once: bool = False,
     keep_waveforms: bool = False,
     retry_failed: bool = False,
     output: str | Path | None = None,
@@ -95,8 +94,6 @@ def sweep(
     engine : str, optional
         ``"auto"``, ``"ngspice"`` or ``"statespace"`` in the place of the scene's own engine, or
         ``"both"``.
-    once : bool
-        Run ngspice once per point and measure its error against the state-space engine.
     keep_waveforms : bool
         Store the outputs over time.
     retry_failed : bool
@@ -142,7 +139,7 @@ def sweep(
     from verification.studies.sweep.run import sweep as run
     from verification.studies.sweep.store import Store
 
-    plan = plan_sweep(scene, over, engine, once=once, keep_waveforms=keep_waveforms)
+    plan = plan_sweep(scene, over, engine, keep_waveforms=keep_waveforms)
     store = Store(":memory:" if output is None else str(output))
     with workers_at(cluster, jobs) as workers:
         count = run(
@@ -156,7 +153,7 @@ def sweep(
 
 
 def plan_sweep(
-    scene: str | Path | Scene, over: Over, engine: str | None, *, once: bool, keep_waveforms: bool
+    scene: str | Path | Scene, over: Over, engine: str | None, *, keep_waveforms: bool
 ) -> Plan:
     """Return the grid of a sweep; arguments and errors are those of `sweep`."""
     from netlist_gen.overrides.axes import parse_axes
@@ -165,7 +162,7 @@ def plan_sweep(
 
     scene = read_scene(scene)
     axes, engines = parse_axes(scene, over), engines_of(scene, engine)
-    return Plan(scene, axes, engines, second_look=not once, keep_waveforms=keep_waveforms)
+    return Plan(scene, axes, engines, keep_waveforms=keep_waveforms)
 
 
 def montecarlo(

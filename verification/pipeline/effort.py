@@ -11,9 +11,6 @@ class Effort:
 
     Attributes
     ----------
-    second_look : bool
-        False: a stepping engine runs once, and its error is measured against the state-space
-        engine instead of a second run; the two are no longer judged against each other.
     details : bool
         False: without what no check needs, the constraint plane's figures, the error budget,
         times on the continuous solution and the ringing of channels that have settled.
@@ -23,7 +20,6 @@ class Effort:
         True: one of many, so that one ngspice takes deck after deck (`engines.session`).
     """
 
-    second_look: bool = True
     details: bool = True
     full_margin: bool = True
     session: bool = False

@@ -146,7 +146,7 @@ def _record(
     stable = design.poles.stable
     clock.begin("simulation")
     simulation = pending.result(unstable=not stable)
-    clock.begin("second look")
+    clock.begin("comparison")
     companion = None
     if stable and design.engine == "ngspice":
         companion = _companion(design, simulation.waveforms)

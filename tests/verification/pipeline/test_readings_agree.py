@@ -12,7 +12,7 @@ from tests.support.paths import SCENES
 from verification.pipeline.effort import FULL, Effort
 from verification.verify import verify
 
-SWEEP = Effort(second_look=False, details=False, full_margin=False)
+SWEEP = Effort(details=False, full_margin=False)
 
 
 def scenes() -> list[Scene]:

@@ -33,7 +33,6 @@ class Plan:
     scene: Scene
     groups: Sequence[Sequence[Axis]]  # they span the grid; the axes of a group change together
     engines: tuple[str, ...]  # "ngspice", "statespace" or both
-    second_look: bool = True  # see `verification.pipeline.effort.Effort`
     keep_waveforms: bool = False  # store the outputs over time
 
     def __post_init__(self) -> None:
@@ -95,7 +94,7 @@ class Requests:
         self._file_digests: dict[str, bytes] = {}
         scene = plan.scene.model_dump(by_alias=True, exclude={"name", "regression", "analysis"})
         analysis = plan.scene.analysis.model_dump(exclude={"engine", "timeout"})
-        base = digest(own_code(), scene, analysis, plan.second_look)
+        base = digest(own_code(), scene, analysis)
         self._bases = {
             engine: digest(base, simulator_of(engine), engine) for engine in plan.engines
         }

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import io
 import traceback
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -33,7 +33,6 @@ class Job:
 
     scene: Scene  # with the point's values and its engine
     problem: InverseProblem  # of `scene`, whose files may be missing on the worker's machine
-    second_look: bool  # see `verification.pipeline.effort.Effort`
     keep_waveforms: bool
     versions: Versions  # of the process that runs the sweep
 
@@ -48,8 +47,7 @@ def compute(job: Job) -> StoredResult:
     """
     job.versions.check_here()
     try:
-        effort = replace(POINT_EFFORT, second_look=job.second_look)
-        verdict = verify(job.scene, problem=job.problem, effort=effort)
+        verdict = verify(job.scene, problem=job.problem, effort=POINT_EFFORT)
         waveforms = _pack(verdict) if job.keep_waveforms else None
         return StoredResult(verdict.outcome.value, verdict_record(verdict), waveforms)
     except TactionError as error:

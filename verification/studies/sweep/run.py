@@ -122,7 +122,7 @@ class _Sweep:
             self._requests[key] = [point.request]
             versions = own_versions(point.engine == "ngspice")
             plan = self.plan
-            yield key, (Job(scene, problem, plan.second_look, plan.keep_waveforms, versions),)
+            yield key, (Job(scene, problem, plan.keep_waveforms, versions),)
 
     def _is_stored(self, key: bytes) -> bool:
         """Whether a stored result can be used; count it if so."""
@@ -156,5 +156,5 @@ class _Sweep:
         """Return the digest of everything that a result depends on, and of nothing else."""
         circuit = replace(synthesise(scene, problem), name="", omissions=())
         analysis = scene.analysis.model_dump(exclude={"engine", "timeout"})
-        inputs = (problem.matrix, problem.strain, scene.checks, analysis, self.plan.second_look)
+        inputs = (problem.matrix, problem.strain, scene.checks, analysis)
         return digest(own_code(), circuit, *inputs, engine, simulator_of(engine))

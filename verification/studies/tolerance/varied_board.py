@@ -28,7 +28,7 @@ from verification.studies.running.executors import Workers
 from verification.studies.running.versions import Versions, own_versions
 from verification.verify import Verdict, verify
 
-SAMPLE_EFFORT = Effort(second_look=False, details=False, full_margin=False, session=True)
+SAMPLE_EFFORT = Effort(details=False, full_margin=False, session=True)
 
 
 @dataclass(frozen=True, slots=True)

@@ -241,10 +241,8 @@ def test_workers_without_taction_or_without_a_scheduler_are_named(tmp_path: Path
         run(plan("C=50p"), path, Workers(closed, lambda: 1, ()))
 
 
-def test_both_engines_and_a_single_run_of_ngspice(
-    tmp_path: Path, workers: Workers, ngspice: str
-) -> None:
-    asked = plan("C=100p", engines=("ngspice", "statespace"), second_look=False)
+def test_both_engines(tmp_path: Path, workers: Workers, ngspice: str) -> None:
+    asked = plan("C=100p", engines=("ngspice", "statespace"))
     _, rows = run(asked, tmp_path / "a.sqlite", workers)
     assert [row["engine"] for row in rows] == ["ngspice", "statespace"]
     assert [row["outcome"] for row in rows] == ["pass", "pass"]
