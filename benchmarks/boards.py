@@ -31,11 +31,13 @@ from spice_models.array_types import Floats
 from spice_models.errors import SimulationError
 from verification.engines.ngspice import process
 from verification.engines.ngspice.executable import find_simulator
+from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.transients import exact
-from verification.pipeline.transient_plan import POINTS_PER_PERIOD, coarser, plan_transient
+from verification.pipeline.transient_plan import coarser, even_transient, plan_transient
 from verification.small_signal.time_scales import time_scales
 from verification.waveforms import Waveforms
 
+POINTS_PER_PERIOD = 125.0  # of even steps, from which the settings are scaled
 SCENES = Path(__file__).parents[1] / "scenes"
 ROOMY: dict[str, Value] = {
     "problem.span": 6.0,
@@ -60,8 +62,10 @@ class Board:
 
 def make_board(scene: Scene) -> Board:
     """Synthesise a scene and plan its transient."""
-    circuit = synthesise(scene, make_problem(scene))
-    return Board(scene, circuit, plan_transient(scene, time_scales(circuit)))
+    board = LinearBoard(synthesise(scene, make_problem(scene)))
+    scales = time_scales(board)
+    stop = plan_transient(scene, board, scales).transient.stop
+    return Board(scene, board.circuit, even_transient(scene, scales, POINTS_PER_PERIOD, stop))
 
 
 def shipped(name: str) -> Board:
@@ -125,8 +129,7 @@ def run_ngspice(board: Board, setting: Setting, timeout: float) -> Waveforms:
     """Run one transient at `setting`."""
     planned = board.transient
     if setting.kind == "even":
-        points = board.scene.analysis.points_per_period or POINTS_PER_PERIOD
-        transient = coarser(planned, points / setting.value)
+        transient = coarser(planned, POINTS_PER_PERIOD / setting.value)
     else:
         transient = replace(planned, max_step=planned.stop / FREE, truncation=setting.value)
     relative = min(1e-6, transient.truncation)

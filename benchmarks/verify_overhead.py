@@ -1,8 +1,7 @@
 """What `verify` costs beside a bare ngspice on the same deck.
 
 Run from the checkout: ``python benchmarks/verify_overhead.py [ROUNDS [SCENE]]``. The baseline is
-the whole process ``ngspice -b -n -r out.raw deck.cir`` on the deck of the finer run. "two ngspice"
-is the same with the coarser run beside it, as in every verification; `verify` is called in this
+the whole process ``ngspice -b -n -r out.raw deck.cir`` on the same deck; `verify` is called in this
 process, with everything imported.
 """
 
@@ -24,8 +23,6 @@ from netlist_gen.problem.inverse_problem import make_problem
 from netlist_gen.scene.file import load_scene
 from verification.engines.ngspice.executable import environment, find_simulator
 from verification.ideal.ideal_answer import ideal_answer, ideal_network
-from verification.pipeline.simulation import COARSER
-from verification.pipeline.transient_plan import coarser
 from verification.verify import Verdict, verify
 
 ROOT = Path(__file__).parents[1]
@@ -55,10 +52,9 @@ def wait(*runs: subprocess.Popen[bytes]) -> None:
         assert run.wait() == 0
 
 
-def written(verdict: Verdict, ratio_of_steps: float, folder: Path) -> Path:
-    """Write the deck of `verdict`'s transient, steps `ratio_of_steps` as long, and return where."""
-    transient = coarser(verdict.transient, ratio_of_steps)
-    deck = write_deck(verdict.circuit, transient, solver=find_simulator().solver_option)
+def written(verdict: Verdict, folder: Path) -> Path:
+    """Write the deck of `verdict`'s transient and return the folder."""
+    deck = write_deck(verdict.circuit, verdict.transient, solver=find_simulator().solver_option)
     (folder / "deck.cir").write_text(deck.text, encoding="utf-8")
     (folder / "spinit").write_text("* no code models are loaded\n")
     return folder
@@ -73,14 +69,9 @@ def main(words: list[str]) -> None:
     network = ideal_network(make_problem(scene), make_scalings(scene), scene)
     first = verify(scene)
     with ExitStack() as cleanup:
-        folders = [cleanup.enter_context(tempfile.TemporaryDirectory()) for _ in range(2)]
-        fine, coarse = (
-            written(first, step, Path(folder))
-            for step, folder in zip((1.0, COARSER), folders, strict=True)
-        )
+        folder = written(first, Path(cleanup.enter_context(tempfile.TemporaryDirectory())))
         jobs: dict[str, Callable[[], object]] = {
-            "ngspice": lambda: wait(ngspice(fine)),
-            "two ngspice": lambda: wait(ngspice(fine), ngspice(coarse)),
+            "ngspice": lambda: wait(ngspice(folder)),
             "verify": lambda: verdicts.append(verify(scene)),
             "reference alone": lambda: ideal_answer(network, scene),
         }

@@ -33,6 +33,7 @@ from verification.waveforms import Waveforms
 INSTANTS = 2000  # at which two runs of an adaptive engine are compared
 LOOSER = 10.0  # the second run's tolerance over the first's
 INSIDE = 0.5  # of what the band leaves beside a static error: where a longer record ends
+LONGER = 2.0  # times the length of a record that was too short: the next one at least
 FEWER = 1.05  # times as many steps: less is no better plan
 
 
@@ -133,9 +134,9 @@ def _longer(design: Design, ideal: IdealAnswer, measured: Measurements) -> Plan 
     final = np.array([out.sign * rest[places[out.node]] for out in design.circuit.outputs])
     static = float(np.abs(final - ideal.target).max()) / measured.amplitude
     room = INSIDE * (scene.checks.settling_time.band - static)
-    stop = AFTER_SETTLING * design.scales.stop_for(room) if room > 0.0 else 0.0
-    if stop <= design.transient.stop:
+    if room <= 0.0:
         return None
+    stop = max(AFTER_SETTLING * design.scales.stop_for(room), LONGER * design.transient.stop)
     analysis = scene.analysis.model_copy(update={"stop": float(f"{stop:.6g}")})
     longer = scene.model_copy(update={"analysis": analysis})
     return plan_transient(longer, design.board, design.scales)

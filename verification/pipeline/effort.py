@@ -1,4 +1,4 @@
-"""How much trouble a verification goes to: one for a designer to read, or one of ten thousand."""
+"""What a verification computes: everything for a designer, the least for one point of a study."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Effort:
-    """What a verification leaves out where nobody asks for it.
+    """What a verification computes beside the checks.
 
     Attributes
     ----------
     details : bool
-        False: without what no check needs, the constraint plane's figures, the error budget,
-        times on the continuous solution and the ringing of channels that have settled.
+        The figures of the constraint plane, the error budget, times on the continuous solution
+        and the ringing of settled channels.
     full_margin : bool
-        False: the stability margin is looked for only as far as the scene's check wants it.
+        The stability margin as far as the scan goes, not only as far as the scene's check asks.
     session : bool
-        True: one of many, so that one ngspice takes deck after deck (`engines.session`).
+        The run is one of many: one ngspice takes deck after deck (`engines.ngspice.session`).
     """
 
     details: bool = True
