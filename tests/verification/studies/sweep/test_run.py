@@ -187,7 +187,7 @@ def test_waveforms_only_where_asked_for(tmp_path: Path, workers: Workers) -> Non
 
 def test_another_version_at_the_worker_is_named() -> None:
     own = own_versions(False)
-    job = Job(scene(), None, True, False, Versions("0.0.9", own.code, own.ngspice))  # type: ignore[arg-type]
+    job = Job(scene(), None, False, Versions("0.0.9", own.code, own.ngspice))  # type: ignore[arg-type]
     with pytest.raises(OtherVersionsError, match=rf"taction {own.taction} instead of 0\.0\.9"):
         compute(job)
     old, new = Versions("1", b"", "ngspice-39 noopiter"), Versions("1", b"", "ngspice-46 klu")
