@@ -35,6 +35,8 @@ class Waveforms:
     flags : tuple of str
         Doubts that the engine uttered and that did not stop it (a singular matrix that it got
         over, say); to be shown beside any verdict.
+    rounding : float
+        Error that rounding left in one step, V; 0 where the engine does not measure it.
     """
 
     time: Floats
@@ -43,6 +45,7 @@ class Waveforms:
     engine: str
     cost: Cost
     flags: tuple[str, ...] = ()
+    rounding: float = 0.0
 
     def __getitem__(self, node: str) -> Floats:
         """Return one node's voltage, shape (P,); KeyError for a node that was not saved."""

@@ -28,6 +28,9 @@ MAX_STEPS = 200
 STAGES = 10.0 ** np.arange(0, -17, -2)  # of the homotopy: added diagonal feedback, times H
 POLISHED = 1e-13  # residual above which the last steps are taken on all unknowns
 CERTIFICATE = 1e-9  # largest residual accepted, relative to the terms that cancel in it
+# An unknown below this share of the largest counts as if it had it: where only rounding is left
+# (a channel without strain), a residual of 64 units of rounding of the largest is accepted.
+QUIET = 64 * float(np.finfo(np.float64).eps) / CERTIFICATE
 
 LARGE = 600  # unknowns above which a board is solved through its structure
 
@@ -45,7 +48,8 @@ class Equilibrium:
     slopes : ndarray (m,)
         ``d v_out / d v_in`` of each behavioural amplifier there, V/V (negative).
     residual : float
-        Largest residual, relative to the terms that cancel in it.
+        Largest residual, relative to the terms that cancel in it (unknowns below `QUIET` of the
+        largest counted as that).
     steps : int
         Newton steps; 0 for a linear board.
     """
@@ -110,7 +114,7 @@ def _rest(descriptor: Descriptor, sources_on: bool) -> Equilibrium:
         z = _polish(descriptor, z, drive)
         y, residual = z[devices.input] / devices.v_scale, _residual(descriptor, z, drive)
     if not residual <= CERTIFICATE:
-        message = f"the equilibrium has a relative residual of {residual:.3g}"
+        message = f"the equilibrium has a relative residual of {residual:.3g}, above {CERTIFICATE}"
         raise EngineError(message)
     slopes = -devices.u_scale / devices.v_scale * gain.slope(y)
     return Equilibrium(descriptor, z, slopes, residual, steps)
@@ -146,17 +150,19 @@ def _newton_step(descriptor: Descriptor, slopes: Floats, F: Floats, size: Floats
 
 
 def _residual(descriptor: Descriptor, z: Floats, drive: Floats) -> float:
-    """Largest ``|K z + b + f|`` relative to the largest term of its row."""
+    """Largest ``|K z + b + f|`` relative to the terms of its row, z at least `QUIET`."""
     f = np.zeros(descriptor.size)
     devices = descriptor.devices
     if devices.count:
         value = gain_of(devices.kind).value(z[devices.input] / devices.v_scale)
         f[devices.output] = -devices.u_scale * value
+    least = np.maximum(np.abs(z), QUIET * np.abs(z).max(initial=0.0))
     if descriptor.size > LARGE:
-        kept, size = (descriptor.stiffness_times(z, magnitudes=each) for each in (False, True))
+        kept = descriptor.stiffness_times(z)
+        size = descriptor.stiffness_times(least, magnitudes=True)
     else:
         K = dense(descriptor).stiffness
-        kept, size = K @ z, np.abs(K) @ np.abs(z)
+        kept, size = K @ z, np.abs(K) @ least
     terms, rest = size + np.abs(drive) + np.abs(f), np.abs(kept + drive + f)
     return float(np.max(rest / np.where(terms > 0.0, terms, 1.0), initial=0.0))
 
