@@ -4,8 +4,7 @@ A record proves that a channel settled when, at its end, the channel
 
 1. is inside the band, and has been for 5 % of its settling time and, while it rings, for three
    ringing periods, unless what rings is by now below half the band;
-2. does not ring on: what ringing is left is below 5 % of the band, or decays beyond the doubt of
-   the fit;
+2. does not ring on: what ringing is left is below 5 % of the band, or fades (`_persists`);
 3. does not drift out again: the limit extrapolated from its last three stretches is in the band.
 
 Everything else is another state, with a reason that says what to do.
@@ -21,13 +20,14 @@ import numpy as np
 
 from spice_models.array_types import Floats
 from verification.measures.envelope import saturates
-from verification.measures.mode_fit import Mode
+from verification.measures.mode_fit import RESOLVED, Mode
 from verification.measures.times import Reading
 
 _DWELL = 0.05  # of the settling time that must follow it inside the band
 _DWELL_PERIODS = 3.0
 _SAFE = 0.5  # of the band: a decaying ringing below it will not leave the band again
 _QUIET = 0.05  # of the band: ringing below it is not judged
+_STEADY = 0.1  # nepers over the record: a ringing that loses less has the amplitude that it had
 _FLAT_TOP = 0.2  # of a period spent within 1 % of one extreme; 0.064 for a sinusoid
 _GOOD_FIT = 0.1  # unexplained part below which a fit's growth rate is believed
 _SILENT = 1 / 21  # of the band: `Drift.heading` carries a mean on by no more than twenty times it
@@ -40,6 +40,7 @@ class ChannelState(StrEnum):
 
     SETTLED = "settled"
     NOT_SETTLED = "not settled"
+    UNDECIDED = "undecided"
     OSCILLATING = "oscillating"
     CLIPPED = "clipped"
     DIVERGED = "diverged"
@@ -149,15 +150,33 @@ def _flat_top(time: Floats, error: Floats, period: float) -> bool:
     return bool(max(top, bottom) > _FLAT_TOP * weight.sum())
 
 
-def _decays(ring: Ringing) -> bool:
-    """Tell whether the ringing decays: the fit's word, or else the envelope's last half.
+def _loss(ring: Ringing) -> tuple[float, float, float] | None:
+    """Return the least and the most nepers that the ringing loses, and what is a loss at all.
 
-    Without a fit and with hardly an envelope nothing is known, and the dwell must prove it.
+    Over the stretch of the fit, within two standard uncertainties; without a good fit over the
+    last half of the envelope, within its scatter. None where there is hardly an envelope.
     """
-    if ring.mode is not None and ring.mode.residual < _GOOD_FIT:
-        return ring.mode.decays
+    mode = ring.mode
+    if mode is not None and mode.residual < _GOOD_FIT:
+        length, doubt = mode.stop - mode.start, 2 * mode.growth_sigma
+        return length * (-mode.growth_rate - doubt), length * (-mode.growth_rate + doubt), RESOLVED
     half = ring.amplitude[-max(ring.amplitude.size // 2, 1) :]
-    return half.size < 2 or bool(half[-1] < 0.9 * half[0])
+    if half.size < 2:
+        return None
+    log = np.log(np.maximum(half, np.finfo(np.float64).tiny))
+    lost, doubt = float(log[0] - log[-1]), float(np.abs(np.diff(log, 2)).sum()) / half.size
+    return lost - doubt, lost + doubt, _STEADY
+
+
+def _persists(ring: Ringing) -> bool | None:
+    """Tell whether the ringing goes on; None where its loss may be none and may be more than that.
+
+    Where nothing is known the ringing does not count as persistent: the dwell must prove it.
+    """
+    loss = _loss(ring)
+    if loss is None or loss[0] > loss[2]:
+        return False
+    return True if loss[1] <= _STEADY else None
 
 
 def _left(ring: Ringing, end: float) -> tuple[float, float]:
@@ -180,7 +199,7 @@ def _left(ring: Ringing, end: float) -> tuple[float, float]:
 
 
 def sustained(time: Floats, error: Floats, tolerance: float, ring: Ringing) -> ChannelState | None:
-    """Return OSCILLATING or CLIPPED if the channel rings without decay at its end, else None."""
+    """Return OSCILLATING or CLIPPED if the channel rings on, UNDECIDED if it may, else None."""
     mode = ring.mode
     if ring.period is None:
         grows = mode is not None and mode.grows and not mode.doubt and ring.share > tolerance
@@ -189,8 +208,9 @@ def sustained(time: Floats, error: Floats, tolerance: float, ring: Ringing) -> C
         return None
     if saturates(ring.amplitude):
         return ChannelState.CLIPPED
-    if _decays(ring):
-        return None
+    persists = _persists(ring)
+    if not persists:
+        return None if persists is False else ChannelState.UNDECIDED
     return ChannelState.CLIPPED if _flat_top(time, error, ring.period) else ChannelState.OSCILLATING
 
 
@@ -214,6 +234,8 @@ def judge(
     """
     time, error = drift.time, drift.errors[n]
     state = sustained(time, error, tolerance, ring)
+    if state is ChannelState.UNDECIDED:
+        return Judgement(state, None, _either(ring, found))
     if state is not None:
         how = "at a constant amplitude" if state is ChannelState.CLIPPED else "and does not decay"
         return Judgement(state, None, f"it oscillates {how}: it never settles")
@@ -232,6 +254,14 @@ def judge(
         reason = f"inside the band for the last {dwell:.4g} s only, {need:.4g} s would prove it"
         return Judgement(ChannelState.NOT_SETTLED, None, reason + ": simulate longer")
     return Judgement(ChannelState.SETTLED, found, "")
+
+
+def _either(ring: Ringing, found: Reading | None) -> str:
+    """Give both readings of a ringing whose loss is not established."""
+    least, most, _ = _loss(ring) or (0.0, 0.0, 0.0)
+    settles = "it settles later" if found is None else f"the settling time is {found.value:.4g} s"
+    return f"the ringing loses {least:.2g} to {most:.2g} nepers over the record: if it decays, \
+{settles}; if it does not, it never settles: simulate longer"
 
 
 def _outside(

@@ -123,6 +123,15 @@ def describe_states(measurements: Measurements) -> str:
     return "; ".join(parts)
 
 
+def _perhaps_ringing(measurements: Measurements) -> str:
+    """Give both readings of a channel that may ring on, where no channel is known not to settle."""
+    states = {channel.state: channel for channel in measurements.channels}
+    if not states.keys() <= {ChannelState.SETTLED, ChannelState.UNDECIDED}:
+        return ""
+    unclear = states.get(ChannelState.UNDECIDED)
+    return f"channel {unclear.index + 1}: {unclear.reason}" if unclear else ""
+
+
 def _steady_state(evidence: Evidence) -> Check:
     limit = evidence.checks.steady_state.tolerance
     m = evidence.measurements
@@ -136,6 +145,8 @@ def _steady_state(evidence: Evidence) -> Check:
         return _undecided("steady_state", "step", NO_STEP, limit)
     elif any(c.state in UNSTEADY for c in m.channels):
         outcome, reason = Outcome.FAIL, f"no steady state: {trouble}"
+    elif ringing := _perhaps_ringing(m):
+        outcome, reason = Outcome.INCONCLUSIVE, ringing
     elif trouble:
         reason += f"; {trouble}"
     return Check("steady_state", outcome, value, uncertainty, 0.0, limit, "step", reason)
@@ -151,6 +162,8 @@ def _settling_time(evidence: Evidence) -> Check:
         return _undecided("settling_time", "s", NO_STEP, wanted.max)
     if reading is None:
         trouble = evidence.measurements.reason
+        if ringing := _perhaps_ringing(evidence.measurements):
+            return _undecided("settling_time", "s", ringing, wanted.max)
         return Check("settling_time", Outcome.FAIL, None, None, wanted.max, None, "s", trouble)
     return _timed("settling_time", reading, evidence.error.settling_time, wanted.max, band)
 
@@ -193,6 +206,8 @@ def _overshoot(evidence: Evidence) -> Check | None:
     reason = "largest excursion beyond a target"
     if any(channel.state in UNSTEADY for channel in evidence.measurements.channels):
         outcome, reason = Outcome.FAIL, describe_states(evidence.measurements)
+    elif outcome is Outcome.PASS and (ringing := _perhaps_ringing(evidence.measurements)):
+        outcome, reason = Outcome.INCONCLUSIVE, ringing
     return Check("overshoot", outcome, value, error, wanted.max, None, "step", reason)
 
 

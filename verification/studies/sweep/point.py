@@ -31,6 +31,7 @@ STATES = (
     ChannelState.CLIPPED,
     ChannelState.OSCILLATING,
     ChannelState.NOT_SETTLED,
+    ChannelState.UNDECIDED,
     ChannelState.SETTLED,
 )
 # The numbers of a record, in base units: name, unit. Every record has every one, or None.
