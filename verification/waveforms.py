@@ -36,7 +36,7 @@ class Waveforms:
         Doubts that the engine uttered and that did not stop it (a singular matrix that it got
         over, say); to be shown beside any verdict.
     rounding : float
-        Error that rounding left in one step, V; 0 where the engine does not measure it.
+        What the engine's own rounding left, V; 0 where the engine does not say.
     """
 
     time: Floats

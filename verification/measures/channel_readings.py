@@ -15,6 +15,7 @@ from verification.measures.crossings import highest
 from verification.measures.times import Reading, latest, rises, settles
 
 FEWEST_POINTS = 8
+STILL = 1e-9  # of A: a channel's own step below has no direction
 SMALL_STEP = 0.05  # of A: below, a channel has no rise time
 
 
@@ -144,7 +145,8 @@ def _overshoots(part: SoundPart, steps: Floats, amplitude: float) -> tuple[float
         return (0.0,) * len(steps)
     side = np.where(steps < 0, -1.0, 1.0)
     top = highest(part.time, part.errors, side)
-    still = steps == 0  # a channel without a step of its own may leave its target either way
+    # A channel without a step of its own, but for rounding, may leave its target either way.
+    still = np.abs(steps) <= STILL * amplitude
     if still.any():
         top[still] = np.maximum(top[still], highest(part.time, part.errors[still], -side[still]))
     return tuple((np.maximum(top, 0.0) / amplitude).tolist())

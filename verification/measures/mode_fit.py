@@ -70,12 +70,17 @@ class Mode:
     @property
     def decays(self) -> bool:
         """Whether it decays beyond doubt (two standard uncertainties, and rounding)."""
-        return (self.growth_rate + 2 * self.growth_sigma) * (self.stop - self.start) < -RESOLVED
+        return self.growth_rate < -self._doubtful
 
     @property
     def grows(self) -> bool:
         """Whether it grows beyond doubt (two standard uncertainties, and rounding)."""
-        return (self.growth_rate - 2 * self.growth_sigma) * (self.stop - self.start) > RESOLVED
+        return self.growth_rate > self._doubtful
+
+    @property
+    def _doubtful(self) -> float:
+        length = self.stop - self.start  # 0 of a mode that is known, not fitted
+        return 2 * self.growth_sigma + (RESOLVED / length if length else 0.0)
 
 
 def _stretch(time: Floats, env: Envelope) -> tuple[int, str]:

@@ -221,6 +221,11 @@ def _stability(evidence: Evidence) -> Check:
             return Check("stability", outcome, pole.real, None, 0.0, None, "1/s", reason)
         return Check("stability", outcome, margin.factor, None, wanted, None, "ratio", reason)
 
+    if abs(pole.real) <= (rounding := evidence.poles.resolution):
+        return check(
+            Outcome.INCONCLUSIVE,
+            f"{text}, known to ±{rounding:.1g} /s only: the board is stable or it oscillates",
+        )
     if not evidence.poles.stable:
         ringing = show(abs(pole.imag) / (2 * math.pi), "Hz")
         verb = f"oscillates at {ringing}" if pole.imag else "runs away"

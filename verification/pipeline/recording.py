@@ -120,7 +120,7 @@ def watch(
     if second is not None and coarse is not None and undecided(fine, coarse):
         again, _ = measure_outputs(scene, circuit, ideal, second, transient, details=effort.details)
         coarse = again.look
-    error = simulation_error(fine, coarse, share)
+    error = simulation_error(fine, coarse, share, simulation.fine.rounding)
     agreement = compare_engines(circuit, simulation, other) if other is not None else None
     return Recording(simulation, fine, u, error, agreement)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from verification.measures.channel_readings import Look
+from verification.measures.channel_readings import SMALL_STEP, Look
 from verification.measures.measure import Measurements
 from verification.measures.times import Reading
 
@@ -40,7 +40,9 @@ def undecided(fine: Measurements, coarse: Look) -> bool:
     return more or any(a is None and b is not None for a, b in rises)
 
 
-def simulation_error(fine: Measurements, coarse: Look | None, share: float) -> StepError:
+def simulation_error(
+    fine: Measurements, coarse: Look | None, share: float, rounding: float = 0.0
+) -> StepError:
     """Estimate the error of every measure of `fine` (Richardson's extrapolation).
 
     A settling time jumps by half a ringing period when a peak moves through the edge of the band,
@@ -49,10 +51,13 @@ def simulation_error(fine: Measurements, coarse: Look | None, share: float) -> S
     Parameters
     ----------
     fine, coarse : Measurements and Look
-        The same transient at a step and at a larger one; without a second run the error is 0 as
-        far as the step goes, because there is none.
+        The same transient at a step and at a larger one; without a second run of an engine that
+        has no step, the error is that of rounding.
     share : float
         The finer run's part of a difference: ``1/(r^p - 1)`` for a step ratio r and an order p.
+    rounding : float
+        What rounding left in the finer run, V. A level that moves by a fraction of itself moves
+        its crossing by no more of the time.
 
     Returns
     -------
@@ -60,8 +65,14 @@ def simulation_error(fine: Measurements, coarse: Look | None, share: float) -> S
         Infinite where only one of the two has the measure.
     """
     if coarse is None:
-        unknown = 0.0 if share == 0 else math.inf
-        return StepError(unknown, unknown, unknown, unknown)
+        level = rounding / (fine.amplitude or 1.0) if share == 0 else math.inf
+        times = [c.rise_time for c in fine.channels]
+        return StepError(
+            steady_state=level,
+            settling_time=_moved(fine.settling_time, level / fine.band),
+            rise_time=max(_moved(time, level / SMALL_STEP) for time in times),
+            overshoot=level,
+        )
     own = fine.look
     rises = zip(own.rise_times, coarse.rise_times, strict=True)
     return StepError(
@@ -70,6 +81,13 @@ def simulation_error(fine: Measurements, coarse: Look | None, share: float) -> S
         rise_time=share * max(_apart(a, b) for a, b in rises),
         overshoot=share * _furthest(own.overshoots, coarse.overshoots),
     )
+
+
+def _moved(time: Reading | None, share: float) -> float:
+    """Return how far a reading moves with its level, s."""
+    if time is None:
+        return 0.0
+    return share * time.value if share < 1 else math.inf
 
 
 def _furthest(a: tuple[float, ...], b: tuple[float, ...]) -> float:

@@ -30,6 +30,9 @@ __all__ = [
 ]
 
 
+UNITS = 64  # of rounding, of the fastest pole, to which an eigenvalue is found
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Poles:
     """Natural frequencies of a board.
@@ -56,6 +59,11 @@ class Poles:
     damping_ratio: float
     frequency: float
     complete: bool
+
+    @property
+    def resolution(self) -> float:
+        """Rounding of the rightmost pole's real part, 1/s: some units of that of the fastest."""
+        return UNITS * float(np.finfo(np.float64).eps * np.abs(self.poles).max(initial=0.0))
 
     @property
     def unstable_count(self) -> int:

@@ -201,7 +201,7 @@ def simulate(
     if not np.all(np.isfinite(values)):
         raise EngineError("an amplifier left the range of floats between two steps")
     cost = Cost(clock.perf_counter() - began, dense.steps, dense.factorisations)
-    blurred = f"rounding leaves {dense.rounding:.3g} V in a step, above the tolerance asked for"
+    blurred = f"rounding leaves up to {dense.rounding:.3g} V, in a step more than its tolerance"
     flags = (diverges,) * dense.escaped + (blurred,) * dense.coarse
     return Waveforms(times, wanted, values, "statespace", cost, flags, dense.rounding)
 

@@ -215,4 +215,4 @@ def simulate(
         solved, values = solved[: lost[0]], values[: lost[0]]
         flags = (f"the board diverges: it leaves the range of floats after {solved[-1]!r} s",)
     cost = Cost(clock.perf_counter() - began, len(solved), 1)
-    return Waveforms(solved, solution.nodes, values, ENGINE, cost, flags)
+    return Waveforms(solved, solution.nodes, values, ENGINE, cost, flags, solution.error)

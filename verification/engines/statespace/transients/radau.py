@@ -73,8 +73,8 @@ class Dense:
     escaped : bool
         Whether it ended early because an unknown passed its limit.
     rounding : float
-        Largest error that rounding, or a step too short to be halved, left in an unknown in one
-        step, V.
+        What rounding, and steps too short to be halved, left in an unknown, added up over the
+        steps, V.
     coarse : bool
         Whether that was above the tolerance in a step.
     """
@@ -211,7 +211,7 @@ class Radau:
             self.solvers = []
             self.out.rejected += 1
             return False
-        self.out.rounding = max(self.out.rounding, self.rounding.volts * max(error, 1.0))
+        self.out.rounding += self.rounding.volts * max(error, 1.0)
         self.out.coarse |= max(floor, error) > 1.0
         self._accept(Z)
         self.fresh = False
