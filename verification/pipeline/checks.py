@@ -75,6 +75,7 @@ class Evidence:
 
 
 NO_STEP = "nothing to judge: with this strain and initial state no output has to move"
+ROUNDING = "nothing to judge: the step amplitude is below the reference's own error"
 UNSTEADY = (ChannelState.OSCILLATING, ChannelState.CLIPPED, ChannelState.DIVERGED)
 
 
@@ -123,6 +124,13 @@ def describe_states(measurements: Measurements) -> str:
     return "; ".join(parts)
 
 
+def _nothing_moves(evidence: Evidence) -> str:
+    """Say why there is no step to judge, or nothing."""
+    if not evidence.measurements.amplitude:
+        return NO_STEP
+    return ROUNDING if evidence.reference_error >= 1.0 else ""
+
+
 def _perhaps_ringing(measurements: Measurements) -> str:
     """Give both readings of a channel that may ring on, where no channel is known not to settle."""
     states = {channel.state: channel for channel in measurements.channels}
@@ -141,8 +149,8 @@ def _steady_state(evidence: Evidence) -> Check:
     trouble = describe_states(m)
     if evidence.reference_problem:
         outcome, reason = Outcome.INCONCLUSIVE, evidence.reference_problem
-    elif not m.amplitude:
-        return _undecided("steady_state", "step", NO_STEP, limit)
+    elif still := _nothing_moves(evidence):
+        return _undecided("steady_state", "step", still, limit)
     elif any(c.state in UNSTEADY for c in m.channels):
         outcome, reason = Outcome.FAIL, f"no steady state: {trouble}"
     elif ringing := _perhaps_ringing(m):
@@ -158,8 +166,8 @@ def _settling_time(evidence: Evidence) -> Check:
     band = f"to ±{100 * wanted.band:g} % of the step amplitude"
     if evidence.reference_problem:
         return _undecided("settling_time", "s", evidence.reference_problem, wanted.max)
-    if not evidence.measurements.amplitude:
-        return _undecided("settling_time", "s", NO_STEP, wanted.max)
+    if still := _nothing_moves(evidence):
+        return _undecided("settling_time", "s", still, wanted.max)
     if reading is None:
         trouble = evidence.measurements.reason
         if ringing := _perhaps_ringing(evidence.measurements):

@@ -10,6 +10,8 @@ from netlist_gen.analysis import Transient
 from netlist_gen.board.circuit import Circuit
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
+from verification.engines.statespace.linearised.equilibrium import equilibrium
+from verification.engines.statespace.linearised.equilibrium import rounding as rounding_at_rest
 from verification.ideal.ideal_answer import IdealAnswer, ideal_answer
 from verification.measures.measure import Measurements, glance, measure
 from verification.pipeline.agreement import Agreement, compare_engines, exact_record, other_engine
@@ -120,9 +122,20 @@ def watch(
     if second is not None and coarse is not None and undecided(fine, coarse):
         again, _ = measure_outputs(scene, circuit, ideal, second, transient, details=effort.details)
         coarse = again.look
-    error = simulation_error(fine, coarse, share, simulation.fine.rounding)
+    rounding = simulation.fine.rounding + (0.0 if share or not stable else _rounding(design, fine))
+    error = simulation_error(fine, coarse, share, rounding)
     agreement = compare_engines(circuit, simulation, other) if other is not None else None
     return Recording(simulation, fine, u, error, agreement)
+
+
+def _rounding(design: Design, found: Measurements) -> float:
+    """Return what rounding of the board's stamped values moves its equilibrium and modes by, V.
+
+    A mode ``exp(p t)`` whose p moves by dp moves by ``dp t exp(p t)``, at most ``dp / (e |p|)``.
+    """
+    poles = design.poles
+    modes = found.amplitude * poles.resolution / (math.e * abs(poles.rightmost.real))
+    return modes + float(rounding_at_rest(equilibrium(design.circuit)).max(initial=0.0))
 
 
 def _is_exact(design: Design) -> bool:

@@ -31,6 +31,7 @@ CERTIFICATE = 1e-9  # largest residual accepted, relative to the terms that canc
 # An unknown below this share of the largest counts as if it had it: where only rounding is left
 # (a channel without strain), a residual of 64 units of rounding of the largest is accepted.
 QUIET = 64 * float(np.finfo(np.float64).eps) / CERTIFICATE
+PROBES, SPREAD = 4, 4.0  # draws of the rounding, and how much more than the largest counts
 
 LARGE = 600  # unknowns above which a board is solved through its structure
 
@@ -143,7 +144,7 @@ def _newton_step(descriptor: Descriptor, slopes: Floats, F: Floats, size: Floats
         return np.asarray(Structure(descriptor, slopes).factor(0.0).solve(F))
     devices, K = descriptor.devices, dense(descriptor).stiffness.copy()
     K[devices.output, devices.input] += slopes
-    size = np.maximum(size, 1e-12 * size.max())
+    size = np.maximum(size, 1e-12 * (size.max() or 1.0))
     K *= size
     scale = np.abs(K).max(axis=1)
     return np.asarray(size * np.linalg.solve(K / scale[:, None], -F / scale))
@@ -151,6 +152,25 @@ def _newton_step(descriptor: Descriptor, slopes: Floats, F: Floats, size: Floats
 
 def _residual(descriptor: Descriptor, z: Floats, drive: Floats) -> float:
     """Largest ``|K z + b + f|`` relative to the terms of its row, z at least `QUIET`."""
+    kept, terms = _cancelling(descriptor, z, drive)
+    return float(np.max(np.abs(kept) / np.where(terms > 0.0, terms, 1.0), initial=0.0))
+
+
+def rounding(rest: Equilibrium) -> Floats:
+    """Return how far rounding of the stamped values moves each unknown, V; shape (size,).
+
+    The rounding of every row, with signs drawn at random, through the linearised equations.
+    """
+    descriptor, z = rest.descriptor, rest.values
+    terms = _cancelling(descriptor, z, descriptor.drive(sources_on=True))[1]
+    draws = np.random.default_rng(1992).standard_normal((PROBES, descriptor.size))
+    noise = float(np.finfo(np.float64).eps) * terms * draws
+    moved = [_newton_step(descriptor, rest.slopes, row, np.abs(z)) for row in noise]
+    return SPREAD * np.max(np.abs(moved), axis=0)
+
+
+def _cancelling(descriptor: Descriptor, z: Floats, drive: Floats) -> tuple[Floats, Floats]:
+    """Return ``K z + b + f`` and the magnitudes that cancel in its rows, z at least `QUIET`."""
     f = np.zeros(descriptor.size)
     devices = descriptor.devices
     if devices.count:
@@ -163,8 +183,7 @@ def _residual(descriptor: Descriptor, z: Floats, drive: Floats) -> float:
     else:
         K = dense(descriptor).stiffness
         kept, size = K @ z, np.abs(K) @ least
-    terms, rest = size + np.abs(drive) + np.abs(f), np.abs(kept + drive + f)
-    return float(np.max(rest / np.where(terms > 0.0, terms, 1.0), initial=0.0))
+    return kept + drive + f, size + np.abs(drive) + np.abs(f)
 
 
 def solve_loop(H: Floats, a: Floats, gain: Gain) -> tuple[Floats, int]:
