@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import operator
 import os
 import platform
 import sys
 from importlib import metadata, util
+from pathlib import Path
 from typing import Any
 
 import click
@@ -65,7 +67,7 @@ def models(as_json: bool) -> None:
 @reports_errors
 def doctor(as_json: bool) -> None:
     """Say what is installed and what follows from it. Ends with 3 where ngspice is missing."""
-    findings = [_python(), _simulator(), *_extras()]
+    findings = [_python(), _simulator(), *_blas(), *_extras()]
     if as_json:
         print_json({"findings": findings, "ok": all(f["ok"] for f in findings)})
     else:
@@ -103,6 +105,25 @@ def _simulator() -> dict[str, Any]:
         "found": f"{found.version} at {found.executable}",
         "means": klu,
     }
+
+
+def _blas() -> list[dict[str, Any]]:
+    """One finding a BLAS library: numpy and scipy bring their own."""
+    import numpy as np  # noqa: F401
+    import scipy.linalg  # noqa: F401
+    from threadpoolctl import threadpool_info
+
+    return [
+        {
+            "what": f"BLAS of {Path(library['filepath']).parent.name.partition('.')[0]}",
+            "ok": True,
+            "found": f"{library['internal_api']} {library['version'] or 'of no stated version'}, \
+{library.get('architecture', 'unnamed')} kernels, threads: {library['num_threads']}",
+            "means": "rounding differs between kernels; OPENBLAS_CORETYPE chooses others",
+        }
+        for library in sorted(threadpool_info(), key=operator.itemgetter("filepath"))
+        if library["user_api"] == "blas"
+    ]
 
 
 def _extras() -> list[dict[str, Any]]:

@@ -36,7 +36,8 @@ class Waveforms:
         Doubts that the engine uttered and that did not stop it (a singular matrix that it got
         over, say); to be shown beside any verdict.
     rounding : float
-        What the engine's own rounding left, V; 0 where the engine does not say.
+        What the engine's own rounding left (of a Krylov space all that it misses), V; 0 where the
+        engine does not say.
     """
 
     time: Floats

@@ -31,6 +31,7 @@ __all__ = [
 
 
 UNITS = 64  # of rounding, of the fastest pole, to which an eigenvalue is found
+SEARCHED = 1e-9  # of the fastest pole found: the same, where only some were searched for
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,8 +63,9 @@ class Poles:
 
     @property
     def resolution(self) -> float:
-        """Rounding of the rightmost pole's real part, 1/s: some units of that of the fastest."""
-        return UNITS * float(np.finfo(np.float64).eps * np.abs(self.poles).max(initial=0.0))
+        """Rounding of the rightmost pole's real part, 1/s: a share of the fastest that is known."""
+        share = UNITS * float(np.finfo(np.float64).eps) if self.complete else SEARCHED
+        return share * float(np.abs(self.poles).max(initial=0.0))
 
     @property
     def unstable_count(self) -> int:

@@ -166,7 +166,7 @@ def rounding(rest: Equilibrium) -> Floats:
     draws = np.random.default_rng(1992).standard_normal((PROBES, descriptor.size))
     noise = float(np.finfo(np.float64).eps) * terms * draws
     moved = [_newton_step(descriptor, rest.slopes, row, np.abs(z)) for row in noise]
-    return SPREAD * np.max(np.abs(moved), axis=0)
+    return np.asarray(SPREAD * np.max(np.abs(moved), axis=0))
 
 
 def _cancelling(descriptor: Descriptor, z: Floats, drive: Floats) -> tuple[Floats, Floats]:

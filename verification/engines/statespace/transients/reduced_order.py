@@ -237,4 +237,5 @@ def simulate(
     else:
         instants, values = times, found.at(times)
     cost = Cost(clock.perf_counter() - began, len(instants), 3)
-    return Waveforms(instants, found.nodes, values, "statespace", cost)
+    rounding = found.error
+    return Waveforms(instants, found.nodes, values, "statespace", cost, rounding=rounding)
