@@ -6,9 +6,9 @@ method's matrix: one real and (s - 1)/2 complex systems a factorisation (Hairer 
 Ordinary Differential Equations II, sections IV.8 and IV.10). The embedded error estimate has order
 s, as has the dense output, the collocation polynomial itself.
 
-Rounding has a floor: F is measured at neighbours of z that floats hardly tell from z, and the
-scatter, with independent signs in every row, goes through the same solves as F itself. A Newton
-correction or an error estimate below that floor counts as zero.
+The floor of rounding is measured: the scatter of F at neighbours of z that floats hardly tell from
+z, with independent signs in every row, goes through the same solves as F. A Newton correction or
+an error estimate below that floor counts as zero.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,8 +73,7 @@ class Dense:
     escaped : bool
         Whether it ended early because an unknown passed its limit.
     rounding : float
-        What rounding, and steps too short to be halved, left in an unknown, added up over the
-        steps, V.
+        What rounding, and steps too short to be halved, left, added up over the steps, V.
     coarse : bool
         Whether that was above the tolerance in a step.
     """
@@ -98,12 +97,8 @@ class Dense:
         return np.asarray(np.einsum("pws,ps->pw", pieces, powers))
 
 
-@dataclass(frozen=True, slots=True)
-class Rounding:
-    """Rounding in one step: `stages` of a Newton correction and `estimate` of the error estimate.
-
-    Both in units of the tolerance; `volts` is the latter in the unknown with the most, V.
-    """
+class Rounding(NamedTuple):
+    """Rounding of a Newton correction and of the error estimate, in tolerances; the latter in V."""
 
     stages: float = 0.0
     estimate: float = 0.0
@@ -162,22 +157,18 @@ class Radau:
         while self.t < stop * (1.0 - 1e-14) and not self.out.escaped:
             self._advance()
             if self.out.steps > max_steps:
-                message = f"{max_steps} steps did not reach {stop!r} s (now {self.t!r} s)"
-                raise EngineError(message)
+                raise EngineError(f"{max_steps} steps did not reach {stop!r} s (now {self.t!r} s)")
         return self.out
 
     def _advance(self) -> None:
         """Take one accepted step."""
         rate = self.system.rate(self.z)
         if not np.all(np.isfinite(rate)):
-            message = f"an amplifier left the range of floats at {self.t!r} s"
-            raise EngineError(message)
+            raise EngineError(f"an amplifier left the range of floats at {self.t!r} s")
         while True:
             left = self.stop - self.t
             # Two equal last steps instead of a long and a tiny one.
-            wanted = (
-                left if self.h > 0.99 * left else (0.5 * left if self.h > 0.5 * left else self.h)
-            )
+            wanted = left if self.h > 0.99 * left else min(self.h, 0.5 * left)
             if wanted != self.h:
                 self.h, self.solvers = wanted, []
             if self._attempt(rate):
@@ -194,10 +185,8 @@ class Radau:
         found = self._newton()
         if found is None:
             if self.fresh and shortest:
-                message = f"the time step fell below {self.h:.3g} s at {self.t!r} s"
-                raise EngineError(message)
-            if self.fresh:
-                self.h *= 0.5
+                raise EngineError(f"the time step fell below {self.h:.3g} s at {self.t!r} s")
+            self.h *= 0.5 if self.fresh else 1.0
             self.solvers = []
             self.out.rejected += 1
             return False
@@ -211,7 +200,8 @@ class Radau:
             self.solvers = []
             self.out.rejected += 1
             return False
-        self.out.rounding += self.rounding.volts * max(error, 1.0)
+        left = error * float(self._scale(self.z).max()) if error > 1.0 else 0.0
+        self.out.rounding += self.rounding.volts + left
         self.out.coarse |= max(floor, error) > 1.0
         self._accept(Z)
         self.fresh = False
@@ -240,10 +230,8 @@ class Radau:
         dZ = (self.table.right @ self._solve(self.table.left @ noise.T)).real.T
         pull = np.asarray(self.system.mass(dZ @ self.table.estimate).real) / self.h
         error = self.solvers[0]((noise[:, 0] + pull).astype(np.complex128)).real
-        scale = self._scale(self.z)
-        return Rounding(
-            self._norm(dZ, scale[:, None]), self._norm(error, scale), float(np.abs(error).max())
-        )
+        scale, volts = self._scale(self.z), float(np.abs(error).max())
+        return Rounding(self._norm(dZ, scale[:, None]), self._norm(error, scale), volts)
 
     def _solve(self, residual: Complexes) -> Complexes:
         """Solve the decoupled stage equations, shape (k, size)."""
