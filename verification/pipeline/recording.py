@@ -131,7 +131,7 @@ def watch(
 def _rounding(design: Design, found: Measurements) -> float:
     """Return what rounding of the board's stamped values moves its equilibrium and modes by, V.
 
-    A mode ``exp(p t)`` whose p moves by dp moves by ``dp t exp(p t)``, at most ``dp / (e |p|)``.
+    A mode ``exp(p t)`` whose p moves by dp moves by ``dp t exp(p t)``, at most ``dp / (e |Re p|)``.
     """
     poles = design.poles
     modes = found.amplitude * poles.resolution / (math.e * abs(poles.rightmost.real))

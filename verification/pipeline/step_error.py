@@ -85,9 +85,7 @@ def simulation_error(
 
 def _moved(time: Reading | None, share: float) -> float:
     """Return how far a reading moves with its level, s."""
-    if time is None:
-        return 0.0
-    return share * time.value if share < 1 else math.inf
+    return share * (time.value if time is not None else 0.0) if share < 1 else math.inf
 
 
 def _furthest(a: tuple[float, ...], b: tuple[float, ...]) -> float:
