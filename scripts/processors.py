@@ -56,9 +56,11 @@ def main() -> int:
     parser.add_argument("pytest", nargs="*", help="arguments of pytest, behind --")
     asked = parser.parse_args()
     # A name that OpenBLAS does not know loads the processor's own kernels: the first name counts.
-    sets = {kernels: core for core in reversed(asked.kernels) if (kernels := loaded(core))}
-    if asked.others:
-        sets.pop(loaded(None), None)
+    sets: dict[str, str] = {}
+    for core in asked.kernels:
+        sets.setdefault(loaded(core), core)
+    for left_out in ("", loaded(None) if asked.others else ""):
+        sets.pop(left_out, None)
     commands = [["-m", "pytest", *(ROOM + test for test in asked.tests), *asked.pytest]]
     if asked.scenes:
         compare = ["regress", "scenes/", "--baseline", "scenes/baseline.json"]

@@ -164,10 +164,8 @@ def _settling_time(evidence: Evidence) -> Check:
     wanted = evidence.checks.settling_time
     reading = evidence.measurements.settling_time
     band = f"to ±{100 * wanted.band:g} % of the step amplitude"
-    if evidence.reference_problem:
-        return _undecided("settling_time", "s", evidence.reference_problem, wanted.max)
-    if still := _nothing_moves(evidence):
-        return _undecided("settling_time", "s", still, wanted.max)
+    if blocked := evidence.reference_problem or _nothing_moves(evidence):
+        return _undecided("settling_time", "s", blocked, wanted.max)
     if reading is None:
         trouble = evidence.measurements.reason
         if ringing := _perhaps_ringing(evidence.measurements):

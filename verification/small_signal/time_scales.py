@@ -194,4 +194,5 @@ def _scales(
 def _ringing(poles_: Complexes, amplitudes: Floats) -> Iterable[Ringing]:
     for p, amplitude in zip(poles_.tolist(), amplitudes.tolist(), strict=True):
         frequency = p.imag / (2.0 * math.pi)
-        yield Ringing(frequency, 1.0 / frequency, -1.0 / p.real, amplitude)
+        decay = -1.0 / p.real if p.real else math.inf  # on the axis to the last bit
+        yield Ringing(frequency, 1.0 / frequency, decay, amplitude)
