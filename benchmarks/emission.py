@@ -22,7 +22,7 @@ from netlist_gen.board.circuit import Circuit
 from netlist_gen.board.synthesis import synthesise
 from netlist_gen.deck.deck import write_deck
 from netlist_gen.problem.inverse_problem import make_problem
-from netlist_gen.scene.file import parse_scene
+from netlist_gen.scene.scene import parse_scene
 
 SIZES = (7, 16, 32, 64, 128, 256)
 TRANSIENT = Transient(stop=1e-3, max_step=1e-7)

@@ -58,7 +58,7 @@ class Claim:
 def seven_channels(name: str, rounds: int) -> list[Claim]:
     """One transient of a seven-channel board, at equal error and at each engine's own."""
     board = shipped(name)
-    solution = exact.exact(board.fresh(), stop=board.transient.stop)
+    solution = exact.exact_solution(board.circuit, stop=board.transient.stop)
     ladder = Ladder(board, solution.at, ERROR, timeout=120.0)
     for kind in ("free", "even"):
         ladder.climb(kind)
@@ -78,7 +78,7 @@ def precise_error(board: Board, solution: exact.Exact) -> float:
     """Largest error at the signal nodes in step amplitudes, at 22 instants, against 50 digits."""
     descriptor = stamp(board.circuit)
     times, precise = precise_step(descriptor, board.transient.stop, 22)
-    charged = np.flatnonzero(descriptor.dense_mass().any(axis=1))
+    charged = np.flatnonzero(descriptor.dense.mass.any(axis=1))
     names = [descriptor.names[place] for place in charged]
     columns = [names.index(node) for node in solution.nodes]
     off = np.abs(solution.at(np.array(times)) - precise[:, columns].astype(np.float64)).max()
@@ -120,7 +120,7 @@ def many_channels(rounds: int, quick: bool) -> list[Claim]:
     for kind in ("free", "even"):
         ladder.climb(kind)
     times = np.linspace(0.0, board.transient.stop, ladder.best.points)
-    own = exact.simulate(board.fresh(), board.transient, times=times).values
+    own = exact.simulate(board.circuit, board.transient, times=times).values
     error = float(np.abs(own - reference(times)).max()) / ladder.amplitude
     found = race(board, ladder, rounds)
     print(f"error of the state-space engine: {error:.1e} of the step amplitude\n")
@@ -133,7 +133,7 @@ def many_channels(rounds: int, quick: bool) -> list[Claim]:
 
 def modes(board: Board) -> Reference:
     """Exact solution by one dense eigenproblem of all states, however long that takes."""
-    return exact.exact(board.fresh(), stop=board.transient.stop).at
+    return exact.exact_solution(board.circuit, stop=board.transient.stop).at
 
 
 def tight(board: Board) -> Reference:
@@ -141,7 +141,7 @@ def tight(board: Board) -> Reference:
 
     def at(times: Floats) -> Floats:
         found = structured_radau.simulate(
-            board.fresh(), board.transient, times=times, tolerance=TIGHT
+            board.circuit, board.transient, times=times, tolerance=TIGHT
         )
         return found.values
 

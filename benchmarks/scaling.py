@@ -45,9 +45,9 @@ def probe(channels: int) -> None:
 
     board = wide(channels)
     stages = {"board and plan": stage()}
-    exact.simulate(board.fresh(), board.transient)
+    exact.simulate(board.circuit, board.transient)
     stages["transient"] = stage()
-    found = poles(board.fresh())
+    found = poles(board.circuit)
     stages["rightmost poles"] = stage()
     stages["all"] = clocks[-1][0] - clocks[0][0], clocks[-1][1] - clocks[0][1]
     status = Path("/proc/self/status").read_text(encoding="utf-8")
@@ -85,7 +85,7 @@ def growth(rounds: int, quick: bool) -> None:
 
 def time_poles(board: Board) -> float:
     """Time one search for the rightmost poles, s."""
-    circuit = board.fresh()
+    circuit = board.circuit
     began = time.perf_counter()
     poles(circuit)
     return time.perf_counter() - began

@@ -36,9 +36,10 @@ from sweep_rivals import SharedLibrary, by_spicelib, why_no_spicelib  # noqa: E4
 from netlist_gen.overrides.axes import parse_axes  # noqa: E402
 from netlist_gen.scene.file import load_scene  # noqa: E402
 from netlist_gen.scene.scene import Scene  # noqa: E402 - after the path
+from verification.studies.figures import FIGURES  # noqa: E402
 from verification.studies.running.executors import LocalPool, Workers  # noqa: E402
 from verification.studies.sweep.plan import Plan  # noqa: E402
-from verification.studies.sweep.point import NUMBERS, Result  # noqa: E402
+from verification.studies.sweep.point import Result  # noqa: E402
 from verification.studies.sweep.run import sweep  # noqa: E402
 from verification.studies.sweep.store import Store  # noqa: E402
 
@@ -188,7 +189,7 @@ class Instant(Executor):
             "checks": [],
         }
         future: Future[Any] = Future()
-        future.set_result(Result("pass", record | dict.fromkeys(NUMBERS, 1.0)))
+        future.set_result(Result("pass", record | dict.fromkeys(FIGURES, 1.0)))
         return future
 
 

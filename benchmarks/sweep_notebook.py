@@ -13,7 +13,8 @@ from netlist_gen.problem.inverse_problem import make_problem
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from verification.ideal.ideal_answer import ideal_network
-from verification.measures.measure import Measurements, measure
+from verification.measures.measure import measure
+from verification.measures.measurements import Measurements
 from verification.reference import solve
 
 

@@ -10,23 +10,24 @@ import click
 
 from verification.studies.running.threads import THREADS
 
-# name: (module, attribute, one line for --help); loading none of them keeps start-up short
-COMMANDS: dict[str, tuple[str, str, str]] = {
-    "verify": ("cli.verify", "verify", "Netlist, transient, measurements, reference, verdict."),
-    "netlist": ("cli.netlist", "netlist", "Write the ngspice deck of a scene."),
-    "solve": ("cli.solve", "solve", "The reference solution alone, with its certificate."),
-    "simulate": ("cli.simulate", "simulate", "Waveforms and measurements of a scene."),
-    "montecarlo": ("cli.montecarlo", "montecarlo", "Yield under component tolerances."),
-    "corners": ("cli.montecarlo", "corners", "Worst cases within the tolerances."),
-    "tune": ("cli.tune", "tune", "Gain for least settling time under an overshoot limit."),
-    "onset": ("cli.onset", "onset", "Every stability crossing over a range, confirmed."),
-    "sweep": ("cli.sweep", "sweep", "A grid of verifications; resumable, local or on a cluster."),
-    "regress": ("cli.regress", "regress", "A folder of scenes against a stored baseline, for CI."),
-    "accuracy": ("cli.accuracy", "accuracy", "Error against run time over engines and methods."),
-    "reproduce": ("cli.reproduce", "reproduce", "The paper, claim by claim, figure by figure."),
-    "models": ("cli.doctor", "models", "The op-amp presets and their figures."),
-    "new": ("cli.new", "new", "Write a commented scene file."),
-    "doctor": ("cli.doctor", "doctor", "What is installed, and what that means."),
+# name: (module of this package that holds the command, one line for --help); loading none of the
+# modules keeps start-up short
+COMMANDS: dict[str, tuple[str, str]] = {
+    "verify": ("verify", "Netlist, transient, measurements, reference, verdict."),
+    "netlist": ("netlist", "Write the ngspice deck of a scene."),
+    "solve": ("solve", "The reference solution alone, with its certificate."),
+    "simulate": ("simulate", "Waveforms and measurements of a scene."),
+    "montecarlo": ("montecarlo", "Yield under component tolerances."),
+    "corners": ("montecarlo", "Worst cases within the tolerances."),
+    "tune": ("tune", "Gain for least settling time under an overshoot limit."),
+    "onset": ("onset", "Every stability crossing over a range, confirmed."),
+    "sweep": ("sweep", "A grid of verifications; resumable, local or on a cluster."),
+    "regress": ("regress", "A folder of scenes against a stored baseline, for CI."),
+    "accuracy": ("accuracy", "Error against run time over engines and methods."),
+    "reproduce": ("reproduce", "The paper, claim by claim, figure by figure."),
+    "models": ("doctor", "The op-amp presets and their figures."),
+    "new": ("new", "Write a commented scene file."),
+    "doctor": ("doctor", "What is installed, and what that means."),
 }
 
 
@@ -41,14 +42,14 @@ class LazyGroup(click.Group):
         """Import and return one command."""
         if cmd_name not in COMMANDS:
             return None
-        module, attribute, _ = COMMANDS[cmd_name]
-        command: click.Command = getattr(importlib.import_module(module), attribute)
+        module = importlib.import_module(f"{__package__}.{COMMANDS[cmd_name][0]}")
+        command: click.Command = getattr(module, cmd_name)
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands from the table, without importing them."""
         with formatter.section("Commands"):
-            formatter.write_dl([(name, line) for name, (_, _, line) in COMMANDS.items()])
+            formatter.write_dl([(name, line) for name, (_, line) in COMMANDS.items()])
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
         """As click, with the nearest command's name where there is none of that name."""

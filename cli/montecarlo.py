@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from contextlib import AbstractContextManager, ExitStack
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -20,8 +19,7 @@ from cli.common import (
 from spice_models.errors import Complaint, InputError
 
 if TYPE_CHECKING:
-    from verification.studies.running.executors import Workers
-    from verification.studies.tolerance.varied_board import Study
+    from verification.studies.tolerance.varied_board import VariedBoard
     from verification.studies.tolerance.yield_report import Tally, YieldReport
 
 ENGINES = click.Choice(["auto", "ngspice", "statespace"])
@@ -41,7 +39,7 @@ CLUSTER = click.option("--cluster", metavar="tcp://HOST:PORT", help="Run on this
     "-o",
     "--output",
     type=click.Path(dir_okay=False),
-    help="Samples as JSON lines, kept as they come; a later run goes on from there.",
+    help="Database of the samples, kept as they come; a later run goes on from there.",
 )
 @JOBS
 @CLUSTER
@@ -54,10 +52,11 @@ def montecarlo(scene: str, count: int, seed: int, as_json: bool, **options: Any)
     it, below it, or the samples do not decide.
     """
     from verification.ideal.lambda_rule import read_scene
+    from verification.studies.tolerance.drawing import half_width
     from verification.studies.tolerance.varied_board import prepare
     from verification.studies.tolerance.yield_report import Tally, report
 
-    width = _fraction(options["until"])
+    width = half_width(options["until"])
     study = prepare(read_scene(scene, options["engine"]))
     if options["sample"] is not None:
         _one(study, seed, options["sample"], as_json)
@@ -100,6 +99,7 @@ def corners(
     """
     from verification.ideal.lambda_rule import read_scene
     from verification.report.tolerance.tables import print_corners
+    from verification.studies.running.executors import workers_at
     from verification.studies.tolerance.corners import named_corner, worst_corners
     from verification.studies.tolerance.varied_board import prepare, quantities
 
@@ -109,7 +109,8 @@ def corners(
         study = prepare(asked, full_margin=True)
         found = tuple(named_corner(study, text, ends) for text, ends in wanted)
     else:
-        with _workers(options) as workers, stage_display() as progress:
+        where = workers_at(options["cluster"], options["jobs"])
+        with where as workers, stage_display() as progress:
             found = worst_corners(asked, workers, progress)
     if as_json:
         print_json({"scene": asked.name, "corners": [asdict(corner) for corner in found]})
@@ -119,42 +120,22 @@ def corners(
     sys.exit(STATUS[next((o for o in ("fail", "inconclusive") if o in outcomes), "pass")])
 
 
-def _workers(options: dict[str, Any]) -> AbstractContextManager[Workers]:
-    from verification.studies.running.executors import cluster, local
-
-    address = options["cluster"]
-    return local(options["jobs"]) if address is None else cluster(address)
-
-
-def _draw(study: Study, seed: int, tally: Tally, options: dict[str, Any]) -> bool:
+def _draw(study: VariedBoard, seed: int, tally: Tally, options: dict[str, Any]) -> bool:
     """Draw what is missing; return whether Ctrl-C ended it."""
-    from verification.studies.tolerance.sample_file import SampleFile
-    from verification.studies.tolerance.yield_report import run_samples
+    from verification.studies.running.executors import workers_at
+    from verification.studies.tolerance.drawing import draw_samples
 
-    with ExitStack() as open_ones:
-        kept = None
-        if options["output"] is not None:
-            kept = open_ones.enter_context(SampleFile(options["output"], study, seed))
-            for sample in kept.samples.values():
-                tally.add(sample)
-        known = set() if kept is None else set(kept.samples)
-        missing = (number for number in range(tally.wanted) if number not in known)
-        if tally.enough:
-            return False
-        try:
-            workers = open_ones.enter_context(_workers(options))
-            progress = open_ones.enter_context(stage_display())
-            for sample in run_samples(study, missing, seed, workers, tally):
-                if kept is not None:
-                    kept.append(sample)
-                progress(f"{len(tally.samples)} of {tally.wanted} samples, {tally.passed} pass")
-        except KeyboardInterrupt:
-            click.echo("taction: interrupted; this is what there is", err=True)
-            return True
+    workers = workers_at(options["cluster"], options["jobs"])
+    try:
+        with stage_display() as progress:
+            draw_samples(study, seed, tally, workers, options["output"], progress)
+    except KeyboardInterrupt:
+        click.echo("taction: interrupted; this is what there is", err=True)
+        return True
     return False
 
 
-def _one(study: Study, seed: int, number: int, as_json: bool) -> None:
+def _one(study: VariedBoard, seed: int, number: int, as_json: bool) -> None:
     """Judge one sample as in the batch, then run it as a full verification."""
     from netlist_gen.board.variation import draw, vary
     from verification.report.verdict.json_document import verdict_document
@@ -183,19 +164,6 @@ def _status(found: YieldReport, wanted: float | None) -> int:
     if wanted is None or found.low >= wanted:
         return STATUS["pass"]
     return STATUS["fail"] if found.high < wanted else STATUS["inconclusive"]
-
-
-def _fraction(text: str | None) -> float | None:
-    if text is None:
-        return None
-    try:
-        value = float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)
-    except ValueError:
-        value = 0.0
-    if not 0 < value < 0.5:
-        accepted = "expected a half width such as 1% or 0.01"
-        raise InputError("--until", Complaint("WIDTH", repr(text), accepted))
-    return value
 
 
 def _ends(text: str) -> dict[str, float]:

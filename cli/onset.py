@@ -6,6 +6,7 @@ import sys
 
 import click
 
+import taction
 from cli.common import (
     STATUS,
     json_option,
@@ -42,19 +43,14 @@ def onset(scene: str, over: str, transients: bool, plot: str | None, as_json: bo
 
     Ends with 0 when answered, whatever the answer, and with 3 where a transient contradicts it.
     """
-    from verification.ideal.lambda_rule import read_scene
     from verification.report.onset.tables import onset_document, print_onset
-    from verification.studies.onset.onset import onset as run
-    from verification.studies.onset.onset import parse_onset_axis
 
-    asked = read_scene(scene)
-    axis = parse_onset_axis(asked, over)
     if plot is not None:
         from verification.report.verdict.plots import check_plot_file
 
         check_plot_file(plot)
     with stage_display() as progress:
-        found = run(asked, axis, transients=transients, progress=progress)
+        found = taction.onset(scene, over=over, transients=transients, progress=progress)
     if as_json:
         print_json(onset_document(found))
     else:

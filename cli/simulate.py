@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import click
 
+import taction
 from cli.common import json_option, print_json, reports_errors, scene_argument, stage_display
 
 
@@ -15,30 +16,24 @@ from cli.common import json_option, print_json, reports_errors, scene_argument, 
 @reports_errors
 def simulate(scene: str, engine: str | None, output: str | None, as_json: bool) -> None:
     """Run the transient of SCENE and measure it; nothing is judged."""
-    from verification.ideal.lambda_rule import read_scene
-    from verification.pipeline.recording import record_transient
-    from verification.report.verdict.json_document import channel_record, reading_record
-    from verification.report.verdict.waveform_files import check_export, export
+    from verification.report.verdict.json_document import channel_record
+    from verification.studies.figures import finite
 
-    asked = read_scene(scene, engine)
-    if output is not None:
-        check_export(output)
     with stage_display() as progress:
-        result = record_transient(asked, progress)
+        result = taction.simulate(scene, engine=engine, output=output, progress=progress)
     if output is not None:
-        export(result.circuit, result.waveforms, output)
         click.echo(f"wrote {output}", err=True)
     measurements, cost = result.measurements, result.waveforms.cost
     if as_json:
         print_json(
             {
-                "scene": asked.name,
+                "scene": result.circuit.name,
                 "simulator": result.waveforms.engine,
                 "points": cost.points,
                 "seconds": cost.seconds,
                 "stop": float(result.waveforms.time[-1]),
                 "step_amplitude": measurements.amplitude,
-                "settling_time": reading_record(measurements.settling_time),
+                "settling_time": finite(measurements.settling_time),
                 "channels": [channel_record(channel) for channel in measurements.channels],
                 "output": output,
             }

@@ -6,6 +6,7 @@ import sys
 
 import click
 
+import taction
 from cli.common import STATUS, json_option, print_json, reports_errors, scene_argument
 
 
@@ -15,15 +16,7 @@ from cli.common import STATUS, json_option, print_json, reports_errors, scene_ar
 @reports_errors
 def solve(scene: str, as_json: bool) -> None:
     """Solve the problem of SCENE without any circuit; ends with 3 if it earns no certificate."""
-    from netlist_gen.board.scalings import make_scalings
-    from netlist_gen.problem.inverse_problem import make_problem
-    from verification.ideal.ideal_answer import ideal_network
-    from verification.ideal.lambda_rule import read_scene
-    from verification.reference import solve as run
-
-    asked = read_scene(scene)
-    scalings = make_scalings(asked)
-    solution = run(ideal_network(make_problem(asked), scalings, asked).problem)
+    solution = taction.solve(scene)
     if as_json:
         print_json(
             {

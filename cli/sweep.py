@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -13,8 +13,6 @@ import click
 from cli.common import STATUS, json_option, reports_errors, scene_argument
 
 if TYPE_CHECKING:
-    from netlist_gen.scene.scene import Scene
-    from verification.studies.running.executors import Workers
     from verification.studies.sweep.plan import Plan
     from verification.studies.sweep.run import Count
     from verification.studies.sweep.store import Store
@@ -61,14 +59,14 @@ def sweep(scene: str, over: tuple[str, ...], as_json: bool, **options: Any) -> N
     """
     from netlist_gen.overrides.axes import parse_axes
     from verification.ideal.lambda_rule import read_scene
-    from verification.studies.sweep.plan import Plan
+    from verification.studies.sweep.plan import Plan, engines_of
     from verification.studies.sweep.store import Store
 
     asked = read_scene(scene)
     plan = Plan(
         asked,
         parse_axes(asked, over),
-        _engines(asked, options["engine"]),
+        engines_of(asked, options["engine"]),
         second_look=not options["once"],
         keep_waveforms=options["keep_waveforms"],
     )
@@ -80,17 +78,6 @@ def sweep(scene: str, over: tuple[str, ...], as_json: bool, **options: Any) -> N
         _write_files(plan, store, options)
     decided = count.outcomes["pass"] + count.outcomes["fail"]
     sys.exit(0 if decided else STATUS["inconclusive"])
-
-
-def _engines(scene: Scene, wanted: str | None) -> tuple[str, ...]:
-    from verification.pipeline.simulation import choose_engine
-
-    if wanted == "both":
-        return ("ngspice", "statespace")
-    if wanted is None:
-        return (choose_engine(scene),)
-    analysis = scene.analysis.model_copy(update={"engine": wanted})
-    return (choose_engine(scene.model_copy(update={"analysis": analysis})),)
 
 
 def _check_files(plan: Plan, options: dict[str, Any]) -> None:
@@ -106,11 +93,12 @@ def _check_files(plan: Plan, options: dict[str, Any]) -> None:
 
 
 def _run(plan: Plan, store: Store, options: dict[str, Any]) -> Count:
+    from verification.studies.running.executors import workers_at
     from verification.studies.sweep.run import sweep as run
 
     with _display(plan.total) as progress:
         try:
-            with _workers(options) as workers:
+            with workers_at(options["cluster"], options["jobs"]) as workers:
                 retry = options["retry"] == "failed"
                 return run(plan, store, workers, retry_failed=retry, progress=progress)
         except KeyboardInterrupt:
@@ -120,14 +108,6 @@ def _run(plan: Plan, store: Store, options: dict[str, Any]) -> Count:
             )
             click.echo(text, err=True)
             sys.exit(130)
-
-
-def _workers(options: dict[str, Any]) -> AbstractContextManager[Workers]:
-    from verification.studies.running.executors import cluster, local
-
-    if options["cluster"] is not None:
-        return cluster(options["cluster"])
-    return local(options["jobs"])
 
 
 def _report(plan: Plan, store: Store, count: Count, seconds: float, *, as_json: bool) -> None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+import taction
 from cli.common import (
     STATUS,
     json_option,
@@ -17,8 +18,8 @@ from cli.common import (
 )
 
 if TYPE_CHECKING:
+    from taction import Verdict
     from verification.small_signal.margin import Margin
-    from verification.verify import Verdict
 
 
 @click.command(short_help="Netlist, transient, measurements, reference, verdict.")
@@ -38,17 +39,12 @@ if TYPE_CHECKING:
 @reports_errors
 def verify(scene: str, as_json: bool, engine: str | None, plot: str | None, margins: bool) -> None:
     """Verify SCENE: simulate its board, solve its problem, compare, judge."""
-    from verification.ideal.lambda_rule import read_scene
-
-    asked = read_scene(scene, engine)
     if plot is not None:
         from verification.report.verdict.plots import check_plot_file
 
         check_plot_file(plot)
-    from verification.verify import verify as run
-
     with stage_display() as progress:
-        verdict = run(asked, progress)
+        verdict = taction.verify(scene, engine=engine, progress=progress)
     _show(verdict, as_json, _margins(verdict) if margins else {})
     if plot is not None:
         from verification.report.verdict.plots import plot_verdict

@@ -43,7 +43,7 @@ class BehaviouralAmplifier(Protocol):
 PORTS = ("inp", "inn", "out")
 """External nodes of an op-amp's subcircuit: non-inverting input, inverting input, output."""
 
-_STAGE_CAPACITANCE = 10e-12
+STAGE_CAPACITANCE = 10e-12
 """Capacitor of each pole, F: about what a signal node carries, so a stage's currents and charges
 are those of the board and one set of tolerances fits both. Measured (linear board, N = 32, ngspice
 46, 500 steps): 550 time points; 697 with stages of 1 Mohm, 889 with 1 kohm, where currents of
@@ -68,41 +68,37 @@ def opamp_subcircuit(model: OpAmp, *, noninverting_grounded: bool) -> SubCircuit
     """
     from PySpice.Spice.Netlist import SubCircuit
 
-    from spice_models.card import Card
-
     cell = SubCircuit(model.name, *PORTS)
     _inputs(cell, model, noninverting_grounded)
     control, gain = ("inp", "inn"), float(model.dc_gain)
     for index, pole in enumerate((model.first_pole, model.second_pole), start=1):
         if math.isfinite(pole):
             node = f"p{index}"
-            resistance = 1.0 / (2.0 * math.pi * pole * _STAGE_CAPACITANCE)
+            resistance = 1.0 / (2.0 * math.pi * pole * STAGE_CAPACITANCE)
             # From ground to the node: a positive control voltage pushes current into it.
-            Card(cell, f"G{index}", "0", node, *control, repr(gain / resistance))
-            Card(cell, f"R{index}", node, "0", repr(resistance))
-            Card(cell, f"C{index}", node, "0", repr(_STAGE_CAPACITANCE))
+            cell.VCCS(index, "0", node, *control, transconductance=gain / resistance)
+            cell.R(index, node, "0", resistance)
+            cell.C(index, node, "0", STAGE_CAPACITANCE)
             control, gain = (node, "0"), 1.0
     if model.output_resistance > 0.0:
-        Card(cell, "Eo", "e", "0", *control, repr(gain))
-        Card(cell, "Ro", "e", "out", repr(float(model.output_resistance)))
+        cell.VCVS("o", "e", "0", *control, voltage_gain=gain)
+        cell.R("o", "e", "out", float(model.output_resistance))
     else:
-        Card(cell, "Eo", "out", "0", *control, repr(gain))
+        cell.VCVS("o", "out", "0", *control, voltage_gain=gain)
     return cell
 
 
 def _inputs(cell: SubCircuit, model: OpAmp, noninverting_grounded: bool) -> None:
     """Add the input impedances that exist."""
-    from spice_models.card import Card
-
     if math.isfinite(model.input_resistance):
-        Card(cell, "Rd", "inp", "inn", repr(float(model.input_resistance)))
+        cell.R("d", "inp", "inn", float(model.input_resistance))
     if model.differential_capacitance > 0.0:
-        Card(cell, "Cd", "inp", "inn", repr(float(model.differential_capacitance)))
+        cell.C("d", "inp", "inn", float(model.differential_capacitance))
     if model.input_capacitance > 0.0:
-        farads = repr(float(model.input_capacitance))
-        Card(cell, "Cn", "inn", "0", farads)
+        farads = float(model.input_capacitance)
+        cell.C("n", "inn", "0", farads)
         if not noninverting_grounded:
-            Card(cell, "Cp", "inp", "0", farads)
+            cell.C("p", "inp", "0", farads)
 
 
 def amplifier_lines(stage: BehaviouralAmplifier) -> tuple[str, ...]:

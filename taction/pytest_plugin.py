@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import pytest
 
 if TYPE_CHECKING:
+    from taction.verdict import Verdict
     from verification.studies.regression.baseline import Entry
     from verification.studies.regression.run import SceneResult
-    from verification.verify import Verdict
 
 SUFFIX = ".scene.toml"
 TactionScene: TypeAlias = "Callable[..., Verdict]"
@@ -117,13 +117,12 @@ def taction_scene(request: pytest.FixtureRequest) -> TactionScene:
     folder, done = request.path.parent, request.config.stash.setdefault(VERDICTS, {})
 
     def run(path: str | Path, engine: str | None = None) -> Verdict:
-        from verification.ideal.lambda_rule import read_scene
-        from verification.verify import verify
+        import taction
 
         file = (folder / path).resolve()
         key = (file, file.stat().st_mtime_ns if file.exists() else 0, engine)
         if key not in done:
-            done[key] = verify(read_scene(str(file), engine))
+            done[key] = taction.verify(file, engine=engine)
         return done[key]
 
     return run

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from netlist_gen.analysis import Transient
 from netlist_gen.board.circuit import Circuit
 from netlist_gen.problem.inverse_problem import InverseProblem
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
-from verification.engines.statespace.linearised.equilibrium import Equilibrium, equilibrium
+from verification.engines.statespace.linearised.board import LinearBoard
 from verification.ideal.energy_rise import EnergyRise, energy_rise
 from verification.ideal.ideal_answer import IdealAnswer, ideal_answer
-from verification.measures.measure import Measurements
+from verification.measures.measurements import Measurements
 from verification.pipeline.agreement import Agreement
-from verification.pipeline.attained_accuracy import Accuracy, attained, both_tries, finer
-from verification.pipeline.checks import Check, Evidence, Outcome, judge, overall
+from verification.pipeline.attained_accuracy import Accuracy
+from verification.pipeline.checks import Check, Evidence, Outcome, overall, run_checks
 from verification.pipeline.clock import Clock, Progress
 from verification.pipeline.design import Design, design_board
 from verification.pipeline.effort import FULL, Effort
 from verification.pipeline.error_budget import ErrorPart, error_budget
-from verification.pipeline.recording import Recording, watch
+from verification.pipeline.recording import attempt
 from verification.pipeline.simulation import begin
 from verification.pipeline.step_error import StepError
 from verification.pipeline.warnings import find_warnings
@@ -30,7 +30,7 @@ from verification.small_signal.poles import Poles
 from verification.waveforms import Waveforms
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Verdict:
     """Everything that `verify` found; `outcome` sums it up."""
 
@@ -55,13 +55,16 @@ class Verdict:
     outcome: Outcome
     timing: dict[str, float]
 
+    def __repr__(self) -> str:
+        return f"Verdict({self.scene.name!r}, {self.outcome.value}, {self.waveforms.engine})"
+
 
 def verify(
     scene: Scene,
     progress: Progress = lambda stage: None,
     *,
     problem: InverseProblem | None = None,
-    circuit: Circuit | None = None,
+    circuit: Circuit | LinearBoard | None = None,
     ideal: IdealAnswer | None = None,
     effort: Effort = FULL,
 ) -> Verdict:
@@ -92,25 +95,28 @@ def verify(
     clock = Clock(progress)
     design = design_board(scene, clock, problem=problem, circuit=circuit)
     clock.begin("simulation")
-    pending = begin(design.scene, design.circuit, design.transient, design.engine, effort)
+    pending = begin(design.scene, design.board, design.transient, design.engine, effort)
     clock.begin("reference", beside="simulation")
     ideal = ideal_answer(design.network, design.scene) if ideal is None else ideal
-    rest = equilibrium(design.circuit) if effort.details else None
-    constraint = constraint_plane(design.circuit) if effort.details else None
     margin = _margin(design, effort.full_margin)
-    seen = watch(design, ideal, pending, clock, effort)
-    accuracy = attained(design, seen.simulation, seen.measurements.amplitude)
-    if accuracy is not None and (again := finer(design.scene, accuracy)) is not None:
-        board, problem = design.circuit, design.problem
-        verdict = verify(
-            again, progress, problem=problem, circuit=board, ideal=ideal, effort=effort
-        )
-        return replace(verdict, scene=design.scene, accuracy=both_tries(accuracy, verdict.accuracy))
-    evidence = _evidence(design, ideal, margin, seen)
-    checks = judge(evidence)
-    budget = _budget(design, ideal, rest, seen)
+    rest = design.board.equilibrium if effort.details else None
+    constraint = constraint_plane(design.circuit) if effort.details else None
+    design, seen = attempt(design, ideal, pending, clock, effort)
     wave = seen.simulation.fine
+    evidence = Evidence(
+        checks=design.scene.checks,
+        measurements=seen.measurements,
+        error=seen.error,
+        agreement=seen.agreement,
+        poles=design.poles,
+        margin=margin,
+        reference_error=ideal.error,
+        reference_problem=ideal.problem,
+    )
+    checks = run_checks(evidence)
     energy = energy_rise(design.network, wave.time, seen.u) if effort.details else None
+    own_error = seen.error.steady_state * seen.measurements.amplitude
+    budget = () if rest is None else error_budget(design, ideal, rest, seen.u[-1], own_error)
     clock.end()
     return Verdict(
         scene=design.scene,
@@ -125,7 +131,7 @@ def verify(
         u=seen.u,
         measurements=seen.measurements,
         error=seen.error,
-        accuracy=accuracy,
+        accuracy=seen.accuracy,
         agreement=seen.agreement,
         energy=energy,
         budget=budget,
@@ -136,35 +142,9 @@ def verify(
     )
 
 
-def _budget(
-    design: Design, ideal: IdealAnswer, rest: Equilibrium | None, seen: Recording
-) -> tuple[ErrorPart, ...]:
-    if rest is None:
-        return ()
-    simulator = seen.error.steady_state * seen.measurements.amplitude
-    return error_budget(
-        design.problem, design.network, design.circuit, ideal, rest, seen.u[-1], simulator
-    )
-
-
 def _margin(design: Design, full: bool) -> Margin | None:
     wanted = design.scene.checks.stability.margin
     if wanted <= 1.0:
         return None
     reach = max(wanted, REACH) if full else wanted
-    return capacitance_margin(design.circuit, reach, design.poles)
-
-
-def _evidence(
-    design: Design, ideal: IdealAnswer, margin: Margin | None, seen: Recording
-) -> Evidence:
-    return Evidence(
-        checks=design.scene.checks,
-        measurements=seen.measurements,
-        error=seen.error,
-        agreement=seen.agreement,
-        poles=design.poles,
-        margin=margin,
-        reference_error=ideal.error,
-        reference_problem=ideal.problem,
-    )
+    return capacitance_margin(design.board, reach, design.poles)

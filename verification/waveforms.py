@@ -16,7 +16,7 @@ class Cost:
     factorisations: int = 0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Waveforms:
     """Node voltages over time.
 
@@ -47,6 +47,10 @@ class Waveforms:
     cost: Cost
     flags: tuple[str, ...] = ()
     rounding: float = 0.0
+
+    def __repr__(self) -> str:
+        count, end = len(self.time), float(self.time[-1]) if len(self.time) else 0.0
+        return f"Waveforms({len(self.nodes)} nodes, {count} points to {end:.4g} s, {self.engine})"
 
     def __getitem__(self, node: str) -> Floats:
         """Return one node's voltage, shape (P,); KeyError for a node that was not saved."""

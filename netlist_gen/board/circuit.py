@@ -154,7 +154,7 @@ class Scalings:
     lam: float
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Circuit:
     """A whole board.
 
@@ -188,3 +188,7 @@ class Circuit:
     constraint_nodes: tuple[str, ...]
     outputs: tuple[Output, ...]
     omissions: tuple[Omission, ...]
+
+    def __repr__(self) -> str:
+        size = f"{len(self.outputs)} channels, {len(self.constraint_nodes)} sensors"
+        return f"Circuit({self.name!r}, {size}, {self.topology}, {self.amplifier} amplifiers)"

@@ -33,7 +33,7 @@ from netlist_gen.board.omissions import list_omissions
 from netlist_gen.board.parts import Parts
 from netlist_gen.board.preferred_values import nearest
 from netlist_gen.board.scalings import choose_opamp, make_scalings, preferred
-from netlist_gen.problem.inverse_problem import InverseProblem
+from netlist_gen.problem.inverse_problem import InverseProblem, make_problem
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Bools, Floats
 from spice_models.errors import Complaint, InputError
@@ -41,15 +41,22 @@ from spice_models.errors import Complaint, InputError
 BIAS = "bias"
 
 
-def synthesise(scene: Scene, problem: InverseProblem) -> Circuit:
-    """Design the board of `scene` for `problem`.
+def synthesise(scene: Scene, problem: InverseProblem | None = None) -> Circuit:
+    """Design the board of `scene` for `problem`, or for the scene's own.
 
     Raises
     ------
     InputError
         The design's numbers are out of range, or the passive topology would need a negative
         resistor.
+
+    Examples
+    --------
+    >>> import taction
+    >>> taction.synthesise(taction.load_scene("scenes/paper-breadboard.toml"))
+    Circuit('paper-breadboard', 7 channels, 7 sensors, integrator, linear amplifiers)
     """
+    problem = make_problem(scene) if problem is None else problem
     scalings = make_scalings(scene)
     model = choose_opamp(scene)
     ohms, negative = matrix_resistors(problem.matrix, scene)

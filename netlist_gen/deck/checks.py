@@ -45,6 +45,11 @@ def check_circuit(circuit: Circuit) -> None:
         if not (item.what + item.why).isprintable():
             raise ValueError(f"{item!r} does not fit on a comment line")
     _check_names(_names(circuit))
+    for kind in _NAMES:
+        names = [part.name for part in getattr(circuit, kind)]
+        if len(set(names)) != len(names):
+            twice = next(name for name in names if names.count(name) > 1)
+            raise ValueError(f"two {kind} have the name {twice!r}")
     for resistor in circuit.resistors:
         _check_value(resistor.name, resistor.ohms)
     for capacitor in circuit.capacitors:

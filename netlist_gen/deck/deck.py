@@ -1,8 +1,8 @@
 """From a `Circuit` and an analysis to an ngspice deck.
 
-PySpice's ``Circuit`` is the netlist's object model; the resistor matrices and the board's parts go
-in as lines of text, because an object each costs twenty times as much. Every number is a plain
-float (``repr``): in a deck ``1M`` would be a milliohm. The same circuit gives the same bytes.
+The op-amps' macromodels are PySpice's objects; the board's parts and the resistor matrices are
+lines of text, because an object each costs twenty times as much. Every number is a plain float
+(``repr``): in a deck ``1M`` would be a milliohm. The same circuit gives the same bytes.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from functools import lru_cache
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from netlist_gen.board.circuit import GROUND, Circuit, ResistorMatrix
 from netlist_gen.deck.checks import check_circuit, check_request, tolerances
 from netlist_gen.deck.header import header_lines
 from spice_models.array_types import Floats
+from spice_models.opamp import OpAmp
 from spice_models.subcircuits import amplifier_lines, opamp_subcircuit
 
 # ngspice's first step is a tenth of the .tran card's first figure. An exponential board that starts
@@ -43,10 +44,10 @@ class Deck:
         The one analysis that it asks for.
     """
 
-    text: str
+    text: str = field(repr=False)
     saved: tuple[str, ...]
     analysis: Analysis
-    files: Mapping[str, str] = field(default_factory=dict)
+    files: Mapping[str, str] = field(default_factory=dict, repr=False)
 
 
 def write_deck(
@@ -77,15 +78,19 @@ def write_deck(
     ValueError
         A name or a value that must not reach a simulator. A scene cannot cause it; it guards
         against circuits made by other means.
+
+    Examples
+    --------
+    >>> import taction
+    >>> scene = taction.load_scene("scenes/paper-breadboard.toml")
+    >>> deck = taction.netlist(scene)
+    >>> taction.write_deck(taction.synthesise(scene), deck.analysis) == deck
+    True
     """
-    return write_decks(
-        circuit,
-        (analysis,),
-        solver=solver,
-        relative=relative,
-        saved=saved,
-        matrix_file=matrix_file,
-    )[0]
+    (deck,) = write_decks(
+        circuit, [analysis], solver=solver, relative=relative, saved=saved, matrix_file=matrix_file
+    )
+    return deck
 
 
 def write_decks(
@@ -164,60 +169,50 @@ def _ends(matrix: ResistorMatrix, k: int) -> tuple[Sequence[str], Sequence[str]]
 
 def _flat(circuit: Circuit) -> tuple[str, dict[str, str]]:
     """Return the text of all parts but the current sources, and no further file."""
-    netlist = _new_netlist(circuit)
-    lines = _place(netlist, circuit)
-    lines += matrix_lines(circuit.matrices)
-    return _text(netlist, circuit, lines), {}
+    lines = [*_amplifiers(circuit), *matrix_lines(circuit.matrices)]
+    return _text(circuit, lines, _parts(circuit)), {}
 
 
 def _split(circuit: Circuit, matrix_file: str) -> tuple[str, dict[str, str]]:
     """Return the same with amplifiers and matrices as subcircuits, the latter in `matrix_file`."""
-    from PySpice.Spice.Netlist import SubCircuit
-
-    from spice_models.card import Card
-
-    netlist = _new_netlist(circuit)
     pads = _pads(circuit)
     own = [*circuit.signal_nodes, *circuit.constraint_nodes, *(o.node for o in circuit.outputs)]
     own += [source.node for source in circuit.voltages]
     ports = list(dict.fromkeys([*pads, *own]))
-    plane = SubCircuit("amplifiers", *ports)
-    plane.raw_spice = "\n".join([*_place(plane, circuit), ""])
-    netlist.subcircuit(plane)
-    Card(netlist, "Xamplifiers", *ports, "amplifiers")
-    Card(netlist, "Xmatrix", *pads, "matrix")
+    parts = [
+        *([""] if circuit.opamps else []),
+        *_subcircuit("amplifiers", ports, [*_amplifiers(circuit), *_parts(circuit)]),
+        " ".join(["Xamplifiers", *ports, "amplifiers"]),
+        " ".join(["Xmatrix", *pads, "matrix"]),
+    ]
     text = [
         "* the resistor matrix of a taction board: swap this file for another of the same ports",
-        ".subckt matrix " + " ".join(pads),
-        *matrix_lines(circuit.matrices),
-        ".ends matrix",
+        *_subcircuit("matrix", pads, matrix_lines(circuit.matrices)),
         "",
     ]
-    parts = _text(netlist, circuit, [f".include {matrix_file}"])
-    return parts, {matrix_file: "\n".join(text)}
+    board = _text(circuit, [f".include {matrix_file}"], parts)
+    return board, {matrix_file: "\n".join(text)}
 
 
-def _text(netlist: Any, circuit: Circuit, lines: Iterable[str]) -> str:
-    """Return the text of `netlist`, after the header of `circuit` and `lines`."""
-    from spice_models.card import Card
-
-    for bias in circuit.voltages:
-        Card(netlist, "V" + bias.name, bias.node, GROUND, repr(bias.volts))
-    netlist.raw_spice = "\n".join([*header_lines(circuit), *lines, ""])
-    return str(netlist)
+def _subcircuit(name: str, ports: Sequence[str], lines: Iterable[str]) -> list[str]:
+    return [f".subckt {name} " + " ".join(ports), *lines, f".ends {name}"]
 
 
-def _new_netlist(circuit: Circuit) -> Any:
-    """Return a netlist that holds the subcircuits of the op-amps in use."""
-    from PySpice.Spice.Netlist import Circuit as Netlist
+def _text(circuit: Circuit, before: Iterable[str], after: Iterable[str]) -> str:
+    """Return header, `before`, subcircuits of the op-amps in use, `after` and bias sources."""
+    grounded: dict[str, bool] = {}
+    for cell in circuit.opamps:
+        grounded[cell.model] = cell.noninverting == GROUND and grounded.get(cell.model, True)
+    models = [model for model in circuit.models.values() if model.name in grounded]
+    cells = "\n".join(_opamp_text(model, grounded[model.name]) for model in models)
+    biases = [f"V{bias.name} {bias.node} {GROUND} {bias.volts!r}" for bias in circuit.voltages]
+    head = [".title taction board", *header_lines(circuit), *before, ""]
+    return "\n".join(head) + cells + "\n".join([*after, *biases, ""])
 
-    netlist = Netlist("taction board")
-    for model in circuit.models.values():
-        cells = [cell for cell in circuit.opamps if cell.model == model.name]
-        if cells:
-            grounded = all(cell.noninverting == GROUND for cell in cells)
-            netlist.subcircuit(opamp_subcircuit(model, noninverting_grounded=grounded))
-    return netlist
+
+@lru_cache(maxsize=64)
+def _opamp_text(model: OpAmp, noninverting_grounded: bool) -> str:
+    return str(opamp_subcircuit(model, noninverting_grounded=noninverting_grounded))
 
 
 def _pads(circuit: Circuit) -> list[str]:
@@ -236,17 +231,18 @@ class _Texts(dict[float, str]):
         return self.setdefault(number, repr(number))
 
 
-def _place(netlist: Any, circuit: Circuit) -> list[str]:
-    """Put every part but matrices and sources into `netlist`; return lines to add as text."""
-    from spice_models.card import Cards
-
+def _parts(circuit: Circuit) -> list[str]:
+    """Return the lines of every part but amplifiers, matrices and sources."""
     text = _Texts()
-    lines = [
+    return [
         *(f"X{c.name} {c.noninverting} {c.inverting} {c.output} {c.model}" for c in circuit.opamps),
         *(f"R{r.name} {r.a} {r.b} {text[r.ohms]}" for r in circuit.resistors),
         *(f"C{c.name} {c.a} {c.b} {text[c.farads]}" for c in circuit.capacitors),
     ]
-    Cards(netlist, lines)
+
+
+def _amplifiers(circuit: Circuit) -> list[str]:
+    """Return the lines of the behavioural amplifiers."""
     return [line for stage in circuit.amplifiers for line in amplifier_lines(stage)]
 
 

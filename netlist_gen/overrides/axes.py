@@ -6,6 +6,9 @@
     C=1pF:1nF:31:lin    31 points, linear               C             the study's own range
     gain=1M,2M C=2p,1p  zipped: both change together (one ``--over``, a blank between)
 
+In Python the same is ``{"C": ("1pF", "1nF", 31), "opamp.base": ["ua741", "lf353"]}``: a tuple is a
+range, a list holds the values themselves.
+
 Several ``--over`` span a grid. A key is a dotted path (``design.opamp.gbw``), the end of one
 (``opamp.gbw``, ``gbw``), or a symbol of the paper (`SYMBOLS`).
 """
@@ -22,8 +25,7 @@ from typing import Any, Literal
 import numpy as np
 
 from netlist_gen.overrides.keys import Key, Value, find_key, own_value, read_value
-from netlist_gen.scene.file import parse_scene
-from netlist_gen.scene.scene import Scene
+from netlist_gen.scene.scene import Scene, parse_scene
 from spice_models.errors import Complaint, InputError
 
 MAX_POINTS = 100_000  # on one axis
@@ -39,6 +41,7 @@ _NEXT_KEY = re.compile(r"\s+(?=[A-Za-z_][A-Za-z0-9_.]*=)")
 
 Scale = Literal["log", "lin", "list"]
 Point = Mapping[str, Value]
+Over = str | Iterable[str] | Mapping[str, str | Iterable[Value]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,17 +72,31 @@ class Axis:
         return len(self.values)
 
 
-def parse_axes(scene: Scene, texts: Iterable[str], *, points: int = POINTS) -> list[list[Axis]]:
-    """Read all ``--over`` options: a list of axes that span a grid, each a list of zipped axes.
+def parse_axes(
+    scene: Scene, over: Over, *, points: int = POINTS, around: float | None = None
+) -> list[list[Axis]]:
+    """Read all axes of a study: a list of axes that span a grid, each a list of zipped axes.
+
+    Parameters
+    ----------
+    over : str, iterable of str, or mapping
+        As ``--over`` has them, or by key (see the head of this file).
+    points, around
+        As `parse_axis` has them.
 
     Raises
     ------
     InputError
         See `parse_axis`; also where zipped axes differ in length, or a key occurs twice.
     """
+    if isinstance(over, Mapping):
+        texts: Iterable[str] = [_as_text(name, values) for name, values in over.items()]
+    else:
+        texts = [over] if isinstance(over, str) else over
     groups = []
     for text in texts:
-        group = [parse_axis(scene, one, points=points) for one in _NEXT_KEY.split(text.strip())]
+        parts = _NEXT_KEY.split(text.strip())
+        group = [parse_axis(scene, one, points=points, around=around) for one in parts]
         if len({len(axis) for axis in group}) > 1:
             lengths = ", ".join(f"{axis.name} has {len(axis)}" for axis in group)
             raise _wrong(text, f"zipped keys need equally many values; {lengths}")
@@ -89,6 +106,18 @@ def parse_axes(scene: Scene, texts: Iterable[str], *, points: int = POINTS) -> l
         if paths.count(path) > 1:
             raise _wrong(path, "given twice; every key has one set of values")
     return groups
+
+
+def _as_text(name: str, values: str | Iterable[Value]) -> str:
+    """Write an axis as ``--over`` has it."""
+    if isinstance(values, str):
+        return f"{name}={values}"
+    between = ":" if isinstance(values, tuple) else ","
+    words = [str(value).lower() if isinstance(value, bool) else str(value) for value in values]
+    wrong = next((word for word in words if set(word) & set(":,=")), None)
+    if wrong is not None:
+        raise _wrong(wrong, "a value of an axis has no ':', ',' or '='")
+    return f"{name}={between.join(words)}"
 
 
 def parse_axis(

@@ -8,13 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
+from netlist_gen.scene.arrays import fitted
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from spice_models.errors import Complaint, InputError
 
 
-def read_array(scene: Scene, key: str, name: str, shape: tuple[int | None, ...]) -> Floats:
-    """Read the array that `key` of `scene` names.
+def read_array(scene: Scene, key: str, name: str | Floats, shape: tuple[int | None, ...]) -> Floats:
+    """Read the array that `key` of `scene` names, or take the one that the scene holds.
 
     Parameters
     ----------
@@ -26,24 +27,15 @@ def read_array(scene: Scene, key: str, name: str, shape: tuple[int | None, ...])
     InputError
         With the file, the line and column, and what would be accepted.
     """
-    path = scene.folder / name
-    values = _read_npy(path, key) if path.suffix == ".npy" else _read_csv(path, key)
-    if len(shape) == 1 and values.ndim == 2 and 1 in values.shape:
-        values = values.ravel()
-    if len(shape) == 2 and values.ndim == 1:
-        values = values[None, :]
-    fits = values.ndim == len(shape) and all(
-        want in (None, have) for want, have in zip(shape, values.shape, strict=True)
-    )
-    if not fits or values.size == 0:
-        wanted = " x ".join("any" if n is None else str(n) for n in shape)
-        found = " x ".join(str(n) for n in values.shape)
-        raise InputError(path, Complaint(key, repr(name), f"shape {found}; expected {wanted}"))
-    bad = np.argwhere(~np.isfinite(values))
-    if bad.size:
-        place = ", ".join(str(i + 1) for i in bad[0])
-        raise InputError(path, Complaint(key, repr(name), f"entry ({place}) is not finite"))
-    return values
+    if isinstance(name, str):
+        path, found = scene.folder / name, repr(name)
+        values = _read_npy(path, key) if path.suffix == ".npy" else _read_csv(path, key)
+    else:
+        path, found, values = scene.file, "", name
+    try:
+        return fitted(values, shape)
+    except ValueError as error:
+        raise InputError(path, Complaint(key, found, str(error))) from None
 
 
 def read_profile(scene: Scene, key: str, name: str) -> tuple[Floats, Floats]:

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from netlist_gen.problem.array_files import read_array, read_profile
-from netlist_gen.scene.scene import (
+from netlist_gen.scene.arrays import fitted
+from netlist_gen.scene.problem import (
     CsvLoad,
     CylinderLoad,
     MatrixProblem,
     Noise,
-    Scene,
     TactileProblem,
 )
+from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from spice_models.errors import Complaint, InputError
 
@@ -60,6 +62,25 @@ def make_problem(scene: Scene) -> InverseProblem:
             scene.file, Complaint("problem", "", "T is all zeros; it needs an entry that is not")
         )
     return problem
+
+
+def with_strains(scene: Scene, strains: ArrayLike) -> list[InverseProblem]:
+    """Return the problem of `scene` with each row of `strains` (K, M) in the place of its strain.
+
+    The scene's noise is not added to them, and the true stress is not known.
+
+    Raises
+    ------
+    InputError
+        As `make_problem`; also strains of another shape, or with an entry that is not finite.
+    """
+    problem = make_problem(scene)
+    try:
+        rows = fitted(np.asarray(strains, dtype=np.float64), (None, len(problem.strain)))
+    except ValueError as error:
+        text = f"{error} (one row a strain, one column a row of T)"
+        raise InputError("strains", Complaint("strains", "", text)) from None
+    return [replace(problem, strain=row, stress=None) for row in rows.copy()]
 
 
 def kernel(

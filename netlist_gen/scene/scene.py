@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, get_args
 
-from pydantic import (
-    BeforeValidator,
-    Field,
-    GetJsonSchemaHandler,
-    PrivateAttr,
-    StrictBool,
-    model_validator,
-)
+from pydantic import Field, GetJsonSchemaHandler, PrivateAttr, StrictBool, model_validator
 from pydantic_core import CoreSchema
 
+from netlist_gen.scene.arrays import in_memory
 from netlist_gen.scene.fields import (
     Count,
     Farads,
     FaradsOrZero,
-    FileName,
     Hertz,
     LambdaOrRule,
     Model,
@@ -31,79 +24,24 @@ from netlist_gen.scene.fields import (
     Real,
     Seconds,
     SecondsOrAuto,
-    Seed,
     Siemens,
     Volts,
 )
+from netlist_gen.scene.mistakes import contradictions, placed, validated
+from netlist_gen.scene.problem import MatrixProblem, TactileProblem
 from netlist_gen.scene.regression import Regression
 from netlist_gen.scene.tolerances import Tolerances
 from spice_models.amplifier import AMPLIFIERS
+from spice_models.definitions import SETTLING_BAND
+from spice_models.errors import Complaint, InputError
 from spice_models.presets import preset_names
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 NAME_PATTERN = r"^[A-Za-z0-9_.-]+$"
 DEFAULT_RESISTANCE = 1.786e6
-
-
-class CylinderLoad(Model):
-    """Stress under a cylinder, eq (18): ``p/(pi a²) sqrt(a² - y²)`` as printed."""
-
-    kind: Literal["cylinder"] = "cylinder"
-    force: NonNegative = Field(3.0, description="p, force per unit length")
-    half_width: Positive = Field(1.0, description="a, half width of the contact")
-    centre: Real = Field(0.0, description="y of the contact's middle")
-    normalised: StrictBool = Field(False, description="true: Hertz, 2p/(pi a²), integrates to p")
-
-
-class CsvLoad(Model):
-    """Stress profile from a CSV file beside the scene: columns y and stress."""
-
-    kind: Literal["csv"]
-    file: FileName = Field(description="CSV with two columns, y and stress; y increasing")
-
-
-class Noise(Model):
-    """Gaussian noise added to the strain."""
-
-    variance: NonNegative = 0.0
-    seed: Seed = 1
-
-
-def _cylinder_by_default(value: object) -> object:
-    """Every key has a default but problem.kind, so a load without a kind is a cylinder."""
-    if isinstance(value, dict) and "kind" not in value:
-        return {"kind": "cylinder", **value}
-    return value
-
-
-AnyLoad = Annotated[CylinderLoad | CsvLoad, Field(discriminator="kind")]
-
-
-class TactileProblem(Model):
-    """Strain under an elastic layer, eqs (1) to (4), with the corrected kernels."""
-
-    kind: Literal["tactile"]
-    channels: Count = Field(7, description="N, points where stress is reconstructed")
-    sensors: Count | None = Field(None, description="M, where it differs from N")
-    span: Positive = Field(6.0, description="y_max - y_min, in the unit of depth")
-    depth: Positive = Field(1.0, description="x")
-    modulus: Positive = Field(1.0, description="E")
-    poisson: Annotated[Real, Field(ge=-1.0, le=0.5)] = Field(0.5, description="nu")
-    kernel: Literal["normal", "tangential"] = "normal"
-    quadrature: Literal["none", "rectangle"] = Field(
-        "none", description="none: as eq (4) is printed; rectangle: times the spacing"
-    )
-    load: Annotated[AnyLoad, BeforeValidator(_cylinder_by_default)] = CylinderLoad()
-    noise: Noise = Noise()
-
-
-class MatrixProblem(Model):
-    """A matrix and a strain vector from files beside the scene."""
-
-    kind: Literal["matrix"]
-    matrix: FileName = Field(description="M rows, N columns; .csv or .npy")
-    strain: FileName = Field(description="M values; .csv or .npy")
-    stress: FileName | None = Field(None, description="N values, the truth, where it is known")
-    noise: Noise = Noise()
+IN_MEMORY = "Scene.from_arrays"  # in the place of a file
 
 
 class OpAmpChoice(Model):
@@ -132,16 +70,6 @@ class OpAmpChoice(Model):
     ) -> dict[str, Any]:
         table = handler(core)
         return {"anyOf": [{"type": "string", "enum": list(preset_names())}, table]}
-
-
-def contradictions(design: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield the keys of a design that others exclude, each with the reason."""
-    if design.get("lambda") is not None and design.get("resistance") is not None:
-        yield "lambda", "excludes 'resistance': give one of the two"
-    if design.get("amplifier", "linear") == "linear":
-        for key in ("exponential_slope", "bias"):
-            if design.get(key) is not None:
-                yield key, "needs a nonlinear amplifier, such as 'exponential'"
 
 
 class Design(Model):
@@ -182,8 +110,10 @@ class AnalysisChoice(Model):
     engine: Literal["auto", "ngspice", "statespace"] = "auto"
     stop: SecondsOrAuto = "auto"
     initial: Literal["zero", "rest"] = "zero"
-    points_per_period: Annotated[Real, Field(ge=8, le=10_000)] = Field(
-        125, description="time points in one period of the fastest ringing mode that matters"
+    points_per_period: Annotated[Real, Field(ge=8, le=10_000)] | None = Field(
+        None,
+        description="time points in one period of the fastest ringing mode that matters; by default"
+        " 125, or as many as 'error' needs",
     )
     error: Annotated[Positive, Field(lt=1)] | None = Field(
         None, description="largest error of the transient, fraction of the step amplitude"
@@ -192,7 +122,7 @@ class AnalysisChoice(Model):
 
     @model_validator(mode="after")
     def _one_resolution(self) -> Self:
-        if self.error is not None and "points_per_period" in self.model_fields_set:
+        if self.error is not None and self.points_per_period is not None:
             raise ValueError("'error' excludes 'points_per_period', which follows from it")
         return self
 
@@ -206,7 +136,7 @@ class SteadyStateCheck(Model):
 class SettlingTimeCheck(Model):
     """Settling to ``±band`` (a fraction of the step amplitude) within `max`."""
 
-    band: Annotated[Positive, Field(lt=1)] = 0.01
+    band: Annotated[Positive, Field(lt=1)] = SETTLING_BAND
     max: Seconds | None = None
 
 
@@ -231,9 +161,12 @@ class StabilityCheck(Model):
 
 
 class EnginesAgreeCheck(Model):
-    """Largest difference between ngspice and the state-space engine, over all time."""
+    """Largest difference between ngspice and the state-space engine, over all time.
 
-    tolerance: Positive = 1e-3
+    Without a tolerance, 1e-3 of the step amplitude, judged only where both engines run anyway.
+    """
+
+    tolerance: Positive | None = None
 
 
 class Checks(Model):
@@ -262,6 +195,68 @@ class Scene(Model):
     _file: Path = PrivateAttr(Path("scene.toml"))
     _lambda_rule: str = PrivateAttr("")
 
+    def __repr__(self) -> str:
+        return f"Scene({self.name!r}, {str(self.file)!r})"
+
+    @classmethod
+    def from_arrays(
+        cls,
+        T: ArrayLike,
+        eps: ArrayLike,
+        *,
+        stress: ArrayLike | None = None,
+        **values: Any,
+    ) -> Scene:
+        """Make a scene of a matrix and a strain in memory.
+
+        Parameters
+        ----------
+        T : array_like (M, N)
+            The matrix of ``eps = T u + noise``, dimensionless.
+        eps : array_like (M,)
+            The strain, dimensionless.
+        stress : array_like (N,), optional
+            The true u, where it is known.
+        **values
+            Keys of the scene by name, whatever table they stand in: ``capacitance="10pF"``,
+            ``opamp="lf353"``, ``variance=1e-4``; ``lam`` is the key ``lambda``. A table is a dict:
+            ``settling_time={"max": "1ms"}``. Values are written as in a scene file.
+
+        Returns
+        -------
+        Scene
+            Its `file` is ``Scene.from_arrays``.
+
+        Raises
+        ------
+        InputError
+            An unknown key (the nearest known one is named), a value that a key does not take, an
+            array of a wrong shape, or with an entry that is not finite.
+
+        Notes
+        -----
+        The scene keeps copies of the arrays, so a later change of them does not reach it.
+
+        Examples
+        --------
+        >>> import taction
+        >>> scene = taction.Scene.from_arrays([[1.0, 0.5], [0.5, 1.0]], [0.2, 0.1], gain="1M")
+        >>> scene.design.gain
+        1000000.0
+        >>> try:
+        ...     taction.Scene.from_arrays([[1.0]], [0.2], capacitanc="10pF")
+        ... except taction.InputError as error:
+        ...     print(error)
+        Scene.from_arrays: capacitanc = '10pF': unknown key; did you mean 'capacitance'?
+        """
+        problem = {"kind": "matrix", "matrix": in_memory(T), "strain": in_memory(eps)}
+        if stress is not None:
+            problem["stress"] = in_memory(stress)
+        data: dict[str, Any] = {"problem": problem}
+        if complaints := placed(cls, data, values):
+            raise InputError(IN_MEMORY, *complaints)
+        return parse_scene(data, IN_MEMORY)
+
     @property
     def file(self) -> Path:
         """Where the scene was read."""
@@ -271,6 +266,15 @@ class Scene(Model):
     def lambda_rule(self) -> str:
         """The rule that chose lambda; empty where the scene gave a number."""
         return self._lambda_rule
+
+    def with_engine(self, engine: str) -> Scene:
+        """Return the scene with another engine; InputError names the known ones."""
+        known = get_args(AnalysisChoice.model_fields["engine"].annotation)
+        if engine not in known:
+            text = f"expected one of {', '.join(map(repr, known))}"
+            raise InputError(self.file, Complaint("analysis.engine", repr(engine), text))
+        analysis = self.analysis.model_copy(update={"engine": engine})
+        return self.model_copy(update={"analysis": analysis})
 
     def with_lambda(self, lam: float, rule: str) -> Scene:
         """Return the scene with the lambda that `rule` chose."""
@@ -283,3 +287,16 @@ class Scene(Model):
     def folder(self) -> Path:
         """Folder of the scene file."""
         return self._file.parent
+
+
+def parse_scene(data: Mapping[str, Any], file: str | Path) -> Scene:
+    """Return `data` as a scene that stands in `file`.
+
+    Raises
+    ------
+    InputError
+        With all complaints that could be found at once.
+    """
+    scene = validated(Scene, data, file)
+    scene._file = Path(file)
+    return scene

@@ -1,20 +1,25 @@
-"""The wheel and the source archive hold every module and every data file."""
+"""The wheel: every file, one top-level name, and no harm to anybody else's packages."""
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 import sys
+import sysconfig
 import tarfile
 import zipfile
 from pathlib import Path
 
 import pytest
 
+from tests.support.entries import write_fast
 from tests.support.paths import ROOT
 
-PACKAGES = ("spice_models", "netlist_gen", "verification", "cli", "taction")
-SHIPPED = (".py", ".toml", ".json")
+MOVED = ("spice_models", "netlist_gen", "verification", "cli")
+PACKAGES = (*MOVED, "taction")
+SHIPPED = (".py", ".toml", ".json", ".typed")
+FILES = ("pyproject.toml", "setup.py", "README.md", "LICENSE")
 
 BUILD = """
 import sys
@@ -24,14 +29,48 @@ out = sys.argv[1]  # each build changes sys.argv
 print(build_meta.build_wheel(out), build_meta.build_sdist(out))
 """
 
+RIVAL_TEST = """
+import sys
+from pathlib import Path
+
+LOADED = set(sys.modules)
+
+def test_the_plugin_is_there_and_light():
+    assert "taction.pytest_plugin" in LOADED
+    assert not LOADED & {"numpy", "pydantic", "cli", "verification", "netlist_gen", "spice_models"}
+
+def test_our_own_packages_are_found():
+    import cli, netlist_gen, spice_models, verification
+    for package in (cli, netlist_gen, spice_models, verification):
+        assert package.OWNER == "somebody else"
+        assert Path(package.__file__).is_relative_to(Path(__file__).parent)
+"""
+
+THREE_LINES = """
+import taction
+verdict = taction.verify("board.toml")
+print(verdict)
+"""
+
+SWEEP = """
+import taction
+
+if __name__ == "__main__":
+    over = {"C": ("10pF", "20pF", 4)}
+    result = taction.sweep("board.toml", over=over, engine="statespace", jobs=2)
+    print(*result.to_pandas()["outcome"])
+    print(taction.__file__)
+"""
+
 
 @pytest.fixture(scope="module")
 def archives(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """A wheel and a source archive, built from a copy so that the checkout stays clean."""
     copy = tmp_path_factory.mktemp("checkout")
     for package in PACKAGES:
-        shutil.copytree(ROOT / package, copy / package)
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copytree(ROOT / package, copy / package, symlinks=True)
+    shutil.copytree(ROOT / "scenes", copy / "scenes")
+    for name in FILES:
         shutil.copy(ROOT / name, copy)
     out = tmp_path_factory.mktemp("dist")
     run = subprocess.run(
@@ -42,8 +81,36 @@ def archives(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return out / wheel, out / sdist
 
 
+@pytest.fixture(scope="module")
+def site(archives: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the wheel installed and nothing else."""
+    target = tmp_path_factory.mktemp("site")
+    words = ["--no-deps", "--no-index", "--quiet", "--target", str(target), str(archives[0])]
+    subprocess.run([sys.executable, "-m", "pip", "install", *words], check=True)
+    return target
+
+
+def installed(site: Path, folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    """Run Python in `folder` with the wheel and its dependencies, but without the checkout.
+
+    ``-S`` leaves out the ``.pth`` file by which the checkout is on the path of this Python.
+    """
+    paths = dict.fromkeys((str(site), *map(sysconfig.get_path, ("purelib", "platlib"))))
+    environment = {name: value for name, value in os.environ.items() if "PYTEST" not in name}
+    return subprocess.run(
+        [sys.executable, "-S", *words],
+        cwd=folder,
+        env=environment | {"PYTHONPATH": os.pathsep.join(paths)},
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+
+
 def sources() -> set[str]:
-    return {
+    scenes = [path for path in (ROOT / "scenes").rglob("*") if path.suffix in {".toml", ".csv"}]
+    assert scenes
+    return {f"verification/{path.relative_to(ROOT).as_posix()}" for path in scenes} | {
         path.relative_to(ROOT).as_posix()
         for package in PACKAGES
         for path in (ROOT / package).rglob("*")
@@ -51,20 +118,88 @@ def sources() -> set[str]:
     }
 
 
-def test_the_wheel_holds_every_module_and_data_file(archives: tuple[Path, Path]) -> None:
-    with zipfile.ZipFile(archives[0]) as wheel:
-        names = set(wheel.namelist())
-    assert sources() - names == set()
-    assert any(name.endswith("licenses/LICENSE") for name in names)
+def names(wheel: Path) -> set[str]:
+    with zipfile.ZipFile(wheel) as archive:
+        return set(archive.namelist())
+
+
+def read(wheel: Path, ending: str) -> str:
+    (name,) = (name for name in names(wheel) if name.endswith(ending))
+    with zipfile.ZipFile(wheel) as archive:
+        return archive.read(name).decode()
+
+
+def test_the_wheel_holds_every_module_and_data_file_below_one_package(
+    archives: tuple[Path, Path],
+) -> None:
+    expected = {name if name.startswith("taction/") else f"taction/{name}" for name in sources()}
+    found = names(archives[0])
+    about = {name for name in found if ".dist-info/" in name}
+    assert found - about == expected
+    assert any(name.endswith("licenses/LICENSE") for name in about)
+
+
+def test_the_wheel_declares_one_top_level_name(archives: tuple[Path, Path]) -> None:
+    assert read(archives[0], "top_level.txt").split() == ["taction"]
 
 
 def test_the_source_archive_holds_every_module_and_data_file(archives: tuple[Path, Path]) -> None:
     with tarfile.open(archives[1]) as sdist:
-        names = {name.partition("/")[2] for name in sdist.getnames()}
-    assert (sources() | {"pyproject.toml", "README.md", "LICENSE"}) - names == set()
+        found = {name.partition("/")[2] for name in sdist.getnames()}
+    assert (sources() | set(FILES)) - found == set()
 
 
-def test_the_wheel_declares_the_command(archives: tuple[Path, Path]) -> None:
-    with zipfile.ZipFile(archives[0]) as wheel:
-        (entry,) = (name for name in wheel.namelist() if name.endswith("entry_points.txt"))
-        assert "taction = cli.main:main" in wheel.read(entry).decode()
+def test_the_command_and_the_plugin_are_parts_of_taction(archives: tuple[Path, Path]) -> None:
+    lines = read(archives[0], "entry_points.txt").split("\n")
+    assert "taction = taction.__main__:main" in lines
+    assert "taction = taction.pytest_plugin" in lines
+
+
+def test_packages_of_the_same_names_beside_the_tests_are_left_alone(
+    site: Path, tmp_path: Path
+) -> None:
+    for name in MOVED:
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "__init__.py").write_text('OWNER = "somebody else"\n')
+    (tmp_path / "test_rival.py").write_text(RIVAL_TEST)
+    write_fast(tmp_path / "z.scene.toml")
+    run = installed(site, tmp_path, "-m", "pytest", "-v", "-p", "no:cacheprovider")
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert "z.scene.toml" in run.stdout
+    assert "3 passed" in run.stdout
+
+
+def test_the_three_line_job_shows_what_the_command_shows(site: Path, tmp_path: Path) -> None:
+    write_fast(tmp_path / "board.toml")
+    shown = installed(site, tmp_path, "-c", THREE_LINES)
+    command = installed(site, tmp_path, "-m", "taction", "verify", "board.toml")
+    assert (shown.returncode, command.returncode) == (0, 0), shown.stderr + command.stderr
+    tables = [run.stdout[: run.stdout.index("\ntime: ")] for run in (shown, command)]
+    assert tables[0] == tables[1]
+    assert shown.stdout.splitlines()[-1] == "PASS"
+
+
+def test_a_sweep_runs_in_two_processes_of_the_installed_package(site: Path, tmp_path: Path) -> None:
+    write_fast(tmp_path / "board.toml")
+    (tmp_path / "script.py").write_text(SWEEP)
+    run = installed(site, tmp_path, "script.py")
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.splitlines() == ["pass " * 3 + "pass", str(site / "taction/__init__.py")]
+    words = ("sweep", "board.toml", "--over", "C=10pF:20pF:4", "--jobs", "2", "-o", "a.sqlite")
+    command = installed(site, tmp_path, "-m", "taction", *words)
+    assert command.returncode == 0, command.stderr
+    assert "4 computed now" in command.stdout
+
+
+def test_the_installed_package_loads_none_of_the_checkout(site: Path, tmp_path: Path) -> None:
+    script = (
+        "import sys, taction\n"
+        "[getattr(taction, name) for name in taction.__all__]\n"
+        "from taction.cli import verify, sweep, montecarlo, onset, regress, reproduce, doctor\n"
+        "print(*sorted(name for name in sys.modules if name.partition('.')[0] in "
+        f"{MOVED!r}), sep='\\n')\n"
+        "print(sum(name.startswith('taction.') for name in sys.modules) > 50)\n"
+    )
+    run = installed(site, tmp_path, "-c", script)
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.split() == ["True"]

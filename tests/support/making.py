@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from netlist_gen.problem.inverse_problem import InverseProblem
-from netlist_gen.scene.file import parse_scene
-from netlist_gen.scene.scene import Scene
+from netlist_gen.scene.scene import Scene, parse_scene
 
 NEAR_IDEAL = {"base": "ideal", "dc_gain": 1e12}
 

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from netlist_gen.scene.scene import Checks
-from verification.measures.measure import ChannelMeasure, Measurements, Reading
+from verification.measures.measurements import ChannelMeasure, Measurements
+from verification.measures.readings import Reading
 from verification.measures.settling import ChannelState
 from verification.pipeline.agreement import Agreement
 from verification.pipeline.checks import Evidence

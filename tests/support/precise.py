@@ -51,7 +51,7 @@ def _fixed(value: Any) -> int:
 def _eliminate(descriptor: Descriptor) -> tuple[Any, Any]:
     """Return A and b of ``x' = A x + b``; for boards without ideal voltage sources."""
     assert not descriptor.determined.any()
-    M, K = descriptor.dense_mass(), descriptor.dense_stiffness()
+    M, K = descriptor.dense.mass, descriptor.dense.stiffness
     drive = descriptor.drive(sources_on=True)[:, None]
     d, a = np.flatnonzero(M.any(axis=1)), np.flatnonzero(~M.any(axis=1))
 

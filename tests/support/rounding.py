@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from typing import Any
 from unittest.mock import patch
@@ -12,10 +12,17 @@ import numpy as np
 
 from verification.engines.statespace.equations import stamps
 from verification.engines.statespace.equations.descriptor import Descriptor
-from verification.engines.statespace.transients import amplified, amplified_large, exact
+from verification.engines.statespace.transients import (
+    amplified,
+    amplified_large,
+    exact,
+    reduced_order,
+    structured_radau,
+)
 from verification.pipeline import recording
 
 SIZE = 4e-16  # relative; standard deviation
+TRANSIENTS = (amplified, exact, reduced_order, structured_radau)
 
 
 @contextmanager
@@ -42,11 +49,9 @@ def rounded(seed: int) -> Iterator[None]:
             devices=replace(d.devices, **scales),
         )
 
-    with (
-        patch.object(stamps, "Descriptor", stamped),
-        patch.object(exact, "initial_state", after(exact.initial_state)),
-        patch.object(amplified, "initial_state", after(amplified.initial_state)),
-        patch.object(amplified_large.Wide, "start", after(amplified_large.Wide.start)),
-        patch.object(recording, "outputs", after(recording.outputs)),
-    ):
+    begins = [(room, "initial_unknowns") for room in TRANSIENTS]
+    with ExitStack() as changed:
+        changed.enter_context(patch.object(stamps, "Descriptor", stamped))
+        for owner, name in (*begins, (amplified_large.Wide, "start"), (recording, "outputs")):
+            changed.enter_context(patch.object(owner, name, after(getattr(owner, name))))
         yield

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
+import sqlite3
 from collections.abc import Iterator
 from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -54,3 +56,14 @@ def one_thread() -> Iterator[Workers]:
     """Run samples in this process, one at a time."""
     with ThreadPoolExecutor(1) as executor:
         yield Workers(executor, lambda: 2, (BrokenExecutor,))
+
+
+def stored_samples(file: Path) -> list[dict[str, Any]]:
+    """Return the samples in a database, by their numbers; none where there is no database yet."""
+    try:
+        with closing(sqlite3.connect(f"file:{file}?mode=ro", uri=True, timeout=10)) as database:
+            rows = database.execute("select record from points").fetchall()
+    except sqlite3.OperationalError:
+        return []
+    found: list[dict[str, Any]] = [json.loads(record) for (record,) in rows]
+    return sorted(found, key=lambda sample: int(sample["number"]))

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from netlist_gen.scene.file import parse_scene
-from netlist_gen.scene.scene import Scene
+from netlist_gen.scene.scene import Scene, parse_scene
 from spice_models.errors import SimulatorNotFound, TimedOut
 from tests.support.paths import SCENES
 from verification.ideal.ideal_answer import IdealAnswer

@@ -20,7 +20,7 @@ from verification.reference import (
     ideal_transient,
     solve,
 )
-from verification.reference.dynamics import Outcome, ScaledNetwork
+from verification.reference.dynamics import ScaledNetwork, Trust
 from verification.reference.energy_balance import energy_residual
 from verification.reference.step_response import Response
 
@@ -141,7 +141,7 @@ def ideal_answer(network: IdealNetwork, scene: Scene) -> IdealAnswer:
         transient = ideal_transient(network, initial)
         solution, response = transient.rest, transient.response
         start = np.full(len(solution.u), np.nan) if response is None else response.start
-        if response is None or transient.outcome is not Outcome.TRUSTED:
+        if response is None or transient.outcome is not Trust.TRUSTED:
             why = transient.outcome.value
             pace = Pace(np.nan, transient.energy_residual)
         else:

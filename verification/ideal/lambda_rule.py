@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from netlist_gen.problem.inverse_problem import make_problem
 from netlist_gen.scene.file import load_scene
 from netlist_gen.scene.scene import Scene
@@ -46,16 +48,13 @@ def resolve_lambda(scene: Scene) -> Scene:
     return scene.with_lambda(choice.solution.lam, rule)
 
 
-def read_scene(path: str, engine: str | None = None) -> Scene:
-    """Read the scene at `path`, its lambda as a number; `engine` replaces its own.
+def read_scene(scene: str | Path | Scene, engine: str | None = None) -> Scene:
+    """Return a scene, or read the one at a path; its lambda a number, `engine` replaces its own.
 
     Raises
     ------
     InputError, SolverError
         See `netlist_gen.scene.file.load_scene` and `resolve_lambda`.
     """
-    scene = resolve_lambda(load_scene(path))
-    if engine is None:
-        return scene
-    analysis = scene.analysis.model_copy(update={"engine": engine})
-    return scene.model_copy(update={"analysis": analysis})
+    asked = resolve_lambda(scene if isinstance(scene, Scene) else load_scene(scene))
+    return asked if engine is None else asked.with_engine(engine)

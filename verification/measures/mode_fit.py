@@ -25,6 +25,7 @@ _FEWEST_PERIODS = 8.0
 _SPECTRUM = 4096  # samples in the spectrum that tells the fastest line
 _COMPONENTS = 6  # principal components of the channels
 _LINEAR_FRACTION = 0.25  # of a limit cycle's amplitude: below, the growth is still exponential
+GOOD_FIT = 0.1  # unexplained part below which the growth rate of a fit is believed
 _REAL = 1e-9  # radians a sample: below, a pole does not oscillate
 _FAINT = 1e-4  # of the strongest mode: below, a pole is an artefact of the fit
 _BORN = 37.0  # nepers, 1e16: what grows by more was not there at the start: a kink, not a mode
@@ -129,7 +130,7 @@ def _doubts(periods: float, residual: float, growth: float, sigma: float) -> str
     """Say why a mode's fit is unsure, or nothing; growth and sigma over the fitted stretch."""
     tests = (
         (periods < 2, f"only {periods:.1f} periods in the fitted stretch"),
-        (residual > 0.1, f"the fit leaves {residual:.0%} unexplained"),
+        (residual > GOOD_FIT, f"the fit leaves {residual:.0%} unexplained"),
         (abs(growth) < 2 * sigma + RESOLVED, "the sign of the growth rate is not established"),
     )
     return "; ".join(text for true, text in tests if true)

@@ -20,17 +20,9 @@ _JUMP = 1e-4  # of the last row: below, the normal equations lose too many digit
 
 def _lags(samples: Floats, length: int) -> Floats:
     """Return the products of samples (n, K) with those 0 to length - 1 later, (n, length)."""
-    n = samples.shape[0]
-    padded = np.concatenate([samples, np.zeros((length, samples.shape[1]))])
-    found = np.empty((n, length))
-    for begin in range(0, n, length):
-        rows = min(length, n - begin)
-        near = padded[begin : begin + rows + length]
-        products = (near[: rows + 1] @ near.T).ravel()
-        # Rows that are longer by one put the diagonals into columns.
-        skewed = products[: rows * (rows + length + 1)].reshape(rows, -1)
-        found[begin : begin + rows] = skewed[:, :length]
-    return found
+    padded = np.concatenate([samples, np.zeros((length - 1, samples.shape[1]))])
+    later = np.lib.stride_tricks.sliding_window_view(padded, length, axis=0)
+    return np.asarray(np.matmul(samples[:, None, :], later)[:, 0])
 
 
 def _grams(samples: Floats, length: int) -> tuple[Floats, ...]:

@@ -6,6 +6,7 @@ import numpy as np
 
 from spice_models.array_types import Floats
 
+CUBIC = 4  # nearest points: more would magnify rounding where steps grow from tiny ones
 _ALIKE = 1e-6  # steps that differ by less, relative, are one
 _SAME = 1e-9  # of a step: an instant that near to a point is that point
 

@@ -20,8 +20,8 @@ import numpy as np
 
 from spice_models.array_types import Floats
 from verification.measures.envelope import saturates
-from verification.measures.mode_fit import RESOLVED, Mode
-from verification.measures.times import Reading
+from verification.measures.mode_fit import GOOD_FIT, RESOLVED, Mode
+from verification.measures.readings import Reading
 
 _DWELL = 0.05  # of the settling time that must follow it inside the band
 _DWELL_PERIODS = 3.0
@@ -29,25 +29,24 @@ _SAFE = 0.5  # of the band: a decaying ringing below it will not leave the band 
 _QUIET = 0.05  # of the band: ringing below it is not judged
 _STEADY = 0.1  # nepers over the record: a ringing that loses less has the amplitude that it had
 _FLAT_TOP = 0.2  # of a period spent within 1 % of one extreme; 0.064 for a sinusoid
-_GOOD_FIT = 0.1  # unexplained part below which a fit's growth rate is believed
 _SILENT = 1 / 21  # of the band: `Drift.heading` carries a mean on by no more than twenty times it
 _ENDS = np.array([3.0, 2.0, 1.0, 0.0])  # of the last three stretches, counted from the last
 _RUNAWAY = 10.0  # step amplitudes off target, and accelerating
 
 
 class ChannelState(StrEnum):
-    """How a channel's record ends."""
+    """How a channel's record ends; the best first."""
 
     SETTLED = "settled"
-    NOT_SETTLED = "not settled"
     UNDECIDED = "undecided"
+    NOT_SETTLED = "not settled"
     OSCILLATING = "oscillating"
     CLIPPED = "clipped"
     DIVERGED = "diverged"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Ringing:
+class ChannelRinging:
     """What is known of the ringing in one channel.
 
     Attributes
@@ -70,8 +69,8 @@ class Ringing:
 
 
 @dataclass(frozen=True, slots=True)
-class Judgement:
-    """ChannelState, settling time where there is one, and why there is none."""
+class Settlement:
+    """State of a channel, its settling time where it has settled, and why it has not."""
 
     state: ChannelState
     settling_time: Reading | None
@@ -150,14 +149,14 @@ def _flat_top(time: Floats, error: Floats, period: float) -> bool:
     return bool(max(top, bottom) > _FLAT_TOP * weight.sum())
 
 
-def _loss(ring: Ringing) -> tuple[float, float, float] | None:
+def _loss(ring: ChannelRinging) -> tuple[float, float, float] | None:
     """Return the least and the most nepers that the ringing loses, and what is a loss at all.
 
     Over the stretch of the fit, within two standard uncertainties; without a good fit over the
     last half of the envelope, within its scatter. None where there is hardly an envelope.
     """
     mode = ring.mode
-    if mode is not None and mode.residual < _GOOD_FIT:
+    if mode is not None and mode.residual < GOOD_FIT:
         length, doubt = mode.stop - mode.start, 2 * mode.growth_sigma
         return length * (-mode.growth_rate - doubt), length * (-mode.growth_rate + doubt), RESOLVED
     half = ring.amplitude[-max(ring.amplitude.size // 2, 1) :]
@@ -168,7 +167,7 @@ def _loss(ring: Ringing) -> tuple[float, float, float] | None:
     return lost - doubt, lost + doubt, _STEADY
 
 
-def _persists(ring: Ringing) -> bool | None:
+def _persists(ring: ChannelRinging) -> bool | None:
     """Tell whether the ringing goes on; None where its loss may be none and may be more than that.
 
     Where nothing is known the ringing does not count as persistent: the dwell must prove it.
@@ -179,7 +178,7 @@ def _persists(ring: Ringing) -> bool | None:
     return True if loss[1] <= _STEADY else None
 
 
-def _left(ring: Ringing, end: float) -> tuple[float, float]:
+def _left(ring: ChannelRinging, end: float) -> tuple[float, float]:
     """Return the ringing's amplitude at `end` and its period (0 and 0 if nothing rings).
 
     The envelope's last chunk lies before the end, and a record of few periods has hardly an
@@ -187,7 +186,7 @@ def _left(ring: Ringing, end: float) -> tuple[float, float]:
     the dominant line is a trend to the envelope, so the larger of the two counts.
     """
     last, mode, period = float(ring.amplitude[-1]), ring.mode, ring.period or 0.0
-    if mode is None or mode.residual > _GOOD_FIT or not mode.decays:
+    if mode is None or mode.residual > GOOD_FIT or not mode.decays:
         return last, period
     fitted = ring.share * math.exp(mode.growth_rate * (end - mode.stop))
     if mode.frequency * (mode.stop - mode.start) < 1:
@@ -198,7 +197,9 @@ def _left(ring: Ringing, end: float) -> tuple[float, float]:
     return max((carried, period), (fitted, 1 / mode.frequency))
 
 
-def sustained(time: Floats, error: Floats, tolerance: float, ring: Ringing) -> ChannelState | None:
+def sustained(
+    time: Floats, error: Floats, tolerance: float, ring: ChannelRinging
+) -> ChannelState | None:
     """Return OSCILLATING or CLIPPED if the channel rings on, UNDECIDED if it may, else None."""
     mode = ring.mode
     if ring.period is None:
@@ -214,10 +215,10 @@ def sustained(time: Floats, error: Floats, tolerance: float, ring: Ringing) -> C
     return ChannelState.CLIPPED if _flat_top(time, error, ring.period) else ChannelState.OSCILLATING
 
 
-def judge(
-    drift: Drift, n: int, found: Reading | None, tolerance: float, step: float, ring: Ringing
-) -> Judgement:
-    """Judge channel `n`.
+def prove(
+    drift: Drift, n: int, found: Reading | None, tolerance: float, step: float, ring: ChannelRinging
+) -> Settlement:
+    """Tell whether channel `n` settled, and why not.
 
     Parameters
     ----------
@@ -229,34 +230,34 @@ def judge(
         Half width of the settling band, in the unit of `error`.
     step : float
         The network's step amplitude, in the same unit.
-    ring : Ringing
+    ring : ChannelRinging
         The channel's ringing.
     """
     time, error = drift.time, drift.errors[n]
     state = sustained(time, error, tolerance, ring)
     if state is ChannelState.UNDECIDED:
-        return Judgement(state, None, _either(ring, found))
+        return Settlement(state, None, _either(ring, found))
     if state is not None:
         how = "at a constant amplitude" if state is ChannelState.CLIPPED else "and does not decay"
-        return Judgement(state, None, f"it oscillates {how}: it never settles")
+        return Settlement(state, None, f"it oscillates {how}: it never settles")
     left, period = _left(ring, float(time[-1]))
     limit, ratio = drift.heading(n, period)
     if found is None:
         return _outside(float(error[-1]), tolerance, step, ring.mode, left, limit, ratio)
     if abs(limit) > tolerance and left < tolerance:
         reason = f"inside the band at the end but drifting towards {limit:.4g} off target"
-        return Judgement(ChannelState.NOT_SETTLED, None, reason + ": simulate longer")
+        return Settlement(ChannelState.NOT_SETTLED, None, reason + ": simulate longer")
     dwell = float(time[-1] - time[0]) - found.value
     need = _DWELL * found.value
     if left > _SAFE * tolerance:
         need = max(need, period * _DWELL_PERIODS)
     if dwell < need:
         reason = f"inside the band for the last {dwell:.4g} s only, {need:.4g} s would prove it"
-        return Judgement(ChannelState.NOT_SETTLED, None, reason + ": simulate longer")
-    return Judgement(ChannelState.SETTLED, found, "")
+        return Settlement(ChannelState.NOT_SETTLED, None, reason + ": simulate longer")
+    return Settlement(ChannelState.SETTLED, found, "")
 
 
-def _either(ring: Ringing, found: Reading | None) -> str:
+def _either(ring: ChannelRinging, found: Reading | None) -> str:
     """Give both readings of a ringing whose loss is not established."""
     least, most, _ = _loss(ring) or (0.0, 0.0, 0.0)
     settles = "it settles later" if found is None else f"the settling time is {found.value:.4g} s"
@@ -272,11 +273,11 @@ def _outside(
     left: float,
     limit: float,
     ratio: float,
-) -> Judgement:
+) -> Settlement:
     """Say why a channel that ends outside its band, and does not oscillate, is there."""
     off = f"{last:.4g} off target ({abs(last) / step:.3%} of the step)"
     if ratio >= 1 and abs(last) > _RUNAWAY * step:
-        return Judgement(ChannelState.DIVERGED, None, f"{off} at the end, and accelerating")
+        return Settlement(ChannelState.DIVERGED, None, f"{off} at the end, and accelerating")
     if left > _QUIET * tolerance and mode is not None and mode.decays:
         longer = math.log(max(left / tolerance, 2.0)) / -mode.growth_rate
         reason = f"still ringing at {mode.frequency:.4g} Hz with {left:.4g}, which decays"
@@ -287,4 +288,4 @@ def _outside(
         reason = f"at rest {off}: the reference and the circuit disagree"
     else:
         reason = f"{off} at the end and moving towards {limit:.4g} off target: simulate longer"
-    return Judgement(ChannelState.NOT_SETTLED, None, reason)
+    return Settlement(ChannelState.NOT_SETTLED, None, reason)

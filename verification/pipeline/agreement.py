@@ -10,12 +10,12 @@ from netlist_gen.analysis import Transient
 from netlist_gen.board.circuit import Circuit
 from spice_models.array_types import Floats
 from spice_models.errors import EngineError
-from verification.measures.resampling import lagrange
+from verification.engines.statespace.linearised.board import LinearBoard
+from verification.measures.resampling import CUBIC, lagrange
 from verification.pipeline.simulation import Simulation, outputs
 from verification.waveforms import Waveforms
 
 MAX_INSTANTS = 20_000
-STENCIL = 4  # a cubic: more points would magnify rounding where steps grow from tiny ones
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,7 +70,7 @@ class Other:
     reason: str
 
 
-def other_engine(circuit: Circuit, transient: Transient, second: Waveforms) -> Other:
+def other_engine(board: LinearBoard, transient: Transient, second: Waveforms) -> Other:
     """Simulate with the state-space engine what ngspice simulates.
 
     The instants are those of ngspice's second run, which ends while the first is under way.
@@ -79,13 +79,12 @@ def other_engine(circuit: Circuit, transient: Transient, second: Waveforms) -> O
 
     shown = slice(None, None, max(len(second.time) // MAX_INSTANTS, 1))
     instants = np.asarray(second.time[shown])
-    u = outputs(circuit, second)[shown]
-    nodes = tuple(output.node for output in circuit.outputs)
+    u = outputs(board.circuit, second)[shown]
     try:
-        exact = simulate(circuit, transient, nodes=nodes, times=instants)
+        exact = simulate(board, transient, times=instants)
     except EngineError as error:
         return Other(instants, u, np.full_like(u, np.nan), str(error))
-    return Other(instants, u, outputs(circuit, exact), "")
+    return Other(instants, u, outputs(board.circuit, exact), "")
 
 
 def compare_engines(circuit: Circuit, simulation: Simulation, other: Other) -> Agreement:
@@ -95,12 +94,12 @@ def compare_engines(circuit: Circuit, simulation: Simulation, other: Other) -> A
     error of its steps.
     """
     fine, instants = simulation.fine, other.instants
-    if other.reason or len(fine.time) < STENCIL:
+    if other.reason or len(fine.time) < CUBIC:
         reason = other.reason or f"the record has {len(fine.time)} points"
         return Agreement(np.nan, np.nan, np.nan, 0, instants, other.exact * np.nan, reason)
     inside = (instants >= fine.time[0]) & (instants <= fine.time[-1])
     instants = instants[inside]
-    u = lagrange(fine.time, outputs(circuit, fine), instants, STENCIL)
+    u = lagrange(fine.time, outputs(circuit, fine), instants, CUBIC)
     correction = simulation.share * (u - other.second[inside])
     difference = u + correction - other.exact[inside]
     place, channel = np.unravel_index(int(np.argmax(np.abs(difference))), difference.shape)
@@ -115,11 +114,11 @@ def compare_engines(circuit: Circuit, simulation: Simulation, other: Other) -> A
     )
 
 
-def exact_record(circuit: Circuit, transient: Transient) -> Waveforms | None:
+def exact_record(board: LinearBoard, transient: Transient) -> Waveforms | None:
     """Return what the state-space engine has for a transient, or None where it has no answer."""
     from verification.engines.statespace.transients.exact import simulate
 
     try:
-        return simulate(circuit, transient)
+        return simulate(board, transient)
     except EngineError:
         return None

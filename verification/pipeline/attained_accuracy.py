@@ -13,20 +13,20 @@ import numpy as np
 
 from netlist_gen.analysis import Transient
 from netlist_gen.board.circuit import Circuit
-from netlist_gen.scene.scene import Scene
 from spice_models.errors import EngineError
+from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.transients import (
     amplified,
     exact,
     reduced_order,
     structured_radau,
 )
-from verification.measures.resampling import lagrange
+from verification.measures.resampling import CUBIC, lagrange
 from verification.pipeline.design import Design
 from verification.pipeline.simulation import Simulation, outputs, state_space_tolerance
+from verification.pipeline.transient_plan import plan_transient
 from verification.waveforms import Waveforms
 
-STENCIL = 4  # points of the interpolation between two runs
 INSTANTS = 2000  # at which two runs of an adaptive engine are compared
 LOOSER = 10.0  # the second run's tolerance over the first's
 RESERVE = 0.8  # of the wanted error: what the second try aims at
@@ -80,14 +80,14 @@ def attained(design: Design, simulation: Simulation, amplitude: float) -> Accura
     amplitude : float
         Step amplitude, V.
     """
-    circuit, transient = design.circuit, design.transient
+    transient = design.transient
     wanted, fine = design.scene.analysis.error, simulation.fine
     if wanted is None:
         return None
     if fine.engine == exact.ENGINE:
-        method, volts, how = _state_space(circuit, transient, fine, wanted)
+        method, volts, how = _state_space(design.board, transient, fine, wanted)
     else:
-        method, (volts, how) = transient.method, _two_runs(circuit, simulation)
+        method, (volts, how) = transient.method, _two_runs(design.circuit, simulation)
     return Accuracy(
         wanted=wanted,
         achieved=volts / (amplitude or 1.0) if math.isfinite(volts) else None,
@@ -100,19 +100,19 @@ def attained(design: Design, simulation: Simulation, amplitude: float) -> Accura
     )
 
 
-def finer(scene: Scene, accuracy: Accuracy | None) -> Scene | None:
-    """Return the scene with the step that should reach its error, after one that missed.
+def finer(design: Design, accuracy: Accuracy | None) -> Design | None:
+    """Return the design with the step that should reach its error, after one that missed.
 
-    None where there is no need for it, where the engine has no step, or after a second try.
+    None where there is no need for it, and where the engine has no step.
     """
     if accuracy is None or accuracy.reached or accuracy.achieved is None:
         return None
-    tried = "points_per_period" in scene.analysis.model_fields_set
-    if tried or accuracy.engine == exact.ENGINE:
+    if accuracy.engine == exact.ENGINE:
         return None
     ratio = math.sqrt(accuracy.achieved / (RESERVE * accuracy.wanted))  # of order 2
-    points = {"points_per_period": ratio * accuracy.points_per_period}
-    return scene.model_copy(update={"analysis": scene.analysis.model_copy(update=points)})
+    points = ratio * accuracy.points_per_period
+    transient = plan_transient(design.scene, design.scales, design.engine, points)
+    return replace(design, transient=transient)
 
 
 def both_tries(first: Accuracy, second: Accuracy | None) -> Accuracy | None:
@@ -125,29 +125,30 @@ def both_tries(first: Accuracy, second: Accuracy | None) -> Accuracy | None:
 def _two_runs(circuit: Circuit, simulation: Simulation) -> tuple[float, str]:
     """Return the stepping engine's error in V, extrapolated from its two runs."""
     fine, coarse = simulation.fine, simulation.coarse
-    if coarse is None or len(fine.time) < STENCIL:
+    if coarse is None or len(fine.time) < CUBIC:
         return math.nan, "no second run"
     inside = (coarse.time >= fine.time[0]) & (coarse.time <= fine.time[-1])
-    u = lagrange(fine.time, outputs(circuit, fine), np.asarray(coarse.time[inside]), STENCIL)
+    u = lagrange(fine.time, outputs(circuit, fine), np.asarray(coarse.time[inside]), CUBIC)
     apart = np.abs(u - outputs(circuit, coarse)[inside]).max()
     return simulation.share * float(apart), "difference to a run at twice the step, extrapolated"
 
 
 def _state_space(
-    circuit: Circuit, transient: Transient, fine: Waveforms, wanted: float
+    board: LinearBoard, transient: Transient, fine: Waveforms, wanted: float
 ) -> tuple[str, float, str]:
     """Return the method, its error in V and how it was found."""
-    if not circuit.amplifiers and not exact.is_large(circuit):
-        bound = exact.exact(circuit, initial=transient.initial, stop=transient.stop).error
+    amplifiers = board.circuit.amplifiers
+    if not (amplifiers or board.descriptor.is_large):
+        bound = exact.exact_solution(board, initial=transient.initial, stop=transient.stop).error
         return "exact", bound, "bound on the rounding of the exact solution"
-    run = amplified.simulate if circuit.amplifiers else structured_radau.simulate
+    run = amplified.simulate if amplifiers else structured_radau.simulate
     stepped = any(flag.startswith(reduced_order.STEPPED) for flag in fine.flags)
     linear = "implicit, structured" if stepped else "Krylov space, structured"
-    method = "implicit, adaptive" if circuit.amplifiers else linear
+    method = "implicit, adaptive" if amplifiers else linear
     tolerance = state_space_tolerance(wanted)
     times = fine.time[:: max(len(fine.time) // INSTANTS, 1)]
     try:
-        other = run(circuit, transient, times=times, tolerance=LOOSER * tolerance)
+        other = run(board, transient, times=times, tolerance=LOOSER * tolerance)
     except EngineError as error:
         return method, math.nan, f"the second run failed: {error}"
     apart = np.abs(other.values - fine.values[np.searchsorted(fine.time, times)]).max()

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 
 from netlist_gen.quantities import show
 from netlist_gen.scene.scene import Checks
-from verification.measures.measure import ChannelMeasure, Measurements
+from spice_models.definitions import SHIFTED
+from verification.measures.measurements import ChannelMeasure, Measurements
+from verification.measures.readings import Reading
 from verification.measures.settling import ChannelState
-from verification.measures.times import Reading
 from verification.pipeline.agreement import Agreement
 from verification.pipeline.step_error import StepError
 from verification.small_signal.margin import Margin
@@ -74,12 +75,13 @@ class Evidence:
     reference_problem: str
 
 
+AGREE = 1e-3  # of A: difference between engines where the scene sets no limit
 NO_STEP = "nothing to judge: with this strain and initial state no output has to move"
 ROUNDING = "nothing to judge: the step amplitude is below the reference's own error"
 UNSTEADY = (ChannelState.OSCILLATING, ChannelState.CLIPPED, ChannelState.DIVERGED)
 
 
-def judge(evidence: Evidence) -> tuple[Check, ...]:
+def run_checks(evidence: Evidence) -> tuple[Check, ...]:
     """Run every check of `CHECKS` that the scene asks for."""
     return tuple(check for make in CHECKS if (check := make(evidence)) is not None)
 
@@ -195,7 +197,7 @@ def _rise_time(evidence: Evidence) -> Check | None:
     values = [channel.rise_time.value, channel.rise_time.alternative or channel.rise_time.value]
     doubt = check.uncertainty or 0.0
     lower, other = (at_most(-value, doubt, -wanted.min) for value in values)
-    lower = lower if lower is other else Outcome.INCONCLUSIVE  # fragile, and a hair decides
+    lower = lower if lower is other else Outcome.INCONCLUSIVE  # fragile
     reason = f"{text}; at least {show(wanted.min, 's')}"
     return Check("rise_time", lower, check.value, check.uncertainty, wanted.max, None, "s", reason)
 
@@ -252,7 +254,7 @@ def _engines_agree(evidence: Evidence) -> Check | None:
     agreement, m = evidence.agreement, evidence.measurements
     if agreement is None:
         return None
-    limit, amplitude = evidence.checks.engines_agree.tolerance, m.amplitude or 1.0
+    limit, amplitude = evidence.checks.engines_agree.tolerance or AGREE, m.amplitude or 1.0
     if agreement.reason:
         reason = f"the state-space engine has no answer: {agreement.reason}"
         return _undecided("engines_agree", "step", reason, limit)
@@ -278,7 +280,8 @@ def _timed(name: str, reading: Reading, error: float, limit: float | None, text:
         if outcome is Outcome.INCONCLUSIVE:
             reason += "; the limit is within the uncertainty"
     if reading.fragile and reading.alternative is not None:
-        reason += f"; fragile: a hair decides between this and {show(reading.alternative, 's')}"
+        other = show(reading.alternative, "s")
+        reason += f"; fragile: {other} with {SHIFTED[name.removesuffix('_time')]}"
         if limit is not None and at_most(reading.alternative, uncertainty, limit) is not outcome:
             outcome = Outcome.INCONCLUSIVE
     return Check(name, outcome, reading.value, uncertainty, limit, None, "s", reason)

@@ -10,6 +10,7 @@ from netlist_gen.board.scalings import make_scalings
 from netlist_gen.board.synthesis import synthesise
 from netlist_gen.problem.inverse_problem import InverseProblem, make_problem
 from netlist_gen.scene.scene import Scene
+from verification.engines.statespace.linearised.board import LinearBoard
 from verification.ideal.ideal_answer import ideal_network
 from verification.ideal.lambda_rule import resolve_lambda
 from verification.pipeline.clock import Clock
@@ -30,8 +31,10 @@ class Design:
         With a number for lambda.
     network : IdealNetwork
         What the board would be with ideal parts, for the reference.
+    board : LinearBoard
+        The circuit linearised at its equilibrium.
     poles, scales
-        Of the board linearised at its equilibrium.
+        Of it.
     engine : str
         A key of `verification.pipeline.simulation.ENGINES`.
     transient : Transient
@@ -40,12 +43,17 @@ class Design:
 
     scene: Scene
     problem: InverseProblem
-    circuit: Circuit
+    board: LinearBoard
     network: IdealNetwork
     scales: TimeScales
     poles: Poles
     engine: str
     transient: Transient
+
+    @property
+    def circuit(self) -> Circuit:
+        """The board as it is built."""
+        return self.board.circuit
 
 
 def design_board(
@@ -53,7 +61,7 @@ def design_board(
     clock: Clock,
     *,
     problem: InverseProblem | None = None,
-    circuit: Circuit | None = None,
+    circuit: Circuit | LinearBoard | None = None,
 ) -> Design:
     """Synthesise the board of `scene` and plan its transient.
 
@@ -67,11 +75,11 @@ def design_board(
     clock.begin("synthesis")
     scene = resolve_lambda(scene)
     problem = make_problem(scene) if problem is None else problem
-    circuit = synthesise(scene, problem) if circuit is None else circuit
+    board = LinearBoard.of(synthesise(scene, problem) if circuit is None else circuit)
     network = ideal_network(problem, make_scalings(scene), scene)
     clock.begin("poles")
-    scales = time_scales(circuit, initial=scene.analysis.initial)
-    poles = poles_behind(circuit, scales)
+    scales = time_scales(board, initial=scene.analysis.initial)
+    poles = poles_behind(board, scales)
     engine = choose_engine(scene)
     transient = plan_transient(scene, scales, engine)
-    return Design(scene, problem, circuit, network, scales, poles, engine, transient)
+    return Design(scene, problem, board, network, scales, poles, engine, transient)

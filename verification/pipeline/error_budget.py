@@ -6,12 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netlist_gen.board.circuit import Circuit
-from netlist_gen.problem.inverse_problem import InverseProblem
 from spice_models.array_types import Floats
 from verification.engines.statespace.linearised.equilibrium import Equilibrium
 from verification.ideal.ideal_answer import IdealAnswer, rounded_network
-from verification.reference import IdealNetwork, solve
+from verification.pipeline.design import Design
+from verification.reference import solve
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,13 +26,7 @@ class ErrorPart:
 
 
 def error_budget(
-    problem: InverseProblem,
-    network: IdealNetwork,
-    circuit: Circuit,
-    ideal: IdealAnswer,
-    rest: Equilibrium,
-    final: Floats,
-    simulator: float,
+    design: Design, ideal: IdealAnswer, rest: Equilibrium, final: Floats, simulator: float
 ) -> tuple[ErrorPart, ...]:
     """Split the way from the true stress to the simulated outputs into its parts.
 
@@ -51,9 +44,10 @@ def error_budget(
     SolverError
         The steady state with the rounded resistors cannot be computed.
     """
+    network, circuit, stress = design.network, design.circuit, design.problem.stress
     rounded = solve(rounded_network(network, circuit).problem).u * network.U0
     board = np.array([out.sign * rest[out.node] for out in circuit.outputs])
-    truth = None if problem.stress is None else problem.stress * network.U0
+    truth = None if stress is None else stress * network.U0
     return (
         ErrorPart(
             "ill_posedness",

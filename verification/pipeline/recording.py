@@ -8,22 +8,25 @@ from typing import TypedDict
 
 from netlist_gen.analysis import Transient
 from netlist_gen.board.circuit import Circuit
+from netlist_gen.problem.inverse_problem import InverseProblem
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
-from verification.engines.statespace.linearised.equilibrium import equilibrium
+from verification.engines.ngspice.process import PHYSICAL_BOUND
 from verification.engines.statespace.linearised.equilibrium import rounding as rounding_at_rest
 from verification.ideal.ideal_answer import IdealAnswer, ideal_answer
-from verification.measures.measure import Measurements, glance, measure
+from verification.measures.measure import measure, read_record
+from verification.measures.measurements import Measurements
 from verification.pipeline.agreement import Agreement, compare_engines, exact_record, other_engine
+from verification.pipeline.attained_accuracy import Accuracy, attained, both_tries, finer
 from verification.pipeline.clock import Clock, Progress
 from verification.pipeline.design import Design, design_board
 from verification.pipeline.effort import Effort
-from verification.pipeline.simulation import PHYSICAL_BOUND, Pending, Simulation, begin, outputs
+from verification.pipeline.simulation import Pending, Simulation, begin, outputs
 from verification.pipeline.step_error import StepError, simulation_error, undecided
 from verification.waveforms import Waveforms
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Record:
     """Waveforms of one transient and what was measured on them."""
 
@@ -31,6 +34,9 @@ class Record:
     transient: Transient
     waveforms: Waveforms
     measurements: Measurements
+
+    def __repr__(self) -> str:
+        return f"Record({self.waveforms!r})"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,6 +55,8 @@ class Recording:
         The simulation's own.
     agreement : Agreement or None
         With the other engine; None where only one ran.
+    accuracy : Accuracy or None
+        The error over all time; None where the scene asks for none.
     """
 
     simulation: Simulation
@@ -56,10 +64,18 @@ class Recording:
     u: Floats
     error: StepError
     agreement: Agreement | None
+    accuracy: Accuracy | None
 
 
-def record_transient(scene: Scene, progress: Progress = lambda stage: None) -> Record:
+def record_transient(
+    scene: Scene,
+    progress: Progress = lambda stage: None,
+    *,
+    problem: InverseProblem | None = None,
+) -> Record:
     """Simulate the transient of `scene` once, without a second look at another step.
+
+    `problem` replaces the scene's own.
 
     Raises
     ------
@@ -67,10 +83,10 @@ def record_transient(scene: Scene, progress: Progress = lambda stage: None) -> R
         As `verification.verify.verify`.
     """
     clock = Clock(progress)
-    design = design_board(scene, clock)
+    design = design_board(scene, clock, problem=problem)
     clock.begin("simulation")
     once = Effort(second_look=False)
-    pending = begin(design.scene, design.circuit, design.transient, design.engine, once)
+    pending = begin(design.scene, design.board, design.transient, design.engine, once)
     ideal = ideal_answer(design.network, design.scene)
     waveforms = pending.result().fine
     clock.begin("measures")
@@ -78,6 +94,23 @@ def record_transient(scene: Scene, progress: Progress = lambda stage: None) -> R
         design.scene, design.circuit, ideal, waveforms, design.transient
     )
     return Record(design.circuit, design.transient, waveforms, measurements)
+
+
+def attempt(
+    design: Design, ideal: IdealAnswer, pending: Pending, clock: Clock, effort: Effort
+) -> tuple[Design, Recording]:
+    """Do as `watch`, and again with a smaller step where the wanted error was missed.
+
+    The design that is returned has the step of the recording.
+    """
+    seen = watch(design, ideal, pending, clock, effort)
+    better = finer(design, seen.accuracy)
+    if seen.accuracy is None or better is None:
+        return design, seen
+    clock.begin("simulation")
+    pending = begin(better.scene, better.board, better.transient, better.engine, effort)
+    again = watch(better, ideal, pending, clock, effort)
+    return better, replace(again, accuracy=both_tries(seen.accuracy, again.accuracy))
 
 
 def watch(
@@ -101,14 +134,14 @@ def watch(
     second, share = pending.second_look(), pending.share
     clock.begin("second look", beside="simulation")
     if not effort.second_look and share and stable:
-        second, share = exact_record(circuit, transient), 1.0
+        second, share = exact_record(design.board, transient), 1.0
     coarse = other = None
     if second is not None:
         terms = _terms(scene, circuit, transient)
         there = outputs(circuit, second)
-        coarse = glance(second.time, there, ideal.target, ideal.start, **terms)
+        coarse = read_record(second.time, there, ideal.target, ideal.start, **terms)
     if second is not None and effort.second_look and stable:
-        other = other_engine(circuit, transient, second)
+        other = other_engine(design.board, transient, second)
     clock.begin("simulation")
     simulation = pending.result(running_away=not stable)
     clock.begin("measures")
@@ -121,11 +154,12 @@ def watch(
         coarse, share = None, math.inf
     if second is not None and coarse is not None and undecided(fine, coarse):
         again, _ = measure_outputs(scene, circuit, ideal, second, transient, details=effort.details)
-        coarse = again.look
+        coarse = again.readings
     rounding = simulation.fine.rounding + (0.0 if share or not stable else _rounding(design, fine))
     error = simulation_error(fine, coarse, share, rounding)
     agreement = compare_engines(circuit, simulation, other) if other is not None else None
-    return Recording(simulation, fine, u, error, agreement)
+    accuracy = attained(design, simulation, fine.amplitude)
+    return Recording(simulation, fine, u, error, agreement, accuracy)
 
 
 def _rounding(design: Design, found: Measurements) -> float:
@@ -135,15 +169,12 @@ def _rounding(design: Design, found: Measurements) -> float:
     """
     poles = design.poles
     modes = found.amplitude * poles.resolution / (math.e * abs(poles.rightmost.real))
-    return modes + float(rounding_at_rest(equilibrium(design.circuit)).max(initial=0.0))
+    return modes + float(rounding_at_rest(design.board.equilibrium).max(initial=0.0))
 
 
 def _is_exact(design: Design) -> bool:
-    from verification.engines.statespace.transients.exact import is_large
-
-    linear = not design.circuit.amplifiers
-    automatic = design.scene.analysis.stop == "auto"
-    return design.engine == "statespace" and linear and automatic and not is_large(design.circuit)
+    small = not (design.circuit.amplifiers or design.board.descriptor.is_large)
+    return design.engine == "statespace" and design.scene.analysis.stop == "auto" and small
 
 
 def _on_the_solution(design: Design, ideal: IdealAnswer, final: Floats) -> Measurements:
@@ -151,7 +182,7 @@ def _on_the_solution(design: Design, ideal: IdealAnswer, final: Floats) -> Measu
     from verification.small_signal.exact_measures import measure_exact
 
     found = measure_exact(
-        design.circuit,
+        design.board,
         ideal.target,
         ideal.start,
         initial=design.transient.initial,
@@ -177,7 +208,7 @@ def measure_outputs(
 
 
 class _Terms(TypedDict):
-    """What `measure` and `glance` are told besides the record and where it should go."""
+    """What `measure` and `read_record` are told besides the record and where it should go."""
 
     band: float
     bound: float

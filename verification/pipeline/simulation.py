@@ -28,8 +28,9 @@ from spice_models.errors import (
 )
 from verification.engines.ngspice import session
 from verification.engines.ngspice.executable import find_simulator
-from verification.engines.ngspice.process import Run, start
+from verification.engines.ngspice.process import PHYSICAL_BOUND, Run, start
 from verification.engines.ngspice.session import Turn
+from verification.engines.statespace.linearised.board import LinearBoard
 from verification.pipeline.effort import FULL, Effort
 from verification.pipeline.transient_plan import coarser
 from verification.waveforms import Waveforms
@@ -38,7 +39,6 @@ from verification.waveforms import Waveforms
 # a few boards with nonlinear amplifiers do not get away from there. The older solver does.
 SPARSE = "noopiter"
 SECOND_SOLVER = "KLU did not get away from the start; ngspice's older solver gave this answer"
-PHYSICAL_BOUND = 1e6  # unit voltages; what is above has diverged
 COARSER = 2.0  # the second run's step over the first's
 ORDER = 2  # of the trapezoidal rule
 STEP_SHARE = 0.05  # of a wanted error: the state-space engine's tolerance
@@ -135,7 +135,7 @@ def choose_engine(scene: Scene) -> str:
     """
     if scene.analysis.engine != "auto":
         return scene.analysis.engine
-    compared = "engines_agree" in scene.checks.model_fields_set
+    compared = scene.checks.engines_agree.tolerance is not None
     if scene.analysis.error is not None and not compared:
         return "statespace"
     try:
@@ -154,7 +154,7 @@ def state_space_tolerance(wanted: float) -> float:
 
 
 def begin(
-    scene: Scene, circuit: Circuit, analysis: Transient, engine: str, effort: Effort = FULL
+    scene: Scene, board: LinearBoard, analysis: Transient, engine: str, effort: Effort = FULL
 ) -> Pending:
     """Start a simulation; processes run while the caller does other work.
 
@@ -165,7 +165,7 @@ def begin(
     SimulationError
         From here or from `Pending.result`.
     """
-    return ENGINES[engine](scene, circuit, analysis, effort)
+    return ENGINES[engine](scene, board, analysis, effort)
 
 
 def outputs(circuit: Circuit, waveforms: Waveforms) -> Floats:
@@ -182,7 +182,8 @@ def outputs(circuit: Circuit, waveforms: Waveforms) -> Floats:
     return rows.T
 
 
-def _ngspice(scene: Scene, circuit: Circuit, analysis: Transient, effort: Effort) -> Pending:
+def _ngspice(scene: Scene, board: LinearBoard, analysis: Transient, effort: Effort) -> Pending:
+    circuit = board.circuit
     wanted = [analysis, coarser(analysis, COARSER)] if effort.second_look else [analysis]
     simulator = find_simulator()
     solver = simulator.solver_option
@@ -226,16 +227,16 @@ def _at_the_start(error: StepTooSmall, analysis: Transient) -> bool:
     return not isinstance(partial, Waveforms) or partial.time[-1] < 1e-3 * analysis.stop
 
 
-def _statespace(scene: Scene, circuit: Circuit, analysis: Transient, effort: Effort) -> Pending:
+def _statespace(scene: Scene, board: LinearBoard, analysis: Transient, effort: Effort) -> Pending:
     from verification.engines.statespace.transients.exact import simulate
 
     wanted = scene.analysis.error
     tolerance = None if wanted is None else state_space_tolerance(wanted)
-    waveforms = simulate(circuit, analysis, tolerance=tolerance)
+    waveforms = simulate(board, analysis, tolerance=tolerance)
     return Pending(lambda: waveforms)
 
 
-ENGINES: dict[str, Callable[[Scene, Circuit, Transient, Effort], Pending]] = {
+ENGINES: dict[str, Callable[[Scene, LinearBoard, Transient, Effort], Pending]] = {
     "ngspice": _ngspice,
     "statespace": _statespace,
 }

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from verification.measures.channel_readings import SMALL_STEP, Look
-from verification.measures.measure import Measurements
-from verification.measures.times import Reading
+from spice_models.definitions import SMALL_STEP
+from verification.measures.measurements import Measurements
+from verification.measures.readings import Reading, Readings
 
 LATER = 0.05  # of a settling time: how much later the second run's may be without a judgement
 
@@ -25,7 +25,7 @@ class StepError:
     overshoot: float
 
 
-def undecided(fine: Measurements, coarse: Look) -> bool:
+def undecided(fine: Measurements, coarse: Readings) -> bool:
     """Tell whether the second run must be judged before its readings count.
 
     So it is where it shows a time that the first run has none of, which a record that proves
@@ -41,7 +41,7 @@ def undecided(fine: Measurements, coarse: Look) -> bool:
 
 
 def simulation_error(
-    fine: Measurements, coarse: Look | None, share: float, rounding: float = 0.0
+    fine: Measurements, coarse: Readings | None, share: float, rounding: float = 0.0
 ) -> StepError:
     """Estimate the error of every measure of `fine` (Richardson's extrapolation).
 
@@ -50,7 +50,7 @@ def simulation_error(
 
     Parameters
     ----------
-    fine, coarse : Measurements and Look
+    fine, coarse : Measurements and Readings
         The same transient at a step and at a larger one; without a second run of an engine that
         has no step, the error is that of rounding.
     share : float
@@ -73,7 +73,7 @@ def simulation_error(
             rise_time=max(_moved(time, level / SMALL_STEP) for time in times),
             overshoot=level,
         )
-    own = fine.look
+    own = fine.readings
     rises = zip(own.rise_times, coarse.rise_times, strict=True)
     return StepError(
         steady_state=share * _furthest(own.finals, coarse.finals) / (fine.amplitude or 1.0),

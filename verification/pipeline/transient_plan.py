@@ -15,19 +15,23 @@ from verification.small_signal.time_scales import TimeScales
 REMAINDER = 0.1  # of the steady-state tolerance: what may still ring when the record ends
 MAX_POINTS = 2_000_000
 AFTER_SETTLING = 1.2  # a settled record must also show that it stays so
+POINTS_PER_PERIOD = 125.0  # where a scene asks neither for points nor for an error
 RECORD_POINTS = 64.0  # a period, of a record that has no step: a cubic between them errs by 2e-6
 FEWEST_POINTS = 50  # in a record
 FEWEST_PER_PERIOD = 16.0  # points, however large an error is asked for
 FEWEST_PERIODS = 8  # of ringing in a record, however fast it settles or grows
 
 
-def plan_transient(scene: Scene, scales: TimeScales, engine: str = "ngspice") -> Transient:
+def plan_transient(
+    scene: Scene, scales: TimeScales, engine: str = "ngspice", points: float | None = None
+) -> Transient:
     """Choose stop time and maximum step of the transient of `scene`.
 
     The stop time follows the slowest mode that matters, down to a tenth of the steady-state
     tolerance (or the growth of an unstable one); the step follows the fastest ringing, or the
-    error that the scene asks for (`step_for_error`). The step of the state-space engine is none
-    but the spacing of its record, so an error does not change it.
+    error that the scene asks for (`step_for_error`), or puts `points` points on a period of that
+    ringing. For the state-space engine the step only sets the spacing of the record, so an error
+    does not change it.
 
     Raises
     ------
@@ -36,7 +40,7 @@ def plan_transient(scene: Scene, scales: TimeScales, engine: str = "ngspice") ->
     InputError
         ``analysis.stop`` is shorter than one step.
     """
-    points = _points(scene, scales, engine)
+    points = points or _points(scene, scales, engine)
     step = scales.max_step_for(points)
     if scene.analysis.stop == "auto":
         stop = max(_auto_stop(scene, scales), FEWEST_PERIODS * points * step)
@@ -58,7 +62,7 @@ def plan_transient(scene: Scene, scales: TimeScales, engine: str = "ngspice") ->
         )
     if scene.analysis.stop == "auto":
         stop = _six_digits(stop)
-    return Transient(stop, _six_digits(step), _truncation(points), scene.analysis.initial)
+    return Transient(stop, _six_digits(step), truncation_for(points), scene.analysis.initial)
 
 
 def step_for_error(scales: TimeScales, error: float, stop: float) -> float:
@@ -113,18 +117,19 @@ def _six_digits(seconds: float) -> float:
 
 
 def _points(scene: Scene, scales: TimeScales, engine: str) -> float:
-    """Points on the period of the fastest ringing; what is set beside an error is a second try."""
+    """Points on the period of the fastest ringing."""
     choice = scene.analysis
-    explicit = "points_per_period" in choice.model_fields_set
-    if engine == "statespace" and not explicit:
-        return RECORD_POINTS
-    if explicit or choice.error is None:
+    if choice.points_per_period is not None:
         return choice.points_per_period
+    if engine == "statespace":
+        return RECORD_POINTS
+    if choice.error is None:
+        return POINTS_PER_PERIOD
     stop = _auto_stop(scene, scales) if choice.stop == "auto" else choice.stop
     return scales.max_step_for(1.0) / step_for_error(scales, choice.error, stop)
 
 
-def _truncation(points: float) -> float:
+def truncation_for(points: float) -> float:
     """Return twice the local error ``(omega h)³ / 12`` of a mode with `points` on its period.
 
     So a mode that is faster than the one that sets the maximum step gets nearly as many points,

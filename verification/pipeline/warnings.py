@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from netlist_gen.quantities import show
+from spice_models.definitions import SHIFTED
 from verification.pipeline.checks import Evidence
 
 WELL_ABOVE = 10.0  # a tolerance should be this many times the simulation's own error
@@ -38,6 +39,6 @@ def find_warnings(evidence: Evidence, notes: tuple[str, ...] = ()) -> tuple[str,
             if reading is not None and reading.fragile and reading.alternative is not None:
                 found.append(
                     f"channel {channel.index + 1}: {what} time {show(reading.value, 's')} is"
-                    f" fragile; a hair more or less makes it {show(reading.alternative, 's')}"
+                    f" fragile: {show(reading.alternative, 's')} with {SHIFTED[what]}"
                 )
     return tuple(found)

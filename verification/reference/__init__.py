@@ -2,6 +2,14 @@
 
 from verification.reference.dynamics import IdealNetwork, ideal_linear, ideal_transient
 from verification.reference.problem import Problem, Solution
-from verification.reference.solve import solve
+from verification.reference.solve import solve, solve_each
 
-__all__ = ["IdealNetwork", "Problem", "Solution", "ideal_linear", "ideal_transient", "solve"]
+__all__ = [
+    "IdealNetwork",
+    "Problem",
+    "Solution",
+    "ideal_linear",
+    "ideal_transient",
+    "solve",
+    "solve_each",
+]

@@ -30,7 +30,7 @@ AGREEMENT = 1e-6
 """Radau and LSODA must agree to this times the step amplitude, and the energy balance to this."""
 
 
-class Outcome(Enum):
+class Trust(Enum):
     """What became of a transient; the value says what to do."""
 
     TRUSTED = "two integrators and the energy balance agree"
@@ -143,7 +143,7 @@ class Transient:
         None where nothing finite was computed.
     rest : Solution
         The reference steady state, which is the response's target.
-    outcome : Outcome
+    outcome : Trust
         Whether to believe it.
     energy_residual : float
         ``|P(t) - P(0) + integral of sum C g' v'^2| / |P(0) - P(t)|``.
@@ -155,7 +155,7 @@ class Transient:
 
     response: Response | None
     rest: Solution
-    outcome: Outcome
+    outcome: Trust
     energy_residual: float
     second_opinion: float
     stiffness: float
@@ -223,7 +223,7 @@ def ideal_transient(network: IdealNetwork, v0: Floats, stop: float | None = None
     stiffness = scaled.stiffness(at_rest)
     with np.errstate(all="ignore"):
         run = _integrate(scaled, x0, float(end))
-        if isinstance(run, Outcome):
+        if isinstance(run, Trust):
             return Transient(None, rest, run, np.nan, np.nan, stiffness)
         steps, dense = run
         residual = energy_residual(scaled, steps, dense)
@@ -238,26 +238,26 @@ def ideal_transient(network: IdealNetwork, v0: Floats, stop: float | None = None
     response = Response(time, outputs, network.U0 * scaled.g.g(x0), network.U0 * rest.u)
     second = other * network.U0 / response.amplitude if response.amplitude > 0.0 else 0.0
     trusted = rest.trusted and residual <= AGREEMENT and second <= AGREEMENT
-    outcome = Outcome.TRUSTED if trusted else Outcome.DISAGREES
+    outcome = Trust.TRUSTED if trusted else Trust.DISAGREES
     return Transient(response, rest, outcome, residual, second, stiffness)
 
 
 def _integrate(
     scaled: ScaledNetwork, x0: Floats, end: float
-) -> Outcome | tuple[Floats, Callable[[Floats], Floats]]:
+) -> Trust | tuple[Floats, Callable[[Floats], Floats]]:
     """Run Radau; return its steps (P,) and its interpolant ``t -> x (N, K)``, or why not."""
     from scipy.integrate import solve_ivp
 
     if not np.all(np.isfinite(scaled.slope(0.0, x0))):
-        return Outcome.NOT_FINITE
+        return Trust.NOT_FINITE
     run = solve_ivp(
         scaled.slope, (0.0, end), x0, "Radau", dense_output=True, jac=scaled.jacobian,
         rtol=TOLERANCE, atol=TOLERANCE,
     )  # fmt: skip
     if not np.all(np.isfinite(run.y)):
-        return Outcome.NOT_FINITE
+        return Trust.NOT_FINITE
     if not run.success or run.sol is None:
-        return Outcome.FAILED
+        return Trust.FAILED
     return np.asarray(run.t), run.sol
 
 

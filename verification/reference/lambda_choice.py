@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from operator import itemgetter
 
 import numpy as np
 
@@ -23,8 +24,7 @@ TAU = 1.3
 DECADES = (-12.0, 2.0)
 """Range of lam over the square of the spectral norm of T, as powers of ten."""
 PER_DECADE = 3
-_GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
-_SHRINKS = 24
+_PRECISION = 1e-5  # of the exponent of lam
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -202,7 +202,7 @@ def choose(problem: Problem, rule: str = "discrepancy", knows: Knowledge | None 
     Returns
     -------
     Choice
-        The lam of least score on a grid of three values a decade, refined by golden section.
+        The lam of least score on a grid of three values a decade, refined by Brent's method.
 
     Raises
     ------
@@ -218,6 +218,8 @@ def choose(problem: Problem, rule: str = "discrepancy", knows: Knowledge | None 
         trial = Trial.of(replace(problem, lam=float(10.0**exponent)))
         return RULES[rule].score(trial, knows) if trial.solution.trusted else float("inf")
 
+    from scipy.optimize import minimize_scalar
+
     middle = 2.0 * float(np.log10(np.linalg.norm(problem.T, 2)))
     count = int((DECADES[1] - DECADES[0]) * PER_DECADE) + 1
     grid = middle + np.linspace(*DECADES, count)
@@ -225,9 +227,15 @@ def choose(problem: Problem, rule: str = "discrepancy", knows: Knowledge | None 
     best = _lowest(scores, RULES[rule].valley)
     at_edge = best in (0, count - 1)
     low, high = grid[max(best - 1, 0)], grid[min(best + 1, count - 1)]
-    exponent, least = _golden(score, float(low), float(high))
-    if scores[best] < least:
-        exponent, least = float(grid[best]), float(scores[best])
+    with np.errstate(invalid="ignore"):  # scores may be infinite
+        found = minimize_scalar(
+            score, bounds=(low, high), method="bounded", options={"xatol": _PRECISION}
+        )
+    exponent, least = min(
+        (float(found.x), float(found.fun)),
+        (float(grid[best]), float(scores[best])),
+        key=itemgetter(1),
+    )
     solution = solve(replace(problem, lam=float(10.0**exponent)))
     return Choice(rule, solution, least, at_edge, 10.0**grid, scores)
 
@@ -238,22 +246,6 @@ def _lowest(scores: Floats, valley: bool) -> int:
     dips = 1 + np.flatnonzero((inner < scores[:-2]) & (inner <= scores[2:]))
     places = dips if valley and len(dips) else np.arange(len(scores))
     return int(places[np.argmin(scores[places])])
-
-
-def _golden(score: Callable[[float], float], low: float, high: float) -> tuple[float, float]:
-    """Return the place and value of a minimum within [low, high]."""
-    left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-    at_left, at_right = score(left), score(right)
-    for _ in range(_SHRINKS):
-        if at_left <= at_right:
-            high, right, at_right = right, left, at_left
-            left = high - _GOLDEN * (high - low)
-            at_left = score(left)
-        else:
-            low, left, at_left = left, right, at_right
-            right = low + _GOLDEN * (high - low)
-            at_right = score(right)
-    return (left, at_left) if at_left <= at_right else (right, at_right)
 
 
 def _complaints(problem: Problem, rule: str, knows: Knowledge) -> list[Complaint]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,6 +18,9 @@ SMALLEST_SCALE = 1e-12
 
 
 def _frozen(value: Floats) -> Floats:
+    own = isinstance(value, np.ndarray) and value.dtype == np.float64 and value.flags.owndata
+    if own and not value.flags.writeable:  # the T that many strains share
+        return value
     copy = np.array(value, dtype=np.float64)
     copy.setflags(write=False)
     return copy
@@ -143,7 +146,7 @@ def _unusable(lam: float, regulariser: str, bias: bool) -> list[Complaint]:
     return found
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Solution:
     """An answer with the evidence for it.
 
@@ -179,7 +182,7 @@ class Solution:
         Why it is not trusted and what to do; empty if it is.
     """
 
-    problem: Problem | ToeplitzProblem = field(repr=False)
+    problem: Problem | ToeplitzProblem
     u: Floats
     v: Floats | None
     objective: float
@@ -192,6 +195,13 @@ class Solution:
     iterations: int
     seconds: float
     reason: str = ""
+
+    def __repr__(self) -> str:
+        trust = "trusted" if self.trusted else f"not trusted: {self.reason}"
+        return (
+            f"Solution({len(self.u)} channels, lambda = {self.lam:.4g},"
+            f" error in u at most {self.error_bound:.2g}, {trust})"
+        )
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "u", _frozen(self.u))

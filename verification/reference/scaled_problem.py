@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -59,12 +59,20 @@ class Scaled:
         regulariser = REGULARISERS[problem.regulariser]
         mu = regulariser.weight * problem.lam / scale / scale
         gram = T.T @ T
-        if not (np.isfinite(mu) and np.all(np.isfinite(problem.eps / scale))):
-            raise SolverError(f"T of norm {peak * length!r} is too small for lambda or eps")
+        if not np.isfinite(mu):
+            raise SolverError(f"T of norm {peak * length!r} is too small for lambda")
         h = np.maximum(gram.diagonal(), 1e-30 * float(np.trace(gram)))
         h = np.maximum(h, np.finfo(float).tiny)
         beta = float(problem.bias)
-        return cls(T, problem.eps / scale, mu, beta, scale, gram, h, regulariser)
+        scaled = cls(T, problem.eps, mu, beta, scale, gram, h, regulariser)
+        return scaled.with_strain(problem.eps)
+
+    def with_strain(self, eps: Floats) -> Scaled:
+        """Return the same with the strain `eps`, not yet divided; SolverError if it overflows."""
+        divided = eps / self.scale
+        if not np.all(np.isfinite(divided)):
+            raise SolverError(f"T of norm {self.norm * self.scale!r} is too small for eps")
+        return replace(self, eps=divided)
 
     @property
     def norm(self) -> float:

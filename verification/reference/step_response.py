@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from spice_models.array_types import Floats
+from spice_models.definitions import RISE_LEVELS, SETTLING_BAND, SMALL_STEP
 
-SMALL_STEP = 0.05
-"""A channel whose step is below this times the network's step amplitude has no rise time."""
-_BISECTIONS = 60
+EPS = float(np.finfo(np.float64).eps)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +37,7 @@ class Response:
         """Step amplitude ``max |u(inf) - u(0)|``, V."""
         return float(np.max(np.abs(self.target - self.start)))
 
-    def settling_time(self, band: float = 0.01) -> float:
+    def settling_time(self, band: float = SETTLING_BAND) -> float:
         """Return the last instant at which any channel is outside the band around its target.
 
         Parameters
@@ -59,11 +58,10 @@ class Response:
         if last == len(self.time) - 1:
             return float("inf")
 
-        def excess(t: Floats) -> Floats:
-            deviation = np.abs(self.outputs(t) - self.target)
-            return np.asarray(limit - np.max(deviation, axis=1))
+        def excess(t: float) -> float:
+            return float(np.max(np.abs(self.outputs(np.array([t]))[0] - self.target))) - limit
 
-        return float(_bisect(excess, self.time[[last]], self.time[[last + 1]])[0])
+        return _root(excess, float(self.time[last]), float(self.time[last + 1]))
 
     def rise_times(self) -> Floats:
         """Return every channel's time from 10 to 90 % of its own step, first crossings.
@@ -74,7 +72,8 @@ class Response:
             s; not a number where the step is under 5 % of the step amplitude or the record ends
             before 90 %.
         """
-        return self._crossings(0.9) - self._crossings(0.1)
+        low, high = RISE_LEVELS
+        return self._crossings(high) - self._crossings(low)
 
     def _crossings(self, level: float) -> Floats:
         step = self.target - self.start
@@ -84,23 +83,23 @@ class Response:
             return found
         progress = (self.outputs(self.time)[:, moving] - self.start[moving]) / step[moving]
         above = progress >= level
-        reached = above.any(axis=0)
-        moving, first = moving[reached], np.argmax(above, axis=0)[reached]
-        if not len(moving):
-            return found
+        for column, n in enumerate(moving.tolist()):
+            if not above[:, column].any():
+                continue
+            first = int(np.argmax(above[:, column]))
 
-        def height(t: Floats) -> Floats:
-            u = self.outputs(t)[np.arange(len(t)), moving]
-            return np.asarray((u - self.start[moving]) / step[moving] - level)
+            def height(t: float, n: int = n) -> float:
+                u = float(self.outputs(np.array([t]))[0, n])
+                return float((u - self.start[n]) / step[n]) - level
 
-        found[moving] = _bisect(height, self.time[np.maximum(first - 1, 0)], self.time[first])
+            found[n] = _root(height, float(self.time[max(first - 1, 0)]), float(self.time[first]))
         return found
 
 
-def _bisect(f: Callable[[Floats], Floats], low: Floats, high: Floats) -> Floats:
-    """Return the roots of f, negative at low and not negative at high, all at once."""
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (low + high)
-        below = f(middle) < 0.0
-        low, high = np.where(below, middle, low), np.where(below, high, middle)
-    return high
+def _root(f: Callable[[float], float], low: float, high: float) -> float:
+    """Return where `f` changes its sign; where rounding hides the change, the later end."""
+    from scipy.optimize import brentq
+
+    if low == high or f(low) * f(high) >= 0.0:
+        return high
+    return float(brentq(f, low, high, xtol=float(np.spacing(high)), rtol=4.0 * EPS, maxiter=500))

@@ -9,7 +9,9 @@ singular value of the stacked matrix ``[T; sqrt(mu) I]``.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -57,9 +59,8 @@ def _point(
     return _Point(u, r, f1, f2, missed + noise, noise)
 
 
-def _refine(s: Scaled, factor: Factor, least: float) -> tuple[_Point, int]:
+def _refine(s: Scaled, exact: ExactMatrix, factor: Factor, least: float) -> tuple[_Point, int]:
     """Solve and refine until the residual stops shrinking, or is what evaluating it leaves."""
-    exact = ExactMatrix(s.T)
     first = DoubleDouble.of(factor.solve(s.eps, np.zeros(s.T.shape[1])))
     best = _point(s, exact, least, first)
     for step in range(MAX_REFINEMENTS):
@@ -96,24 +97,49 @@ def solve_tikhonov(problem: Problem) -> Solution:
     SolverError
         T cannot be factorised at all.
     """
+    (solution,) = solve_strains(problem, (problem.eps,))
+    return solution
+
+
+def solve_strains(problem: Problem, strains: Iterable[Floats]) -> list[Solution]:
+    """Solve as `solve_tikhonov` for several strains (M,); T is factorised once.
+
+    Raises
+    ------
+    SolverError
+        T cannot be factorised at all.
+    """
     start = time.perf_counter()
-    s = Scaled.of(problem)
-    condition = float(np.sqrt(1.0 + s.norm**2 / s.mu)) if s.mu > 0.0 else float("inf")
-    answer = None
-    if min(s.T.shape) > SMALL and condition < QR_CONDITION:
-        factor = factorise(s.T, s.gram, np.ones(s.T.shape[1]), s.mu)
-        answer = _judged(problem, s, factor, float(np.sqrt(s.mu)), condition, start)
-    if answer is None or not answer.trusted:  # perhaps T is better conditioned than lam alone says
-        svd = SVD(s.T, s.mu)
-        answer = _judged(problem, s, svd, svd.least, svd.condition, start)
-    return answer
+    base = Scaled.of(problem)
+    condition = float(np.sqrt(1.0 + base.norm**2 / base.mu)) if base.mu > 0.0 else float("inf")
+    exact = ExactMatrix(base.T)
+    stacked = cache(lambda: factorise(base.T, base.gram, np.ones(base.T.shape[1]), base.mu))
+    svd = cache(lambda: SVD(base.T, base.mu))
+    found = []
+    for eps in strains:
+        each, s = replace(problem, eps=eps), base.with_strain(eps)
+        answer = None
+        if min(s.T.shape) > SMALL and condition < QR_CONDITION:
+            least = float(np.sqrt(s.mu))
+            answer = _judged(each, s, exact, stacked(), least, condition, start)
+        if answer is None or not answer.trusted:  # T may be better conditioned than lam alone says
+            answer = _judged(each, s, exact, svd(), svd().least, svd().condition, start)
+        found.append(answer)
+        start = time.perf_counter()
+    return found
 
 
 def _judged(
-    problem: Problem, s: Scaled, factor: Factor, least: float, condition: float, start: float
+    problem: Problem,
+    s: Scaled,
+    exact: ExactMatrix,
+    factor: Factor,
+    least: float,
+    condition: float,
+    start: float,
 ) -> Solution:
     """Solve with one factorisation, whose least singular value is known, and judge the answer."""
-    point, steps = _refine(s, factor, least)
+    point, steps = _refine(s, exact, factor, least)
     u = point.u.hi
     peak, dual = float(np.max(np.abs(u))), float(np.linalg.norm(s.eps))
     rounding = float(np.finfo(float).eps) / 2.0 * peak

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 from spice_models.errors import Complaint, InputError
@@ -26,7 +27,14 @@ def check_folder(path: str | Path, option: str) -> None:
 
 
 def write_atomically(path: str | Path, text: str) -> None:
-    """Write `text` beside `path`, then move it there in one step.
+    """Write `text` to `path` as `replacing` has it."""
+    with replacing(path) as file:
+        file.write_text(text, encoding="utf-8")
+
+
+@contextlib.contextmanager
+def replacing(path: str | Path) -> Iterator[Path]:
+    """Give a file beside `path` to write to, and move it there in one step when it is complete.
 
     A full disk or a killed process leaves what stood at `path` as it was. A link is followed.
 
@@ -36,32 +44,25 @@ def write_atomically(path: str | Path, text: str) -> None:
         The file cannot be written.
     """
     target = Path(os.path.realpath(path))
-    if target.exists() and not target.is_file():  # /dev/stdout, a named pipe: nothing to replace
-        _write_through(target, text)
-        return
     try:
-        handle, temporary = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
+        if target.exists() and not target.is_file():  # /dev/stdout, a named pipe: not replaced
+            yield target
+            return
+        prefix = f".{target.name}."
+        handle, name = tempfile.mkstemp(prefix=prefix, suffix=target.suffix, dir=target.parent)
+        temporary = Path(name)
+        try:
+            os.close(handle)
+            yield temporary
+            with temporary.open("rb+") as file:
+                os.fsync(file.fileno())
+            temporary.chmod(_mode(target))
+            temporary.replace(target)
+        finally:
+            temporary.unlink(missing_ok=True)
     except OSError as error:
-        raise _refusal(path, error) from None
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        Path(temporary).chmod(_mode(target))
-        Path(temporary).replace(target)
-    except OSError as error:
-        raise _refusal(path, error) from None
-    finally:
-        with contextlib.suppress(FileNotFoundError):
-            Path(temporary).unlink()
-
-
-def _write_through(target: Path, text: str) -> None:
-    try:
-        target.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise _refusal(target, error) from None
+        reason = f"{error.strerror or error}; nothing was written, what stood there is as it was"
+        raise InputError(path, Complaint("FILE", "", reason)) from None
 
 
 def _mode(target: Path) -> int:
@@ -71,8 +72,3 @@ def _mode(target: Path) -> int:
     umask = os.umask(0)
     os.umask(umask)
     return 0o666 & ~umask
-
-
-def _refusal(path: str | Path, error: OSError) -> InputError:
-    reason = f"{error.strerror}; nothing was written, and what stood there is as it was"
-    return InputError(path, Complaint("FILE", "", reason))

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from netlist_gen.board.circuit import GROUND, Circuit, CurrentSource, Output, Resistor
-from verification.engines.statespace.transients.exact import exact
+from verification.engines.statespace.transients.exact import exact_solution
 from verification.measures.crossings import first_above
 
 POINTS = 4000
@@ -91,7 +91,7 @@ def _without_capacitance(stage: Circuit) -> Circuit:
 
 
 def _rise(stage: Circuit) -> tuple[float, float]:
-    solution = exact(stage)
+    solution = exact_solution(stage)
     slowest = 1.0 / float(np.min(np.abs(solution.poles.real)))
     time = np.linspace(0.0, SPAN * slowest, POINTS)
     step = solution.at(time)[:, 0] / solution.final[0]

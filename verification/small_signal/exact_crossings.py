@@ -1,59 +1,63 @@
 """Crossings and peaks of an exact transient, found by root finding on the solution itself.
 
-A grid follows the modes that are still alive (24 points on the period of the fastest), so no
-excursion between its points is higher than a hundredth of what its neighbours show; crossings and
-peaks are then refined on the continuous solution with its derivative.
+A grid follows the modes that are still alive (25 points on the period of the fastest). A peak
+between two of its points is lower than where their tangents meet, so each peak that could matter is
+known; crossings and peaks are then refined on the continuous solution.
 """
 
 from __future__ import annotations
 
 import math
+import sys
+from collections.abc import Callable
 
 import numpy as np
 
-from spice_models.array_types import Floats
+from spice_models.array_types import Floats, Indices
 from spice_models.errors import EngineError
 from verification.engines.statespace.transients.exact import Exact
+from verification.measures.crossings import Crossings
 from verification.small_signal.time_scales import UNRESOLVED
 
 FINENESS = 0.25  # step times |p| of the fastest mode alive: 25 points a period
-ALIVE = 1e-4  # of the finest detail asked for: a mode below is not followed
 BLOCK = 2000  # points with one step
 MAX_POINTS = 2_000_000
-NEAR = 0.04  # of a level: a peak between points that comes so close to it is looked at
-ROOT_STEPS = 60
+ABOVE = 2.0  # times the height at which tangents meet: what a peak between points cannot exceed
 
 
-class Continuous:
-    """The channels ``u = sign V`` of an exact solution on a grid, with refinement.
+class ExactSignal:
+    """Errors of the channels ``u = sign V`` of an exact solution, a `measures.readings.Signal`.
 
     Parameters
     ----------
     solution : Exact
         Its nodes are the channels.
-    signs : ndarray (N,)
-        Of the channels.
+    signs, target : ndarray (N,)
+        Of the channels, and their reference steady state, V.
     detail : float
-        The smallest thing to be seen, V.
+        Modes with a smaller amplitude are not followed, V.
     horizon : float
         Latest instant of interest, s.
     """
 
-    def __init__(self, solution: Exact, signs: Floats, detail: float, horizon: float) -> None:
-        self.solution, self.signs = solution, signs
+    def __init__(
+        self, solution: Exact, signs: Floats, target: Floats, detail: float, horizon: float
+    ) -> None:
+        self.solution, self.signs, self.target = solution, signs, target
+        self.ends: Floats = solution.final * signs - target
         self.weight = np.abs(solution.share).max(axis=1)
         if solution.form != "modes":
             step = float(np.abs(solution.final - solution.start).max(initial=detail))
             self.weight = np.full(len(solution.poles), UNRESOLVED * step)
         self.time = self._grid(detail, horizon)
-        self.u: Floats = solution.at(self.time) * signs
-        self.slope: Floats = solution.derivative(self.time) * signs
+        self.errors: Floats = solution.at(self.time) * signs - target
+        self.slopes: Floats = solution.derivative(self.time) * signs
 
     def _grid(self, detail: float, horizon: float) -> Floats:
         poles, times, t, count = self.solution.poles, [], 0.0, 0
         log_weight = np.log(np.maximum(self.weight, 1e-300))
         while t < horizon:
-            alive = log_weight + poles.real * t > math.log(ALIVE * detail)
+            alive = log_weight + poles.real * t > math.log(detail)
             rate = float(np.abs(poles[alive]).max(initial=0.0))
             step = min(FINENESS / rate, horizon / 50) if rate > 0.0 else horizon / 50
             # While fast modes die the step follows them after every block.
@@ -66,95 +70,106 @@ scales are too far apart to be measured"
                 raise EngineError(message)
         return np.concatenate([*times, [max(t, horizon)]])
 
-    def values(self, channel: int, times: Floats) -> tuple[Floats, Floats]:
-        """One channel and its derivative at `times`, (P,) each."""
-        sign = self.signs[channel]
-        return (
-            sign * self.solution.at(times)[:, channel],
-            sign * self.solution.derivative(times)[:, channel],
+    def last_outside(self, levels: Floats) -> Crossings:
+        """See `Signal`."""
+        channels = np.arange(len(self.target))
+        above, below = (
+            [[self._last(n, sign, level) for n in channels.tolist()] for level in levels.tolist()]
+            for sign in (1.0, -1.0)
         )
+        return self._crossings(np.fmax(above, below), channels)
 
-    def root(self, channel: int, level: float, low: float, high: float) -> float:
-        """Return where the channel crosses `level` between two instants on both sides of it."""
-        begin = float(self.values(channel, np.array([low]))[0][0]) - level
-        t = 0.5 * (low + high)
-        for _ in range(ROOT_STEPS):
-            value, slope = (float(x[0]) for x in self.values(channel, np.array([t])))
-            excess = value - level
-            if excess == 0.0:
-                return t
-            low, high = (t, high) if (excess > 0.0) == (begin > 0.0) else (low, t)
-            newton = t - excess / slope if slope != 0.0 else math.inf
-            following = newton if low < newton < high else 0.5 * (low + high)
-            if abs(following - t) <= 1e-15 * abs(t) or high - low <= 4e-16 * abs(t):
-                return following
-            t = following
-        return t
+    def first_reached(self, rows: Indices, steps: Floats, levels: Floats) -> Crossings:
+        """See `Signal`."""
+        sides = list(zip(rows.tolist(), np.sign(steps), np.abs(steps), strict=True))
+        at = [
+            [self._first(n, up, (level - 1.0) * size) for n, up, size in sides] for level in levels
+        ]
+        return self._crossings(np.array(at), rows)
 
-    def peaks(self, channel: int, first: int, last: int, level: float) -> list[tuple[float, float]]:
-        """Peaks ``(instant, height)`` above `level` between two points of the grid."""
-        slope, u = self.slope[first : last + 1, channel], self.u[first : last + 1, channel]
+    def highest(self, sign: Floats) -> Floats:
+        """See `Signal`."""
+        found = []
+        for n, side in enumerate(sign):
+            top = float((side * self.errors[:, n]).max())
+            peaks = self._peaks(n, side, 0, len(self.time) - 1, top)
+            found.append(max([top, *(height for _, height in peaks)]))
+        return np.array(found)
+
+    def _crossings(self, at: Floats, channels: Indices) -> Crossings:
+        """Add how far the solution's own rounding error may move crossings of `channels`."""
+        flat, column = np.nan_to_num(at).ravel(), np.tile(channels, len(at))
+        slope = np.abs(self.solution.derivative(flat)[np.arange(flat.size), column])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            moved = np.where(slope > 0.0, self.solution.error / slope, 0.0)
+        return Crossings(at, np.maximum(moved, np.spacing(flat)).reshape(at.shape))
+
+    def _error(self, n: int, t: float) -> float:
+        return float(self.solution.at(np.array([t]))[0, n] * self.signs[n] - self.target[n])
+
+    def _slope(self, n: int, t: float) -> float:
+        return float(self.solution.derivative(np.array([t]))[0, n] * self.signs[n])
+
+    def _root(self, n: int, level: float, low: float, high: float) -> float:
+        """Return where the error of channel `n` passes `level` between two instants."""
+        return _root(lambda t: self._error(n, t) - level, low, high)
+
+    def _peaks(
+        self, n: int, sign: float, first: int, last: int, level: float
+    ) -> list[tuple[float, float]]:
+        """Peaks ``(instant, height)`` of ``sign * error`` between two points of the grid.
+
+        Left out are those that cannot be higher than `level`.
+        """
+        time, stretch = self.time[first : last + 1], slice(first, last + 1)
+        slope, y = sign * self.slopes[stretch, n], sign * self.errors[stretch, n]
         tops = np.flatnonzero((slope[:-1] > 0.0) & (slope[1:] <= 0.0))
-        tops = tops[np.maximum(u[tops], u[tops + 1]) > level]
-        return [self._peak(channel, first + int(k)) for k in tops]
+        width, rise, fall = time[tops + 1] - time[tops], slope[tops], slope[tops + 1]
+        meet = np.clip((y[tops + 1] - y[tops] - fall * width) / (rise - fall), 0.0, width)
+        seen = np.maximum(y[tops], y[tops + 1])
+        tops = tops[seen + ABOVE * (y[tops] + rise * meet - seen) > level]
+        ends = zip(time[tops].tolist(), time[tops + 1].tolist(), strict=True)
+        at = [_root(lambda t: self._slope(n, t), low, high) for low, high in ends]
+        return [(t, sign * self._error(n, t)) for t in at]
 
-    def _peak(self, channel: int, k: int) -> tuple[float, float]:
-        """Refine a peak between grid points k and k + 1: where the derivative vanishes."""
-        low, high = float(self.time[k]), float(self.time[k + 1])
-        for _ in range(ROOT_STEPS):
-            instants = np.linspace(low, high, 9)
-            rising = np.flatnonzero(self.values(channel, instants)[1] > 0.0)
-            j = int(rising[-1]) if rising.size else 0
-            low, high = float(instants[j]), float(instants[min(j + 1, 8)])
-            if high - low <= 1e-7 * (self.time[k + 1] - self.time[k]):
-                break
-        top = 0.5 * (low + high)
-        return top, float(self.values(channel, np.array([top]))[0][0])
-
-    def first_above(self, channel: int, level: float) -> float | None:
-        """Return the first instant at which a channel rises through `level`, s."""
-        u = self.u[:, channel]
-        above = np.flatnonzero(u > level)
-        last = int(above[0]) if above.size else len(u) - 1
-        margin = NEAR * float(np.abs(u[: last + 1] - level).max(initial=0.0))
-        for t, height in self.peaks(channel, 0, last, level - margin):
+    def _first(self, n: int, sign: float, level: float) -> float:
+        """Return the first instant at which ``sign * error`` rises through `level`, s, or NaN."""
+        y = sign * self.errors[:, n]
+        above = np.flatnonzero(y > level)
+        last = int(above[0]) if above.size else len(y) - 1
+        for t, height in self._peaks(n, sign, 0, last, level):
             if height > level:
                 k = int(np.searchsorted(self.time, t)) - 1
-                return self.root(channel, level, float(self.time[k]), t)
+                return self._root(n, sign * level, float(self.time[k]), t)
         if not above.size:
-            return None
+            return math.nan
         if last == 0:
             return 0.0
-        return self.root(channel, level, float(self.time[last - 1]), float(self.time[last]))
+        return self._root(n, sign * level, float(self.time[last - 1]), float(self.time[last]))
 
-    def last_above(self, channel: int, level: float) -> float | None:
-        """Return the last instant at which a channel falls through `level`; None if never above."""
-        u = self.u[:, channel]
-        above = np.flatnonzero(u > level)
+    def _last(self, n: int, sign: float, level: float) -> float:
+        """Return the last instant at which ``sign * error`` falls through `level`, s, or NaN."""
+        y = sign * self.errors[:, n]
+        above = np.flatnonzero(y > level)
         last = int(above[-1]) if above.size else 0
-        margin = NEAR * abs(level - self.solution.final[channel] * self.signs[channel])
-        tops = [p for p in self.peaks(channel, last, len(u) - 1, level - margin) if p[1] > level]
-        if tops:
-            t = tops[-1][0]
-            k = int(np.searchsorted(self.time, t))
-            return self.root(channel, level, t, float(self.time[k]))
+        peaks = self._peaks(n, sign, last, len(y) - 1, level)
+        higher = [t for t, height in peaks if height > level]
+        if higher:
+            k = int(np.searchsorted(self.time, higher[-1]))
+            return self._root(n, sign * level, higher[-1], float(self.time[k]))
         if not above.size:
-            return None
-        if last == len(u) - 1:
+            return math.nan
+        if last == len(y) - 1:
             return float(self.time[-1])
-        return self.root(channel, level, float(self.time[last]), float(self.time[last + 1]))
-
-    def highest(self, channel: int) -> float:
-        """Return a channel's maximum."""
-        u = self.u[:, channel]
-        k = int(np.argmax(u))
-        around = self.peaks(channel, max(k - 1, 0), min(k + 1, len(u) - 1), -math.inf)
-        return max([float(u[k]), *(height for _, height in around)])
+        return self._root(n, sign * level, float(self.time[last]), float(self.time[last + 1]))
 
 
-def mirrored(scan: Continuous) -> Continuous:
-    """Return the same channels with the other sign, sharing the grid."""
-    other = object.__new__(Continuous)
-    other.solution, other.signs, other.weight = scan.solution, -scan.signs, scan.weight
-    other.time, other.u, other.slope = scan.time, -scan.u, -scan.slope
-    return other
+def _root(f: Callable[[float], float], low: float, high: float) -> float:
+    """Return where `f` changes its sign; where rounding hides the change, the nearer end."""
+    from scipy.optimize import brentq
+
+    ends = f(low), f(high)
+    if ends[0] * ends[1] >= 0.0:
+        return low if abs(ends[0]) <= abs(ends[1]) else high
+    precision = 4.0 * sys.float_info.epsilon
+    return float(brentq(f, low, high, xtol=float(np.spacing(high)), rtol=precision, maxiter=500))

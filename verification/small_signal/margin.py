@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from collections.abc import Callable
@@ -12,12 +13,12 @@ import numpy as np
 from netlist_gen.board.circuit import Circuit
 from netlist_gen.quantities import show
 from verification.engines.statespace.equations.stamps import stamp
-from verification.engines.statespace.linearised.equilibrium import equilibrium
+from verification.engines.statespace.linearised.board import LinearBoard
 from verification.small_signal.poles import Poles, poles
 
 REACH = 100.0  # the largest factor that is looked at
 PER_DECADE = 12  # points of the scan; an unstable window narrower than one of them is not seen
-CLOSE = 1e-6  # relative width of the interval that a crossing is told to
+CLOSE = 1e-6  # relative error of a crossing
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +62,7 @@ def with_gain(circuit: Circuit, ohms: float) -> Circuit:
 
 
 def capacitance_margin(
-    circuit: Circuit, reach: float = REACH, found: Poles | None = None
+    circuit: Circuit | LinearBoard, reach: float = REACH, found: Poles | None = None
 ) -> Margin:
     """Scan C downwards from the board's own and refine the first crossing to 1e-6.
 
@@ -81,18 +82,20 @@ def capacitance_margin(
     -----
     Costs 12 pole searches a decade up to the crossing, and about 8 for the crossing itself.
     """
+    board = LinearBoard.of(circuit)
+    circuit, whole = board.circuit, board.descriptor
     own = circuit.scalings.capacitance
-    board, half = stamp(circuit), stamp(with_capacitance(circuit, 0.5 * own))
+    half = stamp(with_capacitance(circuit, 0.5 * own))
     # The mass matrix is linear in C, and the equilibrium does not depend on it.
-    share = 2.0 * (board.mass.values - half.mass.values)
-    rest = equilibrium(board) if board.devices.count else None
+    share = 2.0 * (whole.mass.values - half.mass.values)
+    rest = board.equilibrium if whole.devices.count else None
 
     def growth(by: float) -> float:
         if by == 1.0 and found is not None:
             return found.rightmost.real
-        values = board.mass.values - (1.0 - 1.0 / by) * share
-        shrunk = replace(board, mass=replace(board.mass, values=values))
-        return poles(shrunk, rest).rightmost.real
+        values = whole.mass.values - (1.0 - 1.0 / by) * share
+        shrunk = replace(whole, mass=replace(whole.mass, values=values))
+        return poles(LinearBoard(circuit, shrunk, rest)).rightmost.real
 
     factor = _first_crossing(growth, reach)
     text = f"C may shrink by {factor:.4g}, to {show(own / (factor or 1.0), 'F')}"
@@ -130,39 +133,14 @@ def _first_crossing(growth: Callable[[float], float], reach: float) -> float:
 
     `growth` gives the rightmost pole's real part, 1/s, by the factor.
     """
-    before = growth(1.0)
-    if not before < 0.0:
+    growth = functools.cache(growth)  # the search for the root asks again for both ends
+    if not growth(1.0) < 0.0:
         return 0.0
     factors = np.geomspace(1.0, reach, 1 + math.ceil(PER_DECADE * math.log10(reach)))
     for low, high in itertools.pairwise(factors.tolist()):
-        after = growth(high)
-        if not after < 0.0:
-            return _refine(growth, low, high, before, after)
-        before = after
+        if not growth(high) < 0.0:
+            from scipy.optimize import brentq
+
+            root = brentq(growth, low, high, xtol=0.1 * CLOSE, rtol=0.4 * CLOSE)
+            return float(root / (1.0 + 0.5 * CLOSE))  # on the stable side
     return reach
-
-
-def _refine(
-    growth: Callable[[float], float], low: float, high: float, below: float, above: float
-) -> float:
-    """Close in on a zero of `growth`, negative at `low`: secants in the Illinois way.
-
-    Every fourth step halves the interval, since the rightmost pole may be another one from some
-    factor on, where secants are slow.
-    """
-    moved = 0.0  # which end moved last: moved twice running, the other end's value is halved
-    for step in itertools.count():
-        if high - low <= CLOSE * low:
-            break
-        least = 0.7 * CLOSE * low  # a step past a zero that is known well enough ends the search
-        share = 0.5 if step % 4 == 3 else below / (below - above)
-        middle = low + min(max(share * (high - low), least), high - low - least)
-        found = growth(middle)
-        if found < 0.0:
-            above *= 0.5 if moved < 0.0 else 1.0
-            low, below = middle, found
-        else:
-            below *= 0.5 if moved > 0.0 else 1.0
-            high, above = middle, found
-        moved = math.copysign(1.0, found)
-    return low

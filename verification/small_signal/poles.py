@@ -8,27 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from netlist_gen.board.circuit import Circuit
-from spice_models.array_types import Complexes, Floats
-from verification.engines.statespace.equations.descriptor import Descriptor
-from verification.engines.statespace.equations.stamps import stamp
-from verification.engines.statespace.equations.structured_solve import Structure
+from spice_models.array_types import Complexes
+from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.linearised.count_unstable import count_right
-from verification.engines.statespace.linearised.equilibrium import LARGE, Equilibrium, equilibrium
-from verification.engines.statespace.linearised.modes import eigenvalues
 from verification.engines.statespace.linearised.rightmost_poles import rightmost_poles
-from verification.engines.statespace.linearised.state_space import linearise
-from verification.small_signal.time_scales import Ringing, TimeScales, time_scales
-
-__all__ = [
-    "Poles",
-    "Ringing",
-    "TimeScales",
-    "count_unstable",
-    "poles",
-    "summarise",
-    "time_scales",
-]
-
+from verification.small_signal.time_scales import TimeScales
 
 UNITS = 64  # of rounding, of the fastest pole, to which an eigenvalue is found
 SEARCHED = 1e-9  # of the fastest pole found: the same, where only some were searched for
@@ -73,15 +57,8 @@ class Poles:
         return int(np.sum(self.poles.real >= 0.0))
 
 
-def poles(circuit: Circuit | Descriptor, at: Equilibrium | None = None) -> Poles:
+def poles(circuit: Circuit | LinearBoard) -> Poles:
     """Find the poles of a board at its equilibrium with the strain applied.
-
-    Parameters
-    ----------
-    circuit : Circuit or Descriptor
-        The board.
-    at : Equilibrium, optional
-        Linearise here instead.
 
     Raises
     ------
@@ -91,17 +68,16 @@ def poles(circuit: Circuit | Descriptor, at: Equilibrium | None = None) -> Poles
     Notes
     -----
     Costs one dense eigenproblem without vectors, about 10 n³ flops (n = 91: 3 ms; 1 ms for a board
-    that is its own mirror image); above
-    `LARGE` unknowns Arnoldi's method finds only the rightmost poles (500 channels: 2 s).
+    that is its own mirror image); of a large board Arnoldi's method finds only the rightmost poles
+    (500 channels: 2 s).
     """
-    descriptor = stamp(circuit) if isinstance(circuit, Circuit) else circuit
-    if descriptor.size > LARGE:
-        return summarise(rightmost_poles(descriptor, _slopes(descriptor, at)), complete=False)
-    space = linearise(descriptor, at)
-    return summarise(eigenvalues([block.A for block in space.blocks]), complete=True)
+    board = LinearBoard.of(circuit)
+    if board.descriptor.is_large:
+        return summarise(rightmost_poles(board), complete=False)
+    return summarise(board.state_space.eigenvalues, complete=True)
 
 
-def poles_behind(circuit: Circuit, scales: TimeScales) -> Poles:
+def poles_behind(board: LinearBoard, scales: TimeScales) -> Poles:
     """Return the poles that time scales were made from, or a large board's rightmost ones.
 
     Raises
@@ -109,16 +85,13 @@ def poles_behind(circuit: Circuit, scales: TimeScales) -> Poles:
     EngineError
         As `poles`.
     """
-    return summarise(scales.poles, complete=True) if scales.complete else poles(circuit)
+    return summarise(scales.poles, complete=True) if scales.complete else poles(board)
 
 
-def count_unstable(circuit: Circuit, at: Equilibrium | None = None) -> int:
+def count_unstable(circuit: Circuit | LinearBoard) -> int:
     """Count the poles right of the imaginary axis without finding any, by a winding number.
 
-    Parameters
-    ----------
-    circuit, at
-        As `poles` has them; the two must agree, and share nothing but the equations.
+    It must agree with `poles`, and shares nothing with it but the equations.
 
     Raises
     ------
@@ -130,14 +103,7 @@ def count_unstable(circuit: Circuit, at: Equilibrium | None = None) -> int:
     See `verification.engines.statespace.linearised.count_unstable.count_right` (N = 7: 0.15 s,
     N = 128: 2.5 s).
     """
-    descriptor = stamp(circuit)
-    return count_right(Structure(descriptor, _slopes(descriptor, at)))
-
-
-def _slopes(descriptor: Descriptor, at: Equilibrium | None) -> Floats | None:
-    if not descriptor.devices.count:
-        return None
-    return (at or equilibrium(descriptor)).slopes
+    return count_right(LinearBoard.of(circuit).structure)
 
 
 def summarise(values: Complexes, *, complete: bool) -> Poles:

@@ -11,11 +11,8 @@ import numpy as np
 
 from netlist_gen.board.circuit import Circuit
 from spice_models.array_types import Complexes, Floats
-from verification.engines.statespace.equations.coarse_board import coarsen
-from verification.engines.statespace.equations.stamps import stamp
-from verification.engines.statespace.linearised.equilibrium import LARGE, Equilibrium, equilibrium
-from verification.engines.statespace.linearised.initial_state import initial_state
-from verification.engines.statespace.linearised.state_space import linearise, modes_of
+from verification.engines.statespace.linearised.board import LinearBoard
+from verification.engines.statespace.linearised.initial_state import initial_unknowns
 
 GROWN = 10.0  # an instability counts as seen once it is this many step amplitudes high
 INVISIBLE = 1e-12  # amplitude that rounding and asymmetry lend to a mode nothing excites
@@ -66,7 +63,7 @@ class TimeScales:
         Suggested maximum step, s.
     complete : bool
         Whether `poles` are those of the board itself; False for a large board, where they are
-        those of its coarse image (`engines.coarse`) and not to be judged by.
+        those of its coarse image (`coarse_board`) and not to be judged by.
     """
 
     poles: Complexes
@@ -123,14 +120,16 @@ def last_crossing(weight: Floats, rate: Floats, level: float) -> float:
 
 
 def time_scales(
-    circuit: Circuit,
+    circuit: Circuit | LinearBoard,
     *,
     error: float = 1e-4,
     points: float = 60.0,
     initial: Literal["zero", "rest"] = "zero",
-    at: Equilibrium | None = None,
 ) -> TimeScales:
     """Find the time scales that the strain step shows at the outputs.
+
+    Of a board with behavioural amplifiers the modes are those of its equilibrium with the strain
+    applied: an estimate where the step is large.
 
     Parameters
     ----------
@@ -140,26 +139,19 @@ def time_scales(
         Points that `max_step` puts on the fastest ringing period.
     initial : str
         As `netlist_gen.analysis.Transient` has it.
-    at : Equilibrium, optional
-        Linearise here; by default the equilibrium with the strain applied. For an exponential
-        board the large step is followed with the modes of this equilibrium, an estimate.
 
     Raises
     ------
     EngineError
         No state-space form, or no equilibrium.
     """
-    descriptor = stamp(circuit)
-    large = descriptor.size > LARGE
-    if large:
-        descriptor, at = coarsen(descriptor), None
-    at = at or equilibrium(descriptor)
-    space = linearise(descriptor, at)
-    modes = modes_of(space)
-    shown = {output.node for output in circuit.outputs}.intersection(space.nodes)
-    C, _ = space.rows(tuple(sorted(shown)))
-    target = space.state_of(at.values)
-    deviation = initial_state(space, initial) - target
+    board = LinearBoard.of(circuit)
+    large = board.descriptor.is_large
+    board = board.coarse if large else board
+    space, modes = board.state_space, board.state_space.modes
+    C, _ = space.rows(sorted({*board.reported(None)}.intersection(space.nodes)))
+    target = space.state_of(board.equilibrium.values)
+    deviation = space.state_of(initial_unknowns(board, initial)) - target
     step = float(np.abs(C @ deviation).max(initial=0.0))
     weight = np.ones(space.n)
     if step > 0.0:

@@ -23,6 +23,7 @@ from netlist_gen.problem.inverse_problem import InverseProblem, make_problem
 from netlist_gen.scene.scene import OvershootCheck, Scene, StabilityCheck
 from spice_models.array_types import Floats
 from spice_models.errors import Complaint, EngineError, InputError
+from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.transients.exact import simulate
 from verification.ideal.ideal_answer import IdealAnswer, ideal_answer, ideal_network
 from verification.pipeline.recording import measure_outputs
@@ -52,7 +53,7 @@ class Candidate:
     values : dict of str to float
         Parameter values by dotted path.
     settling_time : float
-        s; infinite if it does not settle. Where a hair decides between two, the longer.
+        s; infinite if it does not settle. Of a fragile reading's two values the longer.
     overshoot : float
         Fraction of the step amplitude; infinite for an unstable board.
     stable : bool
@@ -260,17 +261,17 @@ class _Search:
         minimize(goal, x0.tolist(), method="Nelder-Mead", options=options)
 
     def _measure(self, scene: Scene) -> tuple[float, float, bool]:
-        circuit = synthesise(scene, self.problem)
-        scales = time_scales(circuit, initial=scene.analysis.initial)
+        board = LinearBoard(synthesise(scene, self.problem))
+        scales = time_scales(board, initial=scene.analysis.initial)
         if not np.all(scales.poles.real < 0):
             return math.inf, math.inf, False
-        if self.margin > 1 and capacitance_margin(circuit, self.margin).factor < self.margin:
+        if self.margin > 1 and capacitance_margin(board, self.margin).factor < self.margin:
             return math.inf, math.inf, False
         transient = plan_transient(scene, scales, "statespace")
         if transient.stop / transient.max_step > LONGEST:
             return math.inf, math.inf, True
-        waveforms = simulate(circuit, transient)
-        found, _ = measure_outputs(scene, circuit, self._reference(scene), waveforms, transient)
+        waveforms, ideal = simulate(board, transient), self._reference(scene)
+        found, _ = measure_outputs(scene, board.circuit, ideal, waveforms, transient)
         settling, reading = math.inf, found.settling_time
         if reading is not None:
             settling = max(reading.value, reading.alternative or 0.0)

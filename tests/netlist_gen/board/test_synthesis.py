@@ -22,7 +22,7 @@ from netlist_gen.board.synthesis import realised_matrix, synthesise
 from netlist_gen.scene.scene import Scene
 from spice_models.errors import InputError
 from tests.support.making import NEAR_IDEAL, make_scene, matrix_problem
-from verification.engines.statespace.linearised.equilibrium import equilibrium
+from verification.engines.statespace.linearised.board import LinearBoard
 from verification.ideal.ideal_answer import ideal_network
 from verification.reference import solve
 
@@ -45,7 +45,7 @@ def build(scene: Scene, T: ArrayLike, eps: ArrayLike) -> Circuit:
 
 
 def board_outputs(circuit: Circuit) -> NDArray[np.float64]:
-    rest = equilibrium(circuit)
+    rest = LinearBoard(circuit).equilibrium
     return np.array([output.sign * rest[output.node] for output in circuit.outputs])
 
 

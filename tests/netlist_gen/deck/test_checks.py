@@ -54,6 +54,13 @@ def test_a_name_that_is_no_name_is_refused(kind: str, field: str, text: str) -> 
         write_deck(changed(small(), kind, **{field: text}), TRANSIENT)
 
 
+@pytest.mark.parametrize("kind", ["resistors", "capacitors", "opamps", "currents"])
+def test_two_parts_of_one_name_are_refused(kind: str) -> None:
+    parts = getattr(small(), kind)
+    with pytest.raises(ValueError, match=f"two {kind} have the name {parts[0].name!r}"):
+        write_deck(replace(small(), **{kind: (*parts, parts[0])}), TRANSIENT)
+
+
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), 0.0, -1.0])
 @pytest.mark.parametrize(
     ("kind", "field"),

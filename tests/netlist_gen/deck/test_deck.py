@@ -22,7 +22,7 @@ from netlist_gen.scene.file import load_scene
 from tests.support.making import NEAR_IDEAL, make_scene, matrix_problem
 from tests.support.paths import GOLDEN, SCENES
 from verification.engines.ngspice.process import find_simulator, simulate
-from verification.engines.statespace.linearised.equilibrium import equilibrium
+from verification.engines.statespace.linearised.board import LinearBoard
 from verification.waveforms import Waveforms
 
 T = [[1.0, -0.5], [0.0, 0.25]]
@@ -115,7 +115,7 @@ def test_an_operating_point_of_every_kind_of_board(design: dict[str, Any], solve
     circuit = build(design)
     nodes = (*circuit.signal_nodes, *circuit.constraint_nodes, *(o.node for o in circuit.outputs))
     nodes = tuple(dict.fromkeys(nodes))
-    wanted = equilibrium(circuit)
+    wanted = LinearBoard(circuit).equilibrium
     found = rest_of(circuit, nodes, solver=solver, relative=1e-9)
     assert found == pytest.approx([wanted[node] for node in nodes], rel=1e-6, abs=1e-9)
 
@@ -162,7 +162,7 @@ def test_a_board_may_start_from_rest() -> None:
     assert "PWL(0 0 1" in deck.text
     assert " uic" not in deck.text
     found = run(deck)
-    asleep, awake = equilibrium(circuit, sources_on=False), equilibrium(circuit)
+    asleep, awake = LinearBoard(circuit).rest, LinearBoard(circuit).equilibrium
     for node in ("a_1", "a_2"):
         assert found[node][0] == pytest.approx(asleep[node], rel=1e-5)
         assert found[node][-1] == pytest.approx(awake[node], rel=1e-4)
@@ -195,7 +195,7 @@ def test_the_matrix_file_can_be_swapped() -> None:
     swapped = run(replace(decks[0], files=decks[1].files)).values[0]
     assert swapped == pytest.approx(rest_of(other, nodes), rel=1e-9)
     assert swapped != pytest.approx(rest_of(one, nodes), rel=1e-2)
-    rest = equilibrium(other)
+    rest = LinearBoard(other).equilibrium
     assert swapped == pytest.approx([rest["v_1"], rest["v_2"]], rel=1e-6)
 
 
@@ -209,7 +209,7 @@ def test_the_scale_of_the_conductances_does_not_matter(G0: float, solver: str) -
         "inverter_resistance": 1 / G0,
     }  # fmt: skip
     circuit = build(design)
-    rest = equilibrium(circuit)
+    rest = LinearBoard(circuit).equilibrium
     wanted = [rest["v_1"], rest["v_2"]]
     found = rest_of(circuit, ("v_1", "v_2"), solver=solver)
     assert found == pytest.approx(wanted, rel=1e-6)

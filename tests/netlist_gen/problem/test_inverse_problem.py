@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from netlist_gen.problem.inverse_problem import cylinder_stress, grid, kernel, make_problem
 from netlist_gen.scene.file import load_scene
-from netlist_gen.scene.scene import CylinderLoad
+from netlist_gen.scene.problem import CylinderLoad
 from spice_models.errors import InputError
 from tests.support.making import make_scene, write_matrix_scene
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from netlist_gen.problem.inverse_problem import make_problem
-from netlist_gen.scene.file import parse_scene
+from netlist_gen.scene.scene import parse_scene
 from spice_models.errors import InputError
 from verification.ideal.lambda_rule import resolve_lambda
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from verification.measures.measure import ChannelState, measure
+from verification.measures.measure import measure
 from verification.measures.mode_fit import Mode
-from verification.measures.settling import Drift, Ringing, judge, sustained
-from verification.measures.times import Reading, rises, settles
+from verification.measures.readings import Reading, rise_times, settling_times
+from verification.measures.sampled_signal import SampledSignal
+from verification.measures.settling import ChannelRinging, ChannelState, Drift, prove, sustained
 
 SUSTAINED = (ChannelState.OSCILLATING, ChannelState.CLIPPED, ChannelState.DIVERGED)
 
@@ -58,7 +59,7 @@ def test_silence_tells_what_a_fit_would(seed):
         part = time <= share * time[-1]
         found = measure(time[part], u[part], target)
         quick = measure(time[part], u[part], target, details=False)
-        assert found.look == quick.look
+        assert found.readings == quick.readings
         assert [c.state for c in found.channels] == [c.state for c in quick.channels]
         assert [c.reason for c in found.channels] == [c.reason for c in quick.channels]
         spared.append(found.modes != quick.modes == ())
@@ -69,12 +70,12 @@ def test_silence_tells_what_a_fit_would(seed):
 def test_settle_reads_what_is_there():
     time = np.linspace(0, 1, 101)
     errors = np.array([1 - time, time, np.zeros(101), time - 1])
-    falling, outside, still, rising = settles(time, errors, 0.25)
+    falling, outside, still, rising = settling_times(SampledSignal(time, errors), 0.25)
     assert falling.value == pytest.approx(0.75, abs=1e-9)
     assert outside is None
     assert (still.value, still.uncertainty) == (0.0, 0.0)
     assert rising == falling
-    assert settles(time, errors[1:2], 0.25) == [None]
+    assert settling_times(SampledSignal(time, errors[1:2]), 0.25) == (None,)
 
 
 def test_rises_of_channels_of_either_direction():
@@ -82,12 +83,12 @@ def test_rises_of_channels_of_either_direction():
     time = np.linspace(0, 12, 1201)
     tau, steps = np.array([0.5, 1.0, 20.0, 2.0]), np.array([1.0, -3.0, 1.0, -0.1])
     errors = -steps[:, None] * np.exp(-time / tau[:, None])
-    quick, falling, slow, small = rises(time, errors, steps, 0.1, 0.9)
+    quick, falling, slow, small = rise_times(SampledSignal(time, errors), steps, steps != 0)
     assert slow is None
     for reading, pace in ((quick, 0.5), (falling, 1.0), (small, 2.0)):
         assert abs(reading.value - pace * np.log(9)) <= reading.uncertainty < 1e-3
         assert not reading.fragile
-    assert rises(time, errors[:0], steps[:0], 0.1, 0.9) == []
+    assert rise_times(SampledSignal(time, errors), steps, steps == 1e9) == (None,) * 4
 
 
 def ringing(growth, sigma, amplitude=None):
@@ -95,7 +96,7 @@ def ringing(growth, sigma, amplitude=None):
     mode = Mode(100.0, growth, 1.0, 0.0, sigma, 0.01, (1.0,), 0.0, 1.0, "")
     envelope = np.ones(20) if amplitude is None else amplitude
     time = np.linspace(0.0, 1.0, envelope.size)
-    return Ringing(time, envelope, 0.01, mode if amplitude is None else None, 1.0)
+    return ChannelRinging(time, envelope, 0.01, mode if amplitude is None else None, 1.0)
 
 
 @pytest.mark.parametrize(
@@ -121,7 +122,7 @@ def test_ringing_persists_by_what_it_loses_over_the_record(growth, sigma, state)
 def test_an_undecided_ringing_states_both_readings():
     time = np.linspace(0.0, 1.0, 2000)
     error = 0.1 * np.sin(2 * np.pi * 100 * time)
-    judged = judge(Drift(time, error[None]), 0, Reading(0.2, 0.0), 0.5, 1.0, ringing(-1.0, 0.6))
+    judged = prove(Drift(time, error[None]), 0, Reading(0.2, 0.0), 0.5, 1.0, ringing(-1.0, 0.6))
     assert judged.state is ChannelState.UNDECIDED
     assert judged.settling_time is None
     assert "if it decays, the settling time is 0.2 s" in judged.reason

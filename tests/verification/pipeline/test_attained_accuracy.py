@@ -15,9 +15,11 @@ from netlist_gen.scene.scene import Scene
 from spice_models.errors import InputError
 from tests.support.making import make_scene
 from tests.support.paths import SCENES
-from verification.engines.statespace.transients.exact import exact
+from verification.engines.statespace.transients.exact import exact_solution
 from verification.pipeline import transient_plan
 from verification.pipeline.attained_accuracy import Accuracy, both_tries, finer
+from verification.pipeline.clock import Clock
+from verification.pipeline.design import design_board
 from verification.pipeline.simulation import choose_engine, outputs, state_space_tolerance
 from verification.pipeline.transient_plan import FEWEST_PER_PERIOD, plan_transient, step_for_error
 from verification.report.verdict.json_document import verdict_document
@@ -109,7 +111,7 @@ def test_ngspice_reaches_the_error_and_knows_it(ngspice: str, wanted: float) -> 
     assert found.reached
     assert found.method == "trapezoidal"
     wave = verdict.waveforms
-    truth = exact(verdict.circuit).at(np.asarray(wave.time))
+    truth = exact_solution(verdict.circuit).at(np.asarray(wave.time))
     signs = np.array([output.sign for output in verdict.circuit.outputs])
     error = np.abs(outputs(verdict.circuit, wave) - signs * truth).max()
     # Richardson's estimate against the exact solution; the step is not wasted either
@@ -127,7 +129,7 @@ def test_a_step_that_misses_is_refined_once(ngspice: str, monkeypatch: pytest.Mo
     assert found.tries == 2
     assert found.reached
     assert found.seconds > verdict.waveforms.cost.seconds
-    assert verdict.scene.analysis.points_per_period == 125
+    assert verdict.scene.analysis.points_per_period is None
     document = json.loads(json.dumps(verdict_document(verdict)["accuracy"]))
     assert {"wanted", "achieved", "seconds", "points"} <= document.keys()
     assert document["wanted"] == 1e-4
@@ -158,17 +160,19 @@ TRIED = Accuracy(1e-4, 4e-4, 2.0, 1000, 100.0, "ngspice-46", "trapezoidal", "")
 
 
 def test_only_a_known_miss_of_a_stepping_engine_is_tried_again() -> None:
-    scene = small(error=1e-4)
-    again = finer(scene, TRIED)
+    scene = small(error=1e-4, engine="ngspice")
+    design = design_board(scene, Clock(lambda stage: None))
+    again = finer(design, TRIED)
     assert again is not None
     # second order, aimed at 80 % of the error: 100 sqrt(4 / 0.8)
-    assert again.analysis.points_per_period == pytest.approx(223.6, abs=0.1)
-    assert again.analysis.error == 1e-4
-    assert finer(again, TRIED) is None
-    assert finer(scene, replace(TRIED, achieved=1e-5)) is None
-    assert finer(scene, replace(TRIED, achieved=None)) is None
-    assert finer(scene, replace(TRIED, engine="statespace")) is None
-    assert finer(scene, None) is None
+    period = design.scales.max_step_for(1.0)
+    assert period / again.transient.max_step == pytest.approx(223.607, rel=1e-5)
+    assert again.transient.stop == design.transient.stop
+    assert again.scene is design.scene
+    assert finer(design, replace(TRIED, achieved=1e-5)) is None
+    assert finer(design, replace(TRIED, achieved=None)) is None
+    assert finer(design, replace(TRIED, engine="statespace")) is None
+    assert finer(design, None) is None
     both = both_tries(TRIED, replace(TRIED, seconds=3.0))
     assert both is not None
     assert (both.seconds, both.tries) == (5.0, 2)

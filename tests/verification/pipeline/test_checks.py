@@ -17,7 +17,7 @@ from tests.support.measured import (
     measured,
     oscillating,
 )
-from verification.measures.measure import Reading
+from verification.measures.readings import Reading
 from verification.measures.settling import ChannelState
 from verification.pipeline.checks import (
     Check,
@@ -25,8 +25,8 @@ from verification.pipeline.checks import (
     Outcome,
     at_most,
     describe_states,
-    judge,
     overall,
+    run_checks,
 )
 from verification.pipeline.step_error import StepError
 from verification.small_signal.poles import summarise
@@ -35,7 +35,7 @@ PASS, FAIL, UNDECIDED = Outcome.PASS, Outcome.FAIL, Outcome.INCONCLUSIVE
 
 
 def check(name: str, given: Evidence) -> Check:
-    return next(found for found in judge(given) if found.name == name)
+    return next(found for found in run_checks(given) if found.name == name)
 
 
 @pytest.mark.parametrize(
@@ -146,7 +146,7 @@ def test_settling_time(
         ({"max": 3e-6}, 4e-6, FAIL),
     ],
 )
-def test_rise_time_and_the_hair_that_decides(
+def test_a_fragile_rise_time(
     limits: dict[str, float], alternative: float | None, outcome: Outcome
 ) -> None:
     reading = Reading(10e-6, 1e-9, alternative is not None, alternative)
@@ -180,7 +180,7 @@ def test_overshoot(limit: float, error: float, outcome: Outcome) -> None:
 
 
 def test_checks_that_nobody_asked_for_are_not_made() -> None:
-    assert [found.name for found in judge(evidence())] == [
+    assert [found.name for found in run_checks(evidence())] == [
         "steady_state",
         "settling_time",
         "stability",
@@ -226,11 +226,11 @@ def test_two_engines_agree(
 def test_an_untrusted_reference_decides_nothing_but_stability() -> None:
     wanted = {"rise_time": {"max": 1.0}, "overshoot": {"max": 1.0}}
     given = evidence(checks=wanted, reference_problem="the gap is too wide")
-    for found in judge(given):
+    for found in run_checks(given):
         if found.name != "stability":
             assert found.outcome is UNDECIDED
             assert found.reason == "the gap is too wide"
-    assert overall(judge(given)) is UNDECIDED
+    assert overall(run_checks(given)) is UNDECIDED
 
 
 def test_a_board_that_need_not_move_is_no_verdict() -> None:

@@ -11,8 +11,9 @@ import pytest
 from netlist_gen.board.scalings import make_scalings
 from netlist_gen.board.synthesis import synthesise
 from tests.support.making import make_scene, matrix_problem
-from verification.engines.statespace.linearised.equilibrium import equilibrium
 from verification.ideal.ideal_answer import ideal_answer, ideal_network, rounded_network
+from verification.pipeline.clock import Clock
+from verification.pipeline.design import design_board
 from verification.pipeline.error_budget import error_budget
 
 
@@ -23,17 +24,9 @@ def budget(design: dict[str, Any], final: float, stress: float | None = None) ->
     problem = matrix_problem([[1.0]], [3.0])
     if stress is not None:
         problem = replace(problem, stress=np.array([stress]))
-    circuit = synthesise(scene, problem)
-    network = ideal_network(problem, make_scalings(scene), scene)
-    parts = error_budget(
-        problem,
-        network,
-        circuit,
-        ideal_answer(network, scene),
-        equilibrium(circuit),
-        np.array([final]),
-        1e-9,
-    )
+    board = design_board(scene, Clock(lambda stage: None), problem=problem)
+    ideal, rest = ideal_answer(board.network, scene), board.board.equilibrium
+    parts = error_budget(board, ideal, rest, np.array([final]), 1e-9)
     return {part.name: part.value for part in parts}
 
 

@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from netlist_gen.scene.file import parse_scene
+from netlist_gen.scene.scene import parse_scene
 from tests.support.paths import SCENES
 from verification.engines.statespace.transients.exact import simulate
 from verification.ideal.ideal_answer import IdealAnswer, ideal_answer

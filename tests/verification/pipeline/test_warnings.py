@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.support.measured import EXACT, UNSTABLE, channel, evidence
-from verification.measures.measure import Reading
+from verification.measures.readings import Reading
 from verification.pipeline.step_error import StepError
 from verification.pipeline.warnings import find_warnings
 from verification.small_signal.poles import summarise
@@ -38,7 +38,9 @@ def test_a_board_at_the_edge_of_oscillation() -> None:
 def test_a_fragile_reading_comes_with_both_values() -> None:
     fragile = channel(3, rise_time=Reading(10.4e-6, 0.0, True, 4.3e-6))
     (found,) = find_warnings(evidence(fragile))
-    assert found == ("channel 4: rise time 10.4 us is fragile; a hair more or less makes it 4.3 us")
+    assert found == (
+        "channel 4: rise time 10.4 us is fragile: 4.3 us with the level shifted by 0.5% of the step"
+    )
 
 
 def test_an_engines_own_doubts_come_first_and_always() -> None:

@@ -11,7 +11,7 @@ from scipy.linalg import expm
 
 from tests.support.oracle import kernel
 from verification.reference import IdealNetwork, Problem, ideal_linear, ideal_transient, solve
-from verification.reference.dynamics import Outcome
+from verification.reference.dynamics import Trust
 from verification.reference.step_response import Response
 
 Y = np.linspace(-3.0, 3.0, 7)
@@ -49,7 +49,7 @@ def test_modes_are_the_matrix_exponential(rng: np.random.Generator, shape: tuple
 
 def test_radau_agrees_with_the_modes() -> None:
     exact, run = ideal_linear(BOARD, REST), ideal_transient(BOARD, REST)
-    assert run.outcome is Outcome.TRUSTED
+    assert run.outcome is Trust.TRUSTED
     assert run.response is not None
     t = run.response.time[::50]
     assert run.response.outputs(t) == pytest.approx(exact.outputs(t), abs=1e-8)
@@ -61,7 +61,7 @@ def test_one_exponential_channel_by_quadrature() -> None:
     network = IdealNetwork(np.eye(1), np.ones(1), 1e-6, 1.0, 1e6, 1e-12, 1e8, "exponential", 0.1)
     start = np.array([-0.5])
     run = ideal_transient(network, start)
-    assert run.outcome is Outcome.TRUSTED
+    assert run.outcome is Trust.TRUSTED
     assert run.response is not None
     mu, begin = network.mu, -0.5 / 0.1
     level = float(np.log(0.5 * (np.exp(begin) + run.rest.u[0])))
@@ -76,7 +76,7 @@ def test_one_exponential_channel_by_quadrature() -> None:
 def test_energy_balance_and_second_opinion(amplifier: str, R: float) -> None:
     network = replace(BOARD, amplifier=amplifier, R=R, Ve=0.2)
     run = ideal_transient(network, REST)
-    assert run.outcome is Outcome.TRUSTED
+    assert run.outcome is Trust.TRUSTED
     assert run.energy_residual < 1e-9
     assert run.second_opinion < 1e-7
     assert run.response is not None
@@ -111,7 +111,7 @@ def test_a_record_that_is_too_short_never_settles() -> None:
 
 def test_overflow_is_an_outcome() -> None:
     run = ideal_transient(replace(BOARD, amplifier="exponential", Ve=1e-3), np.full(7, 5.0))
-    assert run.outcome is Outcome.NOT_FINITE
+    assert run.outcome is Trust.NOT_FINITE
     assert run.response is None
 
 

@@ -15,7 +15,7 @@ from netlist_gen.problem.inverse_problem import make_problem
 from spice_models.opamp import OpAmp
 from tests.support.boards import lags, paper_board, single_mode
 from tests.support.making import make_scene
-from verification.engines.statespace.linearised.equilibrium import equilibrium
+from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.transients.exact import simulate
 from verification.measures.measure import measure
 from verification.measures.settling import ChannelState
@@ -83,7 +83,7 @@ def test_a_peak_that_just_reaches_the_band_is_fragile() -> None:
 @pytest.mark.parametrize("C", [10e-12, 30e-12])
 def test_the_paper_board_as_a_fine_record_has_it(C: float) -> None:
     circuit = paper_board(C)
-    rest = equilibrium(circuit)
+    rest = LinearBoard(circuit).equilibrium
     target = np.array([rest[node] for node in circuit.signal_nodes])
     found = measure_exact(circuit, target)
     record = simulate(circuit, Transient(4e-3, 2e-7))
@@ -104,7 +104,7 @@ def test_the_paper_board_as_a_fine_record_has_it(C: float) -> None:
 
 def test_what_does_not_settle_says_why() -> None:
     circuit = paper_board(8e-12)
-    rest = equilibrium(circuit)
+    rest = LinearBoard(circuit).equilibrium
     target = np.array([rest[node] for node in circuit.signal_nodes])
     ringing = measure_exact(circuit, target)
     assert ringing.channels[3].state is ChannelState.OSCILLATING
@@ -124,7 +124,7 @@ def test_what_does_not_settle_says_why() -> None:
 
 def test_a_channel_with_a_small_step_has_no_rise_time() -> None:
     circuit = paper_board()
-    rest = equilibrium(circuit)
+    rest = LinearBoard(circuit).equilibrium
     target = np.array([rest[node] for node in circuit.signal_nodes])
     small = measure_exact(circuit, target, start=target - np.array([1.0, *[0.01] * 6]))
     assert "under 5%" in small.channels[1].rise_reason
@@ -162,7 +162,7 @@ def test_a_chain_of_equal_lags(count: int) -> None:
 def test_a_channel_that_never_leaves_the_band_settles_at_once_without_doubt():
     scene = make_scene({"channels": 3, "span": 2.0})
     circuit = synthesise(scene, make_problem(scene))
-    rest = equilibrium(circuit)
+    rest = LinearBoard(circuit).equilibrium
     target = np.array([out.sign * rest[out.node] for out in circuit.outputs])
     found = measure_exact(circuit, target)
     still = [channel for channel in found.channels if abs(channel.target) < 0.01 * found.amplitude]

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from tests.support.boards import lags, paper_board, single_mode
-from verification.engines.statespace.transients.exact import exact
-from verification.small_signal.poles import poles, summarise, time_scales
+from verification.engines.statespace.transients.exact import exact_solution
+from verification.small_signal.poles import poles, summarise
+from verification.small_signal.time_scales import time_scales
 
 TAU = 0.455e-6
 
@@ -44,7 +45,7 @@ def test_the_papers_board_is_stable_where_the_paper_says(C: float, stable: bool)
 def test_the_papers_board_rises_in_ten_microseconds_and_rings_for_half_a_millisecond() -> None:
     scales = time_scales(paper_board(), error=1e-4, points=125.0)
     time = np.linspace(0.0, 20e-6, 2001)
-    solution = exact(paper_board())
+    solution = exact_solution(paper_board())
     centre = solution.at(time)[:, 3] / solution.final[3]
     rise = time[np.argmax(centre >= 0.9)] - time[np.argmax(centre >= 0.1)]
     assert rise == pytest.approx(9.5e-6, rel=0.02)

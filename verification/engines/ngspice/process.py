@@ -31,7 +31,7 @@ from verification.waveforms import Waveforms
 __all__ = ["PHYSICAL_BOUND", "Run", "Simulator", "find_simulator", "simulate", "start"]
 
 PHYSICAL_BOUND = 1e6
-"""No node of a working board is above this voltage, V."""
+"""No node of a working board is above this voltage, V, with a unit voltage of 1 V."""
 
 _HERE = Path("$PWD")
 _ARGUMENTS = ("-b", "-n", "-r", "out.raw", "deck.cir")

@@ -14,7 +14,7 @@ from rich.table import Table
 from netlist_gen.overrides.keys import own_value
 from netlist_gen.quantities import show
 from verification.studies.onset.onset import Finding, Onset
-from verification.studies.onset.scan_result import Crossing
+from verification.studies.onset.scan_result import AxisCrossing
 from verification.studies.onset.transient_trial import Side
 
 SAYS = {True: "[green]yes[/green]", False: "[red]no[/red]", None: "[yellow]undecided[/yellow]"}
@@ -81,7 +81,7 @@ def _side(side: Side | None) -> dict[str, Any] | None:
     }
 
 
-def direction(crossing: Crossing) -> str:
+def direction(crossing: AxisCrossing) -> str:
     """Return on which side of the crossing its mode grows."""
     return "unstable above" if crossing.unstable_above else "unstable below"
 

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator, Mapping
 from html import escape
 
-from verification.studies.paper.findings import Outcome, Picture
+from verification.studies.paper.findings import ClaimOutcome, Picture
 from verification.studies.paper.reproduce import Reproduction, Section
 
 TITLE = "The paper, claim by claim"
@@ -17,10 +17,10 @@ SOURCE = (
 )
 COLUMNS = ("claim", "place", "what was run", "printed", "ours", "verdict")
 CLASSES = {
-    Outcome.HOLDS: "holds",
-    Outcome.CONDITION: "condition",
-    Outcome.FAILS: "fails",
-    Outcome.NOT_RUN: "missing",
+    ClaimOutcome.HOLDS: "holds",
+    ClaimOutcome.CONDITION: "condition",
+    ClaimOutcome.FAILS: "fails",
+    ClaimOutcome.NOT_RUN: "missing",
 }
 CSS = """
 body { font: 15px/1.45 system-ui, sans-serif; margin: 2em auto; max-width: 84em; padding: 0 1em;

@@ -14,15 +14,15 @@ from spice_models.errors import Complaint, InputError
 from verification.report.atomic_files import write_atomically
 from verification.report.paper.pages import paper_html, paper_markdown
 from verification.report.paper.plots import can_draw, draw
-from verification.studies.paper.findings import Outcome
+from verification.studies.paper.findings import ClaimOutcome
 from verification.studies.paper.reproduce import Judged, Reproduction
 from verification.studies.running.machine import describe_machine
 
 COLOURS = {
-    Outcome.HOLDS: "green",
-    Outcome.CONDITION: "yellow",
-    Outcome.FAILS: "red",
-    Outcome.NOT_RUN: "magenta",
+    ClaimOutcome.HOLDS: "green",
+    ClaimOutcome.CONDITION: "yellow",
+    ClaimOutcome.FAILS: "red",
+    ClaimOutcome.NOT_RUN: "magenta",
 }
 PAGES = ("paper.md", "paper.html")
 
@@ -87,7 +87,7 @@ def print_paper(found: Reproduction, console: Console) -> None:
 def summary(found: Reproduction) -> str:
     """Return how many claims there are of each verdict."""
     outcomes = [each.finding.outcome for each in found.judged]
-    counts = ", ".join(f"{o.value} {outcomes.count(o)}" for o in Outcome if o in outcomes)
+    counts = ", ".join(f"{o.value} {outcomes.count(o)}" for o in ClaimOutcome if o in outcomes)
     return f"{len(outcomes)} claims: {counts}."
 
 

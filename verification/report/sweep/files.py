@@ -5,20 +5,17 @@ from __future__ import annotations
 import csv
 import importlib.util
 import itertools
-import os
-import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from spice_models.errors import Complaint, InputError
-from verification.report.atomic_files import check_folder
+from verification.report.atomic_files import check_folder, replacing
 from verification.report.sweep.records import all_records, records
+from verification.studies.figures import FIGURES
 from verification.studies.sweep.plan import Plan
-from verification.studies.sweep.point import NUMBERS
 from verification.studies.sweep.store import Store
 
 NEEDS = {  # ending: package, how to get it
@@ -61,38 +58,22 @@ def export_sweep(plan: Plan, store: Store, path: str) -> None:
         See `check_sweep_export`; or the file cannot be written.
     """
     check_sweep_export(path)
-    try:
-        with _replacing(Path(path)) as temporary:
-            WRITERS[Path(path).suffix.lower()](plan, store, temporary)
-    except OSError as error:
-        text = f"{error.strerror or error}; expected a file that can be written"
-        raise InputError("--export", Complaint("FILE", repr(path), text)) from None
-
-
-@contextmanager
-def _replacing(target: Path) -> Iterator[Path]:
-    """Give a place to write to, and put it at `target` only when it is complete."""
-    handle, name = tempfile.mkstemp(suffix=target.suffix, dir=target.parent)
-    os.close(handle)
-    temporary = Path(name)
-    try:
-        yield temporary
-        umask = os.umask(0)
-        os.umask(umask)
-        temporary.chmod(0o666 & ~umask)
-        temporary.replace(target)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with replacing(path) as temporary:
+        WRITERS[Path(path).suffix.lower()](plan, store, temporary)
 
 
 def _numbers(plan: Plan) -> dict[str, str]:
-    """Return `NUMBERS` without those that are an axis, such as lambda."""
+    """Return the units of `FIGURES`, without those that are an axis, such as lambda."""
     names = {axis.name for axis in plan.axes}
-    return {name: unit for name, unit in NUMBERS.items() if name not in names}
+    return {name: figure.unit for name, figure in FIGURES.items() if name not in names}
+
+
+def _titles(plan: Plan) -> list[str]:
+    return [*(axis.name for axis in plan.axes), "engine", "stable", *_numbers(plan), *WORDS]
 
 
 def _rows(plan: Plan, store: Store) -> Iterator[dict[str, Any]]:
-    kept = ("engine", "stable", *_numbers(plan), *WORDS)
+    kept = _titles(plan)[len(plan.axes) :]
     for record in records(plan, store):
         yield record["values"] | {name: record[name] for name in kept}
 
@@ -105,10 +86,6 @@ def _csv(plan: Plan, store: Store, path: Path) -> None:
             writer.writerow(
                 repr(v) if isinstance(v, float) else "" if v is None else v for v in row.values()
             )
-
-
-def _titles(plan: Plan) -> list[str]:
-    return [*(axis.name for axis in plan.axes), "engine", "stable", *_numbers(plan), *WORDS]
 
 
 def _parquet(plan: Plan, store: Store, path: Path) -> None:
@@ -141,11 +118,11 @@ def _parquet(plan: Plan, store: Store, path: Path) -> None:
 def grids(plan: Plan, store: Store) -> dict[str, np.ndarray[Any, Any]]:
     """Return the numbers of a sweep as arrays over the grid, the engine last.
 
-    Every name of `NUMBERS` (NaN where there is none) and ``outcome``, the place in `OUTCOMES`
+    Every name of `FIGURES` (NaN where there is none) and ``outcome``, the place in `OUTCOMES`
     (-1 where nothing is stored); shape ``(*plan.shape, len(plan.engines))``.
     """
     shape = (*plan.shape, len(plan.engines))
-    found = {name: np.full(shape, np.nan) for name in NUMBERS}
+    found = {name: np.full(shape, np.nan) for name in FIGURES}
     outcome = np.full(shape, -1, dtype=np.int8)
     for place, record in zip(np.ndindex(*shape), all_records(plan, store), strict=True):
         if record is None:
@@ -157,7 +134,15 @@ def grids(plan: Plan, store: Store) -> dict[str, np.ndarray[Any, Any]]:
     return {**found, "outcome": outcome}
 
 
-def _netcdf(plan: Plan, store: Store, path: Path) -> None:
+def frame(plan: Plan, store: Store) -> Any:
+    """Return the stored points as a pandas DataFrame: one row a point and engine, as in a CSV."""
+    import pandas as pd
+
+    return pd.DataFrame(_rows(plan, store), columns=_titles(plan))
+
+
+def dataset(plan: Plan, store: Store) -> Any:
+    """Return the grid as an xarray Dataset: one dimension a group of axes, one for the engine."""
     import xarray as xr
 
     dimensions = [group[0].name for group in plan.groups]
@@ -179,8 +164,11 @@ def _netcdf(plan: Plan, store: Store, path: Path) -> None:
     }
     variables["outcome"] = (everything, arrays["outcome"], flags)
     about = {"scene": plan.scene.name, "Conventions": "CF-1.8", "source": "taction sweep"}
-    data = xr.Dataset(variables, coordinates, about)
-    data.to_netcdf(path, engine="scipy", format="NETCDF3_64BIT")
+    return xr.Dataset(variables, coordinates, about)
+
+
+def _netcdf(plan: Plan, store: Store, path: Path) -> None:
+    dataset(plan, store).to_netcdf(path, engine="scipy", format="NETCDF3_64BIT")
 
 
 WRITERS: dict[str, Callable[[Plan, Store, Path], None]] = {

@@ -12,6 +12,7 @@ from spice_models.array_types import Floats
 from spice_models.errors import Complaint, InputError
 from verification.report.sweep.files import OUTCOMES, grids
 from verification.report.verdict.plots import STYLE, check_plot_file, save
+from verification.studies.figures import FIGURES
 from verification.studies.sweep.plan import Plan
 from verification.studies.sweep.store import Store
 
@@ -26,20 +27,24 @@ MOST_MARKERS = 2500  # more could not be told apart
 
 
 @dataclass(frozen=True, slots=True)
-class Quantity:
-    """One panel: a number of the records, how it is called, its factor, kind of scale and unit."""
+class Panel:
+    """One panel: a figure of the records, how it is called, its factor and kind of scale."""
 
     name: str
     title: str
     factor: float
     scale: str
-    unit: str = ""
+
+    @property
+    def unit(self) -> str:
+        """Unit of the figure."""
+        return FIGURES[self.name].unit
 
 
-QUANTITIES = (
-    Quantity("settling_time", "settling time", 1.0, "log", "s"),
-    Quantity("overshoot", "overshoot (% of the step)", 100.0, "linear"),
-    Quantity("growth_rate", "rightmost pole, real part (1/s)", 1.0, "symlog"),
+PANELS = (
+    Panel("settling_time", "settling time", 1.0, "log"),
+    Panel("overshoot", "overshoot (% of the step)", 100.0, "linear"),
+    Panel("growth_rate", "rightmost pole, real part (1/s)", 1.0, "symlog"),
 )
 
 
@@ -87,7 +92,7 @@ def _maps(figure: Figure, plan: Plan, data: dict[str, Any]) -> None:
     across, down = (_Ruler(group[0]) for group in plan.groups)
     data = {name: array.swapaxes(0, 1) for name, array in data.items()}  # the first axis is x
     growth = data["growth_rate"][..., -1]
-    for axes, quantity in zip(panels.flat, QUANTITIES, strict=False):
+    for axes, quantity in zip(panels.flat, PANELS, strict=False):
         _map(figure, axes, quantity, data[quantity.name][..., -1], (across, down))
     _outcomes(panels.flat[3], plan, data["outcome"], (across, down))
     for axes in panels.flat:
@@ -107,7 +112,7 @@ def _legend_text(plan: Plan) -> str:
 
 
 def _map(
-    figure: Figure, axes: Axes, quantity: Quantity, values: Floats, rulers: tuple[_Ruler, _Ruler]
+    figure: Figure, axes: Axes, quantity: Panel, values: Floats, rulers: tuple[_Ruler, _Ruler]
 ) -> None:
     from matplotlib.colors import LogNorm, Normalize, SymLogNorm
 
@@ -165,7 +170,7 @@ def _curves(figure: Figure, plan: Plan, data: dict[str, Any]) -> None:
     panels = figure.subplots(2, 2, sharex=True)
     ruler = _Ruler(plan.groups[0][0])
     unstable = np.nanmax(data["growth_rate"], axis=-1, initial=-np.inf) > 0.0
-    for axes, quantity in zip(panels.flat, QUANTITIES, strict=False):
+    for axes, quantity in zip(panels.flat, PANELS, strict=False):
         for k, engine in enumerate(plan.engines):
             style, colour, size = LINES[engine]
             values = quantity.factor * data[quantity.name][..., k]
@@ -179,7 +184,12 @@ def _curves(figure: Figure, plan: Plan, data: dict[str, Any]) -> None:
         elif quantity.scale == "log" and np.isfinite(data[quantity.name]).any():
             axes.set_yscale("log")
             numbers = data[quantity.name]
-            _tick(axes.yaxis, quantity.unit, float(np.nanmin(numbers)), float(np.nanmax(numbers)))
+            _tick(
+                axes.yaxis,
+                quantity.unit,
+                float(np.nanmin(numbers)),
+                float(np.nanmax(numbers)),
+            )
     _strip(panels.flat[3], plan, data["outcome"], ruler)
     for axes in panels.flat:
         ruler.mark(axes, "x")

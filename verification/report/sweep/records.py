@@ -15,18 +15,14 @@ from rich.text import Text
 
 from netlist_gen.overrides.axes import Axis
 from netlist_gen.quantities import show
+from verification.studies.figures import FIGURES
 from verification.studies.sweep.plan import Plan, Requests
 from verification.studies.sweep.run import Count
 from verification.studies.sweep.store import Store
 
 LINES = 40  # of points that are listed; of more, only those without a verdict
 COLOUR = {"pass": "green", "fail": "red", "inconclusive": "yellow", "error": "magenta"}
-COLUMNS = (
-    ("settling_time", "s"),
-    ("overshoot", "step"),
-    ("growth_rate", "1/s"),
-    ("frequency", "Hz"),
-)
+COLUMNS = ("settling_time", "overshoot", "growth_rate", "frequency")
 
 
 def records(plan: Plan, store: Store) -> Iterator[dict[str, Any]]:
@@ -116,7 +112,7 @@ def _listed(plan: Plan, store: Store, *, whole: bool) -> Iterator[dict[str, Any]
 
 def _table(plan: Plan, listed: list[dict[str, Any]]) -> Table:
     names = [axis.name for axis in plan.axes]
-    titles = [name.replace("_", " ") for name, _ in COLUMNS]
+    titles = [name.replace("_", " ") for name in COLUMNS]
     table = Table(*names, "engine", "outcome", *titles, "why", box=SIMPLE_HEAD, pad_edge=False)
     units = {axis.name: axis.key.unit for axis in plan.axes}
     for record in listed:
@@ -124,7 +120,7 @@ def _table(plan: Plan, listed: list[dict[str, Any]]) -> Table:
             *(_amount(record["values"][name], units[name]) for name in names),
             record["engine"],
             Text(record["outcome"], style=COLOUR[record["outcome"]]),
-            *(_amount(record[name], unit) for name, unit in COLUMNS),
+            *(_amount(record[name], FIGURES[name].unit) for name in COLUMNS),
             escape(record["reason"].split("\n")[0][:160]),
         )
     return table

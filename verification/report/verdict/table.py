@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 
 from rich.box import SIMPLE_HEAD
@@ -11,8 +12,8 @@ from rich.table import Table
 from rich.text import Text
 
 from netlist_gen.quantities import show
-from verification.measures.measure import Measurements
-from verification.measures.times import Reading
+from verification.measures.measurements import Measurements
+from verification.measures.readings import Reading
 from verification.pipeline.attained_accuracy import Accuracy
 from verification.pipeline.checks import Check, Outcome
 from verification.verify import Verdict
@@ -29,6 +30,13 @@ def print_verdict(verdict: Verdict, console: Console) -> None:
     for warning in verdict.warnings:
         console.print(f"[yellow]warning[/yellow] {escape(warning)}")
     console.print(_foot(verdict))
+
+
+def verdict_text(verdict: Verdict) -> str:
+    """Return what `print_verdict` prints, without colours."""
+    text = io.StringIO()
+    print_verdict(verdict, Console(file=text, highlight=False, color_system=None))
+    return text.getvalue().removesuffix("\n")
 
 
 def _head(verdict: Verdict) -> RenderableType:

@@ -8,7 +8,7 @@ import numpy as np
 
 from verification.report.verdict.plots import STYLE, check_plot_file, save
 from verification.studies.work_precision.methods import Method
-from verification.studies.work_precision.study import Point, Study
+from verification.studies.work_precision.study import SettingResult, Study
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -55,7 +55,7 @@ def _methods(study: Study, problem: str) -> list[tuple[Method, str, str]]:
     return [(m, f"C{k}", MARKERS[k % len(MARKERS)]) for k, m in enumerate(methods)]
 
 
-def _error(point: Point) -> float | None:
+def _error(point: SettingResult) -> float | None:
     error = point.errors["maximum"]
     return None if error is None else max(error, LOWEST)
 

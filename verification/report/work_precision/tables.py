@@ -14,8 +14,8 @@ from netlist_gen.quantities import show
 from verification.studies.work_precision.convergence_order import Order
 from verification.studies.work_precision.methods import Method
 from verification.studies.work_precision.norms import NORMS
-from verification.studies.work_precision.run_errors import Judgement
-from verification.studies.work_precision.study import WANTED, Point, Study
+from verification.studies.work_precision.run_errors import ProblemErrors
+from verification.studies.work_precision.study import WANTED, SettingResult, Study
 
 TITLES = {
     "final": "final",
@@ -50,7 +50,7 @@ def accuracy_document(study: Study) -> dict[str, Any]:
     }
 
 
-def _problem(found: Judgement) -> dict[str, Any]:
+def _problem(found: ProblemErrors) -> dict[str, Any]:
     scale = found.scale
     return {
         "references": list(found.references),
@@ -79,7 +79,7 @@ def _method(study: Study, method: Method) -> dict[str, Any]:
     }
 
 
-def point_record(point: Point) -> dict[str, Any]:
+def point_record(point: SettingResult) -> dict[str, Any]:
     """Return one setting as plain data."""
     return {
         "setting": point.setting if point.method.setting else None,
@@ -164,11 +164,11 @@ def _points(study: Study, problem: str) -> Table:
     return table
 
 
-def _of(study: Study, problem: str) -> list[Point]:
+def _of(study: Study, problem: str) -> list[SettingResult]:
     return [point for point in study.points if point.method.problem == problem]
 
 
-def _errors(point: Point, norms: list[str]) -> list[str]:
+def _errors(point: SettingResult, norms: list[str]) -> list[str]:
     if point.status != "done":
         return [point.status, *([""] * (len(norms) - 1))]
     return [_error(point.errors[norm]) for norm in norms]
@@ -186,7 +186,7 @@ def _count(value: int | None) -> str:
     return "-" if value is None else str(value)
 
 
-def _scale_text(found: Judgement) -> str:
+def _scale_text(found: ProblemErrors) -> str:
     scale = found.scale
     if scale is None:
         return "no reference"
@@ -236,7 +236,7 @@ def _cheapest_table(study: Study) -> Table:
     return table
 
 
-def _choice(point: Point | None) -> tuple[str, str]:
+def _choice(point: SettingResult | None) -> tuple[str, str]:
     if point is None or point.seconds is None or not math.isfinite(point.seconds):
         return "none that was run", "-"
     setting = f", {point.name}" if point.method.setting else ""

@@ -14,7 +14,7 @@ from itertools import pairwise
 
 from netlist_gen.board.circuit import Circuit
 from netlist_gen.board.synthesis import synthesise
-from netlist_gen.overrides.axes import Axis, parse_axis, with_value
+from netlist_gen.overrides.axes import Axis, Over, parse_axes, with_value
 from netlist_gen.problem.inverse_problem import make_problem
 from netlist_gen.scene.scene import Scene
 from spice_models.errors import (
@@ -25,9 +25,10 @@ from spice_models.errors import (
     SimulatorTooOld,
 )
 from verification.engines.ngspice.executable import find_simulator
+from verification.engines.statespace.linearised.board import LinearBoard
 from verification.small_signal.poles import count_unstable, poles
 from verification.studies.onset.pole_scan import scan
-from verification.studies.onset.scan_result import Crossing, Scan
+from verification.studies.onset.scan_result import AxisCrossing, Scan
 from verification.studies.onset.transient_trial import Confirmation, confirm
 
 AROUND = 30.0  # the default range is the scene's own value over and times this
@@ -42,7 +43,7 @@ Progress = Callable[[str], None]
 class Finding:
     """A crossing and what the transients beside it say."""
 
-    crossing: Crossing
+    crossing: AxisCrossing
     confirmation: Confirmation
 
 
@@ -67,7 +68,7 @@ class Count:
     reason: str = ""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Onset:
     """Every crossing of a scene over one axis."""
 
@@ -77,6 +78,10 @@ class Onset:
     findings: tuple[Finding, ...]
     counts: tuple[Count, ...]
 
+    def __repr__(self) -> str:
+        places = ", ".join(f"{each.crossing.value:.5g}" for each in self.findings) or "none"
+        return f"Onset({self.scene.name!r}, crossings over {self.axis.name}: {places})"
+
     @property
     def disagreement(self) -> bool:
         """Whether a transient contradicts a pole, or one count of unstable poles the other."""
@@ -84,22 +89,25 @@ class Onset:
         return trials or any(c.winding is not None and c.winding != c.poles for c in self.counts)
 
 
-def parse_onset_axis(scene: Scene, text: str) -> Axis:
+def parse_onset_axis(scene: Scene, over: Over) -> Axis:
     """Read ``--over`` of an onset: a bare key takes the scene's value / 30 to its value * 30.
 
     Raises
     ------
     InputError
-        See `netlist_gen.overrides.axes.parse_axis`; also for a key that does not vary continuously
-        or a list of fewer than two values.
+        See `netlist_gen.overrides.axes.parse_axes`; also for more than one key, a key that does not
+        vary continuously, or a list of fewer than two values.
     """
-    axis = parse_axis(scene, text, points=POINTS, around=AROUND)
+    groups = parse_axes(scene, over, points=POINTS, around=AROUND)
+    if [len(group) for group in groups] != [1]:
+        raise InputError("--over", Complaint("key", repr(over), "an onset needs one key"))
+    axis = groups[0][0]
     if axis.key.kind != "real":
         accepted = "an onset needs a key that varies continuously, such as C or gain"
         raise InputError("--over", Complaint("key", repr(axis.name), accepted))
     if len(set(axis.values)) < 2:
         accepted = f"an onset needs a range, such as {axis.name}=LOW:HIGH, or two values"
-        raise InputError("--over", Complaint("values", repr(text), accepted))
+        raise InputError("--over", Complaint("values", repr(over), accepted))
     return axis
 
 
@@ -170,10 +178,10 @@ def counts(
 
 def _count(build: Build, value: float, progress: Progress) -> Count:
     progress(f"winding number at {value:.4g}")
-    circuit = build(value)
-    eigenvalues = poles(circuit).unstable_count
+    board = LinearBoard(build(value))
+    eigenvalues = poles(board).unstable_count
     try:
-        return Count(value, eigenvalues, count_unstable(circuit))
+        return Count(value, eigenvalues, count_unstable(board))
     except EngineError as error:
         return Count(value, eigenvalues, None, str(error))
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from spice_models.errors import EngineError, InputError, TactionError
 from verification.small_signal.poles import Poles
-from verification.studies.onset.scan_result import Crossing, Sample, Scan
+from verification.studies.onset.scan_result import AxisCrossing, Sample, Scan
 
 TOLERANCE = 1e-8  # of a crossing's value
 PASSES = (6, 4)  # halvings of a grid interval that bends towards the axis, in each round
@@ -162,7 +162,7 @@ class _Line:
                 return
             a, b = (sample, b) if (sample.real(k) >= 0.0) == (ra >= 0.0) else (a, sample)
 
-    def crossings(self) -> list[Crossing]:
+    def crossings(self) -> list[AxisCrossing]:
         """Return what crosses; changes too close to tell apart count as one."""
         clusters: list[tuple[Sample, Sample]] = []
         for a, b in self.changes():
@@ -177,7 +177,7 @@ def _width(a: Sample, b: Sample) -> float:
     return (b.value - a.value) / max(abs(a.value), abs(b.value))
 
 
-def _between(a: Sample, b: Sample) -> list[Crossing]:
+def _between(a: Sample, b: Sample) -> list[AxisCrossing]:
     less, more = sorted((a, b), key=lambda each: each.unstable)
     crossed = more.poles[less.unstable : more.unstable]
     frequencies: list[float] = []
@@ -189,7 +189,8 @@ def _between(a: Sample, b: Sample) -> list[Crossing]:
     share = ra / (ra - rb) if math.isfinite(ra - rb) else 0.5
     value = a.value + share * (b.value - a.value)
     return [
-        Crossing(value, w / (2.0 * math.pi), b is more, a.unstable, b.unstable) for w in frequencies
+        AxisCrossing(value, w / (2.0 * math.pi), b is more, a.unstable, b.unstable)
+        for w in frequencies
     ]
 
 

@@ -55,7 +55,7 @@ class Sample:
 
 
 @dataclass(frozen=True, slots=True)
-class Crossing:
+class AxisCrossing:
     """One pole, or a complex pair, on the imaginary axis.
 
     Attributes
@@ -92,7 +92,7 @@ class Scan:
     """Samples in increasing order of the value, and the crossings among them."""
 
     samples: tuple[Sample, ...]
-    crossings: tuple[Crossing, ...]
+    crossings: tuple[AxisCrossing, ...]
     logarithmic: bool
 
     @property

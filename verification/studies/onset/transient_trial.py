@@ -22,11 +22,12 @@ from spice_models.array_types import Complexes
 from spice_models.errors import EngineError, InputError, SimulationError
 from verification.engines.ngspice.executable import Simulator
 from verification.engines.ngspice.process import Run, start
-from verification.engines.statespace.linearised.equilibrium import equilibrium
-from verification.engines.statespace.linearised.state_space import StateSpace, linearise
+from verification.engines.statespace.linearised.board import LinearBoard
+from verification.engines.statespace.linearised.state_space import StateSpace
 from verification.measures.mode_fit import Mode, fit_modes
+from verification.pipeline.transient_plan import truncation_for
 from verification.small_signal.poles import poles
-from verification.studies.onset.scan_result import Crossing
+from verification.studies.onset.scan_result import AxisCrossing
 from verification.waveforms import Waveforms
 
 ASIDE = 0.03  # distance of a transient from the crossing, relative
@@ -96,7 +97,7 @@ class _Trial:
 
 
 def confirm(
-    build: Build, crossing: Crossing, simulator: Simulator, *, logarithmic: bool, timeout: float
+    build: Build, crossing: AxisCrossing, simulator: Simulator, *, logarithmic: bool, timeout: float
 ) -> Confirmation:
     """Run transients on both sides of `crossing` at the same time and compare with the poles.
 
@@ -104,7 +105,7 @@ def confirm(
     ----------
     build : callable
         The board at a value.
-    crossing : Crossing
+    crossing : AxisCrossing
         What is to be confirmed.
     simulator : Simulator
         An ngspice.
@@ -129,14 +130,14 @@ def confirm(
     return Confirmation(confirmed, reasons, below, above)
 
 
-def _prepare(build: Build, crossing: Crossing, side: int, logarithmic: bool) -> _Trial:
+def _prepare(build: Build, crossing: AxisCrossing, side: int, logarithmic: bool) -> _Trial:
     """Go to one side of the crossing, near enough that the pole has the sign it should have."""
     unstable = crossing.unstable_above == (side > 0)
     aside = ASIDE
     while True:
         down = 1.0 / (1.0 + aside) if logarithmic else 1.0 - aside
         value = crossing.value * (1.0 + aside if side > 0 else down)
-        pole, others = _follow(build, crossing, value)
+        board, pole, others = _follow(build, crossing, value)
         limit = STEEP * abs(pole.imag) if crossing.frequency else math.inf
         if (pole.real > 0.0) == unstable and abs(pole.real) <= limit:
             break
@@ -145,30 +146,35 @@ def _prepare(build: Build, crossing: Crossing, side: int, logarithmic: bool) -> 
         aside *= 0.5
     rivals = [p.real for p in others if p not in (pole, pole.conjugate())]
     fastest = max([0.0, *rivals])
-    circuit = build(value)
-    return _Trial(value, pole, fastest, circuit, along(circuit, pole, fastest))
+    return _Trial(value, pole, fastest, board.circuit, along(board, pole, fastest))
 
 
-def _follow(build: Build, crossing: Crossing, value: float) -> tuple[complex, list[complex]]:
-    """Follow the pole from the axis to `value`, each time to the nearest; with all poles there."""
+def _follow(
+    build: Build, crossing: AxisCrossing, value: float
+) -> tuple[LinearBoard, complex, list[complex]]:
+    """Follow the pole from the axis to `value`, each time to the nearest.
+
+    Return the board at `value`, the pole, and all its poles.
+    """
     pole = crossing.pole
     for share in (0.5, 1.0):
         near = crossing.value + share * (value - crossing.value)
-        found: list[complex] = poles(build(near)).poles.tolist()
+        board = LinearBoard(build(near))
+        found: list[complex] = poles(board).poles.tolist()
         eligible = [p for p in found if crossing.frequency or p.imag == 0.0]
         if not eligible:
             raise EngineError("the real pole on the axis becomes a pair beside it")
         pole = min(eligible, key=lambda each: abs(each - pole))
-    return pole, found
+    return board, pole, found
 
 
-def along(circuit: Circuit, pole: complex, fastest: float = 0.0) -> Transient:
+def along(board: LinearBoard, pole: complex, fastest: float = 0.0) -> Transient:
     """Plan a transient that starts from the equilibrium plus the mode of `pole`.
 
     Parameters
     ----------
-    circuit : Circuit
-        The board.
+    board : LinearBoard
+        It.
     pole : complex
         One of its poles, 1/s.
     fastest : float
@@ -184,21 +190,20 @@ def along(circuit: Circuit, pole: complex, fastest: float = 0.0) -> Transient:
     EngineError
         No state space, or no equilibrium.
     """
-    rest = equilibrium(circuit)
-    space = linearise(circuit, rest)
+    space = board.state_space
     length, step = _span(pole, fastest)
     shape = space.C @ _mode(space, pole)
     nodes = shape[: space.descriptor.node_count]
-    scale = circuit.scalings.unit_voltage / float(np.abs(nodes).max())
+    scale = board.circuit.scalings.unit_voltage / float(np.abs(nodes).max())
     devices = space.descriptor.devices
     if devices.count:
         swing = float(np.max(np.abs(shape[devices.input]) / devices.v_scale))
         scale = min(scale, SMALL / (swing * math.exp(max(pole.real, 0.0) * length)))
-    start_at = rest.values + scale * shape.real
+    start_at = board.equilibrium.values + scale * shape.real
     return Transient(
         stop=length,
         max_step=step,
-        truncation=(_TURN / POINTS) ** 3 / 6.0,
+        truncation=truncation_for(POINTS),
         voltages=dict(zip(space.nodes, start_at.tolist(), strict=True)),
     )
 

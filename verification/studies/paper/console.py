@@ -9,7 +9,7 @@ from netlist_gen.overrides.keys import Value
 from netlist_gen.quantities import show
 from netlist_gen.scene.scene import Scene
 from spice_models.errors import EngineError
-from verification.pipeline.checks import Outcome as Passed
+from verification.pipeline.checks import Outcome
 from verification.pipeline.effort import Effort
 from verification.pipeline.recording import record_transient
 from verification.studies.paper.findings import (
@@ -23,12 +23,11 @@ from verification.studies.paper.findings import (
     percent,
     weigh,
 )
-from verification.studies.tune import tune
+from verification.studies.tune import OVERSHOOT, tune
 from verification.verify import verify
 
 SCENE = "paper-breadboard"
 FACTORS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0)
-LIMIT = 0.05
 CENTRE = 3  # channel 4 of 7
 
 
@@ -78,7 +77,7 @@ def _controls(scene: Scene) -> tuple[Finding, Picture]:
 
 
 def _tuned(scene: Scene) -> tuple[Finding, Picture]:
-    found = tune(scene, ("gain",), overshoot=LIMIT)
+    found = tune(scene, ("gain",), overshoot=OVERSHOOT)
     verdict = verify(found.scene, effort=Effort(details=False))
     reading = verdict.measurements.settling_time
     if reading is None:
@@ -90,17 +89,17 @@ def _tuned(scene: Scene) -> tuple[Finding, Picture]:
     names = {check.name: check.outcome for check in verdict.checks}
     finding = Finding(
         "console",
-        f"settling time minimised over the gain, overshoot at most {percent(LIMIT)}, lambda held;"
-        f" {found.tried} designs; the best one by {verdict.waveforms.engine}",
+        f"settling time minimised over the gain, overshoot at most {percent(OVERSHOOT)},"
+        f" lambda held; {found.tried} designs; the best one by {verdict.waveforms.engine}",
         f"gain {show(found.after.values['design.gain'], 'ohm')}: settling"
         f" {show(found.before.settling_time, 's')} → {show(reading.value, 's')}, overshoot"
         f" {percent(found.before.overshoot)} → {percent(overshoot)}; the"
         f" centre output now rises in {rising}",
         weigh(
             agree
-            and overshoot <= LIMIT
+            and overshoot <= OVERSHOOT
             and reading.value < found.before.settling_time
-            and names["steady_state"] is Passed.PASS
+            and names["steady_state"] is Outcome.PASS
         ),
         {"settling_time": reading.value, "overshoot": overshoot,
          "gain": found.after.values["design.gain"]},

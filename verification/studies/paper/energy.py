@@ -6,8 +6,7 @@ import numpy as np
 
 from spice_models.array_types import Floats
 from verification.reference import IdealNetwork, ideal_transient
-from verification.reference.dynamics import AGREEMENT, ScaledNetwork
-from verification.reference.dynamics import Outcome as Trust
+from verification.reference.dynamics import AGREEMENT, ScaledNetwork, Trust
 from verification.reference.regularisers import REGULARISERS
 from verification.studies.paper.findings import Chapter, Finding, Panel, Picture, curve, weigh
 from verification.studies.paper.tactile import Geometry

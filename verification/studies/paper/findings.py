@@ -17,9 +17,10 @@ from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 
 HERE = Path(__file__).parent
+SCENES = HERE.parents[1] / "scenes"  # a link to the checkout's scenes; a wheel holds the files
 
 
-class Outcome(enum.Enum):
+class ClaimOutcome(enum.Enum):
     """What became of a claim; the value is what is printed."""
 
     HOLDS = "holds"
@@ -44,7 +45,7 @@ class Claim:
         What is said there, in short.
     printed : str
         The printed value or formula; empty where there is none.
-    expected : Outcome
+    expected : ClaimOutcome
         The verdict that this project stands by; another one is a regression.
     quick : bool
         Whether a quick run judges it.
@@ -55,7 +56,7 @@ class Claim:
     place: str
     claim: str
     printed: str
-    expected: Outcome
+    expected: ClaimOutcome
     quick: bool = True
 
 
@@ -71,7 +72,7 @@ class Finding:
         What was run.
     ours : str
         What came out, in words and numbers.
-    outcome : Outcome
+    outcome : ClaimOutcome
         The verdict.
     values : dict of str to float
         The numbers behind it, SI base units.
@@ -80,7 +81,7 @@ class Finding:
     id: str
     run: str
     ours: str
-    outcome: Outcome
+    outcome: ClaimOutcome
     values: dict[str, float] = field(default_factory=dict)
 
 
@@ -124,11 +125,11 @@ class Chapter:
     pictures: tuple[Picture, ...] = ()
 
 
-def weigh(always: bool, condition: bool = False) -> Outcome:
+def weigh(always: bool, condition: bool = False) -> ClaimOutcome:
     """Return the verdict on a claim that holds `always`, or only under its `condition`."""
     if always:
-        return Outcome.HOLDS
-    return Outcome.CONDITION if condition else Outcome.FAILS
+        return ClaimOutcome.HOLDS
+    return ClaimOutcome.CONDITION if condition else ClaimOutcome.FAILS
 
 
 def curve(x: ArrayLike, y: ArrayLike, label: str = "", style: str = "-") -> Curve:
@@ -140,13 +141,13 @@ def curve(x: ArrayLike, y: ArrayLike, label: str = "", style: str = "-") -> Curv
 def load_claims() -> tuple[Claim, ...]:
     """Read the table of claims."""
     entries = tomllib.loads((HERE / "claims.toml").read_text(encoding="utf-8"))["claim"]
-    words = {outcome.value: outcome for outcome in Outcome}
+    words = {outcome.value: outcome for outcome in ClaimOutcome}
     return tuple(Claim(**{**entry, "expected": words[entry["expected"]]}) for entry in entries)
 
 
 def paper_scene(name: str) -> Scene:
-    """Return one of the scenes that stand beside this file (the same as in ``scenes/``)."""
-    return load_scene(HERE / f"{name}.toml")
+    """Return one of the shipped scenes."""
+    return load_scene(SCENES / f"{name}.toml")
 
 
 def percent(part: float) -> str:

@@ -18,7 +18,7 @@ from spice_models.errors import EngineError
 from verification.engines.ngspice.executable import find_simulator
 from verification.engines.ngspice.process import simulate
 from verification.ideal.ideal_answer import ideal_network
-from verification.pipeline.checks import Outcome as Passed
+from verification.pipeline.checks import Outcome
 from verification.reference import solve
 from verification.small_signal.poles import poles
 from verification.studies.paper.findings import Chapter, Finding, paper_scene, weigh
@@ -44,7 +44,7 @@ def _exponential() -> tuple[Finding, Finding]:
         f"scene paper-exponential, seven channels, {found.waveforms.engine}",
         f"stable, settles in {show(value, 's')}, outputs from {least:.2g} V, all positive; every"
         " check passes",
-        weigh(found.outcome is Passed.PASS and least > 0.0),
+        weigh(found.outcome is Outcome.PASS and least > 0.0),
         {"settling_time": value, "least_output": least},
     )
     difference = float(np.max(np.abs(found.u[-1] - found.ideal.target)))

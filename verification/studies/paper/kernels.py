@@ -6,7 +6,7 @@ import numpy as np
 
 from netlist_gen.board.synthesis import synthesise
 from netlist_gen.problem.inverse_problem import cylinder_stress, kernel, make_problem
-from netlist_gen.scene.scene import CylinderLoad
+from netlist_gen.scene.problem import CylinderLoad
 from spice_models.array_types import Floats
 from verification.studies.paper.findings import Chapter, Finding, listed, paper_scene, weigh
 from verification.studies.paper.tactile import Geometry

@@ -15,8 +15,8 @@ from verification.studies.paper.equations import equations
 from verification.studies.paper.findings import (
     Chapter,
     Claim,
+    ClaimOutcome,
     Finding,
-    Outcome,
     Picture,
     load_claims,
 )
@@ -80,7 +80,7 @@ class Reproduction:
     @property
     def outcome(self) -> str:
         """``fail`` where a verdict is not the expected one, else ``inconclusive`` or ``pass``."""
-        ran = [each for each in self.judged if each.finding.outcome is not Outcome.NOT_RUN]
+        ran = [each for each in self.judged if each.finding.outcome is not ClaimOutcome.NOT_RUN]
         if not all(each.as_expected for each in ran):
             return "fail"
         return "pass" if len(ran) == len(self.judged) else "inconclusive"
@@ -125,5 +125,5 @@ def _run(function: Callable[[bool], Chapter], claims: list[Claim], *, quick: boo
     except NoVerdictError as error:
         reason = str(error).splitlines()[0]
         return Chapter(
-            tuple(Finding(claim.id, "nothing", reason, Outcome.NOT_RUN) for claim in claims)
+            tuple(Finding(claim.id, "nothing", reason, ClaimOutcome.NOT_RUN) for claim in claims)
         )

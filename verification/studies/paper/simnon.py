@@ -12,8 +12,7 @@ import numpy as np
 from netlist_gen.quantities import show
 from spice_models.array_types import Floats
 from verification.reference import ideal_transient
-from verification.reference.dynamics import AGREEMENT, ScaledNetwork, Transient
-from verification.reference.dynamics import Outcome as Trust
+from verification.reference.dynamics import AGREEMENT, ScaledNetwork, Transient, Trust
 from verification.studies.paper.findings import Chapter, Finding, Panel, Picture, curve, weigh
 from verification.studies.paper.tactile import Geometry
 from verification.studies.paper.unit_network import unit_network

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from netlist_gen.problem.inverse_problem import cylinder_stress, grid, kernel
-from netlist_gen.scene.scene import CylinderLoad
+from netlist_gen.scene.problem import CylinderLoad
 from spice_models.array_types import Floats
 from verification.reference import Problem, solve
 

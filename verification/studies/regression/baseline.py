@@ -45,7 +45,7 @@ class Entry(BaseModel):
     levels : dict
         ``u_1.target`` and ``u_1.final`` in V, ``u_1.overshoot`` in step amplitudes.
     times : dict
-        Values in s; two where a hair decides between them; null where there is no such time.
+        Values in s; two where a small change of a level moves the time; null: no such time.
     poles : dict
         ``growth_rate`` in 1/s and ``frequency`` in Hz of the rightmost pole; ``margin``.
     states : dict

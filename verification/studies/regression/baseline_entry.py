@@ -5,20 +5,26 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import metadata
-from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from netlist_gen.scene.scene import CsvLoad, MatrixProblem, Scene
+from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
-from verification.measures.measure import ChannelMeasure
-from verification.measures.times import Reading
+from verification.measures.measurements import ChannelMeasure
+from verification.measures.readings import Reading
+from verification.studies.figures import CHANNEL_FIGURES, FIGURES, finite
 from verification.studies.regression.baseline import Entry
+from verification.studies.running.digests import files_of
 from verification.verify import Verdict
 
+T = TypeVar("T")
+
+POLES = ("growth_rate", "frequency", "margin")
 INSTANTS = 256  # samples of each output that a baseline keeps
 
 
@@ -45,7 +51,10 @@ def observe(verdict: Verdict, revision: str) -> Observation:
     channels = m.channels if poles.stable else ()
     time, u = np.asarray(verdict.waveforms.time), verdict.u
     shown = _instants(time, u) if poles.stable and np.all(np.isfinite(u)) else np.zeros(0, int)
-    times = {"record": [verdict.transient.stop], "settling_time": _values(m.settling_time)}
+    times: dict[str, list[float | None]] = {}
+    if poles.stable:
+        times = {"record": [verdict.transient.stop], "settling_time": _values(m.settling_time)}
+    times |= _of(channels, _values, "rise_time", "settling_time")
     entry = Entry(
         name=verdict.scene.name,
         fingerprint=fingerprint(verdict.scene),
@@ -56,9 +65,10 @@ def observe(verdict: Verdict, revision: str) -> Observation:
         checks={check.name: check.outcome.value for check in verdict.checks},
         amplitude=m.amplitude,
         speed=abs(poles.rightmost),
-        levels={f"u_{c.index + 1}.target": c.target for c in m.channels} | _levels(channels),
-        times=(times if poles.stable else {}) | _times(channels),
-        poles=_poles(verdict),
+        levels=_of(m.channels, _number, "target") | _of(channels, _number, "final", "overshoot"),
+        times=(times if poles.stable else {})
+        | _of(channels, _values, "rise_time", "settling_time"),
+        poles={name: value for name in POLES if (value := FIGURES[name].of(verdict)) is not None},
         states={f"u_{c.index + 1}": c.state.value for c in m.channels},
         time=time[shown].tolist(),
         outputs=_samples(u[shown]) if shown.size else {},
@@ -70,47 +80,33 @@ def fingerprint(scene: Scene) -> str:
     """Return the SHA-256 of what a scene's author wrote, but for tolerances, and of its files."""
     asked = scene.model_dump(mode="json", exclude_unset=True, exclude={"regression"}, by_alias=True)
     digest = hashlib.sha256(json.dumps(asked, sort_keys=True).encode())
-    for name in _input_files(scene):
-        digest.update((scene.folder / name).read_bytes())
+    for name in files_of(scene).values():
+        if name is not None:
+            digest.update((scene.folder / str(name)).read_bytes())
     return digest.hexdigest()
 
 
-def _input_files(scene: Scene) -> list[Path]:
-    problem = scene.problem
-    if isinstance(problem, MatrixProblem):
-        names = [problem.matrix, problem.strain, problem.stress]
-    else:
-        names = [problem.load.file if isinstance(problem.load, CsvLoad) else None]
-    return [Path(name) for name in names if name is not None]
+def _of(
+    channels: tuple[ChannelMeasure, ...], keep: Callable[[Reading | float | None], T], *names: str
+) -> dict[str, T]:
+    """Return the named figures of every channel in the form that `keep` gives them."""
+    return {
+        f"u_{channel.index + 1}.{name}": keep(CHANNEL_FIGURES[name].read(channel))
+        for channel in channels
+        for name in names
+    }
 
 
-def _levels(channels: tuple[ChannelMeasure, ...]) -> dict[str, float]:
-    found = {}
-    for channel in channels:
-        found[f"u_{channel.index + 1}.final"] = channel.final
-        found[f"u_{channel.index + 1}.overshoot"] = channel.overshoot
-    return found
+def _number(found: Reading | float | None) -> float:
+    value = finite(found)
+    return math.nan if value is None else value
 
 
-def _times(channels: tuple[ChannelMeasure, ...]) -> dict[str, list[float | None]]:
-    found = {}
-    for channel in channels:
-        found[f"u_{channel.index + 1}.rise_time"] = _values(channel.rise_time)
-        found[f"u_{channel.index + 1}.settling_time"] = _values(channel.settling_time)
-    return found
-
-
-def _values(reading: Reading | None) -> list[float | None]:
-    """Return a reading's value, and what a hair would make of it where it is fragile."""
-    if reading is None or not math.isfinite(reading.value):
+def _values(reading: Reading | float | None) -> list[float | None]:
+    """Return a reading's value, and the other value that it may have where it is fragile."""
+    if not isinstance(reading, Reading) or not math.isfinite(reading.value):
         return [None]
     return [reading.value, reading.alternative] if reading.fragile else [reading.value]
-
-
-def _poles(verdict: Verdict) -> dict[str, float]:
-    pole = verdict.poles.rightmost
-    found = {"growth_rate": pole.real, "frequency": abs(pole.imag) / (2 * math.pi)}
-    return found if verdict.margin is None else found | {"margin": verdict.margin.factor}
 
 
 def _instants(time: Floats, u: Floats) -> NDArray[np.intp]:

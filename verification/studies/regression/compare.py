@@ -18,11 +18,12 @@ from netlist_gen.scene.regression import (
 )
 from spice_models.array_types import Floats
 from verification.measures.resampling import lagrange
+from verification.studies.figures import CHANNEL_FIGURES, FIGURES
 from verification.studies.regression.baseline import Entry
 from verification.studies.regression.baseline_entry import Observation
 
 STENCIL = 4  # a cubic between simulated points, 1e-7 of a ringing amplitude at 125 points a period
-UNITS = {"target": "V", "final": "V", "overshoot": "step", "growth_rate": "1/s", "frequency": "Hz"}
+UNITS = {name: figure.unit for name, figure in (FIGURES | CHANNEL_FIGURES).items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +98,7 @@ def _numbers(
 ) -> Iterator[Difference]:
     """Compare numbers whose absolute tolerance counts in `scale`, ratios apart."""
     for name in _names(now, then):
-        unit = UNITS.get(name.rpartition(".")[2], "ratio")
+        unit = UNITS.get(name.rpartition(".")[2]) or "ratio"
         size = allowed.absolute * (1.0 if unit in ("step", "ratio") else scale)
         yield _number(group, name, now.get(name), then.get(name), allowed.relative, size, unit)
 

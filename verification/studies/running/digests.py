@@ -21,7 +21,9 @@ from pydantic import BaseModel
 import netlist_gen
 import spice_models
 import verification
+from netlist_gen.scene.scene import Scene
 
+FILES = ("problem.matrix", "problem.strain", "problem.stress", "problem.load.file")
 CODE = (".py", ".toml")
 PLAIN = frozenset((type(None), bool, int, float, str))
 
@@ -82,6 +84,15 @@ def _names(kind: Any) -> tuple[str, ...] | None:
     if not dataclasses.is_dataclass(kind):
         return None
     return tuple(field.name for field in dataclasses.fields(kind))
+
+
+def files_of(scene: Scene) -> dict[str, object]:
+    """Return the file names in a scene, by their keys; None where it has no such key or file."""
+    top: Any = scene
+    return {
+        path: functools.reduce(lambda at, key: getattr(at, key, None), path.split("."), top)
+        for path in FILES
+    }
 
 
 @functools.cache

@@ -6,31 +6,30 @@ that are killed, at the price of the one point that each was working on.
 
 from __future__ import annotations
 
-import gc
 import importlib
 import logging
 import multiprocessing
 import os
-import signal
 import sys
-import threading
 import time
-from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
-from multiprocessing import connection, forkserver, util
-from typing import Any
+from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+from queue import SimpleQueue
+from typing import Any, TypeVar
 
 from spice_models.errors import Complaint, InputError
-from verification.engines.ngspice.session import end_session
 from verification.studies.running.threads import THREADS
+from verification.studies.running.worker import Worker, WorkerDiedError
+
+T = TypeVar("T")
 
 ATTEMPTS = 3  # deaths of a worker until its point is given up
 PATIENCE = 15.0  # s until an address without a scheduler is given up
 NEWS = 1.0  # s between two looks at how many workers a cluster has
-PRELOAD = ["verification.studies.sweep.point", "verification.engines.statespace.transients.exact"]
+_ROOT = __name__.removesuffix(".studies.running.executors")
+PRELOAD = [f"{_ROOT}.studies.sweep.point", f"{_ROOT}.engines.statespace.transients.exact"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +57,11 @@ class Workers:
 def cores() -> int:
     """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+
+
+def workers_at(address: str | None, jobs: int | None = None) -> AbstractContextManager[Workers]:
+    """Return the cluster at `address`, or where there is none, `jobs` processes here."""
+    return local(jobs) if address is None else cluster(address)
 
 
 @contextmanager
@@ -110,109 +114,60 @@ class _Census:
         return 2 * self._found + 2
 
 
-@dataclass(slots=True)
-class _Task:
-    call: tuple[Any, ...]
-    future: Future[Any] = field(default_factory=Future)
-    deaths: int = 0
+class LocalPool(ThreadPoolExecutor):
+    """One thread for each process: a process that is killed takes its own call with it only.
 
-
-class LocalPool(Executor):
-    """One executor of one process a seat: a process that is killed takes its own task with it only.
-
-    (In one executor of several processes the death of one ends all.) A task whose process died
+    (In one executor of several processes the death of one ends all.) A call whose process died
     goes to a new one, up to `ATTEMPTS` times; then its future raises `BrokenExecutor`.
     """
 
     def __init__(self, jobs: int) -> None:
+        super().__init__(jobs)
         self.jobs = jobs
-        self._lock = threading.RLock()
-        self._waiting: deque[_Task] = deque()
         self._closed = False
-        with _one_thread_each():
-            self._seats = [_Seat() for _ in range(jobs)]
-        self._idle = list(self._seats)
+        self._idle: SimpleQueue[Worker] = SimpleQueue()
+        self._all: list[Worker] = []
 
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+    def start(self) -> None:
+        """Start the processes, unless they run; the first call does so, too."""
+        if self._all or self._closed:
+            return
+        one_thread_each = dict.fromkeys(THREADS, "1")
+        self._all = [Worker(_context(), one_thread_each) for _ in range(self.jobs)]
+        for worker in self._all:
+            self._idle.put(worker)
+        for worker in self._all:
+            worker.start()
+
+    def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
         """Run ``fn(*args, **kwargs)`` in the next process that is free."""
-        task = _Task((fn, args, kwargs))
-        with self._lock:
-            if self._closed:
-                raise RuntimeError("cannot schedule new futures after shutdown")
-            self._waiting.append(task)
-            self._dispatch()
-        return task.future
+        self.start()
+        return super().submit(self._run, fn, *args, **kwargs)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the pool; without `wait` what runs is ended too, with its simulator."""
-        with self._lock:
-            self._closed = self._closed or cancel_futures or not wait
-            tasks = list(self._waiting) if self._closed else []
-            if self._closed:
-                self._waiting.clear()
-        for task in tasks:
-            task.future.cancel()
-        for seat in self._seats:
-            seat.close(wait)
+        self._closed = True
+        super().shutdown(wait=wait, cancel_futures=cancel_futures or not wait)
+        for worker in self._all:
+            worker.end()
 
-    def pids(self) -> list[int]:
+    def pids(self) -> list[int | None]:
         """Return the process ids of the workers."""
-        return [seat.pid for seat in self._seats]
+        self.start()
+        return [worker.pid for worker in self._all]
 
-    def _dispatch(self) -> None:
-        while self._idle and self._waiting and not self._closed:
-            task = self._waiting.popleft()
-            if task.deaths or task.future.set_running_or_notify_cancel():
-                self._start(self._idle.pop(), task)
-
-    def _start(self, seat: _Seat, task: _Task) -> None:
+    def _run(self, fn: Callable[..., T], *args: Any, **kwargs: Any) -> T:
+        worker = self._idle.get()
         try:
-            inner = seat.pool.submit(_guarded, *task.call)
-        except BrokenExecutor:  # its process was killed while it had nothing to do
-            seat.renew()
-            inner = seat.pool.submit(_guarded, *task.call)
-        inner.add_done_callback(lambda done: self._finish(seat, task, done))
-
-    def _finish(self, seat: _Seat, task: _Task, done: Future[Any]) -> None:
-        error = BrokenExecutor("cancelled") if done.cancelled() else done.exception()
-        died = isinstance(error, BrokenExecutor)
-        with self._lock:
-            if died and not self._closed:
-                seat.renew()
-                task.deaths += 1
-            again = died and task.deaths < ATTEMPTS and not self._closed
-            if again:
-                self._waiting.append(task)
-            self._idle.append(seat)
-            self._dispatch()
-        if again:
-            return
-        if error is None:
-            task.future.set_result(done.result())
-        else:
-            task.future.set_exception(error)
-
-
-class _Seat:
-    """One executor of one process, replaced when the process has died."""
-
-    def __init__(self) -> None:
-        self.renew()
-
-    def renew(self) -> None:
-        """Start a process; the old one, if any, is dead."""
-        self.pool = ProcessPoolExecutor(1, mp_context=_context(), initializer=_settle_in)
-        self._pid = self.pool.submit(os.getpid)
-
-    @property
-    def pid(self) -> int:
-        return self._pid.result()
-
-    def close(self, wait: bool) -> None:
-        if not wait and self._pid.done() and not self._pid.exception():
-            with suppress(ProcessLookupError):
-                os.kill(self.pid, signal.SIGTERM)
-        self.pool.shutdown(wait=wait, cancel_futures=True)
+            for _ in range(ATTEMPTS - 1):
+                try:
+                    return worker.call(None, fn, *args, **kwargs)
+                except WorkerDiedError:
+                    if self._closed:
+                        raise
+            return worker.call(None, fn, *args, **kwargs)
+        finally:
+            self._idle.put(worker)
 
 
 def _context() -> Any:
@@ -222,63 +177,3 @@ def _context() -> Any:
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(PRELOAD)
     return context
-
-
-@contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """Start the fork server, whose environment every worker inherits, with one BLAS thread."""
-    before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, "1"))
-    try:
-        if _context().get_start_method() == "forkserver":
-            forkserver.ensure_running()
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
-
-
-def _settle_in() -> None:
-    """Prepare a worker: Ctrl-C is the parent's business, and its death is the worker's end."""
-    gc.freeze()  # what was imported stays: no collection needs to look at it again
-    os.environ.update(dict.fromkeys(THREADS, "1"))
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, _end)
-    util.Finalize(None, end_session, exitpriority=0)  # workers end without atexit
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_outlive, args=(parent.sentinel,), daemon=True).start()
-
-
-def _outlive(sentinel: int) -> None:
-    """End this process when its parent is gone: its queue never tells, both hold its two ends."""
-    connection.wait([sentinel])
-    os.kill(os.getpid(), signal.SIGTERM)
-
-
-_BUSY = threading.Event()  # whether this worker is at a task
-
-
-def _end(number: int, frame: object) -> None:
-    """End this worker; a task is unwound first, which ends its simulator.
-
-    Without a task it ends at once: the executor's own code swallows exceptions.
-    """
-    if not _BUSY.is_set():
-        end_session()
-        os._exit(128 + number)
-    sys.exit(128 + number)
-
-
-def _guarded(fn: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
-    """Call `fn`; where that is ended by `_end`, end the process."""
-    try:
-        _BUSY.set()
-        return fn(*args, **kwargs)
-    except SystemExit as end:  # the executor would send it to the parent and go on
-        os._exit(end.code if isinstance(end.code, int) else 1)
-    finally:
-        _BUSY.clear()

@@ -1,3 +1,3 @@
-"""The variables by which linear algebra libraries are told how many threads to use."""
+"""The variables that set how many threads the linear algebra libraries use."""
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import functools
+import platform
 from dataclasses import dataclass
 from importlib import metadata
 
 from verification.engines.ngspice.executable import Simulator, find_simulator
 from verification.studies.running.digests import own_code
+
+
+class OtherVersionsError(Exception):
+    """A worker has other versions than who asks; its result would be another one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +33,17 @@ class Versions:
         if self.ngspice != other.ngspice:
             found.append(f"{other.ngspice or 'no ngspice'} instead of {self.ngspice}")
         return found
+
+    def check_here(self) -> None:
+        """Compare with the versions of this process.
+
+        Raises
+        ------
+        OtherVersionsError
+            They differ.
+        """
+        if found := self.differences(own_versions(bool(self.ngspice))):
+            raise OtherVersionsError(f"{platform.node()} has {', '.join(found)}")
 
 
 @functools.cache

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -11,11 +12,11 @@ from netlist_gen.overrides.keys import Value
 from netlist_gen.scene.scene import Scene
 from spice_models.errors import Complaint, InputError
 from verification.engines.ngspice.executable import find_simulator
-from verification.studies.running.digests import digest, own_code
+from verification.pipeline.simulation import choose_engine
+from verification.studies.running.digests import digest, files_of, own_code
 from verification.studies.running.versions import simulator_name
 
 ENGINE = "analysis.engine"
-FILES = ("problem.matrix", "problem.strain", "problem.stress", "problem.load.file")
 MOST = 1_000_000  # points of one sweep
 
 
@@ -68,10 +69,20 @@ class Plan:
     @property
     def total(self) -> int:
         """Number of points, each engine counted."""
-        count = len(self.engines)
-        for length in self.shape:
-            count *= length
-        return count
+        return len(self.engines) * math.prod(self.shape)
+
+
+def engines_of(scene: Scene, engine: str | None) -> tuple[str, ...]:
+    """Return the engines of a sweep: the scene's own, the one asked for, or ``"both"``.
+
+    Raises
+    ------
+    InputError
+        There is no such engine.
+    """
+    if engine == "both":
+        return ("ngspice", "statespace")
+    return (choose_engine(scene if engine is None else scene.with_engine(engine)),)
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +112,7 @@ class Requests:
         self._bases = {
             engine: digest(base, simulator_of(engine), engine) for engine in plan.engines
         }
-        self._files = {path: _value(plan.scene, path) for path in FILES}
+        self._files = files_of(plan.scene)
 
     def __iter__(self) -> Iterator[Point]:
         for values in points(self._plan.groups):
@@ -123,10 +134,3 @@ class Requests:
 def simulator_of(engine: str) -> str:
     """Name what an engine's results depend on beside the circuit."""
     return simulator_name(find_simulator()) if engine == "ngspice" else engine
-
-
-def _value(scene: Scene, path: str) -> object:
-    found: object = scene
-    for part in path.split("."):
-        found = getattr(found, part, None)
-    return found

@@ -7,24 +7,21 @@ under way, and results live in the store.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
-from concurrent.futures import CancelledError, Future
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from queue import SimpleQueue
 
 from netlist_gen.board.synthesis import synthesise
 from netlist_gen.overrides.axes import with_values
 from netlist_gen.problem.inverse_problem import InverseProblem, make_problem
 from netlist_gen.scene.scene import Scene
-from spice_models.errors import Complaint, InputError, NoVerdictError, TactionError
+from spice_models.errors import TactionError
+from verification.studies.running.collecting import collected
 from verification.studies.running.digests import digest, own_code
 from verification.studies.running.executors import Workers
 from verification.studies.running.versions import own_versions
 from verification.studies.sweep.plan import ENGINE, Plan, Point, Requests, simulator_of
 from verification.studies.sweep.point import Job, Result, compute, failure
 from verification.studies.sweep.store import ERROR, Row, Store
-
-AHEAD = 16  # points prepared in one go: the caches that one warms serve the next
 
 
 @dataclass(slots=True)
@@ -68,7 +65,7 @@ def sweep(
     retry_failed : bool
         Compute those again that reached no verdict.
     progress : callable, optional
-        Told the count after every point.
+        Gets the count after every point.
 
     Raises
     ------
@@ -81,34 +78,42 @@ def sweep(
     OutOfDisk
         The store cannot grow. Whatever is raised, what was stored before is intact.
     """
-    run = _Run(plan, store, workers, retry_failed, Count(plan.total), progress)
-    for point in Requests(plan):
-        run.take(point)
-    run.drain()
+    run = _Sweep(plan, store, retry_failed, Count(plan.total), progress)
+    for key, found in collected(workers, compute, run.missing()):
+        run.keep(key, found)
     return run.count
 
 
-class _Run:
+class _Sweep:
     """A sweep under way."""
 
     def __init__(
         self,
         plan: Plan,
         store: Store,
-        workers: Workers,
         retry_failed: bool,
         count: Count,
         progress: Callable[[Count], None],
     ) -> None:
-        self.plan, self.store, self.workers = plan, store, workers
+        self.plan, self.store = plan, store
         self.retry_failed, self.count, self.progress = retry_failed, count, progress
-        self._running: dict[Future[Result], bytes] = {}
-        self._ended: SimpleQueue[Future[Result]] = SimpleQueue()
         self._requests: dict[bytes, list[bytes]] = {}  # of each key that is under way
         self._problems: dict[bytes, InverseProblem] = {}
 
-    def take(self, point: Point) -> None:
-        """Find a point in the store, or start it."""
+    def missing(self) -> Iterator[tuple[bytes, tuple[Job]]]:
+        """Yield key and job of every point that has to be computed, and count the others."""
+        for point in Requests(self.plan):
+            yield from self._take(point)
+
+    def keep(self, key: bytes, found: Result | BaseException) -> None:
+        """Store what came out of a job."""
+        if isinstance(found, BaseException):
+            text = f"the worker was killed again and again (out of memory?): {found}"
+            found = failure(type(found).__name__, text, "")
+        self._store(key, self._requests.pop(key), found)
+
+    def _take(self, point: Point) -> Iterator[tuple[bytes, tuple[Job]]]:
+        """Find a point in the store, or say how it is computed."""
         key = self.store.key_of(point.request)
         if key is not None and self._known(key):
             return
@@ -125,12 +130,10 @@ class _Run:
         elif self._known(key):
             self.store.link(point.request, key)
         else:
-            self._submit(point, scene, problem, key)
-
-    def drain(self) -> None:
-        """Wait for everything that is under way."""
-        while self._running:
-            self._collect()
+            self._requests[key] = [point.request]
+            versions = own_versions(point.engine == "ngspice")
+            plan = self.plan
+            yield key, (Job(scene, problem, plan.second_look, plan.keep_waveforms, versions),)
 
     def _known(self, key: bytes) -> bool:
         outcome = self.store.outcome_of(key)
@@ -140,49 +143,6 @@ class _Run:
             return False
         self._counted(outcome, ran=False)
         return True
-
-    def _submit(self, point: Point, scene: Scene, problem: InverseProblem, key: bytes) -> None:
-        versions = own_versions(point.engine == "ngspice")
-        job = Job(scene, problem, self.plan.second_look, self.plan.keep_waveforms, versions)
-        if len(self._running) >= self._window() + AHEAD:
-            while len(self._running) >= self._window():
-                self._collect()
-        try:
-            future = self.workers.executor.submit(compute, job)
-        except self.workers.closed as error:
-            raise self._gone() from error
-        self._running[future] = key
-        self._requests[key] = [point.request]
-        future.add_done_callback(self._ended.put)
-
-    def _window(self) -> int:
-        try:
-            return max(self.workers.window(), 1)
-        except self.workers.closed as error:
-            raise self._gone() from error
-
-    def _collect(self) -> None:
-        """Wait for a point and store its result."""
-        future = self._ended.get()
-        key = self._running.pop(future)
-        requests = self._requests.pop(key)
-        try:
-            result = future.result()
-        except self.workers.lost as error:
-            text = f"the worker was killed again and again (out of memory?): {error}"
-            result = failure(type(error).__name__, text, "")
-        except CancelledError:
-            raise self._gone() from None
-        except Exception as error:  # `compute` raises nothing, so this is the way to it
-            text = f"no worker can compute points ({type(error).__name__}: {error}); is the"
-            raise NoVerdictError(f"{text} same taction installed there?") from error
-        if result.skew:
-            raise _skewed(result.skew)
-        self._store(key, requests, result)
-
-    def _gone(self) -> NoVerdictError:
-        text = f"the workers are gone; {self.count.done} points are stored, the same command"
-        return NoVerdictError(f"{text} goes on from there")
 
     def _store(self, key: bytes, requests: list[bytes], result: Result) -> None:
         row = Row(key, result.outcome, result.record, result.waveforms)
@@ -210,8 +170,3 @@ class _Run:
         simulator = simulator_of(engine)
         known = (problem.matrix, problem.strain, scene.checks, analysis, self.plan.second_look)
         return digest(own_code(), circuit, *known, engine, simulator)
-
-
-def _skewed(what: str) -> InputError:
-    text = f"{what}; a sweep needs the same versions everywhere. What is stored stays"
-    return InputError("--cluster", Complaint("worker", "", text))

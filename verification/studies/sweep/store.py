@@ -1,4 +1,4 @@
-"""Results of a study in one SQLite file: a transaction a point, nothing run twice, nothing lost.
+"""Results of studies in one SQLite file: a transaction a point, nothing run twice, nothing lost.
 
 The file has a write-ahead log: a process that is killed at any instant loses nothing that was
 stored, a power cut at most the last moments and never the file, and a transaction costs 0.1 ms. A
@@ -11,10 +11,11 @@ from __future__ import annotations
 
 import json
 import sqlite3
+import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from types import TracebackType
+from pathlib import Path
 from typing import Any
 
 from spice_models.errors import Complaint, InputError, OutOfDisk
@@ -41,9 +42,12 @@ create table waveforms (
 );
 """
 
-_ACCEPTED = "expected a database of `taction sweep`, or a name that is free"
+_ACCEPTED = "expected a database of `taction sweep` or `montecarlo`, or a name that is free"
+_LINES = b'{"kind": "taction samples'  # how a file of samples began before they came in here
 _WRONG = {  # what SQLite says, and what it means for the user
     "SQLITE_NOTADB": f"this is no SQLite database; {_ACCEPTED}. It was left as it is",
+    "LINES": "samples as lines of JSON, as taction kept them before; they cannot be read any more."
+    " Give another name, and they are drawn again, or take the taction that wrote them",
     "SQLITE_CORRUPT": "the database is damaged and was left as it is; `sqlite3 FILE .recover`"
     " may save its points; start anew with another name",
     "SQLITE_READONLY": "it cannot be written; give it write permission, or another name",
@@ -83,7 +87,7 @@ class Store:
     Parameters
     ----------
     path : str
-        The file, made where there is none.
+        The file, made where there is none; ``":memory:"`` for none at all.
 
     Raises
     ------
@@ -97,22 +101,20 @@ class Store:
     def __init__(self, path: str) -> None:
         self.path = path
         with self._explained():
-            self._db = sqlite3.connect(path, timeout=PATIENCE, isolation_level=None)
+            self._db = sqlite3.connect(
+                path, timeout=PATIENCE, isolation_level=None, check_same_thread=False
+            )  # a collector in another thread may close it
             try:
                 self._prepare()
             except BaseException:
                 self._db.close()
                 raise
+        weakref.finalize(self, self._db.close)  # of a store that a result holds open
 
     def __enter__(self) -> Store:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._db.close()
 
     def key_of(self, request: bytes) -> bytes | None:
@@ -183,36 +185,30 @@ class Store:
 
     def _prepare(self) -> None:
         """Check what is there, or make the tables; two processes may do so at once."""
-        pragma = {
-            name: self._db.execute(f"pragma {name}").fetchone()[0]
-            for name in ("application_id", "user_version")
-        }
-        if not self._db.execute("select count(*) from sqlite_master").fetchone()[0]:
-            pragma = self._create()
-        if pragma["application_id"] != APPLICATION:
+        if not self._one("select count(*) from sqlite_master"):
+            self._create()
+        if self._one("pragma application_id") != APPLICATION:
             raise self._wrong(f"a database of another program; {_ACCEPTED}. It was left as it is")
-        if pragma["user_version"] != FORMAT:
+        if (other := self._one("pragma user_version")) != FORMAT:
             text = (
-                f"results of format {pragma['user_version']}, this taction has {FORMAT}; the two"
+                f"results of format {other}, this taction has {FORMAT}; the two"
                 " cannot be mixed. It was left as it is; start anew with another name"
             )
             raise self._wrong(text)
-        problem = self._db.execute("pragma quick_check(1)").fetchone()[0]
+        problem = self._one("pragma quick_check(1)")
         if problem != "ok":
             raise self._wrong(f"{_WRONG['SQLITE_CORRUPT']} ({problem})")
-        if self._db.execute("pragma journal_mode").fetchone()[0] != "wal":
+        if self._one("pragma journal_mode") != "wal":
             self._db.execute("pragma journal_mode = wal")
         self._db.execute("pragma synchronous = normal")
 
-    def _create(self) -> dict[str, int]:
+    def _create(self) -> None:
         with self._transaction():
             if not self._db.execute("select count(*) from sqlite_master").fetchone()[0]:
                 for statement in SCHEMA.split(";\n"):
                     self._db.execute(statement)
                 self._db.execute(f"pragma application_id = {APPLICATION}")
                 self._db.execute(f"pragma user_version = {FORMAT}")
-        names = ("application_id", "user_version")
-        return {name: self._db.execute(f"pragma {name}").fetchone()[0] for name in names}
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:
@@ -239,6 +235,8 @@ class Store:
                     " run the same command again to go on"
                 ) from error
             kind = next((kind for kind in _WRONG if name.startswith(kind)), None)
+            if kind == "SQLITE_NOTADB" and Path(self.path).read_bytes().startswith(_LINES):
+                kind = "LINES"
             raise self._wrong(_WRONG[kind] if kind else f"{error}; {_ACCEPTED}") from error
 
     def _wrong(self, text: str) -> InputError:

@@ -5,7 +5,7 @@ state-space engine. The corner that moves a quantity most is where every compone
 end of its tolerance with that sign: exact for a quantity that moves monotonically with each. The
 steady-state error is not one, it has its least value near the nominal board: the corner is that of
 the channel whose signed error, which is one, goes furthest. Where a corner that was made for one
-quantity turns out worse in another than that one's own, it is told instead.
+quantity turns out worse in another than that one's own, that corner is reported instead.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from netlist_gen.board.variation import Parameter, vary
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from spice_models.errors import Complaint, InputError
-from verification.engines.statespace.linearised.equilibrium import equilibrium
+from verification.engines.statespace.linearised.board import LinearBoard
 from verification.studies.running.executors import Workers
 from verification.studies.tolerance.varied_board import (
     Quantity,
     Sample,
-    Study,
+    VariedBoard,
     evaluate,
     prepare,
     quantities,
@@ -33,7 +33,7 @@ from verification.studies.tolerance.varied_board import (
 )
 
 PROBE = 0.25  # of the tolerance: far enough for a clean difference, near enough to be local
-TOLD = 5  # components of each corner that are named
+NAMED = 5  # components of each corner that are named
 CHANNELS = 8  # corners of the steady state that are tried
 NOMINAL = -1  # number of the probe without deviation
 
@@ -82,7 +82,7 @@ def worst_corners(
     """
     study = prepare(scene, full_margin=True)
     told = quantities(scene)
-    gradient = _gradient(replace(study, scene=_with_engine(scene, "statespace")), workers, progress)
+    gradient = _gradient(replace(study, scene=scene.with_engine("statespace")), workers, progress)
     progress("sensitivities of the steady state")
     gradient["steady_state"], *others = _steady_gradients(study)
     corners = [_corner(study, "nominal", np.zeros(len(study.varied)))]
@@ -105,7 +105,7 @@ def worst_corners(
     return (nominal, *named)
 
 
-def named_corner(study: Study, name: str, ends: Mapping[str, float]) -> Corner:
+def named_corner(study: VariedBoard, name: str, ends: Mapping[str, float]) -> Corner:
     """Verify one corner of a user's own.
 
     Parameters
@@ -129,13 +129,15 @@ def named_corner(study: Study, name: str, ends: Mapping[str, float]) -> Corner:
     return _corner(study, name, np.array(z))
 
 
-def _corner(study: Study, name: str, z: Floats) -> Corner:
+def _corner(study: VariedBoard, name: str, z: Floats) -> Corner:
     moved = zip(study.varied, z.tolist(), strict=True)
     deviations = {parameter.name: value for parameter, value in moved if value}
     return Corner(name, "", evaluate(study, 0, z), (), deviations)
 
 
-def _gradient(study: Study, workers: Workers, progress: Callable[[str], None]) -> dict[str, Floats]:
+def _gradient(
+    study: VariedBoard, workers: Workers, progress: Callable[[str], None]
+) -> dict[str, Floats]:
     """Return how much worse each quantity becomes with each component, (components,) each."""
     count = len(study.varied)
     probes = [(NOMINAL, np.zeros(count)), *enumerate(PROBE * np.eye(count))]
@@ -151,7 +153,7 @@ def _gradient(study: Study, workers: Workers, progress: Callable[[str], None]) -
     }
 
 
-def _steady_gradients(study: Study) -> list[Floats]:
+def _steady_gradients(study: VariedBoard) -> list[Floats]:
     """Return how the signed errors of channels move, upwards and downwards, the furthest first.
 
     An overshoot that is none at the nominal board has no sensitivity there either; the corners of
@@ -160,7 +162,7 @@ def _steady_gradients(study: Study) -> list[Floats]:
     count = len(study.varied)
 
     def error(z: Floats) -> Floats:
-        rest = equilibrium(vary(study.nominal, study.scene.tolerances, z))
+        rest = LinearBoard(vary(study.nominal, study.scene.tolerances, z)).equilibrium
         found = [output.sign * rest[output.node] for output in study.nominal.outputs]
         return np.array(found) - study.ideal.target
 
@@ -186,14 +188,9 @@ def _worse(quantity: Quantity, moved: Sample, centre: Sample) -> float:
     return quantity.worse * float(after - before)
 
 
-def _with_engine(scene: Scene, engine: str) -> Scene:
-    analysis = scene.analysis.model_copy(update={"engine": engine})
-    return scene.model_copy(update={"analysis": analysis})
-
-
 def _top(
     gradient: Floats, varied: tuple[Parameter, ...], deviations: Mapping[str, float]
 ) -> tuple[str, ...]:
-    order = np.argsort(-np.abs(gradient), kind="stable")[:TOLD].tolist()
+    order = np.argsort(-np.abs(gradient), kind="stable")[:NAMED].tolist()
     names = [varied[index].name for index in order if varied[index].name in deviations]
     return tuple(f"{'+' if deviations[name] > 0 else '-'}{name}" for name in names)

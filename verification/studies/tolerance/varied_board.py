@@ -9,10 +9,8 @@ from __future__ import annotations
 import math
 import pickle
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
-from itertools import islice
 
 from netlist_gen.board.circuit import Circuit
 from netlist_gen.board.scalings import make_scalings
@@ -21,16 +19,17 @@ from netlist_gen.board.variation import Parameter, parameters, vary
 from netlist_gen.problem.inverse_problem import InverseProblem, make_problem
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
-from spice_models.errors import Complaint, InputError, NoVerdictError, TactionError
+from spice_models.errors import Complaint, InputError, TactionError
 from verification.ideal.ideal_answer import IdealAnswer, ideal_answer, ideal_network
 from verification.pipeline.effort import Effort
 from verification.pipeline.simulation import choose_engine
+from verification.studies.figures import FIGURES, figures_of, finite, signed_errors
+from verification.studies.running.collecting import collected
 from verification.studies.running.executors import Workers
 from verification.studies.running.versions import Versions, own_versions
 from verification.verify import Verdict, verify
 
 SAMPLE = Effort(second_look=False, details=False, full_margin=False, session=True)
-SKEW = "skew"  # outcome of a sample whose worker is another taction
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +74,7 @@ class Sample:
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """What is told of samples: its unit, and which way is worse (1: larger, -1: smaller)."""
+    """What is reported of samples, its unit, and what is worse (1: larger, -1: smaller)."""
 
     name: str
     unit: str
@@ -94,10 +93,11 @@ def quantities(scene: Scene) -> tuple[Quantity, ...]:
 
 
 @dataclass(frozen=True, eq=False)
-class Study:
-    """What all samples of a scene share; goes to the workers with each of them.
+class VariedBoard:
+    """A nominal board, what varies of it, and what else all its samples share.
 
-    It is packed once, and a worker unpacks it once: that takes as long as varying the board.
+    The workers get it with each sample. It is packed once, and a worker unpacks it once: that takes
+    as long as varying the board.
 
     Attributes
     ----------
@@ -125,16 +125,16 @@ class Study:
     def _packed(self) -> bytes:
         return pickle.dumps(tuple(getattr(self, field.name) for field in fields(self)))
 
-    def __reduce__(self) -> tuple[Callable[[bytes], Study], tuple[bytes]]:
+    def __reduce__(self) -> tuple[Callable[[bytes], VariedBoard], tuple[bytes]]:
         return _unpacked, (self._packed,)
 
 
 @lru_cache(maxsize=2)
-def _unpacked(packed: bytes) -> Study:
-    return Study(*pickle.loads(packed))  # noqa: S301 - came inside a pickle
+def _unpacked(packed: bytes) -> VariedBoard:
+    return VariedBoard(*pickle.loads(packed))  # noqa: S301 - came inside a pickle
 
 
-def prepare(scene: Scene, *, full_margin: bool = False) -> Study:
+def prepare(scene: Scene, *, full_margin: bool = False) -> VariedBoard:
     """Build the nominal board of `scene` and solve its problem.
 
     Raises
@@ -152,14 +152,18 @@ def prepare(scene: Scene, *, full_margin: bool = False) -> Study:
         raise InputError(scene.file, Complaint("tolerances", "", text))
     ideal = ideal_answer(ideal_network(problem, make_scalings(scene), scene), scene)
     versions = own_versions(choose_engine(scene) == "ngspice")
-    return Study(scene, problem, nominal, varied, ideal, full_margin, versions)
+    return VariedBoard(scene, problem, nominal, varied, ideal, full_margin, versions)
 
 
-def evaluate(study: Study, number: int, z: Floats) -> Sample:
-    """Judge the board whose parts deviate by `z`; no verdict is a result, not an exception."""
-    differences = study.versions.differences(own_versions(bool(study.versions.ngspice)))
-    if differences:
-        return Sample(number, SKEW, reason=", ".join(differences))
+def evaluate(study: VariedBoard, number: int, z: Floats) -> Sample:
+    """Judge the board whose parts deviate by `z`; no verdict is a result, not an exception.
+
+    Raises
+    ------
+    OtherVersionsError
+        This is no process that should judge it.
+    """
+    study.versions.check_here()
     try:
         verdict = verify(
             study.scene,
@@ -170,32 +174,30 @@ def evaluate(study: Study, number: int, z: Floats) -> Sample:
         )
     except TactionError as error:
         return Sample(number, "inconclusive", reason=str(error).splitlines()[0])
+    except Exception as error:  # a bug at one sample must not be the end of ten thousand
+        return Sample(number, "inconclusive", reason=f"unforeseen: {type(error).__name__}: {error}")
     return sample_of(verdict, number)
 
 
 def sample_of(verdict: Verdict, number: int) -> Sample:
     """Return what a verdict says of its sample."""
-    measures = verdict.measurements
-    settling = measures.settling_time
-    rises = [c.value for c in verdict.checks if c.name == "rise_time"]
-    amplitude = measures.amplitude or math.inf
-    errors = tuple((c.final - c.target) / amplitude for c in measures.channels)
+    figures, errors = figures_of(verdict, FIGURES), signed_errors(verdict)
     return Sample(
         number=number,
         outcome=verdict.outcome.value,
         failed=tuple(c.name for c in verdict.checks if c.outcome.value != "pass"),
-        settling_time=None if settling is None else settling.value,
-        rise_time=rises[0] if rises else None,
-        overshoot=max(channel.overshoot for channel in measures.channels),
-        steady_state=max(abs(error) for error in errors),
-        growth_rate=verdict.poles.rightmost.real,
-        margin=None if verdict.margin is None else verdict.margin.factor,
-        errors=errors,
+        settling_time=figures["settling_time"],
+        rise_time=next((finite(c.value) for c in verdict.checks if c.name == "rise_time"), None),
+        overshoot=figures["overshoot"],
+        steady_state=figures["steady_state_error"],
+        growth_rate=figures["growth_rate"],
+        margin=figures["margin"],
+        errors=errors if all(map(math.isfinite, errors)) else (),
     )
 
 
 def run(
-    study: Study,
+    study: VariedBoard,
     requests: Iterable[tuple[int, Floats]],
     workers: Workers,
     stopped: Callable[[], bool] = lambda: False,
@@ -207,36 +209,11 @@ def run(
 
     Raises
     ------
-    InputError
-        A worker has other versions of taction or ngspice.
-    NoVerdictError
-        The workers are gone.
+    InputError, NoVerdictError
+        As `verification.studies.running.collecting.collected`.
     """
-    left = iter(requests)
-    running: dict[Future[Sample], int] = {}
-    try:
-        while not stopped():
-            for number, z in islice(left, max(workers.window() - len(running), 0)):
-                running[workers.executor.submit(evaluate, study, number, z)] = number
-            if not running:
-                return
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
-                yield _collected(future, running.pop(future), workers)
-    finally:
-        for future in running:
-            future.cancel()
-
-
-def _collected(future: Future[Sample], number: int, workers: Workers) -> Sample:
-    if future.cancelled():
-        raise NoVerdictError("the workers are gone; with -o the same command goes on from there")
-    error = future.exception()
-    if isinstance(error, workers.lost):
-        return Sample(number, "inconclusive", reason=f"its worker was killed: {error}")
-    if error is not None:
-        return Sample(number, "inconclusive", reason=f"unforeseen: {type(error).__name__}: {error}")
-    sample = future.result()
-    if sample.outcome == SKEW:
-        text = f"it has {sample.reason}; samples need the same versions everywhere"
-        raise InputError("--cluster", Complaint("worker", "", text))
-    return sample
+    calls = ((number, (study, number, z)) for number, z in requests)
+    for number, found in collected(workers, evaluate, calls, stopped):
+        if isinstance(found, BaseException):
+            found = Sample(number, "inconclusive", reason=f"its worker was killed: {found}")
+        yield found

@@ -18,12 +18,19 @@ from netlist_gen.board.variation import draw
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from verification.studies.running.executors import Workers
-from verification.studies.tolerance.varied_board import Quantity, Sample, Study, quantities, run
+from verification.studies.tolerance.sample_store import SampleStore
+from verification.studies.tolerance.varied_board import (
+    Quantity,
+    Sample,
+    VariedBoard,
+    quantities,
+    run,
+)
 
 CONFIDENCE = 0.95
 LEAST_SAMPLES = 30  # before a yield is called narrow enough, and before sensitivities are given
 SIGNIFICANT = 4.0  # standard errors of a correlation that is told: hundreds are looked at
-SHARES = (0.05, 0.5, 0.95)  # quantiles that are told
+SHARES = (0.05, 0.5, 0.95)  # quantiles in the report
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +78,7 @@ class Sensitivity:
     channel: int | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class YieldReport:
     """What the samples say; `reasons` counts why some have no verdict."""
 
@@ -85,6 +92,12 @@ class YieldReport:
     reasons: dict[str, int]
     quantities: tuple[Spread, ...]
     sensitivities: tuple[Sensitivity, ...]
+
+    def __repr__(self) -> str:
+        return (
+            f"YieldReport({self.passed} of {self.samples} pass,"
+            f" 95 % interval {100 * self.low:.3g} to {100 * self.high:.3g} %)"
+        )
 
 
 @dataclass(slots=True)
@@ -126,23 +139,43 @@ class Tally:
 
 
 def run_samples(
-    study: Study, numbers: Iterable[int], seed: int, workers: Workers, tally: Tally
+    study: VariedBoard,
+    numbers: Iterable[int],
+    seed: int,
+    workers: Workers,
+    tally: Tally,
+    kept: SampleStore | None = None,
 ) -> Iterator[Sample]:
     """Draw and judge samples and yield them as they end, until `tally`, which is fed, has enough.
 
+    Parameters
+    ----------
+    kept : SampleStore, optional
+        Feeds the tally with the samples that it has, and takes the others as they end.
+
     Raises
     ------
-    InputError, NoVerdictError
-        As `verification.studies.tolerance.varied_board.run`.
+    InputError, NoVerdictError, OutOfDisk
+        As `verification.studies.tolerance.varied_board.run` and `SampleStore`.
     """
-    tolerances, count = study.scene.tolerances, len(study.varied)
-    requests = ((number, draw(tolerances, count, seed, number)) for number in numbers)
-    for sample in run(study, requests, workers, lambda: tally.enough):
+
+    def missing() -> Iterator[tuple[int, Floats]]:
+        for number in numbers:
+            if tally.enough:
+                return
+            if kept is not None and (known := kept.get(number)) is not None:
+                tally.add(known)
+            else:
+                yield number, draw(study.scene.tolerances, len(study.varied), seed, number)
+
+    for sample in run(study, missing(), workers, lambda: tally.enough):
+        if kept is not None:
+            kept.put(sample)
         tally.add(sample)
         yield sample
 
 
-def report(study: Study, samples: list[Sample], seed: int) -> YieldReport:
+def report(study: VariedBoard, samples: list[Sample], seed: int) -> YieldReport:
     """Sum up samples: yield with its interval, what failed, spreads, ranked sensitivities."""
     passed = sum(sample.outcome == "pass" for sample in samples)
     low, high = interval(passed, len(samples))
@@ -204,7 +237,7 @@ def _limits(scene: Scene, name: str) -> tuple[float | None, float | None]:
 
 
 def _sensitivities(
-    study: Study, told: tuple[Quantity, ...], samples: list[Sample], seed: int
+    study: VariedBoard, told: tuple[Quantity, ...], samples: list[Sample], seed: int
 ) -> list[Sensitivity]:
     """Return the correlations beyond `SIGNIFICANT` standard errors, the strongest first."""
     tolerances, count = study.scene.tolerances, len(study.varied)

@@ -10,9 +10,8 @@ import time as clock
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
-from spice_models.errors import NoVerdictError
-from verification.studies.running.timed_call import Worker
-from verification.studies.work_precision.method_runs import Run, Task
+from verification.studies.running.worker import FAILURES, Worker
+from verification.studies.work_precision.method_runs import MethodRun, Task
 from verification.studies.work_precision.methods import Method
 
 REPEATS = 3
@@ -22,7 +21,7 @@ HEADROOM = 1.5  # a repeat may take that much longer than the run before
 
 
 @dataclass(slots=True, eq=False)
-class Tally:
+class SettingRuns:
     """What became of one setting of one method.
 
     Attributes
@@ -31,7 +30,7 @@ class Tally:
         Of `METHODS`.
     setting : float
         Of its ladder.
-    run : Run or None
+    run : MethodRun or None
         The first run; None if it did not end well.
     seconds : list of float
         Wall time of every run; of one that timed out, the time it was given.
@@ -43,7 +42,7 @@ class Tally:
 
     method: Method
     setting: float
-    run: Run | None = None
+    run: MethodRun | None = None
     seconds: list[float] = field(default_factory=list)
     status: str = "done"
     note: str = ""
@@ -60,18 +59,18 @@ def run_ladders(
     seconds: float,
     worker: Worker,
     progress: Callable[[str], None],
-) -> tuple[list[Tally], list[str]]:
+) -> tuple[list[SettingRuns], list[str]]:
     """Run every setting of `methods` as far as `seconds` reach.
 
     Returns
     -------
-    tallies : list of Tally
+    entries : list of SettingRuns
         In the order of `methods` and of their ladders.
     omissions : list of str
         What was not run, and why.
     """
     end = clock.perf_counter() + seconds
-    tallies: dict[tuple[str, float], Tally] = {}
+    entries: dict[tuple[str, float], SettingRuns] = {}
     stopped: dict[str, str] = {}
     for method, setting in _schedule(methods):
         if method.name in stopped:
@@ -80,20 +79,20 @@ def run_ladders(
         if SHARE * left < LEAST:
             stopped[method.name] = "the budget was used up"
             continue
-        tally = Tally(method, setting)
-        progress(f"{method.name}, {tally.name}")
-        _attempt(task, tally, SHARE * left, worker)
-        tallies[method.name, setting] = tally
-        if tally.status == "timeout":
+        entry = SettingRuns(method, setting)
+        progress(f"{method.name}, {entry.name}")
+        _attempt(task, entry, SHARE * left, worker)
+        entries[method.name, setting] = entry
+        if entry.status == "timeout":
             stopped[method.name] = "the setting before timed out"
-    _repeat(task, list(tallies.values()), end, worker, progress)
+    _repeat(task, list(entries.values()), end, worker, progress)
     ordered = [
-        tallies[method.name, setting]
+        entries[method.name, setting]
         for method in methods
         for setting in method.ladder
-        if (method.name, setting) in tallies
+        if (method.name, setting) in entries
     ]
-    return ordered, _not_run(methods, tallies, stopped)
+    return ordered, _not_run(methods, entries, stopped)
 
 
 def _schedule(methods: Sequence[Method]) -> Iterator[tuple[Method, float]]:
@@ -106,49 +105,49 @@ def _schedule(methods: Sequence[Method]) -> Iterator[tuple[Method, float]]:
                     yield method, method.ladder[rung]
 
 
-def _attempt(task: Task, tally: Tally, allowed: float, worker: Worker) -> None:
+def _attempt(task: Task, entry: SettingRuns, allowed: float, worker: Worker) -> None:
     """Run a setting once and note what came of it."""
-    method = tally.method
+    method = entry.method
     try:
         if method.engine == "ngspice":  # a process of its own
-            run = method.run(task, tally.setting, allowed)
+            run = method.run(task, entry.setting, allowed)
         else:
-            run = worker.call(allowed, method.run, task, tally.setting)
+            run = worker.call(allowed, method.run, task, entry.setting)
     except TimeoutError as error:
-        if tally.run is None:
-            tally.status, tally.note = "timeout", str(error)
-            tally.seconds.append(allowed)
+        if entry.run is None:
+            entry.status, entry.note = "timeout", str(error)
+            entry.seconds.append(allowed)
         return
-    except NoVerdictError as error:
-        tally.status, tally.note = "failed", str(error).splitlines()[0]
+    except FAILURES as error:
+        entry.status, entry.note = "failed", f"{type(error).__name__}: {error}".splitlines()[0]
         return
-    tally.run = tally.run or run
-    tally.seconds.append(run.seconds)
+    entry.run = entry.run or run
+    entry.seconds.append(run.seconds)
 
 
 def _repeat(
     task: Task,
-    tallies: list[Tally],
+    entries: list[SettingRuns],
     end: float,
     worker: Worker,
     progress: Callable[[str], None],
 ) -> None:
     for repeat in range(2, REPEATS + 1):
-        for tally in sorted((t for t in tallies if t.run), key=lambda t: t.seconds[0]):
+        for entry in sorted((t for t in entries if t.run), key=lambda t: t.seconds[0]):
             left = end - clock.perf_counter()
-            if HEADROOM * tally.seconds[0] < left:
-                progress(f"{tally.method.name}, {tally.name}, run {repeat} of {REPEATS}")
-                _attempt(task, tally, left, worker)
+            if HEADROOM * entry.seconds[0] < left:
+                progress(f"{entry.method.name}, {entry.name}, run {repeat} of {REPEATS}")
+                _attempt(task, entry, left, worker)
 
 
 def _not_run(
     methods: Sequence[Method],
-    tallies: dict[tuple[str, float], Tally],
+    entries: dict[tuple[str, float], SettingRuns],
     stopped: dict[str, str],
 ) -> list[str]:
     omissions = []
     for method in methods:
-        left = [s for s in method.ladder if (method.name, s) not in tallies]
+        left = [s for s in method.ladder if (method.name, s) not in entries]
         if left:
             settings = ", ".join(f"{setting:g}" for setting in left)
             what = f"{method.name}, {method.setting} {settings}" if method.setting else method.name

@@ -20,9 +20,11 @@ from spice_models.array_types import Floats
 from spice_models.errors import EngineError, TimedOut
 from verification.engines.ngspice import process
 from verification.engines.ngspice.executable import Simulator, find_simulator
+from verification.engines.ngspice.process import PHYSICAL_BOUND
+from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.transients import amplified, structured_radau
-from verification.engines.statespace.transients import exact as exact_engine
-from verification.pipeline.simulation import PHYSICAL_BOUND, outputs
+from verification.engines.statespace.transients.exact import ENGINE, exact_solution
+from verification.pipeline.simulation import outputs
 from verification.pipeline.transient_plan import coarser
 from verification.reference import IdealNetwork
 from verification.reference.dynamics import ScaledNetwork
@@ -67,7 +69,7 @@ class Task:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Run:
+class MethodRun:
     """One run of one method.
 
     Attributes
@@ -79,7 +81,7 @@ class Run:
     steps : int
         Accepted; 0 of a method that has none.
     factorisations : int or None
-        Of matrices (ngspice: one an iteration of Newton's); None where it is not told.
+        Of matrices (ngspice: one an iteration of Newton's); None where it is not known.
     """
 
     time: Floats
@@ -87,6 +89,11 @@ class Run:
     seconds: float
     steps: int
     factorisations: int | None
+
+
+def load_integrators() -> None:
+    """Import what takes long to import, so that no measurement holds it."""
+    import scipy.integrate  # noqa: F401
 
 
 def any_board(circuit: Circuit) -> str:
@@ -101,7 +108,8 @@ def linear_board(circuit: Circuit) -> str:
 
 def small_board(circuit: Circuit) -> str:
     """Return why a method with dense matrices of all states does not take this one, or nothing."""
-    return "too many unknowns for dense matrices" if exact_engine.is_large(circuit) else ""
+    large = LinearBoard(circuit).descriptor.is_large
+    return "too many unknowns for dense matrices" if large else ""
 
 
 def small_linear_board(circuit: Circuit) -> str:
@@ -109,56 +117,56 @@ def small_linear_board(circuit: Circuit) -> str:
     return linear_board(circuit) or small_board(circuit)
 
 
-def trapezoidal(task: Task, points: float, timeout: float = np.inf) -> Run:
+def trapezoidal(task: Task, points: float, timeout: float = np.inf) -> MethodRun:
     """Run ngspice's trapezoidal rule with `points` points on a ringing period."""
     return _ngspice(task, points, timeout, "trapezoidal")
 
 
-def gear(task: Task, points: float, timeout: float = np.inf) -> Run:
+def gear(task: Task, points: float, timeout: float = np.inf) -> MethodRun:
     """Run ngspice's Gear method with `points` points on a ringing period."""
     return _ngspice(task, points, timeout, "gear")
 
 
-def exact(task: Task, _: float) -> Run:
+def exact(task: Task, _: float) -> MethodRun:
     """Run the exact engine, recording `BASE_POINTS` on a ringing period."""
     began = clock.perf_counter()
     transient = task.transient
-    found = exact_engine.exact(task.circuit, initial=transient.initial, stop=transient.stop)
+    found = exact_solution(task.circuit, initial=transient.initial, stop=transient.stop)
     time = amplified.record_times(transient, transient.stop)
     values = found.uniform(float(time[1]), len(time))
     cost = Cost(clock.perf_counter() - began, 0, 1)
-    return _thin(task, Waveforms(time, found.nodes, values, exact_engine.ENGINE, cost))
+    return _thin(task, Waveforms(time, found.nodes, values, ENGINE, cost))
 
 
-def structured(task: Task, tolerance: float) -> Run:
+def structured(task: Task, tolerance: float) -> MethodRun:
     """Run the engine for large linear boards, which never forms a dense matrix of all states."""
     return _thin(task, structured_radau.simulate(task.circuit, task.transient, tolerance=tolerance))
 
 
-def implicit(task: Task, tolerance: float) -> Run:
+def implicit(task: Task, tolerance: float) -> MethodRun:
     """Run the adaptive implicit engine, also on a linear board."""
     found = amplified.simulate(task.circuit, task.transient, tolerance=tolerance)
     return _thin(task, found)
 
 
-def radau(task: Task, tolerance: float) -> Run:
+def radau(task: Task, tolerance: float) -> MethodRun:
     """Run SciPy's Radau IIA of order 5 on the ideal network."""
     return _scipy(task, tolerance, "Radau")
 
 
-def bdf(task: Task, tolerance: float) -> Run:
+def bdf(task: Task, tolerance: float) -> MethodRun:
     """Run SciPy's backward differentiation formulas on the ideal network."""
     return _scipy(task, tolerance, "BDF")
 
 
-def lsoda(task: Task, tolerance: float) -> Run:
+def lsoda(task: Task, tolerance: float) -> MethodRun:
     """Run ODEPACK's LSODA (Adams, or backward differentiation where stiff) on the ideal network."""
     return _scipy(task, tolerance, "LSODA")
 
 
 def _ngspice(
     task: Task, points: float, timeout: float, method: Literal["trapezoidal", "gear"]
-) -> Run:
+) -> MethodRun:
     """Raise TimeoutError where `timeout` s do not suffice."""
     simulator = find_simulator()
     transient = replace(coarser(task.transient, BASE_POINTS / points), method=method)
@@ -183,7 +191,7 @@ def _told(
     *,
     timeout: float,
     bound: float,
-) -> Run:
+) -> MethodRun:
     found = process.simulate(
         deck, simulator, timeout=min(timeout, 1e9), folder=place, keep=True, bound=bound
     )
@@ -197,7 +205,7 @@ def _told(
     )
 
 
-def _scipy(task: Task, tolerance: float, method: Literal["Radau", "BDF", "LSODA"]) -> Run:
+def _scipy(task: Task, tolerance: float, method: Literal["Radau", "BDF", "LSODA"]) -> MethodRun:
     """Integrate the ideal network; its record is at the ends of the integrator's own steps."""
     from scipy.integrate import solve_ivp
 
@@ -216,7 +224,7 @@ def _scipy(task: Task, tolerance: float, method: Literal["Radau", "BDF", "LSODA"
         message = f"{method} gave up: {found.message}"
         raise EngineError(message)
     shown = stride(*u.shape)
-    return Run(found.t[shown] * unit, u[shown], seconds, len(found.t) - 1, int(found.nlu))
+    return MethodRun(found.t[shown] * unit, u[shown], seconds, len(found.t) - 1, int(found.nlu))
 
 
 def stride(count: int, channels: int) -> NDArray[np.intp]:
@@ -226,8 +234,8 @@ def stride(count: int, channels: int) -> NDArray[np.intp]:
     return np.unique(np.append(np.arange(0, count, every), count - 1))
 
 
-def _thin(task: Task, found: Waveforms) -> Run:
+def _thin(task: Task, found: Waveforms) -> MethodRun:
     shown = stride(len(found.time), len(task.circuit.outputs))
     u = outputs(task.circuit, found)[shown]
     cost = found.cost
-    return Run(found.time[shown], u, cost.seconds, cost.points, cost.factorisations)
+    return MethodRun(found.time[shown], u, cost.seconds, cost.points, cost.factorisations)

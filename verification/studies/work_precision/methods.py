@@ -13,7 +13,7 @@ from typing import Literal
 
 from netlist_gen.board.circuit import Circuit
 from verification.studies.work_precision import method_runs
-from verification.studies.work_precision.method_runs import Run
+from verification.studies.work_precision.method_runs import MethodRun
 
 TOLERANCES = tuple(10.0**-k for k in range(2, 12))
 STEPPED = (1e-3, 1e-4, 1e-6, 1e-7, 1e-9)  # it doubles its step: tolerances between change nothing
@@ -37,7 +37,7 @@ class Method:
     ladder : tuple of float
         Coarse to fine.
     run : callable
-        ``(task, setting) -> Run``; ngspice takes a time limit in s as third argument.
+        ``(task, setting) -> MethodRun``; ngspice takes a time limit in s as third argument.
     order : float or None
         Theoretical order; None where the method has none or varies it.
     theory : str
@@ -52,7 +52,7 @@ class Method:
     problem: Literal["board", "ideal"]
     setting: str
     ladder: tuple[float, ...]
-    run: Callable[..., Run]
+    run: Callable[..., MethodRun]
     order: float | None
     theory: str
     refuses: Callable[[Circuit], str] = method_runs.any_board
@@ -67,7 +67,7 @@ METHODS: tuple[Method, ...] = (
     ),
     Method(
         "ngspice Gear", "ngspice", "Gear", "board", "points per period", POINTS,
-        method_runs.gear, 2.0, "2 (ngspice's maximum order, unless told otherwise)",
+        method_runs.gear, 2.0, "2 (ngspice's default maximum order)",
     ),
     Method(
         "state space, exact", "statespace", "modes", "board", "", (0.0,),

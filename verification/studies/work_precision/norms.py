@@ -21,8 +21,9 @@ import numpy as np
 
 from spice_models.array_types import Floats
 from verification.measures.mode_fit import fit_modes
-from verification.measures.times import settles
-from verification.studies.work_precision.method_runs import Run
+from verification.measures.readings import settling_times
+from verification.measures.sampled_signal import FEWEST_POINTS, SampledSignal
+from verification.studies.work_precision.method_runs import MethodRun
 
 NORMS = ("final", "maximum", "settling_time", "frequency", "growth_rate")
 MARGIN = 1.25  # of what is left at the end of the record: the narrowest band that settles in it
@@ -85,9 +86,9 @@ def make_scale(
 
 def settling_time(time: Floats, u: Floats, target: Floats, tolerance: float) -> float | None:
     """Return when the last channel entered its band for good, s; None if one did not."""
-    if len(time) < 8:
+    if len(time) < FEWEST_POINTS:
         return None
-    found = settles(time, (u - target).T, tolerance)
+    found = settling_times(SampledSignal(time, (u - target).T), tolerance)
     times = [reading.value for reading in found if reading is not None]
     return max(times) if len(times) == len(found) else None
 
@@ -114,12 +115,12 @@ def ringing_errors(found: complex | None, expected: complex | None) -> tuple[flo
     return abs(found.imag / expected.imag - 1.0), abs(found.real - expected.real) / abs(expected)
 
 
-def measure_errors(run: Run, reference: Floats, scale: Scale) -> Errors:
+def measure_errors(run: MethodRun, reference: Floats, scale: Scale) -> Errors:
     """Compare a run with its reference at the same instants.
 
     Parameters
     ----------
-    run : Run
+    run : MethodRun
         What is judged.
     reference : ndarray (P, N)
         V.

@@ -13,10 +13,9 @@ import numpy as np
 
 from spice_models.array_types import Floats
 from spice_models.errors import EngineError
-from verification.engines.statespace.equations.stamps import stamp
-from verification.engines.statespace.linearised.initial_state import initial_state
-from verification.engines.statespace.linearised.state_space import open_loop
-from verification.engines.statespace.transients import amplified, exact, structured_radau
+from verification.engines.statespace.linearised.board import LinearBoard
+from verification.engines.statespace.transients import amplified, structured_radau
+from verification.engines.statespace.transients.exact import exact_solution
 from verification.pipeline.simulation import outputs
 from verification.reference.dynamics import ScaledNetwork, ideal_linear
 from verification.studies.work_precision.method_runs import (
@@ -53,7 +52,7 @@ class Reference:
 
 def board_exact(task: Task, time: Floats) -> Reference:
     """Exact solution of a linear board."""
-    found = exact.exact(task.circuit, initial=task.transient.initial, stop=float(time[-1]))
+    found = exact_solution(task.circuit, initial=task.transient.initial, stop=float(time[-1]))
     signs = np.array([output.sign for output in task.circuit.outputs])
     return Reference("state space, exact", "modes", signs * found.at(time))
 
@@ -85,11 +84,11 @@ def board_lsoda(task: Task, time: Floats) -> Reference:
     from scipy.integrate import solve_ivp
 
     circuit = task.circuit
-    space = open_loop(stamp(circuit))
-    system = amplified.Amplified(space, tuple(output.node for output in circuit.outputs))
+    board = LinearBoard(circuit)
+    system = amplified.Amplified(board, board.reported(None))
     found = solve_ivp(
         lambda _, x: system.rate(x), (0.0, float(time[-1])),
-        initial_state(space, task.transient.initial), "LSODA", t_eval=time,
+        system.start(task.transient), "LSODA", t_eval=time,
         jac=lambda _, x: system.jacobian(x), rtol=TIGHT, atol=ABSOLUTE * TIGHT,
     )  # fmt: skip
     if not found.success or found.y.shape[1] != len(time) or not np.all(np.isfinite(found.y)):

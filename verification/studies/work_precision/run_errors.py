@@ -9,11 +9,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from spice_models.array_types import Floats
-from spice_models.errors import NoVerdictError
-from verification.engines.statespace.linearised.equilibrium import equilibrium
+from verification.engines.statespace.linearised.board import LinearBoard
 from verification.reference import solve
-from verification.studies.running.timed_call import Worker
-from verification.studies.work_precision.ladders import Tally
+from verification.studies.running.worker import FAILURES, Worker
+from verification.studies.work_precision.ladders import SettingRuns
 from verification.studies.work_precision.method_runs import Task
 from verification.studies.work_precision.norms import (
     NORMS,
@@ -29,7 +28,7 @@ CHECKED = 500  # instants at which the references are compared where no run need
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Judgement:
+class ProblemErrors:
     """What became of the runs of one problem.
 
     Attributes
@@ -56,12 +55,12 @@ class Judgement:
 
 def judge_runs(
     task: Task,
-    tallies: Sequence[Tally],
+    entries: Sequence[SettingRuns],
     band: float,
     pole: complex | None,
     worker: Worker,
     seconds: float,
-) -> dict[str, Judgement]:
+) -> dict[str, ProblemErrors]:
     """Measure every run; a problem without a reference has no errors, and an omission.
 
     Parameters
@@ -75,7 +74,7 @@ def judge_runs(
     """
     end, found = clock.perf_counter() + seconds, {}
     for problem, ringing in (("ideal", None), ("board", pole)):  # an ideal network never rings
-        done = [t for t in tallies if t.method.problem == problem and t.run is not None]
+        done = [t for t in entries if t.method.problem == problem and t.run is not None]
         target = _board_target(task) if problem == "board" else _ideal_target(task)
         found[problem] = _judge(task, problem, done, target, band, ringing, worker, end)
     return {problem: found[problem] for problem in ("board", "ideal")}
@@ -84,16 +83,16 @@ def judge_runs(
 def _judge(
     task: Task,
     problem: str,
-    done: Sequence[Tally],
+    done: Sequence[SettingRuns],
     target: Floats,
     band: float,
     pole: complex | None,
     worker: Worker,
     end: float,
-) -> Judgement:
-    runs = [tally.run for tally in done if tally.run is not None]
+) -> ProblemErrors:
+    runs = [entry.run for entry in done if entry.run is not None]
     if not runs:
-        return Judgement()
+        return ProblemErrors()
     time = np.unique(np.concatenate([[0.0], *(run.time for run in runs)]))
     references: list[tuple[Floats, Reference]] = []
     omissions = []
@@ -106,32 +105,32 @@ def _judge(
         try:
             left = SHARE * (end - clock.perf_counter())
             references.append((wanted, worker.call(left, make, task, wanted)))
-        except (TimeoutError, NoVerdictError) as error:
+        except (TimeoutError, *FAILURES) as error:
             omissions.append(f"reference {make.__name__} of the {problem}: {error}")
     if not references:
-        return Judgement(omissions=(*omissions, f"{problem}: no errors without a reference"))
+        return ProblemErrors(omissions=(*omissions, f"{problem}: no errors without a reference"))
     time, best = references[0]
     shown = max(runs, key=lambda run: len(run.time)).time  # the union of all has needless clusters
     shape = best.u[np.searchsorted(time, shown)]
     scale = make_scale(shown, shape, best.u[0], target, band, pole)
     errors = {}
-    for tally in done:
-        other = [(t, r) for t, r in references if r.solver != tally.method.solver]
-        if tally.run is not None and other:
+    for entry in done:
+        other = [(t, r) for t, r in references if r.solver != entry.method.solver]
+        if entry.run is not None and other:
             at, reference = other[0]
-            u = reference.u[np.searchsorted(at, tally.run.time)]
-            measured = measure_errors(tally.run, u, scale)
-            errors[tally.method.name, tally.setting] = measured, reference.name
+            u = reference.u[np.searchsorted(at, entry.run.time)]
+            measured = measure_errors(entry.run, u, scale)
+            errors[entry.method.name, entry.setting] = measured, reference.name
         else:
-            omissions.append(f"{tally.method.name}: no reference by another solver")
+            omissions.append(f"{entry.method.name}: no reference by another solver")
     names = tuple(reference.name for _, reference in references)
-    return Judgement(
+    return ProblemErrors(
         errors, names, scale, _floor(references, scale), tuple(dict.fromkeys(omissions))
     )
 
 
 def _needed(
-    time: Floats, done: Sequence[Tally], references: Sequence[tuple[Floats, Reference]]
+    time: Floats, done: Sequence[SettingRuns], references: Sequence[tuple[Floats, Reference]]
 ) -> Floats:
     """Instants of the next reference: all, or those of the runs that the first cannot judge."""
     if not references:
@@ -154,7 +153,7 @@ def _floor(references: Sequence[tuple[Floats, Reference]], scale: Scale) -> Erro
 
 def _board_target(task: Task) -> Floats:
     """Return the outputs at the board's equilibrium, shape (N,), V."""
-    rest = equilibrium(task.circuit)
+    rest = LinearBoard(task.circuit).equilibrium
     return np.array([out.sign * rest[out.node] for out in task.circuit.outputs])
 
 

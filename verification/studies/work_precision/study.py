@@ -20,14 +20,14 @@ from spice_models.errors import SimulationError
 from verification.engines.ngspice.executable import find_simulator
 from verification.ideal.ideal_answer import ideal_network, initial_voltages
 from verification.studies.running.machine import describe_machine
-from verification.studies.running.timed_call import Worker
+from verification.studies.running.worker import START_UP, Worker
 from verification.studies.work_precision.convergence_order import Order, fit_order
 from verification.studies.work_precision.extent import Extent, study_extent
-from verification.studies.work_precision.ladders import Tally, run_ladders
-from verification.studies.work_precision.method_runs import Task
+from verification.studies.work_precision.ladders import SettingRuns, run_ladders
+from verification.studies.work_precision.method_runs import Task, load_integrators
 from verification.studies.work_precision.methods import METHODS, Method
 from verification.studies.work_precision.norms import NORMS, Errors
-from verification.studies.work_precision.run_errors import Judgement, judge_runs
+from verification.studies.work_precision.run_errors import ProblemErrors, judge_runs
 
 BUDGET = 30.0  # s
 LADDERS = 0.7  # of the budget; the rest is for the references
@@ -42,7 +42,7 @@ Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)
-class Point:
+class SettingResult:
     """One setting of one method.
 
     Attributes
@@ -87,11 +87,11 @@ class Study:
 
     Attributes
     ----------
-    points : tuple of Point
+    points : tuple of SettingResult
         By method and setting, coarse to fine.
     orders : dict of str to Order
         Of the largest error over time, by method.
-    problems : dict of str to Judgement
+    problems : dict of str to ProblemErrors
         Of ``"board"`` and ``"ideal"``.
     extent : Extent
         The stretch of the transient that was studied.
@@ -104,21 +104,21 @@ class Study:
     """
 
     scene: Scene
-    points: tuple[Point, ...]
+    points: tuple[SettingResult, ...]
     orders: dict[str, Order]
-    problems: dict[str, Judgement]
+    problems: dict[str, ProblemErrors]
     extent: Extent
     omissions: tuple[str, ...]
     machine: dict[str, str | int | float | None]
     seconds: float
 
-    def of(self, method: Method) -> tuple[Point, ...]:
+    def of(self, method: Method) -> tuple[SettingResult, ...]:
         """Points of one method."""
         return tuple(point for point in self.points if point.method is method)
 
     def cheapest(
         self, error: float, norm: str = "maximum", engines: Iterable[str] | None = None
-    ) -> Point | None:
+    ) -> SettingResult | None:
         """Return the cheapest measured setting for the board that reaches `error`, or None."""
         reached = [
             (point.seconds, point)
@@ -150,7 +150,7 @@ def study(
     methods : sequence of Method
         What to compare.
     progress : callable, optional
-        Told what is under way.
+        Gets the name of each stage.
 
     Raises
     ------
@@ -167,13 +167,14 @@ def study(
     extent = study_extent(scene, circuit, network, applicable, LADDERS * budget)
     task = Task(circuit, extent.transient, network, initial_voltages(scene, network))
     with Worker() as worker:
+        worker.call(START_UP, load_integrators)
         left = LADDERS * budget - (clock.perf_counter() - began)
-        tallies, not_run = run_ladders(task, applicable, left, worker, progress)
+        entries, not_run = run_ladders(task, applicable, left, worker, progress)
         progress("references")
         left = max(began + budget - clock.perf_counter(), REFERENCE_TIME)
         band = scene.checks.settling_time.band
-        judgements = judge_runs(task, tallies, band, extent.pole, worker, left)
-    points = tuple(_point(task, tally, judgements[tally.method.problem]) for tally in tallies)
+        judgements = judge_runs(task, entries, band, extent.pole, worker, left)
+    points = tuple(_point(task, entry, judgements[entry.method.problem]) for entry in entries)
     orders = {m.name: _order(m, points, judgements[m.problem]) for m in applicable}
     found = {name: j for name, j in judgements.items() if j.scale is not None}
     return Study(
@@ -206,16 +207,16 @@ def _applicable(methods: Sequence[Method], circuit: Circuit) -> tuple[list[Metho
     return kept, omissions
 
 
-def _point(task: Task, tally: Tally, judgement: Judgement) -> Point:
-    run, seconds = tally.run, tally.seconds
-    stop = task.transient.stop if tally.method.problem == "board" else task.ideal_stop
-    key = (tally.method.name, tally.setting)
+def _point(task: Task, entry: SettingRuns, judgement: ProblemErrors) -> SettingResult:
+    run, seconds = entry.run, entry.seconds
+    stop = task.transient.stop if entry.method.problem == "board" else task.ideal_stop
+    key = (entry.method.name, entry.setting)
     errors, reference = judgement.errors.get(key, (dict.fromkeys(NORMS), ""))
-    return Point(
-        method=tally.method,
-        setting=tally.setting,
-        name=tally.name,
-        status=tally.status,
+    return SettingResult(
+        method=entry.method,
+        setting=entry.setting,
+        name=entry.name,
+        status=entry.status,
         seconds=statistics.median(seconds) if seconds else None,
         fastest=min(seconds, default=None),
         slowest=max(seconds, default=None),
@@ -225,11 +226,11 @@ def _point(task: Task, tally: Tally, judgement: Judgement) -> Point:
         mean_step=stop / run.steps if run is not None and run.steps else None,
         errors=errors,
         reference=reference,
-        note=tally.note,
+        note=entry.note,
     )
 
 
-def _order(method: Method, points: Sequence[Point], judgement: Judgement) -> Order:
+def _order(method: Method, points: Sequence[SettingResult], judgement: ProblemErrors) -> Order:
     mine = [point for point in points if point.method is method]
     if not method.setting:
         return Order(None, None, None, (), "no step")

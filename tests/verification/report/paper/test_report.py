@@ -15,8 +15,8 @@ from verification.report.paper.report import paper_document, write_paper
 from verification.studies.paper import reproduce
 from verification.studies.paper.findings import (
     Chapter,
+    ClaimOutcome,
     Finding,
-    Outcome,
     Panel,
     Picture,
     curve,
@@ -84,10 +84,10 @@ def test_the_command_prints_json_and_writes_the_pages(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("outcome", "status"),
-    [(Outcome.FAILS, 1), (Outcome.NOT_RUN, 3)],
+    [(ClaimOutcome.FAILS, 1), (ClaimOutcome.NOT_RUN, 3)],
 )
 def test_the_exit_status_tells_a_wrong_verdict_from_a_missing_one(
-    outcome: Outcome, status: int, monkeypatch: pytest.MonkeyPatch
+    outcome: ClaimOutcome, status: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def one(quick: bool) -> Chapter:
         first, *rest = chapter(quick).findings

@@ -157,7 +157,7 @@ def test_a_map_with_both_engines_and_a_boundary(
     plan = Plan(scene, axes, ("ngspice", "statespace"))
     shape = (5, 4, 2)
     growth = np.linspace(-1e4, 1e4, 40).reshape(shape)
-    fake: dict[str, Any] = {name: np.full(shape, 0.5) for name in files.NUMBERS}
+    fake: dict[str, Any] = {name: np.full(shape, 0.5) for name in files.FIGURES}
     fake["settling_time"][growth > 0] = np.nan
     fake |= {"growth_rate": growth, "outcome": (np.arange(40).reshape(shape) % 4).astype(np.int8)}
     monkeypatch.setattr("verification.report.sweep.maps.grids", lambda plan, store: fake)

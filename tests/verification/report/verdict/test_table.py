@@ -17,16 +17,16 @@ from spice_models.errors import InputError
 from tests.support.measured import channel, measured
 from tests.support.paths import SCENES
 from verification.engines.ngspice.raw_file import read_raw
-from verification.measures.measure import Reading
+from verification.measures.readings import Reading
 from verification.measures.settling import ChannelState
 from verification.report.verdict.json_document import (
     channel_record,
-    reading_record,
     verdict_document,
 )
 from verification.report.verdict.plots import plot_verdict, time_unit
 from verification.report.verdict.table import amount, channel_table, print_verdict
 from verification.report.verdict.waveform_files import check_export, export
+from verification.studies.figures import finite
 from verification.verify import Verdict, verify
 from verification.waveforms import Cost, Waveforms
 
@@ -116,8 +116,8 @@ def test_a_document_is_plain_and_counts_channels_from_one() -> None:
     assert document["error_budget"]["opamps"]["unit"] == "V"
     fragile = channel_record(channel(rise_time=Reading(1e-5, 0.0, True, 4e-6)))
     assert (fragile["fragile"], fragile["alternatives"]) == (True, [4e-6])
-    assert reading_record(None) is None
-    assert reading_record(Reading(float("nan"), 0.0)) is None
+    assert finite(None) is None
+    assert finite(Reading(float("nan"), 0.0)) is None
 
 
 def test_an_exported_record_keeps_every_digit(tmp_path: Path) -> None:

@@ -30,7 +30,7 @@ from spice_models.opamp import OpAmp
 from tests.support.boards import single_mode
 from tests.support.paths import SCENES
 from verification.engines.ngspice.executable import find_simulator
-from verification.engines.statespace.linearised.equilibrium import equilibrium
+from verification.engines.statespace.linearised.board import LinearBoard
 from verification.small_signal.poles import poles
 from verification.studies.onset import transient_trial as confirm_module
 from verification.studies.onset.onset import (
@@ -40,7 +40,7 @@ from verification.studies.onset.onset import (
     onset,
     parse_onset_axis,
 )
-from verification.studies.onset.scan_result import Crossing
+from verification.studies.onset.scan_result import AxisCrossing
 from verification.studies.onset.transient_trial import Confirmation, along, confirm
 
 TUNED = SCENES / "tuned-breadboard.toml"
@@ -136,12 +136,12 @@ def test_an_antisymmetric_mode_that_the_load_never_excites_is_confirmed(ngspice:
     (stable,) = found.scan.stable_ranges
     assert stable == (edge.value, 3e-11)
     # At 3.8 pF the pole stands at +2.7e4 /s, and its mode is antisymmetric.
-    board = board_over(scene, found.axis)(3.8e-12)
+    board = LinearBoard(board_over(scene, found.axis)(3.8e-12))
     pole = poles(board).rightmost
     assert pole.real == pytest.approx(2.7e4, rel=0.02)
     start = along(board, pole).voltages
-    rest = equilibrium(board)
-    v = np.array([start[node] - rest[node] for node in board.signal_nodes])
+    rest = board.equilibrium
+    v = np.array([start[node] - rest[node] for node in board.circuit.signal_nodes])
     assert v == pytest.approx(-v[::-1], abs=1e-6 * np.abs(v).max())
 
 
@@ -177,7 +177,7 @@ def damping(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("ngspice", "damping")
 def test_an_integration_that_damps_is_reported_as_a_disagreement() -> None:
-    crossing = Crossing(TAU * (24.0 + math.sqrt(575.0)) / R, 357007.0, False, 2, 0)
+    crossing = AxisCrossing(TAU * (24.0 + math.sqrt(575.0)) / R, 357007.0, False, 2, 0)
     trial = confirm(window, crossing, find_simulator(), logarithmic=True, timeout=60.0)
     assert trial.confirmed is False
     assert "the transient grows with -" in trial.reason

@@ -8,7 +8,7 @@ import pytest
 
 from spice_models.errors import SolverError
 from verification.studies.paper.condition_number import asymptotic, condition_number
-from verification.studies.paper.findings import Outcome, load_claims
+from verification.studies.paper.findings import ClaimOutcome, load_claims
 from verification.studies.paper.reproduce import CHAPTERS
 from verification.studies.paper.tactile import Geometry
 
@@ -27,7 +27,7 @@ def test_the_verdicts_are_the_expected_ones(name: str, request: pytest.FixtureRe
     assert {id_: found[id_].outcome for id_ in judged} == {id_: wanted[id_] for id_ in judged}
     for finding in found.values():
         assert finding.run
-        assert ("Condition:" in finding.ours) is (finding.outcome is Outcome.CONDITION)
+        assert ("Condition:" in finding.ours) is (finding.outcome is ClaimOutcome.CONDITION)
         assert all(np.isfinite(list(finding.values.values())))
 
 

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from netlist_gen.scene.file import load_scene
 from spice_models.errors import SimulatorNotFound
 from tests.support.paths import SCENES
 from verification.studies.paper import findings
-from verification.studies.paper.findings import Chapter, Finding, Outcome, load_claims, weigh
+from verification.studies.paper.findings import Chapter, ClaimOutcome, Finding, load_claims, weigh
 from verification.studies.paper.reproduce import CHAPTERS, Judged, Reproduction, Section, _run
 from verification.studies.paper.tactile import FINE, GradientFlow, by_transform
 
@@ -20,24 +21,24 @@ def test_every_claim_has_a_chapter_and_its_own_name() -> None:
     assert {claim.chapter for claim in claims} == set(CHAPTERS)
     assert len({claim.id for claim in claims}) == len(claims)
     assert all(claim.claim and claim.place for claim in claims)
-    assert all(claim.expected is not Outcome.NOT_RUN for claim in claims)
+    assert all(claim.expected is not ClaimOutcome.NOT_RUN for claim in claims)
 
 
-def test_the_shipped_scenes_are_those_of_the_scenes_folder() -> None:
-    own = {path.name for path in findings.HERE.glob("*.toml")} - {"claims.toml"}
-    assert own
-    for name in own:
-        assert (findings.HERE / name).read_bytes() == (SCENES / name).read_bytes(), name
+def test_the_paper_uses_the_scenes_of_the_scenes_folder() -> None:
+    assert findings.SCENES.resolve() == SCENES.resolve()
+    scene = findings.paper_scene("paper-breadboard")
+    assert scene.file.resolve() == SCENES / "paper-breadboard.toml"
+    assert scene.model_dump() == load_scene(SCENES / "paper-breadboard.toml").model_dump()
 
 
 def test_a_claim_that_holds_only_under_its_condition_says_so() -> None:
-    assert weigh(True) is Outcome.HOLDS
-    assert weigh(False, True) is Outcome.CONDITION
-    assert weigh(False) is Outcome.FAILS
+    assert weigh(True) is ClaimOutcome.HOLDS
+    assert weigh(False, True) is ClaimOutcome.CONDITION
+    assert weigh(False) is ClaimOutcome.FAILS
 
 
-def reproduction(*outcomes: Outcome) -> Reproduction:
-    claim = replace(load_claims()[0], expected=Outcome.HOLDS)
+def reproduction(*outcomes: ClaimOutcome) -> Reproduction:
+    claim = replace(load_claims()[0], expected=ClaimOutcome.HOLDS)
     judged = tuple(Judged(claim, Finding(claim.id, "run", "ours", each)) for each in outcomes)
     return Reproduction((Section("title", judged, (), 0.0),), (), True, 0.0)
 
@@ -45,14 +46,14 @@ def reproduction(*outcomes: Outcome) -> Reproduction:
 @pytest.mark.parametrize(
     ("outcomes", "expected"),
     [
-        ((Outcome.HOLDS, Outcome.HOLDS), "pass"),
-        ((Outcome.HOLDS, Outcome.FAILS), "fail"),
-        ((Outcome.HOLDS, Outcome.NOT_RUN), "inconclusive"),
-        ((Outcome.NOT_RUN, Outcome.CONDITION), "fail"),
+        ((ClaimOutcome.HOLDS, ClaimOutcome.HOLDS), "pass"),
+        ((ClaimOutcome.HOLDS, ClaimOutcome.FAILS), "fail"),
+        ((ClaimOutcome.HOLDS, ClaimOutcome.NOT_RUN), "inconclusive"),
+        ((ClaimOutcome.NOT_RUN, ClaimOutcome.CONDITION), "fail"),
     ],
 )
 def test_another_verdict_than_the_expected_one_fails(
-    outcomes: tuple[Outcome, ...], expected: str
+    outcomes: tuple[ClaimOutcome, ...], expected: str
 ) -> None:
     assert reproduction(*outcomes).outcome == expected
 
@@ -64,7 +65,7 @@ def test_what_could_not_be_run_is_said_for_each_of_its_claims() -> None:
     claims = list(load_claims()[:2])
     chapter = _run(without_simulator, claims, quick=True)
     assert [finding.id for finding in chapter.findings] == [claim.id for claim in claims]
-    assert {finding.outcome for finding in chapter.findings} == {Outcome.NOT_RUN}
+    assert {finding.outcome for finding in chapter.findings} == {ClaimOutcome.NOT_RUN}
     assert "no executable" in chapter.findings[0].ours
 
 

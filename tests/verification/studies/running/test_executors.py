@@ -78,6 +78,25 @@ def test_a_task_that_kills_every_worker_is_given_up(pool: LocalPool) -> None:
     assert [future.result(60) for future in sound] == [2**k for k in range(6)]
 
 
+def test_a_killed_fork_server_is_replaced(pool: LocalPool) -> None:
+    server = Path(f"/proc/{pool.pids()[0]}/stat").read_text().rsplit(")")[1].split()[1]
+    running = [pool.submit(time.sleep, 0.2) for _ in range(4)]
+    os.kill(int(server), signal.SIGKILL)
+    os.kill(pool.pids()[0], signal.SIGKILL)
+    assert [future.result(60) for future in running] == [None] * 4
+    threads = [pool.submit(os.getenv, "OMP_NUM_THREADS") for _ in range(4)]
+    assert {future.result(60) for future in threads} == {"1"}
+    assert pool.submit(pow, 2, 5).result(60) == 32
+
+
+def test_no_result_is_lost_where_workers_are_killed_while_they_send_it(pool: LocalPool) -> None:
+    futures = [pool.submit(bytes, 3_000_000) for _ in range(60)]
+    for k in (10, 20, 30, 40):
+        futures[k].result(60)
+        os.kill(pool.pids()[k // 10 % 2], signal.SIGKILL)
+    assert {len(future.result(60)) for future in futures} == {3_000_000}
+
+
 def test_shutdown_ends_what_runs(pool: LocalPool) -> None:
     pids = pool.pids()
     running = [pool.submit(time.sleep, 100) for _ in range(2)]

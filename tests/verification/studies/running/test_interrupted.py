@@ -16,7 +16,7 @@ from typing import Any
 from tests.support.making import write_matrix_scene
 from tests.support.paths import ROOT
 from tests.support.running import taction
-from tests.support.studying import IDEAL, scene_file
+from tests.support.studying import IDEAL, scene_file, stored_samples
 
 
 def command(folder: Path, *more: str) -> list[str]:
@@ -113,32 +113,31 @@ def started(scene: str, file: Path, *more: str) -> subprocess.Popen[str]:
 
 
 def wait_for_samples(file: Path, process: subprocess.Popen[str], count: int = 4) -> None:
-    while not file.exists() or file.read_bytes().count(b"\n") <= count:
+    while stored(file) < count:
         assert process.poll() is None, process.communicate()
         time.sleep(0.02)
 
 
 def test_samples_that_are_killed_go_on_from_where_they_were(tmp_path: Path) -> None:
-    scene, file = scene_file(tmp_path), tmp_path / "s.jsonl"
+    scene, file = scene_file(tmp_path), tmp_path / "s.sqlite"
     process = started(scene, file)
     wait_for_samples(file, process)
     os.kill(process.pid, signal.SIGKILL)
     process.communicate()
-    before = file.read_bytes()
-    file.write_bytes(before[: before.rindex(b"\n")][:-20])  # the last line cut short
-    kept = file.read_bytes().count(b"\n") - 1
-    total = kept + 3
+    kept = stored_samples(file)
+    total = len(kept) + 3
     words = ("montecarlo", scene, "-n", str(total), "--json")
     found = json.loads(taction(*words, "-o", str(file)).stdout)
     assert found["samples"] == total
-    lines = [json.loads(line) for line in file.read_text().splitlines()]
-    assert sorted(line["number"] for line in lines[1:])[:total] == list(range(total))
+    after = stored_samples(file)
+    assert [sample for sample in after if sample in kept] == kept
+    assert [sample["number"] for sample in after][:total] == list(range(total))
     fresh = json.loads(taction(*words, "--jobs", "1").stdout)
     assert fresh == found
 
 
 def test_ctrl_c_keeps_the_samples_and_says_so(tmp_path: Path) -> None:
-    scene, file = scene_file(tmp_path), tmp_path / "s.jsonl"
+    scene, file = scene_file(tmp_path), tmp_path / "s.sqlite"
     process = started(scene, file, "--json")
     wait_for_samples(file, process)
     process.send_signal(signal.SIGINT)
@@ -148,4 +147,4 @@ def test_ctrl_c_keeps_the_samples_and_says_so(tmp_path: Path) -> None:
     document = json.loads(out)
     assert document["complete"] is False
     assert 4 <= document["samples"] < 100000
-    assert document["samples"] <= file.read_bytes().count(b"\n") - 1
+    assert document["samples"] <= stored(file)

@@ -19,10 +19,10 @@ from tests.support.making import NEAR_IDEAL, make_scene, write_matrix_scene
 from tests.support.studying import IDEAL
 from verification.report.sweep.records import records
 from verification.studies.running.executors import Workers
-from verification.studies.running.versions import Versions, own_versions
+from verification.studies.running.versions import OtherVersionsError, Versions, own_versions
 from verification.studies.sweep import point as point_module
 from verification.studies.sweep.plan import Plan, Requests
-from verification.studies.sweep.point import Job, Result, compute
+from verification.studies.sweep.point import Job, compute
 from verification.studies.sweep.run import Count, sweep
 from verification.studies.sweep.store import Store
 from verification.verify import verify
@@ -188,8 +188,8 @@ def test_waveforms_only_where_asked_for(tmp_path: Path, workers: Workers) -> Non
 def test_another_version_at_the_worker_is_named() -> None:
     own = own_versions(False)
     job = Job(scene(), None, True, False, Versions("0.0.9", own.code, own.ngspice))  # type: ignore[arg-type]
-    result = compute(job)
-    assert f"taction {own.taction} instead of 0.0.9" in result.skew
+    with pytest.raises(OtherVersionsError, match=rf"taction {own.taction} instead of 0\.0\.9"):
+        compute(job)
     old, new = Versions("1", b"", "ngspice-39 noopiter"), Versions("1", b"", "ngspice-46 klu")
     assert new.differences(old) == ["ngspice-39 noopiter instead of ngspice-46 klu"]
 
@@ -197,7 +197,7 @@ def test_another_version_at_the_worker_is_named() -> None:
 class Skewed(ThreadPoolExecutor):
     def submit(self, *args: Any, **kwargs: Any) -> Future[Any]:
         future: Future[Any] = Future()
-        future.set_result(Result("error", {}, skew="node7 has ngspice-39 instead of ngspice-46"))
+        future.set_exception(OtherVersionsError("node7 has ngspice-39 instead of ngspice-46"))
         return future
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from spice_models.array_types import Floats
-from verification.studies.work_precision.method_runs import Run
+from verification.studies.work_precision.method_runs import MethodRun
 from verification.studies.work_precision.norms import Scale, make_scale, measure_errors
 
 DECAY, OMEGA = 1e3, 2e5
@@ -25,7 +25,7 @@ def scale(band: float = 0.05) -> Scale:
 
 
 def errors_of(u: Floats) -> dict[str, float | None]:
-    return measure_errors(Run(TIME, u, 1.0, 1, None), ringing(TIME), scale())
+    return measure_errors(MethodRun(TIME, u, 1.0, 1, None), ringing(TIME), scale())
 
 
 def test_the_scale_is_that_of_the_reference() -> None:

@@ -18,10 +18,10 @@ from spice_models.errors import EngineError, SimulatorNotFound
 from tests.support.making import make_scene
 from verification.report.work_precision.plot import plot_study
 from verification.report.work_precision.tables import accuracy_document
-from verification.studies.running.timed_call import Worker
+from verification.studies.running.worker import Worker
 from verification.studies.work_precision import ladders
 from verification.studies.work_precision import study as study_module
-from verification.studies.work_precision.method_runs import Run, Task
+from verification.studies.work_precision.method_runs import MethodRun, Task
 from verification.studies.work_precision.methods import METHODS, Method
 from verification.studies.work_precision.norms import NORMS
 from verification.studies.work_precision.study import Study, study
@@ -168,18 +168,18 @@ def test_document_and_picture(found: Study, tmp_path: Path) -> None:
     assert picture.count("</svg>") == 1
 
 
-def sleeps(task: Task, setting: float) -> Run:
+def sleeps(task: Task, setting: float) -> MethodRun:
     import time
 
     time.sleep(60.0)
     raise AssertionError
 
 
-def refuses(task: Task, setting: float) -> Run:
+def refuses(task: Task, setting: float) -> MethodRun:
     raise EngineError("no answer")
 
 
-def ladder_of(run: Callable[..., Run]) -> Method:
+def ladder_of(run: Callable[..., MethodRun]) -> Method:
     return named("state space, implicit", run=run, ladder=(1e-3, 1e-5))
 
 
@@ -189,10 +189,10 @@ def test_a_time_out_is_a_point_and_a_failure_has_its_reason() -> None:
         worker.call(60.0, abs, -1)
         late, left = ladders.run_ladders(task, [ladder_of(sleeps)], 0.5, worker, print)
         failed, none = ladders.run_ladders(task, [ladder_of(refuses)], 60.0, worker, print)
-    assert [tally.status for tally in late] == ["timeout"]
+    assert [entry.status for entry in late] == ["timeout"]
     assert late[0].seconds[0] == pytest.approx(0.25, abs=0.05)  # half of what was left
     assert left == ["state space, implicit, tolerance 1e-05: not run, the setting before timed out"]
-    assert [tally.status for tally in failed] == ["failed", "failed"]
+    assert [entry.status for entry in failed] == ["failed", "failed"]
     assert failed[0].note == "EngineError: no answer"
     assert none == []
 

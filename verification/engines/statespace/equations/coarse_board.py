@@ -16,6 +16,7 @@ from verification.engines.statespace.equations.descriptor import (
     Devices,
     Triplets,
 )
+from verification.engines.statespace.equations.mirror_symmetry import proposed_mirror
 
 CHANNELS = 14  # of the coarse board, and sensors
 
@@ -60,6 +61,7 @@ def coarsen(descriptor: Descriptor, channels: int = CHANNELS) -> Descriptor:
             devices.v_scale[used],
         ),
         places={name: k for k, name in enumerate(names)},
+        mirror=proposed_mirror(names),
     )
 
 
@@ -102,25 +104,17 @@ def _units(descriptor: Descriptor) -> Ints:
 
     Unknowns belong together if anything but a resistor matrix or a voltage source ties them.
     """
+    from scipy.sparse import coo_array, csgraph
+
     source = np.zeros(descriptor.size, dtype=np.bool_)
     alone = np.bincount(descriptor.local.rows, minlength=descriptor.size) == 1
     source[alone & descriptor.determined] = True
     source[descriptor.devices.output] = False
-    unit = np.arange(descriptor.size)
     pairs = [(t.rows, t.columns) for t in (descriptor.local, descriptor.mass)]
     pairs.append((descriptor.devices.input, descriptor.devices.output))
     rows, columns = (np.concatenate(side) for side in zip(*pairs, strict=True))
     tied = ~source[rows] & ~source[columns]
-    rows, columns = rows[tied], columns[tied]
-    while (
-        True
-    ):  # every unknown takes the least number among its neighbours: few rounds, small units
-        least = unit.copy()
-        np.minimum.at(least, rows, unit[columns])
-        np.minimum.at(least, columns, unit[rows])
-        least = least[least]
-        if np.array_equal(least, unit):
-            break
-        unit = least
-    unit[source] = -1
-    return unit
+    shape = (descriptor.size, descriptor.size)
+    ties = coo_array((np.ones(tied.sum()), (rows[tied], columns[tied])), shape=shape)
+    unit = csgraph.connected_components(ties, directed=False)[1]
+    return np.where(source, -1, unit)

@@ -9,21 +9,26 @@ import numpy as np
 from spice_models.array_types import Floats
 from spice_models.errors import EngineError
 from verification.engines.statespace.equations.descriptor import Descriptor
-from verification.engines.statespace.equations.mirror_symmetry import dense
 from verification.engines.statespace.equations.structured_solve import Structure
 
+Response = tuple[Callable[[Floats], Floats], Floats]
 LOOSE = 1e17  # largest element of an inverse that still means something, rows scaled
 
 
-def dense_response(descriptor: Descriptor) -> tuple[Callable[[Floats], Floats], Floats]:
-    """Solve ``K z = r`` densely: the solver, and the columns for a unit output of each device.
+def dense_response(descriptor: Descriptor) -> Response:
+    """Prepare to solve ``K z = r`` densely.
+
+    Returns
+    -------
+    tuple of callable and ndarray (size, m)
+        ``r -> z``, and z for a unit output of each behavioural amplifier.
 
     Raises
     ------
     EngineError
         K is singular: some node has no DC path, or a loop has no DC answer.
     """
-    board = dense(descriptor)
+    board = descriptor.dense
     K, halves = board.stiffness, board.halves
     inverses = [_inverse(part) for _, part in board.blocks]
     known = [inverse for inverse in inverses if inverse is not None]
@@ -70,9 +75,9 @@ def _undetermined(K: Floats, names: tuple[str, ...]) -> EngineError:
     return EngineError(message)
 
 
-def structured_response(descriptor: Descriptor) -> tuple[Callable[[Floats], Floats], Floats]:
-    """As `dense_response`, through the structure of a large board: one solve a column."""
-    solve_shifted = Structure(descriptor).factor(0.0).solve
+def structured_response(structure: Structure) -> Response:
+    """As `dense_response`, through the structure of a large board: one solve a device."""
+    descriptor, solve_shifted = structure.descriptor, structure.factor(0.0).solve
 
     def solve(r: Floats) -> Floats:
         z = -solve_shifted(r)

@@ -9,12 +9,16 @@ behavioural amplifiers, each in the row of its own output. The resistor matrices
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from spice_models.array_types import Bools, Floats, Ints
 from spice_models.errors import EngineError
+from verification.engines.statespace.equations.mirror_symmetry import Dense, Halves
+
+LARGE = 600  # unknowns above which a board is solved through its structure, not densely
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,7 +73,7 @@ class Devices:
         return len(self.output)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Descriptor:
     """The equations of one board, ``M z' = K z + b + f(z)``.
 
@@ -90,6 +94,10 @@ class Descriptor:
         Rows that state a voltage instead of a current balance.
     devices : Devices
         f.
+    places : dict
+        Where each name stands.
+    mirror : Halves or None
+        The exchange that the names propose; it holds where the matrices commute with it.
     """
 
     names: tuple[str, ...]
@@ -102,18 +110,25 @@ class Descriptor:
     determined: Bools
     devices: Devices
     places: dict[str, int] = field(repr=False)
+    mirror: Halves | None = field(repr=False)
 
     @property
     def size(self) -> int:
         """Number of unknowns."""
         return len(self.names)
 
-    def dense_mass(self) -> Floats:
-        """M as an array, shape (size, size)."""
-        return self.mass.dense(self.size)
+    @property
+    def is_large(self) -> bool:
+        """Whether there are too many unknowns for dense matrices of all of them."""
+        return self.size > LARGE
 
-    def dense_stiffness(self) -> Floats:
-        """K as an array, shape (size, size), without the amplifiers' slopes."""
+    @functools.cached_property
+    def dense(self) -> Dense:
+        """M and K written out, without the amplifiers' slopes; shape (size, size) each."""
+        M, K = self.mass.dense(self.size), self._dense_stiffness()
+        return Dense.of(M, K, self.determined, self.mirror)
+
+    def _dense_stiffness(self) -> Floats:
         flat, values = [self.local.rows * self.size + self.local.columns], [self.local.values]
         for part in self.couplings:
             drivers = part.drivers[part.loaded]

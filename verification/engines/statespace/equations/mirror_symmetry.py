@@ -14,26 +14,30 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spice_models.array_types import Complexes, Floats, Ints
-from verification.engines.statespace.equations.descriptor import Descriptor
+from spice_models.array_types import Bools, Complexes, Floats, Ints
 
-_NUMBERED = re.compile(r"(\D*)(\d+)(.*)")
+_NUMBERED = re.compile(r"^([^\d\n]*)(\d*)(.*)$", re.MULTILINE)
 ROUNDING = 64 * np.finfo(np.float64).eps  # to which Newton's method finds an amplifier's slope
 
 
-@functools.lru_cache(maxsize=1)
 def proposed_image(names: tuple[str, ...]) -> Ints:
     """Place of each unknown's mirror image, by name: that of ``v_1`` may be ``v_7``."""
-    image = np.arange(len(names))
+    image = list(range(len(names)))
     kinds: dict[tuple[str, str], list[tuple[int, int]]] = {}
-    for place, name in enumerate(names):
-        if found := _NUMBERED.fullmatch(name):
-            kind = kinds.setdefault((found[1], found[3]), [])
-            kind.append((int(found[2]), place))
+    for place, (head, number, tail) in enumerate(_NUMBERED.findall("\n".join(names))):
+        if number:
+            kinds.setdefault((head, tail), []).append((int(number), place))
     for kind in kinds.values():
-        places = [place for _, place in sorted(kind)]
-        image[places] = places[::-1]
-    return image
+        kind.sort()
+        for (_, place), (_, other) in zip(kind, reversed(kind), strict=True):
+            image[place] = other
+    return np.array(image, dtype=np.int64)
+
+
+def proposed_mirror(names: tuple[str, ...]) -> Halves | None:
+    """Return the exchange of all unknowns for their images; None if it moves nothing."""
+    image = proposed_image(names)
+    return None if np.array_equal(image, np.arange(len(image))) else Halves.of(image)
 
 
 def image_within(places: Ints, image: Ints) -> Ints | None:
@@ -46,9 +50,9 @@ def image_within(places: Ints, image: Ints) -> Ints | None:
     return inside
 
 
-def evened(values: Floats, places: Ints, image: Ints) -> Floats:
+def evened(values: Floats, places: Ints, mirror: Halves | None) -> Floats:
     """Return the values at `places`, the same for images whose values differ by rounding alone."""
-    inside = image_within(places, image)
+    inside = None if mirror is None else image_within(places, mirror.mirror)
     if inside is None:
         return values
     mean = 0.5 * (values + values[inside])
@@ -171,6 +175,16 @@ class Dense:
     stiffness: Floats
     halves: Halves | None
 
+    @classmethod
+    def of(cls, M: Floats, K: Floats, determined: Bools, mirror: Halves | None) -> Dense:
+        """Make it read-only, and split where everything commutes with the `mirror` proposed."""
+        M.flags.writeable = K.flags.writeable = False
+        if mirror is not None:
+            alike = np.array_equal(determined, determined[mirror.mirror])
+            if not (alike and mirror.commute_with(K) and mirror.commute_with(M)):
+                mirror = None
+        return cls(M, K, mirror)
+
     @functools.cached_property
     def blocks(self) -> tuple[tuple[Floats, Floats], ...]:
         """M and K; or both on even vectors, then both on odd ones."""
@@ -183,22 +197,3 @@ class Dense:
         """Return the same with another K, whole if it spoils the symmetry."""
         halves = self.halves if self.halves is None or self.halves.commute_with(K) else None
         return Dense(self.mass, K, halves)
-
-
-@functools.lru_cache(maxsize=1)
-def dense(descriptor: Descriptor) -> Dense:
-    """Write the matrices of a board out; its equilibrium and its state space both need them."""
-    M, K = descriptor.dense_mass(), descriptor.dense_stiffness()
-    M.flags.writeable = K.flags.writeable = False
-    halves = _proposed_halves(descriptor.names)
-    if halves is not None:
-        alike = np.array_equal(descriptor.determined, descriptor.determined[halves.mirror])
-        if not (alike and halves.commute_with(K) and halves.commute_with(M)):
-            halves = None
-    return Dense(M, K, halves)
-
-
-@functools.lru_cache(maxsize=1)
-def _proposed_halves(names: tuple[str, ...]) -> Halves | None:
-    mirror = image_within(np.arange(len(names)), proposed_image(names))
-    return None if mirror is None else Halves.of(mirror)

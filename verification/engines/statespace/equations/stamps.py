@@ -7,7 +7,6 @@ behind the output resistance. All parts of a kind are stamped at once, as arrays
 
 from __future__ import annotations
 
-import functools
 import operator
 from collections.abc import Iterable
 
@@ -22,6 +21,7 @@ from verification.engines.statespace.equations.descriptor import (
     Devices,
     Triplets,
 )
+from verification.engines.statespace.equations.mirror_symmetry import proposed_mirror
 
 GROUND = -1
 FIGURES = operator.attrgetter(
@@ -196,7 +196,6 @@ def _devices(stamper: _Stamper) -> Devices:
     )
 
 
-@functools.lru_cache(maxsize=1)  # one verification asks several times for the same board
 def stamp(circuit: Circuit) -> Descriptor:
     """Stamp a board.
 
@@ -243,8 +242,9 @@ def _finish(stamper: _Stamper, node_count: int, devices: Devices) -> Descriptor:
         if determined[sinks[live]].any():
             raise EngineError("an ideal source drives a summing node of a resistor matrix")
         couplings.append(Coupling(sinks[live], drivers, G[live], ~determined[drivers]))
+    names = tuple(stamper.places)
     return Descriptor(
-        names=tuple(stamper.places),
+        names=names,
         node_count=node_count,
         mass=stamper.mass.triplets(free),
         local=Triplets(
@@ -258,4 +258,5 @@ def _finish(stamper: _Stamper, node_count: int, devices: Devices) -> Descriptor:
         determined=determined,
         devices=devices,
         places=stamper.places,
+        mirror=proposed_mirror(names),
     )

@@ -9,19 +9,15 @@ network descends an energy), so the solution is unique, and Newton's method damp
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
 
 import numpy as np
 
-from netlist_gen.board.circuit import Circuit
 from spice_models.array_types import Floats
 from spice_models.errors import EngineError
 from verification.engines.statespace.equations.amplifier_gains import Gain, gain_of
-from verification.engines.statespace.equations.dc_solve import dense_response, structured_response
+from verification.engines.statespace.equations.dc_solve import Response
 from verification.engines.statespace.equations.descriptor import Descriptor
-from verification.engines.statespace.equations.mirror_symmetry import dense
-from verification.engines.statespace.equations.stamps import stamp
 from verification.engines.statespace.equations.structured_solve import Structure
 
 MAX_STEPS = 200
@@ -32,8 +28,6 @@ CERTIFICATE = 1e-9  # largest residual accepted, relative to the terms that canc
 # (a channel without strain), a residual of 64 units of rounding of the largest is accepted.
 QUIET = 64 * float(np.finfo(np.float64).eps) / CERTIFICATE
 PROBES, SPREAD = 4, 4.0  # draws of the rounding, and how much more than the largest counts
-
-LARGE = 600  # unknowns above which a board is solved through its structure
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,13 +60,17 @@ class Equilibrium:
         return 0.0 if name == "0" else float(self.values[self.descriptor.place(name)])
 
 
-def equilibrium(circuit: Circuit | Descriptor, *, sources_on: bool = True) -> Equilibrium:
+def solve_equilibrium(
+    descriptor: Descriptor, response: Response, *, sources_on: bool = True
+) -> Equilibrium:
     """Find the DC equilibrium.
 
     Parameters
     ----------
-    circuit : Circuit or Descriptor
+    descriptor : Descriptor
         The board.
+    response : tuple of callable and ndarray
+        As `dc_solve.dense_response` has it.
     sources_on : bool
         Whether the strain currents flow; voltage sources always do.
 
@@ -84,22 +82,14 @@ def equilibrium(circuit: Circuit | Descriptor, *, sources_on: bool = True) -> Eq
     Raises
     ------
     EngineError
-        The DC equations are singular, an amplifier would have to go beyond the range of floats,
-        or the certificate was not reached; never a wrong answer.
+        An amplifier would have to go beyond the range of floats, or the certificate was not
+        reached; never a wrong answer.
 
     Notes
     -----
-    Costs one factorisation of all unknowns, dense or (above `LARGE` unknowns) structured with m
-    solves, and one dense factorisation of size m per Newton step.
+    Costs one dense factorisation of size m per Newton step.
     """
-    return _rest(stamp(circuit) if isinstance(circuit, Circuit) else circuit, sources_on)
-
-
-@functools.lru_cache(maxsize=2)  # one verification asks several times, with the strain or without
-def _rest(descriptor: Descriptor, sources_on: bool) -> Equilibrium:
-    drive = descriptor.drive(sources_on=sources_on)
-    response = structured_response if descriptor.size > LARGE else dense_response
-    solve, columns = response(descriptor)
+    drive, (solve, columns) = descriptor.drive(sources_on=sources_on), response
     z = solve(-drive)
     devices = descriptor.devices
     if not devices.count:
@@ -140,9 +130,9 @@ def _polish(descriptor: Descriptor, z: Floats, drive: Floats) -> Floats:
 
 def _newton_step(descriptor: Descriptor, slopes: Floats, F: Floats, size: Floats) -> Floats:
     """Solve ``(K + slopes) dz = -F``, the unknowns counted in their own `size`."""
-    if descriptor.size > LARGE:
+    if descriptor.is_large:
         return np.asarray(Structure(descriptor, slopes).factor(0.0).solve(F))
-    devices, K = descriptor.devices, dense(descriptor).stiffness.copy()
+    devices, K = descriptor.devices, descriptor.dense.stiffness.copy()
     K[devices.output, devices.input] += slopes
     size = np.maximum(size, 1e-12 * (size.max() or 1.0))
     K *= size
@@ -177,11 +167,11 @@ def _cancelling(descriptor: Descriptor, z: Floats, drive: Floats) -> tuple[Float
         value = gain_of(devices.kind).value(z[devices.input] / devices.v_scale)
         f[devices.output] = -devices.u_scale * value
     least = np.maximum(np.abs(z), QUIET * np.abs(z).max(initial=0.0))
-    if descriptor.size > LARGE:
+    if descriptor.is_large:
         kept = descriptor.stiffness_times(z)
         size = descriptor.stiffness_times(least, magnitudes=True)
     else:
-        K = dense(descriptor).stiffness
+        K = descriptor.dense.stiffness
         kept, size = K @ z, np.abs(K) @ least
     return kept + drive + f, size + np.abs(drive) + np.abs(f)
 

@@ -12,8 +12,6 @@ from spice_models.array_types import Complexes, Floats, Ints
 from verification.engines.statespace.equations.mirror_symmetry import Halves
 from verification.engines.statespace.linearised.real_modes import Block, decompose_block
 
-__all__ = ["Complexes", "Floats", "Modes", "decompose", "eigenvalues"]
-
 
 @dataclass(frozen=True, eq=False)
 class Modes:
@@ -96,11 +94,6 @@ class Modes:
         if self.halves is None:
             return (C,), (x,)
         return self.halves.split_rows(C), self.halves.split_vectors(x)
-
-
-def eigenvalues(blocks: Sequence[Floats]) -> Complexes:
-    """Return the eigenvalues of a matrix, (n,), in no order; `blocks` as `decompose` has it."""
-    return np.concatenate([np.linalg.eigvals(A) for A in blocks]).astype(np.complex128)
 
 
 def decompose(blocks: Sequence[Floats], halves: Halves | None = None) -> Modes:

@@ -1,7 +1,8 @@
 """Rightmost poles of a large board, without factorising all of it at once.
 
 Arnoldi's method on ``(sigma M - K)^-1 M`` finds the poles nearest to a shift; one iteration costs
-one structured solve (see `structure`). A coarse board (see `coarse`) tells where to look.
+one structured solve (see `structured_solve`). A coarse board (see `coarse_board`) tells where to
+look.
 """
 
 from __future__ import annotations
@@ -10,12 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from spice_models.array_types import Complexes, Floats
+from spice_models.array_types import Complexes
 from spice_models.errors import EngineError
-from verification.engines.statespace.equations.coarse_board import coarsen
-from verification.engines.statespace.equations.descriptor import Descriptor
 from verification.engines.statespace.equations.structured_solve import Structure
-from verification.engines.statespace.linearised.state_space import linearise
+from verification.engines.statespace.linearised.board import LinearBoard
 
 NEAREST = 4  # poles wanted at a shift
 ASIDE = 0.01  # how far right of a coarse pole the first shift is, of the pole's magnitude
@@ -27,39 +26,31 @@ ROUGH, FINE = 1e-4, 1e-8  # of the distance to the first and to the following sh
 RESTARTS = 20
 
 
-def rightmost_poles(descriptor: Descriptor, slopes: Floats | None = None) -> Complexes:
+def rightmost_poles(board: LinearBoard) -> Complexes:
     """Find the rightmost poles of a board.
-
-    Parameters
-    ----------
-    descriptor : Descriptor
-        Its equations.
-    slopes : ndarray (m,), optional
-        Of its behavioural amplifiers at the equilibrium.
 
     Returns
     -------
     ndarray (k,)
-        Poles, 1/s, rightmost first; those near the shifts only. `winding.count_right` proves
+        Poles, 1/s, rightmost first; those near the shifts only. `count_right` proves
         that none is missing right of a line.
 
     Raises
     ------
     EngineError
-        The board's summing nodes cannot be cut out.
+        The board's summing nodes cannot be cut out, or it has no equilibrium.
 
     Notes
     -----
     Costs two to four structured factorisations a place, some 30 structured solves each, and one
     dense eigenproblem of the coarse board (some 180 states).
     """
-    structure = Structure(descriptor, slopes)
     found = np.zeros(0, dtype=np.complex128)
-    guide = np.linalg.eigvals(linearise(coarsen(descriptor)).A).astype(np.complex128)
-    for place in _distinct(_merge(np.zeros(0, dtype=np.complex128), guide))[:PLACES]:
+    guide = _merge(found, board.coarse.state_space.modes.poles)
+    for place in _distinct(guide)[:PLACES]:
         if len(found) and place.real < found[0].real - AFAR * abs(found[0].real):
             continue
-        found = _merge(found, _climb(structure, place))
+        found = _merge(found, _climb(board.structure, place))
     return found
 
 

@@ -13,21 +13,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from netlist_gen.board.circuit import Circuit
-from spice_models.array_types import Floats
+from spice_models.array_types import Complexes, Floats
 from spice_models.errors import EngineError
 from verification.engines.statespace.equations.amplifier_gains import gain_of
 from verification.engines.statespace.equations.descriptor import Descriptor
 from verification.engines.statespace.equations.mirror_symmetry import (
     Dense,
     Halves,
-    dense,
     evened,
-    proposed_image,
 )
-from verification.engines.statespace.equations.stamps import stamp
 from verification.engines.statespace.linearised.elimination import Reduced, reduce
-from verification.engines.statespace.linearised.equilibrium import Equilibrium, equilibrium
+from verification.engines.statespace.linearised.equilibrium import Equilibrium
 from verification.engines.statespace.linearised.modes import Modes, decompose
 
 
@@ -71,6 +67,17 @@ class StateSpace:
     def nodes(self) -> tuple[str, ...]:
         """Names of the rows of C."""
         return self.descriptor.names
+
+    @functools.cached_property
+    def eigenvalues(self) -> Complexes:
+        """Of A, 1/s, (n,), in no order; cheaper than `modes`."""
+        found = [np.linalg.eigvals(block.A) for block in self.blocks]
+        return np.concatenate(found).astype(np.complex128)
+
+    @functools.cached_property
+    def modes(self) -> Modes:
+        """Eigenvalues of A with their vectors."""
+        return decompose([block.A for block in self.blocks], self.halves and self.halves[1])
 
     @functools.cached_property
     def A(self) -> Floats:  # noqa: N802 - as every textbook has it
@@ -144,15 +151,15 @@ class StateSpace:
         return states.join_rows(*C), even + odd
 
 
-def linearise(circuit: Circuit | Descriptor, at: Equilibrium | None = None) -> StateSpace:
+def linearise(descriptor: Descriptor, point: Equilibrium | None) -> StateSpace:
     """Linearise a board, for a board without behavioural amplifiers an exact statement.
 
     Parameters
     ----------
-    circuit : Circuit or Descriptor
+    descriptor : Descriptor
         The board.
-    at : Equilibrium, optional
-        Where; by default its equilibrium with the strain applied (not needed if linear).
+    point : Equilibrium or None
+        Where; only a board with behavioural amplifiers needs it.
 
     Returns
     -------
@@ -163,38 +170,22 @@ def linearise(circuit: Circuit | Descriptor, at: Equilibrium | None = None) -> S
     ------
     EngineError
         The equations have no state-space form (a node without any path, or charges that are not
-        free, such as a loop of capacitors and voltage sources), or no equilibrium was found.
+        free, such as a loop of capacitors and voltage sources).
 
     Notes
     -----
     Costs a few dense factorisations of all unknowns.
     """
-    descriptor = stamp(circuit) if isinstance(circuit, Circuit) else circuit
-    if not descriptor.devices.count:
-        return _linear(descriptor)
-    b = np.stack([descriptor.switched, descriptor.constant], axis=1)
-    devices = descriptor.devices
-    point = at or equilibrium(descriptor)
+    b, devices = np.stack([descriptor.switched, descriptor.constant], axis=1), descriptor.devices
+    if point is None:
+        return _state_space(descriptor, descriptor.dense, b)
     v = point.values[devices.input]
-    slopes = evened(point.slopes, devices.output, proposed_image(descriptor.names))
-    K = dense(descriptor).stiffness.copy()
+    slopes = evened(point.slopes, devices.output, descriptor.mirror)
+    K = descriptor.dense.stiffness.copy()
     K[devices.output, devices.input] += slopes
     value = gain_of(devices.kind).value(v / devices.v_scale)
     b[devices.output, 1] += -devices.u_scale * value - slopes * v
-    return _state_space(descriptor, dense(descriptor).with_stiffness(K), b)
-
-
-@functools.lru_cache(maxsize=1)
-def _linear(descriptor: Descriptor) -> StateSpace:
-    """Return the state space of a linear board; its time scales and its transient both need it."""
-    b = np.stack([descriptor.switched, descriptor.constant], axis=1)
-    return _state_space(descriptor, dense(descriptor), b)
-
-
-@functools.lru_cache(maxsize=1)
-def modes_of(space: StateSpace) -> Modes:
-    """Decompose A of a state space, once for those who ask one after the other."""
-    return decompose([block.A for block in space.blocks], space.halves and space.halves[1])
+    return _state_space(descriptor, descriptor.dense.with_stiffness(K), b)
 
 
 def open_loop(descriptor: Descriptor) -> StateSpace:
@@ -212,7 +203,7 @@ def open_loop(descriptor: Descriptor) -> StateSpace:
     b = np.zeros((descriptor.size, 2 + devices.count))
     b[:, 0], b[:, 1] = descriptor.switched, descriptor.constant
     b[devices.output, 2 + np.arange(devices.count)] = 1.0
-    return _state_space(descriptor, dense(descriptor), b)
+    return _state_space(descriptor, descriptor.dense, b)
 
 
 def _state_space(descriptor: Descriptor, board: Dense, b: Floats) -> StateSpace:

@@ -19,15 +19,9 @@ from netlist_gen.board.circuit import Circuit
 from spice_models.array_types import Complexes, Floats
 from spice_models.errors import EngineError
 from verification.engines.statespace.equations.amplifier_gains import gain_of
-from verification.engines.statespace.equations.stamps import stamp
-from verification.engines.statespace.linearised.equilibrium import (
-    LARGE,
-    Equilibrium,
-    equilibrium,
-    solve_loop,
-)
-from verification.engines.statespace.linearised.initial_state import initial_state
-from verification.engines.statespace.linearised.state_space import StateSpace, open_loop
+from verification.engines.statespace.linearised.board import LinearBoard
+from verification.engines.statespace.linearised.equilibrium import Equilibrium, solve_loop
+from verification.engines.statespace.linearised.initial_state import initial_unknowns
 from verification.engines.statespace.transients.amplified_large import Wide
 from verification.engines.statespace.transients.radau import Radau, Solve
 from verification.waveforms import Cost, Waveforms
@@ -46,14 +40,15 @@ class Amplified:
 
     Parameters
     ----------
-    space : StateSpace
-        From `descriptor.open_loop`.
+    board : LinearBoard
+        It.
     nodes : tuple of str
         What to report.
     """
 
-    def __init__(self, space: StateSpace, nodes: tuple[str, ...]) -> None:
-        self.space, self.nodes = space, nodes
+    def __init__(self, board: LinearBoard, nodes: tuple[str, ...]) -> None:
+        self.board, self.nodes = board, nodes
+        self.space = space = board.open_loop
         self.size = space.n
         self.devices = space.descriptor.devices
         # a linear board has no amplifiers, so it does not matter which kind they are not
@@ -131,7 +126,8 @@ class Amplified:
 
     def start(self, analysis: Transient) -> Floats:
         """States just after the strain steps on, shape (n,)."""
-        return initial_state(self.space, analysis.initial, analysis.voltages)
+        z = initial_unknowns(self.board, analysis.initial, analysis.voltages)
+        return self.space.state_of(z)
 
     def magnitudes(self, rest: Equilibrium) -> Floats:
         """Magnitudes of the states at an equilibrium, shape (n,)."""
@@ -143,7 +139,7 @@ class Amplified:
 
 
 def simulate(
-    circuit: Circuit,
+    circuit: Circuit | LinearBoard,
     analysis: Transient,
     *,
     nodes: Iterable[str] | None = None,
@@ -155,7 +151,7 @@ def simulate(
     Parameters
     ----------
     circuit, analysis, nodes, times
-        As `statespace.simulate`; `max_step` is the spacing of the points, the step is chosen by
+        As `exact.simulate` has them; `max_step` is the spacing of the points, the step is chosen by
         the error estimate.
     tolerance : float
         Of one step, relative.
@@ -175,15 +171,14 @@ def simulate(
     -----
     A step costs about four Newton iterations of six products with A; a change of step or of the
     operating point costs one real and two complex inverses of size n (n = 91: 4 ms). Above
-    `LARGE` unknowns both go through the board's structure (see `wide`).
+    `LARGE` unknowns both go through the board's structure (see `amplified_large`).
     """
     began = clock.perf_counter()
-    descriptor = stamp(circuit)
-    wanted = tuple(nodes) if nodes is not None else tuple(o.node for o in circuit.outputs)
-    large = descriptor.size > LARGE
-    system = Wide(descriptor, wanted) if large else Amplified(open_loop(descriptor), wanted)
+    board = LinearBoard.of(circuit)
+    wanted = board.reported(nodes)
+    system = (Wide if board.descriptor.is_large else Amplified)(board, wanted)
     z = system.start(analysis)
-    floor = voltage_floor(system.magnitudes(equilibrium(descriptor)), z)
+    floor = voltage_floor(system.magnitudes(board.equilibrium), z)
     largest = max(floor.max(initial=0.0), system.devices.u_scale.max(initial=0.0))
     limit = ESCAPED * float(largest)
     stop = analysis.stop if times is None else float(times[-1])

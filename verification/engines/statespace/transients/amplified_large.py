@@ -16,9 +16,10 @@ from netlist_gen.analysis import Transient
 from spice_models.array_types import Complexes, Floats
 from spice_models.errors import EngineError
 from verification.engines.statespace.equations.amplifier_gains import gain_of
-from verification.engines.statespace.equations.descriptor import Descriptor
 from verification.engines.statespace.equations.structured_solve import Structure
-from verification.engines.statespace.linearised.equilibrium import Equilibrium, equilibrium
+from verification.engines.statespace.linearised.board import LinearBoard
+from verification.engines.statespace.linearised.equilibrium import Equilibrium
+from verification.engines.statespace.linearised.initial_state import initial_unknowns
 from verification.engines.statespace.transients.radau import Solve
 
 INSTANT = 1e-9  # of the fastest time constant: the time that algebraic unknowns get to settle
@@ -31,14 +32,15 @@ class Wide:
 
     Parameters
     ----------
-    descriptor : Descriptor
-        Its equations.
+    board : LinearBoard
+        It.
     nodes : tuple of str
         What to report.
     """
 
-    def __init__(self, descriptor: Descriptor, nodes: tuple[str, ...]) -> None:
-        self.descriptor, self.devices = descriptor, descriptor.devices
+    def __init__(self, board: LinearBoard, nodes: tuple[str, ...]) -> None:
+        self.board, self.descriptor = board, board.descriptor
+        descriptor, self.devices = self.descriptor, self.descriptor.devices
         self.size = descriptor.size
         # a linear board has no amplifiers, so it does not matter which kind they are not
         self.gain = gain_of(self.devices.kind or "exponential")
@@ -112,11 +114,7 @@ class Wide:
         EngineError
             No equilibrium to start from, or the amplifiers do not find their place.
         """
-        z = np.zeros(self.size)
-        if analysis.initial == "rest":
-            z = equilibrium(self.descriptor, sources_on=False).values
-        for name, volts in analysis.voltages.items():
-            z[self.descriptor.place(name)] = volts
+        z = initial_unknowns(self.board, analysis.initial, analysis.voltages)
         charge = self.mass(z).astype(np.float64)
         shift = float(self.rates().max(initial=1.0)) / INSTANT
         before = math.inf

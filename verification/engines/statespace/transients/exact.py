@@ -14,9 +14,9 @@ from netlist_gen.analysis import Transient
 from netlist_gen.board.circuit import Circuit
 from spice_models.array_types import Complexes, Floats
 from spice_models.errors import EngineError
-from verification.engines.statespace.linearised.equilibrium import LARGE, equilibrium
-from verification.engines.statespace.linearised.initial_state import Initial, initial_state
-from verification.engines.statespace.linearised.state_space import StateSpace, linearise, modes_of
+from verification.engines.statespace.linearised.board import LinearBoard
+from verification.engines.statespace.linearised.initial_state import Initial, initial_unknowns
+from verification.engines.statespace.linearised.state_space import StateSpace
 from verification.engines.statespace.transients import amplified
 from verification.engines.statespace.transients.matrix_exponential import (
     Flow,
@@ -26,7 +26,6 @@ from verification.engines.statespace.transients.matrix_exponential import (
 from verification.waveforms import Cost, Waveforms
 
 ENGINE = "statespace"
-CELL = 4  # unknowns that an op-amp brings, its inverting input and output among them
 TRUSTED = 1e-9  # modal error, in step amplitudes, below which no second way is tried
 
 
@@ -74,8 +73,8 @@ class Exact:
         return self.at(np.arange(count) * np.float64(step))
 
 
-def exact(
-    circuit: Circuit,
+def exact_solution(
+    circuit: Circuit | LinearBoard,
     *,
     initial: Initial = "zero",
     voltages: Mapping[str, float] | None = None,
@@ -86,7 +85,7 @@ def exact(
 
     Parameters
     ----------
-    circuit : Circuit
+    circuit : Circuit or LinearBoard
         Without behavioural amplifiers.
     initial, voltages
         As `netlist_gen.analysis.Transient` has them.
@@ -105,34 +104,33 @@ def exact(
     -----
     Costs one dense eigenproblem (25 n³ flops); an instant then costs n multiplications a node.
     """
-    if circuit.amplifiers:
-        message = f"board {circuit.name!r} has {circuit.amplifier} amplifiers: it is not linear"
+    board = LinearBoard.of(circuit)
+    if board.circuit.amplifiers:
+        message = f"board {board.circuit.name!r} has {board.circuit.amplifier} amplifiers: it is \
+not linear"
         raise EngineError(message)
-    space = linearise(circuit)
-    wanted = tuple(nodes) if nodes is not None else tuple(o.node for o in circuit.outputs)
+    space, wanted = board.state_space, board.reported(nodes)
     C, D = space.rows(wanted)
-    rest = equilibrium(space.descriptor).values
-    target = space.state_of(rest)
-    x0 = initial_state(space, initial, voltages)
-    final = np.array([0.0 if w == "0" else rest[space.descriptor.place(w)] for w in wanted])
-    modes = modes_of(space)
-    flow, form = choose_flow(ModalFlow(modes, C, x0 - target), space, C, x0 - target, stop)
+    x0 = space.state_of(initial_unknowns(board, initial, voltages))
+    deviation = x0 - space.state_of(board.equilibrium.values)
+    flow, form = _choose_flow(space, C, deviation, stop)
     share = np.zeros((space.n, len(C)), dtype=np.complex128)
     if form == "modes":
-        share += modes.amplitudes(C, x0 - target).T
-    start = C @ x0 + D.sum(axis=1)
-    return Exact(wanted, start, final, modes.poles, share, flow.error, form, flow)
+        share += space.modes.amplitudes(C, deviation).T
+    start, final = C @ x0 + D.sum(axis=1), np.array([board.equilibrium[node] for node in wanted])
+    return Exact(wanted, start, final, space.modes.poles, share, flow.error, form, flow)
 
 
-def choose_flow(
-    modal: ModalFlow, space: StateSpace, C: Floats, deviation: Floats, stop: float | None
+def _choose_flow(
+    space: StateSpace, C: Floats, deviation: Floats, stop: float | None
 ) -> tuple[Flow, Literal["modes", "exponential"]]:
     """Take the modes where their error estimate is small, else whichever estimate is smaller."""
+    modal = ModalFlow(space.modes, C, deviation)
     amplitude = float(np.abs(C @ deviation).max(initial=0.0))
     if modal.error <= TRUSTED * amplitude or not space.n:
         return modal, "modes"
     if stop is None:
-        poles = np.linalg.eigvals(space.A)
+        poles = space.modes.poles
         slowest = float(np.abs(poles.real).min())
         stop = 10.0 / slowest if slowest > 0.0 else 1e3 / float(np.abs(poles).max())
     ladder = LadderFlow(space.A, C, deviation, stop)
@@ -141,26 +139,21 @@ def choose_flow(
     return modal, "modes"
 
 
-def is_large(circuit: Circuit) -> bool:
-    """Whether a board has about too many unknowns for dense matrices of all of them."""
-    return CELL * len(circuit.opamps) > LARGE
-
-
 def simulate(
-    circuit: Circuit,
+    circuit: Circuit | LinearBoard,
     analysis: Transient,
     *,
     nodes: Iterable[str] | None = None,
     times: Floats | None = None,
     tolerance: float | None = None,
 ) -> Waveforms:
-    """Simulate a transient: exactly if the board is linear, else by `implicit.simulate`.
+    """Simulate a transient: exactly if the board is linear, else by `amplified.simulate`.
 
-    A linear board of more than about `LARGE` unknowns goes through `krylov.simulate`.
+    A large linear board goes through `reduced_order.simulate`.
 
     Parameters
     ----------
-    circuit : Circuit
+    circuit : Circuit or LinearBoard
         The board.
     analysis : Transient
         `max_step` is the spacing of the points, not of steps; `method` plays no part.
@@ -170,7 +163,7 @@ def simulate(
         Instants wanted, strictly increasing, s; by default uniform from 0 to `stop`.
     tolerance : float, optional
         Of one step, where there are steps, of the outputs where there is a Krylov space; by
-        default as `implicit` and `krylov` have it.
+        default as `amplified` and `reduced_order` have it.
 
     Returns
     -------
@@ -181,21 +174,17 @@ def simulate(
     Raises
     ------
     EngineError
-        As `exact` and `implicit.simulate`.
+        As `exact_solution` and `amplified.simulate`.
     """
-    if circuit.amplifiers:
-        allowed = amplified.TOLERANCE if tolerance is None else tolerance
-        return amplified.simulate(circuit, analysis, nodes=nodes, times=times, tolerance=allowed)
-    if is_large(circuit):
+    began, board = clock.perf_counter(), LinearBoard.of(circuit)
+    if board.circuit.amplifiers or board.descriptor.is_large:
         from verification.engines.statespace.transients import reduced_order
 
-        allowed = reduced_order.TOLERANCE if tolerance is None else tolerance
-        return reduced_order.simulate(
-            circuit, analysis, nodes=nodes, times=times, tolerance=allowed
-        )
-    began = clock.perf_counter()
-    solution = exact(
-        circuit,
+        run = amplified.simulate if board.circuit.amplifiers else reduced_order.simulate
+        allowed = {} if tolerance is None else {"tolerance": tolerance}
+        return run(board, analysis, nodes=nodes, times=times, **allowed)
+    solution = exact_solution(
+        board,
         initial=analysis.initial,
         voltages=analysis.voltages,
         nodes=nodes,

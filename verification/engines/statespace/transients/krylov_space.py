@@ -14,13 +14,11 @@ and ``q = Q y`` with ``y' = (g - H^-1) y``, ``e = X H^-1 y`` misses the equation
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-
 import numpy as np
 
-from spice_models.array_types import Complexes, Floats, Ints
+from spice_models.array_types import Floats, Ints
 from verification.engines.statespace.equations.structured_solve import Structure
+from verification.engines.statespace.transients.matrix_exponential import Exponentials
 
 EXHAUSTED = 1e-13  # of a vector, left after orthogonalisation: the space is all there is
 UNSTABLE = 1e-6  # growth over a whole record that is but rounding of a pole on the axis
@@ -100,51 +98,17 @@ class Space:
         with np.errstate(divide="ignore", invalid="ignore"):
             share = ((rows @ V) / theta * np.linalg.solve(V, start)).T
             poles = self.shift - 1.0 / theta.astype(np.complex128)
-        kept = theta.imag >= 0.0  # of a conjugate pair one suffices
+        # rightmost first; of a conjugate pair one suffices
+        kept = [k for k in np.argsort(-poles.real) if theta[k].imag >= 0.0]
         pair = np.where(theta.imag[kept] > 0.0, 2.0, 1.0)
         return Ritz(poles[kept], share[kept] * pair[:, None])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Ritz:
-    """``Re sum_i share_i exp(pole_i t)``.
-
-    Attributes
-    ----------
-    poles : ndarray (k,)
-        1/s; of conjugate pairs one.
-    share : ndarray (k, columns)
-        V.
-    """
-
-    poles: Complexes
-    share: Complexes
+class Ritz(Exponentials):
+    """The transient as a Krylov space has it, V."""
 
     def stable(self, stop: float) -> bool:
         """Whether all of it is finite and no pole right of the axis, but by rounding."""
         if not (np.all(np.isfinite(self.poles)) and np.all(np.isfinite(self.share))):
             return False
         return bool(np.all(self.poles.real * stop <= UNSTABLE))
-
-    def at(self, times: Floats) -> Floats:
-        """Values at `times` (P,), s; shape (P, columns)."""
-        return _real_rows(np.exp(np.outer(times, self.poles))) @ _real_columns(self.share)
-
-    def uniform(self, step: float, count: int) -> Floats:
-        """Values at ``step * (0 .. count - 1)``, shape (count, columns): 2 √count exponentials."""
-        inner = math.isqrt(count) + 1
-        outer = -(-count // inner)
-        fine = np.exp(np.outer(step * np.arange(inner), self.poles))
-        starts = np.exp(np.outer(step * inner * np.arange(outer), self.poles))
-        found = _real_rows(fine) @ _real_columns(starts[:, :, None] * self.share)
-        return found.reshape(outer * inner, -1)[:count]
-
-
-def _real_rows(a: Complexes) -> Floats:
-    """Write the left side of a product of which only the real part is wanted in real numbers."""
-    return np.concatenate([a.real, -a.imag], axis=1)
-
-
-def _real_columns(b: Complexes) -> Floats:
-    """Write the right side so; shape (..., 2 k, columns)."""
-    return np.concatenate([b.real, b.imag], axis=-2)

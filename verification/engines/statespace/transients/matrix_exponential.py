@@ -33,8 +33,54 @@ class Flow(Protocol):
         ...
 
 
-class ModalFlow:
-    """``sum_i share_i exp(p_i t)``: P m K multiplications for P instants and m modes.
+class Exponentials:
+    """``Re sum_i share_i exp(p_i t)``: P m K multiplications for P instants and m poles.
+
+    Parameters
+    ----------
+    poles : ndarray (m,)
+        1/s, rightmost first; of conjugate pairs one.
+    share : ndarray (m, K)
+        Of each pole in each output; of pairs twice that.
+    """
+
+    def __init__(self, poles: Complexes, share: Complexes) -> None:
+        self.poles, self.share = poles, share
+
+    def at(self, times: Floats, order: int = 0) -> Floats:
+        """Values, or their time derivatives, at `times` (P,), s; shape (P, K)."""
+        weight = self.share * self.poles[:, None] ** order
+        found = np.empty((len(times), weight.shape[1]))
+        for first in range(0, len(times), BLOCK):
+            part = slice(first, first + BLOCK)
+            live = self._live(float(times[part].min()))
+            shape = _exponentials(times[part], self.poles[:live])
+            found[part] = _real_product(shape, weight[:live])
+        return found
+
+    def uniform(self, step: float, count: int) -> Floats:
+        """Values at ``step * (0 .. count - 1)``, shape (count, K): 2 √count exponentials."""
+        inner = math.isqrt(count) + 1
+        outer, columns = -(-count // inner), self.share.shape[1]
+        fine = _exponentials(step * np.arange(inner, dtype=np.float64), self.poles)
+        starts = step * inner * np.arange(1, outer, dtype=np.float64)
+        found = np.empty((outer, inner, columns))
+        found[0] = _real_product(fine, self.share)
+        live = self._live(step * inner)
+        with np.errstate(over="ignore", invalid="ignore"):
+            later = _exponentials(starts, self.poles[:live]).T[:, :, None]
+            weight = (later * self.share[:live, None, :]).reshape(live, (outer - 1) * columns)
+        rest = _real_product(fine[:, :live], weight).reshape(inner, outer - 1, columns)
+        found[1:] = rest.transpose(1, 0, 2)
+        return found.reshape(outer * inner, columns)[:count]
+
+    def _live(self, time: float) -> int:
+        """How many modes, the rightmost first, have not faded away at an instant, s."""
+        return int(np.count_nonzero(self.poles.real * time > FADED))
+
+
+class ModalFlow(Exponentials):
+    """The modes of a board.
 
     Left out are modes that do not show, or by no more than the rounding of their shares; and of
     those left, at each instant, those that have faded away.
@@ -65,40 +111,8 @@ class ModalFlow:
         noise = (modes.poles.real < 0.0) & np.all(size <= NOISE * terms, axis=0)
         self.error += float(size[:, noise].sum(axis=1).max(initial=0.0))
         kept &= ~noise
-        self.poles = modes.poles[kept]
-        pair = np.where(self.poles.imag > 0.0, 2.0, 1.0)
-        self.share: Complexes = (share[:, kept] * pair).T
-
-    def at(self, times: Floats, order: int = 0) -> Floats:
-        """Deviation or its derivative at `times`, shape (P, K)."""
-        weight = self.share * self.poles[:, None] ** order
-        found = np.empty((len(times), weight.shape[1]))
-        for first in range(0, len(times), BLOCK):
-            part = slice(first, first + BLOCK)
-            live = self._live(float(times[part].min()))
-            shape = _exponentials(times[part], self.poles[:live])
-            found[part] = _real_product(shape, weight[:live])
-        return found
-
-    def uniform(self, step: float, count: int) -> Floats:
-        """Deviation at ``step * (0 .. count - 1)``, shape (count, K): 2 √count exponentials."""
-        inner = math.isqrt(count) + 1
-        outer, columns = -(-count // inner), self.share.shape[1]
-        fine = _exponentials(step * np.arange(inner, dtype=np.float64), self.poles)
-        starts = step * inner * np.arange(1, outer, dtype=np.float64)
-        found = np.empty((outer, inner, columns))
-        found[0] = _real_product(fine, self.share)
-        live = self._live(step * inner)
-        with np.errstate(over="ignore", invalid="ignore"):
-            later = _exponentials(starts, self.poles[:live]).T[:, :, None]
-            weight = (later * self.share[:live, None, :]).reshape(live, (outer - 1) * columns)
-        rest = _real_product(fine[:, :live], weight).reshape(inner, outer - 1, columns)
-        found[1:] = rest.transpose(1, 0, 2)
-        return found.reshape(outer * inner, columns)[:count]
-
-    def _live(self, time: float) -> int:
-        """How many modes, the rightmost first, have not faded away at an instant, s."""
-        return int(np.count_nonzero(self.poles.real * time > FADED))
+        pair = np.where(modes.poles[kept].imag > 0.0, 2.0, 1.0)
+        super().__init__(modes.poles[kept], (share[:, kept] * pair).T)
 
 
 def _exponentials(times: Floats, poles: Complexes) -> Complexes:
@@ -150,8 +164,10 @@ class LadderFlow:
     """
 
     def __init__(self, A: Floats, C: Floats, deviation: Floats, stop: float) -> None:
-        scale = _balance(A)
-        self.A = A * scale[None, :] / scale[:, None]
+        from scipy.linalg import matrix_balance
+
+        balanced, (scale, _) = matrix_balance(A, permute=False, separate=True)
+        self.A: Floats = np.asarray(balanced, dtype=np.float64)
         self.C = C * scale[None, :]
         self.deviation = deviation / scale
         norm = float(np.abs(self.A).sum(axis=1).max(initial=0.0))
@@ -197,19 +213,3 @@ def _taylor(small: Floats, X: Floats, fractions: Floats | float = 1.0) -> Floats
         term = (small @ term) * (fractions / k)
         total += term
     return total
-
-
-def _balance(A: Floats) -> Floats:
-    """Scale states by powers of two until rows and columns weigh the same (Osborne), shape (n,)."""
-    size = np.abs(A - np.diag(np.diag(A)))
-    scale = np.ones(len(A))
-    for _ in range(20):
-        rows = (size * scale[None, :]).sum(axis=1) / scale
-        columns = (size / scale[:, None]).sum(axis=0) * scale
-        usable = (rows > 0.0) & (columns > 0.0)
-        ratio = np.where(usable, rows, 1.0) / np.where(usable, columns, 1.0)
-        change = 2.0 ** np.round(0.25 * np.log2(ratio))
-        if np.all(change == 1.0):
-            break
-        scale = scale * change
-    return scale

@@ -1,8 +1,8 @@
-"""Transients of large linear boards from one Krylov space (see `ritz`), where it can be trusted.
+"""Transients of large linear boards from one Krylov space, where it can be trusted.
 
-The space grows until three of its sizes, one in the other, say that the outputs have converged
-over the whole record, and the residual agrees. Whatever does not come that far is refused, and
-`simulate` takes implicit steps in its place (see `stepping`).
+The space (see `krylov_space`) grows until three of its sizes, one in the other, say that the
+outputs have converged over the whole record, and the residual agrees. Whatever does not come that
+far is refused, and `simulate` takes implicit steps in its place (see `structured_radau`).
 """
 
 from __future__ import annotations
@@ -18,13 +18,8 @@ from netlist_gen.analysis import Transient
 from netlist_gen.board.circuit import Circuit
 from spice_models.array_types import Floats
 from spice_models.errors import EngineError
-from verification.engines.statespace.equations.coarse_board import coarsen
-from verification.engines.statespace.equations.descriptor import Descriptor
-from verification.engines.statespace.equations.stamps import stamp
-from verification.engines.statespace.equations.structured_solve import Structure
-from verification.engines.statespace.linearised.equilibrium import equilibrium
-from verification.engines.statespace.linearised.initial_state import initial_state
-from verification.engines.statespace.linearised.state_space import linearise
+from verification.engines.statespace.linearised.board import LinearBoard
+from verification.engines.statespace.linearised.initial_state import initial_unknowns
 from verification.engines.statespace.transients import structured_radau
 from verification.engines.statespace.transients.amplified import record_times
 from verification.engines.statespace.transients.krylov_space import Ritz, Space
@@ -36,7 +31,6 @@ FIRST, BLOCK, LARGEST = 16, 8, 128  # dimensions at the first look, between look
 MARGIN = 0.1  # of the tolerance: what the estimate must stay below
 SLOWEST = 0.9  # of the last change: how slow a convergence is extrapolated, at most
 ROUNDING = 1e-8  # of the step amplitude, in structured solves: no error is claimed to be less
-PILOT = 10  # channels of the coarse board that tells the shift
 MATTERS = 1e-2  # share of a pole in any output, in step amplitudes, for the shift to heed it
 HUGE = 1e9  # times the fastest pole: a shift at which only charges are left
 INVISIBLE = 1e-12  # share, in step amplitudes, that an unstable mode has at least
@@ -80,7 +74,7 @@ class Reduced:
 
 
 def reduced(
-    circuit: Circuit,
+    circuit: Circuit | LinearBoard,
     analysis: Transient,
     *,
     nodes: Iterable[str] | None = None,
@@ -91,7 +85,7 @@ def reduced(
     Parameters
     ----------
     circuit, analysis, nodes
-        As `statespace.simulate`; nothing is said of instants after `analysis.stop`.
+        As `exact.simulate` has them; nothing is said of instants after `analysis.stop`.
     tolerance : float
         Of the outputs over the whole record, in step amplitudes.
 
@@ -106,23 +100,16 @@ def reduced(
     Costs three structured factorisations, m solves, and 4 m² products of a number with a vector of
     all unknowns; m is 30 to 60 as a rule.
     """
-    if circuit.amplifiers:
+    board = LinearBoard.of(circuit)
+    if board.circuit.amplifiers:
         raise EngineError("Krylov spaces are for linear boards")
     if MARGIN * tolerance < ROUNDING:
         message = f"a tolerance of {tolerance!r} is too close to rounding for a Krylov space"
         raise EngineError(message)
-    descriptor = stamp(circuit)
-    shift, fastest = _shift(circuit, descriptor, analysis, tolerance)
-    structure = Structure(descriptor)
-    wanted = tuple(nodes) if nodes is not None else tuple(o.node for o in circuit.outputs)
-    watch = np.array([descriptor.place(name) for name in wanted], dtype=np.int64)
-    solve = structure.factor(0.0).solve
-    rest, z0 = solve(descriptor.drive(sources_on=True)), np.zeros(descriptor.size)
-    if analysis.initial == "rest":
-        z0 = solve(descriptor.drive(sources_on=False))
-    for name, volts in analysis.voltages.items():
-        z0[descriptor.place(name)] = volts
-    charge = structure.mass @ (z0 - rest)
+    shift, fastest = _shift(board, analysis, tolerance)
+    structure, wanted, rest = board.structure, board.reported(nodes), board.equilibrium.values
+    watch = np.array([board.descriptor.place(name) for name in wanted], dtype=np.int64)
+    charge = structure.mass @ (initial_unknowns(board, analysis.initial, analysis.voltages) - rest)
     if not charge.any():
         raise EngineError("nothing moves")
     # Just after the step the charges are still there: c (c M - K)^-1 q for a huge c.
@@ -134,9 +121,7 @@ def reduced(
     return Reduced(wanted, rest[watch], ritz, error, amplitude, space.m)
 
 
-def _shift(
-    circuit: Circuit, descriptor: Descriptor, analysis: Transient, tolerance: float
-) -> tuple[float, float]:
+def _shift(board: LinearBoard, analysis: Transient, tolerance: float) -> tuple[float, float]:
     """Magnitudes of the fastest pole that the outputs of a coarse image show, and of all, 1/s.
 
     Raises
@@ -145,21 +130,20 @@ def _shift(
         The image shows nothing; or an instability that grows out of rounding, which a space that
         the strain spans would not contain.
     """
-    coarse = coarsen(descriptor, PILOT)
-    space = linearise(coarse)
-    target = space.charge @ equilibrium(coarse).values + space.charge_offset
-    deviation = initial_state(space, analysis.initial) - target
-    C, _ = space.rows(tuple(o.node for o in circuit.outputs if o.node in coarse.places))
-    poles, V = np.linalg.eig(space.A)
-    lead = float(poles.real.max(initial=-math.inf))
+    coarse = board.coarse
+    space, modes = coarse.state_space, coarse.state_space.modes
+    target = space.state_of(coarse.equilibrium.values)
+    deviation = space.state_of(initial_unknowns(coarse, analysis.initial)) - target
+    C, _ = space.rows([node for node in coarse.reported(None) if node in space.nodes])
+    lead, sizes = float(modes.poles.real.max(initial=-math.inf)), np.abs(modes.poles)
     if lead * analysis.stop > math.log(MARGIN * tolerance / INVISIBLE):
         raise EngineError("the board's coarse image is unstable")
-    share = np.abs((C @ V) * np.linalg.solve(V, deviation.astype(np.complex128)))
+    share = np.abs(modes.amplitudes(C, deviation))
     amplitude = float(np.abs(C @ deviation).max(initial=0.0))
     shown = share.max(axis=0, initial=0.0) > MATTERS * amplitude
     if not (amplitude > 0.0 and shown.any()):
         raise EngineError("the outputs of the board's coarse image do not move")
-    return float(np.abs(poles[shown]).max()), float(np.abs(poles).max())
+    return float(sizes[shown].max()), float(sizes.max())
 
 
 def _converged(space: Space, start: Floats, stop: float, tolerance: float) -> tuple[Ritz, float]:
@@ -184,7 +168,7 @@ def _converged(space: Space, start: Floats, stop: float, tolerance: float) -> tu
                 missed = np.abs(seen[0, :-1] - start).max(initial=0.0)
                 error = max(change / tail, float(missed), float(np.abs(seen[:, -1]).max()))
                 if error <= MARGIN * tolerance * amplitude:
-                    ritz = replace(found, share=found.share[:, :-1])
+                    ritz = Ritz(found.poles, found.share[:, :-1])
                     return ritz, error + ROUNDING * amplitude
             last = seen
         else:  # the board's own pole, or one of the projection alone: the next look may tell
@@ -203,7 +187,7 @@ def _instants(stop: float) -> Floats:
 
 
 def simulate(
-    circuit: Circuit,
+    circuit: Circuit | LinearBoard,
     analysis: Transient,
     *,
     nodes: Iterable[str] | None = None,
@@ -215,20 +199,20 @@ def simulate(
     Parameters
     ----------
     circuit, analysis, nodes, times, tolerance
-        As `stepping.simulate`.
+        As `structured_radau.simulate` has them.
 
     Raises
     ------
     EngineError
-        As `stepping.simulate`.
+        As `structured_radau.simulate`.
     """
-    began = clock.perf_counter()
+    began, board = clock.perf_counter(), LinearBoard.of(circuit)
     stop = analysis.stop if times is None else float(times[-1])
     try:
-        found = reduced(circuit, replace(analysis, stop=stop), nodes=nodes, tolerance=tolerance)
+        found = reduced(board, replace(analysis, stop=stop), nodes=nodes, tolerance=tolerance)
     except (EngineError, np.linalg.LinAlgError) as refusal:
         stepped = structured_radau.simulate(
-            circuit, analysis, nodes=nodes, times=times, tolerance=tolerance
+            board, analysis, nodes=nodes, times=times, tolerance=tolerance
         )
         return replace(stepped, flags=(*stepped.flags, f"{STEPPED}: {refusal}"))
     if times is None:

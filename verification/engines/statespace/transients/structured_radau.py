@@ -4,7 +4,7 @@ For ``M e' = K e`` (e is the deviation from the equilibrium) a Radau IIA step of
 of s independent solves with ``theta_j M / h - K``, half of them by symmetry, whatever the order:
 no stage equations are left to iterate on. The step is chosen from a ladder of powers of two by
 comparing one step with two of half its size, dense output included; factorisations are kept, so a
-step costs (s + 1)/2 structured solves (see `structure`) and nothing else.
+step costs (s + 1)/2 structured solves (see `structured_solve`) and nothing else.
 """
 
 from __future__ import annotations
@@ -18,8 +18,9 @@ from netlist_gen.analysis import Transient
 from netlist_gen.board.circuit import Circuit
 from spice_models.array_types import Floats, Ints
 from spice_models.errors import EngineError
-from verification.engines.statespace.equations.stamps import stamp
 from verification.engines.statespace.equations.structured_solve import Structure
+from verification.engines.statespace.linearised.board import LinearBoard
+from verification.engines.statespace.linearised.initial_state import initial_unknowns
 from verification.engines.statespace.transients.amplified import record_times
 from verification.engines.statespace.transients.radau_tableau import tableau
 from verification.waveforms import Cost, Waveforms
@@ -176,7 +177,7 @@ class _Run:
 
 
 def simulate(
-    circuit: Circuit,
+    circuit: Circuit | LinearBoard,
     analysis: Transient,
     *,
     nodes: Iterable[str] | None = None,
@@ -188,7 +189,7 @@ def simulate(
     Parameters
     ----------
     circuit, analysis, nodes, times
-        As `statespace.simulate`; `max_step` is the spacing of the points, and the first step
+        As `exact.simulate` has them; `max_step` is the spacing of the points, and the first step
         tried is `POINTS` of them.
     tolerance : float
         Of one step, in step amplitudes. Errors of steps in a ringing add up over its decay.
@@ -200,24 +201,16 @@ def simulate(
 
     Notes
     -----
-    A step costs four structured solves (see `structure`): 14 products of T with a vector and four
-    products with inverses of size N + M.
+    A step costs four structured solves (see `structured_solve`): 14 products of T with a vector
+    and four products with inverses of size N + M.
     """
     began = clock.perf_counter()
-    if circuit.amplifiers:
+    board = LinearBoard.of(circuit)
+    if board.circuit.amplifiers:
         raise EngineError("the structured stepper is for linear boards")
-    descriptor = stamp(circuit)
-    structure = Structure(descriptor)
-    wanted = tuple(nodes) if nodes is not None else tuple(o.node for o in circuit.outputs)
-    watch = np.array([descriptor.place(name) for name in wanted], dtype=np.int64)
-    solve = structure.factor(0.0).solve
-    rest = solve(descriptor.drive(sources_on=True))
-    z0 = np.zeros(descriptor.size)
-    if analysis.initial == "rest":
-        z0 = solve(descriptor.drive(sources_on=False))
-    for name, volts in analysis.voltages.items():
-        z0[descriptor.place(name)] = volts
-    charge = structure.mass @ (z0 - rest)
+    structure, wanted, rest = board.structure, board.reported(nodes), board.equilibrium.values
+    watch = np.array([board.descriptor.place(name) for name in wanted], dtype=np.int64)
+    charge = structure.mass @ (initial_unknowns(board, analysis.initial, analysis.voltages) - rest)
     stop = analysis.stop if times is None else float(times[-1])
     instants = record_times(analysis, stop) if times is None else times
     run = _run(structure, watch, charge, min(POINTS * analysis.max_step, stop), stop, tolerance)

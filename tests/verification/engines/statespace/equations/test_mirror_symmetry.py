@@ -15,15 +15,14 @@ from verification.engines.statespace.equations.mirror_symmetry import (
     evened,
     image_within,
     proposed_image,
+    proposed_mirror,
 )
-from verification.engines.statespace.linearised.equilibrium import equilibrium
-from verification.engines.statespace.linearised.modes import decompose, eigenvalues
-from verification.engines.statespace.linearised.state_space import linearise
-from verification.engines.statespace.transients.exact import exact
+from verification.engines.statespace.linearised.board import LinearBoard
+from verification.engines.statespace.linearised.modes import decompose
+from verification.engines.statespace.transients.exact import exact_solution
 from verification.engines.statespace.transients.matrix_exponential import ModalFlow
 from verification.small_signal.poles import poles
 
-LETTERS = str.maketrans("0123456789", "ABCDEFGHIJ")
 ODD, EVEN = np.array([4, 3, 2, 1, 0]), np.array([5, 4, 3, 2, 1, 0])
 
 
@@ -54,6 +53,7 @@ def test_names_propose_the_image() -> None:
     image = proposed_image(names)
     assert [names[k] for k in image] == wanted
     assert np.array_equal(image[image], np.arange(len(names)))
+    assert proposed_mirror(("v", "w_1", "w")) is None
 
 
 @pytest.mark.parametrize("image", [ODD, EVEN, np.array([0, 2, 1, 3])])
@@ -68,7 +68,7 @@ def test_what_commutes_with_the_exchange_splits_exactly(image: Ints) -> None:
     assert even @ x_even[halves.own] == pytest.approx((A @ x_even)[halves.own], rel=1e-13)
     assert odd @ x_odd[first] == pytest.approx((A @ x_odd)[first], rel=1e-13)
     wanted = np.sort_complex(np.linalg.eigvals(A))
-    assert np.sort_complex(eigenvalues((even, odd))) == pytest.approx(wanted, abs=1e-13)
+    assert np.sort_complex(decompose((even, odd), halves).poles) == pytest.approx(wanted, abs=1e-13)
     modes = decompose((even, odd), halves)
     assert (modes.right * modes.poles) @ modes.left == pytest.approx(A, abs=1e-13)
     assert modes.left @ modes.right == pytest.approx(np.eye(len(image)), abs=1e-13)
@@ -103,10 +103,11 @@ def test_real_arithmetic_keeps_pairs_and_their_order_of_accuracy() -> None:
 def test_the_halves_of_a_board_have_its_poles(channels: int, exponential: bool) -> None:
     circuit = small_board(channels, exponential=exponential)
     for sources_on in (True, False):
-        space = linearise(circuit, equilibrium(circuit, sources_on=sources_on))
+        point = LinearBoard(circuit).equilibrium if sources_on else LinearBoard(circuit).rest
+        space = LinearBoard(circuit, point=point).state_space
         assert space.halves is not None
         found, wanted = (
-            eigenvalues([block.A for block in space.blocks]),
+            space.eigenvalues,
             np.linalg.eigvals(space.A),
         )
         for few, others in ((found, wanted), (wanted, found)):
@@ -117,14 +118,11 @@ def test_the_halves_of_a_board_have_its_poles(channels: int, exponential: bool) 
 @pytest.mark.parametrize("exponential", [False, True])
 def test_a_board_reduced_by_halves_is_the_board_reduced_whole(exponential: bool) -> None:
     circuit = small_board(5, exponential=exponential)
-    found = linearise(circuit)
+    found = LinearBoard(circuit).state_space
     assert found.halves is not None
-    # Names without numbers propose no image.
-    spelled = {name: name.translate(LETTERS) for name in found.nodes}
-    places = {spelled[name]: place for name, place in found.descriptor.places.items()}
-    wanted = linearise(replace(found.descriptor, names=tuple(places), places=places))
+    wanted = LinearBoard(circuit, replace(found.descriptor, mirror=None)).state_space
     assert wanted.halves is None
-    assert [spelled[name] for name in found.states] == list(wanted.states)
+    assert found.states == wanted.states
     assert pytest.approx(wanted.A, rel=1e-12, abs=1e-15 * np.abs(wanted.A).max()) == found.A
     pairs = [
         (found.B, wanted.B),
@@ -144,11 +142,11 @@ def test_a_board_reduced_by_halves_is_the_board_reduced_whole(exponential: bool)
 def test_a_board_that_is_not_quite_its_own_image_is_taken_whole(by: float) -> None:
     circuit = small_board(7)
     off = with_one_resistor_off(circuit, by)
-    assert linearise(circuit).halves is not None
-    assert linearise(off).halves is None
+    assert LinearBoard(circuit).state_space.halves is not None
+    assert LinearBoard(off).state_space.halves is None
     assert poles(off).rightmost == pytest.approx(poles(circuit).rightmost, rel=1e-9 + 10.0 * by)
     t = np.linspace(0.0, 1e-4, 101)
-    one, other = exact(circuit).at(t), exact(off).at(t)
+    one, other = exact_solution(circuit).at(t), exact_solution(off).at(t)
     assert np.abs(one - other).max() <= (1e-11 + 10.0 * by) * np.abs(one).max()
 
 
@@ -156,23 +154,23 @@ def test_a_board_without_images_is_taken_whole() -> None:
     lonely = replace(
         paper_board(), resistors=(*paper_board().resistors, Resistor("R", "v0", "0", 1e6))
     )
-    assert linearise(small_board(1)).halves is None
-    assert linearise(lags(3, 1e-6)).halves is None
-    assert linearise(lonely).halves is None
+    assert LinearBoard(small_board(1)).state_space.halves is None
+    assert LinearBoard(lags(3, 1e-6)).state_space.halves is None
+    assert LinearBoard(lonely).state_space.halves is None
     assert image_within(np.array([0, 1]), ODD) is None
 
 
 def test_values_of_images_that_differ_by_rounding_are_evened() -> None:
     values, places = np.array([1.0, 3.0, 1.0 + 2e-15]), np.array([0, 2, 4])
-    found = evened(values, places, ODD)
+    found = evened(values, places, Halves.of(ODD))
     assert found[0] == found[2] == pytest.approx(1.0, rel=1e-14)
     apart = np.array([1.0, 3.0, 1.0 + 1e-12])
-    assert evened(apart, places, ODD) is apart
+    assert evened(apart, places, Halves.of(ODD)) is apart
 
 
 def test_a_symmetric_strain_drives_no_odd_mode() -> None:
     circuit = small_board(7)
-    space, flow = linearise(circuit), exact(circuit).flow
+    space, flow = LinearBoard(circuit).state_space, exact_solution(circuit).flow
     assert space.halves is not None
     assert isinstance(flow, ModalFlow)
     even, odd = map(np.linalg.eigvals, [block.A for block in space.blocks])
@@ -186,7 +184,7 @@ def test_a_growing_mode_is_never_left_out() -> None:
     wild = replace(circuit, capacitors=tuple(replace(c, farads=4e-12) for c in circuit.capacitors))
     growing = poles(wild).poles
     growing = growing[(growing.real > 0.0) & (growing.imag > 0.0)]
-    flow = exact(wild).flow
+    flow = exact_solution(wild).flow
     assert isinstance(flow, ModalFlow)
     assert len(growing) > 2
     assert np.sum(flow.poles.real > 0.0) == len(growing)

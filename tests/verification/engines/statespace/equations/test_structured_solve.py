@@ -11,19 +11,20 @@ from netlist_gen.analysis import Transient
 from netlist_gen.board.circuit import Circuit
 from spice_models.errors import EngineError
 from tests.support.boards import board, kernel, paper_board, single_mode, strain, two_pole
+from verification.engines.statespace.equations import descriptor
 from verification.engines.statespace.equations.coarse_board import coarsen
 from verification.engines.statespace.equations.stamps import stamp
 from verification.engines.statespace.equations.structured_solve import Structure
+from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.linearised.count_unstable import cell_poles, count_right
-from verification.engines.statespace.linearised.equilibrium import equilibrium
 from verification.engines.statespace.linearised.rightmost_poles import (
     nearest_poles,
     rightmost_poles,
 )
-from verification.engines.statespace.linearised.state_space import linearise
 from verification.engines.statespace.transients import amplified, structured_radau
-from verification.engines.statespace.transients.exact import exact, simulate
-from verification.small_signal.poles import count_unstable, poles, time_scales
+from verification.engines.statespace.transients.exact import exact_solution, simulate
+from verification.small_signal.poles import count_unstable, poles
+from verification.small_signal.time_scales import time_scales
 
 
 def wide_board(channels: int, C: float = 10e-12) -> Circuit:
@@ -49,13 +50,13 @@ def rectangular_board() -> Circuit:
 @pytest.mark.parametrize("circuit", [paper_board(), rectangular_board(), exponential_board(7)])
 @pytest.mark.parametrize("shift", [0.0, 3e6, 1e4 - 2.5e5j])
 def test_a_structured_solve_is_the_dense_one(circuit: Circuit, shift: complex) -> None:
-    descriptor = stamp(circuit)
-    slopes = np.linspace(-2.0, -1.0, descriptor.devices.count)
-    K = descriptor.dense_stiffness()
-    K[descriptor.devices.output, descriptor.devices.input] += slopes
-    r = np.random.default_rng(1).standard_normal(descriptor.size)
-    wanted = np.linalg.solve(shift * descriptor.dense_mass() - K, r)
-    structure = Structure(descriptor, slopes)
+    equations = stamp(circuit)
+    slopes = np.linspace(-2.0, -1.0, equations.devices.count)
+    K = equations.dense.stiffness.copy()
+    K[equations.devices.output, equations.devices.input] += slopes
+    r = np.random.default_rng(1).standard_normal(equations.size)
+    wanted = np.linalg.solve(shift * equations.dense.mass - K, r)
+    structure = Structure(equations, slopes)
     found = structure.factor(shift).solve(r.astype(np.complex128) if np.imag(shift) else r)
     assert found == pytest.approx(wanted, abs=1e-9 * np.abs(wanted).max())
     assert max(group.places.shape[1] for group in structure.groups) <= 16
@@ -101,32 +102,32 @@ def test_a_line_through_a_cells_pole_is_refused() -> None:
 def test_rightmost_poles_of_a_wide_board_are_the_dense_ones(circuit: Circuit) -> None:
     found = poles(circuit)
     assert not found.complete
-    dense = np.linalg.eigvals(linearise(circuit).A)
+    dense = np.linalg.eigvals(LinearBoard(circuit).state_space.A)
     lead = dense[np.argmax(dense.real)]
     assert found.rightmost == pytest.approx(complex(lead.real, abs(lead.imag)), rel=1e-7)
 
 
 def test_nearest_poles_come_in_pairs() -> None:
-    descriptor = stamp(wide_board(10))
-    dense = np.linalg.eigvals(linearise(descriptor).A)
-    found = nearest_poles(Structure(descriptor), 1e4 + 2.5e5j, 3, 1e-10)
+    board = LinearBoard(wide_board(10))
+    dense = np.linalg.eigvals(board.state_space.A)
+    found = nearest_poles(board.structure, 1e4 + 2.5e5j, 3, 1e-10)
     assert len(found) == 6
     for pole in found:
         assert np.abs(dense - pole).min() < 1e-8 * abs(pole)
 
 
 def test_a_coarse_board_is_a_guide_to_the_whole() -> None:
-    whole = stamp(wide_board(40))
-    coarse = coarsen(whole)
-    assert set(coarse.names) < set(whole.names)
-    assert linearise(coarse).n == 14 * 13
-    guide = poles(wide_board(40))
-    near = np.linalg.eigvals(linearise(coarse).A)
+    whole = LinearBoard(wide_board(40))
+    coarse = whole.coarse
+    assert set(coarse.descriptor.names) < set(whole.descriptor.names)
+    assert coarse.state_space.n == 14 * 13
+    guide = poles(whole)
+    near = np.linalg.eigvals(coarse.state_space.A)
     lead = near[np.argmax(near.real)]
     assert abs(lead.imag) == pytest.approx(guide.rightmost.imag, rel=1e-3)
     assert coarsen(stamp(paper_board())).names == stamp(paper_board()).names
     assert "ve" in coarsen(stamp(exponential_board(30))).names
-    assert rightmost_poles(stamp(paper_board()))[0] == pytest.approx(
+    assert rightmost_poles(LinearBoard(paper_board()))[0] == pytest.approx(
         complex(poles(paper_board()).rightmost), rel=1e-8
     )
 
@@ -151,7 +152,7 @@ def test_time_scales_of_a_wide_board_come_from_its_coarse_image() -> None:
 def test_steps_agree_with_the_exact_transient(analysis: Transient) -> None:
     circuit = paper_board()
     found = structured_radau.simulate(circuit, analysis, nodes=("v3", "v0", "w3"))
-    solution = exact(
+    solution = exact_solution(
         circuit, initial=analysis.initial, voltages=analysis.voltages, nodes=found.nodes
     )
     wanted = solution.at(found.time)
@@ -167,14 +168,14 @@ def test_a_wide_board_goes_through_its_structure_by_itself() -> None:
     times = np.linspace(0.0, 2e-4, 101)
     found = simulate(circuit, Transient(2e-4, 1e-6), times=times)
     assert found.cost.factorisations > 1
-    wanted = exact(circuit).at(times)
+    wanted = exact_solution(circuit).at(times)
     assert np.abs(found.values - wanted).max() < 5e-5 * np.abs(wanted).max()
 
 
 def test_an_unstable_board_grows_as_its_pole_says_and_its_record_ends() -> None:
     circuit = paper_board(5e-12)
     found = structured_radau.simulate(circuit, Transient(2e-3, 1e-6))
-    wanted = exact(circuit).at(found.time)
+    wanted = exact_solution(circuit).at(found.time)
     error = np.abs(found.values - wanted).max(axis=1)
     size = np.maximum.accumulate(np.abs(wanted).max(axis=1))
     assert np.all(error < 1e-3 * size + 1e-12)
@@ -195,7 +196,7 @@ def test_the_stepper_is_for_linear_boards() -> None:
 
 def test_the_equilibrium_of_a_wide_exponential_board() -> None:
     circuit = exponential_board(40)
-    found = equilibrium(circuit)
+    found = LinearBoard(circuit).equilibrium
     assert found.residual < 1e-9
     u = -np.array([found[f"a{n}"] for n in range(40)])
     T, eps = kernel(40, 3.0), np.maximum(strain(40, 3.0), 0.05)
@@ -217,7 +218,7 @@ def test_a_large_exponential_board_takes_the_same_course(
 ) -> None:
     nodes = (*(output.node for output in circuit.outputs), "w2")
     wanted = amplified.simulate(circuit, analysis, nodes=nodes)
-    monkeypatch.setattr(amplified, "LARGE", 0)
+    monkeypatch.setattr(descriptor, "LARGE", 0)
     found = amplified.simulate(circuit, analysis, nodes=nodes)
     assert np.abs(found.values - wanted.values).max() < 1e-8 * np.abs(wanted.values).max()
 
@@ -225,7 +226,7 @@ def test_a_large_exponential_board_takes_the_same_course(
 def test_a_large_exponential_board_beyond_all_bounds_is_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(amplified, "LARGE", 0)
+    monkeypatch.setattr(descriptor, "LARGE", 0)
     far = Transient(1e-4, 1e-6, voltages={"v1": 1e4})
     with pytest.raises(EngineError, match="beyond the range of floats in the initial state"):
         amplified.simulate(exponential_board(3), far)

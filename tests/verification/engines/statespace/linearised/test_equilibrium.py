@@ -14,20 +14,17 @@ from spice_models.errors import EngineError
 from tests.support.boards import IDEAL, board, kernel, paper_board, single_mode, strain, two_pole
 from verification.engines.statespace.equations.amplifier_gains import GAINS, gain_of
 from verification.engines.statespace.equations.stamps import stamp
-from verification.engines.statespace.linearised.equilibrium import (
-    equilibrium,
-    rounding,
-    solve_loop,
-)
+from verification.engines.statespace.linearised.board import LinearBoard
+from verification.engines.statespace.linearised.equilibrium import rounding, solve_loop
 
 
 def test_the_single_mode_divides_by_its_loop_gain() -> None:
-    found = equilibrium(single_mode(1e-6))
+    found = LinearBoard(single_mode(1e-6)).equilibrium
     # 1e-4 A out of x through 1 / (1/R + K/R) with R = 10 k.
     assert found["v"] == pytest.approx(1.0 / 101.0, rel=1e-6)
     assert found["0"] == 0.0
     assert found.residual < 1e-14
-    assert equilibrium(single_mode(1e-6), sources_on=False)["v"] == 0.0
+    assert LinearBoard(single_mode(1e-6)).rest["v"] == 0.0
 
 
 def entropy_gradient(u: np.ndarray, T: np.ndarray, eps: np.ndarray, lam: float) -> np.ndarray:
@@ -38,7 +35,7 @@ def entropy_gradient(u: np.ndarray, T: np.ndarray, eps: np.ndarray, lam: float) 
 def test_an_ideal_exponential_board_rests_at_the_entropy_optimum(s: float) -> None:
     T, eps = kernel(7, 3.0), np.maximum(strain(7, 3.0), 0.05)
     circuit = board(T, eps, IDEAL, s=s, exponential=True, bias=True)
-    found = equilibrium(circuit)
+    found = LinearBoard(circuit).equilibrium
     u = np.array([output.sign * found[output.node] for output in circuit.outputs])
     assert np.all(u > 0.0)
     gradient = entropy_gradient(u, T, eps, circuit.scalings.lam)
@@ -48,8 +45,8 @@ def test_an_ideal_exponential_board_rests_at_the_entropy_optimum(s: float) -> No
 
 def test_op_amps_of_finite_gain_move_the_equilibrium_by_about_one_over_their_gain() -> None:
     T, eps = kernel(7, 3.0), np.maximum(strain(7, 3.0), 0.05)
-    ideal = equilibrium(board(T, eps, IDEAL, exponential=True, bias=True))
-    real = equilibrium(board(T, eps, two_pole(1e6, 1e-11), exponential=True, bias=True))
+    ideal = LinearBoard(board(T, eps, IDEAL, exponential=True, bias=True)).equilibrium
+    real = LinearBoard(board(T, eps, two_pole(1e6, 1e-11), exponential=True, bias=True)).equilibrium
     shift = max(abs(ideal[f"a{n}"] - real[f"a{n}"]) for n in range(7))
     assert 1e-6 < shift < 1e-3
 
@@ -86,7 +83,7 @@ def test_a_node_without_a_path_is_named() -> None:
     circuit = paper_board()
     floating = replace(circuit, resistors=(*circuit.resistors, Resistor("Rx", "p", "q", 1.0)))
     with pytest.raises(EngineError, match=r"node '[pq]'"):
-        equilibrium(floating)
+        _ = LinearBoard(floating).equilibrium
 
 
 @pytest.mark.parametrize("kind", sorted(GAINS))
@@ -109,20 +106,22 @@ def test_an_unknown_kind_is_refused() -> None:
 def test_a_channel_without_strain_has_a_certificate_with_any_rounding(seed: int) -> None:
     # Channel 1 sees nothing: whatever its unknowns are but 0 is rounding.
     T, eps = np.array([[0.0, 1.0], [0.0, 0.5]]), np.array([1.0, 0.4])
-    descriptor = stamp(board(T, eps, two_pole(1e5, 1e-11), exponential=True, bias=False))
+    circuit = board(T, eps, two_pole(1e5, 1e-11), exponential=True, bias=False)
+    descriptor = stamp(circuit)
     draw = np.random.default_rng(seed)
     nudge = 1e-30 * draw.standard_normal(descriptor.size)
-    rest = equilibrium(replace(descriptor, switched=descriptor.switched + nudge))
+    nudged = replace(descriptor, switched=descriptor.switched + nudge)
+    rest, plain = LinearBoard(circuit, nudged).equilibrium, LinearBoard(circuit).equilibrium
     assert rest.residual < 1e-12
-    plain = equilibrium(descriptor)
     assert rest.values == pytest.approx(plain.values, rel=1e-12, abs=1e-20)
 
 
 def test_the_rounding_of_an_equilibrium_covers_what_other_roundings_give() -> None:
-    descriptor = stamp(paper_board(7))
-    rest = equilibrium(descriptor)
+    linear = LinearBoard(paper_board(7))
+    descriptor, rest = linear.descriptor, linear.equilibrium
     for seed in range(5):
         draw = np.random.default_rng(seed).standard_normal(len(descriptor.local.values))
         local = replace(descriptor.local, values=descriptor.local.values * (1 + 2e-16 * draw))
-        moved = equilibrium(replace(descriptor, local=local)).values - rest.values
+        nudged = replace(descriptor, local=local)
+        moved = LinearBoard(linear.circuit, nudged).equilibrium.values - rest.values
         assert np.all(np.abs(moved) <= 4.0 * rounding(rest).max())

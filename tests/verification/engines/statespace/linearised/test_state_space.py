@@ -14,7 +14,7 @@ from spice_models.errors import EngineError
 from spice_models.opamp import OpAmp
 from tests.support.boards import kernel, paper_board, single_mode, strain
 from verification.engines.statespace.equations.stamps import stamp
-from verification.engines.statespace.linearised.state_space import linearise
+from verification.engines.statespace.linearised.board import LinearBoard
 
 EMPTY = replace(
     single_mode(1e-6), models={}, opamps=(), resistors=(), capacitors=(), currents=(), outputs=()
@@ -22,18 +22,19 @@ EMPTY = replace(
 
 
 def poles_of(**parts: Any) -> Floats:
-    return np.asarray(np.sort(np.linalg.eigvals(linearise(replace(EMPTY, **parts)).A).real))
+    space = LinearBoard(replace(EMPTY, **parts)).state_space
+    return np.asarray(np.sort(np.linalg.eigvals(space.A).real))
 
 
 def test_an_rc_stage_has_its_pole_and_its_gain() -> None:
-    space = linearise(
+    space = LinearBoard(
         replace(
             EMPTY,
             resistors=(Resistor("R", "in", "out", 2e3),),
             capacitors=(Capacitor("C", "out", "0", 1e-9),),
             voltages=(VoltageSource("V", "in", 3.0),),
         )
-    )
+    ).state_space
     assert space.states == ("out",)
     assert pytest.approx(np.array([[-1.0 / 2e-6]]), rel=1e-15) == space.A
     assert pytest.approx(np.array([[0.0, 3.0 / 2e-6]]), rel=1e-15) == space.B
@@ -44,14 +45,14 @@ def test_an_rc_stage_has_its_pole_and_its_gain() -> None:
 
 def test_nodes_without_capacitance_are_eliminated_exactly() -> None:
     # A ladder: 1 k to a bare node, from there 2 k to the capacitor and 3 k to ground.
-    space = linearise(
+    space = LinearBoard(
         replace(
             EMPTY,
             resistors=(Resistor("R2", "m", "c", 2e3), Resistor("R3", "m", "0", 3e3)),
             capacitors=(Capacitor("C", "c", "0", 1e-9),),
             currents=(CurrentSource("I", "m", 1e-3),),
         )
-    )
+    ).state_space
     assert space.A.item() == pytest.approx(-1.0 / (5e3 * 1e-9), rel=1e-14)
     C, D = space.rows(("m",))
     assert C.item() == pytest.approx(3.0 / 5.0, rel=1e-14)
@@ -80,14 +81,14 @@ def test_an_ideal_integrator_multiplies_its_capacitor() -> None:
 
 def test_a_follower_has_the_poles_of_its_quadratic() -> None:
     gbw, second, gain = 1e6, 3e6, 1e5
-    values = linearise(
+    values = LinearBoard(
         replace(
             EMPTY,
             models={"op": OpAmp("op", gain, gbw=gbw, second_pole=second)},
             opamps=(OpAmpCell("X", "op", "in", "out", "out"),),
             voltages=(VoltageSource("V", "in", 1.0),),
         )
-    )
+    ).state_space
     p1, p2 = 2 * np.pi * gbw / gain, 2 * np.pi * second
     wanted = np.roots([1.0, p1 + p2, p1 * p2 * (1.0 + gain)])
     found = np.linalg.eigvals(values.A)
@@ -108,7 +109,7 @@ def test_output_resistance_and_input_capacitances_by_hand() -> None:
 
 
 def test_a_linear_board_has_thirteen_states_a_channel() -> None:
-    space = linearise(paper_board())
+    space = LinearBoard(paper_board()).state_space
     assert space.n == 91
     assert len(set(space.states)) == 91
 
@@ -123,15 +124,15 @@ def test_matrices_are_stamped_as_their_elements_would_be() -> None:
     wanted = stamp(replace(circuit, matrices=(), resistors=(*circuit.resistors, *loose)))
     found = stamp(circuit)
     order = [wanted.place(name) for name in found.names]
-    K = wanted.dense_stiffness()[np.ix_(order, order)]
-    assert found.dense_stiffness() == pytest.approx(K, rel=1e-13)
+    K = wanted.dense.stiffness[np.ix_(order, order)]
+    assert found.dense.stiffness == pytest.approx(K, rel=1e-13)
 
 
 def test_the_state_space_rests_where_the_regularised_problem_has_its_solution() -> None:
     circuit = paper_board()
     T, eps, lam = kernel(7, 3.0), strain(7, 3.0), circuit.scalings.lam
     wanted = np.linalg.solve(T.T @ T + lam * np.eye(7), T.T @ eps)
-    space = linearise(circuit)
+    space = LinearBoard(circuit).state_space
     C, D = space.rows(circuit.signal_nodes)
     found = D.sum(axis=1) - C @ np.linalg.solve(space.A, space.B.sum(axis=1))
     assert found == pytest.approx(wanted, abs=1e-4 * np.abs(wanted).max())
@@ -150,4 +151,4 @@ def test_the_state_space_rests_where_the_regularised_problem_has_its_solution() 
 )
 def test_what_has_no_state_space_is_refused_by_name(parts: dict[str, Any], telling: str) -> None:
     with pytest.raises(EngineError, match=telling):
-        linearise(replace(EMPTY, **parts))
+        _ = LinearBoard(replace(EMPTY, **parts)).state_space

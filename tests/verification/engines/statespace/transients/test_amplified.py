@@ -20,10 +20,7 @@ from netlist_gen.board.circuit import (
 from spice_models.array_types import Floats
 from spice_models.errors import EngineError
 from tests.support.boards import board, kernel, single_mode, strain, two_pole
-from verification.engines.statespace.equations.stamps import stamp
-from verification.engines.statespace.linearised.equilibrium import equilibrium
-from verification.engines.statespace.linearised.initial_state import initial_state
-from verification.engines.statespace.linearised.state_space import linearise, open_loop
+from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.transients.amplified import Amplified
 from verification.engines.statespace.transients.exact import simulate
 
@@ -50,9 +47,8 @@ def lone_amplifier(kind: str = "exponential") -> Circuit:
 
 def scipy_reference(circuit: Circuit, analysis: Transient, times: Floats) -> Floats:
     nodes = tuple(output.node for output in circuit.outputs)
-    space = open_loop(stamp(circuit))
-    system = Amplified(space, nodes)
-    x0 = initial_state(space, analysis.initial, analysis.voltages)
+    system = Amplified(LinearBoard(circuit), nodes)
+    x0 = system.start(analysis)
     found = solve_ivp(
         lambda _, x: system.rate(x),
         (0.0, float(times[-1])),
@@ -99,7 +95,7 @@ def test_a_capacitor_discharged_by_its_own_exponential() -> None:
 def test_the_transient_ends_at_the_equilibrium() -> None:
     circuit = breadboard()
     record = simulate(circuit, Transient(3e-3, 1e-6))
-    rest = equilibrium(circuit)
+    rest = LinearBoard(circuit).equilibrium
     assert record.time[-1] == 3e-3
     wanted = [rest[node] for node in record.nodes]
     assert record.values[-1] == pytest.approx(wanted, rel=1e-8)
@@ -118,8 +114,8 @@ def test_a_small_step_is_the_linearised_boards() -> None:
         currents=tuple(replace(c, amps=1e-6 * c.amps) for c in circuit.currents),
     )
     record = simulate(rest, Transient(3e-5, 1e-7, initial="rest"))
-    space = linearise(replace(rest, currents=()))
-    B = linearise(rest).B[:, 0]
+    space = LinearBoard(replace(rest, currents=())).state_space
+    B = LinearBoard(rest).state_space.B[:, 0]
     C, _ = space.rows(record.nodes)
     poles, V = np.linalg.eig(space.A)
     share = np.linalg.solve(V, -np.linalg.solve(space.A, B))
@@ -129,7 +125,7 @@ def test_a_small_step_is_the_linearised_boards() -> None:
 
 
 def test_the_jacobian_is_the_rates_derivative() -> None:
-    system = Amplified(open_loop(stamp(breadboard())), ("a0",))
+    system = Amplified(LinearBoard(breadboard()), ("a0",))
     x = 0.3 * np.random.default_rng(5).standard_normal(system.size)
     numeric = np.stack(
         [(system.rate(x + d) - system.rate(x - d)) / 2e-6 for d in 1e-6 * np.eye(system.size)],
@@ -156,7 +152,7 @@ def test_an_amplifier_fed_through_resistors_alone() -> None:
     v, a, w = record["v"], record["a"], record["w"]
     assert a == pytest.approx(-2.0 * np.exp(v / 0.5), rel=1e-9)
     assert v == pytest.approx((a + 3.0 * w) / 4.0, abs=1e-9)
-    rest = equilibrium(circuit)
+    rest = LinearBoard(circuit).equilibrium
     assert record.values[-1] == pytest.approx([rest[n] for n in ("v", "a", "w")], rel=1e-6)
 
 

@@ -14,8 +14,8 @@ from spice_models.errors import EngineError
 from tests.support.boards import IDEAL, board, kernel, lags, paper_board, strain
 from tests.support.precise import precise_step
 from verification.engines.statespace.equations.stamps import stamp
-from verification.engines.statespace.linearised.state_space import linearise
-from verification.engines.statespace.transients.exact import exact, simulate
+from verification.engines.statespace.linearised.board import LinearBoard
+from verification.engines.statespace.transients.exact import exact_solution, simulate
 from verification.engines.statespace.transients.matrix_exponential import LadderFlow, ModalFlow
 
 TAU = 1e-6
@@ -30,10 +30,10 @@ def fifty_digits() -> tuple[list[float], Any]:
 def test_seven_channels_against_fifty_digits(fifty_digits: tuple[list[float], Any]) -> None:
     times, precise = fifty_digits
     circuit = paper_board()
-    states = linearise(circuit).states
+    states = LinearBoard(circuit).state_space.states
     nodes = (*circuit.signal_nodes, "c3", "xXw3.p1")
     wanted = precise[:, [states.index(name) for name in nodes]].astype(np.float64)
-    solution = exact(circuit, nodes=nodes)
+    solution = exact_solution(circuit, nodes=nodes)
     assert solution.form == "modes"
     error, amplitude = np.abs(solution.at(np.array(times)) - wanted), np.abs(wanted).max(axis=0)
     assert np.all(error <= 1e-11 * amplitude)
@@ -47,7 +47,7 @@ def test_seven_channels_against_fifty_digits(fifty_digits: tuple[list[float], An
 def test_the_ladder_agrees_with_fifty_digits_too(fifty_digits: tuple[list[float], Any]) -> None:
     times, precise = fifty_digits
     circuit = paper_board()
-    space = linearise(circuit)
+    space = LinearBoard(circuit).state_space
     C, _ = space.rows(circuit.signal_nodes)
     target = -np.linalg.solve(space.A, space.B.sum(axis=1))
     flow = LadderFlow(space.A, C, -target, times[0])
@@ -59,7 +59,7 @@ def test_the_ladder_agrees_with_fifty_digits_too(fifty_digits: tuple[list[float]
 
 @pytest.mark.parametrize("count", [2, 5])
 def test_a_defective_board_takes_the_matrix_exponential(count: int) -> None:
-    solution = exact(lags(count, TAU))
+    solution = exact_solution(lags(count, TAU))
     assert solution.form == "exponential"
     t = np.linspace(0.0, 10 * TAU, 101)
     x = t / TAU
@@ -73,7 +73,7 @@ def test_a_defective_board_takes_the_matrix_exponential(count: int) -> None:
 
 
 def test_derivatives_are_derivatives() -> None:
-    solution = exact(paper_board())
+    solution = exact_solution(paper_board())
     t, h = np.linspace(1e-6, 1e-4, 50), 1e-9
     five = [8.0, 1.0]
     numeric = (
@@ -90,7 +90,7 @@ def test_the_uniform_record_is_the_same_solution() -> None:
     assert record.time[-1] == 1e-3
     assert np.diff(record.time).max() <= 1.1e-6
     assert record.engine == "statespace"
-    wanted = exact(circuit).at(record.time)
+    wanted = exact_solution(circuit).at(record.time)
     assert record.values == pytest.approx(wanted, abs=1e-14)
     few = simulate(circuit, Transient(1e-3, 1e-6), nodes=("w3", "0"), times=np.array([1e-5, 1e-3]))
     assert few.nodes == ("w3", "0")
@@ -98,17 +98,17 @@ def test_the_uniform_record_is_the_same_solution() -> None:
 
 
 def test_a_board_that_does_not_move_and_records_of_few_points() -> None:
-    still = exact(replace(paper_board(), currents=()))
+    still = exact_solution(replace(paper_board(), currents=()))
     assert still.uniform(1e-6, 10) == pytest.approx(np.zeros((10, 7)), abs=0.0)
     assert still.at(np.array([0.0, 1e-3])) == pytest.approx(np.zeros((2, 7)), abs=0.0)
-    solution = exact(paper_board())
+    solution = exact_solution(paper_board())
     for count in (1, 2, 3, 5, 500):
         wanted = solution.at(np.float64(3e-7) * np.arange(count))
         assert solution.uniform(3e-7, count) == pytest.approx(wanted, abs=1e-14)
 
 
 def test_modes_that_have_faded_are_not_missed() -> None:
-    solution = exact(paper_board())
+    solution = exact_solution(paper_board())
     t = np.geomspace(1e-11, 1e-2, 3000)
     assert isinstance(solution.flow, ModalFlow)
     poles, share = solution.flow.poles, solution.flow.share
@@ -121,7 +121,7 @@ def test_modes_that_have_faded_are_not_missed() -> None:
 
 def test_a_start_along_a_mode_shows_only_that_mode() -> None:
     circuit = paper_board(5e-12)
-    space = linearise(circuit)
+    space = LinearBoard(circuit).state_space
     poles, vectors = np.linalg.eig(space.A)
     lead = int(np.argmax(poles.real))
     quiet = replace(circuit, currents=())
@@ -138,9 +138,9 @@ def test_from_rest_a_board_with_a_voltage_source_does_not_move_without_strain() 
     model = replace(IDEAL, gbw=1e6, output_resistance=50.0, input_capacitance=1e-12)
     circuit = replace(board(T, eps, model, bias=True), currents=())
     assert circuit.voltages
-    rest = exact(circuit, initial="rest")
+    rest = exact_solution(circuit, initial="rest")
     assert rest.start == pytest.approx(rest.final, rel=1e-9)
-    zero = exact(circuit, initial="zero")
+    zero = exact_solution(circuit, initial="zero")
     assert np.abs(zero.start - zero.final).max() > 0.1
 
 
@@ -154,15 +154,15 @@ def test_a_capacitor_at_a_voltage_source_starts_discharged() -> None:
         outputs=(Output("c1", 1.0),),
     )
     t = np.linspace(0.0, 5e-6, 11)
-    assert exact(circuit).at(t)[:, 0] == pytest.approx(np.exp(-t / 1e-6), rel=1e-12)
+    assert exact_solution(circuit).at(t)[:, 0] == pytest.approx(np.exp(-t / 1e-6), rel=1e-12)
 
 
 def test_what_is_not_linear_or_not_there_is_refused() -> None:
     T, eps = kernel(3, 1.0), strain(3, 1.0)
     with pytest.raises(EngineError, match="not linear"):
-        exact(board(T, eps, IDEAL, exponential=True))
+        exact_solution(board(T, eps, IDEAL, exponential=True))
     with pytest.raises(EngineError, match="no node or op-amp state 'nowhere'"):
-        exact(paper_board(), nodes=("nowhere",))
+        exact_solution(paper_board(), nodes=("nowhere",))
 
 
 def test_a_diverging_board_gives_what_comes_before_the_range_of_floats_ends() -> None:

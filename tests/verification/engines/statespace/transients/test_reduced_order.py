@@ -16,11 +16,11 @@ from spice_models.array_types import Floats
 from spice_models.errors import EngineError
 from spice_models.opamp import OpAmp
 from tests.support.boards import board, kernel, paper_board, strain, two_pole
+from verification.engines.statespace.equations import descriptor
 from verification.engines.statespace.equations.stamps import stamp
 from verification.engines.statespace.equations.structured_solve import Structure
-from verification.engines.statespace.transients import exact as exact_engine
 from verification.engines.statespace.transients import reduced_order, structured_radau
-from verification.engines.statespace.transients.exact import exact
+from verification.engines.statespace.transients.exact import exact_solution, simulate
 from verification.engines.statespace.transients.krylov_space import Ritz, Space
 from verification.engines.statespace.transients.reduced_order import reduced
 
@@ -74,7 +74,7 @@ def test_the_error_is_below_the_one_stated(
     circuit: Circuit, analysis: Transient, tolerance: float
 ) -> None:
     found = reduced(circuit, analysis, tolerance=tolerance)
-    solution = exact(circuit, initial=analysis.initial, voltages=analysis.voltages)
+    solution = exact_solution(circuit, initial=analysis.initial, voltages=analysis.voltages)
     early = analysis.stop * 10.0 ** np.linspace(-10.0, 0.0, 400)
     times = np.sort(np.concatenate([np.linspace(0.0, analysis.stop, 1501), early]))
     error = float(np.abs(found.at(times) - solution.at(times)).max())
@@ -92,13 +92,13 @@ def test_a_record_at_even_instants_is_the_one_at_any() -> None:
 
 
 def test_a_space_projects_the_inverse_that_it_is_made_of() -> None:
-    descriptor = stamp(scattered(wide_board(6), 0.01))
-    structure, shift = Structure(descriptor), 2e5
-    charge = structure.mass @ np.random.default_rng(1).standard_normal(descriptor.size)
-    watch = np.arange(descriptor.size)
+    equations = stamp(scattered(wide_board(6), 0.01))
+    structure, shift = Structure(equations), 2e5
+    charge = structure.mass @ np.random.default_rng(1).standard_normal(equations.size)
+    watch = np.arange(equations.size)
     space = Space(structure, shift, charge, watch, 30)
     assert space.grow(30)
-    M, K = descriptor.dense_mass(), descriptor.dense_stiffness()
+    M, K = equations.dense.mass, equations.dense.stiffness
     Q = space.weight[:, None] * space.Q.T
     X = np.linalg.solve(shift * M - K, Q)
     assert np.abs(space.X.T - X).max() < 1e-9 * np.abs(X).max()
@@ -109,9 +109,9 @@ def test_a_space_projects_the_inverse_that_it_is_made_of() -> None:
 
 
 def test_a_space_that_holds_all_there_is_grows_no_further() -> None:
-    descriptor = stamp(paper_board(20e-12))
-    structure = Structure(descriptor)
-    charge = structure.mass @ np.ones(descriptor.size)
+    equations = stamp(paper_board(20e-12))
+    structure = Structure(equations)
+    charge = structure.mass @ np.ones(equations.size)
     space = Space(structure, 2e5, charge, np.arange(3), 120)
     assert not space.grow(120)
     assert space.m <= 91  # states
@@ -182,12 +182,12 @@ def test_a_board_of_exponential_amplifiers_is_refused() -> None:
 
 def test_a_large_board_takes_a_krylov_space_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     circuit = wide_board(16)
-    monkeypatch.setattr(exact_engine, "LARGE", 0)
+    monkeypatch.setattr(descriptor, "LARGE", 0)
     times = np.linspace(0.0, 2e-4, 101)
-    found = exact_engine.simulate(circuit, Transient(2e-4, 1e-6), times=times)
+    found = simulate(circuit, Transient(2e-4, 1e-6), times=times)
     assert not found.flags
     assert found.cost.factorisations == 3
-    wanted = exact(circuit).at(times)
+    wanted = exact_solution(circuit).at(times)
     assert np.abs(found.values - wanted).max() < 1e-6 * np.abs(wanted).max()
-    even = exact_engine.simulate(circuit, Transient(2e-4, 2e-6))
+    even = simulate(circuit, Transient(2e-4, 2e-6))
     assert even.values == pytest.approx(wanted, abs=1e-6 * np.abs(wanted).max())

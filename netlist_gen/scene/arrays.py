@@ -1,0 +1,82 @@
+"""Arrays that a scene holds in memory, in the place of the names of files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic_core import CoreSchema, core_schema
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from spice_models.array_types import Floats
+
+
+def in_memory(values: ArrayLike) -> Any:
+    """Return `values` as an array for a field `ArrayOrFile`, which refuses what is none."""
+    import numpy as np
+
+    try:
+        return np.asarray(values)
+    except ValueError:  # rows of different lengths
+        return values
+
+
+def fitted(values: Floats, shape: tuple[int | None, ...]) -> Floats:
+    """Return `values` in the wanted number of dimensions.
+
+    Parameters
+    ----------
+    shape : tuple of int or None
+        Wanted shape; None where any length will do. A vector may stand as a row or a column.
+
+    Raises
+    ------
+    ValueError
+        Another shape, no entry, or an entry that is not finite.
+    """
+    import numpy as np
+
+    if len(shape) == 1 and values.ndim == 2 and 1 in values.shape:
+        values = values.ravel()
+    if len(shape) == 2 and values.ndim == 1:
+        values = values[None, :]
+    fits = values.ndim == len(shape) and all(
+        want in (None, have) for want, have in zip(shape, values.shape, strict=True)
+    )
+    if not fits or values.size == 0:
+        wanted = " x ".join("any" if n is None else str(n) for n in shape)
+        found = " x ".join(str(n) for n in values.shape)
+        raise ValueError(f"shape {found}; expected {wanted}")
+    bad = np.argwhere(~np.isfinite(values))
+    if bad.size:
+        place = ", ".join(str(i + 1) for i in bad[0])
+        raise ValueError(f"entry ({place}) is not finite")
+    return values
+
+
+@dataclass(frozen=True, slots=True)
+class _NameOrArray:
+    """Annotation of a field that holds the name of a file, or an array of real numbers."""
+
+    def check(self, value: object) -> Any:
+        """Return the name, or a copy of the array that cannot be changed."""
+        if isinstance(value, str) and value:
+            return value
+        if getattr(getattr(value, "dtype", None), "kind", "") in ("i", "u", "f"):
+            import numpy as np
+
+            copy = np.array(value, dtype=np.float64, order="C")
+            copy.setflags(write=False)
+            return copy
+        raise ValueError("expected the name of a file, or an array of real numbers")
+
+    def __get_pydantic_core_schema__(self, source: object, handler: object) -> CoreSchema:
+        return core_schema.no_info_plain_validator_function(self.check)
+
+    def __get_pydantic_json_schema__(self, schema: object, handler: object) -> dict[str, Any]:
+        return {"type": "string", "minLength": 1}
+
+
+ArrayOrFile = Annotated[Any, _NameOrArray()]

@@ -1,0 +1,201 @@
+"""Every mistake of a scene's data with its key, its value and what would be accepted.
+
+The scene's own model is handed in as `root`, since this file stands below that one.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar, get_args
+
+from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+
+from spice_models.errors import Complaint, InputError
+from spice_models.presets import preset_names
+
+TEXTS = {  # of pydantic's complaints that speak of Python
+    "model_type": "expected a table",
+    "model_attributes_type": "expected a table",
+    "float_type": "expected a plain number, without quotes or unit",
+    "int_type": "expected a plain whole number, without quotes or unit",
+    "string_pattern_mismatch": "letters, digits, '-', '_' and '.' only",
+}
+
+
+Root = TypeVar("Root", bound=BaseModel)
+
+
+def validated(root: type[Root], data: Mapping[str, Any], file: str | Path) -> Root:
+    """Return `data`, which stands in `file`, as a `root`.
+
+    Raises
+    ------
+    InputError
+        With all complaints that could be found at once.
+    """
+    complaints = [*_contradictions(data), *_unknown_preset(data)]
+    try:
+        model = root.model_validate(dict(data))
+    except ValidationError as error:
+        complaints = [*_complaints(root, error, data), *complaints]
+    if complaints:
+        raise InputError(file, *complaints)
+    return model
+
+
+def placed(
+    root: type[BaseModel], data: dict[str, Any], values: Mapping[str, Any]
+) -> list[Complaint]:
+    """Put `values` into the tables of `data`; return what could not be placed.
+
+    A name is a key or a table at any depth (``capacitance``, ``settling_time``), or a dotted path.
+    """
+    paths: dict[str, list[str]] = {}
+    for name, path in _all_keys(root, data):
+        for spelling in {name, path.rpartition(".")[2], path}:
+            paths.setdefault(spelling, []).append(path)
+    complaints = []
+    for name, value in values.items():
+        found = paths.get(name, [])
+        if len(found) != 1:
+            several = f"several keys have this name; one of {_list(found)}"
+            text = several if found else f"unknown key; {_nearest(name, list(paths))}"
+            complaints.append(Complaint(name, _value(value), text.rstrip()))
+            continue
+        *tables, last = found[0].split(".")
+        table = data
+        for each in tables:
+            table = table.setdefault(each, {})
+        table[last] = value
+    return complaints
+
+
+def _all_keys(model: type[BaseModel], data: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Yield every key below `model`, tables included: its name in Python and its path."""
+    for name, field in model.model_fields.items():
+        key = field.alias or name
+        yield name, prefix + key
+        inside = data.get(key) if isinstance(data, Mapping) else None
+        kind = inside.get("kind") if isinstance(inside, Mapping) else None
+        if (table := _pick(field.annotation, kind)) is not None:
+            yield from _all_keys(table, inside, f"{prefix}{key}.")
+
+
+def contradictions(design: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield the keys of a design that others exclude, each with the reason."""
+    if design.get("lambda") is not None and design.get("resistance") is not None:
+        yield "lambda", "excludes 'resistance': give one of the two"
+    if design.get("amplifier", "linear") == "linear":
+        for key in ("exponential_slope", "bias"):
+            if design.get(key) is not None:
+                yield key, "needs a nonlinear amplifier, such as 'exponential'"
+
+
+def _contradictions(data: Mapping[str, Any]) -> Iterator[Complaint]:
+    """Keys that exclude each other, found beside every other mistake."""
+    design = data.get("design")
+    if isinstance(design, Mapping):
+        for key, reason in contradictions(design):
+            yield Complaint(f"design.{key}", _value(design[key]), reason)
+
+
+def _unknown_preset(data: Mapping[str, Any]) -> Iterator[Complaint]:
+    design = data.get("design")
+    choice = design.get("opamp") if isinstance(design, Mapping) else None
+    base = choice.get("base") if isinstance(choice, Mapping) else choice
+    known = preset_names()
+    if isinstance(base, str) and base not in known:
+        text = f"{_nearest(base, known)}one of {_list(known)}"
+        yield Complaint("design.opamp.base", _value(base), text)
+
+
+def _complaints(
+    root: type[BaseModel], error: ValidationError, data: Mapping[str, Any]
+) -> Iterator[Complaint]:
+    for item in error.errors(include_url=False):
+        kind, context = item["type"], item.get("ctx", {})
+        if kind == "value_error" and item["loc"] == ("design",):
+            continue  # `_contradictions` has it, with its key
+        missing = kind == "missing"
+        keys = _real_path(item["loc"], data, missing=missing)
+        key = ".".join(keys) or "scene"
+        if missing:
+            field = _fields(root, keys[:-1], data)[keys[-1]]
+            yield Complaint(key, "", f"required; {field.description}")
+        elif kind == "extra_forbidden":
+            known = list(_fields(root, keys[:-1], data))
+            hint = f"unknown key; {_nearest(keys[-1], known)}known here: {_list(known)}"
+            yield Complaint(key, _value(item["input"]), hint)
+        elif kind == "union_tag_invalid":
+            tag = str(context["tag"])
+            wanted = [name.strip("' ") for name in context["expected_tags"].split(",")]
+            text = f"{_nearest(tag, wanted)}one of {_list(wanted)}"
+            yield Complaint(f"{key}.kind", _value(tag), text)
+        elif kind == "union_tag_not_found":
+            yield Complaint(f"{key}.kind", "", "required; 'tactile' or 'matrix'")
+        else:
+            text = TEXTS.get(kind, item["msg"].removeprefix("Value error, "))
+            yield Complaint(key, _value(item["input"]), text)
+
+
+def _real_path(location: Sequence[int | str], data: Any, *, missing: bool) -> list[str]:
+    """Drop what pydantic puts into a location and is no key of the file (a union's tags)."""
+    keys: list[str] = []
+    tag: object = None  # of the table that the part before led to
+    for place, part in enumerate(location):
+        if part == tag:
+            tag = None
+            continue
+        inside = isinstance(data, Mapping) and part in data
+        if inside or (missing and place == len(location) - 1):
+            keys.append(str(part))
+        if inside:
+            data = data[part]
+            tag = data.get("kind") if isinstance(data, Mapping) else None
+    return keys
+
+
+def _fields(root: type[BaseModel], path: Sequence[str], data: Any) -> dict[str, FieldInfo]:
+    """Return the fields that are known at `path`, following the discriminators in `data`."""
+    model = root
+    for key in path:
+        data = data[key] if isinstance(data, Mapping) else {}
+        kind = data.get("kind") if isinstance(data, Mapping) else None
+        model = _pick(_by_alias(model)[key].annotation, kind) or model
+    return _by_alias(model)
+
+
+def _by_alias(model: type[BaseModel]) -> dict[str, FieldInfo]:
+    return {field.alias or name: field for name, field in model.model_fields.items()}
+
+
+def _pick(annotation: Any, kind: object) -> type[BaseModel] | None:
+    """Return the model of an annotation that is a model or a union with some; else None."""
+    options = [
+        option
+        for option in getattr(annotation, "__args__", (annotation,))
+        if isinstance(option, type) and issubclass(option, BaseModel)
+    ]
+    kinds: dict[object, type[BaseModel]] = {
+        get_args(option.model_fields["kind"].annotation)[0]: option
+        for option in options
+        if "kind" in option.model_fields
+    }
+    return kinds.get(kind, options[0] if options else None)
+
+
+def _nearest(word: str, known: Sequence[str]) -> str:
+    close = difflib.get_close_matches(word, known, n=1, cutoff=0.5)
+    return f"did you mean {close[0]!r}? " if close else ""
+
+
+def _list(names: Sequence[str]) -> str:
+    return ", ".join(repr(name) for name in names)
+
+
+def _value(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,0 +1,113 @@
+"""Jobs that run no transient: the deck of a scene, and the solution of its problem."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, overload
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from netlist_gen.deck.deck import Deck
+    from netlist_gen.scene.scene import Scene
+    from verification.reference import Solution
+
+
+def netlist(
+    scene: str | Path | Scene, *, split: bool = False, output: str | Path | None = None
+) -> Deck:
+    """Return the ngspice deck of a scene's transient.
+
+    Parameters
+    ----------
+    scene : path or Scene
+        The board.
+    split : bool
+        Write the resistor matrices into a second file; needs `output`.
+    output : path, optional
+        Write the deck there.
+
+    Returns
+    -------
+    Deck
+        Its `text` is the deck; `files` holds the second file of a split deck.
+
+    Raises
+    ------
+    InputError
+        The scene cannot be used, or the file cannot be written.
+
+    Notes
+    -----
+    ``ngspice -b -r out.raw FILE`` runs the deck. The same scene gives the same bytes.
+
+    Examples
+    --------
+    >>> import taction
+    >>> deck = taction.netlist("scenes/paper-breadboard.toml")
+    >>> deck.saved
+    ('v_1', 'v_2', 'v_3', 'v_4', 'v_5', 'v_6', 'v_7')
+    """
+    from verification.ideal.lambda_rule import read_scene
+    from verification.pipeline.deck import deck_of, write_files
+
+    _, deck = deck_of(read_scene(scene), output=output, split=split)
+    if output is not None:
+        write_files(deck, output)
+    return deck
+
+
+@overload
+def solve(scene: str | Path | Scene, *, strains: None = None) -> Solution: ...
+@overload
+def solve(scene: str | Path | Scene, *, strains: ArrayLike) -> list[Solution]: ...
+def solve(
+    scene: str | Path | Scene, *, strains: ArrayLike | None = None
+) -> Solution | list[Solution]:
+    """Solve the problem of a scene numerically, without any circuit.
+
+    Parameters
+    ----------
+    scene : path or Scene
+        The problem: matrix, strain, amplifier and lambda.
+    strains : array_like (K, M), optional
+        Solve for each row in the place of the scene's strain; the matrix is factorised once.
+
+    Returns
+    -------
+    Solution or list of Solution
+        `u` (N,), dimensionless, with its certificate; with `strains` one solution a row, in order.
+
+    Raises
+    ------
+    InputError
+        The scene or the strains cannot be used.
+    NoVerdictError
+        No solution can be computed.
+
+    Notes
+    -----
+    A solution is to be believed only if it is `trusted`; otherwise `reason` says why not.
+
+    Examples
+    --------
+    >>> import taction
+    >>> scene = taction.Scene.from_arrays([[2.0, 0.0], [0.0, 1.0]], [4.0, 3.0], lam=1.0)
+    >>> taction.solve(scene).u.round(12).tolist()
+    [1.6, 1.5]
+    >>> several = taction.solve(scene, strains=[[5.0, 0.0], [0.0, 2.0]])
+    >>> [solution.u.round(12).tolist() for solution in several]
+    [[2.0, 0.0], [0.0, 1.0]]
+    """
+    from netlist_gen.board.scalings import make_scalings
+    from netlist_gen.problem.inverse_problem import make_problem, with_strains
+    from verification.ideal.ideal_answer import ideal_network
+    from verification.ideal.lambda_rule import read_scene
+    from verification.reference import solve as run
+    from verification.reference import solve_each
+
+    asked = read_scene(scene)
+    problem = ideal_network(make_problem(asked), make_scalings(asked), asked).problem
+    if strains is None:
+        return run(problem)
+    return solve_each(problem, [each.strain for each in with_strains(asked, strains)])

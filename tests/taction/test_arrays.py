@@ -1,0 +1,187 @@
+"""Arrays in memory in the place of files, and many right-hand sides for one board."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike
+
+import taction
+from netlist_gen.overrides.axes import with_values
+from netlist_gen.problem.inverse_problem import make_problem
+from tests.support.making import write_matrix_scene
+from verification.reference import tikhonov
+from verification.studies.running.digests import digest
+
+T = [[1.0, 0.5, 0.1], [0.5, 1.0, 0.5], [0.1, 0.5, 1.0]]
+EPS = [0.3, 0.2, 0.1]
+STRAINS = [[0.3, 0.2, 0.1], [0.1, 0.0, -0.2], [0.0, 0.3, 0.0]]
+DESIGN = '[design]\ncapacitance = "1nF"\ngain = "1Mohm"\nlambda = 0.5\n'
+
+
+def scene(**values: object) -> taction.Scene:
+    return taction.Scene.from_arrays(
+        T, EPS, **({"capacitance": "1nF", "gain": "1Mohm", "lam": 0.5} | values)
+    )
+
+
+def test_arrays_give_the_deck_that_files_give(tmp_path: Path) -> None:
+    file = write_matrix_scene(tmp_path, T, EPS, DESIGN)
+    assert taction.netlist(scene()).text == taction.netlist(file).text
+
+
+def test_the_solution_is_that_of_the_normal_equations() -> None:
+    matrix = np.array(T)
+    expected = np.linalg.solve(matrix.T @ matrix + 0.5 * np.eye(3), matrix.T @ np.array(EPS))
+    assert taction.solve(scene()).u == pytest.approx(expected, rel=1e-12)
+
+
+def test_keys_of_any_table_are_found_by_name() -> None:
+    found = scene(
+        opamp="lf353",
+        variance=1e-4,
+        engine="statespace",
+        resistor=0.02,
+        stress=[1, 2, 3],
+        settling_time={"max": "1ms"},
+        **{"checks.steady_state.tolerance": 0.01},
+    )
+    assert found.design.opamp.base == "lf353"
+    assert found.problem.noise.variance == 1e-4
+    assert found.analysis.engine == "statespace"
+    assert found.tolerances.resistor == 0.02
+    assert found.checks.settling_time.max == 1e-3
+    assert found.checks.steady_state.tolerance == 0.01
+    assert make_problem(found).stress is not None
+
+
+@pytest.mark.parametrize(
+    ("matrix", "strain", "values", "text"),
+    [
+        (T, EPS, {"capacitanc": "1pF"}, "capacitanc = '1pF': unknown key; did you mean 'capac"),
+        (T, EPS, {"max": 1}, "max = 1: several keys have this name; one of 'checks.settling_t"),
+        (T, EPS, {"capacitance": "1nH"}, "design.capacitance = '1nH': the unit is 'H'"),
+        (T, EPS, {"stress": [1.0]}, "problem.stress = array([1.]): shape 1; expected 3"),
+        (T, [1.0, 2.0], {}, "problem.strain = array([1., 2.]): shape 2; expected 3"),
+        (T, [1.0, np.nan, 0.0], {}, "entry (2) is not finite"),
+        ([[1.0, np.inf]], [1.0], {}, "problem.matrix = array([[ 1., inf]]): entry (1, 2) is not"),
+        ([[1.0], [1.0, 2.0]], EPS, {}, "problem.matrix = [[1.0], [1.0, 2.0]]: expected the name"),
+        ([["a"]], EPS, {}, "expected the name of a file, or an array of real numbers"),
+        ([[1j]], EPS, {}, "or an array of real numbers"),
+        ([[]], [], {}, "shape 1 x 0; expected any x any"),
+    ],
+)
+def test_what_is_wrong_is_named(
+    matrix: ArrayLike, strain: ArrayLike, values: dict[str, object], text: str
+) -> None:
+    with pytest.raises(taction.InputError) as caught:
+        taction.Scene.from_arrays(matrix, strain, **values)
+    assert text in str(caught.value)
+    assert str(caught.value).startswith("Scene.from_arrays: ")
+
+
+def test_a_matrix_of_zeros_is_refused_as_from_a_file() -> None:
+    zeros = taction.Scene.from_arrays([[0.0]], [1.0])
+    with pytest.raises(taction.InputError, match=r"Scene\.from_arrays: problem: T is all zeros"):
+        taction.solve(zeros)
+
+
+def test_a_scene_keeps_its_own_copy() -> None:
+    matrix = np.array(T)
+    made = taction.Scene.from_arrays(matrix, EPS)
+    matrix[0, 0] = 7.0
+    assert make_problem(made).matrix[0, 0] == 1.0
+    with pytest.raises(ValueError, match="read-only"):
+        make_problem(made).matrix[0, 0] = 7.0
+
+
+def test_scenes_with_arrays_compare_travel_and_digest_by_content() -> None:
+    other = taction.Scene.from_arrays(T, [0.3, 0.2, 0.2])
+    same = taction.Scene.from_arrays(np.array(T), np.array(EPS))
+    made = taction.Scene.from_arrays(T, EPS)
+    assert made == same
+    assert hash(made.problem) == hash(same.problem)
+    assert made != other
+    assert pickle.loads(pickle.dumps(made)) == made  # noqa: S301 - our own
+    assert digest(made) == digest(same) != digest(other)
+
+
+def test_a_changed_scene_keeps_its_arrays() -> None:
+    changed = with_values(scene(), {"design.capacitance": 2e-9})
+    assert changed.problem == scene().problem
+    assert changed.design.capacitance == 2e-9
+
+
+@pytest.mark.parametrize("amplifier", ["linear", "exponential"])
+def test_many_strains_give_what_each_gives_alone(amplifier: str) -> None:
+    made = scene(amplifier=amplifier)
+    several = taction.solve(made, strains=np.abs(STRAINS))
+    for strain, solution in zip(np.abs(STRAINS), several, strict=True):
+        alone = taction.solve(
+            taction.Scene.from_arrays(
+                T, strain, amplifier=amplifier, capacitance="1nF", gain="1Mohm", lam=0.5
+            )
+        )
+        assert solution.u.tolist() == alone.u.tolist()
+        assert solution.trusted
+        assert solution.error_bound == alone.error_bound
+
+
+@pytest.mark.parametrize("channels", [3, 310])
+def test_many_strains_factorise_once(
+    channels: int, monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
+) -> None:
+    calls = []
+    for name in ("SVD", "factorise"):
+
+        def counted(*words: object, name: str = name, real: object = getattr(tikhonov, name)):  # type: ignore[no-untyped-def]
+            calls.append(name)
+            return real(*words)  # type: ignore[operator]
+
+        monkeypatch.setattr(tikhonov, name, counted)
+    matrix = np.eye(channels) + 0.01 * rng.standard_normal((channels, channels))
+    strains = rng.standard_normal((4, channels))
+    made = taction.Scene.from_arrays(matrix, strains[0], lam=0.5)
+    solutions = taction.solve(made, strains=strains)
+    assert len(calls) == 1
+    normal = matrix.T @ matrix + 0.5 * np.eye(channels)
+    expected = np.linalg.solve(normal, matrix.T @ strains.T).T
+    assert np.array([each.u for each in solutions]) == pytest.approx(expected, rel=1e-9, abs=1e-9)
+
+
+def test_verify_and_simulate_take_many_strains_in_order() -> None:
+    made = scene(engine="statespace")
+    verdicts = taction.verify(made, strains=STRAINS)
+    records = taction.simulate(made, strains=STRAINS)
+    for strain, verdict, record in zip(STRAINS, verdicts, records, strict=True):
+        alone = taction.verify(
+            taction.Scene.from_arrays(
+                T, strain, engine="statespace", capacitance="1nF", gain="1Mohm", lam=0.5
+            )
+        )
+        assert verdict.outcome is alone.outcome
+        assert verdict.u.tolist() == alone.u.tolist()
+        finals = [channel.final for channel in record.measurements.channels]
+        assert finals == [channel.final for channel in verdict.measurements.channels]
+
+
+@pytest.mark.parametrize(
+    ("strains", "text"),
+    [
+        ([[1.0, 2.0]], "strains: strains: shape 1 x 2; expected any x 3"),
+        ([[1.0, np.nan, 0.0]], "entry (1, 2) is not finite"),
+        ([["a", "b", "c"]], "could not convert string to float"),
+    ],
+)
+def test_strains_that_do_not_fit_are_refused(strains: ArrayLike, text: str) -> None:
+    with pytest.raises(taction.InputError) as caught:
+        taction.verify(scene(), strains=strains)
+    assert text in str(caught.value)
+
+
+def test_one_file_holds_one_transient(tmp_path: Path) -> None:
+    with pytest.raises(taction.InputError, match="one file holds one transient"):
+        taction.simulate(scene(), strains=STRAINS, output=tmp_path / "a.csv")

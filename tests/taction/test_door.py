@@ -1,0 +1,149 @@
+"""The public names: light, lazy, typed, and what they hand back."""
+
+from __future__ import annotations
+
+import dataclasses
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import taction
+from tests.project.test_imports import below, reached
+from tests.support.entries import write_fast
+from tests.support.paths import ROOT, SCENES
+from tests.support.running import taction as command
+from tests.support.studying import scene_file
+
+HEAVY = ("numpy", "scipy", "pydantic", "click", "rich", "PySpice")
+JOBS = ("taction.designs", "taction.transients", "taction.studies")
+
+
+def loaded_by(script: str) -> set[str]:
+    """Run a script in a fresh Python and return the modules that it has loaded."""
+    text = f"{script}\nimport sys; print(*sys.modules)"
+    run = subprocess.run(
+        [sys.executable, "-c", text], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    return set(run.stdout.split())
+
+
+def test_import_taction_loads_nothing_heavy() -> None:
+    assert not loaded_by("import taction; dir(taction)") & set(HEAVY)
+
+
+def test_a_job_is_there_before_anything_heavy_is_loaded() -> None:
+    assert not loaded_by("import taction; taction.sweep, taction.verify") & set(HEAVY)
+
+
+def test_every_public_name_is_listed_and_found() -> None:
+    assert set(taction.__all__) <= set(dir(taction))
+    assert sorted(taction.__all__) == taction.__all__
+    assert all(getattr(taction, name) is not None for name in taction.__all__)
+
+
+def test_a_name_that_is_not_public_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="no attribute 'verfy'"):
+        getattr(taction, "verfy")  # noqa: B009 - mypy knows that there is none
+
+
+@pytest.mark.parametrize("module", ["taction", "taction.values", "taction.verdict", *JOBS])
+def test_nothing_behind_the_public_names_imports_the_command_line(module: str) -> None:
+    assert not [name for name in reached(module) if below(name, ("cli",))]
+
+
+def test_a_type_checker_sees_the_public_names(tmp_path: Path) -> None:
+    script = tmp_path / "user.py"
+    script.write_text(
+        "import taction\n"
+        "verdict = taction.verify('a.toml')\n"
+        "several = taction.verify(taction.load_scene('a.toml'), strains=[[1.0]])\n"
+        "reveal_type(verdict)\nreveal_type(several)\n"
+    )
+    run = subprocess.run(
+        [sys.executable, "-m", "mypy", "--strict", "--config-file=", str(script)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+    )
+    assert run.returncode == 0, run.stdout
+    assert '"taction.verdict.Verdict"' in run.stdout
+    assert '"list[taction.verdict.Verdict]"' in run.stdout
+
+
+def without_times(text: str) -> list[str]:
+    """The table without its last lines, which say how long everything took."""
+    return text[: text.index("\ntime: ")].splitlines()
+
+
+@pytest.mark.parametrize("name", ["paper-breadboard", "custom-matrix"])
+def test_print_shows_the_table_of_the_command(name: str) -> None:
+    file = SCENES / f"{name}.toml"
+    shown = command("verify", str(file), "--engine", "statespace")
+    verdict = taction.verify(file, engine="statespace")
+    assert without_times(str(verdict)) == without_times(shown.stdout)
+    assert str(verdict).splitlines()[-1] == verdict.outcome.value.upper() == "PASS"
+
+
+def test_a_verdict_is_one_type_frozen_and_short(tmp_path: Path) -> None:
+    file = write_fast(tmp_path / "a.toml")
+    verdict = taction.verify(str(file))
+    assert type(verdict) is taction.Verdict
+    assert repr(verdict) == "Verdict('fast', pass, statespace)"
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        verdict.outcome = verdict.outcome  # type: ignore[misc]
+    again = taction.verify(taction.load_scene(file))
+    assert again.measurements.settling_time == verdict.measurements.settling_time
+
+
+def test_results_have_a_short_repr(tmp_path: Path) -> None:
+    file = write_fast(tmp_path / "a.toml")
+    results = (
+        taction.load_scene(file),
+        taction.netlist(file),
+        taction.solve(file),
+        taction.simulate(file),
+        taction.onset(file, over={"C": ("8pF", "12pF", 3)}, transients=False),
+        taction.montecarlo(scene_file(tmp_path), samples=2, jobs=1),
+        taction.synthesise(taction.load_scene(file)),
+    )
+    for result in results:
+        assert len(repr(result)) < 200
+        assert "\n" not in repr(result)
+
+
+def test_an_unknown_engine_names_the_known_ones() -> None:
+    with pytest.raises(taction.InputError, match=r"analysis\.engine = 'spice': expected one of"):
+        taction.verify(SCENES / "paper-breadboard.toml", engine="spice")
+
+
+def test_progress_receives_lines_of_text(tmp_path: Path) -> None:
+    file, lines = write_fast(tmp_path / "a.toml"), list[str]()
+    taction.verify(file, progress=lines.append)
+    taction.sweep(file, over={"C": ["10pF"]}, jobs=1, progress=lines.append)
+    taction.montecarlo(scene_file(tmp_path), samples=1, jobs=1, progress=lines.append)
+    assert "synthesis" in lines
+    assert "1 of 1 points" in lines
+    assert any(line.startswith("1 of 1 samples") for line in lines)
+
+
+def test_netlist_writes_the_deck_that_it_returns(tmp_path: Path) -> None:
+    deck = taction.netlist(SCENES / "tuned-breadboard.toml", split=True, output=tmp_path / "b.cir")
+    assert (tmp_path / "b.cir").read_text() == deck.text
+    assert (tmp_path / "b_matrix.inc").read_text() == deck.files["b_matrix.inc"]
+
+
+def test_simulate_writes_the_waveforms_that_it_returns(tmp_path: Path) -> None:
+    file = write_fast(tmp_path / "a.toml")
+    record = taction.simulate(file, output=tmp_path / "a.csv")
+    rows = (tmp_path / "a.csv").read_text().splitlines()
+    assert len(rows) == 1 + len(record.waveforms.time)
+
+
+def test_samples_in_a_file_are_not_drawn_again(tmp_path: Path) -> None:
+    scene, kept, lines = scene_file(tmp_path), tmp_path / "s.jsonl", list[str]()
+    first = taction.montecarlo(scene, samples=3, output=kept, jobs=1)
+    again = taction.montecarlo(scene, samples=3, output=kept, jobs=1, progress=lines.append)
+    assert again == first
+    assert lines == []

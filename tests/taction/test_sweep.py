@@ -1,0 +1,104 @@
+"""`taction.sweep`: axes from Python, results as tables, grids and pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import taction
+from netlist_gen.overrides.axes import parse_axes
+from tests.support.entries import write_fast
+from verification.report.sweep.result import SweepResult
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_fast(tmp_path_factory.mktemp("boards") / "a.toml")
+
+
+@pytest.fixture(scope="module")
+def result(scene: Path) -> SweepResult:
+    over = {"C": ("10pF", "20pF", 2), "topology": ["integrator", "passive"]}
+    return taction.sweep(scene, over=over, jobs=1)
+
+
+@pytest.mark.parametrize(
+    ("over", "text"),
+    [
+        ({"C": ("1pF", "1nF", 31)}, "C=1pF:1nF:31"),
+        ({"C": (1e-12, 1e-9, 4, "lin")}, "C=1e-12:1e-09:4:lin"),
+        ({"C": ["1pF", 2e-12]}, "C=1p,2e-12"),
+        ({"C": np.array([1e-12, 3e-12])}, "C=1e-12,3e-12"),
+        ({"opamp.base": ["ua741", "lf353"]}, "opamp.base=ua741,lf353"),
+        ({"normalised": [True, False]}, "normalised=true,false"),
+        ({"C": "1pF:1nF:3"}, "C=1pF:1nF:3"),
+        ("C=1p,2p gain=1M,2M", "C=1p,2p gain=1M,2M"),
+        (["C=1p,2p"], "C=1p,2p"),
+    ],
+)
+def test_axes_are_those_of_the_command_line(scene: Path, over: object, text: str) -> None:
+    asked = taction.load_scene(scene)
+    assert parse_axes(asked, over) == parse_axes(asked, [text])  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("over", "text"),
+    [
+        ({"capacitanc": ["1pF"]}, "did you mean 'capacitance'?"),
+        ({"C": ["1pF,2pF"]}, "'1pF,2pF'"),
+        ({"C": ("1nH", "2nH", 3)}, "the unit is 'H'"),
+        ({"C": []}, "expected values"),
+    ],
+)
+def test_axes_that_cannot_be_used_are_refused(scene: Path, over: object, text: str) -> None:
+    with pytest.raises(taction.InputError) as caught:
+        taction.sweep(scene, over=over)  # type: ignore[arg-type]
+    assert text in str(caught.value)
+
+
+def test_a_table_has_one_row_a_point(result: SweepResult) -> None:
+    table = result.to_pandas()
+    assert table["C"].tolist() == [1e-11, 1e-11, 2e-11, 2e-11]
+    assert table["topology"].tolist() == ["integrator", "passive"] * 2
+    assert table["settling_time"].tolist() == [r["settling_time"] for r in result.records()]
+
+
+def test_a_grid_has_the_axes_as_coordinates(result: SweepResult) -> None:
+    grid = result.to_xarray()
+    assert dict(grid.sizes) == {"C": 2, "topology": 2, "engine": 1}
+    table = result.to_pandas().set_index(["C", "topology"])["settling_time"]
+    chosen = grid["settling_time"].sel(C=2e-11, topology="passive", engine="statespace")
+    assert float(chosen) == table[(2e-11, "passive")]
+
+
+def test_a_point_is_what_verify_finds(result: SweepResult, scene: Path) -> None:
+    verdict = taction.verify(scene)
+    first = next(result.records())
+    assert first["outcome"] == verdict.outcome.value
+    assert first["growth_rate"] == verdict.poles.rightmost.real
+
+
+def test_a_picture_is_drawn(result: SweepResult, tmp_path: Path) -> None:
+    result.plot(tmp_path / "map.png")
+    assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_stored_sweep_is_not_computed_again(scene: Path, tmp_path: Path) -> None:
+    over, file = {"C": ("10pF", "20pF", 3)}, tmp_path / "a.sqlite"
+    first = taction.sweep(scene, over=over, output=file, jobs=1)
+    again = taction.sweep(scene, over=over, output=file, jobs=1)
+    assert (first.count.ran, again.count.ran) == (3, 0)
+    assert list(again.records()) == list(first.records())
+
+
+def test_arrays_are_swept_in_other_processes() -> None:
+    made = taction.Scene.from_arrays([[1.0, 0.5], [0.5, 1.0]], [0.2, 0.1], capacitance="1nF")
+    result = taction.sweep(made, over={"C": ["1nF", "2nF"]}, engine="statespace", jobs=2)
+    assert result.to_pandas()["outcome"].tolist() == ["pass", "pass"]
+
+
+def test_both_engines_are_no_engine_of_a_scene(scene: Path) -> None:
+    with pytest.raises(taction.InputError, match="'spice': expected one of 'auto', 'ngspice'"):
+        taction.sweep(scene, over={"C": ["1pF"]}, engine="spice")

@@ -1,0 +1,106 @@
+"""A board and its linearisation: each part is computed on first use, once, and handed along."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from netlist_gen.board.circuit import Circuit
+from verification.engines.statespace.equations.coarse_board import coarsen
+from verification.engines.statespace.equations.dc_solve import (
+    Response,
+    dense_response,
+    structured_response,
+)
+from verification.engines.statespace.equations.descriptor import Descriptor
+from verification.engines.statespace.equations.stamps import stamp
+from verification.engines.statespace.equations.structured_solve import Structure
+from verification.engines.statespace.linearised.equilibrium import Equilibrium, solve_equilibrium
+from verification.engines.statespace.linearised.state_space import (
+    StateSpace,
+    linearise,
+    open_loop,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class LinearBoard:
+    """One board, linearised at its equilibrium with the strain applied.
+
+    Every property may raise `EngineError`: no equilibrium, or no state-space form.
+
+    Attributes
+    ----------
+    circuit : Circuit
+        The board.
+    equations : Descriptor, optional
+        Equations that take the place of the circuit's own.
+    point : Equilibrium, optional
+        Where to linearise, in the place of the equilibrium.
+    """
+
+    circuit: Circuit
+    equations: Descriptor | None = None
+    point: Equilibrium | None = None
+
+    @classmethod
+    def of(cls, circuit: Circuit | LinearBoard) -> LinearBoard:
+        """Return a linearised board as it is, and a circuit as a new one."""
+        return circuit if isinstance(circuit, LinearBoard) else cls(circuit)
+
+    def reported(self, nodes: Iterable[str] | None) -> tuple[str, ...]:
+        """Return the nodes that a transient reports: those asked for, else the outputs'."""
+        return tuple(o.node for o in self.circuit.outputs) if nodes is None else tuple(nodes)
+
+    @functools.cached_property
+    def descriptor(self) -> Descriptor:
+        """The equations."""
+        return stamp(self.circuit) if self.equations is None else self.equations
+
+    @functools.cached_property
+    def equilibrium(self) -> Equilibrium:
+        """Where the board rests with the strain applied."""
+        return self.point or solve_equilibrium(self.descriptor, self._response)
+
+    @functools.cached_property
+    def rest(self) -> Equilibrium:
+        """Where it rests without strain; voltage sources stay on."""
+        return solve_equilibrium(self.descriptor, self._response, sources_on=False)
+
+    @functools.cached_property
+    def _response(self) -> Response:
+        if self.descriptor.is_large:
+            return structured_response(self._bare)
+        return dense_response(self.descriptor)
+
+    @functools.cached_property
+    def _bare(self) -> Structure:
+        """The structure without the amplifiers' slopes."""
+        return Structure(self.descriptor)
+
+    @property
+    def _operating_point(self) -> Equilibrium | None:
+        """The equilibrium where the linearisation depends on it."""
+        return self.equilibrium if self.descriptor.devices.count else None
+
+    @functools.cached_property
+    def state_space(self) -> StateSpace:
+        """``x' = A x + B [on, 1]``, with its modes; dense."""
+        return linearise(self.descriptor, self._operating_point)
+
+    @functools.cached_property
+    def open_loop(self) -> StateSpace:
+        """The same with the amplifiers' outputs as inputs."""
+        return open_loop(self.descriptor)
+
+    @functools.cached_property
+    def structure(self) -> Structure:
+        """The equations of a large board, to be solved without any dense matrix of all of them."""
+        point = self._operating_point
+        return self._bare if point is None else Structure(self.descriptor, point.slopes)
+
+    @functools.cached_property
+    def coarse(self) -> LinearBoard:
+        """A small image of a large board; see `coarse_board`."""
+        return LinearBoard(self.circuit, coarsen(self.descriptor))

@@ -1,0 +1,217 @@
+"""Rise time, settling time and overshoot read from a signal: one implementation for all signals.
+
+A `Signal` is either a sampled record (`verification.measures.sampled_signal`) or an exact solution
+(`verification.small_signal.exact_crossings`). Nothing is judged here:
+`verification.measures.measure` has the definitions and decides which readings are proven.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from spice_models.array_types import Bools, Floats, Indices
+from spice_models.definitions import (
+    BAND_SHIFT,
+    FRAGILE,
+    LEVEL_SHIFT,
+    RISE_LEVELS,
+    SMALL_STEP,
+    STILL,
+)
+from verification.measures.crossings import Crossings
+
+
+class Signal(Protocol):
+    """Errors of N channels over time: how far each is from its target."""
+
+    @property
+    def ends(self) -> Floats:
+        """Errors (N,) where the signal ends or comes to rest."""
+
+    def last_outside(self, levels: Floats) -> Crossings:
+        """Find when each channel was last further from its target than each of `levels` (J,).
+
+        The instants (J, N) count from the first one; NaN where a channel never was.
+        """
+
+    def first_reached(self, rows: Indices, steps: Floats, levels: Floats) -> Crossings:
+        """Find when ``1 + error / step`` first exceeds `levels` (J,), in channels `rows` (R,).
+
+        Shape (J, R); NaN where it never does.
+        """
+
+    def highest(self, sign: Floats) -> Floats:
+        """Return the maximum of ``sign * error`` of every channel, (N,)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """A measured time.
+
+    Attributes
+    ----------
+    value : float
+        s.
+    uncertainty : float
+        Of the crossings themselves, s; the simulation's own error is not in it.
+    fragile : bool
+        A small shift of the level or of the band changes the time: a peak just reaches, or just
+        misses, it.
+    alternative : float or None
+        The time with the level shifted by `LEVEL_SHIFT`, or the band by `BAND_SHIFT`, s; None if
+        the reading is not fragile, or if there is no crossing then.
+    """
+
+    value: float
+    uncertainty: float
+    fragile: bool = False
+    alternative: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Readings:
+    """Readings of one signal.
+
+    Attributes
+    ----------
+    finals : tuple of float
+        Last value of each channel.
+    rise_times, settling_times : tuple of (Reading or None)
+        Of each channel, s; None where it does not reach the levels, or ends outside its band.
+    overshoots : tuple of float
+        Fractions of A.
+    """
+
+    finals: tuple[float, ...]
+    rise_times: tuple[Reading | None, ...]
+    settling_times: tuple[Reading | None, ...]
+    overshoots: tuple[float, ...]
+
+    @property
+    def settling_time(self) -> Reading | None:
+        """The last channel's settling time; None unless every channel has one."""
+        found = [reading for reading in self.settling_times if reading is not None]
+        return latest(found) if len(found) == len(self.settling_times) else None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Step:
+    """What the channels are to do: values before the step and targets, (N,) each."""
+
+    start: Floats
+    target: Floats
+
+    @property
+    def sizes(self) -> Floats:
+        """From start to target, (N,)."""
+        return self.target - self.start
+
+    @property
+    def amplitude(self) -> float:
+        """Step amplitude A of the network."""
+        return float(np.abs(self.sizes).max(initial=0.0))
+
+    def rising(self) -> Bools:
+        """Tell which channels have a step large enough for a rise time, (N,)."""
+        sizes = np.abs(self.sizes)
+        return np.asarray((sizes >= SMALL_STEP * self.amplitude) & (sizes > 0))
+
+
+def read(signal: Signal, step: Step, finals: Floats, tolerance: float, lost: Bools) -> Readings:
+    """Read a signal.
+
+    Parameters
+    ----------
+    finals : ndarray (N,)
+        Last values, in the unit of the signal.
+    tolerance : float
+        Half width of the settling band, in the same unit.
+    lost : ndarray (N,)
+        Channels whose rise time has no meaning.
+    """
+    return Readings(
+        finals=tuple(finals.tolist()),
+        rise_times=rise_times(signal, step.sizes, step.rising() & ~lost),
+        settling_times=settling_times(signal, tolerance),
+        overshoots=_overshoots(signal, step),
+    )
+
+
+def settling_times(signal: Signal, tolerance: float) -> tuple[Reading | None, ...]:
+    """Return when each channel was last outside ``±tolerance``; None if it ends outside.
+
+    Proves nothing about what follows a record; `measures.settling` does.
+    """
+    ends = np.abs(signal.ends)
+    if ends.min() > tolerance:
+        return (None,) * len(ends)
+    levels = tolerance * np.array([1.0, 1.0 - BAND_SHIFT, 1.0 + BAND_SHIFT])
+    at, doubt = signal.last_outside(levels)
+    never = np.isnan(at)
+    at, doubt = np.where(never, 0.0, at), np.where(never, 0.0, doubt)
+    at[ends > levels[:, None]] = np.nan
+    found: list[Reading | None] = []
+    for (value, *others), width in zip(at.T.tolist(), doubt[0].tolist(), strict=True):
+        shifted = [None if math.isnan(other) else other for other in others]
+        found.append(None if math.isnan(value) else _reading(value, width, shifted))
+    return tuple(found)
+
+
+def rise_times(signal: Signal, steps: Floats, wanted: Bools) -> tuple[Reading | None, ...]:
+    """Return the time from each channel's first crossing of the lower level to the upper's.
+
+    None where it is not `wanted` (N,), or where the channel does not reach both levels.
+    """
+    found: list[Reading | None] = [None] * len(steps)
+    rows = np.flatnonzero(wanted)
+    if rows.size == 0:
+        return tuple(found)
+    (low, high), shift = RISE_LEVELS, LEVEL_SHIFT
+    shifted = np.array([low, high, high - shift, high + shift, low - shift, low + shift])
+    at, doubt = signal.first_reached(rows, steps[rows], shifted)
+    widths = (doubt[0] + doubt[1]).tolist()
+    for n, instants, width in zip(rows.tolist(), at.T.tolist(), widths, strict=True):
+        begin, end, *ends = instants[:4]
+        if math.isnan(begin) or math.isnan(end):
+            continue
+        others = [None if math.isnan(e) else e - begin for e in ends]
+        others += [end - b for b in instants[4:] if not math.isnan(b)]
+        found[n] = _reading(end - begin, width, others)
+    return tuple(found)
+
+
+def _overshoots(signal: Signal, step: Step) -> tuple[float, ...]:
+    """Return how far channels go beyond their targets, fractions of A; 0 without a step."""
+    amplitude, sizes = step.amplitude, step.sizes
+    if amplitude == 0:
+        return (0.0,) * len(sizes)
+    top = signal.highest(np.where(sizes < 0, -1.0, 1.0))
+    # A channel without a step of its own, but for rounding, may leave its target either way.
+    still = np.abs(sizes) <= STILL * amplitude
+    if still.any():
+        top = np.where(still, np.maximum(top, signal.highest(np.where(sizes < 0, 1.0, -1.0))), top)
+    return tuple((np.maximum(top, 0.0) / amplitude).tolist())
+
+
+def latest(readings: list[Reading]) -> Reading:
+    """Return the latest of several readings, fragile where a fragile reading could change it."""
+    value = max(r.value for r in readings)
+    doubt = max(r.value + r.uncertainty for r in readings) - value
+    rivals = [[r.value, r.value if r.alternative is None else r.alternative] for r in readings]
+    others: list[float | None] = [max(map(max, rivals)), max(map(min, rivals))]
+    if any(r.fragile and r.alternative is None for r in readings):
+        others.append(None)
+    return _reading(value, doubt, others)
+
+
+def _reading(value: float, uncertainty: float, others: list[float | None]) -> Reading:
+    """Build a reading; `others` are its values at the shifted levels (None: no value)."""
+    limit = max(FRAGILE * abs(value), uncertainty)
+    far = [o for o in others if o is not None and abs(o - value) > limit]
+    fragile = bool(far) or None in others
+    alternative = max(far, key=lambda o: abs(o - value)) if far else None
+    return Reading(value, uncertainty, fragile, alternative)

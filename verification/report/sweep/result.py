@@ -1,0 +1,87 @@
+"""A sweep that is done, for programs: tables, grids and pictures of the points in its store."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from spice_models.errors import Complaint, InputError
+from verification.report.sweep.files import dataset, frame
+from verification.report.sweep.maps import plot_sweep
+from verification.report.sweep.records import records
+from verification.studies.sweep.plan import Plan
+from verification.studies.sweep.run import Count
+from verification.studies.sweep.store import Store
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class SweepResult:
+    """Every point of a sweep.
+
+    Attributes
+    ----------
+    plan : Plan
+        The grid: its axes, their values, its engines.
+    store : Store
+        A database in a file or in memory; it stays open as long as the result lives.
+    count : Count
+        How many points there are, how many were computed now, and their outcomes.
+    """
+
+    plan: Plan
+    store: Store
+    count: Count
+
+    def __repr__(self) -> str:
+        outcomes = ", ".join(
+            f"{number} {name}" for name, number in sorted(self.count.outcomes.items())
+        )
+        names = " x ".join(axis.name for axis in self.plan.axes)
+        return (
+            f"SweepResult({self.plan.scene.name!r}, {names}: {self.plan.total} points, {outcomes})"
+        )
+
+    def records(self) -> Iterator[dict[str, Any]]:
+        """Yield every point as plain data in SI base units, in the order of the grid."""
+        return records(self.plan, self.store)
+
+    def to_pandas(self) -> Any:
+        """Return a ``pandas.DataFrame``: one row a point and engine, one column an axis or figure.
+
+        Raises
+        ------
+        InputError
+            pandas is not installed.
+        """
+        _need("pandas")
+        return frame(self.plan, self.store)
+
+    def to_xarray(self) -> Any:
+        """Return an ``xarray.Dataset``: the axes and the engine are its coordinates.
+
+        Raises
+        ------
+        InputError
+            xarray is not installed.
+        """
+        _need("xarray")
+        return dataset(self.plan, self.store)
+
+    def plot(self, path: str | Path) -> None:
+        """Draw maps over two axes, or curves over one, into a PNG, SVG or PDF file.
+
+        Raises
+        ------
+        InputError
+            More than two axes, another kind of file, or matplotlib is not installed.
+        """
+        plot_sweep(self.plan, self.store, str(path))
+
+
+def _need(package: str) -> None:
+    if importlib.util.find_spec(package) is None:
+        text = f"needs {package}: pip install 'taction[data]'"
+        raise InputError(f"to_{package}", Complaint("package", repr(package), text))

@@ -1,0 +1,214 @@
+"""What ngspice's step control will do on a board, known before ngspice runs.
+
+ngspice (``CKTterr``) chooses every step h of the trapezoidal rule such that the local error of each
+capacitor's charge q stays below a tolerance,
+
+    h² |q'''| / 72 <= truncation · max(|q'|, charge / h),
+
+and never above a maximum step. The modes of a board give q at any time, so they give the step at
+any time and the number of steps. They also give what the steps do to the outputs: a step
+multiplies each mode by ``(1 + hp/2) / (1 - hp/2)`` in the place of ``exp(hp)``. Nothing is
+simulated.
+
+For a linear board a forecast leaves out ngspice's start (some 20 steps) and what rounds a step
+down. For a board with behavioural amplifiers, and for the coarse image of a large board, it is an
+estimate: measured, the error is then within a factor of 2 of the forecast.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from spice_models.array_types import Complexes, Floats
+from spice_models.subcircuits import STAGE_CAPACITANCE
+from verification.engines.statespace.linearised.board import LinearBoard
+from verification.engines.statespace.linearised.initial_state import Initial, initial_unknowns
+
+CKTTERR = 72.0  # 12 of the trapezoidal rule's local error times 3! of the divided difference
+INSTANTS = 240  # at which the step is computed; spaced by ratio
+EARLIEST = 0.01  # of the fastest mode's time constant: the first of them
+UNSEEN = 1e-9  # of the step amplitude: a mode below is not followed at the outputs
+FEWEST_STEPS = (50.0, 100.0, 200.0, 500.0, 1500.0)
+"""Numbers of steps that a record has at least, to choose from. A stiff mode that is not resolved
+decays slowly under the trapezoidal rule, the more slowly the longer the step is: where that limits
+the error, a shorter maximum step is cheaper than a smaller truncation error."""
+CHARGE = 10.0  # times C times the step amplitude: no charge of a usual board is larger
+EXPONENT = 1.5  # of the error, which the truncation error follows
+AIM = 0.93  # of the allowed error: where the search aims, so that it need not come back
+CLOSE = 0.8  # of the allowed error: near enough to stop the search
+TRIES = 12
+LEAST, MOST = 1e-15, 0.5  # truncation errors
+LARGEST = 300.0  # exponent
+
+
+@dataclass(frozen=True, slots=True)
+class StepForecast:
+    """A step control and what it is expected to do.
+
+    Attributes
+    ----------
+    truncation : float
+        Local error that one step may make, relative.
+    charge : float
+        Charge below which that error counts absolutely, C.
+    max_step, first_step : float
+        s.
+    steps : float
+        Accepted steps.
+    error : float
+        Largest error of any output at any time, in step amplitudes.
+    """
+
+    truncation: float
+    charge: float
+    max_step: float
+    first_step: float
+    steps: float
+    error: float
+
+    def rank(self, error: float) -> tuple[float, float]:
+        """Order by what exceeds `error`, then by the number of steps."""
+        return max(self.error, error), self.steps
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StepModel:
+    """The step control of one board over one record.
+
+    Attributes
+    ----------
+    time : ndarray (T,)
+        s, from 0 to the end of the record.
+    by_charge, by_current : ndarray (T,) and (T, Q)
+        The longest steps that the charges allow at a truncation error of 1: by `charge` (grows with
+        the third root of the truncation error), and by each charge's current (with the second), s.
+    poles : ndarray (n,)
+        Modes that show at the outputs, one of each conjugate pair, 1/s.
+    exponents : ndarray (T, n)
+        ``p t`` of those modes.
+    shares : ndarray (n, N)
+        Their amplitudes at the outputs, in step amplitudes.
+    charge : float
+        Charge below which a charge's error counts absolutely, C.
+    """
+
+    time: Floats
+    by_charge: Floats
+    by_current: Floats
+    poles: Complexes
+    exponents: Complexes
+    shares: Complexes
+    charge: float
+
+    @classmethod
+    def of(cls, board: LinearBoard, stop: float, initial: Initial = "zero") -> StepModel:
+        """Model the strain step of `board` up to `stop`, s; a large board by its coarse image.
+
+        Raises
+        ------
+        EngineError
+            No state-space form, or no equilibrium.
+        """
+        board = board.coarse if board.descriptor.is_large else board
+        space, equations = board.state_space, board.descriptor
+        C, _ = space.rows(equations.names)
+        deviation = space.state_of(initial_unknowns(board, initial))
+        deviation -= space.state_of(board.equilibrium.values)
+        poles = space.modes.poles
+        kept = poles.imag >= 0.0
+        twice = np.where(poles[kept].imag > 0.0, 2.0, 1.0)[:, None]
+        poles, modes = poles[kept], twice * space.modes.amplitudes(C, deviation).T[kept]
+        farads = np.ones(equations.size)
+        farads[equations.node_count :] = STAGE_CAPACITANCE
+        charges = modes @ (equations.dense.mass.T * farads)
+        charges = charges[:, np.abs(charges).max(axis=0, initial=0.0) > 0.0]
+        outputs = [node for node in board.reported(None) if node in equations.places]
+        shares = modes[:, [equations.places[node] for node in outputs]]
+        amplitude = float(np.abs(shares.sum(axis=0).real).max(initial=0.0)) or 1.0
+        time = _instants(poles, stop)
+        exponents = np.multiply.outer(time, poles)
+        growth = _exp(exponents)
+        third = np.maximum(_real(growth, poles[:, None] ** 3 * charges), np.finfo(float).tiny)
+        charge = CHARGE * board.circuit.scalings.capacitance * amplitude
+        by_charge = np.cbrt(CKTTERR * charge / third.max(axis=1, initial=0.0))
+        by_current = np.sqrt(CKTTERR * _real(growth, poles[:, None] * charges) / third)
+        shown = np.abs(shares).max(axis=1, initial=0.0) > UNSEEN * amplitude
+        return cls(
+            time,
+            by_charge,
+            by_current,
+            poles[shown],
+            exponents[:, shown],
+            shares[shown] / amplitude,
+            charge,
+        )
+
+    def forecast(self, truncation: float, max_step: float) -> StepForecast:
+        """Tell what ngspice does with a truncation error and a maximum step, s."""
+        allowed = self.by_current * truncation ** (1 / 2)
+        allowed = np.maximum(self.by_charge[:, None] * truncation ** (1 / 3), allowed)
+        step = np.minimum(allowed.min(axis=1, initial=max_step), max_step)[:, None]
+        z = 0.5 * step * self.poles
+        slip = (np.log((1.0 + z) / (1.0 - z)) - 2.0 * z) / step
+        drift = np.zeros_like(self.exponents)
+        between = np.diff(self.time)[:, None]
+        np.cumsum(0.5 * (slip[1:] + slip[:-1]) * between, axis=0, out=drift[1:])
+        off = _exp(self.exponents + drift) - _exp(self.exponents)
+        return StepForecast(
+            truncation=truncation,
+            charge=self.charge,
+            max_step=max_step,
+            first_step=float(step[0, 0]),
+            steps=float(np.trapezoid(1.0 / step[:, 0], self.time)),
+            error=float(_real(off, self.shares).max(initial=0.0)),
+        )
+
+    def cheapest(self, error: float) -> StepForecast:
+        """Return the step control with the fewest steps whose error stays within `error`.
+
+        Where none does, the one with the smallest error.
+        """
+        stop = float(self.time[-1])
+        best = self._reach(error, stop / FEWEST_STEPS[0], 1e-6)
+        for fewest in FEWEST_STEPS[1:]:
+            if best.error > error or best.steps > fewest:
+                found = self._reach(error, stop / fewest, best.truncation)
+                best = min(best, found, key=lambda each: each.rank(error))
+        return best
+
+    def _reach(self, error: float, max_step: float, truncation: float) -> StepForecast:
+        """Search the largest truncation error whose forecast stays within `error`."""
+        low, high, best = LEAST, MOST, None
+        for _ in range(TRIES):
+            found = self.forecast(truncation, max_step)
+            if found.error <= error:
+                low, best = truncation, found
+                if found.error >= CLOSE * error or truncation >= MOST:
+                    return found
+            else:
+                high = truncation
+            ratio = AIM * error / max(found.error, np.finfo(float).tiny)
+            following = min(truncation * min(ratio, 1e12) ** EXPONENT, MOST)
+            inside = low < following < high or (following == high == MOST)
+            truncation = following if inside else math.sqrt(low * high)
+            if high < 1.05 * low:
+                break
+        return best or found
+
+
+def _instants(poles: Complexes, stop: float) -> Floats:
+    earliest = min(EARLIEST / float(np.abs(poles).max(initial=1.0 / stop)), 0.5 * stop)
+    return np.concatenate([[0.0], np.geomspace(earliest, stop, INSTANTS)])
+
+
+def _exp(exponents: Complexes) -> Complexes:
+    """Return the exponential, or its largest value where it would overflow."""
+    return np.asarray(np.exp(np.minimum(exponents.real, LARGEST) + 1j * exponents.imag))
+
+
+def _real(growth: Complexes, shares: Complexes) -> Floats:
+    """``|Re(growth @ shares)|``, in real arithmetic."""
+    return np.abs(growth.real @ shares.real - growth.imag @ shares.imag)

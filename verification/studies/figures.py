@@ -1,0 +1,90 @@
+"""The figures of a verdict: their names, their units, and how each is read from it.
+
+Documents, databases, baselines and yields all take theirs from these two tables. A figure that a
+verdict does not have, or that is not finite, is None.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from verification.measures.measurements import ChannelMeasure
+from verification.measures.readings import Reading
+from verification.verify import Verdict
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Figure(Generic[T]):
+    """One figure.
+
+    Attributes
+    ----------
+    unit : str
+        SI unit, ``"step"`` for fractions of the step amplitude, or empty for a plain number.
+    read : callable
+        Gives the number, or the reading, of a verdict or of a channel.
+    """
+
+    unit: str
+    read: Callable[[T], Reading | float | None]
+
+    def of(self, source: T) -> float | None:
+        """Return the figure as a finite number, or None."""
+        return finite(self.read(source))
+
+
+FIGURES: dict[str, Figure[Verdict]] = {
+    "settling_time": Figure("s", lambda v: v.measurements.settling_time),
+    "rise_time": Figure(
+        "s", lambda v: max((r.value for c in _channels(v) if (r := c.rise_time)), default=None)
+    ),
+    "overshoot": Figure("step", lambda v: max(c.overshoot for c in _channels(v))),
+    "steady_state_error": Figure("step", lambda v: max(map(abs, signed_errors(v)))),
+    "growth_rate": Figure("1/s", lambda v: v.poles.rightmost.real),
+    "frequency": Figure("Hz", lambda v: abs(v.poles.rightmost.imag) / (2.0 * math.pi)),
+    "damping_ratio": Figure("", lambda v: v.poles.damping_ratio),
+    "margin": Figure("", lambda v: None if v.margin is None else v.margin.factor),
+    "step_amplitude": Figure("V", lambda v: v.measurements.amplitude),
+    "lambda": Figure("", lambda v: v.circuit.scalings.lam),
+    "resistance": Figure("ohm", lambda v: v.circuit.scalings.resistance),
+    "simulation_error": Figure("step", lambda v: v.error.steady_state),
+    "seconds": Figure("s", lambda v: v.timing["total"]),
+}
+"""Of the whole board; over several channels the worst one counts."""
+
+CHANNEL_FIGURES: dict[str, Figure[ChannelMeasure]] = {
+    "target": Figure("V", lambda c: c.target),
+    "final": Figure("V", lambda c: c.final),
+    "rise_time": Figure("s", lambda c: c.rise_time),
+    "settling_time": Figure("s", lambda c: c.settling_time),
+    "overshoot": Figure("step", lambda c: c.overshoot),
+    "frequency": Figure("Hz", lambda c: c.frequency),
+    "growth_rate": Figure("1/s", lambda c: c.growth_rate),
+}
+"""Of one channel."""
+
+
+def figures_of(source: T, table: Mapping[str, Figure[T]]) -> dict[str, float | None]:
+    """Return every figure of `table` that a verdict, or a channel, has."""
+    return {name: figure.of(source) for name, figure in table.items()}
+
+
+def signed_errors(verdict: Verdict) -> tuple[float, ...]:
+    """Return final value minus reference of every channel, fractions of the step amplitude."""
+    amplitude = verdict.measurements.amplitude or math.nan
+    return tuple((c.final - c.target) / amplitude for c in _channels(verdict))
+
+
+def finite(found: Reading | float | None) -> float | None:
+    """Return a number, or the value of a reading, where it is finite."""
+    value = found.value if isinstance(found, Reading) else found
+    return float(value) if value is not None and math.isfinite(value) else None
+
+
+def _channels(verdict: Verdict) -> tuple[ChannelMeasure, ...]:
+    return verdict.measurements.channels
