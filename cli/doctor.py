@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 import os
 import platform
 import sys
@@ -121,7 +120,7 @@ def _blas() -> list[dict[str, Any]]:
 {library.get('architecture', 'unnamed')} kernels, threads: {library['num_threads']}",
             "means": "rounding differs between kernels; OPENBLAS_CORETYPE chooses others",
         }
-        for library in sorted(threadpool_info(), key=operator.itemgetter("filepath"))
+        for library in threadpool_info()
         if library["user_api"] == "blas"
     ]
 

@@ -6,7 +6,6 @@ They are conventions, not results, so the reference solver may share them with t
 SETTLING_BAND = 0.01  # of A: half width of the settling band where a scene gives none
 RISE_LEVELS = (0.1, 0.9)  # of a channel's own step
 SMALL_STEP = 0.05  # of A: a channel with a smaller step has no rise time
-STILL = 1e-9  # of A: a channel with a smaller step has no direction
 LEVEL_SHIFT = 0.005  # of a channel's step: how far rise levels are moved to find a fragile reading
 BAND_SHIFT = 0.05  # of the settling band: how far its edge is moved for the same
 SHIFTED = {  # which shift makes a reading fragile

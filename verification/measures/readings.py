@@ -14,15 +14,10 @@ from typing import Protocol
 import numpy as np
 
 from spice_models.array_types import Bools, Floats, Indices
-from spice_models.definitions import (
-    BAND_SHIFT,
-    FRAGILE,
-    LEVEL_SHIFT,
-    RISE_LEVELS,
-    SMALL_STEP,
-    STILL,
-)
+from spice_models.definitions import BAND_SHIFT, FRAGILE, LEVEL_SHIFT, RISE_LEVELS, SMALL_STEP
 from verification.measures.crossings import Crossings
+
+STILL = 1e-9  # of A: a channel with a smaller step of its own has no direction, only rounding
 
 
 class Signal(Protocol):
@@ -190,9 +185,8 @@ def _overshoots(signal: Signal, step: Step) -> tuple[float, ...]:
     if amplitude == 0:
         return (0.0,) * len(sizes)
     top = signal.highest(np.where(sizes < 0, -1.0, 1.0))
-    # A channel without a step of its own, but for rounding, may leave its target either way.
     still = np.abs(sizes) <= STILL * amplitude
-    if still.any():
+    if still.any():  # without a step of its own a channel may leave its target either way
         top = np.where(still, np.maximum(top, signal.highest(np.where(sizes < 0, 1.0, -1.0))), top)
     return tuple((np.maximum(top, 0.0) / amplitude).tolist())
 

@@ -4,7 +4,7 @@ A record proves that a channel settled when, at its end, the channel
 
 1. is inside the band, and has been for 5 % of its settling time and, while it rings, for three
    ringing periods, unless what rings is by now below half the band;
-2. does not ring on: what ringing is left is below 5 % of the band, or fades (`_persists`);
+2. does not ring on: what ringing is left is below 5 % of the band, or fades (`_loss`);
 3. does not drift out again: the limit extrapolated from its last three stretches is in the band.
 
 Everything else is another state, with a reason that says what to do.
@@ -149,33 +149,18 @@ def _flat_top(time: Floats, error: Floats, period: float) -> bool:
     return bool(max(top, bottom) > _FLAT_TOP * weight.sum())
 
 
-def _loss(ring: ChannelRinging) -> tuple[float, float, float] | None:
-    """Return the least and the most nepers that the ringing loses, and what is a loss at all.
-
-    Over the stretch of the fit, within two standard uncertainties; without a good fit over the
-    last half of the envelope, within its scatter. None where there is hardly an envelope.
-    """
+def _loss(ring: ChannelRinging) -> tuple[float, float, float]:
+    """Return the least and the most nepers that the ringing loses, and what is a loss at all."""
     mode = ring.mode
-    if mode is not None and mode.residual < GOOD_FIT:
+    if mode is not None and mode.residual < GOOD_FIT:  # over its stretch, within two sigma
         length, doubt = mode.stop - mode.start, 2 * mode.growth_sigma
         return length * (-mode.growth_rate - doubt), length * (-mode.growth_rate + doubt), RESOLVED
     half = ring.amplitude[-max(ring.amplitude.size // 2, 1) :]
-    if half.size < 2:
-        return None
+    if half.size < 2:  # nothing is known: the dwell must prove that the channel settled
+        return math.inf, math.inf, 0.0
     log = np.log(np.maximum(half, np.finfo(np.float64).tiny))
     lost, doubt = float(log[0] - log[-1]), float(np.abs(np.diff(log, 2)).sum()) / half.size
     return lost - doubt, lost + doubt, _STEADY
-
-
-def _persists(ring: ChannelRinging) -> bool | None:
-    """Tell whether the ringing goes on; None where its loss may be none and may be more than that.
-
-    Where nothing is known the ringing does not count as persistent: the dwell must prove it.
-    """
-    loss = _loss(ring)
-    if loss is None or loss[0] > loss[2]:
-        return False
-    return True if loss[1] <= _STEADY else None
 
 
 def _left(ring: ChannelRinging, end: float) -> tuple[float, float]:
@@ -209,9 +194,9 @@ def sustained(
         return None
     if saturates(ring.amplitude):
         return ChannelState.CLIPPED
-    persists = _persists(ring)
-    if not persists:
-        return None if persists is False else ChannelState.UNDECIDED
+    least, most, clear = _loss(ring)
+    if least > clear or most > _STEADY:
+        return None if least > clear else ChannelState.UNDECIDED
     return ChannelState.CLIPPED if _flat_top(time, error, ring.period) else ChannelState.OSCILLATING
 
 
@@ -259,7 +244,7 @@ def prove(
 
 def _either(ring: ChannelRinging, found: Reading | None) -> str:
     """Give both readings of a ringing whose loss is not established."""
-    least, most, _ = _loss(ring) or (0.0, 0.0, 0.0)
+    least, most, _ = _loss(ring)
     settles = "it settles later" if found is None else f"the settling time is {found.value:.4g} s"
     return f"the ringing loses {least:.2g} to {most:.2g} nepers over the record: if it decays, \
 {settles}; if it does not, it never settles: simulate longer"

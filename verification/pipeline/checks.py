@@ -128,9 +128,8 @@ def describe_states(measurements: Measurements) -> str:
 
 def _nothing_moves(evidence: Evidence) -> str:
     """Say why there is no step to judge, or nothing."""
-    if not evidence.measurements.amplitude:
-        return NO_STEP
-    return ROUNDING if evidence.reference_error >= 1.0 else ""
+    rounding = ROUNDING if evidence.reference_error >= 1.0 else ""
+    return rounding if evidence.measurements.amplitude else NO_STEP
 
 
 def _perhaps_ringing(measurements: Measurements) -> str:
@@ -166,12 +165,11 @@ def _settling_time(evidence: Evidence) -> Check:
     wanted = evidence.checks.settling_time
     reading = evidence.measurements.settling_time
     band = f"to ±{100 * wanted.band:g} % of the step amplitude"
-    if blocked := evidence.reference_problem or _nothing_moves(evidence):
+    still = evidence.reference_problem or _nothing_moves(evidence)
+    if blocked := still or _perhaps_ringing(evidence.measurements):
         return _undecided("settling_time", "s", blocked, wanted.max)
     if reading is None:
         trouble = evidence.measurements.reason
-        if ringing := _perhaps_ringing(evidence.measurements):
-            return _undecided("settling_time", "s", ringing, wanted.max)
         return Check("settling_time", Outcome.FAIL, None, None, wanted.max, None, "s", trouble)
     return _timed("settling_time", reading, evidence.error.settling_time, wanted.max, band)
 
@@ -230,10 +228,8 @@ def _stability(evidence: Evidence) -> Check:
         return Check("stability", outcome, margin.factor, None, wanted, None, "ratio", reason)
 
     if abs(pole.real) <= (rounding := evidence.poles.resolution):
-        return check(
-            Outcome.INCONCLUSIVE,
-            f"{text}, known to ±{rounding:.1g} /s only: the board is stable or it oscillates",
-        )
+        text += f", known to ±{rounding:.1g} /s only: the board is stable or it oscillates"
+        return check(Outcome.INCONCLUSIVE, text)
     if not evidence.poles.stable:
         ringing = show(abs(pole.imag) / (2 * math.pi), "Hz")
         verb = f"oscillates at {ringing}" if pole.imag else "runs away"

@@ -163,11 +163,9 @@ def watch(
 
 
 def _rounding(design: Design, found: Measurements) -> float:
-    """Return what rounding of the board's stamped values moves its equilibrium and modes by, V.
-
-    A mode ``exp(p t)`` whose p moves by dp moves by ``dp t exp(p t)``, at most ``dp / (e |Re p|)``.
-    """
+    """Return what rounding of the board's stamped values moves its equilibrium and modes by, V."""
     poles = design.poles
+    # A mode exp(p t) whose p moves by dp moves by dp t exp(p t), at most dp / (e |Re p|).
     modes = found.amplitude * poles.resolution / (math.e * abs(poles.rightmost.real))
     return modes + float(rounding_at_rest(design.board.equilibrium).max(initial=0.0))
 

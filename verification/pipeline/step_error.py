@@ -66,13 +66,8 @@ def simulation_error(
     """
     if coarse is None:
         level = rounding / (fine.amplitude or 1.0) if share == 0 else math.inf
-        times = [c.rise_time for c in fine.channels]
-        return StepError(
-            steady_state=level,
-            settling_time=_moved(fine.settling_time, level / fine.band),
-            rise_time=max(_moved(time, level / SMALL_STEP) for time in times),
-            overshoot=level,
-        )
+        rise = max(_moved(time, level / SMALL_STEP) for time in fine.readings.rise_times)
+        return StepError(level, _moved(fine.settling_time, level / fine.band), rise, level)
     own = fine.readings
     rises = zip(own.rise_times, coarse.rise_times, strict=True)
     return StepError(

@@ -43,8 +43,7 @@ class Equilibrium:
     slopes : ndarray (m,)
         ``d v_out / d v_in`` of each behavioural amplifier there, V/V (negative).
     residual : float
-        Largest residual, relative to the terms that cancel in it (unknowns below `QUIET` of the
-        largest counted as that).
+        Largest residual, relative to the terms that cancel in it, unknowns at least `QUIET`.
     steps : int
         Newton steps; 0 for a linear board.
     """
@@ -147,12 +146,10 @@ def _residual(descriptor: Descriptor, z: Floats, drive: Floats) -> float:
 
 
 def rounding(rest: Equilibrium) -> Floats:
-    """Return how far rounding of the stamped values moves each unknown, V; shape (size,).
-
-    The rounding of every row, with signs drawn at random, through the linearised equations.
-    """
+    """Return how far rounding of the stamped values moves each unknown, V; shape (size,)."""
     descriptor, z = rest.descriptor, rest.values
     terms = _cancelling(descriptor, z, descriptor.drive(sources_on=True))[1]
+    # The rounding of every row, with signs drawn at random, through the linearised equations.
     draws = np.random.default_rng(1992).standard_normal((PROBES, descriptor.size))
     noise = float(np.finfo(np.float64).eps) * terms * draws
     moved = [_newton_step(descriptor, rest.slopes, row, np.abs(z)) for row in noise]

@@ -221,5 +221,4 @@ def simulate(
     else:
         instants, values = times, found.at(times)
     cost = Cost(clock.perf_counter() - began, len(instants), 3)
-    rounding = found.error
-    return Waveforms(instants, found.nodes, values, "statespace", cost, rounding=rounding)
+    return Waveforms(instants, found.nodes, values, "statespace", cost, (), found.error)
