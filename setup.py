@@ -1,9 +1,8 @@
 """Build step: an installed taction has one top-level package, ``taction``.
 
-The source tree has four more top-level folders, with names so general that an environment would
-meet somebody else's ``cli`` or ``verification``. `build_py` therefore moves them below ``taction``
-when a wheel is built, and rewrites the imports between them; nothing else of a file changes. An
-editable installation keeps the source tree as it is.
+The source tree has four more top-level folders, with general names such as ``cli``, which other
+projects use, too. For a wheel `build_py` moves these folders below ``taction`` and rewrites the
+imports between them, and nothing else. An editable installation uses the source tree unchanged.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ def rewritten(source: str) -> str:
     Raises
     ------
     SyntaxError
-        An ``import folder.module``: the name that it binds would be another one below `ROOT`.
+        An ``import folder.module``, which would bind another name below `ROOT`.
     """
     lines = source.splitlines(keepends=True)
     for node in ast.walk(ast.parse(source)):
@@ -56,7 +55,7 @@ class OnePackage(build_py):
         library = Path(self.build_lib)
         for name in MOVED:
             target = library / ROOT / name
-            shutil.rmtree(target, ignore_errors=True)  # of an earlier build
+            shutil.rmtree(target, ignore_errors=True)  # from an earlier build
             (library / name).rename(target)
         for file in (library / ROOT).rglob("*.py"):
             text = file.read_text(encoding="utf-8")
@@ -65,10 +64,10 @@ class OnePackage(build_py):
 
 
 class OneName(egg_info):
-    """`egg_info` that declares the one top-level name."""
+    """`egg_info` that declares `ROOT` as the only top-level name."""
 
     def run(self) -> None:
-        """Write the metadata as setuptools does, then correct the list of names."""
+        """Write the metadata as setuptools does, then replace the list of top-level names."""
         super().run()
         (Path(self.egg_info) / "top_level.txt").write_text(f"{ROOT}\n", encoding="utf-8")
 

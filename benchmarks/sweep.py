@@ -39,11 +39,10 @@ from netlist_gen.scene.scene import Scene  # noqa: E402 - after the path
 from verification.studies.figures import FIGURES  # noqa: E402
 from verification.studies.running.executors import LocalPool, Workers  # noqa: E402
 from verification.studies.sweep.plan import Plan  # noqa: E402
-from verification.studies.sweep.point import Result  # noqa: E402
 from verification.studies.sweep.run import sweep  # noqa: E402
-from verification.studies.sweep.store import Store  # noqa: E402
+from verification.studies.sweep.store import Store, StoredResult  # noqa: E402
 
-Run = Callable[[Path], Cost]
+TimedRun = Callable[[Path], Cost]
 
 
 def by_sweep(plan: Plan, folder: Path, pool: LocalPool) -> Cost:
@@ -75,7 +74,7 @@ def stored(folder: Path) -> list[float]:
     return sorted(json.loads(record)["overshoot"] for (record,) in rows)
 
 
-def best(rounds: int, contestants: dict[str, Run]) -> dict[str, Score]:
+def best(rounds: int, contestants: dict[str, TimedRun]) -> dict[str, Score]:
     """Let everybody run in turn and return each one's least times."""
     found: dict[str, Score] = {}
     for _ in range(rounds):
@@ -112,9 +111,9 @@ RATIOS = (  # who, times as fast as whom, and what is to be reached
 )
 
 
-def rivals(once: Plan, full: Plan, library: SharedLibrary | None) -> dict[str, Run]:
+def rivals(once: Plan, full: Plan, library: SharedLibrary | None) -> dict[str, TimedRun]:
     """Return other people's runners, as far as they are at hand."""
-    found: dict[str, Run] = {}
+    found: dict[str, TimedRun] = {}
     for what in ("bare", "measured"):
         measured = what == "measured"
         for plan, decks in ((once, ""), (full, TWO)):
@@ -138,7 +137,7 @@ def throughput(rounds: int) -> None:
         full = make_plan(stop, "ngspice", second_look=True)
         once = make_plan(stop, "ngspice", second_look=False)
         exact = make_plan(stop, "statespace", second_look=True)
-        contestants: dict[str, Run] = {
+        contestants: dict[str, TimedRun] = {
             "xargs, one deck": partial(by_xargs, once),
             ONCE: partial(by_sweep, once, pool=pool),
             "xargs, two decks": partial(by_xargs, full),
@@ -146,14 +145,14 @@ def throughput(rounds: int) -> None:
             "state space": partial(by_sweep, exact, pool=pool),
         } | rivals(once, full, None if missing[1] else library)
         print(f"\n{case}: {POINTS} points, {JOBS} processes where nothing else is said")
-        report(best(rounds, contestants))
+        print_scores(best(rounds, contestants))
     for why in filter(None, missing):
         print(f"\nnot compared: {why}")
     library.close()
     pool.shutdown(wait=False, cancel_futures=True)
 
 
-def report(scores: dict[str, Score]) -> None:
+def print_scores(scores: dict[str, Score]) -> None:
     """Print a table of `scores`, their ratios, and whether everybody stored the same."""
     for name, score in scores.items():
         each = 1e3 * score.cost.processor / POINTS
@@ -189,7 +188,7 @@ class Instant(Executor):
             "checks": [],
         }
         future: Future[Any] = Future()
-        future.set_result(Result("pass", record | dict.fromkeys(FIGURES, 1.0)))
+        future.set_result(StoredResult("pass", record | dict.fromkeys(FIGURES, 1.0)))
         return future
 
 

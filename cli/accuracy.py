@@ -4,44 +4,33 @@ from __future__ import annotations
 
 import click
 
-from cli.common import json_option, print_json, reports_errors, scene_argument
+from cli.common import check_plot, console, plot_option, print_json, scene_command
 
 
-@click.command(short_help="Error against run time over engines, methods and tolerances.")
-@scene_argument
+@scene_command
 @click.option(
     "--budget",
     type=click.FloatRange(min=0.5),
     default=30.0,
-    show_default=True,
-    help="Wall time that the study should take, s; how much of the transient it runs follows.",
+    help="Wall time for the study, s; with less time a shorter part of the transient is run.",
 )
-@click.option(
-    "--plot", type=click.Path(dir_okay=False), help="Draw error against run time (PNG, SVG or PDF)."
-)
-@json_option
-@reports_errors
+@plot_option("error against run time")
 def accuracy(scene: str, budget: float, plot: str | None, as_json: bool) -> None:
-    """Compare every engine, method and setting on SCENE: error against run time."""
+    """Compare the error and the run time of every engine, method and setting on SCENE."""
     from verification.ideal.lambda_rule import read_scene
 
-    asked = read_scene(scene)
-    if plot is not None:
-        from verification.report.verdict.plots import check_plot_file
-
-        check_plot_file(plot)
+    requested_scene = read_scene(scene)
+    check_plot(plot)
     from verification.report.work_precision.tables import accuracy_document, print_study
-    from verification.studies.work_precision.study import study
+    from verification.studies.work_precision.study import run_study
 
-    found = study(asked, budget=budget, progress=lambda stage: click.echo(stage, err=True))
+    result = run_study(requested_scene, budget=budget, progress=lambda s: click.echo(s, err=True))
     if as_json:
-        print_json(accuracy_document(found))
+        print_json(accuracy_document(result))
     else:
-        from rich.console import Console
-
-        print_study(found, Console(highlight=False))
+        print_study(result, console())
     if plot is not None:
         from verification.report.work_precision.plot import plot_study
 
-        plot_study(found, plot)
+        plot_study(result, plot)
         click.echo(f"drew {plot}", err=True)

@@ -1,4 +1,4 @@
-"""What every command shares: the scene argument, ``--json``, errors and exit statuses."""
+"""The parts that commands share: ``--json``, common options, errors and exit statuses."""
 
 from __future__ import annotations
 
@@ -6,48 +6,82 @@ import functools
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, NoReturn, TypeVar
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
 from spice_models.errors import InputError, NoVerdictError, SimulationError, TactionError
 
-F = TypeVar("F", bound=Callable[..., Any])
+if TYPE_CHECKING:
+    from rich.console import Console
 
 STATUS = {"pass": 0, "fail": 1, "bad input": 2, "inconclusive": 3}
+ENGINES = ("auto", "ngspice", "statespace")
+ENGINE = click.option(
+    "--engine", type=click.Choice(ENGINES), help="Engine in the place of the scene's own."
+)
+JOBS = click.option(
+    "--jobs", type=click.IntRange(1, 4096), help="Number of processes; by default one per core."
+)
+CLUSTER = click.option(
+    "--cluster", metavar="tcp://HOST:PORT", help="Address of a Dask scheduler that runs the points."
+)
 
 
-def scene_argument(command: F) -> F:
-    """Add the argument SCENE, a path; reading it is the command's business."""
-    return click.argument("scene", type=click.Path())(command)
+def output_option(text: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return the option ``-o``, a file; `text` is its help."""
+    return click.option("-o", "--output", type=click.Path(dir_okay=False), help=text)
 
 
-def json_option(command: F) -> F:
-    """Add ``--json``."""
-    text = "One JSON document on stdout, everything else on stderr."
-    return click.option("--json", "as_json", is_flag=True, help=text)(command)
+def plot_option(content: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return the option ``--plot``, which draws `content` into a file."""
+    text = f"Draw {content} into FILE (PNG, SVG or PDF)."
+    return click.option("--plot", type=click.Path(dir_okay=False), metavar="FILE", help=text)
 
 
-def reports_errors(command: F) -> F:
+def check_plot(plot: str | None) -> None:
+    """Refuse a ``--plot`` file that cannot be drawn, before any work is done."""
+    if plot is not None:
+        from verification.report.verdict.plots import check_plot_file
+
+        check_plot_file(plot)
+
+
+def command(function: Callable[..., None]) -> click.Command:
+    """Return `function` as a command with the option ``--json`` and an exit status per error."""
+    text = "Print one JSON document on stdout and everything else on stderr."
+    made = click.command()(reports_errors(function))
+    made.params.append(click.Option(["--json", "as_json"], is_flag=True, help=text))
+    return made
+
+
+def scene_command(function: Callable[..., None]) -> click.Command:
+    """Return `function` as a `command` with the argument SCENE, the path of a scene file."""
+    made = command(function)
+    made.params.insert(0, click.Argument(["scene"], type=click.Path()))
+    return made
+
+
+def reports_errors(function: Callable[..., None]) -> Callable[..., None]:
     """Turn every error into a message and an exit status.
 
-    Python would end with 1 for a bug, which here means "a check failed": anything unforeseen
-    ends with 3, no verdict.
+    An unexpected exception ends with 3, no verdict. Python's own status would be 1, which means
+    here that a check failed.
     """
 
-    @functools.wraps(command)
+    @functools.wraps(function)
     def wrapper(*args: Any, **kwargs: Any) -> None:
         as_json = bool(kwargs.get("as_json"))
         try:
-            command(*args, **kwargs)
+            function(*args, **kwargs)
         except TactionError as error:
             _report(error, as_json)
         except MemoryError:
-            _report(NoVerdictError("out of memory: this scene is too large for it"), as_json)
+            _report(NoVerdictError("out of memory: the scene is too large"), as_json)
         except (click.exceptions.Exit, click.ClickException, click.Abort):
             raise
         except KeyboardInterrupt:
-            click.echo("taction: interrupted; nothing was judged", err=True)
+            click.echo("taction: interrupted; no verdict was reached", err=True)
             sys.exit(130)
         except BrokenPipeError:
             sys.stderr.close()
@@ -56,10 +90,10 @@ def reports_errors(command: F) -> F:
             import traceback
 
             traceback.print_exc()
-            click.echo("taction: this is a bug; no verdict was reached", err=True)
+            click.echo("taction: this is a bug in taction; no verdict was reached", err=True)
             sys.exit(3)
 
-    return wrapper  # type: ignore[return-value]
+    return wrapper
 
 
 def _report(error: TactionError, as_json: bool) -> NoReturn:
@@ -70,14 +104,14 @@ def _report(error: TactionError, as_json: bool) -> NoReturn:
 
 
 def print_json(document: Any) -> None:
-    """Print one JSON document on stdout; what is not finite becomes null."""
+    """Print one JSON document on stdout; NaN and infinities become null."""
     import json
 
     click.echo(json.dumps(plain(document), indent=2, ensure_ascii=False, allow_nan=False))
 
 
 def plain(value: Any) -> Any:
-    """Return `value` as JSON can hold it: arrays as lists, NaN and infinities as None."""
+    """Return `value` in the types of JSON: arrays as lists, NaN and infinities as None."""
     import enum
     import math
 
@@ -96,9 +130,16 @@ def plain(value: Any) -> Any:
     return value
 
 
+def console() -> Console:
+    """Return a console on stdout that prints numbers without colours."""
+    from rich.console import Console
+
+    return Console(highlight=False)
+
+
 @contextmanager
 def stage_display() -> Iterator[Callable[[str], None]]:
-    """Show the stage under way on stderr, only where that is a terminal."""
+    """Show the current stage on stderr if stderr is a terminal."""
     if not sys.stderr.isatty():
         yield lambda stage: None
         return

@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from cli.common import json_option, print_json, reports_errors
+from cli.common import command, console, print_json
 from spice_models.errors import SimulationError
 
 FIGURES = (
@@ -31,11 +31,9 @@ EXTRAS = (
 )
 
 
-@click.command(short_help="The op-amp presets and their figures.")
-@json_option
-@reports_errors
+@command
 def models(as_json: bool) -> None:
-    """List the op-amp presets: figures in SI units, and where they were published."""
+    """List the op-amp presets with their figures in SI units and the sources of the figures."""
     from netlist_gen.quantities import show
     from spice_models.presets import load_presets
 
@@ -49,23 +47,23 @@ def models(as_json: bool) -> None:
             }
         )
         return
-    from rich.console import Console
     from rich.table import Table
 
     table = Table("preset", *(title for _, _, title in FIGURES))
     for name, model in presets.items():
         table.add_row(name, *(show(getattr(model, f), unit) for f, unit, _ in FIGURES))
-    console = Console()
-    console.print(table)
+    page = console()
+    page.print(table)
     for name, model in presets.items():
-        console.print(f"[bold]{name}[/bold]: {model.source}", highlight=False)
+        page.print(f"[bold]{name}[/bold]: {model.source}")
 
 
-@click.command(short_help="What is installed, and what that means.")
-@json_option
-@reports_errors
+@command
 def doctor(as_json: bool) -> None:
-    """Say what is installed and what follows from it. Ends with 3 where ngspice is missing."""
+    """List what is installed and what each part is needed for.
+
+    Exit status: 3 if ngspice is missing.
+    """
     findings = [_python(), _simulator(), *_blas(), *_extras()]
     if as_json:
         print_json({"findings": findings, "ok": all(f["ok"] for f in findings)})
@@ -80,12 +78,11 @@ def doctor(as_json: bool) -> None:
 
 def _python() -> dict[str, Any]:
     packages = ("PySpice", "numpy", "scipy", "pydantic", "click", "quantiphy", "rich")
-    versions = ", ".join(f"{name} {metadata.version(name)}" for name in packages)
     return {
         "what": "Python",
         "ok": True,
         "found": f"{platform.python_version()} on {platform.system()}, {os.cpu_count()} cores",
-        "means": versions,
+        "means": ", ".join(f"{name} {metadata.version(name)}" for name in packages),
     }
 
 
@@ -93,16 +90,17 @@ def _simulator() -> dict[str, Any]:
     from verification.engines.ngspice.executable import find_simulator
 
     try:
-        found = find_simulator()
+        simulator = find_simulator()
     except SimulationError as error:
-        means = "taction works on its state-space engine alone; one witness less"
+        means = "taction uses its state-space engine only, without the comparison with ngspice"
         return {"what": "ngspice", "ok": False, "found": str(error), "means": means}
-    klu = "with KLU: fast on large boards" if found.klu else "no KLU: slow beyond 32 channels"
     return {
         "what": "ngspice",
         "ok": True,
-        "found": f"{found.version} at {found.executable}",
-        "means": klu,
+        "found": f"{simulator.version} at {simulator.executable}",
+        "means": "with the matrix solver KLU: fast on large boards"
+        if simulator.klu
+        else "without the matrix solver KLU: slow on boards of more than 32 channels",
     }
 
 
@@ -131,7 +129,7 @@ def _extras() -> list[dict[str, Any]]:
             "what": package,
             "ok": util.find_spec(package) is not None,
             "found": "installed" if util.find_spec(package) else f"not installed: {remedy}",
-            "means": f"needed for {purpose}, nothing else",
+            "means": f"needed only for {purpose}",
         }
         for package, purpose, remedy in EXTRAS
     ]

@@ -1,4 +1,4 @@
-"""The command ``taction``: a group that loads a command's module only when it is called."""
+"""The command ``taction``: a group that imports a command's module only when it is called."""
 
 from __future__ import annotations
 
@@ -10,24 +10,23 @@ import click
 
 from verification.studies.running.threads import THREADS
 
-# name: (module of this package that holds the command, one line for --help); loading none of the
-# modules keeps start-up short
+# name: (module of this package, line of --help); the modules are imported later: a short start-up
 COMMANDS: dict[str, tuple[str, str]] = {
-    "verify": ("verify", "Netlist, transient, measurements, reference, verdict."),
+    "verify": ("verify", "Simulate a board and check it against the solution."),
     "netlist": ("netlist", "Write the ngspice deck of a scene."),
-    "solve": ("solve", "The reference solution alone, with its certificate."),
-    "simulate": ("simulate", "Waveforms and measurements of a scene."),
-    "montecarlo": ("montecarlo", "Yield under component tolerances."),
-    "corners": ("montecarlo", "Worst cases within the tolerances."),
-    "tune": ("tune", "Gain for least settling time under an overshoot limit."),
-    "onset": ("onset", "Every stability crossing over a range, confirmed."),
-    "sweep": ("sweep", "A grid of verifications; resumable, local or on a cluster."),
-    "regress": ("regress", "A folder of scenes against a stored baseline, for CI."),
-    "accuracy": ("accuracy", "Error against run time over engines and methods."),
-    "reproduce": ("reproduce", "The paper, claim by claim, figure by figure."),
-    "models": ("doctor", "The op-amp presets and their figures."),
-    "new": ("new", "Write a commented scene file."),
-    "doctor": ("doctor", "What is installed, and what that means."),
+    "solve": ("solve", "Solve the problem numerically, with a certificate."),
+    "simulate": ("simulate", "Run the transient: waveforms and measurements."),
+    "montecarlo": ("montecarlo", "Estimate the yield under component tolerances."),
+    "corners": ("montecarlo", "Find the worst cases within the tolerances."),
+    "tune": ("tune", "Find the gain with the least settling time."),
+    "onset": ("onset", "Find every stability crossing over a range."),
+    "sweep": ("sweep", "Verify a grid of scenes, here or on a cluster; resumable."),
+    "regress": ("regress", "Compare a folder of scenes with a stored baseline, for CI."),
+    "accuracy": ("accuracy", "Compare error and run time of engines and methods."),
+    "reproduce": ("reproduce", "Test the paper, claim by claim and figure by figure."),
+    "models": ("doctor", "List the op-amp presets and their figures."),
+    "new": ("new", "Write a scene file with comments."),
+    "doctor": ("doctor", "List what is installed and what each part is for."),
 }
 
 
@@ -52,7 +51,7 @@ class LazyGroup(click.Group):
             formatter.write_dl([(name, line) for name, (_, line) in COMMANDS.items()])
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
-        """As click, with the nearest command's name where there is none of that name."""
+        """Find the command as click does; for an unknown name propose the nearest command."""
         import difflib
 
         if args and args[0] not in COMMANDS:
@@ -62,14 +61,17 @@ class LazyGroup(click.Group):
         return super().resolve_command(ctx, args)
 
 
-@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(
+    cls=LazyGroup,
+    context_settings={"help_option_names": ["-h", "--help"], "show_default": True},
+)
 @click.version_option(package_name="taction", prog_name="taction")
 def main() -> None:
-    """SPICE netlists and verification of regularising op-amp and resistor networks.
+    """Design and verify regularising op-amp and resistor networks with SPICE.
 
-    Exit status: 0 pass, 1 a check failed, 2 bad input, 3 no verdict could be reached.
+    Exit status: 0 pass, 1 a check failed, 2 bad input, 3 no verdict.
     """
-    # ngspice has the other cores. BLAS threads that wait for a busy core spin: the poles of 64
-    # channels took a minute instead of a second. Who has cores to spare sets the variable.
+    # ngspice uses the other cores. BLAS threads that wait for a busy core spin: the poles of 64
+    # channels took a minute instead of a second. Users with free cores can set the variables.
     for name in THREADS:
         os.environ.setdefault(name, "1")

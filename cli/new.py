@@ -6,18 +6,16 @@ from pathlib import Path
 
 import click
 
-from cli.common import json_option, print_json, reports_errors
+from cli.common import command, print_json
 from spice_models.errors import Complaint, InputError
 
 
-@click.command(short_help="Write a commented scene file.")
+@command
 @click.argument("file", type=click.Path(dir_okay=False), default="scene.toml")
 @click.option("--force", is_flag=True, help="Overwrite FILE.")
 @click.option("--schema", is_flag=True, help="Print the JSON schema of scene files instead.")
-@json_option
-@reports_errors
 def new(file: str, force: bool, schema: bool, as_json: bool) -> None:
-    """Write a commented scene to FILE (scene.toml), every key with its default."""
+    """Write a scene to FILE (scene.toml): every key with its default and a comment."""
     if schema:
         from netlist_gen.scene.scene import Scene
 
@@ -25,14 +23,14 @@ def new(file: str, force: bool, schema: bool, as_json: bool) -> None:
         return
     path = Path(file)
     if path.exists() and not force:
-        text = "it exists already; another name, or --force to overwrite it"
+        text = "the file exists; give another name, or --force to overwrite it"
         raise InputError(path, Complaint("FILE", "", text))
     template = Path(__file__).with_name("scene_template.toml").read_text(encoding="utf-8")
     stem = "".join(c if c.isascii() and (c.isalnum() or c in "-_.") else "-" for c in path.stem)
     try:
         path.write_text(template.replace("@NAME@", stem[:64] or "scene"), encoding="utf-8")
     except OSError as error:
-        text = f"{error.strerror}; expected a place that can be written to"
+        text = f"{error.strerror}; expected a file that can be written"
         raise InputError(path, Complaint("FILE", "", text)) from None
     if as_json:
         print_json({"file": str(path)})

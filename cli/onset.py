@@ -9,57 +9,47 @@ import click
 import taction
 from cli.common import (
     STATUS,
-    json_option,
+    check_plot,
+    console,
+    plot_option,
     print_json,
-    reports_errors,
-    scene_argument,
+    scene_command,
     stage_display,
 )
 
 
-@click.command(short_help="Every stability crossing over a range, confirmed by transients.")
-@scene_argument
+@scene_command
 @click.option(
     "--over",
     required=True,
     metavar="KEY[=LOW:HIGH:N]",
-    help="C, gain, stray_capacitance, any number of the scene; alone: its value / 30 to * 30.",
+    help="Key to change: C, gain, stray_capacitance or any other number of the scene. Without a"
+    " range: from 1/30 to 30 times the scene's own value.",
 )
 @click.option(
     "--confirm/--no-confirm",
     "transients",
     default=True,
-    help="Run ngspice on both sides of each crossing (the default).",
+    help="Run ngspice on both sides of each crossing.",
 )
-@click.option(
-    "--plot",
-    type=click.Path(dir_okay=False),
-    help="Draw the pole map and the root locus (PNG, SVG or PDF).",
-)
-@json_option
-@reports_errors
+@plot_option("the pole map and the root locus")
 def onset(scene: str, over: str, transients: bool, plot: str | None, as_json: bool) -> None:
-    """Find where the board of SCENE begins or ceases to oscillate as one value changes.
+    """Find every value of a key at which the board of SCENE begins or ceases to oscillate.
 
-    Ends with 0 when answered, whatever the answer, and with 3 where a transient contradicts it.
+    Exit status: 0 if the question was answered, 3 if a transient contradicts a crossing.
     """
     from verification.report.onset.tables import onset_document, print_onset
 
-    if plot is not None:
-        from verification.report.verdict.plots import check_plot_file
-
-        check_plot_file(plot)
+    check_plot(plot)
     with stage_display() as progress:
-        found = taction.onset(scene, over=over, transients=transients, progress=progress)
+        result = taction.onset(scene, over=over, transients=transients, progress=progress)
     if as_json:
-        print_json(onset_document(found))
+        print_json(onset_document(result))
     else:
-        from rich.console import Console
-
-        print_onset(found, Console(highlight=False))
+        print_onset(result, console())
     if plot is not None:
         from verification.report.onset.plot import plot_onset
 
-        plot_onset(found, plot)
+        plot_onset(result, plot)
         click.echo(f"drew {plot}", err=True)
-    sys.exit(STATUS["inconclusive"] if found.disagreement else 0)
+    sys.exit(STATUS["inconclusive"] if result.disagreement else 0)

@@ -8,35 +8,28 @@ from typing import TYPE_CHECKING
 
 import click
 
-from cli.common import STATUS, json_option, print_json, reports_errors, stage_display
+from cli.common import STATUS, command, console, print_json, stage_display
 from spice_models.errors import InputError
 
 if TYPE_CHECKING:
     from verification.studies.regression.run import RegressionReport
 
 
-@click.command(short_help="Verify a folder of scenes and compare with a stored baseline.")
+@command
 @click.argument("folder", metavar="DIR", type=click.Path())
 @click.option(
-    "--baseline", required=True, type=click.Path(), metavar="FILE", help="The stored results, JSON."
+    "--baseline", required=True, type=click.Path(), metavar="FILE", help="Stored results (JSON)."
 )
-@click.option("--update", is_flag=True, help="Write FILE anew where a result changed.")
+@click.option("--update", is_flag=True, help="Write changed results into the baseline.")
 @click.option("--junit", type=click.Path(), metavar="FILE", help="Write a JUnit XML report.")
 @click.option("--markdown", type=click.Path(), metavar="FILE", help="Write a Markdown summary.")
-@json_option
-@reports_errors
 def regress(
-    folder: str,
-    baseline: str,
-    update: bool,
-    junit: str | None,
-    markdown: str | None,
-    as_json: bool,
+    folder: str, baseline: str, update: bool, junit: str | None, markdown: str | None, as_json: bool
 ) -> None:
-    """Verify every scene (*.toml) in DIR and compare it with the baseline.
+    """Verify every scene (*.toml) in DIR and compare the results with the baseline.
 
-    Ends with 1 if a check failed or a result moved by more than the tolerances in the scene's table
-    [regression]; with --update a change is accepted, a failed check is not.
+    Exit status: 1 if a check failed, or if a result differs from the baseline by more than the
+    scene's table [regression] allows. --update accepts differences, but no failed check.
     """
     from pathlib import Path
 
@@ -63,12 +56,12 @@ def regress(
     written = _write(texts)
     _show(report, as_json)
     if report.interrupted:
-        click.echo("taction: interrupted; what was done is kept", err=True)
+        click.echo("taction: interrupted; the finished scenes are in the report", err=True)
     sys.exit(report.exit_status if written else STATUS["bad input"])
 
 
 def _write(texts: Mapping[str, Callable[[], str]]) -> bool:
-    """Write every file, also after one that cannot be written; return whether all were."""
+    """Write all files, also after an error; return whether every file was written."""
     from verification.report.atomic_files import write_atomically
 
     complete = True
@@ -88,8 +81,8 @@ def _show(report: RegressionReport, as_json: bool) -> None:
 
         print_json(regression_document(report))
         return
-    from rich.console import Console
-
     from verification.report.regression.text import print_regression
 
-    print_regression(report, Console(highlight=False, soft_wrap=not sys.stdout.isatty()))
+    page = console()
+    page.soft_wrap = not sys.stdout.isatty()
+    print_regression(report, page)

@@ -6,27 +6,25 @@ import sys
 
 import click
 
-from cli.common import STATUS, json_option, print_json, reports_errors, stage_display
+from cli.common import STATUS, command, console, print_json, stage_display
 
-WIDTH = 160
+WIDTH = 160  # columns of a table in a file or a pipe: five columns of text
 
 
-@click.command(short_help="The paper, claim by claim and figure by figure.")
+@command
 @click.option(
     "-o",
     "--output",
     type=click.Path(file_okay=False),
     metavar="DIR",
-    help="Write paper.md, paper.html (self-contained) and the pictures there.",
+    help="Write paper.md, paper.html (self-contained) and the pictures into DIR.",
 )
-@click.option("--quick", is_flag=True, help="Fewer seeds and sizes, for CI.")
-@json_option
-@reports_errors
+@click.option("--quick", is_flag=True, help="Run fewer seeds and sizes, for CI.")
 def reproduce(output: str | None, quick: bool, as_json: bool) -> None:
-    """Run every claim of the paper and judge it.
+    """Test every claim of the paper.
 
-    Ends with 1 where a verdict is not the one that taction stands by, with 3 where something
-    could not be run.
+    Exit status: 1 if a verdict differs from the verdict that taction has on record, 3 if a claim
+    could not be tested.
     """
     from verification.report.paper.report import (
         check_report_folder,
@@ -39,17 +37,15 @@ def reproduce(output: str | None, quick: bool, as_json: bool) -> None:
     if output is not None:
         check_report_folder(output)
     with stage_display() as progress:
-        found = run(quick=quick, progress=progress)
+        result = run(quick=quick, progress=progress)
     if as_json:
-        print_json(paper_document(found))
+        print_json(paper_document(result))
     else:
-        from rich.console import Console
-
-        console = Console(highlight=False)
-        if not console.is_terminal:  # a file or a pipe: five columns of text need room
-            console.width = WIDTH
-        print_paper(found, console)
+        page = console()
+        if not page.is_terminal:
+            page.width = WIDTH
+        print_paper(result, page)
     if output is not None:
-        names = write_paper(found, output)
+        names = write_paper(result, output)
         click.echo(f"wrote {', '.join(names)} into {output}", err=True)
-    sys.exit(STATUS[found.outcome])
+    sys.exit(STATUS[result.outcome])

@@ -7,15 +7,15 @@ import sys
 import click
 
 import taction
-from cli.common import STATUS, json_option, print_json, reports_errors, scene_argument
+from cli.common import STATUS, print_json, scene_command
 
 
-@click.command(short_help="The reference solution alone, with its certificate.")
-@scene_argument
-@json_option
-@reports_errors
+@scene_command
 def solve(scene: str, as_json: bool) -> None:
-    """Solve the problem of SCENE without any circuit; ends with 3 if it earns no certificate."""
+    """Solve the problem of SCENE numerically, without any circuit.
+
+    Exit status: 3 if the solution has no certificate.
+    """
     solution = taction.solve(scene)
     if as_json:
         print_json(

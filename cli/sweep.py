@@ -1,4 +1,4 @@
-"""``taction sweep``: a grid of verifications in one database."""
+"""``taction sweep``: a scene verified at every point of a grid, in one database."""
 
 from __future__ import annotations
 
@@ -10,78 +10,77 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cli.common import STATUS, json_option, reports_errors, scene_argument
+from cli.common import (
+    CLUSTER,
+    ENGINES,
+    JOBS,
+    STATUS,
+    console,
+    output_option,
+    plot_option,
+    scene_command,
+)
 
 if TYPE_CHECKING:
     from verification.studies.sweep.plan import Plan
-    from verification.studies.sweep.run import Count
+    from verification.studies.sweep.run import SweepCounts
     from verification.studies.sweep.store import Store
 
 
-@click.command(short_help="A grid of verifications; resumable, local or on a cluster.")
-@scene_argument
+@scene_command
 @click.option(
     "--over",
     multiple=True,
     required=True,
     metavar="KEY=LOW:HIGH:N",
-    help="An axis of the grid: C=1pF:1nF:31 (logarithmic), ...:lin, C=1p,2p, or two keys with a"
-    " blank between that change together. Repeat it for a grid.",
+    help="Axis of the grid: C=1pF:1nF:31 (31 points, logarithmic), C=1pF:1nF:31:lin (linear) or"
+    " C=1p,2p (values). Two axes in one option, with a blank between them, change together. Repeat"
+    " the option for a grid.",
+)
+@output_option("Database of the results; by default the scene's name with the ending .sqlite.")
+@click.option(
+    "--engine",
+    type=click.Choice([*ENGINES, "both"]),
+    help="Engine in the place of the scene's own, or both engines at every point.",
 )
 @click.option(
-    "-o", "--output", type=click.Path(dir_okay=False), help="Database; SCENE's name.sqlite."
+    "--retry", type=click.Choice(["failed"]), help="Compute points without a verdict again."
 )
 @click.option(
-    "--engine", type=click.Choice(["auto", "ngspice", "statespace", "both"]), default=None
+    "--export", "export_file", metavar="FILE", help="Write a table (.csv, .parquet) or grid (.nc)."
 )
-@click.option(
-    "--retry", type=click.Choice(["failed"]), help="Compute points without verdict again."
-)
-@click.option(
-    "--export", "export_file", metavar="FILE", help="Table as .csv or .parquet, grid as .nc."
-)
-@click.option("--plot", metavar="FILE", help="Maps over two axes, curves over one (PNG, SVG, PDF).")
-@click.option("--keep-waveforms", is_flag=True, help="Store the outputs over time, too.")
+@plot_option("maps over two axes, or curves over one axis,")
+@click.option("--keep-waveforms", is_flag=True, help="Store also the outputs over time.")
 @click.option(
     "--once",
     is_flag=True,
-    help="Run ngspice once a point; its error is measured against the state-space engine.",
+    help="Run ngspice once per point and measure its error against the state-space engine.",
 )
-@click.option("--jobs", type=click.IntRange(1, 4096), help="Processes; one a core by default.")
-@click.option("--cluster", metavar="tcp://HOST:PORT", help="Run on this Dask cluster instead.")
-@json_option
-@reports_errors
+@JOBS
+@CLUSTER
 def sweep(scene: str, over: tuple[str, ...], as_json: bool, **options: Any) -> None:
     """Verify SCENE at every point of a grid and store the results.
 
-    A sweep that was interrupted goes on where it was when the same command is given again. Ends
-    with 0 when every point is stored, whatever its outcome, and with 3 where none has a verdict.
+    The same command continues an interrupted sweep. Exit status: 0 if every point is stored,
+    whatever its outcome; 3 if no point has a verdict.
     """
-    from netlist_gen.overrides.axes import parse_axes
-    from verification.ideal.lambda_rule import read_scene
-    from verification.studies.sweep.plan import Plan, engines_of
+    from taction.studies import plan_sweep
     from verification.studies.sweep.store import Store
 
-    asked = read_scene(scene)
-    plan = Plan(
-        asked,
-        parse_axes(asked, over),
-        engines_of(asked, options["engine"]),
-        second_look=not options["once"],
-        keep_waveforms=options["keep_waveforms"],
-    )
+    once, keep = options["once"], options["keep_waveforms"]
+    plan = plan_sweep(scene, over, options["engine"], once=once, keep_waveforms=keep)
     _check_files(plan, options)
-    began = time.perf_counter()
-    with Store(options["output"] or f"{asked.name}.sqlite") as store:
+    start = time.perf_counter()
+    with Store(options["output"] or f"{plan.scene.name}.sqlite") as store:
         count = _run(plan, store, options)
-        _report(plan, store, count, time.perf_counter() - began, as_json=as_json)
+        _report(plan, store, count, time.perf_counter() - start, as_json=as_json)
         _write_files(plan, store, options)
-    decided = count.outcomes["pass"] + count.outcomes["fail"]
-    sys.exit(0 if decided else STATUS["inconclusive"])
+    verdicts = count.outcomes["pass"] + count.outcomes["fail"]
+    sys.exit(0 if verdicts else STATUS["inconclusive"])
 
 
 def _check_files(plan: Plan, options: dict[str, Any]) -> None:
-    """Refuse what could not be written before any work is done."""
+    """Refuse a file that cannot be written, before any work is done."""
     if options["export_file"] is not None:
         from verification.report.sweep.files import check_sweep_export
 
@@ -92,34 +91,29 @@ def _check_files(plan: Plan, options: dict[str, Any]) -> None:
         check_sweep_plot(plan, options["plot"])
 
 
-def _run(plan: Plan, store: Store, options: dict[str, Any]) -> Count:
+def _run(plan: Plan, store: Store, options: dict[str, Any]) -> SweepCounts:
     from verification.studies.running.executors import workers_at
     from verification.studies.sweep.run import sweep as run
 
     with _display(plan.total) as progress:
         try:
             with workers_at(options["cluster"], options["jobs"]) as workers:
-                retry = options["retry"] == "failed"
+                retry = options["retry"] is not None
                 return run(plan, store, workers, retry_failed=retry, progress=progress)
         except KeyboardInterrupt:
-            text = (
-                f"taction: interrupted; {store.count()} results are in {store.path}, the same"
-                " command goes on from there"
-            )
-            click.echo(text, err=True)
+            stored = f"{store.count()} results are in {store.path}"
+            click.echo(f"taction: interrupted; {stored}; the same command continues", err=True)
             sys.exit(130)
 
 
-def _report(plan: Plan, store: Store, count: Count, seconds: float, *, as_json: bool) -> None:
+def _report(plan: Plan, store: Store, count: SweepCounts, seconds: float, *, as_json: bool) -> None:
     from verification.report.sweep.records import document_parts, print_sweep
 
     if as_json:
         for part in document_parts(plan, store, count, seconds):
             click.echo(part, nl=False)
         return
-    from rich.console import Console
-
-    print_sweep(plan, store, count, Console(highlight=False))
+    print_sweep(plan, store, count, console())
 
 
 def _write_files(plan: Plan, store: Store, options: dict[str, Any]) -> None:
@@ -136,8 +130,8 @@ def _write_files(plan: Plan, store: Store, options: dict[str, Any]) -> None:
 
 
 @contextmanager
-def _display(total: int) -> Iterator[Callable[[Count], None]]:
-    """Show progress, rate and remaining time on stderr, only where that is a terminal."""
+def _display(total: int) -> Iterator[Callable[[SweepCounts], None]]:
+    """Show progress, rate and remaining time on stderr if stderr is a terminal."""
     if not sys.stderr.isatty():
         yield lambda count: None
         return
@@ -145,19 +139,19 @@ def _display(total: int) -> Iterator[Callable[[Count], None]]:
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
     columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[state]}"))
-    began = time.perf_counter()
+    start = time.perf_counter()
     with Progress(*columns, console=Console(stderr=True)) as display:
         task = display.add_task("sweep", total=total, state="starting")
 
-        def show(count: Count) -> None:
-            state = _state(count, time.perf_counter() - began)
+        def show(count: SweepCounts) -> None:
+            state = _state(count, time.perf_counter() - start)
             display.update(task, completed=count.done, state=state)
 
         yield show
 
 
-def _state(count: Count, seconds: float) -> str:
-    """Return the rate of what was computed, not found, and what it means for the rest."""
+def _state(count: SweepCounts, seconds: float) -> str:
+    """Return the rate of the computed (not the stored) points, the remaining time, the outcomes."""
     outcomes = ", ".join(f"{number} {name}" for name, number in sorted(count.outcomes.items()))
     if not count.ran:
         return outcomes

@@ -1,4 +1,4 @@
-"""Analyses as small data types; the deck writer and the engines read them."""
+"""Analyses as data; the deck writer and the engines read them."""
 
 from __future__ import annotations
 
@@ -9,23 +9,13 @@ from typing import Literal
 
 @dataclass(frozen=True, slots=True)
 class Tolerances:
-    """What ngspice is told to achieve; chosen from the scene's own scales, never its defaults.
+    """Tolerances of ngspice; they follow from the scene's scales, not from ngspice's defaults."""
 
-    Attributes
-    ----------
-    relative : float
-        Of Newton's iteration.
-    current, voltage, charge : float
-        Absolute, A, V and C.
-    gmin : float
-        Parallel conductance and least pivot, S.
-    """
-
-    relative: float
-    current: float
-    voltage: float
-    charge: float
-    gmin: float
+    relative: float  # of Newton's iteration
+    current: float  # absolute, A
+    voltage: float  # absolute, V
+    charge: float  # absolute, C
+    gmin: float  # parallel conductance and smallest pivot, S
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,15 +27,15 @@ class Transient:
     stop, max_step : float
         End and largest step, s.
     truncation : float
-        Local error that one step may make, relative: what bounds the step where the board is
-        faster than `max_step` provides for.
+        Largest relative truncation error of one step; it bounds the step where the board is too
+        fast for `max_step`.
     initial : str
         ``"zero"``: every capacitor is discharged when the strain steps on. ``"rest"``: the
         equilibrium without strain.
     method : str
         Integration method.
     voltages : dict of str to float
-        Initial node voltages in V that replace zeros of ``"zero"``; they start a board along one
+        Initial node voltages, V, in the place of 0 V for ``"zero"``; they start a board along one
         of its modes.
     """
 

@@ -1,7 +1,7 @@
-"""Physical quantities as a person writes them: the one place where SI prefixes are read.
+"""Physical quantities with SI prefixes; no other module reads prefixes.
 
-``M`` is mega and ``m`` is milli, as in SI and unlike SPICE; ``meg`` is understood. A bare number
-is in base units. Everything that taction writes is a plain float.
+``M`` is mega and ``m`` is milli, as in SI and unlike SPICE; ``meg`` is mega, too. A number without
+a unit is in base units. taction writes plain floats.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ UNITS: dict[str, tuple[str, ...]] = {
     "S": ("S", "siemens", "mho"),
     "V": ("V", "volt", "volts"),
     "A": ("A", "amp", "amps"),
-    "Hz": ("Hz",),  # no "hz": "1mhz", a millihertz, is never what was meant
+    "Hz": ("Hz",),  # no "hz": "1mhz" would be a millihertz, and users mean MHz
     "s": ("s", "sec"),
 }
-# quantiphy alone would also take names of constants, "C = 10pF", "1kohm # a comment" and "1_000".
+# quantiphy alone also accepts names of constants, "C = 10pF", "1kohm # a comment" and "1_000".
 _QUANTITY = re.compile(
     r"\s*([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)\s*([^\W\d_]*)\s*"
 )
@@ -36,57 +36,50 @@ EXAMPLES = {
 
 
 def parse(value: object, unit: str) -> float:
-    """Return `value` in base units of `unit`.
-
-    Parameters
-    ----------
-    value : str, int or float
-        ``"10pF"``, ``"10 pF"``, ``"10p"``, ``"1e-11"`` or a number.
-    unit : str
-        A key of `UNITS`.
+    """Return `value` (``"10pF"``, ``"10 pF"``, ``"10p"``, ``"1e-11"``, a number) in `unit`.
 
     Raises
     ------
     ValueError
-        With a text that says what would be accepted.
+        `value` is not a finite quantity in `unit`, a key of `UNITS`.
     """
-    wanted = f"a quantity in {unit}, such as {EXAMPLES[unit]!r}, or a number in {unit}"
+    expected = f"expected a quantity in {unit}, such as {EXAMPLES[unit]!r}, or a number in {unit}"
     if isinstance(value, bool) or not isinstance(value, int | float | str):
-        raise ValueError(f"expected {wanted}")
+        raise ValueError(expected)
     if isinstance(value, str):
-        number, found = _read(value, unit, wanted)
-        if found and found not in UNITS[unit]:
-            raise ValueError(f"the unit is {found!r}; expected {wanted}")
+        number, written_unit = _read(value, unit, expected)
+        if written_unit and written_unit not in UNITS[unit]:
+            raise ValueError(f"the unit is {written_unit!r}; {expected}")
     else:
         try:
             number = float(value)
         except OverflowError:
             number = math.inf
     if not math.isfinite(number):
-        raise ValueError(f"not finite; expected {wanted}")
+        raise ValueError(f"not finite; {expected}")
     return number
 
 
-def _read(text: str, unit: str, wanted: str) -> tuple[float, str]:
-    if "," in text:  # quantiphy would read "1,5pF" as 15 pF
-        raise ValueError(f"no comma, a decimal point is a '.'; expected {wanted}")
+def _read(text: str, unit: str, expected: str) -> tuple[float, str]:
+    if "," in text:  # quantiphy reads "1,5pF" as 15 pF
+        raise ValueError(f"write the decimal point as '.', not as a comma; {expected}")
     match = _QUANTITY.fullmatch(text)
     if match is None:
-        raise ValueError(f"not a number with a prefix and a unit; expected {wanted}")
+        raise ValueError(f"not a number with a prefix and a unit; {expected}")
     digits, suffix = match.groups()
-    if suffix in UNITS[unit]:  # quantiphy would take the m of "1mho" for milli
+    if suffix in UNITS[unit]:  # quantiphy reads the m of "1mho" as milli
         return float(digits), suffix
     if suffix.lower().startswith("meg"):
         suffix = "M" + suffix[3:]
     try:
         quantity = Quantity(digits + suffix, ignore_sf=False)
     except QuantiPhyError as error:
-        raise ValueError(f"not a number with a prefix and a unit; expected {wanted}") from error
+        raise ValueError(f"not a number with a prefix and a unit; {expected}") from error
     return float(quantity.real), str(quantity.units)
 
 
 def show(value: float, unit: str, digits: int = 4) -> str:
-    """Return `value` for people, with an SI prefix: ``show(1e-11, "F")`` is ``"10 pF"``."""
+    """Return `value` as text with an SI prefix: ``show(1e-11, "F")`` is ``"10 pF"``."""
     if value == 0 or not math.isfinite(value):
         return f"{value:g} {unit}".rstrip()
     return str(Quantity(value, unit).render(prec=digits - 1, strip_zeros=True))

@@ -1,4 +1,4 @@
-"""Types of the arrays that are handed about; a docstring says the shape and the unit of each."""
+"""Types of arrays; the docstrings of their users give shapes and units."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Definitions of the readings, each number once; `measures.measure` explains them.
+"""Definitions of the readings; `measures.measure` explains them.
 
-They are conventions, not results, so the reference solver may share them with the measures.
+The numbers are conventions, not results, so the reference solver and the measures may share them.
 """
 
 SETTLING_BAND = 0.01  # of A: half width of the settling band where a scene gives none

@@ -4,10 +4,10 @@
 
     TactionError                     exit status
     ├── InputError                   2   the scene, a file or an option is wrong
-    └── NoVerdictError               3   nothing wrong was asked, yet no answer can be given
-        ├── SolverError                  a reference solution did not earn its certificate
-        ├── EngineError                  the state-space engine cannot answer
-        └── SimulationError              an ngspice run did not yield evidence
+    └── NoVerdictError               3   the input is right, but there is no result to trust
+        ├── SolverError                  a reference solution has no certificate
+        ├── EngineError                  the state-space engine has no result
+        └── SimulationError              an ngspice run gave no result to trust
             ├── SimulatorNotFound
             ├── SimulatorTooOld
             ├── DidNotLoad
@@ -16,10 +16,9 @@
             ├── OutOfDisk
             ├── TimedOut
             ├── Killed
-            └── BadEvidence              exit 0, but the result is not what was asked for
+            └── BadEvidence              exit status 0, but the result is incomplete or wrong
 
-A failed check is not an exception; it is data (`verification.pipeline.checks`). The tree stands on
-the lowest floor because every floor raises from it.
+A failed check is not an exception; it is data (`verification.pipeline.checks`).
 """
 
 from __future__ import annotations
@@ -29,26 +28,26 @@ from pathlib import Path
 
 
 class TactionError(Exception):
-    """Root of the tree; `exit_status` is what the command line ends with."""
+    """Root of the tree; `exit_status` is the exit status of the command line."""
 
     exit_status = 3
 
 
 @dataclass(frozen=True, slots=True)
 class Complaint:
-    """One mistake in the input: where it stands, what was found, what would be accepted."""
+    """One mistake in the input: its key, its value, and the values that are accepted."""
 
     key: str
     value: str
     accepted: str
 
     def __str__(self) -> str:
-        found = f" = {self.value}" if self.value else ""
-        return f"{self.key}{found}: {self.accepted}"
+        value = f" = {self.value}" if self.value else ""
+        return f"{self.key}{value}: {self.accepted}"
 
 
 class InputError(TactionError):
-    """The user's input cannot be used; holds every complaint that was found at once."""
+    """The user's input cannot be used; `complaints` lists all mistakes that were found."""
 
     exit_status = 2
 
@@ -59,15 +58,15 @@ class InputError(TactionError):
 
 
 class NoVerdictError(TactionError):
-    """The question was right, but no trustworthy answer can be given."""
+    """The input is right, but no result can be trusted."""
 
 
 class SolverError(NoVerdictError):
-    """A reference solution did not reach its certificate."""
+    """A reference solution has no certificate."""
 
 
 class EngineError(NoVerdictError):
-    """The state-space engine cannot answer for this circuit."""
+    """The state-space engine has no result for this circuit."""
 
 
 class SimulationError(NoVerdictError):
@@ -76,13 +75,12 @@ class SimulationError(NoVerdictError):
     Attributes
     ----------
     log : str
-        The log's telling lines.
+        The lines of the log that explain the failure.
     folder : Path or None
         The run folder, kept as a reproducer (deck, command line, log, partial result).
     partial : object or None
-        A `verification.waveforms.Waveforms` of the points that reached the disk before the
-        failure, without any check; None where there are none. (`object`, since this file stands
-        below that one.)
+        A `verification.waveforms.Waveforms` of the points that were written before the failure,
+        without any check (`object`, because this module must not import that class).
     """
 
     partial: object | None = None
@@ -103,11 +101,11 @@ class SimulatorNotFound(SimulationError):  # noqa: N818
 
 
 class SimulatorTooOld(SimulationError):  # noqa: N818
-    """An ngspice below the oldest supported version."""
+    """An ngspice older than the oldest supported version."""
 
 
 class DidNotLoad(SimulationError):  # noqa: N818
-    """The deck was refused."""
+    """ngspice refused the deck."""
 
 
 class SingularCircuit(SimulationError):  # noqa: N818
@@ -123,7 +121,7 @@ class OutOfDisk(SimulationError):  # noqa: N818
 
 
 class TimedOut(SimulationError):  # noqa: N818
-    """The time allowed was used up; partial waveforms are in the run folder."""
+    """The time limit was reached; partial waveforms are in the run folder."""
 
 
 class Killed(SimulationError):  # noqa: N818
@@ -131,4 +129,4 @@ class Killed(SimulationError):  # noqa: N818
 
 
 class BadEvidence(SimulationError):  # noqa: N818
-    """The run ended well, but its result is not what was asked for."""
+    """The run ended with exit status 0, but its result is incomplete or wrong."""

@@ -20,7 +20,7 @@ FIGURES = (
     "input_capacitance",
     "output_resistance",
 )
-"""What `derive` can change; SI base units, phase margin in degrees."""
+"""The figures that `derive` can change; SI base units, phase margin in degrees."""
 
 
 @cache
@@ -31,55 +31,44 @@ def _presets() -> tuple[OpAmp, ...]:
 
 
 def _from_table(name: str, table: dict[str, float | str]) -> OpAmp:
-    """Return the op-amp of one table of the data file; solves for its poles."""
+    """Return the op-amp of one table of the data file."""
     source = str(table.pop("source"))
     figures = {key: float(value) for key, value in table.items()}
     f_u = figures.pop("unity_gain_bandwidth")
     if "phase_margin" in figures:
-        margin = figures.pop("phase_margin")
-        figures["gbw"], figures["second_pole"] = poles_from_phase_margin(
-            figures["dc_gain"], f_u, margin
-        )
+        poles = poles_from_phase_margin(figures["dc_gain"], f_u, figures.pop("phase_margin"))
+        figures["gbw"], figures["second_pole"] = poles
     else:
         figures["gbw"] = f_u
     return OpAmp(name=name, source=source, **figures)
 
 
 def load_presets() -> dict[str, OpAmp]:
-    """Every preset by name; the file is read once."""
+    """Return all presets by name; the file is read once."""
     return {opamp.name: opamp for opamp in _presets()}
 
 
 def preset_names() -> tuple[str, ...]:
-    """Names of the presets, in the order of the data file."""
+    """Return the names of the presets in the order of the data file."""
     return tuple(opamp.name for opamp in _presets())
 
 
 def derive(base: OpAmp, name: str, **figures: float) -> OpAmp:
     """Return `base` under a new name with some figures changed.
 
-    A changed `gbw` keeps the ratio ``second_pole / gbw``, and with it very nearly the phase
-    margin, unless `second_pole` or `phase_margin` is given too. A changed `dc_gain` leaves `gbw`
-    and `second_pole` where they are: only the first pole moves.
-
-    Parameters
-    ----------
-    base : OpAmp
-        Where all other figures come from.
-    name : str
-        Of the new op-amp.
-    **figures : float
-        Any of `FIGURES`, SI base units, phase margin in degrees.
+    `figures` are some of `FIGURES`. A changed `gbw` keeps the ratio ``second_pole / gbw``, and so
+    nearly the phase margin, unless `second_pole` or `phase_margin` is given too. A changed
+    `dc_gain` moves only the first pole.
 
     Raises
     ------
     ValueError
-        For an unknown figure, a value out of its range, `second_pole` together with
-        `phase_margin`, or a phase margin that two real poles cannot have.
+        An unknown figure, a value out of its range, `second_pole` together with `phase_margin`, or
+        a phase margin that two real poles cannot have.
     """
     unknown = sorted(set(figures) - set(FIGURES))
     if unknown:
-        raise ValueError(f"{unknown[0]}: not a figure of an op-amp; there are {', '.join(FIGURES)}")
+        raise ValueError(f"{unknown[0]}: not a figure of an op-amp; known: {', '.join(FIGURES)}")
     if "second_pole" in figures and "phase_margin" in figures:
         raise ValueError("phase_margin: it sets second_pole; give one of the two")
     changed = dict(figures)

@@ -13,11 +13,11 @@ if TYPE_CHECKING:
 
 
 class BehaviouralAmplifier(Protocol):
-    """What `amplifier_lines` reads of a circuit's signal amplifier."""
+    """The fields of a circuit's signal amplifier that `amplifier_lines` reads."""
 
     @property
     def name(self) -> str:
-        """Names the cards."""
+        """Name of the cards."""
 
     @property
     def kind(self) -> str:
@@ -44,27 +44,20 @@ PORTS = ("inp", "inn", "out")
 """External nodes of an op-amp's subcircuit: non-inverting input, inverting input, output."""
 
 STAGE_CAPACITANCE = 10e-12
-"""Capacitor of each pole, F: about what a signal node carries, so a stage's currents and charges
-are those of the board and one set of tolerances fits both. Measured (linear board, N = 32, ngspice
-46, 500 steps): 550 time points; 697 with stages of 1 Mohm, 889 with 1 kohm, where currents of
-amperes make the step control reject more; the operating point is the same to the last digits."""
+"""Capacitor of each pole, F. It is close to the capacitance of a signal node, so that one set of
+tolerances fits the currents and charges of stage and board. Measured (linear board, N = 32, ngspice
+46, 500 steps): 550 time points; 697 with stages of 1 Mohm, 889 with stages of 1 kohm, where
+currents of amperes make the step control reject more steps. The operating point is the same."""
 
 
 def opamp_subcircuit(model: OpAmp, *, noninverting_grounded: bool) -> SubCircuit:
     """Build the macromodel of one op-amp type with PySpice's object model.
 
     ``Rd``, ``Cd`` between the inputs, ``Cn`` and ``Cp`` from the inverting and the non-inverting
-    input to ground; one ``G``, ``R``, ``C`` stage a pole, the whole DC gain in the first one; a
-    voltage source ``Eo`` and the output resistance ``Ro`` in series. Whatever is zero or infinite
-    has no card; an op-amp without poles and impedances is the one card ``Eo``.
-
-    Parameters
-    ----------
-    model : OpAmp
-        The figures.
-    noninverting_grounded : bool
-        Whether every use of this type has its non-inverting input on ground, where ``Cp`` would
-        do nothing and is left out.
+    input to ground; one stage ``G``, ``R``, ``C`` per pole, the first with the whole DC gain; a
+    voltage source ``Eo`` and the output resistance ``Ro`` in series. A figure that is zero or
+    infinite has no card; an op-amp without poles and impedances has only the card ``Eo``. If the
+    non-inverting input of all op-amps of this type is on ground, ``Cp`` has no effect and no card.
     """
     from PySpice.Spice.Netlist import SubCircuit
 
@@ -75,7 +68,7 @@ def opamp_subcircuit(model: OpAmp, *, noninverting_grounded: bool) -> SubCircuit
         if math.isfinite(pole):
             node = f"p{index}"
             resistance = 1.0 / (2.0 * math.pi * pole * STAGE_CAPACITANCE)
-            # From ground to the node: a positive control voltage pushes current into it.
+            # The current flows from ground into the node at a positive control voltage.
             cell.VCCS(index, "0", node, *control, transconductance=gain / resistance)
             cell.R(index, node, "0", resistance)
             cell.C(index, node, "0", STAGE_CAPACITANCE)
@@ -89,7 +82,7 @@ def opamp_subcircuit(model: OpAmp, *, noninverting_grounded: bool) -> SubCircuit
 
 
 def _inputs(cell: SubCircuit, model: OpAmp, noninverting_grounded: bool) -> None:
-    """Add the input impedances that exist."""
+    """Add the input impedances."""
     if math.isfinite(model.input_resistance):
         cell.R("d", "inp", "inn", float(model.input_resistance))
     if model.differential_capacitance > 0.0:
@@ -104,19 +97,18 @@ def _inputs(cell: SubCircuit, model: OpAmp, noninverting_grounded: bool) -> None
 def amplifier_lines(stage: BehaviouralAmplifier) -> tuple[str, ...]:
     """Return the lines of one stage, ``V(output) = -u_scale g(V(input) / v_scale)``.
 
-    One ``B`` card; ngspice cuts a literal in a B expression to 11 digits, so a `v_scale` other
-    than 1 V becomes an ``E`` card before it and a `u_scale` other than 1 V one after it (cards
-    ``Ex`` and ``Eu`` with the stage's name, nodes ``{name}_x`` and ``{name}_g``), whose gains keep
-    every digit.
+    A stage is a ``B`` card. ngspice cuts a number in a B expression to 11 digits, so a `v_scale`
+    other than 1 V is the gain of a card ``Ex{name}`` before it (node ``{name}_x``), and a `u_scale`
+    other than 1 V the gain of a card ``Eu{name}`` after it (node ``{name}_g``).
 
     Raises
     ------
     ValueError
-        For a kind without a behavioural source.
+        The kind has no behavioural source.
     """
     expression = AMPLIFIERS[stage.kind].expression
     if not expression:
-        raise ValueError(f"kind = {stage.kind!r}: an op-amp stage, it has no behavioural source")
+        raise ValueError(f"kind = {stage.kind!r}: an op-amp stage has no behavioural source")
     name, before, after = stage.name, [], []
     control, target, sign = stage.input, stage.output, "-"
     if stage.v_scale != 1.0:

@@ -1,9 +1,9 @@
 """The public names of taction, each loaded when it is first used.
 
-Every job takes `scene`, a path or a `Scene`, first, and the rest by keyword. A keyword means the
-same in every job: `over` the axes, `engine` an engine in the place of the scene's own, `strains`
-several right-hand sides for one board, `output` a file, `jobs` and `cluster` where the work is
-done, `progress` a function that receives a line of text at every stage.
+Every job takes `scene`, a path or a `Scene`, first, and all other arguments by keyword. A keyword
+means the same in every job: `over` gives axes, `engine` replaces the scene's own engine, `strains`
+gives several right-hand sides for one board, `output` names a file, `jobs` and `cluster` choose the
+processes, and `progress` is a function that receives a line of text at every stage.
 
 >>> import taction
 >>> verdict = taction.verify("scenes/paper-breadboard.toml", engine="statespace")
@@ -13,12 +13,10 @@ done, `progress` a function that receives a line of text at every stage.
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from types import ModuleType
-
     from netlist_gen.board.circuit import Circuit
     from netlist_gen.board.synthesis import synthesise
     from netlist_gen.deck.deck import write_deck
@@ -51,27 +49,16 @@ __all__ = [
     "write_deck",
 ]
 
+_MODULES = ("designs", "transients", "studies", "values", "verdict")  # the quickest to load first
+
 
 def __getattr__(name: str) -> Any:
-    """Load a public name when it is first asked for (PEP 562)."""
+    """Load a public name at its first use (PEP 562)."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = next(getattr(module, name) for module in _modules() if hasattr(module, name))
-    globals()[name] = value
-    return value
-
-
-def _modules() -> Iterator[ModuleType]:
-    """Import and yield the modules that hold the public names, the quickest to load first."""
-    from taction import designs, studies, transients
-
-    yield from (designs, transients, studies)
-    from taction import values
-
-    yield values
-    from taction import verdict
-
-    yield verdict
+    modules = (import_module(f"{__name__}.{module}") for module in _MODULES)
+    globals()[name] = next(getattr(module, name) for module in modules if hasattr(module, name))
+    return globals()[name]
 
 
 def __dir__() -> list[str]:

@@ -1,4 +1,4 @@
-"""Jobs that run no transient: the deck of a scene, and the solution of its problem."""
+"""Jobs without a transient: the deck of a scene, and the solution of its problem."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 def netlist(
     scene: str | Path | Scene, *, split: bool = False, output: str | Path | None = None
 ) -> Deck:
-    """Return the ngspice deck of a scene's transient.
+    """Return the ngspice deck of a scene's transient; the same scene gives the same bytes.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ def netlist(
     split : bool
         Write the resistor matrices into a second file; needs `output`.
     output : path, optional
-        Write the deck there.
+        Write the deck into this file.
 
     Returns
     -------
@@ -36,10 +36,6 @@ def netlist(
     ------
     InputError
         The scene cannot be used, or the file cannot be written.
-
-    Notes
-    -----
-    ``ngspice -b -r out.raw FILE`` runs the deck. The same scene gives the same bytes.
 
     Examples
     --------
@@ -71,12 +67,13 @@ def solve(
     scene : path or Scene
         The problem: matrix, strain, amplifier and lambda.
     strains : array_like (K, M), optional
-        Solve for each row in the place of the scene's strain; the matrix is factorised once.
+        Solve for each row instead of the scene's strain; the matrix is factorised once.
 
     Returns
     -------
     Solution or list of Solution
-        `u` (N,), dimensionless, with its certificate; with `strains` one solution a row, in order.
+        `u` (N,), dimensionless, and its certificate; use it only if `trusted`, else see `reason`.
+        With `strains`: one solution per row.
 
     Raises
     ------
@@ -84,10 +81,6 @@ def solve(
         The scene or the strains cannot be used.
     NoVerdictError
         No solution can be computed.
-
-    Notes
-    -----
-    A solution is to be believed only if it is `trusted`; otherwise `reason` says why not.
 
     Examples
     --------
@@ -103,11 +96,11 @@ def solve(
     from netlist_gen.problem.inverse_problem import make_problem, with_strains
     from verification.ideal.ideal_answer import ideal_network
     from verification.ideal.lambda_rule import read_scene
-    from verification.reference import solve as run
+    from verification.reference import solve as solve_one
     from verification.reference import solve_each
 
-    asked = read_scene(scene)
-    problem = ideal_network(make_problem(asked), make_scalings(asked), asked).problem
+    scene = read_scene(scene)
+    problem = ideal_network(make_problem(scene), make_scalings(scene), scene).problem
     if strains is None:
-        return run(problem)
-    return solve_each(problem, [each.strain for each in with_strains(asked, strains)])
+        return solve_one(problem)
+    return solve_each(problem, [inverse.strain for inverse in with_strains(scene, strains)])

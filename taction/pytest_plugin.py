@@ -1,7 +1,7 @@
 """pytest plugin: the fixture `taction_scene`, and ``*.scene.toml`` files as tests.
 
-pytest loads it wherever taction is installed, so nothing of taction is imported before a scene is
-verified.
+pytest loads the plugin in every environment with taction, so the plugin imports no other module of
+taction before a scene is verified.
 """
 
 from __future__ import annotations
@@ -32,23 +32,15 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Collector | None:
     """Collect ``*.scene.toml`` files."""
-    if not file_path.name.endswith(SUFFIX):
-        return None
-    collector: pytest.Collector = SceneFile.from_parent(parent, path=file_path)
-    return collector
+    is_scene = file_path.name.endswith(SUFFIX)
+    return SceneFile.from_parent(parent, path=file_path) if is_scene else None
 
 
 class SceneFile(pytest.File):
-    """A scene file: one test."""
+    """A scene file with one test."""
 
     def collect(self) -> Iterator[pytest.Item]:
-        """Yield the test, named after what it does.
-
-        Raises
-        ------
-        pytest.Collector.CollectError
-            The baseline cannot be read.
-        """
+        """Yield the test ``verify``, or ``regress`` with a baseline, which must be readable."""
         file = self.config.getoption("--taction-baseline")
         if file is None:
             yield SceneItem.from_parent(self, name="verify", baseline={})
@@ -64,66 +56,58 @@ class SceneFile(pytest.File):
 
 
 class SceneItem(pytest.Item):
-    """A scene verified, and compared with its entry of a baseline where there is one."""
+    """The test of a scene: its verdict, and the comparison with its entry of a baseline, if any."""
 
     def __init__(self, *, baseline: Mapping[str, Entry], **rest: Any) -> None:
         super().__init__(**rest)
-        self._then = baseline.get(self.path.name)
+        self._entry = baseline.get(self.path.name)
 
     def runtest(self) -> None:
-        """Verify the scene; anything but a pass fails.
-
-        Raises
-        ------
-        SceneFailed
-            A check failed, nothing could be decided, or a result is not what the baseline holds.
-        """
+        """Verify the scene; SceneFailed without a pass, or if the baseline differs."""
         from verification.studies.regression.baseline import git_revision
-        from verification.studies.regression.run import Status, judge_scene
+        from verification.studies.regression.run import Status, compare_scene
 
-        result = judge_scene(self.path, self._then, git_revision(self.path.parent))
+        result = compare_scene(self.path, self._entry, git_revision(self.path.parent))
         if result.fails or result.status in (Status.NO_VERDICT, Status.BAD_INPUT):
             raise SceneFailed(result)
 
     def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
-        """Tell what failed, without a traceback of taction."""
-        if isinstance(excinfo.value, SceneFailed):
-            return str(excinfo.value)
-        return super().repr_failure(excinfo, style)
+        """Return the failure, without a traceback of taction."""
+        failed = isinstance(excinfo.value, SceneFailed)
+        return str(excinfo.value) if failed else super().repr_failure(excinfo, style)
 
     def reportinfo(self) -> tuple[Path, None, str]:
-        """Say where the test is."""
+        """Return the file and the name of the test."""
         return self.path, None, f"{self.path.name}: {self.name}"
 
 
 class SceneFailed(Exception):  # noqa: N818 - a failed test, not an error of taction
-    """A scene that did not pass; its text is what pytest shows."""
+    """A scene that did not pass; pytest shows the text."""
 
     def __init__(self, result: SceneResult) -> None:
         from verification.report.regression.text import change_line, remarks
 
         lines = [*remarks(result), *map(change_line, result.changes)]
-        how = result.status.value if result.baseline or not result.checks else "fail"
-        super().__init__("\n  ".join([f"{result.file}: {how}", *lines]))
+        status = result.status.value if result.baseline or not result.checks else "fail"
+        super().__init__("\n  ".join([f"{result.file}: {status}", *lines]))
 
 
 @pytest.fixture
 def taction_scene(request: pytest.FixtureRequest) -> TactionScene:
     """Return the function ``taction_scene(path, engine=None) -> Verdict``, which verifies a scene.
 
-    `path` counts from the test's own folder. A scene is verified once a session, however many
-    tests ask for it.
+    `path` is relative to the test's folder. A session verifies each scene once.
     """
-    folder, done = request.path.parent, request.config.stash.setdefault(VERDICTS, {})
+    folder, verdicts = request.path.parent, request.config.stash.setdefault(VERDICTS, {})
 
     def run(path: str | Path, engine: str | None = None) -> Verdict:
         import taction
 
         file = (folder / path).resolve()
         key = (file, file.stat().st_mtime_ns if file.exists() else 0, engine)
-        if key not in done:
-            done[key] = taction.verify(file, engine=engine)
-        return done[key]
+        if key not in verdicts:
+            verdicts[key] = taction.verify(file, engine=engine)
+        return verdicts[key]
 
     return run
 

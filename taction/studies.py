@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from verification.pipeline.clock import Progress
     from verification.report.sweep.result import SweepResult
     from verification.studies.onset.onset import Onset
-    from verification.studies.sweep.run import Count
+    from verification.studies.sweep.plan import Plan
     from verification.studies.tolerance.yield_report import YieldReport
 
 
@@ -29,9 +29,8 @@ def onset(
     scene : path or Scene
         The board.
     over : mapping, str or iterable of str
-        The axis: ``{"C": ("2pF", "20pF", 13)}`` (lowest, highest, number of points), the same as
-        on the command line (``"C=2pF:20pF:13"``), or a bare key, which stands for a thirtieth to
-        thirty times the scene's own value.
+        The axis: ``{"C": ("2pF", "20pF", 13)}`` (lowest, highest, number of points), as on the
+        command line (``"C=2pF:20pF:13"``), or a key alone: from 1/30 to 30 times its own value.
     transients : bool
         Confirm each crossing by transients of ngspice on both sides.
     progress : callable, optional
@@ -40,7 +39,7 @@ def onset(
     Returns
     -------
     Onset
-        `findings` holds the crossings, each with its frequency and its confirmation.
+        `findings` holds the crossings of the poles, each with its frequency and its confirmation.
 
     Raises
     ------
@@ -49,26 +48,22 @@ def onset(
     NoVerdictError
         No value on the axis gives a board whose poles can be computed.
 
-    Notes
-    -----
-    Crossings are solved on the poles; a transient never moves one, but may contradict it.
-
     Examples
     --------
     >>> import taction
-    >>> found = taction.onset(
+    >>> onset = taction.onset(
     ...     "scenes/paper-breadboard.toml", over={"C": ("5pF", "20pF", 13)}, transients=False
     ... )
-    >>> print(f"stable from {found.findings[-1].crossing.value:.3g} F")
+    >>> print(f"stable from {onset.findings[-1].crossing.value:.3g} F")
     stable from 9.02e-12 F
     """
     from verification.ideal.lambda_rule import read_scene
-    from verification.studies.onset.onset import onset as run
+    from verification.studies.onset.onset import onset as find_crossings
     from verification.studies.onset.onset import parse_onset_axis
 
-    asked = read_scene(scene)
-    axis = parse_onset_axis(asked, over)
-    return run(asked, axis, transients=transients, progress=progress)
+    scene = read_scene(scene)
+    axis = parse_onset_axis(scene, over)
+    return find_crossings(scene, axis, transients=transients, progress=progress)
 
 
 def sweep(
@@ -84,34 +79,37 @@ def sweep(
     cluster: str | None = None,
     progress: Progress = lambda stage: None,
 ) -> SweepResult:
-    """Verify a scene at every point of a grid.
+    """Verify a scene at every point of a grid; a point without a verdict has its reason.
+
+    In a script, call it below ``if __name__ == "__main__":``, since its processes import the
+    script.
 
     Parameters
     ----------
     scene : path or Scene
         The scene whose values change.
     over : mapping, str or iterable of str
-        The axes, by key: a tuple ``("1pF", "1nF", 31)`` is a range of 31 points with logarithmic
-        spacing (``"lin"`` behind it: linear), a list holds the values themselves. Strings are
-        read as on the command line (``"C=1pF:1nF:31"``).
+        The axes by key: a tuple ``("1pF", "1nF", 31)`` is a range of 31 points with logarithmic
+        spacing (``("1pF", "1nF", 31, "lin")``: linear), a list holds the values. Strings are read
+        as on the command line (``"C=1pF:1nF:31"``).
     engine : str, optional
         ``"auto"``, ``"ngspice"`` or ``"statespace"`` in the place of the scene's own engine, or
         ``"both"``.
     once : bool
-        Run ngspice once a point; its error is measured against the state-space engine.
+        Run ngspice once per point and measure its error against the state-space engine.
     keep_waveforms : bool
         Store the outputs over time.
     retry_failed : bool
-        Compute points again that reached no verdict.
+        Compute points without a verdict again.
     output : path, optional
-        A database (``.sqlite``): points that it holds are not computed again. Without it the
-        points are kept in memory.
+        A database (``.sqlite``); points that it holds are not computed again. By default the
+        points stay in memory.
     jobs : int, optional
-        Processes; one a core by default.
+        Number of processes; by default one per core.
     cluster : str, optional
-        Address of a Dask scheduler, ``"tcp://host:port"``, in the place of processes here.
+        Address of a Dask scheduler, ``"tcp://host:port"``, that runs the points.
     progress : callable, optional
-        Receives the number of points that are done.
+        Receives the number of finished points.
 
     Returns
     -------
@@ -123,13 +121,7 @@ def sweep(
     InputError
         The scene, an axis or the database cannot be used.
     NoVerdictError
-        There is no ngspice where one is asked for, or the cluster is gone.
-
-    Notes
-    -----
-    A point that reaches no verdict is a row of the result with its reason, not an exception. In a
-    script, call `sweep` below ``if __name__ == "__main__":``, since its processes import the
-    script.
+        A point needs ngspice and ngspice is missing, or the cluster is gone.
 
     Examples
     --------
@@ -145,30 +137,35 @@ def sweep(
     >>> result.to_pandas()["stable"].tolist()
     [False, True, True, True]
     """
-    from netlist_gen.overrides.axes import parse_axes
-    from verification.ideal.lambda_rule import read_scene
     from verification.report.sweep.result import SweepResult
     from verification.studies.running.executors import workers_at
-    from verification.studies.sweep.plan import Plan, engines_of
     from verification.studies.sweep.run import sweep as run
     from verification.studies.sweep.store import Store
 
-    asked = read_scene(scene)
-    plan = Plan(
-        asked,
-        parse_axes(asked, over),
-        engines_of(asked, engine),
-        second_look=not once,
-        keep_waveforms=keep_waveforms,
-    )
+    plan = plan_sweep(scene, over, engine, once=once, keep_waveforms=keep_waveforms)
     store = Store(":memory:" if output is None else str(output))
-
-    def show(count: Count) -> None:
-        progress(f"{count.done} of {count.total} points")
-
     with workers_at(cluster, jobs) as workers:
-        count = run(plan, store, workers, retry_failed=retry_failed, progress=show)
+        count = run(
+            plan,
+            store,
+            workers,
+            retry_failed=retry_failed,
+            progress=lambda count: progress(f"{count.done} of {count.total} points"),
+        )
     return SweepResult(plan, store, count)
+
+
+def plan_sweep(
+    scene: str | Path | Scene, over: Over, engine: str | None, *, once: bool, keep_waveforms: bool
+) -> Plan:
+    """Return the grid of a sweep; arguments and errors are those of `sweep`."""
+    from netlist_gen.overrides.axes import parse_axes
+    from verification.ideal.lambda_rule import read_scene
+    from verification.studies.sweep.plan import Plan, engines_of
+
+    scene = read_scene(scene)
+    axes, engines = parse_axes(scene, over), engines_of(scene, engine)
+    return Plan(scene, axes, engines, second_look=not once, keep_waveforms=keep_waveforms)
 
 
 def montecarlo(
@@ -183,7 +180,10 @@ def montecarlo(
     cluster: str | None = None,
     progress: Progress = lambda stage: None,
 ) -> YieldReport:
-    """Verify a scene with components drawn from its tolerances, and return the yield.
+    """Verify a scene with random components within its tolerances and estimate the yield.
+
+    In a script, call it below ``if __name__ == "__main__":``, since its processes import the
+    script.
 
     Parameters
     ----------
@@ -192,36 +192,32 @@ def montecarlo(
     engine : str, optional
         ``"auto"``, ``"ngspice"`` or ``"statespace"``; None for the scene's own engine.
     samples : int
-        Boards to draw, at the most.
+        Largest number of boards to draw.
     seed : int
-        Sample 17 of one seed is the same board on every machine.
+        Seed of the samples: sample 17 of a seed is the same board on every machine.
     until : str or float, optional
-        Stop when the 95 % interval is this narrow on either side: ``"1%"`` or 0.01.
+        Stop when the half width of the 95 % interval is below this: ``"1%"`` or 0.01.
     output : path, optional
-        Keep the samples in this file as JSON lines; samples that it holds are not drawn again.
+        A database (``.sqlite``); samples that it holds are not computed again.
     jobs : int, optional
-        Processes; one a core by default.
+        Number of processes; by default one per core.
     cluster : str, optional
-        Address of a Dask scheduler, ``"tcp://host:port"``, in the place of processes here.
+        Address of a Dask scheduler, ``"tcp://host:port"``, that runs the samples.
     progress : callable, optional
-        Receives the number of samples that are done.
+        Receives the number of finished samples.
 
     Returns
     -------
     YieldReport
-        The fraction that passes, its 95 % interval, what failed, and which parts matter.
+        The yield (a sample without a verdict counts as not passed), its 95 % interval, the failed
+        checks and the parts with the largest influence.
 
     Raises
     ------
     InputError
-        The scene, the tolerances or the file cannot be used.
+        The scene, the tolerances or the database cannot be used.
     NoVerdictError
-        The problem has no solution, or there is no ngspice where one is asked for.
-
-    Notes
-    -----
-    A sample without a verdict is no pass and counts among the samples. In a script, call
-    `montecarlo` below ``if __name__ == "__main__":``, since its processes import the script.
+        The problem has no solution, or a sample needs ngspice and ngspice is missing.
 
     Examples
     --------
@@ -233,9 +229,9 @@ def montecarlo(
     from verification.studies.running.executors import workers_at
     from verification.studies.tolerance.drawing import draw_samples, half_width
     from verification.studies.tolerance.varied_board import prepare
-    from verification.studies.tolerance.yield_report import Tally, report
+    from verification.studies.tolerance.yield_report import SampleCollection, summarise_samples
 
-    tally = Tally(samples, half_width(until))
+    tally = SampleCollection(samples, half_width(until))
     study = prepare(read_scene(scene, engine))
     draw_samples(study, seed, tally, workers_at(cluster, jobs), output, progress)
-    return report(study, tally.samples, seed)
+    return summarise_samples(study, tally.samples, seed)

@@ -1,9 +1,9 @@
-"""Jobs that run the transient of a scene: simulate it, or verify it."""
+"""Jobs with one transient: simulate a scene, or verify it."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, overload
+from typing import TYPE_CHECKING, TypeAlias, overload
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -13,24 +13,21 @@ if TYPE_CHECKING:
     from verification.pipeline.clock import Progress
     from verification.pipeline.recording import Record
 
+AnyScene: TypeAlias = "str | Path | Scene"
+
 
 @overload
 def simulate(
-    scene: str | Path | Scene,
+    scene: AnyScene,
     *,
-    engine: str | None = None,
-    strains: None = None,
-    output: str | Path | None = None,
-    progress: Progress = lambda stage: None,
+    engine: str | None = ...,
+    strains: None = ...,
+    output: str | Path | None = ...,
+    progress: Progress = ...,
 ) -> Record: ...
 @overload
 def simulate(
-    scene: str | Path | Scene,
-    *,
-    engine: str | None = None,
-    strains: ArrayLike,
-    output: str | Path | None = None,
-    progress: Progress = lambda stage: None,
+    scene: AnyScene, *, engine: str | None = ..., strains: ArrayLike, progress: Progress = ...
 ) -> list[Record]: ...
 def simulate(
     scene: str | Path | Scene,
@@ -40,7 +37,7 @@ def simulate(
     output: str | Path | None = None,
     progress: Progress = lambda stage: None,
 ) -> Record | list[Record]:
-    """Run the transient of a scene and measure it; nothing is judged.
+    """Run the transient of a scene and measure the waveforms, without any check.
 
     Parameters
     ----------
@@ -49,16 +46,16 @@ def simulate(
     engine : str, optional
         ``"auto"``, ``"ngspice"`` or ``"statespace"`` in the place of the scene's own engine.
     strains : array_like (K, M), optional
-        Simulate for each row in the place of the scene's strain.
+        Simulate for each row instead of the scene's strain.
     output : path, optional
-        Write the waveforms there: ``.csv``, ``.parquet`` or ``.raw``; not with `strains`.
+        Write the waveforms into this file: ``.csv``, ``.parquet`` or ``.raw``; not with `strains`.
     progress : callable, optional
         Receives the name of each stage.
 
     Returns
     -------
     Record or list of Record
-        `waveforms` and `measurements`; with `strains` one record a row, in order.
+        `waveforms` and `measurements`; with `strains`: one record per row.
 
     Raises
     ------
@@ -66,10 +63,6 @@ def simulate(
         The scene, the strains or the file cannot be used.
     NoVerdictError
         The engine gave no result.
-
-    Notes
-    -----
-    The record has as many time points as the scene's checks need.
 
     Examples
     --------
@@ -86,16 +79,16 @@ def simulate(
     from verification.pipeline.recording import record_transient
     from verification.report.verdict.waveform_files import check_export, export
 
-    asked = read_scene(scene, engine)
+    scene = read_scene(scene, engine)
     if strains is not None:
         if output is not None:
             text = "one file holds one transient; leave out output, or strains"
             raise InputError("output", Complaint("FILE", repr(str(output)), text))
-        problems = with_strains(asked, strains)
-        return [record_transient(asked, progress, problem=each) for each in problems]
+        problems = with_strains(scene, strains)
+        return [record_transient(scene, progress, problem=problem) for problem in problems]
     if output is not None:
         check_export(str(output))
-    record = record_transient(asked, progress)
+    record = record_transient(scene, progress)
     if output is not None:
         export(record.circuit, record.waveforms, str(output))
     return record
@@ -103,19 +96,11 @@ def simulate(
 
 @overload
 def verify(
-    scene: str | Path | Scene,
-    *,
-    engine: str | None = None,
-    strains: None = None,
-    progress: Progress = lambda stage: None,
+    scene: AnyScene, *, engine: str | None = ..., strains: None = ..., progress: Progress = ...
 ) -> Verdict: ...
 @overload
 def verify(
-    scene: str | Path | Scene,
-    *,
-    engine: str | None = None,
-    strains: ArrayLike,
-    progress: Progress = lambda stage: None,
+    scene: AnyScene, *, engine: str | None = ..., strains: ArrayLike, progress: Progress = ...
 ) -> list[Verdict]: ...
 def verify(
     scene: str | Path | Scene,
@@ -124,7 +109,7 @@ def verify(
     strains: ArrayLike | None = None,
     progress: Progress = lambda stage: None,
 ) -> Verdict | list[Verdict]:
-    """Simulate the board of a scene, solve its problem, compare and judge.
+    """Simulate the board of a scene, solve its problem, and check the board against the solution.
 
     Parameters
     ----------
@@ -133,27 +118,22 @@ def verify(
     engine : str, optional
         ``"auto"``, ``"ngspice"`` or ``"statespace"`` in the place of the scene's own engine.
     strains : array_like (K, M), optional
-        Verify for each row in the place of the scene's strain.
+        Verify for each row instead of the scene's strain, which still decides a lambda by a rule.
     progress : callable, optional
         Receives the name of each stage.
 
     Returns
     -------
     Verdict or list of Verdict
-        ``print(verdict)`` shows the table of the command; with `strains` one verdict a row, in
-        order.
+        ``print(verdict)`` shows the table of the command; `outcome` is pass, fail or inconclusive.
+        With `strains`: one verdict per row.
 
     Raises
     ------
     InputError
         The scene or the strains cannot be used.
     NoVerdictError
-        No engine gave a result, or there is no trustworthy solution to compare with.
-
-    Notes
-    -----
-    A failed check is not an exception: `outcome` is pass, fail or inconclusive. With `strains` the
-    board stays as it is: a rule for lambda is applied to the scene's own strain.
+        No engine gave a result, or the numerical solution has no certificate.
 
     Examples
     --------
@@ -168,10 +148,10 @@ def verify(
     from netlist_gen.problem.inverse_problem import with_strains
     from taction.verdict import Verdict
     from verification.ideal.lambda_rule import read_scene
-    from verification.verify import verify as run
+    from verification.verify import verify as verify_one
 
-    asked = read_scene(scene, engine)
+    scene = read_scene(scene, engine)
     if strains is None:
-        return Verdict.of(run(asked, progress))
-    problems = with_strains(asked, strains)
-    return [Verdict.of(run(asked, progress, problem=each)) for each in problems]
+        return Verdict.of(verify_one(scene, progress))
+    problems = with_strains(scene, strains)
+    return [Verdict.of(verify_one(scene, progress, problem=problem)) for problem in problems]

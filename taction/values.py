@@ -1,4 +1,4 @@
-"""The public names that are neither jobs nor the verdict: values, their makers, the errors."""
+"""The public names of values, their makers and the errors."""
 
 from netlist_gen.board.circuit import Circuit as Circuit
 from netlist_gen.board.synthesis import synthesise as synthesise

@@ -1,6 +1,6 @@
-"""`Verdict` as the door hands it out: the verdict of `verification.verify`, which prints itself.
+"""`taction.Verdict`: the verdict of `verification.verify` with its table as text.
 
-The table of a verdict is a report, and reports stand above the pipeline that makes verdicts.
+The table is a report, and the pipeline that makes verdicts must not import reports.
 """
 
 from __future__ import annotations
@@ -11,17 +11,17 @@ from verification import verify
 
 
 class Verdict(verify.Verdict):
-    """Everything that `taction.verify` found; ``print`` shows the table that the command prints.
+    """The results of `taction.verify`; ``print`` shows the table of the command.
 
-    Its fields are those of `verification.verify.Verdict`; `outcome` sums them up.
+    The fields are those of `verification.verify.Verdict`; `outcome` is the overall result.
     """
 
     __slots__ = ()
 
     @classmethod
-    def of(cls, found: verify.Verdict) -> Verdict:
-        """Return the verdict `found` with its table."""
-        return cls(*(getattr(found, field.name) for field in fields(found)))
+    def of(cls, verdict: verify.Verdict) -> Verdict:
+        """Return `verdict` with its table."""
+        return cls(*(getattr(verdict, field.name) for field in fields(verdict)))
 
     def __str__(self) -> str:
         from verification.report.verdict.table import verdict_text

@@ -9,7 +9,7 @@ from spice_models.array_types import Floats
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """What a result cost: wall seconds, accepted time points and factorisations (0: unknown)."""
+    """Cost of a result: wall seconds, accepted time points and factorisations (0: unknown)."""
 
     seconds: float
     points: int
@@ -25,15 +25,15 @@ class Waveforms:
     time : ndarray (P,)
         Strictly increasing, s.
     nodes : tuple of str
-        One a column of `values`.
+        Names of the columns of `values`.
     values : ndarray (P, K)
         V; may be a view with any strides.
     engine : str
-        Who computed it, with version (``"ngspice-46"``, ``"statespace"``).
+        Engine with its version (``"ngspice-46"``, ``"statespace"``).
     cost : Cost
-        What it cost.
+        Time and steps of the run.
     flags : tuple of str
-        Doubts that the engine uttered and that did not stop it (a singular matrix that it got
+        Warnings of the engine that did not stop the run (a singular matrix that the solver got
         over, say); to be shown beside any verdict.
     rounding : float
         What the engine's own rounding left (of a Krylov space all that it misses), V; 0 where the

@@ -1,8 +1,7 @@
-"""`Circuit`: the board as plain data; components with values and nodes, no SPICE.
+"""`Circuit`: the board as plain data, components with values and nodes, without SPICE.
 
-Everything downstream of the synthesis starts here: the deck writer turns it into text, the
-state-space engine stamps it into equations. Node ``"0"`` is ground. Matrices are arrays, never
-N² objects.
+The synthesis makes it, the deck writer turns it into text, and the state-space engine into
+equations. Node ``"0"`` is ground. Matrices are arrays, never N² objects.
 """
 
 from __future__ import annotations
@@ -33,8 +32,7 @@ class OpAmpCell:
 class SignalAmplifier:
     """A behavioural amplifier, ideal and inverting: ``V(output) = -u_scale g(V(input) / v_scale)``.
 
-    `kind` is a key of `spice_models.amplifier.AMPLIFIERS` (any but ``"linear"``, which is an
-    op-amp inverter).
+    `kind` is a key of `spice_models.amplifier.AMPLIFIERS` except ``"linear"``, an op-amp inverter.
     """
 
     name: str
@@ -57,7 +55,7 @@ class Resistor:
 
 @dataclass(frozen=True, slots=True)
 class Capacitor:
-    """A capacitor between nodes `a` and `b`, F; discharged at t = 0 unless started from rest."""
+    """A capacitor between nodes `a` and `b`, F; at t = 0 discharged or at rest."""
 
     name: str
     a: str
@@ -76,7 +74,7 @@ class CurrentSource:
 
 @dataclass(frozen=True, slots=True)
 class VoltageSource:
-    """A constant voltage from ground to `node`, on for all time."""
+    """A constant voltage from ground to `node`."""
 
     name: str
     node: str
@@ -85,35 +83,18 @@ class VoltageSource:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ResistorMatrix:
-    """An M-by-N matrix of resistors.
+    """An M-by-N matrix of resistors; element (k, n) has the name ``Rf_k_n``, counted from 1."""
 
-    Attributes
-    ----------
-    name : str
-        ``"Rf"`` (forward) or ``"Rb"`` (feedback); element (k, n) is called ``Rf_k_n``, from 1.
-    ohms : ndarray (M, N)
-        Infinite where there is no resistor.
-    negative : ndarray (M, N) of bool
-        Where the entry of T is negative: driven from `minus` instead of `plus`.
-    by_column : bool
-        True: columns drive and rows are the sinks (forward); False: rows drive (feedback).
-    plus, minus : tuple of str
-        Driving nodes for positive and for negative entries, one per driving index; `minus`
-        holds an empty name where no entry of that index is negative.
-    sinks : tuple of str
-        Summing nodes, one per index of the other axis.
-    """
-
-    name: str
-    ohms: Floats
-    negative: Bools
-    by_column: bool
-    plus: tuple[str, ...]
-    minus: tuple[str, ...]
-    sinks: tuple[str, ...]
+    name: str  # "Rf" (forward) or "Rb" (feedback)
+    ohms: Floats  # (M, N); infinite where there is no resistor
+    negative: Bools  # (M, N): the entry of T is negative; a node of `minus` drives the resistor
+    by_column: bool  # columns drive and rows sum (forward); else rows drive (feedback)
+    plus: tuple[str, ...]  # driving nodes of positive entries
+    minus: tuple[str, ...]  # driving nodes of negative entries, "" where there is no such entry
+    sinks: tuple[str, ...]  # summing nodes, one per index of the other axis
 
     def elements(self) -> Iterator[tuple[int, int, str, str, float]]:
-        """Row-major ``(k, n, driving node, summing node, ohms)`` of every resistor, from 0."""
+        """Yield ``(k, n, driving node, summing node, ohms)`` of every resistor by rows, from 0."""
         finite = np.isfinite(self.ohms)
         for k, n in zip(*(index.tolist() for index in np.nonzero(finite)), strict=True):
             drive, sink = (n, k) if self.by_column else (k, n)
@@ -123,7 +104,7 @@ class ResistorMatrix:
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """Where u of one channel is found: ``u = sign * V(node)``, volts."""
+    """The output of one channel: ``u = sign * V(node)``, V."""
 
     node: str
     sign: float
@@ -131,7 +112,7 @@ class Output:
 
 @dataclass(frozen=True, slots=True)
 class Omission:
-    """Something the scene does not need and that was therefore left out."""
+    """A part that the board omits because the scene does not need it."""
 
     what: str
     why: str
@@ -141,8 +122,8 @@ class Omission:
 class Scalings:
     """The design's numbers, SI base units (design of the board: section 1 of the guide).
 
-    `lam` is the regularisation parameter that the components imply; `exponential_slope` is Ve
-    (1 V for a linear board, where it plays no part).
+    `lam` is the regularisation parameter that follows from the components; `exponential_slope` is
+    Ve (1 V, without effect, on a linear board).
     """
 
     unit_conductance: float
@@ -156,27 +137,13 @@ class Scalings:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Circuit:
-    """A whole board.
-
-    Attributes
-    ----------
-    models : dict of str to OpAmp
-        The op-amp types in use, by name.
-    signal_nodes : tuple of str
-        The node whose voltage is v_n (up to sign for no topology: it is +v_n), one a channel.
-    constraint_nodes : tuple of str
-        The node whose voltage is w_k, one a sensor.
-    outputs : tuple of Output
-        Where u_n is read.
-    omissions : tuple of Omission
-        What was left out, and why.
-    """
+    """A whole board."""
 
     name: str
     amplifier: str
     topology: str
     scalings: Scalings
-    models: dict[str, OpAmp]
+    models: dict[str, OpAmp]  # op-amp types by name
     opamps: tuple[OpAmpCell, ...]
     amplifiers: tuple[SignalAmplifier, ...]
     resistors: tuple[Resistor, ...]
@@ -184,9 +151,9 @@ class Circuit:
     capacitors: tuple[Capacitor, ...]
     currents: tuple[CurrentSource, ...]
     voltages: tuple[VoltageSource, ...]
-    signal_nodes: tuple[str, ...]
-    constraint_nodes: tuple[str, ...]
-    outputs: tuple[Output, ...]
+    signal_nodes: tuple[str, ...]  # nodes of v_n, one per channel
+    constraint_nodes: tuple[str, ...]  # nodes of w_k, one per sensor
+    outputs: tuple[Output, ...]  # u_n
     omissions: tuple[Omission, ...]
 
     def __repr__(self) -> str:

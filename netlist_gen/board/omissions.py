@@ -1,4 +1,4 @@
-"""What a scene does not need, and why: the list behind ``--explain`` and the deck's header."""
+"""The parts that a scene does not need, and why: for ``--explain`` and the deck's header."""
 
 from __future__ import annotations
 
@@ -13,16 +13,12 @@ from spice_models.opamp import OpAmp
 
 
 def list_omissions(scene: Scene, problem: InverseProblem, model: OpAmp) -> tuple[Omission, ...]:
-    """Return everything that was left out of the board of `scene`."""
-    found = [
-        *_matrix(problem),
-        *_inverters(scene, problem),
-        *_amplifier(scene),
-        *_macromodel(model),
-    ]
+    """Return everything that the board of `scene` omits."""
+    omissions = [*_matrix(problem), *_inverters(scene, problem), *_amplifier(scene)]
+    omissions += _macromodel(model)
     if scene.design.stray_capacitance == 0:
-        found.append(Omission("stray capacitors", "design.stray_capacitance is 0"))
-    return tuple(found)
+        omissions.append(Omission("stray capacitors", "design.stray_capacitance is 0"))
+    return tuple(omissions)
 
 
 def _matrix(problem: InverseProblem) -> list[Omission]:

@@ -1,4 +1,4 @@
-"""A box of parts that a synthesis fills; `Circuit` takes its contents, frozen."""
+"""The parts that a synthesis collects before it makes a `Circuit`."""
 
 from __future__ import annotations
 
@@ -18,15 +18,11 @@ from netlist_gen.board.circuit import (
 
 @dataclass(slots=True)
 class Parts:
-    """Parts by kind, in the order in which they were placed.
+    """Parts by kind, in the order in which they were placed."""
 
-    `model` is the op-amp type of every cell, `stray` the capacitance (F) at every summing node
-    and `inverter` the two resistors (ohm) of every inverter.
-    """
-
-    model: str
-    stray: float
-    inverter: float
+    model: str  # op-amp type of every cell
+    stray: float  # capacitance at every summing node, F
+    inverter: float  # both resistors of every inverter, ohm
     opamps: list[OpAmpCell] = field(default_factory=list)
     amplifiers: list[SignalAmplifier] = field(default_factory=list)
     resistors: list[Resistor] = field(default_factory=list)
@@ -36,7 +32,7 @@ class Parts:
     voltages: list[VoltageSource] = field(default_factory=list)
 
     def opamp(self, name: str, summing: str, output: str) -> None:
-        """Place an op-amp that holds node `summing` at virtual ground; the node has its stray."""
+        """Place an op-amp that holds node `summing` at virtual ground, and its stray."""
         self.opamps.append(OpAmpCell(name, self.model, GROUND, summing, output))
         self.stray_at(summing)
 
@@ -50,7 +46,7 @@ class Parts:
             self.capacitors.append(Capacitor(f"stray_{node}", node, GROUND, self.stray))
 
     def inverting(self, name: str, source: str, output: str) -> None:
-        """Place a unity-gain inverter from `source` to `output`; its summing node is j`output`."""
+        """Place a unity-gain inverter from `source` to `output` with the summing node j`output`."""
         summing = f"j{output}"
         self.opamp(name, summing, output)
         self.resistors.append(Resistor(f"{name}_in", source, summing, self.inverter))

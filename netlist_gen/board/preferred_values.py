@@ -15,7 +15,7 @@ _E24 = (
 def mantissas(series: str) -> Floats:
     """Return the values of one decade, from 1 to below 10.
 
-    E192 holds 9.20, not the 9.19 that rounding ``10^(185/192)`` gives: the standard says so.
+    E192 holds 9.20 as the standard has it; ``10^(185/192)`` rounds to 9.19.
     """
     if series == "E24":
         return np.array(_E24)
@@ -26,9 +26,9 @@ def mantissas(series: str) -> Floats:
 
 
 def nearest(ohms: Floats, series: str) -> Floats:
-    """Return the nearest preferred values, by ratio; any shape, infinite stays infinite.
+    """Return the nearest preferred values by ratio (any shape, infinite stays infinite).
 
-    ``"exact"`` returns `ohms` as they are.
+    ``"exact"`` returns `ohms` unchanged.
     """
     if series == "exact":
         return ohms

@@ -1,4 +1,4 @@
-"""The numbers of a design: lam from R or R from lam, and the op-amp with its changed figures."""
+"""The numbers of a design: lam from R, or R from lam, and the op-amp."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from spice_models.presets import derive, load_presets
 
 
 def make_scalings(scene: Scene) -> Scalings:
-    """Return the design's numbers; R follows from lam, or lam from R.
+    """Return the design's numbers with R from lam, or lam from R.
 
     ``lam = 1 / (R s G0²)`` for linear amplifiers (eq (21) corrected) and
     ``lam = 2 Ve / (R s G0² U0)`` for exponential ones (eqs (16) and (8) in the board's units).
@@ -21,7 +21,7 @@ def make_scalings(scene: Scene) -> Scalings:
     Raises
     ------
     InputError
-        Where R or lam would not be a finite positive number.
+        R or lam would not be a finite positive number.
     """
     design = scene.design
     slope = design.exponential_slope or 1.0
@@ -29,12 +29,12 @@ def make_scalings(scene: Scene) -> Scalings:
     if design.amplifier != "linear":
         product *= 2.0 * slope / design.unit_voltage
     if isinstance(design.lam, str):
-        text = "a rule has to choose the number first; see verification.ideal.lambda_rule"
+        text = "expected a number; verification.ideal.lambda_rule finds it by a rule"
         raise InputError(scene.file, Complaint("design.lambda", repr(design.lam), text))
     given = design.lam or design.resistance or DEFAULT_RESISTANCE
     other = product / given
     if not (np.isfinite(other) and other > 0):
-        text = f"with gain and unit_conductance, lambda times R is {product!r}: out of range"
+        text = f"gain and unit_conductance give lambda times R = {product!r}, out of range"
         raise InputError(scene.file, Complaint("design", repr(given), text))
     resistance, lam = (other, given) if design.lam is not None else (given, other)
     return Scalings(
@@ -49,17 +49,17 @@ def make_scalings(scene: Scene) -> Scalings:
 
 
 def preferred(ohms: float, scene: Scene) -> float:
-    """Return one resistor's value in the scene's series."""
+    """Return `ohms` in the scene's resistor series."""
     return float(nearest(np.array([ohms]), scene.design.resistor_series)[0])
 
 
 def choose_opamp(scene: Scene) -> OpAmp:
-    """Return the op-amp of `scene`: a preset, with the figures that the scene changes.
+    """Return the op-amp of `scene`: a preset with the scene's changed figures.
 
     Raises
     ------
     InputError
-        Where the changed figures contradict each other.
+        The changed figures contradict each other.
     """
     choice = scene.design.opamp
     base = load_presets()[choice.base]

@@ -1,7 +1,7 @@
-"""From a scene and its problem to a `Circuit`: signs, scalings, and only what is needed.
+"""From a scene and its problem to a `Circuit`: signs, scalings, and only the parts in use.
 
-The realisation (topology ``integrator``) sums every current into a virtual ground, so no
-resistor loads a node and eq (9), in its corrected form, holds exactly for ideal op-amps::
+Topology ``integrator`` sums every current into a virtual ground, so that no resistor loads a node
+and eq (9), in its corrected form, holds exactly for ideal op-amps::
 
     signal node n      op-amp, R || C from v_n to the summing node x_n
     signal amplifier   inverter (linear) or antilog stage, a_n = -u_n
@@ -10,8 +10,8 @@ resistor loads a node and eq (9), in its corrected form, holds exactly for ideal
     matrix feedback    T_kn > 0: w_k -> x_n     T_kn < 0: -w_k -> x_n
     bias               I_b as Ve through R into x_n (entropy only)
 
-Topology ``passive`` (Hopfield's) has R and C from v_n to ground, the feedback resistors straight
-into v_n (with the opposite signs), and a buffer; R_n is raised to make up for their load.
+Topology ``passive`` (Hopfield's) has R and C from v_n to ground, the feedback resistors at v_n
+(with the opposite signs), and a buffer; R_n is larger to compensate the load of these resistors.
 """
 
 from __future__ import annotations
@@ -42,13 +42,12 @@ BIAS = "bias"
 
 
 def synthesise(scene: Scene, problem: InverseProblem | None = None) -> Circuit:
-    """Design the board of `scene` for `problem`, or for the scene's own.
+    """Design the board of `scene` for `problem`, by default the scene's own problem.
 
     Raises
     ------
     InputError
-        The design's numbers are out of range, or the passive topology would need a negative
-        resistor.
+        A number of the design is out of range, or the passive topology needs a negative resistor.
 
     Examples
     --------
@@ -60,11 +59,8 @@ def synthesise(scene: Scene, problem: InverseProblem | None = None) -> Circuit:
     scalings = make_scalings(scene)
     model = choose_opamp(scene)
     ohms, negative = matrix_resistors(problem.matrix, scene)
-    parts = Parts(
-        model.name,
-        scene.design.stray_capacitance,
-        preferred(scene.design.inverter_resistance, scene),
-    )
+    inverter = preferred(scene.design.inverter_resistance, scene)
+    parts = Parts(model.name, scene.design.stray_capacitance, inverter)
     board = _Board(scene, scalings.resistance, ohms, negative, parts)
     board.signal_plane()
     board.constraint_plane(problem.strain * scalings.unit_conductance * scalings.unit_voltage)
@@ -90,21 +86,21 @@ def synthesise(scene: Scene, problem: InverseProblem | None = None) -> Circuit:
 
 
 def matrix_resistors(matrix: Floats, scene: Scene) -> tuple[Floats, Bools]:
-    """Return ohms ``1 / (|T| G0)``, infinite for a zero entry, and where T is negative (M, N)."""
+    """Return ohms ``1 / (|T| G0)``, infinite for T = 0, and whether T is negative; both (M, N)."""
     with np.errstate(divide="ignore"):
         ohms = 1.0 / (np.abs(matrix) * scene.design.unit_conductance)
     return nearest(ohms, scene.design.resistor_series), matrix < 0
 
 
 def realised_matrix(circuit: Circuit) -> Floats:
-    """Return the T (M, N) that the resistors of `circuit` amount to, rounding included."""
+    """Return the T (M, N) of the resistors of `circuit`, with their rounding."""
     forward = circuit.matrices[0]
     sign = np.where(forward.negative, -1.0, 1.0)
     return sign / (forward.ohms * circuit.scalings.unit_conductance)
 
 
 class _Board:
-    """One synthesis under way: places the parts plane by plane."""
+    """A synthesis that places the parts plane by plane."""
 
     def __init__(
         self, scene: Scene, resistance: float, ohms: Floats, negative: Bools, parts: Parts
@@ -165,7 +161,10 @@ class _Board:
         parts.opamp(f"v_{n}", x, v)
         parts.resistors.append(Resistor(f"r_{n}", v, x, ohms))
         parts.capacitors.append(Capacitor(f"c_{n}", v, x, self.design.capacitance))
-        if self._biased(n, self.design.exponential_slope or 1.0):
+        if self.design.biased:
+            if n == 1:
+                slope = self.design.exponential_slope or 1.0
+                parts.voltages.append(VoltageSource(BIAS, BIAS, slope))
             parts.resistors.append(Resistor(f"bias_{n}", BIAS, x, ohms))
 
     def _passive_node(self, n: int) -> None:
@@ -175,7 +174,7 @@ class _Board:
         if left <= 0:
             text = (
                 f"the matrix loads channel {n} of the passive topology with {load:.6g} S, so R must"
-                f" be below {1.0 / load:.6g} ohm; raise lambda or take topology = 'integrator'"
+                f" be below {1.0 / load:.6g} ohm; increase lambda or use topology = 'integrator'"
             )
             value = f"{self.resistance:.6g} ohm"
             raise InputError(self.scene.file, Complaint("design.resistance", value, text))
@@ -183,14 +182,8 @@ class _Board:
         parts.capacitors.append(Capacitor(f"c_{n}", v, GROUND, self.design.capacitance))
         parts.stray_at(v)
         if self.design.biased:
-            text = "topology 'passive' has no virtual ground to inject it into; set bias = false"
+            text = "topology 'passive' has no virtual ground for a bias current; set bias = false"
             raise InputError(self.scene.file, Complaint("design.bias", "true", text))
-
-    def _biased(self, n: int, volts: float) -> bool:
-        wanted = self.design.biased
-        if wanted and n == 1:
-            self.parts.voltages.append(VoltageSource(BIAS, BIAS, volts))
-        return wanted
 
     def _linear_stage(self, n: int, *, minus: bool) -> None:
         u = f"v_{n}"
@@ -203,12 +196,9 @@ class _Board:
             self.parts.inverting(f"a_{n}", u, f"a_{n}")
 
     def _antilog_stage(self, n: int, *, plus: bool) -> None:
-        slope = self.design.exponential_slope or 1.0
-        self.parts.amplifiers.append(
-            SignalAmplifier(
-                f"a_{n}", self.design.amplifier, f"v_{n}", f"a_{n}", self.design.unit_voltage, slope
-            )
-        )
+        scales = self.design.unit_voltage, self.design.exponential_slope or 1.0
+        stage = SignalAmplifier(f"a_{n}", self.design.amplifier, f"v_{n}", f"a_{n}", *scales)
+        self.parts.amplifiers.append(stage)
         self.outputs.append(Output(f"a_{n}", -1.0))
         if plus:
             self.parts.inverting(f"u_{n}", f"a_{n}", f"u_{n}")

@@ -1,7 +1,7 @@
-"""A board with its parts varied within the scene's tolerances.
+"""A board with parts that vary within the scene's tolerances.
 
-Every variation is a factor ``exp(z ln(1 + tolerance))``, so a value can never go negative, and
-z = 1 and z = -1 are the ends of the tolerance.
+Every variation is a factor ``exp(z ln(1 + tolerance))``, so no value becomes negative; z = 1 and
+z = -1 are the ends of the tolerance.
 """
 
 from __future__ import annotations
@@ -21,32 +21,18 @@ from spice_models.opamp import OpAmp
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One thing that varies.
+    """A value that varies: of an element of the deck, an op-amp's figure, or the temperature."""
 
-    Attributes
-    ----------
-    name : str
-        ``"Rf_3_5"``, ``"Rr_1"``, ``"Cc_1"``, ``"v_1.gbw"``, ``"temperature"``: the element's name
-        in the deck, or the op-amp's with its figure.
-    kind : str
-        The key of `Tolerances` that it varies by.
-    tolerance : float
-        Fraction; for the temperature K.
-    """
-
-    name: str
-    kind: str
-    tolerance: float
+    name: str  # "Rf_3_5", "Rr_1", "Cc_1", "v_1.gbw", "temperature"
+    kind: str  # key of `Tolerances`
+    tolerance: float  # fraction; of the temperature K
 
 
 def parameters(circuit: Circuit, tolerances: Tolerances) -> tuple[Parameter, ...]:
-    """Return everything that varies, in the order of the z that `vary` takes."""
-    return tuple(p for p in _parameters(circuit, tolerances) if p.tolerance > 0)
-
-
-def _parameters(circuit: Circuit, tolerances: Tolerances) -> Iterator[Parameter]:
-    for name, kind in _names(circuit):
-        yield Parameter(name, kind, getattr(tolerances, kind))
+    """Return all values that vary, in the order of the z of `vary`."""
+    pairs = _names(circuit)
+    every = (Parameter(name, kind, getattr(tolerances, kind)) for name, kind in pairs)
+    return tuple(parameter for parameter in every if parameter.tolerance > 0)
 
 
 def _names(circuit: Circuit) -> Iterator[tuple[str, str]]:
@@ -67,8 +53,8 @@ def _names(circuit: Circuit) -> Iterator[tuple[str, str]]:
 def draw(tolerances: Tolerances, count: int, seed: int, sample: int) -> Floats:
     """Return the z of one sample, shape (count,).
 
-    Each sample has a random stream of its own, so it can be drawn again alone, bit for bit
-    (NumPy may change its normal distribution from one of its versions to another).
+    Each sample has its own random stream, so a single sample can be drawn again, bit for bit
+    (versions of NumPy may differ in their normal distributions).
     """
     random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(sample,)))
     if tolerances.distribution == "uniform":
@@ -77,27 +63,19 @@ def draw(tolerances: Tolerances, count: int, seed: int, sample: int) -> Floats:
 
 
 def vary(circuit: Circuit, tolerances: Tolerances, z: Floats) -> Circuit:
-    """Return `circuit` with every part varied by its z (see the head of this file).
+    """Return `circuit` with every part varied by its `z`, one value per item of `parameters`.
 
-    Parameters
-    ----------
-    z : ndarray
-        One value for each of `parameters`, in their order.
+    An op-amp's gain-bandwidth product and second pole have the same factor, independent of its DC
+    gain. The temperature changes all parts of a kind by ``exp(drift z temperature)``.
 
     Raises
     ------
     InputError
-        An op-amp comes out with a DC gain that is none, 1 or less.
-
-    Notes
-    -----
-    An op-amp's gain-bandwidth product and its second pole move together, and stay where they are
-    as its DC gain varies. The temperature moves all parts of a kind alike,
-    ``exp(drift z temperature)``.
+        The DC gain of an op-amp becomes 1 or less.
     """
-    wanted = parameters(circuit, tolerances)
-    shift = {p.name: float(value) for p, value in zip(wanted, z, strict=True)}
-    scale = {p.name: math.exp(shift[p.name] * math.log1p(p.tolerance)) for p in wanted}
+    varied = parameters(circuit, tolerances)
+    shift = {p.name: float(value) for p, value in zip(varied, z, strict=True)}
+    scale = {p.name: math.exp(shift[p.name] * math.log1p(p.tolerance)) for p in varied}
     kelvin = shift.get("temperature", 0.0) * tolerances.temperature
     hot_r = math.exp(kelvin * tolerances.resistor_drift)
     hot_c = math.exp(kelvin * tolerances.capacitor_drift)
@@ -106,9 +84,9 @@ def vary(circuit: Circuit, tolerances: Tolerances, z: Floats) -> Circuit:
     for cell in circuit.opamps:
         model = circuit.models[cell.model]
         faster = scale.get(f"{cell.name}.gbw", 1.0) * hot_gbw
-        own = _opamp(model, cell.name, faster, scale.get(f"{cell.name}.dc_gain", 1.0))
-        models[own.name] = own
-        cells.append(replace(cell, model=own.name))
+        varied_model = _opamp(model, cell.name, faster, scale.get(f"{cell.name}.dc_gain", 1.0))
+        models[varied_model.name] = varied_model
+        cells.append(replace(cell, model=varied_model.name))
     return replace(
         circuit,
         models=models,

@@ -1,4 +1,4 @@
-"""What a circuit must satisfy before it becomes text, and the tolerances its scales ask for."""
+"""Checks of a circuit before it becomes text, and tolerances that follow from its scales."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 SCENE_NAME = re.compile(r"[A-Za-z0-9_.-]*")
 FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 
-_NAMES: dict[str, Callable[[Any], tuple[str, ...]]] = {  # what of a circuit's parts is a name
+_NAMES: dict[str, Callable[[Any], tuple[str, ...]]] = {  # fields of the parts that hold a name
     "resistors": attrgetter("name", "a", "b"),
     "capacitors": attrgetter("name", "a", "b"),
     "opamps": attrgetter("name", "model", "noninverting", "inverting", "output"),
@@ -29,21 +29,21 @@ _NAMES: dict[str, Callable[[Any], tuple[str, ...]]] = {  # what of a circuit's p
 
 
 def check_circuit(circuit: Circuit) -> None:
-    """Prove that nothing in `circuit` can do harm in a deck.
+    """Check every name and value of `circuit`.
 
-    A newline in a name runs commands in ngspice, and 1/0 becomes 1e32 without a word.
+    ngspice runs a line after a newline in a name as a command, and reads 1/0 as 1e32.
 
     Raises
     ------
     ValueError
-        A name that is not ``[A-Za-z][A-Za-z0-9_]*`` or a value that is not finite and above zero.
-        No scene can cause it; it guards against circuits made by other means.
+        A name that is not ``[A-Za-z][A-Za-z0-9_]*``, or a value that is not finite and above zero.
+        Only a circuit that was not made from a scene can cause it.
     """
     if not SCENE_NAME.fullmatch(circuit.name):
-        raise ValueError(f"{circuit.name!r} is no name for a scene")
+        raise ValueError(f"{circuit.name!r} is not a valid name of a scene")
     for item in circuit.omissions:
         if not (item.what + item.why).isprintable():
-            raise ValueError(f"{item!r} does not fit on a comment line")
+            raise ValueError(f"{item!r} has characters that a comment line cannot hold")
     _check_names(_names(circuit))
     for kind in _NAMES:
         names = [part.name for part in getattr(circuit, kind)]
@@ -67,31 +67,30 @@ def check_circuit(circuit: Circuit) -> None:
 
 
 def _names(circuit: Circuit) -> Iterator[str]:
-    """Every name of a part, a node or a model."""
+    """Return the names of all parts, nodes and models."""
     parts = [map(names, getattr(circuit, kind)) for kind, names in _NAMES.items()]
     matrices = [(m.name, *m.sinks, *m.plus, *filter(None, m.minus)) for m in circuit.matrices]
-    own = [(circuit.amplifier, circuit.topology)]
-    return itertools.chain.from_iterable(itertools.chain(own, *parts, matrices))
+    kinds = [(circuit.amplifier, circuit.topology)]
+    return itertools.chain.from_iterable(itertools.chain(kinds, *parts, matrices))
 
 
 def check_request(
     analysis: Analysis, saved: Iterable[str], solver: str, matrix_file: str | None
 ) -> None:
-    """Prove the same of what a deck asks for.
+    """Check the nodes, options, file names and times that a deck is to contain.
 
     Raises
     ------
     ValueError
-        A node, an option or a file name that must not be in a deck, or a time that is not finite
-        and above zero.
+        A name that must not be in a deck, or a time that is not finite and above zero.
     """
     _check_names((*saved, solver))
     if matrix_file is not None and not FILE_NAME.fullmatch(matrix_file):
-        raise ValueError(f"{matrix_file!r} is no file name for a deck: letters, digits, '_.-'")
+        raise ValueError(f"{matrix_file!r}: a file name in a deck has only letters, digits, '_.-'")
     if isinstance(analysis, Transient):
         _check_value("stop", analysis.stop)
         _check_value("max_step", analysis.max_step)
-        # a dot leads into a subcircuit, as in "xv_1.p1"
+        # a dot separates a subcircuit from its node, as in "xv_1.p1"
         _check_names(part for node in analysis.voltages for part in node.split("."))
         for node, volts in analysis.voltages.items():
             if not math.isfinite(volts):
@@ -99,9 +98,9 @@ def check_request(
 
 
 def tolerances(circuit: Circuit, relative: float) -> Tolerances:
-    """Choose tolerances from the scales of `circuit`, so that 1e-12 S works as well as 1e-3 S.
+    """Return tolerances that follow from the scales of `circuit`, for 1e-12 S as for 1e-3 S.
 
-    ngspice's own defaults (1 pA, 1 µV, 1e-14 C, 1e-12 S) would swamp the first.
+    ngspice's own defaults (1 pA, 1 µV, 1e-14 C, 1e-12 S) are too coarse for 1e-12 S.
     """
     scalings = circuit.scalings
     volts, siemens = scalings.unit_voltage, scalings.unit_conductance
@@ -115,11 +114,11 @@ def tolerances(circuit: Circuit, relative: float) -> Tolerances:
 
 
 def _check_names(names: Iterable[str]) -> None:
-    distinct = dict.fromkeys(names)  # most name a node, which several parts share
+    distinct = dict.fromkeys(names)  # each node occurs in several parts
     distinct.pop(GROUND, None)
     if not all(map(NAME.fullmatch, distinct)):
         wrong = next(name for name in distinct if not NAME.fullmatch(name))
-        raise ValueError(f"{wrong!r} is no name for a deck")
+        raise ValueError(f"{wrong!r} is not a valid name in a deck")
 
 
 def _check_value(name: str, value: float) -> None:

@@ -1,8 +1,8 @@
 """From a `Circuit` and an analysis to an ngspice deck.
 
-The op-amps' macromodels are PySpice's objects; the board's parts and the resistor matrices are
-lines of text, because an object each costs twenty times as much. Every number is a plain float
-(``repr``): in a deck ``1M`` would be a milliohm. The same circuit gives the same bytes.
+The op-amps' macromodels are objects of PySpice; the other parts and the resistor matrices are lines
+of text, because an object per part costs twenty times as much. Every number is a plain float
+(``repr``): in a deck ``1M`` is a milliohm. The same circuit gives the same bytes.
 """
 
 from __future__ import annotations
@@ -22,32 +22,20 @@ from spice_models.array_types import Floats
 from spice_models.opamp import OpAmp
 from spice_models.subcircuits import amplifier_lines, opamp_subcircuit
 
-# ngspice's first step is a tenth of the .tran card's first figure. An exponential board that starts
-# from nothing with a larger one can make an antilog stage's first iteration overflow: it did at
-# 250 points a period of one scene and no other count; with this, at none that was tried.
+# The .tran card's first figure over the longest step; ngspice's first step is a tenth of it. With
+# more, the first iteration of an antilog stage can overflow on a board that starts from 0 V: that
+# happened on one scene at 250 points per period and at no other number; with 0.01 never.
 FIRST_STEP = 0.01
 
 
 @dataclass(frozen=True, slots=True)
 class Deck:
-    """A complete deck.
+    """A complete deck with one analysis."""
 
-    Attributes
-    ----------
-    text : str
-        The deck; its first line is a title of fixed text.
-    files : dict of str to str
-        Further files that it includes, by bare name.
-    saved : tuple of str
-        Nodes whose voltages it saves, in this order.
-    analysis : Transient or OperatingPoint
-        The one analysis that it asks for.
-    """
-
-    text: str = field(repr=False)
-    saved: tuple[str, ...]
+    text: str = field(repr=False)  # the first line is a fixed title
+    saved: tuple[str, ...]  # nodes whose voltages are saved, in this order
     analysis: Analysis
-    files: Mapping[str, str] = field(default_factory=dict, repr=False)
+    files: Mapping[str, str] = field(default_factory=dict, repr=False)  # included files by name
 
 
 def write_deck(
@@ -64,20 +52,20 @@ def write_deck(
     Parameters
     ----------
     solver : str
-        The matrix solver's option: ``"klu"``, or ``"noopiter"`` for an ngspice without KLU.
+        Option for the matrix solver: ``"klu"``, or ``"noopiter"`` for an ngspice without KLU.
     relative : float
-        ngspice's reltol; the absolute tolerances follow from the circuit's own scales.
+        ngspice's reltol; the absolute tolerances follow from the circuit's scales.
     saved : iterable of str, optional
         Nodes to save; by default the outputs.
     matrix_file : str, optional
-        Split the deck: amplifiers in one subcircuit, the resistor matrices in another, which
-        stands in an include file of this name and can be swapped.
+        Name of an include file for the subcircuit of the resistor matrices, which can then be
+        replaced; the amplifiers are a second subcircuit.
 
     Raises
     ------
     ValueError
-        A name or a value that must not reach a simulator. A scene cannot cause it; it guards
-        against circuits made by other means.
+        A name or a value that must not reach a simulator. Only a circuit that was not made from a
+        scene can cause it.
 
     Examples
     --------
@@ -102,10 +90,7 @@ def write_decks(
     saved: Iterable[str] | None = None,
     matrix_file: str | None = None,
 ) -> list[Deck]:
-    """Write one deck of `circuit` for each of `analyses`; its parts become text once.
-
-    Parameters and failures are those of `write_deck`.
-    """
+    """Write one deck per analysis; parameters and errors are those of `write_deck`."""
     check_circuit(circuit)
     nodes = tuple(saved) if saved is not None else tuple(o.node for o in circuit.outputs)
     for analysis in analyses:
@@ -128,7 +113,7 @@ def write_decks(
 
 
 def matrix_lines(matrices: Iterable[ResistorMatrix]) -> list[str]:
-    """One line a resistor, matrix by matrix and row by row: ``Rf_3_5`` is row 3, column 5."""
+    """Return one line per resistor, by matrices and rows: ``Rf_3_5`` is row 3, column 5."""
     lines: list[str] = []
     printed: dict[int, list[list[str]]] = {}  # forward and feedback resistors are one array
     for matrix in matrices:
@@ -145,11 +130,7 @@ def matrix_lines(matrices: Iterable[ResistorMatrix]) -> list[str]:
 
 
 def _printed(ohms: Floats) -> list[list[str]]:
-    """Return the text of every entry, empty where it is infinite.
-
-    Printing takes the most time, so each distinct value is printed once; a kernel or a resistor
-    series has few.
-    """
+    """Return the text of every entry, "" if infinite; each distinct value is printed once."""
     values, places = np.unique(ohms, return_inverse=True)
     texts = np.array([repr(v) if v != math.inf else "" for v in values.tolist()], dtype=object)
     rows: list[list[str]] = texts[places].reshape(ohms.shape).tolist()
@@ -168,17 +149,17 @@ def _ends(matrix: ResistorMatrix, k: int) -> tuple[Sequence[str], Sequence[str]]
 
 
 def _flat(circuit: Circuit) -> tuple[str, dict[str, str]]:
-    """Return the text of all parts but the current sources, and no further file."""
+    """Return the text of all parts except the current sources, and no further file."""
     lines = [*_amplifiers(circuit), *matrix_lines(circuit.matrices)]
     return _text(circuit, lines, _parts(circuit)), {}
 
 
 def _split(circuit: Circuit, matrix_file: str) -> tuple[str, dict[str, str]]:
-    """Return the same with amplifiers and matrices as subcircuits, the latter in `matrix_file`."""
+    """Return the same with two subcircuits: amplifiers and, in `matrix_file`, matrices."""
     pads = _pads(circuit)
-    own = [*circuit.signal_nodes, *circuit.constraint_nodes, *(o.node for o in circuit.outputs)]
-    own += [source.node for source in circuit.voltages]
-    ports = list(dict.fromkeys([*pads, *own]))
+    nodes = [*circuit.signal_nodes, *circuit.constraint_nodes, *(o.node for o in circuit.outputs)]
+    nodes += [source.node for source in circuit.voltages]
+    ports = list(dict.fromkeys([*pads, *nodes]))
     parts = [
         *([""] if circuit.opamps else []),
         *_subcircuit("amplifiers", ports, [*_amplifiers(circuit), *_parts(circuit)]),
@@ -216,7 +197,7 @@ def _opamp_text(model: OpAmp, noninverting_grounded: bool) -> str:
 
 
 def _pads(circuit: Circuit) -> list[str]:
-    """Return the nodes at which a matrix touches the amplifiers, each once."""
+    """Return the nodes that connect the matrices with the amplifiers, each once."""
     nodes: dict[str, None] = {}
     for matrix in circuit.matrices:
         for _, _, drive, sink, _ in matrix.elements():
@@ -225,14 +206,14 @@ def _pads(circuit: Circuit) -> list[str]:
 
 
 class _Texts(dict[float, str]):
-    """The text of each number; most parts of a board share theirs with others."""
+    """The text of each number, printed once; many parts have the same value."""
 
     def __missing__(self, number: float) -> str:
         return self.setdefault(number, repr(number))
 
 
 def _parts(circuit: Circuit) -> list[str]:
-    """Return the lines of every part but amplifiers, matrices and sources."""
+    """Return the lines of op-amps, resistors and capacitors."""
     text = _Texts()
     return [
         *(f"X{c.name} {c.noninverting} {c.inverting} {c.output} {c.model}" for c in circuit.opamps),
@@ -247,7 +228,7 @@ def _amplifiers(circuit: Circuit) -> list[str]:
 
 
 def _current_sources(circuit: Circuit, analysis: Analysis) -> list[str]:
-    """Return the strain currents: they are all there is of the parts that depends on `analysis`."""
+    """Return the strain currents, the only parts that depend on `analysis`."""
     values = [repr(source.amps) for source in circuit.currents]
     if isinstance(analysis, Transient) and _starts_from_rest(circuit, analysis):
         ramp = repr(1e-3 * analysis.max_step)
@@ -259,7 +240,7 @@ def _current_sources(circuit: Circuit, analysis: Analysis) -> list[str]:
 
 
 def _starts_from_rest(circuit: Circuit, analysis: Transient) -> bool:
-    """Whether an operating point is needed: a board without bias is at rest when discharged."""
+    """Return whether the start needs an operating point; without bias, rest is 0 V."""
     return analysis.initial == "rest" and bool(circuit.voltages or circuit.amplifiers)
 
 

@@ -1,4 +1,4 @@
-"""The comment lines at the head of a deck: scene, units, scalings and what was left out."""
+"""The comment lines at the head of a deck: scene, units, scalings and omitted parts."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from netlist_gen.board.circuit import Circuit
 def header_lines(circuit: Circuit) -> list[str]:
     """Return the header of `circuit` as SPICE comments.
 
-    Nothing in it is user text but the scene's name, which holds letters, digits and ``-_.`` only.
+    Its only text by the user is the scene's name: letters, digits and ``-_.`` only.
     """
     s = circuit.scalings
     sensors, channels = circuit.matrices[0].ohms.shape

@@ -1,4 +1,4 @@
-"""Axes of a study: which key of a scene takes which values (``--over``).
+"""Axes of a study: the values that keys of a scene take (``--over``).
 
 ::
 
@@ -6,8 +6,8 @@
     C=1pF:1nF:31:lin    31 points, linear               C             the study's own range
     gain=1M,2M C=2p,1p  zipped: both change together (one ``--over``, a blank between)
 
-In Python the same is ``{"C": ("1pF", "1nF", 31), "opamp.base": ["ua741", "lf353"]}``: a tuple is a
-range, a list holds the values themselves.
+In Python: ``{"C": ("1pF", "1nF", 31), "opamp.base": ["ua741", "lf353"]}``; a tuple is a range, a
+list holds values.
 
 Several ``--over`` span a grid. A key is a dotted path (``design.opamp.gbw``), the end of one
 (``opamp.gbw``, ``gbw``), or a symbol of the paper (`SYMBOLS`).
@@ -29,8 +29,8 @@ from netlist_gen.scene.scene import Scene, parse_scene
 from spice_models.errors import Complaint, InputError
 
 MAX_POINTS = 100_000  # on one axis
-POINTS = 31  # of a range that does not say
-# One of two decides the other: to set the first, the second has to go.
+POINTS = 31  # of a range without a number of points
+# Keys that exclude each other: a value of the first removes the second.
 REPLACES = {
     "design.resistance": "design.lambda",
     "design.lambda": "design.resistance",
@@ -46,27 +46,13 @@ Over = str | Iterable[str] | Mapping[str, str | Iterable[Value]]
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """The values that one key takes.
-
-    Attributes
-    ----------
-    key : Key
-        Which key of the scene.
-    name : str
-        The key as it was written.
-    values : tuple
-        In base units, in the order of the study.
-    scale : str
-        How they are spaced: ``"log"``, ``"lin"``, or ``"list"`` for an explicit list.
-    default : bool
-        Whether the range was not given but chosen around the scene's own value.
-    """
+    """The values of one key."""
 
     key: Key
-    name: str
-    values: tuple[Value, ...]
-    scale: Scale
-    default: bool = False
+    name: str  # the key as the user wrote it
+    values: tuple[Value, ...]  # base units, in the order of the study
+    scale: Scale  # spacing of the values
+    default: bool = False  # the range follows from the scene's own value
 
     def __len__(self) -> int:
         return len(self.values)
@@ -75,19 +61,15 @@ class Axis:
 def parse_axes(
     scene: Scene, over: Over, *, points: int = POINTS, around: float | None = None
 ) -> list[list[Axis]]:
-    """Read all axes of a study: a list of axes that span a grid, each a list of zipped axes.
+    """Return the axes of a study: each item spans the grid and is a list of zipped axes.
 
-    Parameters
-    ----------
-    over : str, iterable of str, or mapping
-        As ``--over`` has them, or by key (see the head of this file).
-    points, around
-        As `parse_axis` has them.
+    `over` is text or a mapping (see the head of this file); `points` and `around` are those of
+    `parse_axis`.
 
     Raises
     ------
     InputError
-        See `parse_axis`; also where zipped axes differ in length, or a key occurs twice.
+        See `parse_axis`; also zipped axes of different lengths, or a key that occurs twice.
     """
     if isinstance(over, Mapping):
         texts: Iterable[str] = [_as_text(name, values) for name, values in over.items()]
@@ -99,49 +81,45 @@ def parse_axes(
         group = [parse_axis(scene, one, points=points, around=around) for one in parts]
         if len({len(axis) for axis in group}) > 1:
             lengths = ", ".join(f"{axis.name} has {len(axis)}" for axis in group)
-            raise _wrong(text, f"zipped keys need equally many values; {lengths}")
+            raise _wrong(text, f"keys that change together need the same length; {lengths}")
         groups.append(group)
     paths = [axis.key.path for group in groups for axis in group]
     for path in paths:
         if paths.count(path) > 1:
-            raise _wrong(path, "given twice; every key has one set of values")
+            raise _wrong(path, "the key occurs twice; give all its values at once")
     return groups
 
 
 def _as_text(name: str, values: str | Iterable[Value]) -> str:
-    """Write an axis as ``--over`` has it."""
+    """Return an axis in the form of ``--over``."""
     if isinstance(values, str):
         return f"{name}={values}"
     between = ":" if isinstance(values, tuple) else ","
     words = [str(value).lower() if isinstance(value, bool) else str(value) for value in values]
     wrong = next((word for word in words if set(word) & set(":,=")), None)
     if wrong is not None:
-        raise _wrong(wrong, "a value of an axis has no ':', ',' or '='")
+        raise _wrong(wrong, "a value of an axis must not contain ':', ',' or '='")
     return f"{name}={between.join(words)}"
 
 
 def parse_axis(
     scene: Scene, text: str, *, points: int = POINTS, around: float | None = None
 ) -> Axis:
-    """Read one axis, ``KEY=VALUES`` (see the head of this file).
+    """Return the axis ``KEY=VALUES`` (see the head of this file); its values are tried on `scene`.
 
     Parameters
     ----------
-    scene : Scene
-        Whose keys, types and units count; every value is tried on it.
-    text : str
-        What was written.
     points : int
-        Of a range that does not say how many.
+        Number of points of a range without one.
     around : float, optional
-        Accept a bare ``KEY`` and take the scene's own value over this to its value times this, as
-        far as the key takes such values.
+        Accept also ``KEY`` alone: from the scene's own value divided by `around` to the value times
+        `around`, without values that the key does not accept.
 
     Raises
     ------
     InputError
-        An unknown key (the nearest one is named), a value that the key does not take, or a range
-        that is none.
+        An unknown key (with the nearest known key), a value that the key does not accept, or a
+        wrong range.
     """
     name, equals, body = (part.strip() for part in text.partition("="))
     key = find_key(scene, name)
@@ -165,13 +143,13 @@ def _values(key: Key, text: str, body: str, points: int) -> tuple[tuple[Value, .
     if parts[-1] in ("lin", "log"):
         parts.pop()
     if len(parts) not in (2, 3):
-        raise _wrong(text, "expected LOW:HIGH:POINTS, and :lin behind it for linear spacing")
+        raise _wrong(text, "expected LOW:HIGH:POINTS, or LOW:HIGH:POINTS:lin for linear spacing")
     low, high = (float(read_value(key, part)) for part in parts[:2])
     count = _count(text, parts[2]) if len(parts) == 3 else points
     if scale == "log" and min(low, high) <= 0.0:
-        raise _wrong(text, "a logarithmic range lies above zero; append :lin for a linear one")
+        raise _wrong(text, "a logarithmic range must be above zero; append :lin for a linear one")
     if low == high:
-        raise _wrong(text, f"both ends are {low!r}; give one value, or two different ends")
+        raise _wrong(text, f"both ends are {low!r}; expected one value, or two different ends")
     spaced = np.geomspace if scale == "log" else np.linspace
     grid = spaced(low, high, count).tolist()
     grid[0], grid[-1] = low, high
@@ -187,15 +165,15 @@ def _count(text: str, part: str) -> int:
 
 
 def _default_axis(scene: Scene, key: Key, name: str, around: float, points: int) -> Axis:
-    own = own_value(scene, key)
-    if own is None or not (math.isfinite(own) and own > 0.0):
-        text = f"the scene has {own!r} there, no range follows from it; give {name}=LOW:HIGH"
+    value = own_value(scene, key)
+    if value is None or not (math.isfinite(value) and value > 0.0):
+        text = f"no range follows from the scene's value {value!r}; give {name}=LOW:HIGH"
         raise _wrong(name, text)
-    values = np.geomspace(own / around, own * around, points).tolist()
-    return Axis(key, name, tuple(v for v in values if _takes(scene, key, v)), "log", default=True)
+    values = np.geomspace(value / around, value * around, points).tolist()
+    return Axis(key, name, tuple(v for v in values if _accepts(scene, key, v)), "log", default=True)
 
 
-def _takes(scene: Scene, key: Key, value: float) -> bool:
+def _accepts(scene: Scene, key: Key, value: float) -> bool:
     try:
         with_value(scene, key.path, value)
     except InputError:
@@ -204,7 +182,7 @@ def _takes(scene: Scene, key: Key, value: float) -> bool:
 
 
 def points(groups: Sequence[Sequence[Axis]]) -> Iterator[dict[str, Value]]:
-    """Every point of the grid as ``{path: value}``; the last group changes fastest."""
+    """Yield every point of the grid as ``{path: value}``; the last group changes fastest."""
     steps = [
         [
             {axis.key.path: value for axis, value in zip(group, row, strict=True)}
@@ -217,25 +195,19 @@ def points(groups: Sequence[Sequence[Axis]]) -> Iterator[dict[str, Value]]:
 
 
 def with_value(scene: Scene, path: str, value: Value) -> Scene:
-    """Return `scene` with another value at the dotted `path`, proved like one from a file.
-
-    Raises
-    ------
-    InputError
-        The scene does not take the value.
-    """
+    """Return `scene` with another value at the dotted `path`; see `with_values`."""
     return with_values(scene, {path: value})
 
 
 def with_values(scene: Scene, changes: Point) -> Scene:
-    """Return `scene` with other values at some dotted paths, proved like one from a file.
+    """Return `scene` with other values at dotted paths, validated like a scene from a file.
 
-    A resistance replaces a lambda and the other way round, likewise second pole and phase margin.
+    A resistance replaces a lambda and the reverse, likewise second pole and phase margin.
 
     Raises
     ------
     InputError
-        The scene does not take one of the values, or has no such key.
+        An unknown key, or a value that its key does not accept.
     """
     data: dict[str, Any] = scene.model_dump(by_alias=True, exclude_unset=True)
     for path, value in changes.items():

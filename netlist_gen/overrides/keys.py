@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any, Literal, get_args
 
 from pydantic import BaseModel
@@ -25,7 +26,7 @@ SYMBOLS = {
     "U0": "design.unit_voltage",
     "Ve": "design.exponential_slope",
 }
-# Where a bare name is looked for, in this order.
+# Tables that are searched for a name without a path, in this order.
 SECTIONS = ("", "design", "design.opamp", "problem", "problem.load", "problem.noise", "analysis")
 
 Value = float | int | str | bool
@@ -33,88 +34,57 @@ Value = float | int | str | bool
 
 @dataclass(frozen=True, slots=True)
 class Key:
-    """One key of a scene.
+    """One key of a scene."""
 
-    Attributes
-    ----------
-    path : str
-        Dotted, as the scene file has it.
-    kind : str
-        ``"real"``, ``"integer"``, or ``"choice"`` for words and truth values.
-    unit : str
-        SI unit; empty for a plain number.
-    """
-
-    path: str
-    kind: Literal["real", "integer", "choice"]
-    unit: str
+    path: str  # dotted, as in the scene file
+    kind: Literal["real", "integer", "choice"]  # choice: words and truth values
+    unit: str  # SI unit; empty for a plain number
 
 
 def find_key(scene: Scene, name: str) -> Key:
-    """Return the key that `name` means in `scene`.
+    """Return the key of `scene` with the path, the end of a path, or the symbol `name`.
 
     Raises
     ------
     InputError
-        There is none; the nearest one is named.
+        An unknown key; the message has the nearest known key.
     """
-    found = _search(scene, name)
-    if found is not None:
-        return found
+    keys = dict(_keys(scene, "", ""))
+    if (key := _search(keys, name)) is not None:
+        return key
     known = {symbol: symbol for symbol in SYMBOLS}
-    for key in all_keys(scene):
+    for key in keys.values():
         known[key.path] = key.path
         last = key.path.rpartition(".")[2]
-        known.setdefault(last, last if _search(scene, last) else key.path)
+        known.setdefault(last, last if _search(keys, last) else key.path)
     folded = {word.lower(): full for word, full in reversed(known.items())}
     close = difflib.get_close_matches(name.lower(), folded, n=1, cutoff=0.5)
     hint = f"did you mean {folded[close[0]]!r}? " if close else ""
-    text = (
-        f"no key of this scene; {hint}known: {', '.join(SYMBOLS)}, or a key such as 'design.gain'"
-    )
+    symbols = ", ".join(SYMBOLS)
+    text = f"unknown key of this scene; {hint}known: {symbols}, or a key such as 'design.gain'"
     raise InputError("--over", Complaint("key", repr(name), text))
 
 
-def _search(scene: Scene, name: str) -> Key | None:
+def _search(keys: Mapping[str, Key], name: str) -> Key | None:
     path = SYMBOLS.get(name, name)
-    places = (_look_up(scene, f"{part}.{path}" if part else path) for part in SECTIONS)
-    return next((key for key in places if key is not None), None)
+    paths = (f"{section}.{path}".removeprefix(".") for section in SECTIONS)
+    return next((keys[candidate] for candidate in paths if candidate in keys), None)
 
 
 def all_keys(scene: Scene) -> Iterator[Key]:
-    """Every key that a study can change."""
-    yield from _keys(scene, "")
+    """Yield every key that a study can change."""
+    yield from {key.path: key for _, key in _keys(scene, "", "")}.values()
 
 
-def _keys(model: BaseModel, prefix: str) -> Iterator[Key]:
+def _keys(model: BaseModel, prefix: str, python: str) -> Iterator[tuple[str, Key]]:
+    """Yield each key with its path in a file, and again with its path in Python (`lam`)."""
     for name, field in type(model).model_fields.items():
-        path = f"{prefix}{field.alias or name}"
-        value = getattr(model, name)
+        path, value = f"{prefix}{field.alias or name}", getattr(model, name)
         if isinstance(value, BaseModel):
-            yield from _keys(value, f"{path}.")
+            yield from _keys(value, f"{path}.", f"{python}{name}.")
         else:
-            yield _key(path, field.annotation, field.metadata)
-
-
-def _look_up(scene: Scene, path: str) -> Key | None:
-    model: object = scene
-    *sections, last = path.split(".")
-    for part in sections:
-        model = _child(model, part)
-    for name, field in _fields(model):
-        if last in (name, field.alias) and not isinstance(getattr(model, name), BaseModel):
-            canonical = ".".join([*sections, field.alias or name])
-            return _key(canonical, field.annotation, field.metadata)
-    return None
-
-
-def _child(model: object, part: str) -> object:
-    names = [name for name, field in _fields(model) if part in (name, field.alias)]
-    return getattr(model, names[0]) if names else None
-
-
-def _fields(model: object) -> list[tuple[str, Any]]:
-    return list(type(model).model_fields.items()) if isinstance(model, BaseModel) else []
+            key = _key(path, field.annotation, field.metadata)
+            yield from ((path, key), (f"{python}{name}", key))
 
 
 def _key(path: str, annotation: Any, metadata: list[Any]) -> Key:
@@ -126,7 +96,7 @@ def _key(path: str, annotation: Any, metadata: list[Any]) -> Key:
 
 
 def _parts(annotation: Any) -> Iterator[Any]:
-    """Types and metadata of an annotation, through unions and Annotated."""
+    """Yield types and metadata of an annotation, also inside unions and Annotated."""
     yield annotation
     for part in get_args(annotation):
         yield from _parts(part)
@@ -134,12 +104,12 @@ def _parts(annotation: Any) -> Iterator[Any]:
 
 
 def read_value(key: Key, text: str) -> Value:
-    """Return what was written for `key`, in base units.
+    """Return the value of `text` for `key`, in base units.
 
     Raises
     ------
     InputError
-        It is no value of this kind.
+        The text is not a value of the key's kind.
     """
     try:
         if key.kind == "choice":
@@ -165,13 +135,11 @@ _DERIVED: dict[str, Callable[[Scene], float]] = {
 
 
 def own_value(scene: Scene, key: Key) -> float | None:
-    """Return the number that `key` has in `scene`, given or derived; None where it has none."""
+    """Return the number of `key` in `scene`, given or derived; None if there is no number."""
     if key.path in _DERIVED:
         return _DERIVED[key.path](scene)
-    *sections, last = key.path.split(".")
-    if sections == ["design", "opamp"] and key.kind == "real":
+    table, _, last = key.path.rpartition(".")
+    if table == "design.opamp" and key.kind == "real":
         return float(getattr(choose_opamp(scene), last))
-    model: object = scene
-    for part in key.path.split("."):
-        model = _child(model, part)
-    return float(model) if isinstance(model, int | float) else None
+    value = attrgetter(key.path)(scene)
+    return float(value) if isinstance(value, int | float) else None

@@ -1,4 +1,4 @@
-"""Numbers from CSV and NumPy files beside the scene, refused with line and column."""
+"""Numbers from CSV and NumPy files beside the scene; errors have line and column."""
 
 from __future__ import annotations
 
@@ -15,27 +15,24 @@ from spice_models.errors import Complaint, InputError
 
 
 def read_array(scene: Scene, key: str, name: str | Floats, shape: tuple[int | None, ...]) -> Floats:
-    """Read the array that `key` of `scene` names, or take the one that the scene holds.
+    """Return the array for `key` of `scene`: from the file `name`, or `name` itself.
 
-    Parameters
-    ----------
-    shape : tuple of int or None
-        Wanted shape; None where any length will do. A vector may stand as a row or a column.
+    `shape` is that of `fitted`.
 
     Raises
     ------
     InputError
-        With the file, the line and column, and what would be accepted.
+        The file or the array cannot be used; the message has file, line and column.
     """
     if isinstance(name, str):
-        path, found = scene.folder / name, repr(name)
+        path, text = scene.folder / name, repr(name)
         values = _read_npy(path, key) if path.suffix == ".npy" else _read_csv(path, key)
     else:
-        path, found, values = scene.file, "", name
+        path, text, values = scene.file, "", name
     try:
         return fitted(values, shape)
     except ValueError as error:
-        raise InputError(path, Complaint(key, found, str(error))) from None
+        raise InputError(path, Complaint(key, text, str(error))) from None
 
 
 def read_profile(scene: Scene, key: str, name: str) -> tuple[Floats, Floats]:
@@ -44,7 +41,7 @@ def read_profile(scene: Scene, key: str, name: str) -> tuple[Floats, Floats]:
     Raises
     ------
     InputError
-        As `read_array`; also where y does not increase.
+        See `read_array`; also a y that does not increase.
     """
     table = read_array(scene, key, name, (None, 2))
     if np.any(np.diff(table[:, 0]) <= 0):
@@ -78,7 +75,11 @@ def _read_csv(path: Path, key: str) -> Floats:
                 if len(rows[-1]) != len(rows[0]):
                     text = f"line {number} has {len(rows[-1])} values, the first {len(rows[0])}"
                     raise InputError(path, Complaint(key, repr(path.name), text))
-    except (OSError, ValueError, csv.Error) as error:  # ValueError: no text, or no file name
+    except (
+        OSError,
+        ValueError,
+        csv.Error,
+    ) as error:  # ValueError: binary data, wrong name
         text = f"{_reason(error)}; expected numbers separated by commas"
         raise InputError(path, Complaint(key, repr(path.name), text)) from None
     return np.array(rows, dtype=np.float64).reshape(len(rows), len(rows[0]) if rows else 0)
@@ -96,8 +97,8 @@ def _numbers(cells: list[str], path: Path, key: str, line: int) -> list[float]:
         except ValueError:
             number = math.nan
         if not math.isfinite(number):
-            what = f"{cell.strip()!r} is not a finite number" if cell.strip() else "a hole"
-            text = f"line {line}, column {column}: {what}; expected a number such as 1.5e-3"
+            problem = f"{cell.strip()!r} is not a finite number" if cell.strip() else "no value"
+            text = f"line {line}, column {column}: {problem}; expected a number such as 1.5e-3"
             raise InputError(path, Complaint(key, repr(path.name), text))
         numbers.append(number)
     return numbers

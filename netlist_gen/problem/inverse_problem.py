@@ -1,4 +1,4 @@
-"""The inverse problem of a scene: T, the strain, and the true stress where it is known."""
+"""The inverse problem of a scene: T, the strain, and the true stress if known."""
 
 from __future__ import annotations
 
@@ -25,24 +25,12 @@ ROUNDING = 16 * np.finfo(float).eps
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InverseProblem:
-    """``strain = matrix @ stress + noise``, dimensionless.
+    """``strain = matrix @ stress + noise``, dimensionless."""
 
-    Attributes
-    ----------
-    matrix : ndarray (M, N)
-        T.
-    strain : ndarray (M,)
-        eps, noise included.
-    stress : ndarray (N,) or None
-        The truth, where the scene knows it.
-    positions : ndarray (N,) or None
-        y of the channels, tactile problems only.
-    """
-
-    matrix: Floats
-    strain: Floats
-    stress: Floats | None
-    positions: Floats | None
+    matrix: Floats  # T, (M, N)
+    strain: Floats  # eps with noise, (M,)
+    stress: Floats | None  # true u, (N,), if known
+    positions: Floats | None  # y of the channels, (N,); tactile problems only
 
 
 def make_problem(scene: Scene) -> InverseProblem:
@@ -51,34 +39,33 @@ def make_problem(scene: Scene) -> InverseProblem:
     Raises
     ------
     InputError
-        A file has a hole, a wrong shape, values that are not finite, or T is all zeros.
+        A file has a missing value, a wrong shape or a value that is not finite; or T is all zeros.
     """
     if isinstance(scene.problem, MatrixProblem):
         problem = _from_files(scene, scene.problem)
     else:
         problem = _tactile(scene, scene.problem)
     if not problem.matrix.any():
-        raise InputError(
-            scene.file, Complaint("problem", "", "T is all zeros; it needs an entry that is not")
-        )
+        text = "T is all zeros; expected an entry that is not zero"
+        raise InputError(scene.file, Complaint("problem", "", text))
     return problem
 
 
 def with_strains(scene: Scene, strains: ArrayLike) -> list[InverseProblem]:
-    """Return the problem of `scene` with each row of `strains` (K, M) in the place of its strain.
+    """Return the problem of `scene` with each row of `strains` (K, M) instead of its strain.
 
-    The scene's noise is not added to them, and the true stress is not known.
+    The scene's noise is not added to the rows, and the true stress is unknown.
 
     Raises
     ------
     InputError
-        As `make_problem`; also strains of another shape, or with an entry that is not finite.
+        See `make_problem`; also strains of a wrong shape, or with an entry that is not finite.
     """
     problem = make_problem(scene)
     try:
         rows = fitted(np.asarray(strains, dtype=np.float64), (None, len(problem.strain)))
     except ValueError as error:
-        text = f"{error} (one row a strain, one column a row of T)"
+        text = f"{error} (one row per strain, one column per row of T)"
         raise InputError("strains", Complaint("strains", "", text)) from None
     return [replace(problem, strain=row, stress=None) for row in rows.copy()]
 
@@ -86,11 +73,11 @@ def with_strains(scene: Scene, strains: ArrayLike) -> list[InverseProblem]:
 def kernel(
     offset: Floats, *, depth: float, modulus: float, poisson: float, tangential: bool = False
 ) -> Floats:
-    """Strain at `depth` per unit of surface stress at a lateral `offset` (any shape).
+    """Return the strain at `depth` per unit of surface stress at a lateral `offset` (any shape).
 
     Normal stress: eq (2) with ``(1 - nu²) x²`` in place of the printed ``(1 - nu)² x²`` (only
     this gives eq (19) at nu = 0.5). Tangential stress: eq (3), ``offset / depth`` times that.
-    A value within rounding of the kernel's own zero is zero: no resistor, rather than a huge one.
+    A value within rounding of a zero of the kernel is zero: no resistor instead of a huge resistor.
     """
     near = (1 - poisson**2) * depth**2
     far = poisson * (1 + poisson) * offset**2
@@ -101,14 +88,14 @@ def kernel(
 
 
 def grid(points: int, span: float) -> Floats:
-    """Positions y of `points` equally spaced points over `span`, centred on 0, shape (points,)."""
+    """Return `points` equally spaced positions y over `span`, centred on 0, (points,)."""
     if points == 1:
         return np.zeros(1)
     return span * (2 * np.arange(points) - (points - 1)) / (2 * (points - 1))  # -y[::-1] exactly
 
 
 def cylinder_stress(y: Floats, load: CylinderLoad) -> Floats:
-    """Stress under a cylinder at `y` (N,), eq (18); twice that where `load.normalised` (Hertz)."""
+    """Return the stress under a cylinder at `y` (N,), eq (18); twice that if normalised (Hertz)."""
     a = load.half_width
     scale = load.force / (np.pi * a**2) * (2.0 if load.normalised else 1.0)
     return scale * np.sqrt(np.maximum(a**2 - (y - load.centre) ** 2, 0.0))

@@ -1,4 +1,4 @@
-"""Arrays that a scene holds in memory, in the place of the names of files."""
+"""Arrays in a scene, instead of names of files."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def in_memory(values: ArrayLike) -> Any:
-    """Return `values` as an array for a field `ArrayOrFile`, which refuses what is none."""
+    """Return `values` as an array, if possible, for a field `ArrayOrFile`."""
     import numpy as np
 
     try:
@@ -24,12 +24,9 @@ def in_memory(values: ArrayLike) -> Any:
 
 
 def fitted(values: Floats, shape: tuple[int | None, ...]) -> Floats:
-    """Return `values` in the wanted number of dimensions.
+    """Return `values` with the dimensions of `shape`, where None stands for any length.
 
-    Parameters
-    ----------
-    shape : tuple of int or None
-        Wanted shape; None where any length will do. A vector may stand as a row or a column.
+    A vector may be a row or a column.
 
     Raises
     ------
@@ -43,12 +40,11 @@ def fitted(values: Floats, shape: tuple[int | None, ...]) -> Floats:
     if len(shape) == 2 and values.ndim == 1:
         values = values[None, :]
     fits = values.ndim == len(shape) and all(
-        want in (None, have) for want, have in zip(shape, values.shape, strict=True)
+        expected in (None, length) for expected, length in zip(shape, values.shape, strict=True)
     )
     if not fits or values.size == 0:
-        wanted = " x ".join("any" if n is None else str(n) for n in shape)
-        found = " x ".join(str(n) for n in values.shape)
-        raise ValueError(f"shape {found}; expected {wanted}")
+        expected = " x ".join("any" if n is None else str(n) for n in shape)
+        raise ValueError(f"shape {' x '.join(map(str, values.shape))}; expected {expected}")
     bad = np.argwhere(~np.isfinite(values))
     if bad.size:
         place = ", ".join(str(i + 1) for i in bad[0])
@@ -58,10 +54,10 @@ def fitted(values: Floats, shape: tuple[int | None, ...]) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class _NameOrArray:
-    """Annotation of a field that holds the name of a file, or an array of real numbers."""
+    """Annotation of a field: the name of a file, or an array of real numbers."""
 
     def check(self, value: object) -> Any:
-        """Return the name, or a copy of the array that cannot be changed."""
+        """Return the name, or a read-only copy of the array."""
         if isinstance(value, str) and value:
             return value
         if getattr(getattr(value, "dtype", None), "kind", "") in ("i", "u", "f"):

@@ -1,4 +1,4 @@
-"""Types of a scene's fields: quantities with their units, plain numbers, and the models' base."""
+"""Types of a scene's fields: quantities with units, plain numbers, and the base of the tables."""
 
 from __future__ import annotations
 
@@ -14,17 +14,14 @@ from netlist_gen.quantities import EXAMPLES, parse
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """Annotation of a field that holds a quantity in `unit`: ``"10pF"`` or a number.
-
-    `zero` accepts zero too, and a `word` stands for itself.
-    """
+    """Annotation of a quantity in `unit` above zero (with `zero`: or zero), or the `word`."""
 
     unit: str
     zero: bool = False
     word: str = ""
 
     def check(self, value: object) -> float | str:
-        """Return the quantity in base units; ValueError says what would be accepted."""
+        """Return the quantity in base units, or the word; ValueError has the accepted values."""
         if self.word and value == self.word:
             return self.word
         try:
@@ -47,12 +44,12 @@ class Unit:
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """Annotation of a positive number, or the name of a rule that finds one."""
+    """Annotation of a positive number, or the name of a rule that finds the number."""
 
     names: tuple[str, ...]
 
     def check(self, value: object) -> float | str:
-        """Return the number or the name; ValueError says what would be accepted."""
+        """Return the number or the name; ValueError has the accepted values."""
         if isinstance(value, str) and value in self.names:
             return value
         if isinstance(value, int | float) and value is not True and 0 < value < math.inf:
@@ -80,7 +77,7 @@ LambdaOrRule = Annotated[
     float | str, Rule(("discrepancy", "gcv", "l-curve", "quasi-optimality", "mse"))
 ]
 
-# Strict: "7" for 7 is a slip worth naming, and true is no number.
+# Strict: "7" and true are mistakes, not numbers.
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[Real, Field(gt=0)]
 NonNegative = Annotated[Real, Field(ge=0)]
@@ -90,6 +87,6 @@ FileName = Annotated[str, Field(min_length=1)]
 
 
 class Model(BaseModel):
-    """A table of the scene: frozen, and an unknown key is an error."""
+    """A table of the scene: frozen, without unknown keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")

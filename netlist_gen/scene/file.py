@@ -18,8 +18,7 @@ def load_scene(path: str | Path) -> Scene:
     Raises
     ------
     InputError
-        The file cannot be read, is not TOML, or does not describe a scene; all complaints that
-        could be found are in it at once.
+        The file cannot be read, is not TOML, or is not a scene; `complaints` lists all mistakes.
 
     Examples
     --------
@@ -36,9 +35,8 @@ def _read_toml(path: Path) -> dict[str, Any]:
     accepted = "a scene file in TOML; `taction new` writes one"
     try:
         if path.exists() and not path.is_file():
-            raise InputError(
-                path, Complaint("file", "", f"not a regular file; expected {accepted}")
-            )
+            text = f"not a regular file; expected {accepted}"
+            raise InputError(path, Complaint("file", "", text))
         if path.stat().st_size > MAX_BYTES:
             raise InputError(path, Complaint("file", "", f"over {MAX_BYTES} bytes; {accepted}"))
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))

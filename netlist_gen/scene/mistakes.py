@@ -1,6 +1,6 @@
-"""Every mistake of a scene's data with its key, its value and what would be accepted.
+"""The mistakes in a scene's data, each with its key, its value and the accepted values.
 
-The scene's own model is handed in as `root`, since this file stands below that one.
+`root` is the model of a scene, an argument because this module must not import it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pydantic.fields import FieldInfo
 from spice_models.errors import Complaint, InputError
 from spice_models.presets import preset_names
 
-TEXTS = {  # of pydantic's complaints that speak of Python
+TEXTS = {  # in the place of pydantic's texts, which name types of Python
     "model_type": "expected a table",
     "model_attributes_type": "expected a table",
     "float_type": "expected a plain number, without quotes or unit",
@@ -29,13 +29,7 @@ Root = TypeVar("Root", bound=BaseModel)
 
 
 def validated(root: type[Root], data: Mapping[str, Any], file: str | Path) -> Root:
-    """Return `data`, which stands in `file`, as a `root`.
-
-    Raises
-    ------
-    InputError
-        With all complaints that could be found at once.
-    """
+    """Return the `data` of `file` as a `root`; InputError lists all mistakes."""
     complaints = [*_contradictions(data), *_unknown_preset(data)]
     try:
         model = root.model_validate(dict(data))
@@ -49,7 +43,7 @@ def validated(root: type[Root], data: Mapping[str, Any], file: str | Path) -> Ro
 def placed(
     root: type[BaseModel], data: dict[str, Any], values: Mapping[str, Any]
 ) -> list[Complaint]:
-    """Put `values` into the tables of `data`; return what could not be placed.
+    """Put `values` into the tables of `data`; return the complaints about unknown names.
 
     A name is a key or a table at any depth (``capacitance``, ``settling_time``), or a dotted path.
     """
@@ -59,22 +53,22 @@ def placed(
             paths.setdefault(spelling, []).append(path)
     complaints = []
     for name, value in values.items():
-        found = paths.get(name, [])
-        if len(found) != 1:
-            several = f"several keys have this name; one of {_list(found)}"
-            text = several if found else f"unknown key; {_nearest(name, list(paths))}"
+        matches = paths.get(name, [])
+        if len(matches) != 1:
+            several = f"several keys have this name; one of {_list(matches)}"
+            text = several if matches else f"unknown key; {_nearest(name, list(paths))}"
             complaints.append(Complaint(name, _value(value), text.rstrip()))
             continue
-        *tables, last = found[0].split(".")
+        *tables, last = matches[0].split(".")
         table = data
-        for each in tables:
-            table = table.setdefault(each, {})
+        for key in tables:
+            table = table.setdefault(key, {})
         table[last] = value
     return complaints
 
 
 def _all_keys(model: type[BaseModel], data: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Yield every key below `model`, tables included: its name in Python and its path."""
+    """Yield the name in Python and the path of every key and table below `model`."""
     for name, field in model.model_fields.items():
         key = field.alias or name
         yield name, prefix + key
@@ -85,7 +79,7 @@ def _all_keys(model: type[BaseModel], data: Any, prefix: str = "") -> Iterator[t
 
 
 def contradictions(design: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield the keys of a design that others exclude, each with the reason."""
+    """Yield each key of a design that contradicts another key, with the reason."""
     if design.get("lambda") is not None and design.get("resistance") is not None:
         yield "lambda", "excludes 'resistance': give one of the two"
     if design.get("amplifier", "linear") == "linear":
@@ -95,7 +89,7 @@ def contradictions(design: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def _contradictions(data: Mapping[str, Any]) -> Iterator[Complaint]:
-    """Keys that exclude each other, found beside every other mistake."""
+    """Yield the contradictions of the design, also if pydantic stops at other mistakes."""
     design = data.get("design")
     if isinstance(design, Mapping):
         for key, reason in contradictions(design):
@@ -118,7 +112,7 @@ def _complaints(
     for item in error.errors(include_url=False):
         kind, context = item["type"], item.get("ctx", {})
         if kind == "value_error" and item["loc"] == ("design",):
-            continue  # `_contradictions` has it, with its key
+            continue  # `_contradictions` has the key
         missing = kind == "missing"
         keys = _real_path(item["loc"], data, missing=missing)
         key = ".".join(keys) or "scene"
@@ -131,8 +125,8 @@ def _complaints(
             yield Complaint(key, _value(item["input"]), hint)
         elif kind == "union_tag_invalid":
             tag = str(context["tag"])
-            wanted = [name.strip("' ") for name in context["expected_tags"].split(",")]
-            text = f"{_nearest(tag, wanted)}one of {_list(wanted)}"
+            known = [name.strip("' ") for name in context["expected_tags"].split(",")]
+            text = f"{_nearest(tag, known)}one of {_list(known)}"
             yield Complaint(f"{key}.kind", _value(tag), text)
         elif kind == "union_tag_not_found":
             yield Complaint(f"{key}.kind", "", "required; 'tactile' or 'matrix'")
@@ -142,9 +136,9 @@ def _complaints(
 
 
 def _real_path(location: Sequence[int | str], data: Any, *, missing: bool) -> list[str]:
-    """Drop what pydantic puts into a location and is no key of the file (a union's tags)."""
+    """Return the keys of a location, without the tags of unions that pydantic adds."""
     keys: list[str] = []
-    tag: object = None  # of the table that the part before led to
+    tag: object = None  # of the table of the previous key
     for place, part in enumerate(location):
         if part == tag:
             tag = None
@@ -159,7 +153,7 @@ def _real_path(location: Sequence[int | str], data: Any, *, missing: bool) -> li
 
 
 def _fields(root: type[BaseModel], path: Sequence[str], data: Any) -> dict[str, FieldInfo]:
-    """Return the fields that are known at `path`, following the discriminators in `data`."""
+    """Return the fields of the table at `path`; the kinds in `data` select the models."""
     model = root
     for key in path:
         data = data[key] if isinstance(data, Mapping) else {}
@@ -173,7 +167,7 @@ def _by_alias(model: type[BaseModel]) -> dict[str, FieldInfo]:
 
 
 def _pick(annotation: Any, kind: object) -> type[BaseModel] | None:
-    """Return the model of an annotation that is a model or a union with some; else None."""
+    """Return the model in an annotation, in a union that of `kind`; None without a model."""
     options = [
         option
         for option in getattr(annotation, "__args__", (annotation,))

@@ -1,4 +1,4 @@
-"""The scene's table ``[problem]``: a tactile sensor's, or a matrix and a strain of one's own."""
+"""The scene's table ``[problem]``: a tactile sensor, or a given matrix and strain."""
 
 from __future__ import annotations
 
@@ -43,10 +43,8 @@ class Noise(Model):
 
 
 def _cylinder_by_default(value: object) -> object:
-    """Every key has a default but problem.kind, so a load without a kind is a cylinder."""
-    if isinstance(value, dict) and "kind" not in value:
-        return {"kind": "cylinder", **value}
-    return value
+    """Add the default kind to a load without a kind."""
+    return {"kind": "cylinder", **value} if isinstance(value, dict) else value
 
 
 AnyLoad = Annotated[CylinderLoad | CsvLoad, Field(discriminator="kind")]
@@ -82,7 +80,7 @@ class MatrixProblem(Model):
     @field_validator("matrix", "strain", "stress")
     @classmethod
     def _fits(cls, value: Any, info: ValidationInfo) -> Any:
-        """Prove arrays in memory; those in files are proved when they are read."""
+        """Check arrays in memory; arrays in files are checked when they are read."""
         if value is None or isinstance(value, str):
             return value
         matrix = info.data.get("matrix")

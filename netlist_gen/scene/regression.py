@@ -1,8 +1,8 @@
-"""The scene's table ``[regression]``: how far a result may move from the stored one.
+"""The scene's table ``[regression]``: the largest accepted difference from the stored result.
 
-A difference is accepted up to ``absolute + relative |baseline|``. The defaults are far above what
-two versions of ngspice differ in (2e-6 of the step on the project's own scenes) and above what
-ngspice and the state-space engine differ in, and far below what a change of a component does.
+A difference is accepted up to ``absolute + relative |baseline|``. The defaults are far above the
+differences between versions of ngspice (2e-6 of the step on the project's own scenes) and between
+the engines, and far below the effect of a changed component.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class WaveformTolerance(Model):
 
 
 class Regression(Model):
-    """What `taction regress` lets pass as the same."""
+    """Differences that `taction regress` accepts."""
 
     levels: LevelTolerance = LevelTolerance()
     times: TimeTolerance = TimeTolerance()

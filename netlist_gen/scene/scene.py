@@ -1,4 +1,4 @@
-"""`Scene`: everything that is asked for, frozen, read from TOML and proved on the way in."""
+"""`Scene`: problem, design, analysis and checks as frozen, validated values."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 NAME_PATTERN = r"^[A-Za-z0-9_.-]+$"
 DEFAULT_RESISTANCE = 1.786e6
-IN_MEMORY = "Scene.from_arrays"  # in the place of a file
+IN_MEMORY = "Scene.from_arrays"  # instead of the name of a file
 
 
 class OpAmpChoice(Model):
@@ -100,7 +100,7 @@ class Design(Model):
 
     @property
     def biased(self) -> bool:
-        """Whether a bias current flows; where the scene does not say, the amplifier's kind does."""
+        """Whether a bias current flows, by the scene or by the default of the amplifier."""
         return AMPLIFIERS[self.amplifier].biased if self.bias is None else self.bias
 
 
@@ -147,7 +147,7 @@ class OvershootCheck(Model):
 
 
 class RiseTimeCheck(Model):
-    """10-90 % rise time of one channel; the middle one where none is named."""
+    """10-90 % rise time of one channel, by default the middle channel."""
 
     max: Seconds | None = None
     min: Seconds | None = None
@@ -155,7 +155,7 @@ class RiseTimeCheck(Model):
 
 
 class StabilityCheck(Model):
-    """`margin`: by what factor C may shrink before the board oscillates; 1: stable as it is."""
+    """`margin`: factor by which C can shrink until the board oscillates; 1: only stability."""
 
     margin: Annotated[Real, Field(ge=1)] = 1.0
 
@@ -163,14 +163,14 @@ class StabilityCheck(Model):
 class EnginesAgreeCheck(Model):
     """Largest difference between ngspice and the state-space engine, over all time.
 
-    Without a tolerance, 1e-3 of the step amplitude, judged only where both engines run anyway.
+    Without a tolerance: 1e-3 of the step amplitude, and only if both engines run for other reasons.
     """
 
     tolerance: Positive | None = None
 
 
 class Checks(Model):
-    """What must hold."""
+    """The checks of a verdict and their limits."""
 
     steady_state: SteadyStateCheck = SteadyStateCheck()
     settling_time: SettlingTimeCheck = SettlingTimeCheck()
@@ -181,7 +181,7 @@ class Checks(Model):
 
 
 class Scene(Model):
-    """Everything asked for. `folder` is where the files that it names are."""
+    """Problem, design, analysis and checks; file names are relative to `folder`."""
 
     name: Annotated[str, Field(pattern=NAME_PATTERN, max_length=64)] = "scene"
     problem: Annotated[TactileProblem | MatrixProblem, Field(discriminator="kind")] = Field(
@@ -207,7 +207,7 @@ class Scene(Model):
         stress: ArrayLike | None = None,
         **values: Any,
     ) -> Scene:
-        """Make a scene of a matrix and a strain in memory.
+        """Make a scene from copies of a matrix and a strain in memory.
 
         Parameters
         ----------
@@ -216,11 +216,11 @@ class Scene(Model):
         eps : array_like (M,)
             The strain, dimensionless.
         stress : array_like (N,), optional
-            The true u, where it is known.
+            The true u, if known.
         **values
-            Keys of the scene by name, whatever table they stand in: ``capacitance="10pF"``,
+            Keys of any table of the scene, with values as in a scene file: ``capacitance="10pF"``,
             ``opamp="lf353"``, ``variance=1e-4``; ``lam`` is the key ``lambda``. A table is a dict:
-            ``settling_time={"max": "1ms"}``. Values are written as in a scene file.
+            ``settling_time={"max": "1ms"}``.
 
         Returns
         -------
@@ -230,12 +230,8 @@ class Scene(Model):
         Raises
         ------
         InputError
-            An unknown key (the nearest known one is named), a value that a key does not take, an
-            array of a wrong shape, or with an entry that is not finite.
-
-        Notes
-        -----
-        The scene keeps copies of the arrays, so a later change of them does not reach it.
+            An unknown key (with the nearest known key), a value that its key does not accept, an
+            array of a wrong shape, or an entry that is not finite.
 
         Examples
         --------
@@ -259,16 +255,16 @@ class Scene(Model):
 
     @property
     def file(self) -> Path:
-        """Where the scene was read."""
+        """File of the scene."""
         return self._file
 
     @property
     def lambda_rule(self) -> str:
-        """The rule that chose lambda; empty where the scene gave a number."""
+        """The rule that chose lambda; empty if the scene has a number."""
         return self._lambda_rule
 
     def with_engine(self, engine: str) -> Scene:
-        """Return the scene with another engine; InputError names the known ones."""
+        """Return the scene with another engine; InputError lists the known engines."""
         known = get_args(AnalysisChoice.model_fields["engine"].annotation)
         if engine not in known:
             text = f"expected one of {', '.join(map(repr, known))}"
@@ -290,13 +286,7 @@ class Scene(Model):
 
 
 def parse_scene(data: Mapping[str, Any], file: str | Path) -> Scene:
-    """Return `data` as a scene that stands in `file`.
-
-    Raises
-    ------
-    InputError
-        With all complaints that could be found at once.
-    """
+    """Return the `data` of `file` as a scene; InputError lists all mistakes."""
     scene = validated(Scene, data, file)
     scene._file = Path(file)
     return scene

@@ -1,4 +1,4 @@
-"""The scene's table ``[tolerances]``: what real components differ by."""
+"""The scene's table ``[tolerances]``: tolerances of real components."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from netlist_gen.scene.fields import Model, NonNegative, Real
 
 
 class Tolerances(Model):
-    """What real components differ by; fractions of their values."""
+    """Tolerances of real components, fractions of their values."""
 
     distribution: Literal["normal", "uniform"] = Field(
         "normal", description="normal: the tolerance is three sigma; uniform: within it"

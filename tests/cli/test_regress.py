@@ -113,7 +113,7 @@ def test_ctrl_c_leaves_a_whole_baseline_and_says_so(folder: Path) -> None:
         cwd=ROOT,
     )
     assert run.returncode == 130, run.stderr
-    assert "interrupted; what was done is kept" in run.stderr
+    assert "interrupted; the finished scenes are in the report" in run.stderr
     assert json.loads(run.stdout)["counts"] == {"changed": 1, "not run": 2}
     assert set(json.loads(file.read_text())["scenes"]) == {"a.toml"}
     after = taction(folder, "--baseline", file, "--json")

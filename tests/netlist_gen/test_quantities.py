@@ -57,7 +57,7 @@ def test_spellings(text: str | float, unit: str, value: float) -> None:
 @pytest.mark.parametrize(
     ("text", "unit", "says"),
     [
-        ("1,5pF", "F", "no comma"),
+        ("1,5pF", "F", "not as a comma"),
         ("1.2.3k", "ohm", "not a number"),
         ("10 V", "F", "the unit is 'V'"),
         ("10ohm", "S", "the unit is 'ohm'"),

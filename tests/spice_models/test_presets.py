@@ -83,14 +83,14 @@ def test_poles_can_be_taken_away(ua741: OpAmp) -> None:
 @pytest.mark.parametrize(
     ("figures", "text"),
     [
-        ({"slew": 0.5e6}, "slew: not a figure of an op-amp; there are dc_gain, gbw"),
+        ({"slew": 0.5e6}, "slew: not a figure of an op-amp; known: dc_gain, gbw"),
         ({"second_pole": 1e6, "phase_margin": 60.0}, "give one of the two"),
         ({"phase_margin": 95.0}, "between 0.2562 and 90 degrees"),
         ({"phase_margin": 60.0, "gbw": math.inf}, "needs a finite gbw"),
-        ({"phase_margin": 60.0, "dc_gain": 0.0}, "dc_gain = 0.0: finite and above 1"),
-        ({"gbw": -1.0}, "gbw = -1.0: above 0"),
-        ({"gbw": math.nan}, "gbw = nan: above 0"),
-        ({"input_capacitance": -1e-12}, "not negative"),
+        ({"phase_margin": 60.0, "dc_gain": 0.0}, "dc_gain = 0.0: must be finite and above 1"),
+        ({"gbw": -1.0}, "gbw = -1.0: must be above 0"),
+        ({"gbw": math.nan}, "gbw = nan: must be above 0"),
+        ({"input_capacitance": -1e-12}, "must be finite, 0 or more"),
     ],
 )
 def test_contradictions_are_named(ua741: OpAmp, figures: dict[str, float], text: str) -> None:

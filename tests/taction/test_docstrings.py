@@ -16,7 +16,7 @@ from tests.support.paths import ROOT
 JOBS = ("netlist", "solve", "simulate", "verify", "onset", "sweep", "montecarlo")
 # What several jobs take, in the order in which each of them takes it.
 SHARED = ("scene", "over", "engine", "strains", "output", "jobs", "cluster", "progress")
-SECTIONS = ["Parameters", "Returns", "Raises", "Notes", "Examples"]
+SECTIONS = ["Parameters", "Returns", "Raises", "Examples"]
 FUNCTIONS = (*JOBS, "load_scene", "synthesise", "write_deck", "Scene.from_arrays")
 
 

@@ -1,8 +1,8 @@
-"""The network's energy along a board's own trajectory, and where op-amp dynamics make it rise.
+"""Rise of the network's energy along the trajectory of a board, caused by op-amp dynamics.
 
 Along an ideal trajectory the energy P(u) of eq (16) never increases. A board's op-amps have lags,
-so its energy may rise for a while, and on a ringing board it does in every period: by how much is
-a measure of how far the board is from the gradient flow that the paper proves stable.
+so its energy may rise for a while, and the energy of a ringing board rises in every period. The
+rise measures how far the board is from the gradient flow that the paper proves stable.
 """
 
 from __future__ import annotations
@@ -21,25 +21,17 @@ INSTANTS = 2000
 
 @dataclass(frozen=True, slots=True)
 class EnergyRise:
-    """How far the energy of a board's outputs rises above what it had been already.
+    """Largest rise of the energy above its least earlier value."""
 
-    Attributes
-    ----------
-    rise : float
-        Largest rise over the fall from the first instant to the lowest energy.
-    time : float
-        Where it peaks, s.
-    """
-
-    rise: float
-    time: float
+    rise: float  # over the fall from the first instant to the lowest energy
+    time: float  # instant of the peak, s
 
 
 def energy_rise(network: IdealNetwork, time: Floats, u: Floats) -> EnergyRise | None:
     """Follow the energy of outputs `u` (P, N) in V over `time` (P,) in s.
 
-    Returns None where an output leaves the amplifier's range (a positive one's became negative,
-    say), for such outputs have no energy, and where the energy never falls.
+    Return None if the energy never falls, or if an output leaves the amplifier's range (a
+    positive amplifier's output becomes negative, say), where the energy is undefined.
     """
     every = max(len(time) // INSTANTS, 1)
     scaled, regulariser = ScaledNetwork(network), REGULARISERS[network.amplifier]

@@ -1,4 +1,4 @@
-"""The first witness's answer for a scene: what an ideal network settles to, and how fast."""
+"""The reference answer for a scene: steady state and transient of the ideal network."""
 
 from __future__ import annotations
 
@@ -21,28 +21,18 @@ from verification.reference import (
     solve,
 )
 from verification.reference.dynamics import ScaledNetwork, Trust
-from verification.reference.energy_balance import energy_residual
 from verification.reference.step_response import Response
 
-ENERGY_STRIDE = 20  # of the response's instants, which are 1 % apart
-REMEMBERED = 8  # solutions: points of a sweep over C share one
+ENERGY_STRIDE = 20  # every 20th instant of the response, whose instants are 1 % apart
+CACHED_SOLUTIONS = 8  # the points of a sweep over C share one solution
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Pace:
-    """Figures of the ideal transient.
+class TransientFigures:
+    """Figures of the ideal transient."""
 
-    Attributes
-    ----------
-    settling_time : float
-        To the scene's band, s; not a number where the transient cannot be trusted.
-    energy_residual : float
-        How far the transient is from losing what it dissipates, relative (see
-        `verification.reference.energy_balance.energy_residual`).
-    """
-
-    settling_time: float
-    energy_residual: float
+    settling_time: float  # to the scene's band, s; NaN if the transient cannot be trusted
+    energy_residual: float  # see `verification.reference.dynamics.ScaledNetwork`
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,10 +41,8 @@ class IdealAnswer:
 
     Attributes
     ----------
-    network : IdealNetwork
-        Whose answer it is.
     band : float
-        Of the settling time, a fraction of the step amplitude.
+        Half-width of the settling band, a fraction of the step amplitude.
     solution : Solution
         The reference steady state, dimensionless, with its certificate.
     start, target : ndarray (N,)
@@ -62,9 +50,9 @@ class IdealAnswer:
     error : float
         Bound on the error of `target`, as a fraction of the step amplitude.
     problem : str
-        Why the answer cannot be believed; empty if it can.
-    integrated : Pace or None
-        Of a transient that had to be integrated; None for linear amplifiers, whose modes are exact.
+        Why the answer cannot be trusted; empty for a trusted answer.
+    integrated : TransientFigures or None
+        From numerical integration; None for linear amplifiers, whose modes are exact.
     """
 
     network: IdealNetwork
@@ -74,20 +62,20 @@ class IdealAnswer:
     target: Floats
     error: float
     problem: str
-    integrated: Pace | None
+    integrated: TransientFigures | None
 
     @functools.cached_property
-    def pace(self) -> Pace:
+    def transient(self) -> TransientFigures:
         """Figures of the transient; no check needs them, so modes are evaluated on demand."""
         if self.integrated is not None:
             return self.integrated
         response = ideal_linear(self.network, self.start, self.solution)
         residual = _linear_residual(self.network, response)
-        return Pace(response.settling_time(self.band), residual)
+        return TransientFigures(response.settling_time(self.band), residual)
 
 
 def ideal_network(problem: InverseProblem, scalings: Scalings, scene: Scene) -> IdealNetwork:
-    """Return the ideal network of `problem` with the scene's own numbers, nothing rounded."""
+    """Return the ideal network of `problem` with the scene's own numbers, not rounded."""
     return IdealNetwork(
         T=problem.matrix,
         eps=problem.strain,
@@ -103,7 +91,7 @@ def ideal_network(problem: InverseProblem, scalings: Scalings, scene: Scene) -> 
 
 
 def rounded_network(network: IdealNetwork, circuit: Circuit) -> IdealNetwork:
-    """Return `network` with the resistors that `circuit` really has."""
+    """Return `network` with the resistor values of `circuit`."""
     ohms = {resistor.name: resistor.ohms for resistor in circuit.resistors}
     gains = [value for name, value in ohms.items() if name.startswith("s_")]
     changed = replace(network, T=realised_matrix(circuit), s=gains[0] if gains else network.s)
@@ -120,8 +108,8 @@ def initial_voltages(scene: Scene, network: IdealNetwork) -> Floats:
     """
     if scene.analysis.initial == "zero" or network.amplifier == "linear":
         return np.zeros(network.T.shape[1])
-    asleep = solve(replace(network, eps=np.zeros_like(network.eps)).problem)
-    return network.unit * (asleep.v if asleep.v is not None else asleep.u)
+    rest = solve(replace(network, eps=np.zeros_like(network.eps)).problem)
+    return network.unit * (rest.v if rest.v is not None else rest.u)
 
 
 def ideal_answer(network: IdealNetwork, scene: Scene) -> IdealAnswer:
@@ -130,22 +118,22 @@ def ideal_answer(network: IdealNetwork, scene: Scene) -> IdealAnswer:
     Raises
     ------
     SolverError
-        Nothing at all can be returned.
+        The solver can return no answer.
     """
     initial = initial_voltages(scene, network)
     band = scene.checks.settling_time.band
-    pace, why = None, ""
+    figures, doubt = None, ""
     if network.amplifier == "linear":
-        solution, start = _solved(network.problem), initial
+        solution, start = _solve_cached(network.problem), initial
     else:
         transient = ideal_transient(network, initial)
         solution, response = transient.rest, transient.response
         start = np.full(len(solution.u), np.nan) if response is None else response.start
         if response is None or transient.outcome is not Trust.TRUSTED:
-            why = transient.outcome.value
-            pace = Pace(np.nan, transient.energy_residual)
+            settling_time, doubt = np.nan, transient.outcome.value
         else:
-            pace = Pace(response.settling_time(band), transient.energy_residual)
+            settling_time = response.settling_time(band)
+        figures = TransientFigures(settling_time, transient.energy_residual)
     target = solution.u * network.U0
     amplitude = float(np.abs(target - start).max()) or 1.0
     return IdealAnswer(
@@ -154,21 +142,20 @@ def ideal_answer(network: IdealNetwork, scene: Scene) -> IdealAnswer:
         solution=solution,
         start=start,
         target=target,
-        error=np.inf if why else solution.error_bound * network.U0 / amplitude,
-        problem=solution.reason or why,
-        integrated=pace,
+        error=np.inf if doubt else solution.error_bound * network.U0 / amplitude,
+        problem=solution.reason or doubt,
+        integrated=figures,
     )
 
 
-def _solved(problem: Problem) -> Solution:
-    """Solve `problem`, or remember: the points of a sweep often share one."""
+def _solve_cached(problem: Problem) -> Solution:
     T, eps = problem.T, problem.eps
     content = (T.shape, T.tobytes(), eps.tobytes())
-    return _solution(*content, problem.lam, problem.regulariser, problem.bias)
+    return _solve_content(*content, problem.lam, problem.regulariser, problem.bias)
 
 
-@functools.lru_cache(maxsize=REMEMBERED)
-def _solution(
+@functools.lru_cache(maxsize=CACHED_SOLUTIONS)
+def _solve_content(
     shape: tuple[int, ...], T: bytes, eps: bytes, lam: float, regulariser: str, bias: bool
 ) -> Solution:
     matrix = np.frombuffer(T).reshape(shape)
@@ -181,4 +168,5 @@ def _linear_residual(network: IdealNetwork, response: Response) -> float:
     def dense(t: Floats) -> Floats:
         return response.outputs(t * unit).T / network.U0
 
-    return energy_residual(ScaledNetwork(network), response.time[::ENERGY_STRIDE] / unit, dense)
+    steps = response.time[::ENERGY_STRIDE] / unit
+    return ScaledNetwork(network).energy_residual(steps, dense)

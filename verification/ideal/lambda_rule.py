@@ -16,16 +16,16 @@ def resolve_lambda(scene: Scene) -> Scene:
     Raises
     ------
     InputError
-        The rule needs what the scene does not know: the noise's variance (``discrepancy``), or the
+        The scene lacks what the rule needs: the variance of the noise (``discrepancy``), or the
         true stress (``mse``).
     SolverError
-        The rule finds no lambda of its own: its score is best at an end of the range.
+        The rule finds no optimum: its score is best at an end of the range.
     """
     rule = scene.design.lam
     if not isinstance(rule, str):
         return scene
     from verification.reference import Problem
-    from verification.reference.lambda_choice import DECADES, RULES, Knowledge, choose
+    from verification.reference.lambda_choice import DECADES, RULES, RuleInputs, choose
 
     inverse = make_problem(scene)
     variance = scene.problem.noise.variance
@@ -38,7 +38,7 @@ def resolve_lambda(scene: Scene) -> Scene:
     problem = Problem(
         inverse.matrix, inverse.strain, 1.0, scene.design.amplifier, scene.design.biased
     )
-    choice = choose(problem, rule, Knowledge(variance=variance, truth=inverse.stress))
+    choice = choose(problem, rule, RuleInputs(variance=variance, truth=inverse.stress))
     if choice.at_edge:
         raise SolverError(
             f"lambda = {rule!r} finds no optimum from {DECADES[0]:g} to {DECADES[1]:g} decades of"
@@ -49,12 +49,14 @@ def resolve_lambda(scene: Scene) -> Scene:
 
 
 def read_scene(scene: str | Path | Scene, engine: str | None = None) -> Scene:
-    """Return a scene, or read the one at a path; its lambda a number, `engine` replaces its own.
+    """Return a scene, read from its path if necessary, with lambda as a number.
+
+    `engine` replaces the engine of the scene.
 
     Raises
     ------
     InputError, SolverError
         See `netlist_gen.scene.file.load_scene` and `resolve_lambda`.
     """
-    asked = resolve_lambda(scene if isinstance(scene, Scene) else load_scene(scene))
-    return asked if engine is None else asked.with_engine(engine)
+    resolved = resolve_lambda(scene if isinstance(scene, Scene) else load_scene(scene))
+    return resolved if engine is None else resolved.with_engine(engine)

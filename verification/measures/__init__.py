@@ -1,1 +1,1 @@
-"""From waveforms to numbers; nothing here knows a circuit."""
+"""Measurements of waveforms, independent of any circuit."""

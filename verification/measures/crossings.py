@@ -1,12 +1,13 @@
 """Level crossings and peaks between the points of sampled waveforms, with their uncertainty.
 
-Samples are taken as exact, the shape between them is not: a cubic through the four nearest points
-gives the value, its distance from two parabolas and from the chord gives the doubt. A crossing's
-doubt in time is the time the cubic takes to pass through its doubt in value, so a shallow crossing
-is more uncertain than a steep one, and a peak that may or may not reach the level counts as well.
+Samples count as exact. Between samples, a cubic through the four nearest points gives the value,
+and the distance of the cubic from two parabolas and from the chord gives the uncertainty. The
+uncertainty of a crossing's time is the time in which the cubic passes through its uncertainty in
+value, so a shallow crossing is more uncertain than a steep crossing. A peak that reaches the level
+only within its uncertainty counts as well.
 
-Many waveforms (rows, R) are searched for many levels (J a row) at once: only the few points near a
-level are looked at, all of them in the same handful of array operations.
+Many waveforms (R rows) are searched for many levels (J per row) at once: a few array operations
+work on all the points near a level.
 """
 
 from __future__ import annotations
@@ -21,43 +22,43 @@ from spice_models.array_types import Bools, Floats, Indices
 _GRID = np.linspace(0.0, 1.0, 129)
 _STENCIL = np.arange(4)[:, None]
 _AROUND = np.arange(-1, 2)[:, None]
-_LEANS = np.array([0.0, -1.0, 1.0])[:, None, None]
+_SIGNS = np.array([0.0, -1.0, 1.0])[:, None, None]
 # A peak below this fraction of a positive level's height is not examined between its points.
 _NEAR = 0.5
 
 
 class Crossing(NamedTuple):
-    """A crossing's instant and its uncertainty, both s."""
+    """Instant of a crossing and its uncertainty, s."""
 
     time: float
     uncertainty: float
 
 
 class Crossings(NamedTuple):
-    """Instants and uncertainties of many crossings, s, one shape; NaN where there is none."""
+    """Instants and uncertainties of many crossings, s, of one shape; NaN for no crossing."""
 
     time: Floats
     uncertainty: Floats
 
 
 class Peaks(NamedTuple):
-    """Local maxima, (M,) each: which points they are, instants, heights and doubts of heights."""
+    """Local maxima, (M,) each: index, instant, height and uncertainty of the height."""
 
     point: Indices
     time: Floats
     height: Floats
-    doubt: Floats
+    uncertainty: Floats
 
 
 def interpolate(
     time: Floats, y: Floats, row: Indices, interval: Indices, at: Floats
 ) -> tuple[Floats, Floats]:
-    """Return cubics' values and how far they may be off, both of shape (S, Q).
+    """Return the values of cubics and their uncertainties, both of shape (S, Q).
 
-    The doubt is the largest distance to the two parabolas that leave out one outer point, or a
-    quarter of the distance to the chord: the parabolas see the third derivative, the chord the
-    second, and for a sinusoid one of them is large wherever the cubic's own error is (down to
-    six points a period).
+    The uncertainty is the larger of the distance to the two parabolas that leave out one outer
+    point, and of a quarter of the distance to the chord. The parabolas show the third derivative,
+    the chord the second; for a sinusoid of six points a period or more, one of the two is large
+    wherever the error of the cubic is large.
 
     Parameters
     ----------
@@ -68,7 +69,7 @@ def interpolate(
     at : ndarray (S, Q)
         Instants in those intervals, s.
     """
-    # minimum and maximum: for a handful of instants np.clip costs as much as all the rest
+    # minimum and maximum: for few instants np.clip costs as much as all other operations
     first = np.minimum(np.maximum(interval - 1, 0), time.size - 4)
     stencil = first + _STENCIL
     t0, t1, t2, t3 = time[stencil][:, :, None]
@@ -120,15 +121,15 @@ def highest(time: Floats, y: Floats, sign: Floats) -> Floats:
     row = np.arange(len(y))
     ups = zip(y, sign > 0, strict=True)
     top = np.array([each.argmax() if up else each.argmin() for each, up in ups], dtype=np.intp)
-    found = sign * y[row, top]
+    heights = sign * y[row, top]
     rows = np.repeat(row, 5)
     near = peaks(time, y, rows, np.repeat(top, 5) + np.tile(np.arange(-2, 3), row.size), sign[rows])
-    np.maximum.at(found, rows[near.point], near.height)
-    return np.asarray(found)
+    np.maximum.at(heights, rows[near.point], near.height)
+    return np.asarray(heights)
 
 
 def _last_positive(f: Floats) -> Floats:
-    """Return where each row of `f` (S, Q) is last positive, linear between its points, 0 to 1."""
+    """Return the last place, 0 to 1, where each row of `f` (S, Q) is positive; linear between."""
     last = f.shape[1] - 1
     row = np.arange(len(f))
     i = last - (f[:, ::-1] > 0).argmax(axis=1)
@@ -150,21 +151,21 @@ def _falls(
 ) -> Crossings:
     """Locate falls of ``sign * y[row]`` through `level` from `since` to the next point, (S,)."""
     interval = np.minimum(np.searchsorted(time, since, side="right"), time.size - 1) - 1
-    left = time[interval + 1] - since
-    value, doubt = interpolate(time, y, row, interval, since[:, None] + left[:, None] * _GRID)
+    rest = time[interval + 1] - since
+    value, doubt = interpolate(time, y, row, interval, since[:, None] + rest[:, None] * _GRID)
     excess = sign[:, None] * value - level[:, None]
     part = _last_positive(np.concatenate([excess, excess - doubt, excess + doubt]))
-    at, early, late = since + left * part.reshape(3, -1)
+    at, early, late = since + rest * part.reshape(3, -1)
     width = np.maximum(at - early, late - at)
     return Crossings(at, np.maximum(width, np.spacing(np.abs(at))))
 
 
 def _latest(mask: Bools, column: Indices, at: Floats, columns: int) -> Floats:
     """Return the last of `at` (M,) in each column, (..., C), where `mask` (..., M), or -inf."""
-    found = np.full((*mask.shape[:-1], columns), -np.inf)
+    latest = np.full((*mask.shape[:-1], columns), -np.inf)
     level, m = np.divmod(np.flatnonzero(mask), column.size)
-    found.reshape(-1, columns)[level, column[m]] = at[m]  # of several for one the last stays
-    return found
+    latest.reshape(-1, columns)[level, column[m]] = at[m]  # the last assignment stays
+    return latest
 
 
 def last_crossings(
@@ -179,19 +180,19 @@ def last_crossings(
     levels : ndarray (J, R)
         In the unit of `y`.
     first : ndarray (R,), optional
-        Point of each row before which nothing is looked at.
+        First point of each row that is searched.
     mirrored : bool
-        Whether the same is wanted of ``-y``, too.
+        Whether ``-y`` is searched as well.
 
     Returns
     -------
     Crossings
-        Shape (J, R), or (J, 2 R) with those of ``-y`` behind. NaN where a row is never above; the
-        last point, without doubt, where it ends above. A later peak that reaches the level only
-        between points, or only within its doubt, is taken into account: in the instant if the
-        interpolated peak is above, in the uncertainty in any case.
+        Shape (J, R), or (J, 2 R) with the crossings of ``-y`` last. NaN for a row that is never
+        above; the last point, with uncertainty 0, for a row that ends above. A later peak that
+        reaches the level only between points, or only within its uncertainty, counts: in the
+        instant if the interpolated peak is above, in the uncertainty in any case.
     """
-    rows, columns = len(y), len(y) * (1 + mirrored)  # row n, and behind all -y[n]
+    rows, columns = len(y), len(y) * (1 + mirrored)  # all y[n], then all -y[n]
     sides = _Sides(np.arange(columns) % rows, np.repeat([1.0, -1.0], rows)[:columns])
     over = _beyond(y, levels.min(axis=0), first, mirrored)
     floor = levels - (1 - _NEAR) * np.abs(levels)
@@ -201,37 +202,37 @@ def last_crossings(
         levels, floor = (np.concatenate([each, each], axis=1) for each in (levels, floor))
     column, k = np.divmod(np.flatnonzero(over), time.size)
     value = sides.sign[column] * y[sides.row[column], k]
-    known = _latest(value > levels[:, column], column, time[k], columns)
+    sampled = _latest(value > levels[:, column], column, time[k], columns)
     column, k = np.divmod(np.flatnonzero(near), time.size)
     row, sign = sides.row[column], sides.sign[column]
     high = sign * y[row, k] > floor[:, column]
     top = peaks(time, y, row, k, sign)
     column = column[top.point]
-    # As interpolated, and with the doubt taken away and added.
-    reached = top.height + _LEANS * top.doubt > levels[:, column]
+    # As interpolated, and with the uncertainty subtracted and added.
+    reached = top.height + _SIGNS * top.uncertainty > levels[:, column]
     starts = _latest(high[:, top.point] & reached, column, top.time, columns)
-    return _crossings(time, y, sides, levels, np.maximum(known, starts))
+    return _crossings(time, y, sides, levels, np.maximum(sampled, starts))
 
 
 def _beyond(y: Floats, low: Floats, first: Indices | None, mirrored: bool) -> Bools:
-    """Return where each row is above `low` (R,), and behind that where -y is, from `first` on."""
+    """Mark the points from `first` on at which each row of y, then of -y, is above `low` (R,)."""
     low = low[:, None]
-    found = np.concatenate([y > low, y < -low]) if mirrored else y > low
+    above = np.concatenate([y > low, y < -low]) if mirrored else y > low
     if first is not None:
         for n, begin in enumerate(first.tolist()):
-            found[n :: len(y), :begin] = False
-    return found
+            above[n :: len(y), :begin] = False
+    return above
 
 
 def _extremes(y: Floats, mirrored: bool) -> Bools:
-    """Return which of the inner points are local maxima, and behind that which are minima."""
+    """Mark the inner points that are local maxima of y and, if `mirrored`, then of -y."""
     up, down = y[:, 1:] >= y[:, :-1], y[:, 1:] <= y[:, :-1]
     maxima = up[:, :-1] & down[:, 1:]
     return np.concatenate([maxima, down[:, :-1] & up[:, 1:]]) if mirrored else maxima
 
 
 def _crossings(time: Floats, y: Floats, sides: _Sides, levels: Floats, starts: Floats) -> Crossings:
-    """Locate falls after the instants `starts` (3, J, C); a doubt could give the last two."""
+    """Locate falls after the instants `starts` (3, J, C): likely, and two possible instants."""
     start = starts[0]
     ends = sides.sign * y[sides.row, -1] > levels
     inside = ~ends & (starts > -np.inf)
@@ -255,14 +256,14 @@ def _crossings(time: Floats, y: Floats, sides: _Sides, levels: Floats, starts: F
 def first_crossings(
     time: Floats, y: Floats, levels: Floats, stop: Indices | None = None
 ) -> Crossings:
-    """Find the first instants above; as `last_crossings`, time reversed, up to `stop` (R,)."""
+    """Find the first instants above; `last_crossings` with time reversed, up to `stop` (R,)."""
     first = None if stop is None else time.size - stop
-    found = last_crossings(-time[::-1], y[:, ::-1], levels, first)
-    return Crossings(-found.time, found.uncertainty)
+    reversed_time = last_crossings(-time[::-1], y[:, ::-1], levels, first)
+    return Crossings(-reversed_time.time, reversed_time.uncertainty)
 
 
 def first_above(time: Floats, y: Floats, level: float) -> Crossing | None:
     """Find the first instant at which one waveform (P,) is above `level`, or None."""
-    found = first_crossings(time, y[None], np.array([[level]]))
-    at, doubt = found.time.item(), found.uncertainty.item()
-    return None if np.isnan(at) else Crossing(at, doubt)
+    crossings = first_crossings(time, y[None], np.array([[level]]))
+    at = crossings.time.item()
+    return None if np.isnan(at) else Crossing(at, crossings.uncertainty.item())

@@ -1,4 +1,4 @@
-"""The envelope of a ringing over a whole record, and whether it saturates."""
+"""Envelope of the ringing over a record, and its saturation."""
 
 from __future__ import annotations
 
@@ -8,63 +8,50 @@ from dataclasses import dataclass
 import numpy as np
 
 from spice_models.array_types import Complexes, Floats
-from verification.measures.resampling import pace, resample
+from verification.measures.resampling import resample, typical_step
 
-_POINTS = 8192  # most samples of a record
-_BLOCK = 16384  # samples of some channels that are worked on together: they stay in the cache
-_FEWEST = 64
-_ENOUGH, _PLENTY = 20.0, 40.0  # samples a period: to be reached; to be kept when thinning out
+_MOST_SAMPLES = 8192  # of a record
+_FEWEST_SAMPLES = 64
+_BLOCK = 16384  # samples that are processed together: they fit into the cache
+_LEAST_DENSITY, _KEPT_DENSITY = 20.0, 40.0  # samples a period: least, and least after thinning
 _CHUNKS = 64
-_WEAK = 0.1  # of a strong line: below, a line at a third of its frequency is no fundamental
-_TONE = 0.1  # of a peak: beyond, its neighbours are not those of a tone
+_WEAK = 0.1  # of a strong line: a weaker line at a third of its frequency is no fundamental
+_TONE = 0.1  # largest misfit of a tone to three lines, over the middle line
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Envelope:
-    """Ringing amplitude over time.
+    """Ringing amplitude over time."""
 
-    Attributes
-    ----------
-    time : ndarray (M,)
-        Middle of each chunk, s.
-    amplitude : ndarray (M, K)
-        Half of peak to peak in each chunk, the mean over one period removed.
-    period : float or None
-        Dominant ringing period, s; None when nothing rings for three periods or more, and
-        `amplitude` is then zero.
-    """
-
-    time: Floats
-    amplitude: Floats
-    period: float | None
+    time: Floats  # middle of each chunk (M,), s
+    amplitude: Floats  # half of peak to peak in each chunk (M, K), without the mean over a period
+    period: float | None  # s; None, and `amplitude` 0, if no ringing lasts three periods
 
 
 def mixed(signals: Floats) -> Floats:
-    """Return one signal (P,) in which no symmetry cancels a mode."""
+    """Return one weighted sum (P,) of the signals, in which no symmetry cancels a mode."""
     weights = np.cos(np.arange(1.0, signals.shape[1] + 1))
     return np.asarray(signals @ weights, dtype=np.float64)
 
 
 def spectrum(y: Floats) -> Complexes:
-    """Return the spectrum of the difference of y (n,) under a Hann window.
+    """Return the spectrum, (m + 1,), of the difference of y (n,) under a Hann window.
 
-    Line k of the m + 1 is k periods in the last 2 m steps; 2 m is at least 15/16 of all, without
-    large prime factors. The difference keeps a slow tail from hiding the ringing; a second one
+    Line k has k periods in the last 2 m steps; 2 m is at least 15/16 of all steps, without large
+    prime factors. The difference keeps a slow tail from hiding the ringing; a second difference
     would favour a square wave's harmonics over its fundamental.
     """
     slope = np.diff(y)
     lines = np.fft.rfft(slope[slope.size % max(1 << max(slope.size.bit_length() - 5, 0), 2) :])
-    # The Hann window as what it does to the lines: half of both neighbours is subtracted.
+    # A Hann window subtracts half of both neighbours from every line.
     around = np.concatenate([lines[1:2].conj(), lines, lines[-2:-1].conj()])
     return np.asarray(lines - 0.5 * (around[2:] + around[:-2]))
 
 
 def _fundamental(size: Floats, k: int) -> int:
-    """Return the line that line k is an odd harmonic of, or k.
-
-    Clipping starts the odd harmonics of a wave. Between channels of either sign or of several
-    phases, their fundamental may cancel more than they do.
-    """
+    """Return the fundamental of which line k is an odd harmonic, or k."""
+    # A clipped wave has odd harmonics. In a sum of channels with different signs or phases the
+    # fundamental may cancel more than its harmonics.
     for odd in (9, 7, 5, 3):
         low = max(round(k / odd) - 1, 3)
         j = low + int(size[low : low + 3].argmax())
@@ -74,24 +61,22 @@ def _fundamental(size: Floats, k: int) -> int:
 
 
 def _offset(left: complex, top: complex, right: complex) -> float:
-    """Return how far a peak lies beyond its line, in lines, by that line and its neighbours.
-
-    A tone, decaying or not, is 1 / (j - c) in line j without a window, c its complex frequency;
-    with second differences in their place the lines tell c and whether they are those of a tone.
-    A ringing that starts or clips on the way is none, but as its envelope is real, the magnitudes
-    fall alike on either side: that of the window's main lobe is nearly a parabola in logarithms.
-    """
-    bend = left - 2 * top + right
-    if abs(bend) > abs(top):  # at least three times for a tone
-        off = 2 * (right - left) / bend
-        if abs(right * (2 - off) + top * (1 + off)) < _TONE * abs(top):
-            return min(max(off.real, -1.0), 1.0)
+    """Return the distance of a peak from its line, in lines, from that line and its neighbours."""
+    # Without a window, a tone of complex frequency c is 1 / (j - c) in line j. The windowed lines
+    # are second differences of such values: they determine c, and whether they belong to a tone.
+    curvature = left - 2 * top + right
+    if abs(curvature) > abs(top):  # at least three times as large for a tone
+        offset = 2 * (right - left) / curvature
+        if abs(right * (2 - offset) + top * (1 + offset)) < _TONE * abs(top):
+            return min(max(offset.real, -1.0), 1.0)
+    # A ringing that starts or clips within the record is not a tone, but its envelope is real, so
+    # the logarithms of the magnitudes are nearly a parabola around the peak.
     a, b, c = (math.log(max(abs(line), 1e-300)) for line in (left, top, right))
     return min(max(0.5 * (a - c) / min(a - 2 * b + c, -1e-3), -1.0), 1.0)
 
 
 def _dominant_period(y: Floats, step: float, most: int) -> float | None:
-    """Return the period of the lowest strong line of the first `most`, or None; a hump is none."""
+    """Return the period of the lowest strong peak among the first `most` lines, or None."""
     lines = spectrum(y)
     size = np.abs(lines[:most])
     inner = size[1:-1]
@@ -103,10 +88,7 @@ def _dominant_period(y: Floats, step: float, most: int) -> float | None:
 
 
 def _without_trend(y: Floats, window: float) -> Floats:
-    """Subtract the mean over one period from y (K, n), and trim the ends.
-
-    `window` is any real number of samples; y is linear between them.
-    """
+    """Subtract the mean over one period of `window` samples from y (K, n), and trim the ends."""
     whole, part = divmod(0.5 * window, 1.0)
     reach = int(whole) + 1
     kept = y.shape[1] - 2 * reach
@@ -125,12 +107,10 @@ def _without_trend(y: Floats, window: float) -> Floats:
     return area
 
 
-def _swing(ringing: Floats, size: int, window: float) -> Floats:
-    """Return half of peak to peak, (K, chunks), of chunks of `size` steps up to the last sample.
-
-    A parabola through the highest sample and its neighbours finds the peak between samples. It
-    rises no further than a sinusoid of `window` samples a period can, so a corner gains little.
-    """
+def _half_peak_to_peak(ringing: Floats, size: int, window: float) -> Floats:
+    """Return half of peak to peak, (K, chunks), of chunks of `size` steps up to the last sample."""
+    # A parabola through the highest sample and its neighbours estimates the peak. Its rise is
+    # limited to that of a sinusoid of `window` samples a period, so a corner adds little.
     channels, n = ringing.shape
     begin = np.arange((n - 1) % size, n - 1, size) + n * np.arange(channels)[:, None]
     chunks = np.lib.stride_tricks.sliding_window_view(ringing, size + 1, axis=1)
@@ -159,40 +139,41 @@ def envelope(time: Floats, signals: Floats) -> Envelope:
         Finite.
     """
     n, span = time.size, float(time[-1] - time[0])
-    usual = pace(time)
-    end = max(n - 4, 0)  # a simulator cuts its last steps to meet the stop time
-    # Chords between few points would add a ringing of their own.
-    points = 6 if n < _POINTS // 2 else 2
-    coarsest = usual * np.ceil(span / usual / _POINTS)
-    step = coarsest if span > _FEWEST * usual else usual / np.ceil(_FEWEST * usual / span)
-    at, one = resample(time, mixed(signals)[:, None], step, usual, end, _POINTS, points)
+    typical = typical_step(time)
+    end = max(n - 4, 0)  # a simulator shortens its last steps to end at the stop time
+    # Linear interpolation between few points would add ringing.
+    points = 6 if n < _MOST_SAMPLES // 2 else 2
+    coarsest = typical * np.ceil(span / typical / _MOST_SAMPLES)
+    short = span <= _FEWEST_SAMPLES * typical
+    step = typical / np.ceil(_FEWEST_SAMPLES * typical / span) if short else coarsest
+    at, one = resample(time, mixed(signals)[:, None], step, typical, end, _MOST_SAMPLES, points)
     half, whole = one[one.size // 2 :, 0], one[:, 0]
-    most = _POINTS // 4
+    most = _MOST_SAMPLES // 4
     period = _dominant_period(half, step, most // 2) or _dominant_period(whole, step, most)
     if period is None:
         return Envelope(at.mean(keepdims=True), np.zeros((1, signals.shape[1])), None)
-    own = period / usual
-    refined = 1 / np.ceil(_ENOUGH / own) if own < _ENOUGH else max(int(own / _PLENTY), 1)
-    step = max(usual * refined, coarsest)
-    at, uniform = resample(time, signals, step, usual, end, _POINTS, points)
+    density = period / typical
+    if density < _LEAST_DENSITY:
+        step = max(typical * (1 / np.ceil(_LEAST_DENSITY / density)), coarsest)
+    else:
+        step = max(typical * max(int(density / _KEPT_DENSITY), 1), coarsest)
+    at, uniform = resample(time, signals, step, typical, end, _MOST_SAMPLES, points)
     window = period / step
     trim = int(0.5 * window) + 1
     chunks = int(np.clip(span / (1.25 * period) - 1, 1, _CHUNKS))
     size = (at.size - 2 * trim - 1) // chunks
     together = max(_BLOCK // at.size, 1)
-    swings = [
-        _swing(_without_trend(uniform[:, some : some + together].T.copy(), window), size, window)
-        for some in range(0, signals.shape[1], together)
-    ]
+    blocks = (uniform[:, n : n + together].T.copy() for n in range(0, signals.shape[1], together))
+    halves = [_half_peak_to_peak(_without_trend(y, window), size, window) for y in blocks]
     middle = at[at.size - 1 - trim] - step * size * (np.arange(chunks, 0, -1) - 0.5)
-    return Envelope(middle, np.concatenate(swings)[:, -chunks:].T, period)
+    return Envelope(middle, np.concatenate(halves)[:, -chunks:].T, period)
 
 
 def saturates(amplitude: Floats) -> bool:
     """Tell whether an envelope (M,) grew at least threefold and then stopped growing.
 
-    Its last fifth keeps within 5 per cent, or within 15 if it varies from chunk to chunk only: few
-    points a period leave the peaks of a clipped wave uncertain.
+    The last fifth varies by less than 5 per cent, or by less than 15 per cent if it varies only
+    from chunk to chunk: with few points a period the peaks of a clipped wave are uncertain.
     """
     last = amplitude[-max(amplitude.size // 5, 2) :]
     if amplitude.size < 8 or last.min() <= 0:
@@ -205,9 +186,10 @@ def saturates(amplitude: Floats) -> bool:
 
 
 def slows(amplitude: Floats) -> int:
-    """Return how many chunks precede the last fourfold growth of an envelope (M,) that slows, or 0.
+    """Return how many chunks precede the last fourfold growth of an envelope (M,), if that slows.
 
-    That is when it grows less than half as fast in its last sixteenth as just before that growth.
+    The growth slows if its rate in the last sixteenth is less than half of the rate just before
+    the fourfold growth; 0 if it does not slow.
     """
     first = int(np.argmax(amplitude > 0.25 * amplitude[-1]))
     if first < 2 or amplitude.min() <= 0:

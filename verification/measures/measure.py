@@ -1,16 +1,15 @@
 """Rise time, settling time, overshoot and state of every channel of a transient.
 
-Definitions, once for the whole tool, with the network's step amplitude
+Definitions for the whole tool, with the network's step amplitude
 ``A = max_n |target_n - start_n|``:
 
 - settling time to x %: the last instant at which any channel is outside ``±x % A`` of its target;
-- rise time: from 10 % to 90 % of a channel's own step, first crossings; not applicable where that
-  step is under 5 % of A;
-- overshoot: how far a channel goes beyond its target, as a fraction of A.
+- rise time: from 10 % to 90 % of a channel's own step, first crossings; undefined for a step under
+  5 % of A;
+- overshoot: the largest excursion of a channel beyond its target, as a fraction of A.
 
-The numbers stand in `spice_models.definitions`. A settling time is given only where the
-record proves it: see `verification.measures.settling`. The times count from the record's first
-point.
+`spice_models.definitions` has the numbers. A settling time is given only if the record proves it:
+see `verification.measures.settling`. Times count from the first point of the record.
 """
 
 from __future__ import annotations
@@ -69,13 +68,13 @@ def measure(
     band : float
         Half width of the settling band, fraction of A.
     bound : float, optional
-        A magnitude that no channel can physically exceed, in the unit of `u`; what does has
-        diverged.
+        Largest magnitude that a channel can physically have, in the unit of `u`; a channel that
+        exceeds the bound has diverged.
     expected_stop : float, optional
-        Instant up to which the record was to run, s; a shorter record settles nothing.
+        Expected end of the record, s; a shorter record proves no settling time.
     details : bool
-        False: modes are fitted only where a channel's state depends on them, not where every
-        channel is silent at its end.
+        False: modes are not fitted if every channel is silent at its end, because no state
+        depends on the modes then.
 
     Raises
     ------
@@ -91,8 +90,8 @@ def measure(
     amplitude = part.step.amplitude
     if part.readable:
         ringing = envelope(t, v)
-        over = not part.cut and silent(drift, ringing.amplitude, band * amplitude)
-        modes = () if over and not details else fit_modes(t, v, ringing=ringing)
+        is_silent = not part.cut and silent(drift, ringing.amplitude, band * amplitude)
+        modes = () if is_silent and not details else fit_modes(t, v, ringing=ringing)
     record = _Record(part, v, part.read(band), drift, band, ringing, modes)
     return summary(amplitude, band, modes, [_channel(record, n) for n in range(target.size)])
 
@@ -107,22 +106,22 @@ def read_record(
     bound: float | None = None,
     expected_stop: float | None = None,
 ) -> Readings:
-    """Read a transient without judging whether it settled; parameters and errors as `measure`.
+    """Read a transient without a proof that it settled; parameters and errors as `measure`.
 
-    A settling time is when the channel was last outside its band. It is left out where `measure`
-    never has one: in a record that is cut short, and without a step.
+    A settling time is the last instant of the channel outside its band, or None for a record that
+    is cut short and for a transient without a step, as in `measure`.
     """
     _check(time, u, target, band)
     part = sound_part(time, u, target, start, bound, expected_stop)
-    found = part.read(band)
+    readings = part.read(band)
     if part.cut or part.step.amplitude == 0:
-        found = replace(found, settling_times=(None,) * target.size)
-    return found
+        readings = replace(readings, settling_times=(None,) * target.size)
+    return readings
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Record:
-    """The sound part of a record and what is known of all channels together."""
+    """The sound part of a record and the results that all channels share."""
 
     part: SoundPart
     u: Floats
@@ -134,7 +133,7 @@ class _Record:
 
 
 def _check(time: Floats, u: Floats, target: Floats, band: float) -> None:
-    """Raise ValueError on arguments that no record could make right."""
+    """Raise ValueError for arguments that are not usable."""
     mistakes = (
         (time.ndim != 1 or time.size < 1, "time must have the shape (P,), P at least 1"),
         (u.shape != (*time.shape, *target.shape), "u must have the shape (P, N) of time, target"),
@@ -148,22 +147,22 @@ def _check(time: Floats, u: Floats, target: Floats, band: float) -> None:
 
 
 def _settlement(record: _Record, n: int, ring: ChannelRinging) -> Settlement:
-    """Tell whether channel `n` settled, also where the record is cut or there is no step."""
+    """Return the state of channel `n`, also for a record that is cut or has no step."""
     part = record.part
     if part.lost[n]:
-        return Settlement(ChannelState.DIVERGED, None, f"it left its physical range: {part.cut}")
+        reason = f"the channel left its physical range: {part.cut}"
+        return Settlement(ChannelState.DIVERGED, None, reason)
     if not part.readable:
         return Settlement(ChannelState.NOT_SETTLED, None, part.cut)
-    # Without a step the largest excursion of any channel tells whether a channel comes back.
+    # Without a step the band is a fraction of the largest excursion of any channel.
     scale = part.scale()
-    found = prove(
-        record.drift, n, record.readings.settling_times[n], record.band * scale, scale, ring
-    )
-    if part.cut and found.state is ChannelState.SETTLED:
+    settling_time = record.readings.settling_times[n]
+    settlement = prove(record.drift, n, settling_time, record.band * scale, scale, ring)
+    if part.cut and settlement.state is ChannelState.SETTLED:
         return Settlement(ChannelState.NOT_SETTLED, None, part.cut)
-    if part.step.amplitude == 0 and found.state is ChannelState.SETTLED:
+    if part.step.amplitude == 0 and settlement.state is ChannelState.SETTLED:
         return Settlement(ChannelState.SETTLED, None, NO_STEP)
-    return found
+    return settlement
 
 
 def _channel(record: _Record, n: int) -> ChannelMeasure:
@@ -172,18 +171,18 @@ def _channel(record: _Record, n: int) -> ChannelMeasure:
     mode = strongest(record.modes, n, part.step.amplitude)
     share = 0.0 if mode is None else mode.channels[n]
     ring = ChannelRinging(env.time, env.amplitude[:, n], env.period, mode, share)
-    found = _settlement(record, n, ring)
+    settlement = _settlement(record, n, ring)
     size, short = float(part.step.sizes[n]), part.cut
     if part.readable and size:
         reached = 1 + float((part.signal.errors[n] / size).max())
-        short = f"it reaches {reached:.1%} of its step: simulate longer"
-    measured = channel_measure(n, part.step, record.readings, found, mode, short)
-    if found.state is ChannelState.CLIPPED:
-        return replace(measured, frequency=_cycle(record, n))
+        short = f"the channel reaches {reached:.1%} of its step: simulate longer"
+    measured = channel_measure(n, part.step, record.readings, settlement, mode, short)
+    if settlement.state is ChannelState.CLIPPED:
+        return replace(measured, frequency=_limit_cycle_frequency(record, n))
     return measured
 
 
-def _cycle(record: _Record, n: int) -> float | None:
+def _limit_cycle_frequency(record: _Record, n: int) -> float | None:
     """Return the frequency of channel `n`'s limit cycle, Hz, from the last fifth of the record."""
     time = record.part.signal.time
     first = int(np.searchsorted(time, time[0] + 0.8 * np.ptp(time)))

@@ -1,4 +1,4 @@
-"""What is measured on a transient: of every channel and of the network."""
+"""Measurements of a transient: of every channel and of the network."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ NO_STEP = "no channel has a step (target equals start): a band in % of it has no
 
 @dataclass(frozen=True, slots=True)
 class ChannelMeasure:
-    """What one channel did.
+    """Measurements of one channel.
 
     Attributes
     ----------
@@ -22,21 +22,17 @@ class ChannelMeasure:
         Channel, from 0.
     target, final : float
         Reference steady state and last finite value, in the unit of the signals.
-    rise_time : Reading or None
-        s; `rise_reason` says why not.
-    settling_time : Reading or None
-        s; `reason` says why not.
+    rise_time, settling_time : Reading or None
+        s; None for the reason `rise_reason` or `reason`.
     overshoot : float
         Fraction of A, 0 or more, over the finite part of the record; 0 where A is 0.
     state : ChannelState
-        How the record ends.
+        State at the end of the record.
     frequency, growth_rate : float or None
-        Of the strongest ringing in this channel, Hz and 1/s; of a clipped channel the growth
-        before it clipped. None where nothing rings, or where no modes were fitted.
-    reason : str
-        Why the channel is not settled; empty if it is.
-    rise_reason : str
-        Why there is no rise time; empty if there is.
+        Of the strongest ringing in this channel, Hz and 1/s; for a clipped channel, the growth
+        before it clipped. None if the channel does not ring, or if no modes were fitted.
+    reason, rise_reason : str
+        Why the settling time, or the rise time, is missing; empty if it is given.
     """
 
     index: int
@@ -54,7 +50,7 @@ class ChannelMeasure:
 
 @dataclass(frozen=True, slots=True)
 class Measurements:
-    """A transient measured.
+    """Measurements of a transient.
 
     Attributes
     ----------
@@ -65,12 +61,11 @@ class Measurements:
     channels : tuple of ChannelMeasure
         In the order of the signals' columns.
     settling_time : Reading or None
-        Of the network: the last channel's; None unless every channel is settled.
+        Settling time of the last channel; None unless every channel is settled.
     reason : str
         Why there is no settling time; empty if there is.
     modes : tuple of Mode
-        Ringing fitted to the channels together, strongest first; empty where `measure` was spared
-        the fit.
+        Ringing fitted to the channels together, strongest first; empty if `measure` fits no modes.
     """
 
     amplitude: float
@@ -82,7 +77,7 @@ class Measurements:
 
     @property
     def readings(self) -> Readings:
-        """The readings alone."""
+        """Readings without states and reasons."""
         return Readings(
             finals=tuple(c.final for c in self.channels),
             rise_times=tuple(c.rise_time for c in self.channels),
@@ -92,12 +87,9 @@ class Measurements:
 
 
 def strongest(modes: tuple[Mode, ...], n: int, amplitude: float) -> Mode | None:
-    """Return the oscillating mode with the largest share in channel `n`, None where all are faint.
+    """Return the oscillating mode with the largest share in channel `n`.
 
-    Parameters
-    ----------
-    amplitude : float
-        Step amplitude, in the unit of the modes.
+    None if all shares are at most `FAINT` of the step amplitude.
     """
     oscillating = [mode for mode in modes if mode.frequency > 0]
     mode = max(oscillating, key=lambda m: m.channels[n], default=None)
@@ -105,37 +97,33 @@ def strongest(modes: tuple[Mode, ...], n: int, amplitude: float) -> Mode | None:
 
 
 def channel_measure(
-    n: int, step: Step, readings: Readings, found: Settlement, mode: Mode | None, short: str
+    n: int, step: Step, readings: Readings, settlement: Settlement, mode: Mode | None, short: str
 ) -> ChannelMeasure:
-    """Put together what is known of channel `n`.
+    """Return the measurements of channel `n`, in which `mode` is the strongest ringing.
 
-    Parameters
-    ----------
-    mode : Mode or None
-        The strongest ringing in the channel.
-    short : str
-        Why a channel whose step is large enough has no rise time in `readings`.
+    `short` is why a channel whose step is large enough has no rise time in `readings`.
     """
-    rise_reason = _no_rise(step, n, found.state) or ("" if readings.rise_times[n] else short)
+    rise_reason = _no_rise(step, n, settlement.state) or ("" if readings.rise_times[n] else short)
     return ChannelMeasure(
         index=n,
         target=float(step.target[n]),
         final=readings.finals[n],
         rise_time=None if rise_reason else readings.rise_times[n],
-        settling_time=found.settling_time,
+        settling_time=settlement.settling_time,
         overshoot=readings.overshoots[n],
-        state=found.state,
+        state=settlement.state,
         frequency=None if mode is None else mode.frequency,
         growth_rate=None if mode is None else mode.growth_rate,
-        reason=found.reason,
+        reason=settlement.reason,
         rise_reason=rise_reason,
     )
 
 
 def _no_rise(step: Step, n: int, state: ChannelState) -> str:
-    """Say why the rise time of channel `n` has no meaning, or nothing."""
+    """Return why the rise time of channel `n` has no meaning; empty if it has a meaning."""
     if not step.rising()[n]:
-        return f"its own step {float(step.sizes[n])!r} is under {SMALL_STEP:.0%} of the network's"
+        size = float(step.sizes[n])
+        return f"the channel's own step {size!r} is under {SMALL_STEP:.0%} of the network's step"
     if state not in (ChannelState.SETTLED, ChannelState.NOT_SETTLED):
         return f"the channel is {state.value}"
     return ""
@@ -144,10 +132,10 @@ def _no_rise(step: Step, n: int, state: ChannelState) -> str:
 def summary(
     amplitude: float, band: float, modes: tuple[Mode, ...], channels: list[ChannelMeasure]
 ) -> Measurements:
-    """Put channels together: the network settles with its last channel, or says why it does not."""
-    times = [channel.settling_time for channel in channels]
+    """Return the measurements of the network, which settles with its last channel."""
     reason = next(
         (f"channel {c.index + 1}: {c.reason}" for c in channels if c.settling_time is None), ""
     )
-    settling = None if reason else latest([time for time in times if time is not None])
-    return Measurements(amplitude, band, tuple(channels), settling, reason, modes)
+    times = [c.settling_time for c in channels if c.settling_time is not None]
+    settling_time = None if reason else latest(times)
+    return Measurements(amplitude, band, tuple(channels), settling_time, reason, modes)

@@ -1,8 +1,8 @@
-"""Ringing in a transient: its envelope, and the frequency and growth rate of each mode.
+"""Ringing in a transient: the frequency and growth rate of each mode.
 
 `fit_modes` fits the poles that all channels share (`verification.measures.pole_fit`), then each
-pole's amplitude in each channel. A saturated stretch has no poles: only what comes before it is
-fitted.
+pole's amplitude in each channel. A saturated stretch has no poles: only the record before that
+stretch is fitted.
 """
 
 from __future__ import annotations
@@ -15,21 +15,21 @@ import numpy as np
 from spice_models.array_types import Complexes, Floats
 from verification.measures.envelope import Envelope, envelope, mixed, saturates, slows, spectrum
 from verification.measures.pole_fit import GONE, fit_poles
-from verification.measures.resampling import pace, resample
+from verification.measures.resampling import resample, typical_step
 
 RESOLVED = 1e-6  # nepers over the fitted stretch: a change below is rounding, of either sign
 _FIT_SPAN = 16384  # raw points considered before the end of the stretch
 _FIT_SAMPLES = 300  # uniform samples in one fit
 _SAMPLES_PER_PERIOD = 6.0
 _FEWEST_PERIODS = 8.0
-_SPECTRUM = 4096  # samples in the spectrum that tells the fastest line
+_SPECTRUM = 4096  # samples in the spectrum that gives the fastest line
 _COMPONENTS = 6  # principal components of the channels
 _LINEAR_FRACTION = 0.25  # of a limit cycle's amplitude: below, the growth is still exponential
-GOOD_FIT = 0.1  # unexplained part below which the growth rate of a fit is believed
+GOOD_FIT = 0.1  # unexplained part below which the growth rate of a fit is used
 _REAL = 1e-9  # radians a sample: below, a pole does not oscillate
 _FAINT = 1e-4  # of the strongest mode: below, a pole is an artefact of the fit
-_BORN = 37.0  # nepers, 1e16: what grows by more was not there at the start: a kink, not a mode
-_FADED = 0.01  # of the largest envelope: below, a decayed ringing is not worth fitting
+_MOST_GROWTH = 37.0  # nepers, 1e16: more growth within the stretch is a kink, not a mode
+_FADED = 0.01  # of the largest envelope: below, a decayed ringing is not fitted
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,10 +43,10 @@ class Mode:
     growth_rate : float
         1/s; negative when it decays.
     amplitude : float
-        Of the channel with the most, at `stop`, in the signals' unit.
+        Largest amplitude of a channel at `stop`, in the signals' unit.
     frequency_sigma, growth_sigma : float
-        Standard uncertainties, Hz and 1/s: the larger of what the residual allows and of how far
-        fits to the first and the last three quarters of the stretch differ.
+        Standard uncertainties, Hz and 1/s: the larger of the uncertainty from the residual and of
+        the difference between fits to the first and the last three quarters of the stretch.
     residual : float
         Part of the signals' variation that the whole fit leaves unexplained, 0 to 1.
     channels : tuple of float
@@ -54,7 +54,7 @@ class Mode:
     start, stop : float
         The stretch that was fitted, s.
     doubt : str
-        Empty when the fit is sure of itself, otherwise why it is not.
+        Why the fit is uncertain; empty for a reliable fit.
     """
 
     frequency: float
@@ -85,7 +85,7 @@ class Mode:
 
 
 def _stretch(time: Floats, env: Envelope) -> tuple[int, str]:
-    """Return how many points from the start to use, and a doubt about the choice."""
+    """Return the number of points from the start to use, and a doubt about the choice."""
     total = env.amplitude.max(axis=1)
     if env.period is None or total.size < 8:
         return time.size, ""
@@ -107,23 +107,23 @@ def _stretch(time: Floats, env: Envelope) -> tuple[int, str]:
 def _uniform(time: Floats, signals: Floats, period: float | None) -> tuple[float, Floats]:
     """Return step h (s) and samples (n, K) on a uniform grid that ends with the record.
 
-    The step resolves the fastest line of the spectrum, but a clipped wave's harmonics must not
-    shorten the stretch to less than eight periods of the dominant one.
+    The step resolves the fastest line of the spectrum, but the harmonics of a clipped wave must
+    not shorten the stretch to less than eight dominant periods.
     """
     time, signals = time[-_FIT_SPAN:], signals[-_FIT_SPAN:]
-    last, span, usual = time.size - 1, float(time[-1] - time[0]), pace(time)
-    coarse = usual * max(np.ceil(span / usual / _SPECTRUM), 1.0)
-    _, one = resample(time, mixed(signals)[:, None], coarse, usual, last, _SPECTRUM, 2)
+    last, span, typical = time.size - 1, float(time[-1] - time[0]), typical_step(time)
+    coarse = typical * max(np.ceil(span / typical / _SPECTRUM), 1.0)
+    _, one = resample(time, mixed(signals)[:, None], coarse, typical, last, _SPECTRUM, 2)
     power = np.abs(spectrum(one[:, 0]))
     most, middle = float(power.max()), power.size // 2
     floor = min(max(0.01 * most, 8 * float(np.partition(power, middle)[middle])), most)
     fastest = int(np.flatnonzero(power >= floor)[-1])
-    wanted = 2 * (power.size - 1) * coarse / (_SAMPLES_PER_PERIOD * max(fastest, 1))
+    longest = 2 * (power.size - 1) * coarse / (_SAMPLES_PER_PERIOD * max(fastest, 1))
     if period is not None:
-        wanted = max(wanted, _FEWEST_PERIODS * period / _FIT_SAMPLES)
-    wanted = min(wanted, span / (_FIT_SAMPLES - 1))
-    step = usual * max(round(wanted / usual), 1)
-    return step, resample(time, signals, step, usual, last, _FIT_SAMPLES, 6)[1]
+        longest = max(longest, _FEWEST_PERIODS * period / _FIT_SAMPLES)
+    longest = min(longest, span / (_FIT_SAMPLES - 1))
+    step = typical * max(round(longest / typical), 1)
+    return step, resample(time, signals, step, typical, last, _FIT_SAMPLES, 6)[1]
 
 
 def _doubts(periods: float, residual: float, growth: float, sigma: float) -> str:
@@ -141,10 +141,10 @@ def fit_modes(
 ) -> tuple[Mode, ...]:
     """Fit the modes of a transient, strongest first.
 
-    The stretch that is fitted ends at a quarter of the amplitude where the ringing saturates or
-    its growth slows, or where it has faded to 1 % of its largest, or with the record. It holds at
-    most 300 uniform samples: some fifty periods of the fastest mode, so a mode sixty times slower
-    than that is not resolved.
+    The fitted stretch ends at a quarter of the amplitude at which the ringing saturates or its
+    growth slows, or where the ringing has decayed to 1 % of its largest amplitude, or with the
+    record. The stretch holds at most 300 uniform samples, about fifty periods of the fastest mode:
+    a mode sixty times slower is not resolved.
 
     Parameters
     ----------
@@ -153,12 +153,12 @@ def fit_modes(
     signals : ndarray (P, K)
         Finite; one unit for all channels.
     ringing : Envelope, optional
-        `envelope` of the same signals, to save computing it again.
+        `envelope` of the same signals, if the caller has it already.
 
     Returns
     -------
     tuple of Mode
-        Empty when the record has fewer than 32 points or nothing but a constant.
+        Empty for a record of fewer than 32 points and for constant signals.
     """
     if time.size < 32:
         return ()
@@ -182,10 +182,7 @@ def fit_modes(
 
 
 def _exponentials(angle: Complexes, n: int) -> Complexes:
-    """Return ``exp(angle k)``, shape (n, m), k counted from where it is 1 and so largest.
-
-    From the first of n samples where it decays, from the last where it grows.
-    """
+    """Return ``exp(angle k)``, (n, m); k is 0, and the value 1, where the magnitude is largest."""
     width = math.isqrt(n - 1) + 1
     k = np.arange(0.0, width)[:, None]
     coarse = np.exp(angle * (width * k - np.where(angle.real < 0, 0.0, n - 1.0)))
@@ -193,16 +190,10 @@ def _exponentials(angle: Complexes, n: int) -> Complexes:
 
 
 def _amplitudes(samples: Floats, angle: Complexes) -> tuple[Floats, Floats, Floats]:
-    """Fit amplitudes by least squares, of poles' log z (m,) in one half plane to samples (n, K).
+    """Fit the amplitudes of poles' log z (m,) in one half plane to samples (n, K).
 
-    Returns
-    -------
-    power : ndarray (n, m)
-        Square of each exponential, which is 1 where it is largest.
-    sizes : ndarray (m, K)
-        Amplitudes there.
-    rest : ndarray (n, K)
-        What the fit leaves.
+    Return the squared magnitude of each exponential (n, m), at most 1; the amplitudes (m, K) at
+    magnitude 1; and the residuals (n, K).
     """
     columns = _exponentials(angle, samples.shape[0])
     rings = angle.imag > _REAL
@@ -216,7 +207,7 @@ def _amplitudes(samples: Floats, angle: Complexes) -> tuple[Floats, Floats, Floa
 def _modes(
     samples: Floats, z: Complexes, moved: Complexes, step: float, stop: float, doubt: str
 ) -> tuple[Mode, ...]:
-    """Give each pole its amplitude, uncertainty and doubt; drop those within the noise."""
+    """Return each pole's mode with amplitude, uncertainty and doubt, without modes in the noise."""
     n, channels = samples.shape
     states, upper = z.size, z.imag >= 0
     angle, moved = np.log(z[upper]), moved[upper] / step
@@ -235,7 +226,7 @@ def _modes(
     frequency = np.where(rings, poles.imag, 0.0) / (2 * np.pi)
     still = ~rings & (np.abs(angle.real) * n < 0.1)
     aliased = angle.imag > 0.98 * np.pi
-    sound = ~still & ~aliased & (angle.real * n < _BORN)
+    sound = ~still & ~aliased & (angle.real * n < _MOST_GROWTH)
     least = max(3 * noise, _FAINT * float(rms.max(where=sound, initial=0.0)))
     kept = np.flatnonzero(sound & (rms > least))
     at_stop = sizes * np.exp(np.minimum(poles.real, 0.0) * length)[:, None]

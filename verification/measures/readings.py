@@ -1,8 +1,8 @@
-"""Rise time, settling time and overshoot read from a signal: one implementation for all signals.
+"""Rise time, settling time and overshoot of a signal: one implementation for all signals.
 
 A `Signal` is either a sampled record (`verification.measures.sampled_signal`) or an exact solution
-(`verification.small_signal.exact_crossings`). Nothing is judged here:
-`verification.measures.measure` has the definitions and decides which readings are proven.
+(`verification.small_signal.exact_crossings`). `verification.measures.measure` has the definitions
+and decides which readings are proven.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ STILL = 1e-9  # of A: a channel with a smaller step of its own has no direction,
 
 
 class Signal(Protocol):
-    """Errors of N channels over time: how far each is from its target."""
+    """Errors of N channels over time: distances from the targets."""
 
     @property
     def ends(self) -> Floats:
         """Errors (N,) where the signal ends or comes to rest."""
 
     def last_outside(self, levels: Floats) -> Crossings:
-        """Find when each channel was last further from its target than each of `levels` (J,).
+        """Find the last instants (J, N), from the start, with ``|error|`` above `levels` (J,).
 
-        The instants (J, N) count from the first one; NaN where a channel never was.
+        NaN for a channel that never is above.
         """
 
     def first_reached(self, rows: Indices, steps: Floats, levels: Floats) -> Crossings:
         """Find when ``1 + error / step`` first exceeds `levels` (J,), in channels `rows` (R,).
 
-        Shape (J, R); NaN where it never does.
+        Shape (J, R); NaN for a level that is never exceeded.
         """
 
     def highest(self, sign: Floats) -> Floats:
@@ -52,13 +52,13 @@ class Reading:
     value : float
         s.
     uncertainty : float
-        Of the crossings themselves, s; the simulation's own error is not in it.
+        Uncertainty of the crossings, s, without the error of the simulation.
     fragile : bool
         A small shift of the level or of the band changes the time: a peak just reaches, or just
-        misses, it.
+        misses, the level.
     alternative : float or None
         The time with the level shifted by `LEVEL_SHIFT`, or the band by `BAND_SHIFT`, s; None if
-        the reading is not fragile, or if there is no crossing then.
+        the reading is not fragile, or if the shifted level is not crossed.
     """
 
     value: float
@@ -69,33 +69,23 @@ class Reading:
 
 @dataclass(frozen=True, slots=True)
 class Readings:
-    """Readings of one signal.
+    """Readings of one signal, one entry per channel."""
 
-    Attributes
-    ----------
-    finals : tuple of float
-        Last value of each channel.
-    rise_times, settling_times : tuple of (Reading or None)
-        Of each channel, s; None where it does not reach the levels, or ends outside its band.
-    overshoots : tuple of float
-        Fractions of A.
-    """
-
-    finals: tuple[float, ...]
-    rise_times: tuple[Reading | None, ...]
-    settling_times: tuple[Reading | None, ...]
-    overshoots: tuple[float, ...]
+    finals: tuple[float, ...]  # last values
+    rise_times: tuple[Reading | None, ...]  # None for a channel that does not reach both levels
+    settling_times: tuple[Reading | None, ...]  # None for a channel that ends outside its band
+    overshoots: tuple[float, ...]  # fractions of A
 
     @property
     def settling_time(self) -> Reading | None:
-        """The last channel's settling time; None unless every channel has one."""
-        found = [reading for reading in self.settling_times if reading is not None]
-        return latest(found) if len(found) == len(self.settling_times) else None
+        """Settling time of the last channel; None unless every channel has a settling time."""
+        times = [reading for reading in self.settling_times if reading is not None]
+        return latest(times) if len(times) == len(self.settling_times) else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Step:
-    """What the channels are to do: values before the step and targets, (N,) each."""
+    """Values before the step and targets, (N,) each."""
 
     start: Floats
     target: Floats
@@ -111,22 +101,16 @@ class Step:
         return float(np.abs(self.sizes).max(initial=0.0))
 
     def rising(self) -> Bools:
-        """Tell which channels have a step large enough for a rise time, (N,)."""
+        """Mark the channels whose step is large enough for a rise time, (N,)."""
         sizes = np.abs(self.sizes)
         return np.asarray((sizes >= SMALL_STEP * self.amplitude) & (sizes > 0))
 
 
 def read(signal: Signal, step: Step, finals: Floats, tolerance: float, lost: Bools) -> Readings:
-    """Read a signal.
+    """Read a signal with last values `finals` (N,).
 
-    Parameters
-    ----------
-    finals : ndarray (N,)
-        Last values, in the unit of the signal.
-    tolerance : float
-        Half width of the settling band, in the same unit.
-    lost : ndarray (N,)
-        Channels whose rise time has no meaning.
+    `tolerance` is half the width of the settling band, in the unit of the signal; `lost` (N,)
+    marks channels whose rise time has no meaning.
     """
     return Readings(
         finals=tuple(finals.tolist()),
@@ -137,10 +121,7 @@ def read(signal: Signal, step: Step, finals: Floats, tolerance: float, lost: Boo
 
 
 def settling_times(signal: Signal, tolerance: float) -> tuple[Reading | None, ...]:
-    """Return when each channel was last outside ``±tolerance``; None if it ends outside.
-
-    Proves nothing about what follows a record; `measures.settling` does.
-    """
+    """Return when each channel was last outside ``±tolerance``; None if it ends outside."""
     ends = np.abs(signal.ends)
     if ends.min() > tolerance:
         return (None,) * len(ends)
@@ -149,22 +130,22 @@ def settling_times(signal: Signal, tolerance: float) -> tuple[Reading | None, ..
     never = np.isnan(at)
     at, doubt = np.where(never, 0.0, at), np.where(never, 0.0, doubt)
     at[ends > levels[:, None]] = np.nan
-    found: list[Reading | None] = []
+    readings: list[Reading | None] = []
     for (value, *others), width in zip(at.T.tolist(), doubt[0].tolist(), strict=True):
         shifted = [None if math.isnan(other) else other for other in others]
-        found.append(None if math.isnan(value) else _reading(value, width, shifted))
-    return tuple(found)
+        readings.append(None if math.isnan(value) else _reading(value, width, shifted))
+    return tuple(readings)
 
 
-def rise_times(signal: Signal, steps: Floats, wanted: Bools) -> tuple[Reading | None, ...]:
-    """Return the time from each channel's first crossing of the lower level to the upper's.
+def rise_times(signal: Signal, steps: Floats, selected: Bools) -> tuple[Reading | None, ...]:
+    """Return the time from the first crossing of the lower level to that of the upper level.
 
-    None where it is not `wanted` (N,), or where the channel does not reach both levels.
+    None for a channel that is not `selected` (N,) or does not reach both levels.
     """
-    found: list[Reading | None] = [None] * len(steps)
-    rows = np.flatnonzero(wanted)
+    readings: list[Reading | None] = [None] * len(steps)
+    rows = np.flatnonzero(selected)
     if rows.size == 0:
-        return tuple(found)
+        return tuple(readings)
     (low, high), shift = RISE_LEVELS, LEVEL_SHIFT
     shifted = np.array([low, high, high - shift, high + shift, low - shift, low + shift])
     at, doubt = signal.first_reached(rows, steps[rows], shifted)
@@ -175,12 +156,12 @@ def rise_times(signal: Signal, steps: Floats, wanted: Bools) -> tuple[Reading | 
             continue
         others = [None if math.isnan(e) else e - begin for e in ends]
         others += [end - b for b in instants[4:] if not math.isnan(b)]
-        found[n] = _reading(end - begin, width, others)
-    return tuple(found)
+        readings[n] = _reading(end - begin, width, others)
+    return tuple(readings)
 
 
 def _overshoots(signal: Signal, step: Step) -> tuple[float, ...]:
-    """Return how far channels go beyond their targets, fractions of A; 0 without a step."""
+    """Return the largest excursions beyond the targets, fractions of A; 0 without a step."""
     amplitude, sizes = step.amplitude, step.sizes
     if amplitude == 0:
         return (0.0,) * len(sizes)
@@ -203,7 +184,7 @@ def latest(readings: list[Reading]) -> Reading:
 
 
 def _reading(value: float, uncertainty: float, others: list[float | None]) -> Reading:
-    """Build a reading; `others` are its values at the shifted levels (None: no value)."""
+    """Build a reading; `others` are its values at the shifted levels (None: no crossing)."""
     limit = max(FRAGILE * abs(value), uncertainty)
     far = [o for o in others if o is not None and abs(o - value) > limit]
     fragile = bool(far) or None in others

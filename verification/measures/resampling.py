@@ -1,4 +1,4 @@
-"""Waveforms at other instants than their own."""
+"""Interpolation and resampling of waveforms."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import numpy as np
 
 from spice_models.array_types import Floats
 
-CUBIC = 4  # nearest points: more would magnify rounding where steps grow from tiny ones
-_ALIKE = 1e-6  # steps that differ by less, relative, are one
-_SAME = 1e-9  # of a step: an instant that near to a point is that point
+CUBIC = 4  # points: more would magnify rounding where the steps grow from tiny steps
+_EQUAL_STEPS = 1e-6  # relative difference of steps that count as equal
+_SAME_INSTANT = 1e-9  # of a step: distance of instants that count as equal
 
 
 def lagrange(time: Floats, y: Floats, at: Floats, points: int) -> Floats:
@@ -21,7 +21,7 @@ def lagrange(time: Floats, y: Floats, at: Floats, points: int) -> Floats:
     y : ndarray (P, K)
         Samples.
     at : ndarray (Q,)
-        Instants wanted, s, inside the record.
+        Instants inside the record, s.
     points : int
         Points in the stencil, even: 2 is the chord, 4 the cubic.
 
@@ -44,35 +44,29 @@ def lagrange(time: Floats, y: Floats, at: Floats, points: int) -> Floats:
     return values
 
 
-def pace(time: Floats) -> float:
-    """Return a record's usual step, s: the one that most of its steps are, or a typical one.
+def typical_step(time: Floats) -> float:
+    """Return the step that most steps of a record are equal to, else a typical step, s.
 
-    A simulator under a maximum step takes smaller ones at the beginning and to meet the end.
+    A simulator with a maximum step takes smaller steps at the beginning and at the end.
     """
     steps = np.diff(time)
     mean = float(time[-1] - time[0]) / steps.size
-    if float(np.ptp(steps)) < _ALIKE * mean:
+    if float(np.ptp(steps)) < _EQUAL_STEPS * mean:
         return mean
     median = float(np.median(steps))
-    alike = steps[np.abs(steps - median) < _ALIKE * median]
-    if 2 * alike.size > steps.size:
-        return float(alike.mean())
+    equal = steps[np.abs(steps - median) < _EQUAL_STEPS * median]
+    if 2 * equal.size > steps.size:
+        return float(equal.mean())
     return min(median, mean)
 
 
 def resample(
-    time: Floats,
-    y: Floats,
-    step: float,
-    usual: float,
-    anchor: int,
-    most: int,
-    points: int,
+    time: Floats, y: Floats, step: float, typical: float, anchor: int, most: int, points: int
 ) -> tuple[Floats, Floats]:
-    """Return evenly spaced instants (Q,), one of them a point of the record, and samples (Q, K).
+    """Return evenly spaced instants (Q,) that contain one point of the record, and samples (Q, K).
 
-    Instants that are points of the record take them as they are; where all are, the samples are a
-    view of the record's.
+    Instants at points of the record take the samples unchanged; if all instants are such points,
+    the result is a view of the record.
 
     Parameters
     ----------
@@ -80,25 +74,25 @@ def resample(
         Record, s and any unit.
     step : float
         Between instants, s.
-    usual : float
-        `pace` of the record, s; `step` is this times, or over, a whole number where points are
-        to be met.
+    typical : float
+        `typical_step` of the record, s; a multiple or a whole fraction of it as `step` makes the
+        instants coincide with points.
     anchor : int
-        Index of the point, 0 to P - 1.
+        Index of the point that the instants contain, 0 to P - 1.
     most : int
-        Instants up to the anchor, the last of those there is room for.
+        Largest number of instants up to the anchor.
     points : int
-        Of the interpolation between points.
+        Points of the interpolation.
     """
-    origin, room = time[anchor], (1 + _SAME) / step
+    origin, room = time[anchor], (1 + _SAME_INSTANT) / step
     before = min(int((origin - time[0]) * room), most - 1)
     k = np.arange(-before, int((time[-1] - origin) * room) + 1)
     at = np.minimum(np.maximum(origin + step * k, time[0]), time[-1])
-    near = np.rint(k * (step / usual)).astype(np.intp) + anchor
+    near = np.rint(k * (step / typical)).astype(np.intp) + anchor
     near = np.minimum(np.maximum(near, 0), time.size - 1)
-    between = np.flatnonzero(np.abs(time[near] - at) > _SAME * step)
+    between = np.flatnonzero(np.abs(time[near] - at) > _SAME_INSTANT * step)
     if not between.size:
-        return at, y[near[0] : near[-1] + 1 : max(round(step / usual), 1)]
+        return at, y[near[0] : near[-1] + 1 : max(round(step / typical), 1)]
     values = y.take(near, axis=0)
     values[between] = lagrange(time, y, at[between], points)
     return at, values

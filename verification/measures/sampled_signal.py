@@ -1,4 +1,4 @@
-"""The sound part of a sampled record, as a signal that readings can be taken from."""
+"""Sampled records as signals, and the part of a record within the physical range."""
 
 from __future__ import annotations
 
@@ -11,23 +11,15 @@ from verification.measures.crossings import Crossings, first_crossings, highest,
 from verification.measures.readings import Readings, Step, read
 
 FEWEST_POINTS = 8
-_FIRST_STRETCH = 1024  # points in which a rise is looked for first
+_FIRST_STRETCH = 1024  # points that are searched first for a rise
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampledSignal:
-    """Samples of errors as a `verification.measures.readings.Signal`.
+    """Samples of errors as a `verification.measures.readings.Signal`."""
 
-    Attributes
-    ----------
-    time : ndarray (P,)
-        s, P at least 8.
-    errors : ndarray (N, P)
-        Distances to the targets, a row a channel.
-    """
-
-    time: Floats
-    errors: Floats
+    time: Floats  # (P,), s, P at least 8
+    errors: Floats  # distances from the targets (N, P)
 
     @property
     def ends(self) -> Floats:
@@ -38,7 +30,7 @@ class SampledSignal:
         """See `Signal`."""
         time, errors, widest = self.time, self.errors, levels.max()
         channels = len(errors)
-        # Only what follows the last point clearly outside, with the four points of a cubic.
+        # Search only from the last point clearly outside, and the four points of a cubic before.
         outside = (errors > widest) | (errors < -widest)
         last = np.where(outside.any(axis=1), time.size - 1 - outside[:, ::-1].argmax(axis=1), 0)
         first = np.minimum(np.maximum(last - 4, 0), time.size - FEWEST_POINTS)
@@ -54,7 +46,7 @@ class SampledSignal:
     def first_reached(self, rows: Indices, steps: Floats, levels: Floats) -> Crossings:
         """See `Signal`."""
         time, errors = self.time, self.errors
-        # Only what precedes the first point clearly above, with the points that a cubic needs.
+        # Search only up to the first point clearly above, and the points that a cubic needs.
         clear, up = ((levels.max() - 1) * steps)[:, None], (steps > 0)[:, None]
         size = 0
         while size < time.size:
@@ -78,31 +70,17 @@ class SampledSignal:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SoundPart:
-    """The part of a record before any channel left its physical range.
-
-    Attributes
-    ----------
-    signal : SampledSignal
-        Times and errors.
-    step : Step
-        Values before the step and reference steady state.
-    final : ndarray (N,)
-        Last values.
-    lost : ndarray (N,)
-        Which channels left their physical range.
-    cut : str
-        Why the record cannot prove that a channel settled, or empty.
-    """
+    """The part of a record before any channel leaves its physical range."""
 
     signal: SampledSignal
     step: Step
-    final: Floats
-    lost: Bools
-    cut: str
+    final: Floats  # last values (N,)
+    lost: Bools  # channels that left their physical range (N,)
+    cut: str  # why the record cannot prove that a channel settled; empty for a whole record
 
     @property
     def readable(self) -> bool:
-        """Whether there are points enough to read a time from."""
+        """Whether the points are enough to read a time."""
         return self.signal.time.size >= FEWEST_POINTS
 
     def scale(self) -> float:
@@ -110,7 +88,7 @@ class SoundPart:
         return self.step.amplitude or float(np.abs(self.signal.errors).max())
 
     def read(self, band: float) -> Readings:
-        """Read what is there; without a step the band is in % of the largest excursion."""
+        """Read the record; without a step the band is in % of the largest excursion."""
         if not self.readable:
             nothing = (None,) * len(self.final)
             return Readings(tuple(self.final.tolist()), nothing, nothing, (0.0,) * len(self.final))
@@ -143,7 +121,7 @@ def sound_part(
 
 
 def _cut(time: Floats, sound: int, lost: Bools, expected_stop: float | None) -> str:
-    """Say why the record cannot prove that a channel settled, or nothing."""
+    """Return why the record cannot prove that a channel settled; empty for a whole record."""
     if sound < time.size:
         return f"channel {int(np.argmax(lost)) + 1} diverged at {float(time[sound])!r} s"
     if sound < FEWEST_POINTS:

@@ -23,13 +23,13 @@ from verification.measures.envelope import saturates
 from verification.measures.mode_fit import GOOD_FIT, RESOLVED, Mode
 from verification.measures.readings import Reading
 
-_DWELL = 0.05  # of the settling time that must follow it inside the band
+_DWELL = 0.05  # of the settling time: the record must continue inside the band for that long
 _DWELL_PERIODS = 3.0
 _SAFE = 0.5  # of the band: a decaying ringing below it will not leave the band again
 _QUIET = 0.05  # of the band: ringing below it is not judged
 _STEADY = 0.1  # nepers over the record: a ringing that loses less has the amplitude that it had
 _FLAT_TOP = 0.2  # of a period spent within 1 % of one extreme; 0.064 for a sinusoid
-_SILENT = 1 / 21  # of the band: `Drift.heading` carries a mean on by no more than twenty times it
+_SILENT = 1 / 21  # of the band: `Drift.heading` extrapolates at most 20 times the largest error
 _ENDS = np.array([3.0, 2.0, 1.0, 0.0])  # of the last three stretches, counted from the last
 _RUNAWAY = 10.0  # step amplitudes off target, and accelerating
 
@@ -47,30 +47,18 @@ class ChannelState(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChannelRinging:
-    """What is known of the ringing in one channel.
+    """The ringing in one channel."""
 
-    Attributes
-    ----------
-    time, amplitude : ndarray (M,)
-        Envelope, s and the unit of the signal.
-    period : float or None
-        s.
-    mode : Mode or None
-        The channel's strongest oscillating mode.
-    share : float
-        That mode's amplitude in this channel at the end of the fitted stretch.
-    """
-
-    time: Floats
-    amplitude: Floats
-    period: float | None
-    mode: Mode | None
-    share: float
+    time: Floats  # of the envelope (M,), s
+    amplitude: Floats  # envelope (M,), in the unit of the signal
+    period: float | None  # s
+    mode: Mode | None  # the strongest oscillating mode
+    share: float  # amplitude of that mode in this channel at the end of the fitted stretch
 
 
 @dataclass(frozen=True, slots=True)
 class Settlement:
-    """State of a channel, its settling time where it has settled, and why it has not."""
+    """State of a channel, with its settling time or the reason why it has none."""
 
     state: ChannelState
     settling_time: Reading | None
@@ -78,17 +66,10 @@ class Settlement:
 
 
 class Drift:
-    """Where the channels of a record are heading at its end.
+    """Extrapolation of the channels beyond the end of a record.
 
-    Parameters
-    ----------
-    time, errors : ndarray (P,) and (N, P)
-        Record, s, and distances to the targets, finite.
-
-    Attributes
-    ----------
-    last : ndarray (N, L)
-        The errors over the last three stretches, each a tenth of the record.
+    `errors` (N, P) are finite distances to the targets at the instants `time` (P,), s; `last`
+    (N, L) are the errors over the last three stretches, each a tenth of the record.
     """
 
     def __init__(self, time: Floats, errors: Floats) -> None:
@@ -101,18 +82,18 @@ class Drift:
         np.cumsum(means * widths, 1, out=self._area[:, 1:])
 
     def heading(self, n: int, period: float) -> tuple[float, float]:
-        """Extrapolate where channel `n` goes.
+        """Extrapolate the error of channel `n`.
 
         The means of the last three stretches, each a tenth of the record in whole ringing periods,
-        form a geometric series for an exponential approach (Aitken's extrapolation), carried on
-        for one more record at most, and for one stretch only where a ringing is longer than a
+        form a geometric series for an exponential approach (Aitken's extrapolation), continued
+        for one more record at most, and for one stretch if a ringing period is longer than a
         stretch.
 
         Returns
         -------
         limit, ratio : float
-            Limit of the error and how much a stretch's change is of the one before it; the ratio
-            is 0 when nothing moves or the changes alternate.
+            Limit of the error, and the ratio of the last two changes between stretches; the ratio
+            is 0 for a constant error and for alternating changes.
         """
         width = self._stretch
         furthest = 10.0 if width >= period else 1.0
@@ -130,18 +111,18 @@ class Drift:
 
 
 def silent(drift: Drift, amplitude: Floats, tolerance: float) -> bool:
-    """Tell whether every channel is settled whatever modes a fit would find.
+    """Tell whether every channel is settled, whatever modes a fit would return.
 
-    Over the last three stretches the errors are so small that no extrapolation of theirs leaves
-    the band, and the envelopes `amplitude` (M, N) end below what is judged.
+    Over the last three stretches the errors are so small that no extrapolation leaves the band,
+    and the envelopes `amplitude` (M, N) end below the least ringing that counts.
     """
     last = drift.last
-    calm = max(last.max(), -last.min()) <= _SILENT * tolerance
-    return bool(calm and amplitude[-1].max() <= _QUIET * tolerance)
+    small = max(last.max(), -last.min()) <= _SILENT * tolerance
+    return bool(small and amplitude[-1].max() <= _QUIET * tolerance)
 
 
 def _flat_top(time: Floats, error: Floats, period: float) -> bool:
-    """Tell whether the last three periods dwell at an extreme, as a rail makes them."""
+    """Tell whether the signal stays at an extreme in its last three periods, as at a supply."""
     first = int(np.searchsorted(time, time[-1] - 3 * period))
     e, weight = error[first:], np.gradient(time[first:])
     margin = 0.01 * (e.max() - e.min())
@@ -164,22 +145,22 @@ def _loss(ring: ChannelRinging) -> tuple[float, float, float]:
 
 
 def _left(ring: ChannelRinging, end: float) -> tuple[float, float]:
-    """Return the ringing's amplitude at `end` and its period (0 and 0 if nothing rings).
+    """Return the ringing's amplitude at `end` and its period (0 and 0 without ringing).
 
-    The envelope's last chunk lies before the end, and a record of few periods has hardly an
-    envelope: a fit that leaves little unexplained and decays carries it on. A mode slower than
-    the dominant line is a trend to the envelope, so the larger of the two counts.
+    The last chunk of the envelope lies before the end, and a record of few periods has few
+    chunks: a good fit of a decaying mode extrapolates the envelope. The envelope removes a mode
+    slower than the dominant line as a trend, so the larger amplitude counts.
     """
     last, mode, period = float(ring.amplitude[-1]), ring.mode, ring.period or 0.0
     if mode is None or mode.residual > GOOD_FIT or not mode.decays:
         return last, period
     fitted = ring.share * math.exp(mode.growth_rate * (end - mode.stop))
     if mode.frequency * (mode.stop - mode.start) < 1:
-        fitted = 0.0  # less than a period is as well a drift
+        fitted = 0.0  # less than a period may also be a drift
     elif ring.amplitude.size < 8:
         return fitted, 1 / mode.frequency
-    carried = last * math.exp(mode.growth_rate * (end - ring.time[-1]))
-    return max((carried, period), (fitted, 1 / mode.frequency))
+    extrapolated = last * math.exp(mode.growth_rate * (end - ring.time[-1]))
+    return max((extrapolated, period), (fitted, 1 / mode.frequency))
 
 
 def sustained(
@@ -259,7 +240,7 @@ def _outside(
     limit: float,
     ratio: float,
 ) -> Settlement:
-    """Say why a channel that ends outside its band, and does not oscillate, is there."""
+    """Return the state of a channel that ends outside its band and does not oscillate."""
     off = f"{last:.4g} off target ({abs(last) / step:.3%} of the step)"
     if ratio >= 1 and abs(last) > _RUNAWAY * step:
         return Settlement(ChannelState.DIVERGED, None, f"{off} at the end, and accelerating")

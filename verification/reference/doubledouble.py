@@ -15,15 +15,15 @@ import numpy as np
 
 from spice_models.array_types import Floats
 
-UNIT = 2.0**-96
-"""Relative error that every function here stays below, for arguments of exp up to 700."""
-PRODUCT = 2.0**-102
+FUNCTION_ERROR = 2.0**-96
+"""Bound on the relative error of every function here, for arguments of exp up to 700."""
+PRODUCT_ERROR = 2.0**-102
 """Error of a matrix product over the norms of its factors."""
 
 _SPLITTER = 2.0**27 + 1.0
 _PRODUCT_BITS = 110
 _UNDERFLOW = -745.2
-_NEAR = 0.34
+_NEAR_ZERO = 0.34
 
 
 def _two_sum(a: Floats, b: Floats) -> tuple[Floats, Floats]:
@@ -53,20 +53,14 @@ def _two_product(a: Floats, b: Floats) -> tuple[Floats, Floats]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DoubleDouble:
-    """An array ``hi + lo``, with ``|lo|`` at most half a unit in the last place of ``hi``.
-
-    Attributes
-    ----------
-    hi, lo : ndarray
-        Of one shape.
-    """
+    """An array ``hi + lo``, with ``|lo|`` at most half a unit in the last place of ``hi``."""
 
     hi: Floats
     lo: Floats
 
     @classmethod
     def of(cls, value: Floats | float) -> DoubleDouble:
-        """Widen doubles."""
+        """Convert doubles."""
         hi = np.asarray(value, dtype=np.float64)
         return cls(hi, np.zeros_like(hi))
 
@@ -110,20 +104,20 @@ _SQUARINGS = 4
 def _expm1_near_zero(x: DoubleDouble) -> DoubleDouble:
     """Return e^x - 1 for ``|x| <= 0.35``, to full relative accuracy."""
     r = DoubleDouble(x.hi * 2.0**-_SQUARINGS, x.lo * 2.0**-_SQUARINGS)
-    tail = np.zeros_like(r.hi)  # high powers are so small that doubles do
+    tail = np.zeros_like(r.hi)  # high powers are small: double precision is enough
     for term in _INVERSE_FACTORIALS[:_EXACT_TERMS:-1]:
         tail = tail * r.hi + float(term.hi)
-    less = DoubleDouble.of(tail)
+    result = DoubleDouble.of(tail)
     for term in _INVERSE_FACTORIALS[_EXACT_TERMS:0:-1]:
-        less = less * r + term
-    less = less * r
+        result = result * r + term
+    result = result * r
     for _ in range(_SQUARINGS):
-        less = less * less + DoubleDouble(2.0 * less.hi, 2.0 * less.lo)
-    return less
+        result = result * result + DoubleDouble(2.0 * result.hi, 2.0 * result.lo)
+    return result
 
 
 def exp(x: DoubleDouble) -> DoubleDouble:
-    """Return e to the power x; zero where it underflows."""
+    """Return e to the power x; zero at underflow."""
     low = x.hi < _UNDERFLOW
     x = DoubleDouble(np.where(low, _UNDERFLOW, x.hi), np.where(low, 0.0, x.lo))
     power = np.rint(x.hi / log(2.0))
@@ -135,7 +129,7 @@ def exp(x: DoubleDouble) -> DoubleDouble:
 
 def expm1(x: DoubleDouble) -> DoubleDouble:
     """Return e^x - 1, to full relative accuracy."""
-    near = np.abs(x.hi) < _NEAR
+    near = np.abs(x.hi) < _NEAR_ZERO
     small = _expm1_near_zero(DoubleDouble(np.where(near, x.hi, 0.0), np.where(near, x.lo, 0.0)))
     large = exp(x) - ONE
     return DoubleDouble(np.where(near, small.hi, large.hi), np.where(near, small.lo, large.lo))
@@ -149,11 +143,7 @@ def log1p(x: DoubleDouble) -> DoubleDouble:
 
 
 def _slices(high: Floats, low: Floats | None, bits: int) -> Floats:
-    """Split into arrays that are integers of 53 - `bits` bits times one power of two each.
-
-    They are stacked along a first axis, the largest first; none for zeros. Each grid begins where
-    the one before ended: a remainder is at most half of its unit, and `low` cannot change that.
-    """
+    """Split into arrays (slices, ...), each integers of 53 - `bits` bits times a power of two."""
     out: list[Floats] = []
     peak = max(float(high.max()), -float(high.min()))
     anchor = 2.0 ** (ceil(log2(peak)) + bits) if peak > 0.0 else 0.0
@@ -185,7 +175,7 @@ class ExactMatrix:
 
     Notes
     -----
-    The error is below `PRODUCT` times ``|T|_F |x|``: the slices reach 2^-110 of the largest
+    The error is below `PRODUCT_ERROR` times ``|T|_F |x|``: the slices reach 2^-110 of the largest
     entry, and a matrix whose entries span less is represented exactly.
     """
 

@@ -1,20 +1,19 @@
-"""Transient of the ideal network: exact modes for linear amplifiers, Radau for the others.
+"""Transient of the ideal network: exact modes for linear amplifiers, Radau for all others.
 
 ``C dv/dt = -v/R - I_b - s G0 T^T (G0 T u - G0 U0 eps)``, ``u = U0 g(v/Ve)`` (eq 9 as corrected). In
 ``x = v/Ve`` and ``t/(R C)`` this is ``dx = -(x + beta) - T^T (T g(x) - eps) / mu``, with mu the
-regularisation of the reference problem, so the network rests where that problem is solved.
+regularisation of the reference problem, so the network's rest state solves that problem.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from spice_models.array_types import Floats
-from verification.reference.energy_balance import energy_residual
 from verification.reference.problem import Problem, Solution
 from verification.reference.regularisers import REGULARISERS, Regulariser
 from verification.reference.solve import solve
@@ -25,60 +24,39 @@ if TYPE_CHECKING:
 
 
 TOLERANCE = 1e-10
-"""Relative tolerance of the Radau run."""
+"""Relative tolerance of both integrators."""
 AGREEMENT = 1e-6
-"""Radau and LSODA must agree to this times the step amplitude, and the energy balance to this."""
+"""Largest difference of Radau and LSODA over the step amplitude, and largest energy residual."""
+_GAUSS_NODES, _GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(6)
 
 
 class Trust(Enum):
-    """What became of a transient; the value says what to do."""
+    """Outcome of a transient; the value explains the outcome to the user."""
 
     TRUSTED = "two integrators and the energy balance agree"
     DISAGREES = "the integrators or the energy balance disagree: inconclusive"
     NOT_FINITE = "a value overflowed: reduce the strain or the gain"
-    FAILED = "the integrator gave up: the network is too stiff for double precision"
+    FAILED = "the integrator stopped early: the network is too stiff for double precision"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class IdealNetwork:
-    """The network with ideal op-amps; SI units.
+    """The network with ideal op-amps; SI units, T and eps dimensionless."""
 
-    Attributes
-    ----------
-    T : ndarray (M, N)
-        Dimensionless.
-    eps : ndarray (M,)
-        Dimensionless.
-    G0 : float
-        Unit conductance, S.
-    U0 : float
-        Unit voltage, V.
-    R, C : float
-        Feedback resistor and capacitor, ohm and F.
-    s : float
-        Constraint-plane gain, ohm.
-    amplifier : str
-        A key of `REGULARISERS`.
-    Ve : float
-        Slope of a nonlinear amplifier, V; the linear one does not use it.
-    bias : bool
-        Whether ``I_b = Ve / R`` flows.
-    """
-
-    T: Floats
-    eps: Floats
-    G0: float
-    U0: float
-    R: float
-    C: float
-    s: float
-    amplifier: str = "linear"
-    Ve: float = 1.0
-    bias: bool = False
+    T: Floats  # (M, N)
+    eps: Floats  # (M,)
+    G0: float  # unit conductance, S
+    U0: float  # unit voltage, V
+    R: float  # feedback resistor, ohm
+    C: float  # feedback capacitor, F
+    s: float  # constraint-plane gain, ohm
+    amplifier: str = "linear"  # a key of `REGULARISERS`
+    Ve: float = 1.0  # slope of a nonlinear amplifier, V; unused by the linear amplifier
+    bias: bool = False  # whether ``I_b = Ve / R`` flows
 
     @property
     def unit(self) -> float:
-        """Voltage that is ``x = 1``: Ve, and U0 for a linear amplifier, V."""
+        """Voltage at which ``x = 1``: Ve, and U0 for a linear amplifier, V."""
         return self.U0 if self.amplifier == "linear" else self.Ve
 
     @property
@@ -88,7 +66,7 @@ class IdealNetwork:
 
     @property
     def problem(self) -> Problem:
-        """The problem that the network's rest state solves."""
+        """Problem that the network's rest state solves."""
         lam = self.mu / REGULARISERS[self.amplifier].weight
         return Problem(self.T, self.eps, lam, self.amplifier, self.bias)
 
@@ -103,7 +81,7 @@ def ideal_linear(network: IdealNetwork, v0: Floats, rest: Solution | None = None
     v0 : ndarray (N,)
         Signal-node voltages at time 0, V.
     rest : Solution, optional
-        Of the network's problem, where it is at hand already.
+        Solution of the network's problem, if the caller has it already.
 
     Returns
     -------
@@ -124,10 +102,10 @@ def ideal_linear(network: IdealNetwork, v0: Floats, rest: Solution | None = None
     rates /= network.R * network.C
     target = (solve(network.problem) if rest is None else rest).u * network.U0
     start = np.asarray(v0, dtype=np.float64)
-    loads = Vt @ (start - target)
+    amplitudes = Vt @ (start - target)
 
     def outputs(t: Floats) -> Floats:
-        return np.asarray(target + (np.exp(-np.outer(t, rates)) * loads) @ Vt)
+        return np.asarray(target + (np.exp(-np.outer(t, rates)) * amplitudes) @ Vt)
 
     grid = np.geomspace(1e-3 / rates.max(), 40.0 / rates.min(), 4000)
     return Response(np.concatenate([[0.0], grid]), outputs, start, target)
@@ -135,30 +113,14 @@ def ideal_linear(network: IdealNetwork, v0: Floats, rest: Solution | None = None
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Transient:
-    """A response with the evidence for it.
+    """A response with the evidence for its accuracy."""
 
-    Attributes
-    ----------
-    response : Response or None
-        None where nothing finite was computed.
-    rest : Solution
-        The reference steady state, which is the response's target.
-    outcome : Trust
-        Whether to believe it.
-    energy_residual : float
-        ``|P(t) - P(0) + integral of sum C g' v'^2| / |P(0) - P(t)|``.
-    second_opinion : float
-        Largest difference of the outputs between Radau and LSODA over the step amplitude.
-    stiffness : float
-        Fastest over slowest rate at rest.
-    """
-
-    response: Response | None
-    rest: Solution
+    response: Response | None  # None if no finite values were computed
+    rest: Solution  # the reference steady state, which is the response's target
     outcome: Trust
-    energy_residual: float
-    second_opinion: float
-    stiffness: float
+    energy_residual: float  # see `ScaledNetwork.energy_residual`
+    second_opinion: float  # largest difference of Radau and LSODA over the step amplitude
+    stiffness: float  # fastest over slowest rate at rest
 
 
 class ScaledNetwork:
@@ -172,21 +134,45 @@ class ScaledNetwork:
 
     def slope(self, _: float, x: Floats) -> Floats:
         """dx/dt for x (N,) or (N, K)."""
-        miss = (self.T @ self.g.g(x)).T - self.eps
-        return np.asarray(-(x + self.beta) - (miss @ self.T).T / self.mu)
+        misfit = (self.T @ self.g.g(x)).T - self.eps
+        return np.asarray(-(x + self.beta) - (misfit @ self.T).T / self.mu)
 
     def jacobian(self, _: float, x: Floats) -> Floats:
         """Return the derivative of `slope`, shape (N, N)."""
         return np.asarray(-self.gram * self.g.slope(x) - np.eye(len(x)))
 
     def energy(self, x: Floats) -> float:
-        """Return the energy P in units of its own, up to a constant."""
+        """Return the dimensionless energy P of x (N,), up to a constant."""
         u = self.g.g(x)
-        miss = self.T @ u - self.eps
-        return float(miss @ miss / (2.0 * self.mu) + np.sum(self.g.energy(x) + self.beta * u))
+        misfit = self.T @ u - self.eps
+        return float(misfit @ misfit / (2.0 * self.mu) + np.sum(self.g.energy(x) + self.beta * u))
+
+    def energy_residual(self, steps: Floats, dense: Callable[[Floats], Floats]) -> float:
+        """Compare the energy lost with the energy dissipated, by Gauss quadrature in each step.
+
+        Parameters
+        ----------
+        steps : ndarray (P,)
+            Instants over R C, close enough for six Gauss points between two.
+        dense : callable
+            ``t (K,) -> x (N, K)``.
+
+        Returns
+        -------
+        float
+            ``|P(t) - P(0) + integral of sum C g' v'^2|`` over ``|P(0) - P(t)|``: zero for a
+            trajectory of the ideal network (the descent proof of theorem 3.1, with the energy
+            as a function of u).
+        """
+        half = 0.5 * np.diff(steps)
+        x = dense((steps[:-1, None] + half[:, None] * (1.0 + _GAUSS_NODES)).ravel())
+        power = np.sum(self.g.slope(x) * self.slope(0.0, x) ** 2, axis=0)
+        dissipated = float(np.sum(power * np.outer(half, _GAUSS_WEIGHTS).ravel()))
+        lost = self.energy(dense(steps[:1])[:, 0]) - self.energy(dense(steps[-1:])[:, 0])
+        return abs(dissipated - lost) / abs(lost) if lost != 0.0 else abs(dissipated)
 
     def stiffness(self, x: Floats) -> float:
-        """Return the ratio of the extreme rates; all are real, for a symmetric similar matrix."""
+        """Return fastest over slowest rate; a similar matrix is symmetric, so rates are real."""
         A = self.T * np.sqrt(self.g.slope(x))
         sigma = np.linalg.svd(A, compute_uv=False) ** 2 / self.mu
         slowest = sigma[-1] if A.shape[0] >= A.shape[1] else 0.0
@@ -199,7 +185,7 @@ def ideal_transient(network: IdealNetwork, v0: Floats, stop: float | None = None
     Parameters
     ----------
     network : IdealNetwork
-        What to integrate.
+        The network.
     v0 : ndarray (N,)
         Signal-node voltages at time 0, V.
     stop : float, optional
@@ -208,12 +194,12 @@ def ideal_transient(network: IdealNetwork, v0: Floats, stop: float | None = None
     Returns
     -------
     Transient
-        To be believed only if its outcome is ``TRUSTED``.
+        Accurate only if its outcome is ``TRUSTED``.
 
     Raises
     ------
     SolverError
-        The steady state cannot be computed at all.
+        The steady state cannot be computed.
     """
     scaled, unit = ScaledNetwork(network), network.R * network.C
     rest = solve(network.problem)
@@ -226,8 +212,8 @@ def ideal_transient(network: IdealNetwork, v0: Floats, stop: float | None = None
         if isinstance(run, Trust):
             return Transient(None, rest, run, np.nan, np.nan, stiffness)
         steps, dense = run
-        residual = energy_residual(scaled, steps, dense)
-        other = _second_opinion(scaled, x0, steps, dense)
+        residual = scaled.energy_residual(steps, dense)
+        difference = _difference_to_lsoda(scaled, x0, steps, dense)
 
     def outputs(t: Floats) -> Floats:
         return np.asarray(network.U0 * scaled.g.g(dense(np.asarray(t) / unit)).T)
@@ -236,24 +222,27 @@ def ideal_transient(network: IdealNetwork, v0: Floats, stop: float | None = None
     grid = (steps[:-1, None] + np.diff(steps)[:, None] * inner).ravel()
     time = np.append(grid, steps[-1]) * unit
     response = Response(time, outputs, network.U0 * scaled.g.g(x0), network.U0 * rest.u)
-    second = other * network.U0 / response.amplitude if response.amplitude > 0.0 else 0.0
-    trusted = rest.trusted and residual <= AGREEMENT and second <= AGREEMENT
+    amplitude = response.amplitude
+    second_opinion = difference * network.U0 / amplitude if amplitude > 0.0 else 0.0
+    trusted = rest.trusted and residual <= AGREEMENT and second_opinion <= AGREEMENT
     outcome = Trust.TRUSTED if trusted else Trust.DISAGREES
-    return Transient(response, rest, outcome, residual, second, stiffness)
+    return Transient(response, rest, outcome, residual, second_opinion, stiffness)
+
+
+def _solve_ivp(scaled: ScaledNetwork, x0: Floats, end: float, **options: Any) -> Any:
+    from scipy.integrate import solve_ivp
+
+    options |= {"jac": scaled.jacobian, "rtol": TOLERANCE, "atol": TOLERANCE}
+    return solve_ivp(scaled.slope, (0.0, end), x0, **options)
 
 
 def _integrate(
     scaled: ScaledNetwork, x0: Floats, end: float
 ) -> Trust | tuple[Floats, Callable[[Floats], Floats]]:
-    """Run Radau; return its steps (P,) and its interpolant ``t -> x (N, K)``, or why not."""
-    from scipy.integrate import solve_ivp
-
+    """Run Radau; return its steps (P,) and interpolant ``t -> x (N, K)``, or its failure."""
     if not np.all(np.isfinite(scaled.slope(0.0, x0))):
         return Trust.NOT_FINITE
-    run = solve_ivp(
-        scaled.slope, (0.0, end), x0, "Radau", dense_output=True, jac=scaled.jacobian,
-        rtol=TOLERANCE, atol=TOLERANCE,
-    )  # fmt: skip
+    run = _solve_ivp(scaled, x0, end, method="Radau", dense_output=True)
     if not np.all(np.isfinite(run.y)):
         return Trust.NOT_FINITE
     if not run.success or run.sol is None:
@@ -261,20 +250,13 @@ def _integrate(
     return np.asarray(run.t), run.sol
 
 
-def _second_opinion(
+def _difference_to_lsoda(
     scaled: ScaledNetwork, x0: Floats, steps: Floats, dense: Callable[[Floats], Floats]
 ) -> float:
-    """Return the largest difference of the outputs to LSODA; infinite if that fails.
-
-    LSODA has been seen to report success with values that are not numbers.
-    """
-    from scipy.integrate import solve_ivp
-
-    run = solve_ivp(
-        scaled.slope, (0.0, steps[-1]), x0, "LSODA", t_eval=steps, jac=scaled.jacobian,
-        rtol=TOLERANCE, atol=TOLERANCE,
-    )  # fmt: skip
+    """Return the largest difference of the outputs to LSODA; infinite if LSODA fails."""
+    run = _solve_ivp(scaled, x0, steps[-1], method="LSODA", t_eval=steps)
     if not run.success or run.y.shape[1] != len(steps):
         return float("inf")
     difference = np.max(np.abs(scaled.g.g(run.y) - scaled.g.g(dense(steps))))
+    # LSODA sometimes reports success with values that are not numbers.
     return float(difference) if np.isfinite(difference) else float("inf")

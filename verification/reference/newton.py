@@ -4,16 +4,16 @@ Minimises ``1/2 |T u - eps|^2 + mu sum(phi(u) + beta u)``, ``u = g(v)``, ``phi' 
 is an array or a fast product. The coordinate neither overflows nor stalls as mu goes to 0, where
 the method becomes an active-set method; the homotopy starts where one step nearly suffices.
 
-Every iterate comes with a duality gap: with y the Newton step, ``r+ = eps - T u - T D y`` is dual
-feasible whatever the quality of y, and the gap is at least ``1/2 |T (u - u*)|^2`` and mu times the
-Bregman divergence of u from u*.
+Every iterate has a duality gap: with y the Newton step, ``r+ = eps - T u - T D y`` is dual
+feasible whatever the accuracy of y, and the gap is at least ``1/2 |T (u - u*)|^2`` and mu times
+the Bregman divergence of u from u*.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,80 +21,59 @@ from spice_models.array_types import Floats
 from verification.reference.regularisers import Regulariser
 from verification.reference.stacked_least_squares import Factor
 
-HOMOTOPY = 0.01
-"""Factor between two values of mu."""
+MU_FACTOR = 0.01
+"""Factor between two values of mu in the homotopy."""
 STAGE = 1.0
-"""Square of the relative error of u at which a stage ends."""
+"""Square of the relative error of u at which a stage of the homotopy ends."""
 MAX_STEPS = 100
-NOISE = 1e-14
-"""Relative rounding error of the objective, which the line search overlooks."""
-SHORTEST = 1e-10
+OBJECTIVE_ROUNDING = 1e-14
+"""Relative rounding error of the objective, which the line search ignores."""
+SHORTEST_STEP = 1e-10
 
 
-class System(Protocol):
-    """What Newton's method needs to know of a problem; |T| is near 1."""
+@dataclass(frozen=True, slots=True, eq=False)
+class System(ABC):
+    """A problem divided by a power of two near |T|; a subclass holds T."""
 
-    @property
-    def eps(self) -> Floats:
-        """Strain (M,)."""
-        ...
+    eps: Floats  # strain over `scale` (M,)
+    mu: float  # `lam` times the regulariser's weight, over the square of `scale`; positive
+    beta: float  # 1 with bias, else 0
+    scale: float  # the power of two
+    norm: float  # upper bound on the spectral norm of the scaled T
+    h: Floats  # diagonal of ``T^T T`` (N,), positive
+    regulariser: Regulariser
 
-    @property
-    def mu(self) -> float:
-        """Regularisation asked for, positive."""
-        ...
-
-    @property
-    def beta(self) -> float:
-        """1 with bias, else 0."""
-        ...
-
-    @property
-    def h(self) -> Floats:
-        """Diagonal of ``T^T T`` (N,), positive."""
-        ...
-
-    @property
-    def norm(self) -> float:
-        """Upper bound on the spectral norm of T."""
-        ...
-
-    @property
-    def regulariser(self) -> Regulariser:
-        """Entry of the table."""
-        ...
-
+    @abstractmethod
     def product(self, u: Floats) -> Floats:
         """Return ``T u`` (M,)."""
-        ...
 
+    @abstractmethod
     def transposed(self, r: Floats) -> Floats:
         """Return ``T^T r`` (N,)."""
-        ...
 
+    @abstractmethod
     def factor(self, D: Floats, mu: float) -> Factor:
         """Prepare ``(D T^T T D + mu I) y = D T^T f1 + f2``."""
-        ...
 
 
-def error_bound(ratio: float, ceiling: float) -> float:
-    """Return the largest ``|u - u*|`` that a gap of mu times `ratio` allows.
+def error_bound(ratio: float, slope_bound: float) -> float:
+    """Return the largest ``|u - u*|`` for a gap of mu times `ratio`.
 
-    The divergence is at least ``d^2 / 2`` over the largest slope between, and that is at most
-    ``ceiling + d``.
+    The divergence is at least ``d^2 / 2`` over the largest slope between u and u*, and that slope
+    is at most ``slope_bound + d``.
     """
-    return ratio + float(np.sqrt(ratio * ratio + 2.0 * ratio * ceiling))
+    return ratio + float(np.sqrt(ratio * ratio + 2.0 * ratio * slope_bound))
 
 
-def largest_ratio(allowed: float, ceiling: float) -> float:
+def largest_ratio(allowed: float, slope_bound: float) -> float:
     """Return the largest gap over mu whose error bound is `allowed`."""
-    return allowed * allowed / (2.0 * (ceiling + allowed))
+    return allowed * allowed / (2.0 * (slope_bound + allowed))
 
 
 def divergence(regulariser: Regulariser, v: Floats, size: Floats) -> float:
     """Bound ``sum Psi(v + d) - Psi(v) - g(v) d`` for ``|d| <= size``, free of cancellation."""
     with np.errstate(over="ignore", invalid="ignore"):
-        return float(np.sum(0.5 * size * size * regulariser.steepest(v, size)))
+        return float(np.sum(0.5 * size * size * regulariser.largest_slope(v, size)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,107 +95,80 @@ class Iterate:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Pair:
-    """How far Newton's method came.
-
-    Attributes
-    ----------
-    primal : Iterate
-        The last iterate.
-    dual : ndarray (M,)
-        Dual vector that goes with it for the gap.
-    ahead : ndarray (N,) or None
-        The Newton step in q that was not needed; None if the gap stayed above what was asked.
-    steps : int
-        Steps taken.
-    """
+class NewtonResult:
+    """The last iterate of Newton's method."""
 
     primal: Iterate
-    dual: Floats
-    ahead: Floats | None
+    dual: Floats  # dual vector (M,) of the gap
+    next_step: Floats | None  # the step in q (N,) that would follow; None if the target is missed
     steps: int
 
 
-def newton(s: System, mu: float, now: Iterate, enough: Callable[[Floats], float]) -> Pair:
-    """Minimise at one mu.
-
-    Parameters
-    ----------
-    s : System
-        The problem; its own mu is not used.
-    mu : float
-        Regularisation.
-    now : Iterate
-        Where to start.
-    enough : callable
-        ``u ->`` the gap over mu at which to stop.
-
-    Returns
-    -------
-    Pair
-        Certified or not: what it is worth is for the caller to find out.
-    """
-    reg, previous = s.regulariser, float("inf")
-    size = float(np.linalg.norm(s.eps))
-    dual = now.residual
-    for step in range(MAX_STEPS):
-        D = np.sqrt(reg.slope(now.v))
-        y = s.factor(D, mu).solve(now.residual, -mu * D * (now.v + s.beta))
-        g = s.product(D * y)
-        dual = now.residual - g
-        toward = s.transposed(dual) - mu * (now.v + s.beta)  # mu times the step in v
-        dq = toward + s.h * D * y
-        gap = 0.5 * float(g @ g) + mu * divergence(reg, now.v, np.abs(toward) / mu)
-        if gap <= mu * enough(now.u):
-            return Pair(now, dual, dq, step)
-        noise = NOISE * (abs(now.objective) + size * float(np.linalg.norm(now.residual)))
-        if gap <= noise and gap > 0.5 * previous:
-            return Pair(now, dual, None, step)
-        previous = gap
-        trial = _search(s, mu, now, dq, float(mu * y @ y + g @ g), noise)
-        if trial is None:
-            return Pair(now, dual, None, step)
-        now = trial
-    return Pair(now, dual, None, MAX_STEPS)
-
-
-def _search(
-    s: System, mu: float, now: Iterate, dq: Floats, decrement: float, noise: float
-) -> Iterate | None:
-    """Halve the step until the objective falls enough (Armijo); None if it never does."""
-    q, length = mu * now.v + s.h * now.u, 1.0
-    while length >= SHORTEST:
-        trial = Iterate.at(s, s.regulariser.unfold(q + length * dq, mu, s.h), mu)
-        if trial.objective <= now.objective - 1e-4 * length * decrement + noise:
-            return trial
-        length *= 0.5
-    return None
-
-
-def homotopy(s: System, enough: Callable[[Floats], float]) -> Pair:
-    """Follow the minimiser from a large mu down to the one asked for.
+def newton(
+    s: System, mu: float, iterate: Iterate, target_ratio: Callable[[Floats], float]
+) -> NewtonResult:
+    """Minimise at `mu`, which replaces ``s.mu``, until the gap over mu is at most the target.
 
     Parameters
     ----------
     s : System
         The problem.
-    enough : callable
-        ``u ->`` the gap over mu at which to stop.
-
-    Returns
-    -------
-    Pair
-        At the last mu, with all steps counted.
+    mu : float
+        Regularisation.
+    iterate : Iterate
+        Start.
+    target_ratio : callable
+        ``u ->`` the gap over mu at which to stop; the caller checks the gap that was reached.
     """
+    reg, previous = s.regulariser, float("inf")
+    size = float(np.linalg.norm(s.eps))
+    dual = iterate.residual
+    for step in range(MAX_STEPS):
+        D = np.sqrt(reg.slope(iterate.v))
+        y = s.factor(D, mu).solve(iterate.residual, -mu * D * (iterate.v + s.beta))
+        g = s.product(D * y)
+        dual = iterate.residual - g
+        mu_dv = s.transposed(dual) - mu * (iterate.v + s.beta)  # mu times the step in v
+        dq = mu_dv + s.h * D * y
+        gap = 0.5 * float(g @ g) + mu * divergence(reg, iterate.v, np.abs(mu_dv) / mu)
+        if gap <= mu * target_ratio(iterate.u):
+            return NewtonResult(iterate, dual, dq, step)
+        magnitude = abs(iterate.objective) + size * float(np.linalg.norm(iterate.residual))
+        rounding = OBJECTIVE_ROUNDING * magnitude
+        if gap <= rounding and gap > 0.5 * previous:
+            return NewtonResult(iterate, dual, None, step)
+        previous = gap
+        trial = _line_search(s, mu, iterate, dq, float(mu * y @ y + g @ g), rounding)
+        if trial is None:
+            return NewtonResult(iterate, dual, None, step)
+        iterate = trial
+    return NewtonResult(iterate, dual, None, MAX_STEPS)
+
+
+def _line_search(
+    s: System, mu: float, iterate: Iterate, dq: Floats, decrement: float, rounding: float
+) -> Iterate | None:
+    """Halve the step until the objective falls enough (Armijo); None if it never does."""
+    q, length = mu * iterate.v + s.h * iterate.u, 1.0
+    while length >= SHORTEST_STEP:
+        trial = Iterate.at(s, s.regulariser.v_from_q(q + length * dq, mu, s.h), mu)
+        if trial.objective <= iterate.objective - 1e-4 * length * decrement + rounding:
+            return trial
+        length *= 0.5
+    return None
+
+
+def homotopy(s: System, target_ratio: Callable[[Floats], float]) -> NewtonResult:
+    """Follow the minimiser from a large mu down to ``s.mu``; `target_ratio` as in `newton`."""
     reg, steps = s.regulariser, 0
     mu = max(s.mu, s.norm**2)
-    now = Iterate.at(s, np.full(len(s.h), -s.beta), mu)
+    iterate = Iterate.at(s, np.full(len(s.h), -s.beta), mu)
     while mu > s.mu:
-        stage = newton(s, mu, now, lambda u: STAGE * float(np.sum(reg.ceiling(u))))
+        stage = newton(s, mu, iterate, lambda u: STAGE * float(np.sum(reg.slope_bound(u))))
         v, u = stage.primal.v, stage.primal.u
-        kept = mu * (v + s.beta) + s.h * u  # T^T r + h u: continuous as mu goes to 0
-        mu = max(HOMOTOPY * mu, s.mu)
-        now = Iterate.at(s, reg.unfold(kept - mu * s.beta, mu, s.h), mu)
+        continuous = mu * (v + s.beta) + s.h * u  # T^T r + h u: continuous as mu goes to 0
+        mu = max(MU_FACTOR * mu, s.mu)
+        iterate = Iterate.at(s, reg.v_from_q(continuous - mu * s.beta, mu, s.h), mu)
         steps += stage.steps
-    last = newton(s, mu, now, enough)
-    return Pair(last.primal, last.dual, last.ahead, steps + last.steps)
+    last = newton(s, mu, iterate, target_ratio)
+    return replace(last, steps=steps + last.steps)

@@ -1,4 +1,4 @@
-"""What the reference solver is asked and what it answers."""
+"""The problems and the solutions of the reference solver."""
 
 from __future__ import annotations
 
@@ -14,16 +14,19 @@ from verification.reference.regularisers import REGULARISERS
 RELATIVE_ERROR = 1e-12
 """A solution is trusted when its error bound is below this times its largest entry."""
 SMALLEST_SCALE = 1e-12
-"""That entry counts as at least this (times |eps| / |T| for the linear regulariser)."""
+"""Least value of that largest entry (times |eps| / |T| for the linear regulariser)."""
 
 
-def _frozen(value: Floats) -> Floats:
-    own = isinstance(value, np.ndarray) and value.dtype == np.float64 and value.flags.owndata
-    if own and not value.flags.writeable:  # the T that many strains share
-        return value
-    copy = np.array(value, dtype=np.float64)
-    copy.setflags(write=False)
-    return copy
+def _freeze(instance: object, *keys: str) -> None:
+    """Replace arrays by read-only copies in double precision."""
+    for key in keys:
+        value = getattr(instance, key)
+        own = isinstance(value, np.ndarray) and value.dtype == np.float64 and value.flags.owndata
+        if own and not value.flags.writeable:  # the T that many strains share
+            continue
+        copy = np.array(value, dtype=np.float64)
+        copy.setflags(write=False)
+        object.__setattr__(instance, key, copy)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,27 +61,19 @@ class Problem:
     bias: bool = False
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "T", _frozen(self.T))
-        object.__setattr__(self, "eps", _frozen(self.eps))
-        object.__setattr__(self, "lam", float(self.lam))
-        complaints = tuple(self._complaints())
-        if complaints:
-            raise InputError("reference problem", *complaints)
-
-    def _complaints(self) -> list[Complaint]:
-        found = []
+        _freeze(self, "T", "eps")
+        shape = []
         if self.T.ndim != 2 or 0 in self.T.shape:
-            found.append(Complaint("T", f"shape {self.T.shape}", "an M x N matrix is needed"))
+            shape.append(Complaint("T", f"shape {self.T.shape}", "an M x N matrix is needed"))
         elif self.eps.shape != (self.T.shape[0],):
-            shape = f"shape {self.eps.shape}"
-            found.append(Complaint("eps", shape, f"one entry a row of T: ({self.T.shape[0]},)"))
-        found += _not_finite(T=self.T, eps=self.eps)
-        return found + _unusable(self.lam, self.regulariser, self.bias)
+            accepted = f"one entry per row of T: ({self.T.shape[0]},)"
+            shape.append(Complaint("eps", f"shape {self.eps.shape}", accepted))
+        _check(self, shape, T=self.T, eps=self.eps)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ToeplitzProblem:
-    """The same with a square Toeplitz matrix that is never formed; dimensionless.
+    """A `Problem` with a square Toeplitz matrix that is never formed; dimensionless.
 
     Attributes
     ----------
@@ -103,75 +98,68 @@ class ToeplitzProblem:
     bias: bool = False
 
     def __post_init__(self) -> None:
-        for key in ("column", "row", "eps"):
-            object.__setattr__(self, key, _frozen(getattr(self, key)))
-        object.__setattr__(self, "lam", float(self.lam))
-        complaints = tuple(self._complaints())
-        if complaints:
-            raise InputError("reference problem", *complaints)
-
-    def _complaints(self) -> list[Complaint]:
-        found = []
+        _freeze(self, "column", "row", "eps")
+        shape = []
         shapes = (self.column.shape, self.row.shape, self.eps.shape)
         if self.column.ndim != 1 or len(set(shapes)) > 1 or 0 in self.column.shape:
-            found.append(Complaint("column, row, eps", str(shapes), "all of one shape (N,)"))
+            shape.append(Complaint("column, row, eps", str(shapes), "all of one shape (N,)"))
         elif self.column[0] != self.row[0]:
             value = f"{float(self.row[0])!r}"
-            found.append(Complaint("row[0]", value, f"column[0] = {float(self.column[0])!r}"))
-        found += _not_finite(column=self.column, row=self.row, eps=self.eps)
-        if self.lam == 0.0:
-            found.append(Complaint("lam", "0.0", "must be positive"))
-        return found + _unusable(self.lam, self.regulariser, self.bias)
+            shape.append(Complaint("row[0]", value, f"column[0] = {float(self.column[0])!r}"))
+        _check(self, shape, column=self.column, row=self.row, eps=self.eps)
 
 
-def _not_finite(**arrays: Floats) -> list[Complaint]:
-    return [
-        Complaint(key, "", "every entry must be finite")
-        for key, array in arrays.items()
-        if not np.all(np.isfinite(array))
+def _check(problem: Problem | ToeplitzProblem, shape: list[Complaint], **arrays: Floats) -> None:
+    """Raise InputError for complaints about the shape, the arrays and the regularisation."""
+    object.__setattr__(problem, "lam", float(problem.lam))
+    lam, linear = problem.lam, problem.regulariser == "linear"
+    complaints = [
+        *shape,
+        *(
+            Complaint(key, "", "every entry must be finite")
+            for key, array in arrays.items()
+            if not np.all(np.isfinite(array))
+        ),
     ]
-
-
-def _unusable(lam: float, regulariser: str, bias: bool) -> list[Complaint]:
-    found = []
-    if regulariser not in REGULARISERS:
-        known = ", ".join(REGULARISERS)
-        found.append(Complaint("regulariser", regulariser, f"one of {known}"))
-    linear = regulariser == "linear"
-    if not math.isfinite(lam) or lam < 0.0 or (lam == 0.0 and not linear):
-        accepted = "at least 0" if linear else "positive"
-        found.append(Complaint("lam", repr(lam), f"must be finite and {accepted}"))
-    if bias and linear:
-        found.append(Complaint("bias", "True", "the linear regulariser has no bias current"))
-    return found
+    if problem.regulariser not in REGULARISERS:
+        accepted = f"one of {', '.join(REGULARISERS)}"
+        complaints.append(Complaint("regulariser", problem.regulariser, accepted))
+    may_be_zero = linear and isinstance(problem, Problem)
+    if not math.isfinite(lam) or lam < 0.0 or (lam == 0.0 and not may_be_zero):
+        accepted = "at least 0" if may_be_zero else "positive"
+        complaints.append(Complaint("lam", repr(lam), f"must be finite and {accepted}"))
+    if problem.bias and linear:
+        complaints.append(Complaint("bias", "True", "the linear regulariser has no bias current"))
+    if complaints:
+        raise InputError("reference problem", *complaints)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Solution:
-    """An answer with the evidence for it.
+    """A solution with its certificate.
 
     Attributes
     ----------
     problem : Problem or ToeplitzProblem
-        What was asked, so that every figure below can be computed again.
+        The problem, so that every figure below can be computed again.
     u : ndarray (N,)
         The minimiser.
     v : ndarray (N,) or None
-        ``g^-1(u)``; it is finite where u underflows. None for the linear regulariser.
+        ``g^-1(u)``, which stays finite where u underflows. None for the linear regulariser.
     objective : float
         ``|T u - eps|^2 + lam * Omega(u)``.
     certificate_kind : str
-        ``duality gap`` (of the objective, so an upper bound on how far it is above its minimum)
-        or ``relative residual`` (of the normal equations, over ``|T|^2 |u| + |T| |eps|``).
+        ``duality gap`` (an upper bound on the objective above its minimum) or ``relative
+        residual`` (of the normal equations, over ``|T|^2 |u| + |T| |eps|``).
     certificate : float
-        Its value; not a number if the solver had nothing to evaluate.
+        Value of the certificate; not a number if the solver could not evaluate it.
     bound : float
-        What the certificate must stay below to be trusted.
+        Largest certificate of a trusted solution.
     error_bound : float
-        Upper bound on ``max |u - u*|``; infinite where none can be given.
+        Upper bound on ``max |u - u*|``; infinite if no bound is known.
     trusted : bool
         The certificate is below its bound, so the error is below ``1e-12 max |u|``, or below the
-        tolerance asked for a Toeplitz problem.
+        requested tolerance of a Toeplitz problem.
     condition : float
         Condition number of the equations that were solved last.
     iterations : int
@@ -179,7 +167,7 @@ class Solution:
     seconds : float
         Wall time.
     reason : str
-        Why it is not trusted and what to do; empty if it is.
+        Why the solution is not trusted and what to do; empty for a trusted solution.
     """
 
     problem: Problem | ToeplitzProblem
@@ -204,11 +192,9 @@ class Solution:
         )
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "u", _frozen(self.u))
-        if self.v is not None:
-            object.__setattr__(self, "v", _frozen(self.v))
+        _freeze(self, *(["u"] if self.v is None else ["u", "v"]))
 
     @property
     def lam(self) -> float:
-        """The regularisation that was used."""
+        """Regularisation of the problem."""
         return self.problem.lam

@@ -1,7 +1,7 @@
-"""The regularisers that amplifiers bring to the energy (eq 17), one entry of a table each.
+"""A table of the regularisers that amplifiers add to the energy (eq 17).
 
-An amplifier ``u = g(v)``, g increasing, regularises with the integral of its inverse. Everything is
-written in v, which stays finite where u underflows or saturates, with ``Psi`` the integral of g:
+An amplifier ``u = g(v)``, g increasing, regularises with the integral of its inverse. All functions
+take v, which stays finite where u underflows or saturates. With ``Psi`` the integral of g,
 ``integral of g^-1 = u v - Psi(v)`` up to a constant. With mu half of lam and h a positive weight,
 the solver's coordinate is ``q = mu v + h g(v)``; it neither overflows nor stalls as mu goes to 0.
 """
@@ -22,33 +22,19 @@ Function = Callable[[Floats], Floats]
 
 @dataclass(frozen=True, slots=True)
 class Regulariser:
-    """One increasing g with what a certified Newton method needs of it.
-
-    Attributes
-    ----------
-    g, slope, inverse, potential : callable
-        g, its derivative, its inverse and ``Psi``; of arrays.
-    exact : callable
-        g in double-double arithmetic.
-    unfold : callable
-        ``v(q, mu, h)``, the inverse of ``q = mu v + h g(v)``.
-    steepest : callable
-        ``(v, d) ->`` the largest slope within ``[v - d, v + d]``, d >= 0.
-    ceiling : callable
-        ``u ->`` a bound S on the slope at u, such that ``S + d`` bounds it at ``u + d``.
-    weight : float
-        ``mu = weight * lam``: 1/2, and 1 for linear whose Omega is ``sum u^2``.
-    """
+    """An increasing g with the functions that a certified Newton method needs."""
 
     g: Function
-    slope: Function
-    inverse: Function
-    potential: Function
-    exact: Callable[[DoubleDouble], DoubleDouble]
-    unfold: Callable[[Floats, float, Floats], Floats]
-    steepest: Callable[[Floats, Floats], Floats]
-    ceiling: Function
-    weight: float = 0.5
+    slope: Function  # derivative of g
+    inverse: Function  # of g
+    potential: Function  # ``Psi``
+    exact: Callable[[DoubleDouble], DoubleDouble]  # g in double-double arithmetic
+    v_from_q: Callable[[Floats, float, Floats], Floats]  # ``v(q, mu, h)``: inverse of q(v)
+    largest_slope: Callable[[Floats, Floats], Floats]  # ``(v, d)``: largest slope in [v - d, v + d]
+    slope_bound: (
+        Function  # ``u ->`` a bound S on the slope at u; ``S + d`` bounds the slope at u + d
+    )
+    weight: float = 0.5  # ``mu = weight * lam``: 1 for linear, whose Omega is ``sum u^2``
 
     def energy(self, v: Floats) -> Floats:
         """Return the integral of the inverse at ``u = g(v)``, up to a constant."""
@@ -60,10 +46,10 @@ def _newton(start: Floats, q: Floats, mu: float, h: Floats, g: Function, slope: 
     v = start
     for _ in range(200):
         linear, curved = mu * v, h * g(v)
-        miss = linear + curved - q
-        if np.all(np.abs(miss) <= 1e-15 * (np.abs(linear) + np.abs(curved) + np.abs(q))):
+        residual = linear + curved - q
+        if np.all(np.abs(residual) <= 1e-15 * (np.abs(linear) + np.abs(curved) + np.abs(q))):
             break
-        v = v - miss / (mu + h * slope(v))
+        v = v - residual / (mu + h * slope(v))
     return v
 
 
@@ -111,7 +97,7 @@ def _tanh_exact(v: DoubleDouble) -> DoubleDouble:
     return _signed(v, -fall / (dd.ONE + dd.ONE + fall))
 
 
-def _unfold_exponential(q: Floats, mu: float, h: Floats) -> Floats:
+def _v_from_q_exponential(q: Floats, mu: float, h: Floats) -> Floats:
     from scipy.special import wrightomega
 
     shift = np.log(h / mu)
@@ -121,18 +107,18 @@ def _unfold_exponential(q: Floats, mu: float, h: Floats) -> Floats:
         return np.where(z < 0.0, q / mu - omega, np.log(omega) - shift)
 
 
-def _unfold_sinh(q: Floats, mu: float, h: Floats) -> Floats:
+def _v_from_q_sinh(q: Floats, mu: float, h: Floats) -> Floats:
     size = np.abs(q)
     start = np.minimum(size / mu, np.arcsinh(size / h))
     return np.sign(q) * _newton(start, size, mu, h, np.sinh, np.cosh)
 
 
-def _unfold_softplus(q: Floats, mu: float, h: Floats) -> Floats:
-    start = np.where(q > h * np.log(2.0), q / (mu + h), _unfold_exponential(q, mu, h))
+def _v_from_q_softplus(q: Floats, mu: float, h: Floats) -> Floats:
+    start = np.where(q > h * np.log(2.0), q / (mu + h), _v_from_q_exponential(q, mu, h))
     return _newton(start, q, mu, h, _softplus, _sigmoid)
 
 
-def _unfold_tanh(q: Floats, mu: float, h: Floats) -> Floats:
+def _v_from_q_tanh(q: Floats, mu: float, h: Floats) -> Floats:
     size = np.abs(q)
     start = np.maximum(size / (mu + h), (size - h) / mu)
     return np.sign(q) * _newton(start, size, mu, h, np.tanh, _sech2)
@@ -145,9 +131,9 @@ REGULARISERS: dict[str, Regulariser] = {
         inverse=lambda u: u,
         potential=lambda v: 0.5 * v * v,
         exact=lambda v: v,
-        unfold=lambda q, mu, h: q / (mu + h),
-        steepest=lambda v, _: np.ones_like(v),
-        ceiling=np.ones_like,
+        v_from_q=lambda q, mu, h: q / (mu + h),
+        largest_slope=lambda v, _: np.ones_like(v),
+        slope_bound=np.ones_like,
         weight=1.0,
     ),
     "exponential": Regulariser(
@@ -156,9 +142,9 @@ REGULARISERS: dict[str, Regulariser] = {
         inverse=np.log,
         potential=np.exp,
         exact=dd.exp,
-        unfold=_unfold_exponential,
-        steepest=lambda v, d: np.exp(v + d),
-        ceiling=lambda u: u,
+        v_from_q=_v_from_q_exponential,
+        largest_slope=lambda v, d: np.exp(v + d),
+        slope_bound=lambda u: u,
     ),
     "sinh": Regulariser(
         g=np.sinh,
@@ -166,9 +152,9 @@ REGULARISERS: dict[str, Regulariser] = {
         inverse=np.arcsinh,
         potential=np.cosh,
         exact=_sinh_exact,
-        unfold=_unfold_sinh,
-        steepest=lambda v, d: np.cosh(np.abs(v) + d),
-        ceiling=lambda u: 1.0 + np.abs(u),
+        v_from_q=_v_from_q_sinh,
+        largest_slope=lambda v, d: np.cosh(np.abs(v) + d),
+        slope_bound=lambda u: 1.0 + np.abs(u),
     ),
     "softplus": Regulariser(
         g=_softplus,
@@ -176,9 +162,9 @@ REGULARISERS: dict[str, Regulariser] = {
         inverse=lambda u: u + np.log(-np.expm1(-u)),
         potential=_softplus_potential,
         exact=_softplus_exact,
-        unfold=_unfold_softplus,
-        steepest=lambda v, d: _sigmoid(v + d),
-        ceiling=lambda u: -np.expm1(-u),
+        v_from_q=_v_from_q_softplus,
+        largest_slope=lambda v, d: _sigmoid(v + d),
+        slope_bound=lambda u: -np.expm1(-u),
     ),
     "tanh": Regulariser(
         g=np.tanh,
@@ -186,8 +172,8 @@ REGULARISERS: dict[str, Regulariser] = {
         inverse=np.arctanh,
         potential=lambda v: np.abs(v) + np.log1p(np.exp(-2.0 * np.abs(v))) - np.log(2.0),
         exact=_tanh_exact,
-        unfold=_unfold_tanh,
-        steepest=lambda v, d: _sech2(np.maximum(np.abs(v) - d, 0.0)),
-        ceiling=np.ones_like,
+        v_from_q=_v_from_q_tanh,
+        largest_slope=lambda v, d: _sech2(np.maximum(np.abs(v) - d, 0.0)),
+        slope_bound=np.ones_like,
     ),
 }

@@ -1,4 +1,4 @@
-"""The way into the reference solver: one table entry a regulariser."""
+"""The reference solver: one solver per regulariser."""
 
 from __future__ import annotations
 
@@ -19,29 +19,24 @@ SOLVERS: dict[str, Callable[[Problem], Solution]] = {
 def solve(problem: Problem) -> Solution:
     """Solve a problem by the method of its regulariser.
 
-    Parameters
-    ----------
-    problem : Problem
-        What to solve.
-
     Returns
     -------
     Solution
-        To be believed only if ``trusted``; otherwise ``reason`` says why not.
+        Accurate only if ``trusted``; otherwise ``reason`` says why not.
 
     Raises
     ------
     SolverError
-        Nothing at all can be returned.
+        The solver can return no answer.
     """
     return SOLVERS[problem.regulariser](problem)
 
 
 def solve_each(problem: Problem, strains: Iterable[Floats]) -> list[Solution]:
-    """Solve a problem for several strains (M,) in the place of its own.
+    """Solve a problem with its strain replaced by each of `strains` (M,).
 
-    A linear problem factorises T once for all of them; the equations of the other regularisers
-    change with the solution.
+    A linear problem factorises T once; the equations of the other regularisers change with the
+    solution.
 
     Raises
     ------

@@ -1,7 +1,8 @@
-"""Solves ``(A^T A + mu I) y = A^T f1 + f2``, ``A = T D`` with D diagonal, without losing digits.
+"""Solvers of ``(A^T A + mu I) y = A^T f1 + f2``, ``A = T D`` with D diagonal, to full accuracy.
 
-This is the correction step of every refinement here. QR and the singular values work on A itself
-(or on the stacked ``[A; sqrt(mu) I]``), so f1 is not multiplied by the square of the condition.
+Every refinement in this folder solves these equations for its correction. QR and the singular
+values work on A itself (or on the stacked ``[A; sqrt(mu) I]``), so the error of f1 is not
+multiplied by the square of the condition number.
 """
 
 from __future__ import annotations
@@ -15,12 +16,10 @@ from spice_models.errors import SolverError
 
 CHOLESKY_LIMIT = 1e-12
 """Normal equations are used while mu is above this times ``|T D|^2``; QR below."""
-
-
 NEGLIGIBLE = 1e-16
 """A channel whose ``|T D|^2`` is below this times mu is not coupled to the others."""
-MANY = 0.9
-"""Leaving channels out pays if fewer than this share remain."""
+WORTHWHILE = 0.9
+"""Uncoupled channels are left out if at most this share of all channels remains."""
 
 
 class Factor(Protocol):
@@ -40,7 +39,7 @@ class _Cholesky:
         H = gram * D
         H *= D[:, None]
         H.flat[:: len(H) + 1] += mu
-        # Transposed it is in LAPACK's order, and it is symmetric: no copy.
+        # H is symmetric, and H.T has LAPACK's memory order: no copy.
         self._L, self.failed = dpotrf(H.T, lower=1, clean=0, overwrite_a=1)
         self._T, self._D = T, D
 
@@ -65,16 +64,10 @@ class _QR:
 
 
 class SVD:
-    """Singular values of T (D = 1): rank and condition are known; mu may be 0.
+    """Singular values `sigma` of T (D = 1, descending); mu may be 0.
 
-    Attributes
-    ----------
-    sigma : ndarray (min(M, N),)
-        Singular values, descending.
-    least : float
-        Lower bound on the least singular value of the stacked matrix; 0 if rank-deficient.
-    condition : float
-        Of the stacked matrix.
+    `least` is a lower bound on the least singular value of the stacked matrix (0 if it is
+    rank-deficient), `condition` the condition number of the stacked matrix.
 
     Raises
     ------
@@ -101,20 +94,20 @@ class SVD:
         )
 
     def solve(self, f1: Floats, f2: Floats) -> Floats:
-        """Return y (N,) for f1 (M,), f2 (N,); without the directions T cannot see if mu = 0."""
+        """Return y (N,) for f1 (M,), f2 (N,); if mu = 0, without components in T's null space."""
         inner = self._Vt @ f2
         y = (self._gain * (self.sigma * (f1 @ self._U) + inner)) @ self._Vt
         if self._mu > 0.0 and not self._complete:
-            beyond = f2 - inner @ self._Vt
-            beyond -= (self._Vt @ beyond) @ self._Vt  # what rounding left is divided by mu
-            y = y + beyond / self._mu
+            orthogonal = f2 - inner @ self._Vt
+            orthogonal -= (self._Vt @ orthogonal) @ self._Vt  # mu would magnify the rounding
+            y = y + orthogonal / self._mu
         return np.asarray(y)
 
 
 class _Partial:
-    """Only the channels that D leaves coupled; the others are divided by mu.
+    """Factorise only the channels that D leaves coupled; divide the others by mu.
 
-    What is neglected is below 1e-8 of a correction, which the next correction makes good.
+    The neglected part is below 1e-8 of a correction; the next correction removes its effect.
     """
 
     def __init__(self, T: Floats, gram: Floats, D: Floats, mu: float, active: Indices) -> None:
@@ -130,23 +123,14 @@ class _Partial:
 
 
 def factorise(T: Floats, gram: Floats, D: Floats, mu: float) -> Factor:
-    """Factorise by Cholesky where that is accurate enough, else by QR.
+    """Factorise by Cholesky where Cholesky is accurate enough, else by QR.
 
-    Parameters
-    ----------
-    T : ndarray (M, N)
-        The matrix.
-    gram : ndarray (N, N)
-        ``T^T T``.
-    D : ndarray (N,)
-        Nonnegative. Channels where it is negligible are left out of the factorisation: for small
-        mu that is most of them.
-    mu : float
-        Positive.
+    `T` (M, N), `gram` = ``T^T T`` (N, N), `D` (N,) at least 0, `mu` positive. Channels with a
+    negligible D are left out of the factorisation: most channels for small mu.
     """
     diagonal = gram.diagonal() * D * D
     active = np.flatnonzero(diagonal > NEGLIGIBLE * mu)
-    if len(active) < MANY * len(D):
+    if len(active) < WORTHWHILE * len(D):
         return _Partial(T, gram, D, mu, active)
     if mu > CHOLESKY_LIMIT * float(np.sum(diagonal)):
         factor = _Cholesky(T, gram, D, mu)

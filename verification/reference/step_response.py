@@ -15,22 +15,12 @@ EPS = float(np.finfo(np.float64).eps)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Response:
-    """Outputs of the ideal network as a function of time.
+    """Outputs of the ideal network as a function of time."""
 
-    Attributes
-    ----------
-    time : ndarray (P,)
-        Instants, s, increasing from 0, close enough together that no crossing hides between two.
-    outputs : callable
-        ``outputs(t (K,)) -> u (K, N)``, V, at any time from 0 to the last of `time`.
-    start, target : ndarray (N,)
-        Outputs at time 0 and at rest, V.
-    """
-
-    time: Floats
-    outputs: Callable[[Floats], Floats]
-    start: Floats
-    target: Floats
+    time: Floats  # s, increasing from 0, dense enough for at most one crossing in an interval
+    outputs: Callable[[Floats], Floats]  # ``t (K,) -> u (K, N)``, V, for t within `time`
+    start: Floats  # outputs at time 0 (N,), V
+    target: Floats  # outputs at rest (N,), V
 
     @property
     def amplitude(self) -> float:
@@ -78,9 +68,9 @@ class Response:
     def _crossings(self, level: float) -> Floats:
         step = self.target - self.start
         moving = np.flatnonzero(np.abs(step) >= SMALL_STEP * self.amplitude)
-        found = np.full(len(step), np.nan)
+        times = np.full(len(step), np.nan)
         if self.amplitude == 0.0:
-            return found
+            return times
         progress = (self.outputs(self.time)[:, moving] - self.start[moving]) / step[moving]
         above = progress >= level
         for column, n in enumerate(moving.tolist()):
@@ -92,12 +82,12 @@ class Response:
                 u = float(self.outputs(np.array([t]))[0, n])
                 return float((u - self.start[n]) / step[n]) - level
 
-            found[n] = _root(height, float(self.time[max(first - 1, 0)]), float(self.time[first]))
-        return found
+            times[n] = _root(height, float(self.time[max(first - 1, 0)]), float(self.time[first]))
+        return times
 
 
 def _root(f: Callable[[float], float], low: float, high: float) -> float:
-    """Return where `f` changes its sign; where rounding hides the change, the later end."""
+    """Return the zero of `f` in the interval; `high` if rounding hides the change of sign."""
     from scipy.optimize import brentq
 
     if low == high or f(low) * f(high) >= 0.0:

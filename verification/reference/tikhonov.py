@@ -1,4 +1,4 @@
-"""The linear regulariser: QR or SVD, refined with 106-bit residuals, judged by its residual.
+"""Solver for the linear regulariser: QR or SVD, refined with 106-bit residuals.
 
 The unknowns are u and the residual ``r = eps - T u`` together (Bjorck, BIT 7, 1967), so refinement
 contracts with the condition number and not with its square. With ``f1 = eps - T u - r`` and
@@ -16,55 +16,52 @@ from functools import cache
 import numpy as np
 
 from spice_models.array_types import Floats
-from verification.reference.doubledouble import PRODUCT, DoubleDouble, ExactMatrix
+from verification.reference.doubledouble import PRODUCT_ERROR, DoubleDouble, ExactMatrix
 from verification.reference.problem import RELATIVE_ERROR, SMALLEST_SCALE, Problem, Solution
 from verification.reference.scaled_problem import Scaled
 from verification.reference.stacked_least_squares import SVD, Factor, factorise
 
 MAX_REFINEMENTS = 20
 QR_CONDITION = 1e13
-"""Above this the square root of mu says too little about the least singular value: SVD."""
+"""Above this the SVD is used: sqrt(mu) is a poor bound on the least singular value."""
 SMALL = 300
-"""Up to this many channels or sensors the singular values cost next to nothing."""
+"""Up to this many channels or sensors the cost of the SVD is negligible."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Point:
-    """u and r in 106 bits; f1, f2 and the weighted norm ``|f1| s + |f2|``.
-
-    `residual` counts what the evaluation may have got wrong, which is `noise`.
-    """
+    """u and r in 106 bits with their residuals."""
 
     u: DoubleDouble
     r: DoubleDouble
     f1: Floats
     f2: Floats
-    residual: float
-    noise: float
+    residual: float  # ``|f1| s + |f2|`` plus `rounding`
+    rounding: float  # bound on the rounding error of the evaluation
 
 
 def _point(
     s: Scaled, exact: ExactMatrix, least: float, u: DoubleDouble, r: DoubleDouble | None = None
 ) -> _Point:
-    """Evaluate u and r; by default with the r that makes f1 zero."""
-    left = DoubleDouble.of(s.eps) - exact @ u
-    r = left if r is None else r
-    f1 = (left - r).hi
+    """Evaluate u and r; by default r makes f1 zero."""
+    misfit = DoubleDouble.of(s.eps) - exact @ u
+    r = misfit if r is None else r
+    f1 = (misfit - r).hi
     f2 = (exact.transposed(r) - DoubleDouble.of(s.mu) * u).hi
     size, dual = float(np.linalg.norm(u.hi)), float(np.linalg.norm(r.hi))
-    slack1 = PRODUCT * (s.norm * size + float(np.linalg.norm(s.eps)) + dual)
-    slack2 = PRODUCT * (s.norm * dual + s.mu * size)
-    noise = slack1 * least + slack2
-    missed = float(np.linalg.norm(f1)) * least + float(np.linalg.norm(f2))
-    return _Point(u, r, f1, f2, missed + noise, noise)
+    rounding1 = PRODUCT_ERROR * (s.norm * size + float(np.linalg.norm(s.eps)) + dual)
+    rounding2 = PRODUCT_ERROR * (s.norm * dual + s.mu * size)
+    rounding = rounding1 * least + rounding2
+    residual = float(np.linalg.norm(f1)) * least + float(np.linalg.norm(f2))
+    return _Point(u, r, f1, f2, residual + rounding, rounding)
 
 
 def _refine(s: Scaled, exact: ExactMatrix, factor: Factor, least: float) -> tuple[_Point, int]:
-    """Solve and refine until the residual stops shrinking, or is what evaluating it leaves."""
+    """Solve and refine until the residual stops shrinking or is at its rounding error."""
     first = DoubleDouble.of(factor.solve(s.eps, np.zeros(s.T.shape[1])))
     best = _point(s, exact, least, first)
     for step in range(MAX_REFINEMENTS):
-        if best.residual <= 2.0 * best.noise:
+        if best.residual <= 2.0 * best.rounding:
             return best, step
         du = factor.solve(best.f1, best.f2)
         u = best.u + DoubleDouble.of(du)
@@ -95,7 +92,7 @@ def solve_tikhonov(problem: Problem) -> Solution:
     Raises
     ------
     SolverError
-        T cannot be factorised at all.
+        T cannot be factorised.
     """
     (solution,) = solve_strains(problem, (problem.eps,))
     return solution
@@ -107,7 +104,7 @@ def solve_strains(problem: Problem, strains: Iterable[Floats]) -> list[Solution]
     Raises
     ------
     SolverError
-        T cannot be factorised at all.
+        T cannot be factorised.
     """
     start = time.perf_counter()
     base = Scaled.of(problem)
@@ -115,21 +112,22 @@ def solve_strains(problem: Problem, strains: Iterable[Floats]) -> list[Solution]
     exact = ExactMatrix(base.T)
     stacked = cache(lambda: factorise(base.T, base.gram, np.ones(base.T.shape[1]), base.mu))
     svd = cache(lambda: SVD(base.T, base.mu))
-    found = []
+    solutions = []
     for eps in strains:
         each, s = replace(problem, eps=eps), base.with_strain(eps)
-        answer = None
+        solution = None
         if min(s.T.shape) > SMALL and condition < QR_CONDITION:
             least = float(np.sqrt(s.mu))
-            answer = _judged(each, s, exact, stacked(), least, condition, start)
-        if answer is None or not answer.trusted:  # T may be better conditioned than lam alone says
-            answer = _judged(each, s, exact, svd(), svd().least, svd().condition, start)
-        found.append(answer)
+            solution = _certified(each, s, exact, stacked(), least, condition, start)
+        # The least singular value may be well above sqrt(mu).
+        if solution is None or not solution.trusted:
+            solution = _certified(each, s, exact, svd(), svd().least, svd().condition, start)
+        solutions.append(solution)
         start = time.perf_counter()
-    return found
+    return solutions
 
 
-def _judged(
+def _certified(
     problem: Problem,
     s: Scaled,
     exact: ExactMatrix,
@@ -138,7 +136,7 @@ def _judged(
     condition: float,
     start: float,
 ) -> Solution:
-    """Solve with one factorisation, whose least singular value is known, and judge the answer."""
+    """Solve with one factorisation, given its least singular value, and certify the solution."""
     point, steps = _refine(s, exact, factor, least)
     u = point.u.hi
     peak, dual = float(np.max(np.abs(u))), float(np.linalg.norm(s.eps))
@@ -164,12 +162,10 @@ def _judged(
         condition=condition,
         iterations=steps,
         seconds=time.perf_counter() - start,
-        reason="" if trusted else _reason(condition, problem.lam),
-    )
-
-
-def _reason(condition: float, lam: float) -> str:
-    return (
-        f"double precision cannot state the answer: the condition number is {condition!r} at "
-        f"lambda = {lam!r}; use a larger lambda or fewer channels"
+        reason=""
+        if trusted
+        else (
+            f"double precision is not enough: the condition number is {condition!r} at "
+            f"lambda = {problem.lam!r}; use a larger lambda or fewer channels"
+        ),
     )

@@ -1,8 +1,7 @@
-"""Toeplitz problems at size: a million channels without ever forming T.
+"""Solver for Toeplitz problems of up to a million channels; T is never formed.
 
-A kernel that depends on the distance alone, on an even grid, makes T Toeplitz. The outer iteration,
-its homotopy and its gap are those of `newton`; the products and the inner solvers are those of
-`convolution`.
+A kernel that depends only on the distance makes T Toeplitz on an even grid. `newton` has the outer
+iteration, its homotopy and its gap; `toeplitz_products` has the products and the inner solvers.
 """
 
 from __future__ import annotations
@@ -15,14 +14,15 @@ import numpy as np
 from spice_models.array_types import Floats
 from verification.reference.newton import (
     Iterate,
-    Pair,
+    NewtonResult,
+    System,
     error_bound,
     homotopy,
     largest_ratio,
     newton,
 )
 from verification.reference.problem import SMALLEST_SCALE, Solution, ToeplitzProblem
-from verification.reference.regularisers import REGULARISERS, Regulariser
+from verification.reference.regularisers import REGULARISERS
 from verification.reference.stacked_least_squares import Factor
 from verification.reference.toeplitz_products import (
     ConjugateGradients,
@@ -32,50 +32,41 @@ from verification.reference.toeplitz_products import (
 )
 
 TOLERANCE = 1e-6
-"""Error of u over its largest entry below which a solution is trusted, if not asked otherwise."""
+"""Default error of u over its largest entry below which a solution is trusted."""
 LEVINSON_SIZE = 8192
-"""Up to here, Levinson's recursion solves symmetric linear problems."""
+"""Largest size at which Levinson's recursion solves symmetric linear problems."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _System:
-    """A scaled Toeplitz problem as `newton` wants it."""
+class _ToeplitzSystem(System):
+    """A scaled Toeplitz problem."""
 
     T: ToeplitzMatrix
-    column: Floats
-    power: Floats
-    eps: Floats
-    mu: float
-    beta: float
-    scale: float
-    h: Floats
-    regulariser: Regulariser
+    column: Floats  # of T (N,)
+    power: Floats  # see `circulant_power`
     symmetric: bool
 
     @classmethod
-    def of(cls, problem: ToeplitzProblem) -> _System:
+    def of(cls, problem: ToeplitzProblem) -> _ToeplitzSystem:
         norm = ToeplitzMatrix(problem.column, problem.row).norm
         scale = float(2.0 ** np.rint(np.log2(norm))) if norm > 0.0 else 1.0
         column, row = problem.column / scale, problem.row / scale
-        before, after = np.cumsum(row**2), np.cumsum(column**2)
-        h = before + after[::-1] - column[0] ** 2  # squares of the entries above and below
-        regulariser = REGULARISERS[problem.regulariser]
+        above, below = np.cumsum(row**2), np.cumsum(column**2)
+        h = above + below[::-1] - column[0] ** 2  # the diagonal entry is in both sums
+        regulariser, T = REGULARISERS[problem.regulariser], ToeplitzMatrix(column, row)
         return cls(
-            T=ToeplitzMatrix(column, row),
-            column=column,
-            power=circulant_power(column, row),
             eps=problem.eps / scale,
             mu=regulariser.weight * problem.lam / scale / scale,
             beta=float(problem.bias),
             scale=scale,
+            norm=T.norm,
             h=np.maximum(h, max(1e-30 * float(np.max(h)), float(np.finfo(float).tiny))),
             regulariser=regulariser,
+            T=T,
+            column=column,
+            power=circulant_power(column, row),
             symmetric=bool(np.array_equal(column, row)),
         )
-
-    @property
-    def norm(self) -> float:
-        return self.T.norm
 
     def product(self, u: Floats) -> Floats:
         return self.T.product(u)
@@ -90,19 +81,19 @@ class _System:
         return ConjugateGradients(self.T, self.power, D, mu)
 
 
-def _gap(s: _System, pair: Pair) -> float:
-    """Evaluate the gap again with what rounding may have added to it."""
-    v, size = pair.primal.v, float(np.linalg.norm(pair.primal.u))
-    dual, strain = float(np.linalg.norm(pair.dual)), float(np.linalg.norm(s.eps))
-    miss = float(np.linalg.norm(pair.primal.residual - pair.dual))
-    miss += s.T.rounding * (s.norm * size + strain + dual)
-    d = np.abs(s.transposed(pair.dual) - s.mu * (v + s.beta)) / s.mu
+def _gap(s: _ToeplitzSystem, result: NewtonResult) -> float:
+    """Evaluate the gap, with a bound on its rounding error added."""
+    v, size = result.primal.v, float(np.linalg.norm(result.primal.u))
+    dual, strain = float(np.linalg.norm(result.dual)), float(np.linalg.norm(s.eps))
+    misfit = float(np.linalg.norm(result.primal.residual - result.dual))
+    misfit += s.T.rounding * (s.norm * size + strain + dual)
+    d = np.abs(s.transposed(result.dual) - s.mu * (v + s.beta)) / s.mu
     d += float(np.finfo(float).eps) * np.abs(v)
-    lost = s.T.rounding * s.norm * dual / s.mu  # norm of what rounding did to d
+    rounding = s.T.rounding * s.norm * dual / s.mu  # norm of the rounding error of d
     with np.errstate(over="ignore", invalid="ignore"):
-        steepest = s.regulariser.steepest(v, d + lost)
-        apart = float(np.sum(steepest * d * d)) + float(np.max(steepest)) * lost * lost
-    gap = 0.5 * miss * miss + s.mu * apart  # (d + e)^2 / 2 <= d^2 + e^2
+        slope = s.regulariser.largest_slope(v, d + rounding)
+        apart = float(np.sum(slope * d * d)) + float(np.max(slope)) * rounding * rounding
+    gap = 0.5 * misfit * misfit + s.mu * apart  # (d + e)^2 / 2 <= d^2 + e^2
     return gap if np.isfinite(gap) else float("inf")
 
 
@@ -112,9 +103,9 @@ def solve_toeplitz_problem(problem: ToeplitzProblem, tolerance: float = TOLERANC
     Parameters
     ----------
     problem : ToeplitzProblem
-        What to solve.
+        The problem.
     tolerance : float
-        Error over the largest entry of u at which to stop, and below which to trust the answer.
+        Error over the largest entry of u at which to stop, and below which u is trusted.
 
     Returns
     -------
@@ -122,24 +113,24 @@ def solve_toeplitz_problem(problem: ToeplitzProblem, tolerance: float = TOLERANC
         Certificate: duality gap, with the rounding of the transforms added to it.
     """
     start = time.perf_counter()
-    s = _System.of(problem)
+    s = _ToeplitzSystem.of(problem)
     reg = s.regulariser
 
     def allowed(u: Floats) -> tuple[float, float]:
         peak = float(np.max(np.abs(u)))
-        return tolerance * max(peak, SMALLEST_SCALE), float(np.max(reg.ceiling(u)))
+        return tolerance * max(peak, SMALLEST_SCALE), float(np.max(reg.slope_bound(u)))
 
-    def enough(u: Floats) -> float:
+    def target_ratio(u: Floats) -> float:
         return 0.1 * largest_ratio(*allowed(u))
 
     if problem.regulariser == "linear":
-        pair = newton(s, s.mu, Iterate.at(s, np.zeros(len(s.h)), s.mu), enough)
+        result = newton(s, s.mu, Iterate.at(s, np.zeros(len(s.h)), s.mu), target_ratio)
     else:
-        pair = homotopy(s, enough)
-    last = pair.primal
-    gap, (limit, ceiling) = _gap(s, pair), allowed(last.u)
+        result = homotopy(s, target_ratio)
+    last = result.primal
+    gap, (limit, slope_bound) = _gap(s, result), allowed(last.u)
     in_units = 2.0 * s.scale**2
-    certificate, bound = in_units * gap, in_units * s.mu * largest_ratio(limit, ceiling)
+    certificate, bound = in_units * gap, in_units * s.mu * largest_ratio(limit, slope_bound)
     trusted = certificate <= bound
     return Solution(
         problem=problem,
@@ -149,17 +140,15 @@ def solve_toeplitz_problem(problem: ToeplitzProblem, tolerance: float = TOLERANC
         certificate_kind="duality gap",
         certificate=certificate,
         bound=bound,
-        error_bound=error_bound(gap / s.mu, ceiling),
+        error_bound=error_bound(gap / s.mu, slope_bound),
         trusted=trusted,
         condition=float(np.sqrt(1.0 + s.norm**2 * float(np.max(reg.slope(last.v))) / s.mu)),
-        iterations=pair.steps,
+        iterations=result.steps,
         seconds=time.perf_counter() - start,
-        reason="" if trusted else _reason(certificate, bound, tolerance),
-    )
-
-
-def _reason(gap: float, bound: float, tolerance: float) -> str:
-    return (
-        f"the duality gap {gap!r} is above {bound!r}, which a relative error of {tolerance!r} "
-        "needs; use a larger lambda or a larger tolerance"
+        reason=""
+        if trusted
+        else (
+            f"the duality gap {certificate!r} is above {bound!r}, the limit for a relative error of"
+            f" {tolerance!r}; use a larger lambda or a larger tolerance"
+        ),
     )

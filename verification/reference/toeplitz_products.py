@@ -1,8 +1,8 @@
-"""Fast products with a Toeplitz matrix and solvers that need no more than those.
+"""Fast products with a Toeplitz matrix, and solvers that use only such products.
 
 The Newton matrix ``mu I + D T^T T D`` is preconditioned by circulants, each for one value of D^2
-and blended where D^2 lies between them: a single one leaves channels with a small D badly scaled.
-Two digits a step are enough, so the solver works in single precision if the condition allows.
+and interpolated between: a single circulant leaves channels with a small D badly scaled. Two
+digits a step are enough, so the solver works in single precision if the condition number allows.
 """
 
 from __future__ import annotations
@@ -20,23 +20,15 @@ Real = NDArray[Any]
 INNER_TOLERANCE = 1e-2
 INNER_STEPS = 500
 SINGLE_CONDITION = 1e5
-"""Condition of the Newton matrix up to which the inner solver works in single precision."""
+"""Largest condition number of the Newton matrix for single precision in the inner solver."""
 BLENDS = 3
 """Circulants in the preconditioner."""
 
 
 class ToeplitzMatrix:
-    """A square Toeplitz matrix by its first column and row.
+    """A square Toeplitz matrix from its first `column` and `row` (N,), whose first entries agree.
 
-    Parameters
-    ----------
-    column, row : ndarray (N,)
-        First column and first row; their first entries agree.
-
-    Attributes
-    ----------
-    norm : float
-        Norm of the circulant that T is a part of: an upper bound on the spectral norm of T.
+    `norm` is that of a circulant that contains T: an upper bound on the spectral norm of T.
     """
 
     def __init__(self, column: Floats, row: Floats) -> None:
@@ -52,7 +44,7 @@ class ToeplitzMatrix:
         self._single = self._spectrum.astype(np.complex64)
         self.norm = float(np.max(np.abs(self._spectrum)))
         self.rounding = 4.0 * float(np.finfo(float).eps) * float(np.sqrt(np.log2(self._length + 1)))
-        """Rounding error of a product over ``norm |x|``: root of log N for a fast transform."""
+        """Rounding error of a product over ``norm |x|``: sqrt(log N) for a fast transform."""
 
     def product(self, u: Real) -> Real:
         """Return ``T u`` for u (N,), in the precision of u."""
@@ -82,15 +74,16 @@ def circulant_power(column: Floats, row: Floats) -> Floats:
 
 
 class ConjugateGradients:
-    """``(mu I + D T^T T D) y = D T^T f1 + f2`` to two digits."""
+    """Solver of ``(mu I + D T^T T D) y = D T^T f1 + f2`` to two digits."""
 
     def __init__(self, T: ToeplitzMatrix, power: Floats, D: Floats, mu: float) -> None:
         self._T, self._D, self._mu = T, D, mu
         square = D * D
-        top, crest = float(np.max(square)), float(np.max(power))
+        top, peak_power = float(np.max(square)), float(np.max(power))
         single = top * T.norm**2 <= SINGLE_CONDITION * mu
         self._type: np.dtype[Any] = np.dtype(np.float32 if single else np.float64)
-        least = max(float(np.min(square)), 0.3 * mu / crest if crest > 0.0 else top, 1e-300)
+        coupled = 0.3 * mu / peak_power if peak_power > 0.0 else top
+        least = max(float(np.min(square)), coupled, 1e-300)
         low, high = np.log(least), np.log(max(top, least))
         nodes = np.linspace(low, high, BLENDS) if high - low > 0.1 else np.array([high])
         place = np.zeros_like(D)
@@ -138,7 +131,7 @@ class ConjugateGradients:
 
 
 class Levinson:
-    """``(T^2 + mu) y = T f1 + f2`` for symmetric T, by one complex Toeplitz system.
+    """Solver of ``(T^2 + mu) y = T f1 + f2`` for symmetric T, by one complex Toeplitz system.
 
     ``(T + i sqrt(mu))^-1 = (T - i sqrt(mu)) (T^2 + mu)^-1``: real and imaginary part.
     """

@@ -1,11 +1,12 @@
-"""Writing a file so that nobody ever sees half of it."""
+"""Output files: refused before any work is done, and written completely or not at all."""
 
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 
 from spice_models.errors import Complaint, InputError
@@ -26,17 +27,44 @@ def check_folder(path: str | Path, option: str) -> None:
         raise InputError(option, Complaint("FILE", repr(str(path)), "a folder; expected a file"))
 
 
-def write_atomically(path: str | Path, text: str) -> None:
-    """Write `text` to `path` as `replacing` has it."""
+def check_file(
+    path: str, option: str, endings: Collection[str], packages: Mapping[str, tuple[str, str]]
+) -> None:
+    """Refuse a file that could not be written, before any work is done.
+
+    Parameters
+    ----------
+    endings : collection of str
+        The file names' endings that are known, in lower case.
+    packages : mapping of str to tuple of str
+        By ending, the package that writes the file and the remedy for a missing package.
+
+    Raises
+    ------
+    InputError
+        An unknown ending, a missing folder, or a package that is not installed.
+    """
+    ending = Path(path).suffix.lower()
+    if ending not in endings:
+        text = f"expected a file that ends in {', '.join(endings)}"
+        raise InputError(option, Complaint("FILE", repr(path), text))
+    check_folder(path, option)
+    package, remedy = packages.get(ending, ("", ""))
+    if package and importlib.util.find_spec(package) is None:
+        raise InputError(option, Complaint("FILE", repr(path), remedy))
+
+
+def write_atomically(path: str | Path, content: str | bytes) -> None:
+    """Write `content` to `path` by `replacing`."""
     with replacing(path) as file:
-        file.write_text(text, encoding="utf-8")
+        file.write_bytes(content.encode() if isinstance(content, str) else content)
 
 
 @contextlib.contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
-    """Give a file beside `path` to write to, and move it there in one step when it is complete.
+    """Give a file beside `path` to write to, and move it to `path` when it is complete.
 
-    A full disk or a killed process leaves what stood at `path` as it was. A link is followed.
+    A full disk or a killed process leaves an older file at `path` unchanged. A link is followed.
 
     Raises
     ------
@@ -45,7 +73,7 @@ def replacing(path: str | Path) -> Iterator[Path]:
     """
     target = Path(os.path.realpath(path))
     try:
-        if target.exists() and not target.is_file():  # /dev/stdout, a named pipe: not replaced
+        if target.exists() and not target.is_file():  # such as /dev/stdout or a named pipe
             yield target
             return
         prefix = f".{target.name}."
@@ -61,12 +89,12 @@ def replacing(path: str | Path) -> Iterator[Path]:
         finally:
             temporary.unlink(missing_ok=True)
     except OSError as error:
-        reason = f"{error.strerror or error}; nothing was written, what stood there is as it was"
+        reason = f"{error.strerror or error}; nothing was written, an older file is unchanged"
         raise InputError(path, Complaint("FILE", "", reason)) from None
 
 
 def _mode(target: Path) -> int:
-    """Return the old file's permissions, or what a new file would get here."""
+    """Return the permissions of the old file, or those of a new file in this process."""
     if target.exists():
         return target.stat().st_mode & 0o777
     umask = os.umask(0)

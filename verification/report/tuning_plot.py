@@ -1,9 +1,9 @@
-"""The trade-off of a tuning: settling time over overshoot. matplotlib is imported where used."""
+"""Picture of a tuning: settling time against overshoot."""
 
 from __future__ import annotations
 
 from netlist_gen.quantities import show
-from verification.report.verdict.plots import STYLE, save
+from verification.report.verdict.plots import figure_file
 from verification.studies.tune import Tuning
 
 
@@ -13,19 +13,13 @@ def plot_tradeoff(tuning: Tuning, path: str) -> None:
     Raises
     ------
     InputError
-        The file cannot be written.
+        See `verification.report.verdict.plots.figure_file`.
     """
-    import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(7, 5), layout="constrained")
-        FigureCanvasAgg(figure)
+    with figure_file(path, 7, 5) as figure:
         axes = figure.add_subplot()
         overshoots = [100 * c.overshoot for c in tuning.frontier]
         times = [c.settling_time for c in tuning.frontier]
-        axes.plot(overshoots, times, "o-", ms=4, label="no other design tried beats these")
+        axes.plot(overshoots, times, "o-", ms=4, label="no other design tried is better than these")
         axes.axvline(100 * tuning.overshoot_limit, color="k", ls=":", label="overshoot limit")
         for name, candidate, mark in (("before", tuning.before, "s"), ("after", tuning.after, "*")):
             label = f"{name}: {show(candidate.settling_time, 's')}"
@@ -34,4 +28,3 @@ def plot_tradeoff(tuning: Tuning, path: str) -> None:
         axes.margins(0.08)
         axes.set_title(f"{tuning.scene.name}: settling time against overshoot")
         axes.legend(fontsize="small")
-        save(figure, path)

@@ -1,7 +1,7 @@
-"""The figures of a verdict: their names, their units, and how each is read from it.
+"""The figures of a verdict: names, units, and functions that read them.
 
-Documents, databases, baselines and yields all take theirs from these two tables. A figure that a
-verdict does not have, or that is not finite, is None.
+Documents, databases, baselines and yields all use these two tables. A figure that a verdict does
+not have, or that is not finite, is None.
 """
 
 from __future__ import annotations
@@ -20,17 +20,9 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Figure(Generic[T]):
-    """One figure.
+    """One figure of a verdict or of a channel."""
 
-    Attributes
-    ----------
-    unit : str
-        SI unit, ``"step"`` for fractions of the step amplitude, or empty for a plain number.
-    read : callable
-        Gives the number, or the reading, of a verdict or of a channel.
-    """
-
-    unit: str
+    unit: str  # SI, "step" for fractions of the step amplitude, or empty for a plain number
     read: Callable[[T], Reading | float | None]
 
     def of(self, source: T) -> float | None:
@@ -55,7 +47,7 @@ FIGURES: dict[str, Figure[Verdict]] = {
     "simulation_error": Figure("step", lambda v: v.error.steady_state),
     "seconds": Figure("s", lambda v: v.timing["total"]),
 }
-"""Of the whole board; over several channels the worst one counts."""
+"""Figures of the whole board; the worst channel counts."""
 
 CHANNEL_FIGURES: dict[str, Figure[ChannelMeasure]] = {
     "target": Figure("V", lambda c: c.target),
@@ -66,7 +58,7 @@ CHANNEL_FIGURES: dict[str, Figure[ChannelMeasure]] = {
     "frequency": Figure("Hz", lambda c: c.frequency),
     "growth_rate": Figure("1/s", lambda c: c.growth_rate),
 }
-"""Of one channel."""
+"""Figures of one channel."""
 
 
 def figures_of(source: T, table: Mapping[str, Figure[T]]) -> dict[str, float | None]:
@@ -80,9 +72,10 @@ def signed_errors(verdict: Verdict) -> tuple[float, ...]:
     return tuple((c.final - c.target) / amplitude for c in _channels(verdict))
 
 
-def finite(found: Reading | float | None) -> float | None:
+def finite(value: Reading | float | None) -> float | None:
     """Return a number, or the value of a reading, where it is finite."""
-    value = found.value if isinstance(found, Reading) else found
+    if isinstance(value, Reading):
+        value = value.value
     return float(value) if value is not None and math.isfinite(value) else None
 
 

@@ -1,8 +1,8 @@
 """The paper's CONSOLE step: the design with the least settling time under a limit on overshoot.
 
-The state-space engine judges every candidate; the solution that the board computes stays the same,
-because lambda is held (R follows). Settling time jumps where a ringing peak crosses the band, so
-the search is a grid, then Nelder and Mead's simplex from the best points of it, never a gradient.
+The state-space engine simulates every candidate; the solution that the board computes does not
+change, because lambda is constant (R follows). Settling time jumps where a ringing peak crosses the
+band, so the search uses no gradient: a grid, then Nelder and Mead's simplex from its best points.
 """
 
 from __future__ import annotations
@@ -31,64 +31,38 @@ from verification.pipeline.transient_plan import plan_transient
 from verification.small_signal.margin import capacitance_margin
 from verification.small_signal.time_scales import time_scales
 
-GRID = {1: 25, 2: 9, 3: 5}  # points a parameter, by how many there are
-REACH = 20.0  # the grid spans the scene's own value over and times this
-OVERSHOOT = 0.05  # limit where neither caller nor scene has one
-STARTS = 3
-STEPS = 40  # evaluations of one simplex
-RESOLUTION = 40.0  # points on a ringing period while searching
-LONGEST = 100_000  # points of a candidate's record; beyond, it rings too long to be a good design
-RESERVE = 0.99  # of the overshoot limit: what is found is verified with the simulator's error
-# Keys that leave the solution and the starting point as they are, with lambda held.
+GRID = {1: 25, 2: 9, 3: 5}  # points of each parameter, by the number of parameters
+REACH = 20.0  # the grid spans the scene's value divided and multiplied by this factor
+OVERSHOOT = 0.05  # default limit
+STARTS = 3  # points of the grid from which a simplex starts
+EVALUATIONS = 40  # of one simplex
+POINTS_PER_PERIOD = 40.0
+MAX_RECORD = 100_000  # points of a candidate's record; a longer record is no good design
+RESERVE = 0.99  # of the overshoot limit: the verification adds the simulator's error
+# Keys that change neither the solution nor the starting point if lambda is constant.
 SAME_ANSWER = {"design.gain", "design.capacitance", "design.unit_conductance"}
-INFEASIBLE = 1e6  # added to the objective outside the constraints, so that less outside is better
+INFEASIBLE = 1e6  # added to the objective where a constraint is broken
 
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """One design that was tried.
+    """One design of the search."""
 
-    Attributes
-    ----------
-    values : dict of str to float
-        Parameter values by dotted path.
-    settling_time : float
-        s; infinite if it does not settle. Of a fragile reading's two values the longer.
-    overshoot : float
-        Fraction of the step amplitude; infinite for an unstable board.
-    stable : bool
-        With the margin that was asked for.
-    """
-
-    values: dict[str, float]
-    settling_time: float
-    overshoot: float
-    stable: bool
+    values: dict[str, float]  # by dotted path
+    settling_time: float  # s, the longer value of a fragile reading; infinite if it never settles
+    overshoot: float  # fraction of the step amplitude; infinite for an unstable board
+    stable: bool  # with the requested margin
 
 
 @dataclass(frozen=True, slots=True)
 class Tuning:
-    """What a search found.
+    """Result of a search."""
 
-    Attributes
-    ----------
-    before, after : Candidate
-        The scene as it was, and the best design that keeps the limits.
-    scene : Scene
-        The scene with the best design in it; its checks ask for the limits.
-    frontier : tuple of Candidate
-        The trade-off: no design that was tried has both less overshoot and less settling time.
-    tried : int
-        Designs evaluated.
-    overshoot_limit, margin : float
-        The limits.
-    """
-
-    before: Candidate
-    after: Candidate
-    scene: Scene
-    frontier: tuple[Candidate, ...]
-    tried: int
+    before: Candidate  # the design of the scene
+    after: Candidate  # the best design within the limits
+    scene: Scene  # with the best design, and the limits as checks
+    frontier: tuple[Candidate, ...]  # no candidate has both less overshoot and less settling time
+    tried: int  # candidates evaluated
     overshoot_limit: float
     margin: float
 
@@ -108,41 +82,41 @@ def tune(
     keys : iterable of str
         One to three numeric keys of the scene's design.
     overshoot : float, optional
-        Limit, fraction of the step amplitude; by default the scene's own check, else `OVERSHOOT`.
+        Limit, fraction of the step amplitude; by default the scene's check, else `OVERSHOOT`.
     margin : float, optional
-        Factor by which C may shrink; by default the scene's own check.
+        Factor by which C may shrink; by default the scene's check.
 
     Raises
     ------
     InputError
-        A key that is none or not of the design, none at all, or too many; or the scene's own
-        design cannot be built.
+        A key is unknown or not of the design, there are no keys or too many, or the design of the
+        scene cannot be built.
     EngineError
-        No design within reach keeps the limits.
+        No candidate keeps the limits.
     """
     paths = _paths(scene, keys)
-    own_check = scene.checks.overshoot
-    limit = overshoot or (OVERSHOOT if own_check is None else own_check.max)
+    check = scene.checks.overshoot
+    limit = overshoot or (OVERSHOOT if check is None else check.max)
     search = _Search(scene, paths, limit, margin or scene.checks.stability.margin)
-    own = np.log([_own(scene, path) for path in paths])
-    before = search.assess(own)
-    spread = np.linspace(-math.log(REACH), math.log(REACH), GRID[len(paths)])
-    grid = [own + np.array(offset) for offset in product(spread, repeat=len(paths))]
-    for done, point in enumerate(grid):
-        progress(f"grid {done + 1} of {len(grid)}")
-        search.assess(point)
-    for number, start in enumerate(search.best(STARTS)):
-        progress(f"simplex {number + 1} of {STARTS}")
-        search.descend(start, own, float(spread[1] - spread[0]))
+    centre = np.log([_scene_value(scene, path) for path in paths])
+    before = search.evaluate(centre)
+    offsets = np.linspace(-math.log(REACH), math.log(REACH), GRID[len(paths)])
+    grid = [centre + np.array(offset) for offset in product(offsets, repeat=len(paths))]
+    for number, point in enumerate(grid, 1):
+        progress(f"grid {number} of {len(grid)}")
+        search.evaluate(point)
+    for number, start in enumerate(search.best(STARTS), 1):
+        progress(f"simplex {number} of {STARTS}")
+        search.descend(start, centre, float(offsets[1] - offsets[0]))
     after = search.best(1)[0]
     if search.objective(after) >= INFEASIBLE:
-        raise search.hopeless()
+        raise search.no_design()
     return Tuning(
         before=before,
         after=after,
-        scene=search.finished(after),
-        frontier=_frontier(search.seen),
-        tried=len(search.seen),
+        scene=search.tuned_scene(after),
+        frontier=_frontier(search.candidates),
+        tried=len(search.candidates),
         overshoot_limit=limit,
         margin=search.margin,
     )
@@ -151,7 +125,7 @@ def tune(
 def _paths(scene: Scene, keys: Iterable[str]) -> list[str]:
     paths = [find_key(scene, key).path for key in keys]
     if not 1 <= len(set(paths)) == len(paths) <= max(GRID):
-        text = f"one to {max(GRID)} different keys can be tuned at once"
+        text = f"give one to {max(GRID)} different keys"
         raise InputError("--over", Complaint("keys", repr(",".join(paths)), text))
     for path in paths:
         if not path.startswith("design."):
@@ -160,54 +134,53 @@ def _paths(scene: Scene, keys: Iterable[str]) -> list[str]:
     return paths
 
 
-def _own(scene: Scene, path: str) -> float:
+def _scene_value(scene: Scene, path: str) -> float:
     key = find_key(scene, path)
     value = own_value(scene, key) if key.kind == "real" else None
     if value is None or not 0 < value < math.inf:
-        text = "has no value above zero of its own to start from"
+        text = "the scene has no value above zero of this key, from which the search could start"
         raise InputError("--over", Complaint(path, repr(value), text))
     return value
 
 
-def _frontier(seen: Iterable[Candidate]) -> tuple[Candidate, ...]:
-    """Return the designs that no other one beats in both respects, by growing overshoot."""
-    found: list[Candidate] = []
-    able = [c for c in seen if c.stable and math.isfinite(c.settling_time)]
-    for candidate in sorted(able, key=lambda c: (c.overshoot, c.settling_time)):
-        if not found or candidate.settling_time < found[-1].settling_time:
-            found.append(candidate)
-    return tuple(found)
+def _frontier(candidates: Iterable[Candidate]) -> tuple[Candidate, ...]:
+    """Return the Pareto-optimal candidates, by growing overshoot."""
+    frontier: list[Candidate] = []
+    settling = [c for c in candidates if c.stable and math.isfinite(c.settling_time)]
+    for candidate in sorted(settling, key=lambda c: (c.overshoot, c.settling_time)):
+        if not frontier or candidate.settling_time < frontier[-1].settling_time:
+            frontier.append(candidate)
+    return tuple(frontier)
 
 
 class _Search:
-    """Candidates of one search, each evaluated once."""
+    """Candidates of one search, each simulated once."""
 
     def __init__(self, scene: Scene, paths: list[str], overshoot: float, margin: float) -> None:
-        analysis = scene.analysis.model_copy(
-            update={"points_per_period": RESOLUTION, "stop": "auto"}
-        )
+        changes = {"points_per_period": POINTS_PER_PERIOD, "stop": "auto"}
+        analysis = scene.analysis.model_copy(update=changes)
         self.base = scene.model_copy(update={"analysis": analysis})
         self.original, self.paths = scene, paths
         self.overshoot, self.margin = overshoot, margin
         self.problem: InverseProblem = make_problem(scene)
         self.lam = make_scalings(scene).lam
-        self.seen: list[Candidate] = []
+        self.candidates: list[Candidate] = []
         self._ideal: IdealAnswer | None = None
 
     def scene_at(self, values: dict[str, float], base: Scene) -> Scene:
-        """Return `base` with `values` and lambda held."""
-        held = {} if "design.resistance" in values else {"design.lambda": self.lam}
-        return with_values(base, {**held, **values})
+        """Return `base` with `values` and the same lambda."""
+        constant = {} if "design.resistance" in values else {"design.lambda": self.lam}
+        return with_values(base, {**constant, **values})
 
-    def finished(self, candidate: Candidate) -> Scene:
-        """Return the original scene with a design that was found, its limits as checks."""
+    def tuned_scene(self, candidate: Candidate) -> Scene:
+        """Return the original scene with the design of `candidate` and the limits as checks."""
         limits: dict[str, Any] = {"overshoot": OvershootCheck(max=self.overshoot)}
         limits |= {"stability": StabilityCheck(margin=self.margin)}
         checks = self.original.checks.model_copy(update=limits)
         return self.scene_at(candidate.values, self.original.model_copy(update={"checks": checks}))
 
     def objective(self, candidate: Candidate) -> float:
-        """Settling time, logarithmic, with the constraints as steps and slopes."""
+        """Return ln(settling time), plus a penalty that grows with excess overshoot."""
         if not candidate.stable or not math.isfinite(candidate.settling_time):
             return 2 * INFEASIBLE
         excess = max(candidate.overshoot - RESERVE * self.overshoot, 0.0)
@@ -215,50 +188,46 @@ class _Search:
 
     def best(self, count: int) -> list[Candidate]:
         """Return the best candidates so far."""
-        return sorted(self.seen, key=self.objective)[:count]
+        return sorted(self.candidates, key=self.objective)[:count]
 
-    def hopeless(self) -> EngineError:
-        """Say that nothing keeps the limits, and what came nearest."""
-        nearest = min((c.overshoot for c in self.seen), default=math.inf)
-        reached = f"the least overshoot of them is {100 * nearest:.3g} %. "
+    def no_design(self) -> EngineError:
+        """Return the error that no candidate keeps the limits, with the least overshoot."""
+        least = min((c.overshoot for c in self.candidates), default=math.inf)
+        reached = f"the least overshoot of them is {100 * least:.3g} %"
         return EngineError(
             f"no design within a factor of {REACH:g} keeps an overshoot of"
             f" {100 * self.overshoot:g} % and a margin of {self.margin:g} in C; tried"
-            f" {len(self.seen)}, {reached if math.isfinite(nearest) else 'none has the margin. '}"
-            "Loosen a limit, or tune another key, such as capacitance"
+            f" {len(self.candidates)}, {reached if math.isfinite(least) else 'none has the margin'}"
+            ". Loosen a limit, or tune another key, such as capacitance"
         )
 
-    def assess(self, point: Floats) -> Candidate:
-        """Evaluate one design and remember it."""
+    def evaluate(self, point: Floats) -> Candidate:
+        """Simulate the design with the logarithmic parameter values `point`."""
         values = dict(zip(self.paths, np.exp(point).tolist(), strict=True))
         try:
             settling, overshoot, stable = self._measure(self.scene_at(values, self.base))
-        except (EngineError, InputError):  # no state space, or it cannot be built: no design
-            if not self.seen:
+        except (EngineError, InputError):  # the board has no state space or cannot be built
+            if not self.candidates:
                 raise
             settling, overshoot, stable = math.inf, math.inf, False
         candidate = Candidate(values, settling, overshoot, stable)
-        self.seen.append(candidate)
+        self.candidates.append(candidate)
         return candidate
 
-    def descend(self, start: Candidate, own: Floats, size: float) -> None:
-        """Follow a simplex from `start` within reach of `own`; `size` is its first edge."""
+    def descend(self, start: Candidate, centre: Floats, spacing: float) -> None:
+        """Run a simplex from `start` within `REACH` of `centre`; the grid has this `spacing`."""
         from scipy.optimize import minimize
 
         x0 = np.log([start.values[path] for path in self.paths])
-        simplex = np.vstack([x0, x0 + 0.5 * size * np.eye(len(x0))])
-        options: Any = {
-            "initial_simplex": simplex,
-            "maxfev": STEPS,
-            "xatol": 1e-3,
-            "fatol": 1e-4,
-        }
+        simplex = np.vstack([x0, x0 + 0.5 * spacing * np.eye(len(x0))])
+        options: Any = {"initial_simplex": simplex, "maxfev": EVALUATIONS}
+        options |= {"xatol": 1e-3, "fatol": 1e-4}
 
-        def goal(point: Floats) -> float:
+        def objective(point: Floats) -> float:
             reach = math.log(REACH)
-            return self.objective(self.assess(np.clip(point, own - reach, own + reach)))
+            return self.objective(self.evaluate(np.clip(point, centre - reach, centre + reach)))
 
-        minimize(goal, x0.tolist(), method="Nelder-Mead", options=options)
+        minimize(objective, x0.tolist(), method="Nelder-Mead", options=options)
 
     def _measure(self, scene: Scene) -> tuple[float, float, bool]:
         board = LinearBoard(synthesise(scene, self.problem))
@@ -268,17 +237,17 @@ class _Search:
         if self.margin > 1 and capacitance_margin(board, self.margin).factor < self.margin:
             return math.inf, math.inf, False
         transient = plan_transient(scene, scales, "statespace")
-        if transient.stop / transient.max_step > LONGEST:
+        if transient.stop / transient.max_step > MAX_RECORD:
             return math.inf, math.inf, True
         waveforms, ideal = simulate(board, transient), self._reference(scene)
-        found, _ = measure_outputs(scene, board.circuit, ideal, waveforms, transient)
-        settling, reading = math.inf, found.settling_time
+        measured, _ = measure_outputs(scene, board.circuit, ideal, waveforms, transient)
+        settling, reading = math.inf, measured.settling_time
         if reading is not None:
             settling = max(reading.value, reading.alternative or 0.0)
-        return settling, max(channel.overshoot for channel in found.channels), True
+        return settling, max(channel.overshoot for channel in measured.channels), True
 
     def _reference(self, scene: Scene) -> IdealAnswer:
-        """Return the reference; one serves every candidate where the keys do not change it."""
+        """Return the ideal answer, computed once where the tuned keys do not change it."""
         if self._ideal is None or not SAME_ANSWER.issuperset(self.paths):
             network = ideal_network(self.problem, make_scalings(scene), scene)
             self._ideal = ideal_answer(network, scene)

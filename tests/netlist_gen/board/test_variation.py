@@ -93,7 +93,7 @@ def test_resistors_and_capacitors_stay_positive(tolerance: float, z: float) -> N
 def test_an_op_amp_without_gain_is_refused_by_name() -> None:
     nominal, tolerances = board({"opamp": {"base": "ideal", "dc_gain": 1.5}}), Tolerances()
     count = len(parameters(nominal, tolerances))
-    with pytest.raises(InputError, match=r"op-amp v_1: dc_gain = 1\.0: finite and above 1"):
+    with pytest.raises(InputError, match=r"op-amp v_1: dc_gain = 1\.0: must be finite and above 1"):
         vary(nominal, tolerances, np.full(count, -1.0))
 
 

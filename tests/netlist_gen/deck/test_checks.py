@@ -50,7 +50,7 @@ def test_the_board_itself_passes() -> None:
     ],
 )
 def test_a_name_that_is_no_name_is_refused(kind: str, field: str, text: str) -> None:
-    with pytest.raises(ValueError, match="is no name for a deck"):
+    with pytest.raises(ValueError, match="is not a valid name in a deck"):
         write_deck(changed(small(), kind, **{field: text}), TRANSIENT)
 
 
@@ -103,7 +103,7 @@ def test_a_matrix_holds_resistors_only(value: float) -> None:
     ],
 )
 def test_the_header_holds_no_line_of_its_own(fields: dict[str, Any]) -> None:
-    with pytest.raises(ValueError, match=r"no name|comment line"):
+    with pytest.raises(ValueError, match=r"not a valid name|comment line"):
         write_deck(replace(small(), **fields), TRANSIENT)
 
 
@@ -124,7 +124,7 @@ def test_the_header_holds_no_line_of_its_own(fields: dict[str, Any]) -> None:
     ],
 )
 def test_what_a_deck_asks_for_is_checked_too(changes: dict[str, Any]) -> None:
-    with pytest.raises(ValueError, match=r"no name|no file name|finite"):
+    with pytest.raises(ValueError, match=r"not a valid name|a file name in a deck|finite"):
         write_deck(small(), **{"analysis": TRANSIENT, **changes})
 
 

@@ -132,5 +132,5 @@ def test_what_cannot_be_used_is_named(scene: Scene, text: str, complaint: str) -
 def test_zipped_keys_of_different_length_and_keys_given_twice_are_refused(scene: Scene) -> None:
     with pytest.raises(InputError, match="C has 2, gain has 3"):
         parse_axes(scene, ["C=1p,2p gain=1M,2M,3M"])
-    with pytest.raises(InputError, match="given twice"):
+    with pytest.raises(InputError, match="the key occurs twice"):
         parse_axes(scene, ["C=1p,2p", "capacitance=1p,3p"])

@@ -52,7 +52,7 @@ def run(scene: Path, *options: str) -> Result:
         (TACTILE + "[design]\ncapacitance = 0", "design.capacitance", "0", "above zero"),
         (TACTILE + "[design]\ncapacitance = nan", "design.capacitance", "nan", "'10pF'"),
         (TACTILE + '[design]\ncapacitance = "10 V"', "design.capacitance", "'10 V'", "'10pF'"),
-        (TACTILE + '[design]\ncapacitance = "1,5pF"', "design.capacitance", "'1,5pF'", "no comma"),
+        (TACTILE + '[design]\ncapacitance = "1,5pF"', "design.capacitance", "'1,5pF'", "a comma"),
         (TACTILE + "[design]\ncapacitance = 2020-01-01", "design.capacitance", "", "'10pF'"),
         (TACTILE + "[design]\nstray_capacitance = -1", "design.stray_capacitance", "-1", "zero or"),
         (TACTILE + "[design]\nlambda = 1\nresistance = 2", "design.lambda", "1", "'resistance'"),
@@ -136,7 +136,7 @@ def test_files_that_are_no_scene(tmp_path: Path) -> None:
     ("T", "eps", "says"),
     [
         ("1,2\n3\n", "1\n2\n", "line 2 has 1 values, the first 2"),
-        ("1,2\n3,\n", "1\n2\n", "line 2, column 2: a hole"),
+        ("1,2\n3,\n", "1\n2\n", "line 2, column 2: no value"),
         ("1,x\n3,4\n", "1\n2\n", "line 1, column 2: 'x' is not a finite number"),
         ("1,nan\n3,4\n", "1\n2\n", "'nan' is not a finite number"),
         ("1,1_5\n3,4\n", "1\n2\n", "'1_5' is not a finite number"),

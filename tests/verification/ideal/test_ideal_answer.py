@@ -26,14 +26,14 @@ def test_one_channel_in_closed_form() -> None:
     assert answer.start.tolist() == [0.0]
     assert answer.problem == ""
     assert 0.0 < answer.error < 1e-15
-    assert answer.pace.settling_time == pytest.approx(1e-5 / 5.0 * log(100.0), rel=1e-12)
-    assert answer.pace.energy_residual < 1e-12
+    assert answer.transient.settling_time == pytest.approx(1e-5 / 5.0 * log(100.0), rel=1e-12)
+    assert answer.transient.energy_residual < 1e-12
 
 
 def test_capacitance_does_not_change_the_problem() -> None:
     first, second = ideal_answer(ONE, SCENE), ideal_answer(replace(ONE, C=1e-9), SCENE)
     assert second.solution is first.solution
-    assert second.pace.settling_time == pytest.approx(100.0 * first.pace.settling_time)
+    assert second.transient.settling_time == pytest.approx(100.0 * first.transient.settling_time)
 
 
 @pytest.mark.parametrize(
@@ -61,5 +61,5 @@ def test_goes_to_workers_with_its_figures(amplifier: str) -> None:
     with here, there:
         here.send(answer)
         sent = there.recv()
-    assert sent.pace.settling_time == answer.pace.settling_time > 0.0
-    assert sent.pace.energy_residual == answer.pace.energy_residual < 1e-9
+    assert sent.transient.settling_time == answer.transient.settling_time > 0.0
+    assert sent.transient.energy_residual == answer.transient.energy_residual < 1e-9

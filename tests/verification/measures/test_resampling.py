@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from verification.measures.resampling import lagrange, pace, resample
+from verification.measures.resampling import lagrange, resample, typical_step
 
 
 def simulator_times(points=200, step=1e-6):
@@ -36,17 +36,17 @@ def test_six_points_are_sixth_order():
 
 
 def test_the_usual_step():
-    assert pace(simulator_times()) == pytest.approx(1e-6, rel=1e-12)
+    assert typical_step(simulator_times()) == pytest.approx(1e-6, rel=1e-12)
     even = np.linspace(0, 3, 1001)
-    assert pace(even) == 3 / 1000
+    assert typical_step(even) == 3 / 1000
     uneven = np.cumsum(np.arange(1.0, 12.0))
-    assert pace(uneven) == min(np.median(np.diff(uneven)), np.diff(uneven).mean())
+    assert typical_step(uneven) == min(np.median(np.diff(uneven)), np.diff(uneven).mean())
 
 
 def test_points_that_are_met_are_taken_as_they_are(rng):
     time = simulator_times()
     noise = rng.standard_normal((time.size, 3))  # nothing between the points would be exact
-    at, found = resample(time, noise, 3e-6, pace(time), time.size - 3, 50, 6)
+    at, found = resample(time, noise, 3e-6, typical_step(time), time.size - 3, 50, 6)
     picked = np.arange(time.size - 3 - 3 * 49, time.size - 2, 3)
     assert at.size == 50
     np.testing.assert_allclose(at, time[picked], rtol=1e-12)
@@ -55,7 +55,7 @@ def test_points_that_are_met_are_taken_as_they_are(rng):
 
 def test_the_rest_is_interpolated():
     time = simulator_times()
-    usual = pace(time)
+    usual = typical_step(time)
     at, found = resample(time, np.sin(3e5 * time)[:, None], usual / 2, usual, 60, 10_000, 6)
     assert at[0] >= time[0]
     assert at[0] - time[0] < usual / 2

@@ -9,20 +9,20 @@ import pytest
 
 from spice_models.errors import InputError
 from tests.support.oracle import kernel
-from verification.reference.lambda_choice import RULES, Choice, Knowledge, Trial, choose
+from verification.reference.lambda_choice import RULES, Choice, RuleInputs, Trial, choose
 from verification.reference.problem import Problem
 from verification.reference.solve import solve
 
 SIGMA = 0.1
 
 
-def noisy(seed: int, regulariser: str = "linear") -> tuple[Problem, Knowledge]:
+def noisy(seed: int, regulariser: str = "linear") -> tuple[Problem, RuleInputs]:
     y = np.linspace(-3.0, 3.0, 25)
     truth = 2.0 * np.sqrt(np.maximum(1.0 - y * y, 0.0))
     T = kernel(y, y, 1.0)
     eps = T @ truth + SIGMA * np.random.default_rng(seed).standard_normal(25)
     bias = regulariser == "exponential"
-    return Problem(T, eps, 1.0, regulariser, bias), Knowledge(SIGMA**2, truth)
+    return Problem(T, eps, 1.0, regulariser, bias), RuleInputs(SIGMA**2, truth)
 
 
 @pytest.mark.parametrize("regulariser", ["linear", "exponential", "tanh"])
@@ -34,10 +34,12 @@ def test_sensitivity_is_the_derivative(regulariser: str) -> None:
         Trial.of(replace(problem, lam=lam * float(np.exp(side * step)))) for side in (1, -1)
     )
     slope = (above.solution.u - below.solution.u) / (2.0 * step)
-    assert trial.drift == pytest.approx(slope, rel=1e-7, abs=1e-9)
+    assert trial.sensitivity == pytest.approx(slope, rel=1e-7, abs=1e-9)
     # Along the path, d residual = -lam d penalty.
-    assert trial.penalty_drift == pytest.approx((above.penalty - below.penalty) / 2 / step, 1e-7)
-    assert -lam * trial.penalty_drift == pytest.approx(
+    assert trial.penalty_sensitivity == pytest.approx(
+        (above.penalty - below.penalty) / 2 / step, 1e-7
+    )
+    assert -lam * trial.penalty_sensitivity == pytest.approx(
         (above.residual - below.residual) / 2 / step, rel=1e-7
     )
 
@@ -53,11 +55,11 @@ def test_freedom_is_the_trace_of_the_influence() -> None:
             eps[k] += side
             fits.append((problem.T @ solve(replace(problem, lam=0.3, eps=eps)).u)[k])
         trace += (fits[0] - fits[1]) / (2.0 * step)
-    assert trial.freedom == pytest.approx(trace, rel=1e-7)
+    assert trial.fitted == pytest.approx(trace, rel=1e-7)
 
 
 def test_curvature_of_the_l_curve() -> None:
-    problem, knows = noisy(0)
+    problem, inputs = noisy(0)
     lam, step = 0.05, 1e-3
     trials = [Trial.of(replace(problem, lam=lam * float(np.exp(k * step)))) for k in (-1, 0, 1)]
     x = np.log([t.residual for t in trials])
@@ -65,20 +67,20 @@ def test_curvature_of_the_l_curve() -> None:
     dx, dy = (x[2] - x[0]) / 2 / step, (y[2] - y[0]) / 2 / step
     ddx, ddy = (x[0] - 2 * x[1] + x[2]) / step**2, (y[0] - 2 * y[1] + y[2]) / step**2
     curvature = (dx * ddy - dy * ddx) / (dx * dx + dy * dy) ** 1.5
-    assert -RULES["l-curve"].score(trials[1], knows) == pytest.approx(curvature, rel=1e-4)
+    assert -RULES["l-curve"].score(trials[1], inputs) == pytest.approx(curvature, rel=1e-4)
 
 
 @pytest.mark.parametrize("regulariser", ["linear", "exponential"])
 def test_discrepancy_principle_is_met(regulariser: str) -> None:
-    problem, knows = noisy(3, regulariser)
-    choice = choose(problem, "discrepancy", knows)
+    problem, inputs = noisy(3, regulariser)
+    choice = choose(problem, "discrepancy", inputs)
     miss = problem.T @ choice.solution.u - problem.eps
     assert miss @ miss == pytest.approx(1.3 * 25 * SIGMA**2, rel=1e-3)
     assert not choice.at_edge
 
 
-def squared_error(choice: Choice, knows: Knowledge) -> float:
-    return float(np.sum((choice.solution.u - np.asarray(knows.truth)) ** 2))
+def squared_error(choice: Choice, inputs: RuleInputs) -> float:
+    return float(np.sum((choice.solution.u - np.asarray(inputs.truth)) ** 2))
 
 
 @pytest.mark.parametrize(
@@ -88,16 +90,16 @@ def squared_error(choice: Choice, knows: Knowledge) -> float:
 def test_rules_come_near_the_best(rule: str, factor: float) -> None:
     ratios = []
     for seed in range(6):
-        problem, knows = noisy(seed)
-        best = squared_error(choose(problem, "mse", knows), knows)
-        ratios.append(squared_error(choose(problem, rule, knows), knows) / best)
+        problem, inputs = noisy(seed)
+        best = squared_error(choose(problem, "mse", inputs), inputs)
+        ratios.append(squared_error(choose(problem, rule, inputs), inputs) / best)
     assert min(ratios) >= 1.0 - 1e-9
     assert np.median(ratios) <= factor
 
 
 def test_noise_above_the_signal_leaves_no_lam() -> None:
     problem, _ = noisy(0)
-    assert choose(problem, "discrepancy", Knowledge(variance=1e3)).at_edge
+    assert choose(problem, "discrepancy", RuleInputs(variance=1e3)).at_edge
 
 
 @pytest.mark.parametrize(

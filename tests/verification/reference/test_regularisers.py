@@ -34,10 +34,10 @@ def test_energy_has_the_inverse_as_its_derivative(entry: Regulariser) -> None:
 
 @ENTRIES
 @pytest.mark.parametrize("mu", [1e6, 1.0, 1e-6, 1e-12, 1e-18])
-def test_unfold_inverts_the_coordinate(entry: Regulariser, mu: float) -> None:
+def test_v_from_q_inverts_the_coordinate(entry: Regulariser, mu: float) -> None:
     h = np.full_like(V, 0.3)
     q = np.linspace(-3.0, 3.0, len(V))
-    v = entry.unfold(q, mu, h)
+    v = entry.v_from_q(q, mu, h)
     assert np.all(np.isfinite(v))
     assert mu * v + h * entry.g(v) == pytest.approx(q, rel=1e-9, abs=1e-12)
 
@@ -47,11 +47,11 @@ def test_bounds_on_the_slope(entry: Regulariser) -> None:
     for width in (0.0, 0.5, 3.0):
         near = V[:, None] + np.linspace(-width, width, 41)
         largest = entry.slope(near).max(axis=1)
-        assert np.all(entry.steepest(V, np.full_like(V, width)) >= largest * (1 - 1e-12))
+        assert np.all(entry.largest_slope(V, np.full_like(V, width)) >= largest * (1 - 1e-12))
     for rise in (0.0, 1e-3, 0.5):
         u = entry.g(V)
         v = V + 1e-9
         reached = entry.g(v) + rise
         inside = reached < 1.0 if entry is REGULARISERS["tanh"] else np.ones_like(V, dtype=bool)
         slope = entry.slope(entry.inverse(reached[inside]))
-        assert np.all(slope <= entry.ceiling(u[inside]) * (1 + 1e-6) + rise + 1e-6)
+        assert np.all(slope <= entry.slope_bound(u[inside]) * (1 + 1e-6) + rise + 1e-6)

@@ -1,1 +1,1 @@
-"""The third witness: a deck's text to waveforms, by ngspice."""
+"""The third witness: from the text of a deck to waveforms, by ngspice."""

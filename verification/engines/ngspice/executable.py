@@ -1,4 +1,4 @@
-"""Which ngspice is there, and the environment it runs in."""
+"""Find the ngspice executable, and define the environment that it runs in."""
 
 from __future__ import annotations
 
@@ -19,33 +19,23 @@ _REMEDY = (
     "Install it with `apt-get install ngspice` (Debian 12: `-t bookworm-backports` gives 46, which"
     " has the fast KLU solver), or name the executable in TACTION_NGSPICE"
 )
-_INHERITED = ("LD_LIBRARY_PATH",)  # an ngspice outside the system's folders may need it
+_INHERITED = ("LD_LIBRARY_PATH",)  # an ngspice in a folder of its own may need it
 
 
 def environment(home: Path) -> dict[str, str]:
-    """Return the whole environment of a process whose home, and start-up files, are in `home`."""
+    """Return the complete environment of a process with its home and start-up files in `home`."""
     inherited = {name: os.environ[name] for name in _INHERITED if name in os.environ}
     return inherited | {
         "LC_ALL": "C",
         "HOME": str(home),
-        "SPICE_SCRIPTS": str(home),  # where it looks for spinit, which loads code models
+        "SPICE_SCRIPTS": str(home),  # the folder of spinit, which loads code models
         "OMP_NUM_THREADS": "1",
     }
 
 
 @dataclass(frozen=True, slots=True)
 class Simulator:
-    """An ngspice executable.
-
-    Attributes
-    ----------
-    executable : str
-        Absolute path.
-    version : int
-        Major version.
-    klu : bool
-        Whether it has the KLU direct solver.
-    """
+    """An ngspice executable: absolute path, major version, and whether it has the KLU solver."""
 
     executable: str
     version: int
@@ -53,9 +43,10 @@ class Simulator:
 
     @property
     def solver_option(self) -> str:
-        """The fastest linear solver this version has, as a word for the ``.options`` card.
+        """The option of the ``.options`` card that selects this version's fastest linear solver.
 
-        39 ignores ``klu`` in silence; with ``noopiter`` its own solver is 3 to 5 times faster.
+        Version 39 ignores ``klu`` without a message; ``noopiter`` makes its own solver 3 to 5
+        times faster.
         """
         return "klu" if self.klu else "noopiter"
 
@@ -68,31 +59,29 @@ class Simulator:
 def find_simulator(path: str | None = None) -> Simulator:
     """Return the ngspice at `path`, else at ``$TACTION_NGSPICE``, else on the PATH.
 
-    It is asked for its version once a process.
+    Its version is read once in each Python process.
 
     Raises
     ------
     SimulatorNotFound
-        No such executable, or it is not ngspice.
+        There is no such executable, or the executable is not ngspice.
     SimulatorTooOld
-        Below `OLDEST`.
+        The version is below `OLDEST`.
     """
-    wanted = path or os.environ.get("TACTION_NGSPICE") or "ngspice"
-    if os.sep in wanted:
-        return _probe(_absolute(wanted, None))
-    return _probe(_on_path(wanted, os.environ.get("PATH")))
+    name = path or os.environ.get("TACTION_NGSPICE") or "ngspice"
+    if os.sep in name:
+        return _probe(_absolute(name, None))
+    return _probe(_on_path(name, os.environ.get("PATH")))
 
 
-@functools.cache  # a search costs 0.1 ms; a failure is not remembered
-def _on_path(name: str, folders: str | None) -> str:
-    return _absolute(name, folders)
+def _absolute(name: str, folders: str | None) -> str:
+    executable = shutil.which(name, path=folders)
+    if executable is None:
+        raise SimulatorNotFound(f"no executable {name!r}. {_REMEDY}")
+    return str(Path(executable).absolute())
 
 
-def _absolute(wanted: str, folders: str | None) -> str:
-    found = shutil.which(wanted, path=folders)
-    if found is None:
-        raise SimulatorNotFound(f"no executable {wanted!r}. {_REMEDY}")
-    return str(Path(found).absolute())
+_on_path = functools.cache(_absolute)  # a search costs 0.1 ms; a failure is not cached
 
 
 @functools.cache
@@ -110,10 +99,10 @@ def _probe(executable: str) -> Simulator:
         ).stdout
     except (OSError, subprocess.TimeoutExpired) as error:
         raise SimulatorNotFound(f"{executable} does not run: {error}. {_REMEDY}") from error
-    found = re.search(r"ngspice-(\d+)", answer)
-    if found is None:
+    name = re.search(r"ngspice-(\d+)", answer)
+    if name is None:
         raise SimulatorNotFound(f"{executable} -v does not name ngspice. {_REMEDY}", log=answer)
-    version = int(found[1])
+    version = int(name[1])
     if version < OLDEST:
         raise SimulatorTooOld(f"{executable} is ngspice {version}; {OLDEST} is needed. {_REMEDY}")
     return Simulator(executable, version, klu="KLU" in answer)

@@ -1,9 +1,9 @@
-"""ngspice as a witness: one process a simulation, and evidence before belief.
+"""Run ngspice: one process for one simulation, and evidence before a result is accepted.
 
-It sees a deck's text and nothing else. Each run has a folder of its own, which is its home and
-working directory, so that no start-up file of the user's can change a result; it is removed on
-success and kept on failure, when it is a reproducer: deck, included files, command line, log and
-the result as far as it came.
+The runner reads the text of a deck and nothing else. Each run has its own folder, which is its home
+and working directory, so that no start-up file of the user can change a result. The folder is
+removed on success; on failure it stays as a reproducer: deck, included files, command line, log and
+the result as far as ngspice wrote it.
 """
 
 from __future__ import annotations
@@ -19,10 +19,9 @@ import threading
 import time
 import weakref
 from pathlib import Path
-from types import TracebackType
 
 from spice_models.errors import SimulationError, SimulatorNotFound
-from verification.engines.ngspice.evidence import Ending, judge
+from verification.engines.ngspice.evidence import Ending, accepted_waveforms
 from verification.engines.ngspice.executable import Simulator, environment, find_simulator
 from verification.engines.ngspice.run_folder import make_folder, remove_folder
 from verification.engines.ngspice.screening import Deck, screen
@@ -48,26 +47,26 @@ class _Process:
         self.started = self.ended = time.perf_counter()
         self._popen = _launch(simulator, folder)
         self._over = threading.Event()
-        _thread.start_new_thread(self._watch, ())  # `Thread` would wait here until it runs
+        _thread.start_new_thread(self._watch, ())  # `Thread` would wait until it runs
 
     @property
     def status(self) -> int:
-        """Exit status, negative for a signal; once it has ended."""
+        """Exit status of the ended process, negative for a signal."""
         return int(self._popen.returncode)
 
     def wait(self, seconds: float) -> bool:
-        """Wait no longer than `seconds`; return whether it has ended."""
+        """Wait no longer than `seconds`; return whether the process has ended."""
         return self._over.wait(max(seconds, 0.0))
 
     def kill(self) -> None:
-        """End whatever is left of the process group, and wait until it has ended."""
+        """End the process group, and wait for its end."""
         if not self._over.is_set():
-            with contextlib.suppress(ProcessLookupError):  # it may end in between
+            with contextlib.suppress(ProcessLookupError):  # the group may end in the meantime
                 os.killpg(self._popen.pid, signal.SIGKILL)
             self._over.wait()
 
     def discard(self, keep: bool) -> None:
-        """End it and remove its folder, unless that is to be kept."""
+        """End the process and, unless `keep`, remove its folder."""
         self.kill()
         if not keep:
             remove_folder(self.folder)
@@ -81,16 +80,11 @@ class _Process:
 
 
 class Run:
-    """A simulation under way; `start` makes it.
+    """A running simulation, made by `start`.
 
-    It ends, and its folder goes, when it is cancelled, on the way out of a ``with`` block, when
-    the object is dropped without having been asked for its result, or when Python ends: a failure
-    elsewhere leaves no simulator behind.
-
-    Attributes
-    ----------
-    folder : Path
-        The run folder while it runs.
+    The process ends, and its folder is removed, when the run is cancelled, at the end of a
+    ``with`` block, when the object is deleted before a call of `result`, or when Python ends: a
+    failure elsewhere leaves no simulator behind.
     """
 
     def __init__(
@@ -104,23 +98,15 @@ class Run:
         bound: float,
     ) -> None:
         self.folder = folder
-        self._deck = deck
-        self._engine = simulator.engine
-        self._timeout = timeout
-        self._keep = keep
-        self._bound = bound
+        self._deck, self._engine = deck, simulator.engine
+        self._timeout, self._keep, self._bound = timeout, keep, bound
         self._process = _Process(simulator, folder)
         self._discard = weakref.finalize(self, self._process.discard, keep)
 
     def __enter__(self) -> Run:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.cancel()
 
     def result(self) -> Waveforms:
@@ -132,11 +118,11 @@ class Run:
             One of its kinds; the run folder is kept and named in the message.
         """
         if not self._discard.alive:
-            raise SimulationError("a run gives its result once, and not after it was cancelled")
+            raise SimulationError("a run returns its result once, and never after it was cancelled")
         process = self._process
         try:
             in_time = process.wait(process.started + self._timeout - time.perf_counter())
-        finally:  # also on Ctrl-C, which does not reach a process group of its own
+        finally:  # also on Ctrl-C, which reaches no other process group
             process.kill()
         self._discard.detach()
         with open(f"{self.folder}/stderr.txt", encoding="utf-8", errors="replace") as file:  # noqa: PTH123
@@ -149,7 +135,7 @@ class Run:
             errors=errors,
             folder=self.folder,
         )
-        waveforms = judge(self._deck, ending, engine=self._engine, bound=self._bound)
+        waveforms = accepted_waveforms(self._deck, ending, engine=self._engine, bound=self._bound)
         if not self._keep:
             remove_folder(self.folder)
         return waveforms
@@ -175,25 +161,25 @@ def start(
     deck : Deck
         What to run.
     simulator : Simulator
-        Who runs it.
+        The executable.
     timeout : float
         Wall time allowed, s.
     folder : Path, optional
-        The run folder, made here; it must not exist or be empty. A fresh temporary one if not
-        given.
+        The run folder, which is created; an existing folder must be empty. By default a new
+        temporary folder.
     keep : bool
-        Keep the run folder also on success.
+        Whether to keep the run folder also on success.
     bound : float
-        Voltage above which a result is not believed, V.
+        Voltage above which a result is rejected, V.
 
     Raises
     ------
     InputError
         The run folder is not empty.
     DidNotLoad, SingularCircuit
-        The deck did not pass the screening; nothing was started or written.
+        The deck did not pass the screening; no process was started and no file written.
     SimulatorNotFound
-        The executable has gone.
+        The executable no longer exists.
     OutOfDisk
         The deck could not be written.
     """
@@ -215,15 +201,14 @@ def simulate(
     keep: bool = False,
     bound: float = PHYSICAL_BOUND,
 ) -> Waveforms:
-    """Run a deck to its end; see `start` and `Run.result`."""
+    """Run a deck and return its waveforms; see `start` and `Run.result`."""
     with start(deck, simulator, timeout=timeout, folder=folder, keep=keep, bound=bound) as run:
         return run.result()
 
 
 def _command(simulator: Simulator) -> str:
-    """Return a command line that repeats the run from within its folder, wherever that is."""
-    fixed = tuple(environment(_HERE).items())
-    return _quoted(simulator.executable, fixed)
+    """Return a command line that repeats the run in its folder, also after the folder was moved."""
+    return _quoted(simulator.executable, tuple(environment(_HERE).items()))
 
 
 @functools.lru_cache(maxsize=4)
@@ -245,5 +230,5 @@ def _launch(simulator: Simulator, folder: Path) -> subprocess.Popen[bytes]:
             stdin=subprocess.DEVNULL,
             stdout=out,
             stderr=err,
-            start_new_session=True,  # a process group of its own, which a timeout ends whole
+            start_new_session=True,  # a new process group, which a timeout ends as a whole
         )

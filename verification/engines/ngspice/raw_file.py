@@ -1,8 +1,8 @@
-"""ngspice's binary raw files, read through a memory map and written.
+"""Read ngspice's binary raw files through a memory map, and write them.
 
-Only what one batch run writes is accepted: one plot of real, unpadded double-precision vectors.
-Anything else (text, complex, several plots, fewer bytes than promised) is refused by name,
-because a reader that guesses turns a truncated file into a plausible waveform.
+Only the output of one batch run is accepted: one plot of real, unpadded double-precision vectors.
+Any other content (text, complex, several plots, too few bytes) is refused with a message that names
+the reason, because a reader that guesses turns a truncated file into a plausible waveform.
 """
 
 from __future__ import annotations
@@ -27,18 +27,11 @@ _END = b"\nBinary:\n"  # of the header
 class Plot:
     """One plot of a raw file.
 
-    Attributes
-    ----------
-    title, name : str
-        The deck's title line; ``"Transient Analysis"``, ``"Operating Point"`` and so on.
-    vectors : tuple of str
-        As ngspice spells them, in lower case: ``time``, ``v(node)``.
-    promised : int
-        The number of points in the header; 0 when the writer did not come to its end.
-    data : ndarray (P, K)
-        One column a vector; a read-only map of the file. It stays valid when the file is
-        unlinked. Not aligned to 8 bytes, since the header has any length: to compute with it,
-        copy it.
+    `name` is ``"Transient Analysis"``, ``"Operating Point"`` and so on; `vectors` are in lower
+    case, ``time`` and ``v(node)``; `promised` is the number of points in the header, 0 after an
+    interrupted run. `data` (P, K) is a read-only map of the file with one column for each vector.
+    The map stays valid after the file is deleted; it is not aligned to 8 bytes, since the header
+    has any length: copy it before computations.
     """
 
     title: str
@@ -63,33 +56,28 @@ def read_raw(path: Path, *, partial: bool = False) -> Plot:
     path : Path
         A binary raw file.
     partial : bool
-        True for the file of a run that was cut short: the header's number of points (0 until
-        ngspice has finished) is ignored and every complete point that reached the disk is taken.
+        True for the file of an interrupted run: the header's number of points (0 until ngspice
+        has finished) is ignored, and every complete point on the disk is read.
 
     Raises
     ------
     BadEvidence
-        No such file, not a raw file, text, complex or padded values, several plots, no points.
+        The file does not exist, is not a raw file, has text, complex or padded values, several
+        plots or no points.
     OutOfDisk
-        Fewer bytes than points x vectors x 8.
+        The file has fewer bytes than points x vectors x 8.
     """
     content = _map(path)
     header = _read_header(content, path)
     promised = _number(header, "no. points", path)
     count = len(header.vectors)
     width = count * DOUBLE.itemsize
-    found = len(content) - header.size
-    points = found // width if partial else promised
+    points = (len(content) - header.size) // width if partial else promised
     if not partial:
         _check_size(path, content, header.size, promised * width)
     data = np.frombuffer(content, DOUBLE, points * count, header.size).reshape(points, count)
-    return Plot(
-        title=header.fields.get("title", ""),
-        name=header.fields.get("plotname", ""),
-        vectors=header.vectors,
-        promised=promised,
-        data=data,
-    )
+    title, name = (header.fields.get(key, "") for key in ("title", "plotname"))
+    return Plot(title, name, header.vectors, promised, data)
 
 
 def write_raw(path: Path, waveforms: Waveforms, title: str = "taction") -> None:
@@ -110,15 +98,14 @@ def write_raw(path: Path, waveforms: Waveforms, title: str = "taction") -> None:
         "Binary:",
     ]
     data = np.empty((points, count + 1), dtype=DOUBLE)
-    data[:, 0] = waveforms.time
-    data[:, 1:] = waveforms.values
+    data[:, 0], data[:, 1:] = waveforms.time, waveforms.values
     with path.open("wb") as stream:
         stream.write(("\n".join(lines) + "\n").encode())
         stream.write(data.data)
 
 
 def _map(path: Path) -> mmap.mmap | bytes:
-    """Map the file's content; one that is empty, or no regular file, cannot be and has none."""
+    """Map the file's content; an empty or special file cannot be mapped and has no content."""
     try:
         file = os.open(path, os.O_RDONLY)
     except FileNotFoundError:
@@ -131,7 +118,7 @@ def _map(path: Path) -> mmap.mmap | bytes:
 
 
 def _read_header(content: mmap.mmap | bytes, path: Path) -> _Header:
-    """Read up to and with the ``Binary:`` line."""
+    """Read the header, including the ``Binary:`` line."""
     end = content.find(_END, 0, _LONGEST_HEADER)
     fields: dict[str, str] = {}
     vectors: list[str] = []
@@ -140,7 +127,7 @@ def _read_header(content: mmap.mmap | bytes, path: Path) -> _Header:
         if text.startswith("\t"):
             columns = text.split()
             if len(columns) < 3 or columns[0] != str(len(vectors)):
-                raise BadEvidence(f"{path.name}: strange vector line {text.strip()!r}")
+                raise BadEvidence(f"{path.name}: bad vector line {text.strip()!r}")
             vectors.append(columns[1])
             continue
         key, colon, value = text.partition(":")
@@ -178,18 +165,18 @@ def _number(header: _Header, key: str, path: Path) -> int:
 
 
 def _check_size(path: Path, content: mmap.mmap | bytes, start: int, expected: int) -> None:
-    """Hold the bytes from `start` on against `expected`; `read_raw` says what is raised."""
-    found = len(content) - start
-    if found < expected:
+    """Compare the number of bytes after `start` with `expected`."""
+    size = len(content) - start
+    if size < expected:
         raise OutOfDisk(
-            f"{path.name} holds {found} of {expected} bytes: it could not be written in full."
+            f"{path.name} holds {size} of {expected} bytes: it could not be written in full."
             " Free space where runs are kept (TMPDIR), or save fewer nodes"
         )
-    if found > expected:
+    if size > expected:
         if content[start + expected : start + expected + 6] == b"Title:":
-            raise BadEvidence(f"{path.name} holds several plots; one analysis a deck is accepted")
+            raise BadEvidence(f"{path.name} holds several plots; a deck may have one analysis")
         raise BadEvidence(
-            f"{path.name} holds {found} bytes of values where its header says {expected}"
+            f"{path.name} holds {size} bytes of values, but its header says {expected}"
         )
     if expected == 0:
         raise BadEvidence(f"{path.name} holds no points")

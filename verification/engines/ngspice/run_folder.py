@@ -1,8 +1,9 @@
-"""The folder that an ngspice works in: where it is made, and what stands in it.
+"""Make and remove the working folder of an ngspice process.
 
-A run's is on disk, where it may grow and where it is kept after a failure. A session, which makes
-and removes a file at every deck, has one in memory: on ext4, which reuses no inode within minutes
-of its deletion and steps over all of those at each new file, that costs 1 to 4 ms of a processor.
+A run's folder is on disk, where results may be large and where the folder stays after a failure. A
+session's folder is in memory, because a session creates and deletes a file with every deck. On ext4
+that costs 1 to 4 ms of processor time: ext4 reuses no inode within minutes of its deletion, and
+skips all of those at each new file.
 """
 
 from __future__ import annotations
@@ -15,29 +16,25 @@ from pathlib import Path
 from spice_models.errors import Complaint, InputError, OutOfDisk
 from verification.engines.ngspice.screening import Deck
 
-MEMORY = Path("/dev/shm")  # noqa: S108 - Linux has it; folders in it get names nobody can guess
+MEMORY = Path("/dev/shm")  # noqa: S108 - of Linux; its folders get random names
 LEAST_FREE = 1 << 30  # bytes
-SHARE = 0.01  # of what is free, for the result as the largest step foresees it
+SHARE = 0.01  # of the free bytes, for the predicted size of the result
 _PREFIX = "taction-"
-_CHOICES = ("TMPDIR", "TEMP", "TMP")  # where somebody wants temporary files
+_CHOICES = ("TMPDIR", "TEMP", "TMP")  # the user's choice for temporary files
 
 
 def make_folder(deck: Deck, command: str, folder: Path | None) -> Path:
-    """Make the run folder and write everything a run, or somebody who repeats it, needs.
+    """Make the run folder and write all files that a run, or a repetition of the run, needs.
 
-    Parameters
-    ----------
-    command : str
-        The command line that repeats the run from within its folder.
-    folder : Path or None
-        The folder, which must not exist or be empty; a fresh temporary one if not given.
+    `command` is the command line that repeats the run in its folder. An existing `folder` must be
+    empty; without `folder`, a new temporary folder is made.
 
     Raises
     ------
     InputError
         The folder is not empty.
     OutOfDisk
-        It cannot be written.
+        The folder cannot be written.
     """
     texts = {
         **deck.files,
@@ -56,7 +53,7 @@ def make_folder(deck: Deck, command: str, folder: Path | None) -> Path:
 
 
 def remove_folder(place: Path) -> None:
-    """Remove a run folder; a run makes files only, so what is usual is quick."""
+    """Remove a run folder; the quick way works for a folder that holds only files."""
     try:
         for name in os.listdir(place):  # noqa: PTH208 - names are enough
             os.unlink(f"{place}/{name}")  # noqa: PTH108
@@ -66,9 +63,9 @@ def remove_folder(place: Path) -> None:
 
 
 def fast_folder(size: float) -> Path:
-    """Make a fresh temporary folder, in memory where `size` bytes are sure to fit.
+    """Make a new temporary folder, in memory if `size` bytes certainly fit.
 
-    A process that is killed leaves it there: what stays in it between two results must be small.
+    A killed process leaves the folder behind: the files between two results must be small.
     """
     return Path(tempfile.mkdtemp(prefix=_PREFIX, dir=MEMORY if _has_room(size) else None))
 
@@ -82,7 +79,7 @@ def _empty(folder: Path) -> Path:
 
 
 def _has_room(size: float) -> bool:
-    """Whether `MEMORY` is there, not short, and nobody chose another place."""
+    """Whether `MEMORY` exists and has room, and no variable of `_CHOICES` is set."""
     if any(name in os.environ for name in _CHOICES) or not os.access(MEMORY, os.W_OK | os.X_OK):
         return False
     system = os.statvfs(MEMORY)

@@ -1,11 +1,11 @@
-"""What is checked in a deck's text before ngspice sees it.
+"""Check the text of a deck before ngspice reads it.
 
-ngspice answers with exit status 0, in silence or with a mere warning, to a missing field,
-``1.2.3k``, a resistor of 0 Ω, an unknown option and a node that nothing holds; with KLU the last
-one makes *every* voltage of the circuit wrong. A deck can also run commands (``.control``,
-``*#``, ``*ng_script``). So only cards, devices and options in the tables below are sent. The
-deck writer should never produce anything else; this is the second lock on the door, and it reads
-text only, sharing nothing with the writer.
+ngspice ends with exit status 0, without a message or with only a warning, for a missing field,
+``1.2.3k``, a resistor of 0 Ω, an unknown option and a node whose voltage no element determines;
+with KLU such a node makes *every* voltage of the circuit wrong. A deck can also run commands
+(``.control``, ``*#``, ``*ng_script``). So only the cards, devices and options in the tables below
+are accepted. The deck writer should never produce others; this second check reads text only and
+shares no code with the writer.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from spice_models.errors import DidNotLoad, SingularCircuit
 
 
 class Deck(Protocol):
-    """What the runner needs of a deck (`netlist_gen.deck.deck.Deck`): its text, what to expect.
+    """The properties of a deck (`netlist_gen.deck.deck.Deck`) that the runner uses.
 
-    `files` are further files by bare name, written beside the deck; `saved` are the node names
-    of its ``.save`` card; `analysis` is the one it asks for.
+    `files` maps names to the text of further files in the deck's folder; `saved` are the node
+    names of the ``.save`` card; `analysis` is the requested analysis.
     """
 
     @property
@@ -57,12 +57,13 @@ NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?[a-z]*")
 _CONTROL = "".join(map(chr, (*range(9), *range(11, 32), 127)))
 _CONTINUATION = re.compile(r"\n[ \t]*\+")
 _COMMAND = re.compile(r"\n[^\S\n]*(\*(?:#|ng_script).*)")
-_PIECE = re.compile(r"\n[^\S\n]*(\S)[^\n]*(?:\n[^\S\n]*\1[^\n]*)*")  # lines of one letter
+# A piece: successive lines with one first letter.
+_PIECE = re.compile(r"\n[^\S\n]*(\S)[^\n]*(?:\n[^\S\n]*\1[^\n]*)*")
 
 
 @dataclass(frozen=True, slots=True)
 class _Device:
-    """Terminals of a device by kind: `held` have a voltage set through it, `free` do not."""
+    """Least number of fields; terminals whose voltage the device sets (`held`) and does not set."""
 
     fields: int
     held: int
@@ -86,20 +87,20 @@ DEVICES = {
     "m": _Device(6, 4),
     "s": _Device(6, 2, 2),
 }
-PASSIVE, PASSIVE_FIELDS = "rcl", 4  # field 3 is a value that must be a number; not 0 Ω
+PASSIVE, PASSIVE_FIELDS = "rcl", 4  # field 3 is a number; 0 Ω is refused
 
 
 @dataclass(slots=True)
 class _Scope:
-    """Nodes of the top level or of one subcircuit, or of some of their lines."""
+    """Nodes of the top level, of one subcircuit, or of a group of lines."""
 
     ports: tuple[str, ...] = ()
     held: set[str] = field(default_factory=lambda: {"0", "gnd"})
-    free: dict[str, str] = field(default_factory=dict)  # node to the line that names it
-    instances: dict[str, list[list[str]]] = field(default_factory=dict)  # nodes, by subcircuit
+    free: dict[str, str] = field(default_factory=dict)  # node: line that names the node
+    instances: dict[str, list[list[str]]] = field(default_factory=dict)  # subcircuit: nodes of each
 
     def add(self, lines: _Scope) -> None:
-        """Add what further lines do."""
+        """Add the nodes of further lines."""
         self.held |= lines.held
         for node, line in lines.free.items():
             self.free.setdefault(node, line)
@@ -108,17 +109,17 @@ class _Scope:
 
 
 def screen(deck: Deck) -> None:
-    """Refuse a deck that ngspice would misread, or obey, without a word.
+    """Refuse a deck that ngspice would misread without a message, or that runs commands.
 
-    Time is linear in the text, about 0.5 µs a line; successive lines of one letter that stood in
-    the last deck, too, are not read again.
+    Time is linear in the text, about 0.5 µs a line; a group of successive lines with one first
+    letter that was also in the last deck is not read again.
 
     Raises
     ------
     DidNotLoad
-        A card, device, option, file name or number that is not accepted; the line is quoted.
+        A card, device, option, file name or number is not accepted; the line is quoted.
     SingularCircuit
-        A node that only current sources and sensing terminals touch.
+        Only current sources and sensing terminals touch a node.
     """
     for name in deck.files:
         if not FILE_NAME.fullmatch(name) or name in RUN_FILES:
@@ -127,7 +128,7 @@ def screen(deck: Deck) -> None:
         raise DidNotLoad(f"saved nodes must be distinct, and at least one: {deck.saved!r}")
     title, _, body = deck.text.partition("\n")
     reading = _Reading({name.lower(): text for name, text in deck.files.items()})
-    # ngspice takes the first line for a title, unless it is one of these two.
+    # The first line is the title, unless ngspice reads it as a card or a script.
     reading.read(body if title[:1] not in "*." else deck.text)
     _refuse_floating(reading.scopes)
 
@@ -145,8 +146,8 @@ class _Reading:
         """Read every line of `text`."""
         content = text.encode(errors="surrogatepass")
         if len(content.translate(None, _CONTROL.encode())) < len(content):
-            found = next(each for each in text if each in _CONTROL)
-            raise DidNotLoad(f"the deck holds the control character {found!r}")
+            character = next(each for each in text if each in _CONTROL)
+            raise DidNotLoad(f"the deck holds the control character {character!r}")
         lines = _CONTINUATION.sub(" ", text.lower())
         for piece in _PIECE.finditer("\n" + lines):
             if piece[1] == "*":
@@ -191,13 +192,13 @@ def _check_options(line: str, parts: list[str]) -> None:
             raise DidNotLoad(f"the option {option!r} is not accepted: {line!r}")
 
 
-@functools.lru_cache(maxsize=32)  # a board of the usual op-amps has some 15 such pieces
+@functools.lru_cache(maxsize=32)  # a usual board has some 15 such pieces
 def _read_devices(lines: str) -> _Scope:
-    """Check the devices of a piece, and note the nodes that they hold or touch.
+    """Check the devices of a piece, and return the nodes that they hold or touch.
 
-    Two decks of one board share nearly all pieces, hence the cache, whose entries nobody changes.
+    Two decks of one board share nearly all pieces, hence the cache; do not change its entries.
     """
-    found, held, values = _Scope(), list[str](), set[str]()  # values that have been checked
+    scope, held, values = _Scope(), list[str](), set[str]()  # values that have been checked
     for line in map(str.strip, lines[1:].split("\n")):
         parts = line.split()
         letter = line[0]
@@ -207,62 +208,47 @@ def _read_devices(lines: str) -> _Scope:
                 _check_value(line, parts[3])
                 values.add(parts[3])
         elif letter == "x":
-            *nodes, name = _instance(line, parts)
-            found.instances.setdefault(name, []).append(nodes)
+            words = [word for word in parts[1:] if "=" not in word and word != "params:"]
+            *nodes, name = words or [""]
+            scope.instances.setdefault(name, []).append(nodes)
         else:
-            _read_source(line, parts, found)
-    found.held.update(held)
-    return found
+            _read_source(line, parts, scope)
+    scope.held.update(held)
+    return scope
 
 
-def _instance(line: str, parts: list[str]) -> list[str]:
-    """Return the nodes and, last, the name of the subcircuit that a line calls."""
-    words = parts[1:]
-    if "=" in line or "params:" in words:
-        words = [word for word in words if "=" not in word and word != "params:"]
-    return words or [""]
-
-
-def _read_source(line: str, parts: list[str], found: _Scope) -> None:
+def _read_source(line: str, parts: list[str], scope: _Scope) -> None:
     """Add the nodes of a device that is not passive."""
     letter = line[0]
     if letter not in DEVICES:
         raise DidNotLoad(f"the device {parts[0]!r} is not accepted: {line!r}")
-    _check_length(line, parts, letter)
     device = DEVICES[letter]
-    held = 2 if letter == "b" and parts[3].startswith("v") else device.held
-    for node in parts[1 + held : 1 + _terminals(letter, parts, device)]:
-        found.free.setdefault(node, line)
+    if len(parts) < device.fields:
+        raise DidNotLoad(f"{line!r} has {len(parts)} fields; at least {device.fields} are needed")
+    held, terminals = device.held, device.held + device.free
+    if letter == "b" and parts[3].startswith("v"):
+        held = 2
+    if letter in "eg" and (len(parts) < 6 or "=" in "".join(parts[3:5]) or parts[3] == "poly"):
+        terminals = 2  # a source given by an expression has only the terminals of its output
+    for node in parts[1 + held : 1 + terminals]:
+        scope.free.setdefault(node, line)
     if letter == "g" and set(parts[1:3]) == set(parts[3:5]):
         held = 2  # controlled by its own voltage: a conductance
-    found.held.update(parts[1 : 1 + held])
-
-
-def _check_length(line: str, parts: list[str], letter: str) -> None:
-    wanted = DEVICES[letter].fields
-    if len(parts) < wanted:
-        raise DidNotLoad(f"{line!r} has {len(parts)} fields; at least {wanted} are needed")
-
-
-def _terminals(letter: str, parts: list[str], device: _Device) -> int:
-    """Return the number of terminals; a source given by an expression has only its output's two."""
-    if letter in "eg" and (len(parts) < 6 or "=" in "".join(parts[3:5]) or parts[3] == "poly"):
-        return 2
-    return device.held + device.free
+    scope.held.update(parts[1 : 1 + held])
 
 
 def _check_value(line: str, value: str) -> None:
     if value[0] not in "+-.0123456789":
-        return  # an expression or a parameter; ngspice complains about a bad one
-    found = NUMBER.fullmatch(value)
-    if found is None:
+        return  # an expression or a parameter, which ngspice checks itself
+    number = NUMBER.fullmatch(value)
+    if number is None:
         raise DidNotLoad(f"{value!r} is not a number: {line!r}")
-    if line[0] == "r" and float(found[1]) == 0.0:
+    if line[0] == "r" and float(number[1]) == 0.0:
         raise DidNotLoad(f"a resistor of 0 Ω: {line!r}")
 
 
 def _refuse_floating(scopes: dict[str, _Scope]) -> None:
-    """Raise SingularCircuit for a node whose voltage nothing sets, at any level."""
+    """Raise SingularCircuit for a node, at any level, whose voltage no element determines."""
     solved: dict[str, frozenset[int]] = {}
 
     def holds(name: str) -> frozenset[int]:
@@ -271,12 +257,12 @@ def _refuse_floating(scopes: dict[str, _Scope]) -> None:
             scope = scopes.get(name)
             if scope is None:
                 raise DidNotLoad(f"subcircuit {name!r} is not in the deck")
-            solved[name] = frozenset()  # stands while a subcircuit that calls itself is read
-            settle(scope)
+            solved[name] = frozenset()  # valid while a subcircuit that calls itself is read
+            check(scope)
             solved[name] = frozenset(i for i, p in enumerate(scope.ports) if p in scope.held)
         return solved[name]
 
-    def settle(scope: _Scope) -> None:
+    def check(scope: _Scope) -> None:
         for subcircuit, instances in scope.instances.items():
             for i in holds(subcircuit):
                 scope.held.update([nodes[i] for nodes in instances if i < len(nodes)])
@@ -289,11 +275,11 @@ def _refuse_floating(scopes: dict[str, _Scope]) -> None:
                 if node not in fixed:
                     raise _floating(node, f"x... {subcircuit}")
 
-    settle(scopes[""])
+    check(scopes[""])
 
 
 def _floating(node: str, line: str) -> SingularCircuit:
     return SingularCircuit(
-        f"nothing holds the voltage of node {node!r} (only current sources and sensing inputs touch"
-        f" it): {line!r}. Give it a resistor or a capacitor"
+        f"no element determines the voltage of node {node!r} (only current sources and sensing"
+        f" inputs touch the node): {line!r}. Connect a resistor or a capacitor to the node"
     )

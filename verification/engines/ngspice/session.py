@@ -1,12 +1,12 @@
-"""One ngspice for many short decks: a process that reads deck after deck, for studies of points.
+"""Run many short decks in one ngspice process, which reads deck after deck.
 
-To start ngspice costs as much as a fifth of a short run. A session starts it once, with a loop of
-commands in place of a deck; each deck comes through a named pipe, and what it answers counts only
-with all the evidence that a run of its own must show (`evidence.judge`). Whatever is in doubt, an
-error, a missing point, no answer in time, ends the session, and the deck gets a process of its own
-(`ngspice.start`), whose word is final; so a session never reports a failure.
+Starting ngspice costs up to a fifth of a short run. A session starts one process with a loop of
+commands instead of a deck; each deck arrives through a named pipe, and its result needs all the
+evidence that a separate run needs (`evidence.accepted_waveforms`). After any failure (an error, a
+missing point, no answer in time) the session's process ends, and the deck runs again in a separate
+process (`process.start`), which decides; so a session itself never reports a failure.
 
-A deck leaves nothing behind for the next: the same deck gives the same bytes wherever it stands.
+No state of a deck reaches the next deck: a deck gives the same bytes at every position.
 """
 
 from __future__ import annotations
@@ -21,26 +21,26 @@ from collections import deque
 
 from netlist_gen.analysis import Transient
 from spice_models.errors import SimulationError
-from verification.engines.ngspice.evidence import Ending, judge
+from verification.engines.ngspice.evidence import Ending, accepted_waveforms
 from verification.engines.ngspice.executable import Simulator
 from verification.engines.ngspice.process import Run, start
 from verification.engines.ngspice.screening import Deck, screen
 from verification.engines.ngspice.session_process import DEATH, LARGEST, Loop, LostError
 from verification.waveforms import Waveforms
 
-LONGEST_DECK = 60_000  # bytes; a pipe holds 65536, so writing a deck never waits
-MOST_POINTS = 50_000  # of a transient whose start is worth saving
-HOPELESS = 3  # lost processes in a row, after which decks run alone
-PATIENCE = 10.0  # s; a deck that takes longer gets a process, and a timeout, of its own
+LONGEST_DECK = 60_000  # bytes; a pipe holds 65536, so writing a deck never blocks
+MOST_POINTS = 50_000  # of a transient; a longer run makes the start-up time unimportant
+MOST_LOST = 3  # lost processes in succession, after which decks run separately
+PATIENCE = 10.0  # s; a deck that takes longer gets a separate process with its own timeout
 
 
 class Turn:
-    """A deck's turn in a session."""
+    """A deck that waits for its result from a session."""
 
     def __init__(self, session: Session, deck: Deck, *, timeout: float, bound: float) -> None:
         self.deck, self.timeout, self.bound = deck, timeout, bound
         self.started = 0.0
-        self.answer: Waveforms | None = None
+        self.waveforms: Waveforms | None = None
         self._session = session
 
     def __enter__(self) -> Turn:
@@ -57,35 +57,35 @@ class Turn:
         SimulationError
             As `ngspice.Run.result`.
         """
-        self._session.reach(self)
-        if self.answer is not None:
-            return self.answer
+        self._session.wait_for(self)
+        if self.waveforms is not None:
+            return self.waveforms
         return start(
             self.deck, self._session.simulator, timeout=self.timeout, bound=self.bound
         ).result()
 
     def cancel(self) -> None:
-        """Give up the turn, unless it is over."""
-        self._session.drop(self)
+        """Remove the deck from the session, unless the deck has ended."""
+        self._session.remove(self)
 
 
 class Session:
-    """One ngspice, the decks that wait for it, and the one that it has."""
+    """One ngspice process and its queue of decks."""
 
     def __init__(self, simulator: Simulator, guard: str) -> None:
         self.simulator = simulator
         self._guard = guard
         self._process: Loop | None = None
-        self._turns: deque[Turn] = deque()  # the first is under way
-        self._lost = 0  # processes in a row
+        self._turns: deque[Turn] = deque()  # the first one is running
+        self._lost = 0  # processes in succession
 
     @property
-    def hopeless(self) -> bool:
-        """Whether processes get lost here again and again; then a session only costs time."""
-        return self._lost >= HOPELESS
+    def unreliable(self) -> bool:
+        """Whether so many processes were lost that a session only costs time."""
+        return self._lost >= MOST_LOST
 
     def submit(self, deck: Deck, *, timeout: float, bound: float) -> Turn:
-        """Screen a deck and let it wait for its turn.
+        """Screen a deck and append it to the queue.
 
         Raises
         ------
@@ -96,31 +96,31 @@ class Session:
         turn = Turn(self, deck, timeout=timeout, bound=bound)
         self._turns.append(turn)
         if len(self._turns) == 1:
-            self._begin()
+            self._send_next()
         return turn
 
-    def reach(self, turn: Turn) -> None:
-        """Wait until a turn is over."""
+    def wait_for(self, turn: Turn) -> None:
+        """Wait until a deck has ended."""
         while turn in self._turns:
-            self._finish()
+            self._collect()
 
-    def drop(self, turn: Turn) -> None:
-        """Take a turn out; where it is under way, the process ends."""
+    def remove(self, turn: Turn) -> None:
+        """Remove a deck from the queue; if the deck is running, end the process."""
         if turn in self._turns:
-            under_way = self._turns[0] is turn
+            running = self._turns[0] is turn
             self._turns.remove(turn)
-            if under_way:
+            if running:
                 self.close()
-                self._begin()
+                self._send_next()
 
     def close(self) -> None:
-        """End the process; the next deck starts another."""
+        """End the process; the next deck starts a new one."""
         if self._process is not None:
             self._process.close()
             self._process = None
 
-    def _begin(self) -> None:
-        """Hand over the deck whose turn it is."""
+    def _send_next(self) -> None:
+        """Send the first deck of the queue."""
         while self._turns:
             turn = self._turns[0]
             turn.started = time.perf_counter()
@@ -134,8 +134,8 @@ class Session:
                 self._turns.popleft()
                 self.close()
 
-    def _finish(self) -> None:
-        """Take the answer of the deck whose turn it is, and begin with the next."""
+    def _collect(self) -> None:
+        """Take the result of the running deck, and send the next one."""
         turn, process = self._turns[0], self._process
         try:
             if process is None:
@@ -144,7 +144,7 @@ class Session:
             seconds = time.perf_counter() - turn.started
             ending = Ending(0, False, turn.timeout, seconds, process.errors(), process.folder)
             engine = self.simulator.engine
-            turn.answer = judge(turn.deck, ending, engine=engine, bound=turn.bound)
+            turn.waveforms = accepted_waveforms(turn.deck, ending, engine=engine, bound=turn.bound)
             process.clear()
             self._lost = 0
         except (LostError, OSError):
@@ -152,16 +152,16 @@ class Session:
             self.close()
         except SimulationError:
             self.close()
-        except BaseException:  # Ctrl-C: nothing goes on
+        except BaseException:  # Ctrl-C: all decks are cancelled
             self._turns.clear()
             self.close()
             raise
         self._turns.popleft()
-        self._begin()
+        self._send_next()
 
 
 class _Sessions(threading.local):
-    """Every thread has a session of its own."""
+    """The sessions of one thread."""
 
     def __init__(self) -> None:
         self.open: dict[Simulator, Session] = {}
@@ -171,7 +171,7 @@ _sessions = _Sessions()
 
 
 def submit(deck: Deck, simulator: Simulator, *, timeout: float, bound: float) -> Run | Turn:
-    """Start a deck in this thread's session, or in a process of its own where it has to.
+    """Start a deck in this thread's session, or in a separate process if no session can run it.
 
     Raises
     ------
@@ -179,16 +179,15 @@ def submit(deck: Deck, simulator: Simulator, *, timeout: float, bound: float) ->
         As `ngspice.start`.
     """
     guard = _guard()
-    if guard is None or not suits(deck):
-        return start(deck, simulator, timeout=timeout, bound=bound)
-    session = _sessions.open.setdefault(simulator, Session(simulator, guard))
-    if session.hopeless:
-        return start(deck, simulator, timeout=timeout, bound=bound)
-    return session.submit(deck, timeout=timeout, bound=bound)
+    if guard is not None and fits_session(deck):
+        session = _sessions.open.setdefault(simulator, Session(simulator, guard))
+        if not session.unreliable:
+            return session.submit(deck, timeout=timeout, bound=bound)
+    return start(deck, simulator, timeout=timeout, bound=bound)
 
 
-def suits(deck: Deck) -> bool:
-    """Whether a deck is short enough for a session, and complete in itself."""
+def fits_session(deck: Deck) -> bool:
+    """Whether a deck is a short transient without included files."""
     analysis = deck.analysis
     if deck.files or not isinstance(analysis, Transient):
         return False
@@ -206,9 +205,9 @@ def end_session() -> None:
 
 @functools.cache
 def _guard() -> str | None:
-    """Return what ends a process with its parent: Linux has it; elsewhere there is no session."""
-    found = shutil.which("setpriv") if sys.platform == "linux" else None
-    if found is None:
+    """Return the command that ends a process with its parent, on Linux; None without one."""
+    setpriv = shutil.which("setpriv") if sys.platform == "linux" else None
+    if setpriv is None:
         return None
-    trial = subprocess.run([found, *DEATH, "true"], capture_output=True, check=False)
-    return found if trial.returncode == 0 else None
+    trial = subprocess.run([setpriv, *DEATH, "true"], capture_output=True, check=False)
+    return setpriv if trial.returncode == 0 else None

@@ -1,4 +1,4 @@
-"""ngspice in a loop of commands that takes one deck after the other from a named pipe."""
+"""Run ngspice with a loop of commands that reads one deck after another from a named pipe."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ destroy all
 end
 .endc
 .end
-"""  # without no_mem_check it reads /proc/meminfo all along: a quarter of a run
-DEATH = ("--pdeathsig", "KILL")  # of `setpriv`: what a process gets when its parent ends
-LARGEST = 1e7  # bytes of a result that one folder, in memory, has to hold
-LOOK = 0.1  # s between two looks at whether the process still lives
-NO_READER = 2e-4  # s between two tries to hand over a deck
+"""  # without no_mem_check ngspice keeps reading /proc/meminfo: a quarter of the run time
+DEATH = ("--pdeathsig", "KILL")  # options of `setpriv`: the signal for a process whose parent ends
+LARGEST = 1e7  # bytes of a result in a folder in memory
+ALIVE_INTERVAL = 0.1  # s between two checks that the process still runs
+SEND_INTERVAL = 2e-4  # s between two attempts to send a deck
 
 
 class LostError(Exception):
@@ -40,18 +40,18 @@ class LostError(Exception):
 
 
 class Loop:
-    """ngspice in its loop, in a folder of its own; it dies with the thread that started it."""
+    """The looping ngspice in its own folder; the process ends with the thread that started it."""
 
     def __init__(self, simulator: Simulator, guard: str) -> None:
         self.folder = fast_folder(LARGEST)
-        self._told = 0
+        self._errors_read = 0
         with contextlib.ExitStack() as undo:
             undo.callback(remove_folder, self.folder)
             for name, text in (("loop.cir", LOOP), ("spinit", "* no code models are loaded\n")):
                 (self.folder / name).write_text(text)
             for name in ("next", "done"):
                 os.mkfifo(self.folder / name)
-            # Both ways, so that it never ends and ngspice never waits for somebody to listen.
+            # Open for reading and writing: the pipe has no end of file, and ngspice never blocks.
             self._done = os.open(self.folder / "done", os.O_RDWR | os.O_NONBLOCK)
             undo.callback(os.close, self._done)
             self.popen = _launch(simulator, guard, self.folder)
@@ -63,13 +63,7 @@ class Loop:
         self._ended.register(self._done, select.POLLIN)
 
     def send(self, text: bytes, deadline: float) -> None:
-        """Hand over a deck.
-
-        Raises
-        ------
-        LostError
-            It was not taken.
-        """
+        """Send a deck, or raise LostError where the process does not read all of it."""
         pipe = self._open(deadline)
         try:
             if os.write(pipe, text) != len(text):
@@ -85,31 +79,25 @@ class Loop:
                 late = time.perf_counter() > deadline
                 if error.errno != errno.ENXIO or late or self.popen.poll() is not None:
                     raise LostError from error
-            time.sleep(NO_READER)  # it is on its way from the last deck to the next
+            time.sleep(SEND_INTERVAL)  # ngspice has not yet opened the pipe for the next deck
 
     def wait(self, deadline: float) -> None:
-        """Wait for the end of a deck.
-
-        Raises
-        ------
-        LostError
-            There is none.
-        """
-        while not self._ended.poll(1e3 * LOOK):
+        """Wait for the end of a deck, or raise LostError where the process ends or is late."""
+        while not self._ended.poll(1e3 * ALIVE_INTERVAL):
             if self.popen.poll() is not None or time.perf_counter() > deadline:
                 raise LostError
         os.read(self._done, 64)
 
     def clear(self) -> None:
-        """Remove the result: the next deck's is another file, and nothing large stays."""
+        """Remove the result file, so that no large file stays between two decks."""
         os.unlink(f"{self.folder}/out.raw")  # noqa: PTH108 - quicker
 
     def errors(self) -> str:
-        """Return what stands in the error stream since the last call."""
-        more = os.fstat(self._errors).st_size - self._told
-        found = os.pread(self._errors, more, self._told) if more else b""
-        self._told += len(found)
-        return found.decode(errors="replace")
+        """Return the new text in the error stream since the last call."""
+        length = os.fstat(self._errors).st_size - self._errors_read
+        text = os.pread(self._errors, length, self._errors_read) if length else b""
+        self._errors_read += len(text)
+        return text.decode(errors="replace")
 
 
 def _launch(simulator: Simulator, guard: str, folder: Path) -> subprocess.Popen[bytes]:

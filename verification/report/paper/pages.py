@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import base64
-import re
 from collections.abc import Iterator, Mapping
 from html import escape
 
-from verification.studies.paper.findings import ClaimOutcome, Picture
+from verification.report.tables import markdown_line, markdown_table
+from verification.studies.paper.findings import ClaimOutcome
+from verification.studies.paper.pictures import Picture
 from verification.studies.paper.reproduce import Reproduction, Section
 
 TITLE = "The paper, claim by claim"
@@ -37,47 +38,45 @@ tr.unexpected { background: #fdecec; }
 figure { margin: 1.5em 0; } img { max-width: 100%; height: auto; }
 figcaption { color: #555; } footer { color: #555; font-size: .9em; margin-top: 2em; }
 """
-SPECIAL = re.compile(r"([\\`*_{}\[\]<>#|~])")
-
 Images = Mapping[str, bytes]
 
 
 def paper_markdown(
-    found: Reproduction, images: Images, summary: str, machine: Mapping[str, str]
+    result: Reproduction, images: Images, summary: str, machine: Mapping[str, str]
 ) -> str:
     """Return the page as Markdown; its pictures stand beside it as ``NAME.png``."""
-    return "\n".join(_markdown(found, images, summary, machine)) + "\n"
+    return "\n".join(_markdown(result, images, summary, machine)) + "\n"
 
 
 def _markdown(
-    found: Reproduction, images: Images, summary: str, machine: Mapping[str, str]
+    result: Reproduction, images: Images, summary: str, machine: Mapping[str, str]
 ) -> Iterator[str]:
-    yield from (f"# {TITLE}", "", f"{SOURCE}.", "", _kept(summary))
-    for section in found.sections:
-        yield from ("", f"## {section.title}", "", _row(COLUMNS), _row(["---"] * len(COLUMNS)))
-        yield from (_row([_kept(cell) for cell in cells]) for _, cells in _rows(section))
+    yield from (f"# {TITLE}", "", f"{SOURCE}.", "", markdown_line(summary))
+    for section in result.sections:
+        yield from ("", f"## {section.title}", "")
+        yield from markdown_table(COLUMNS, (cells for _, cells in _rows(section)))
         for picture in _drawn(section, images):
-            yield from ("", f"![{_kept(picture.caption)}]({picture.name}.png)")
-            yield from ("", _kept(picture.caption))
-    yield from ("", f"Made by `taction reproduce` in {found.seconds:.0f} s.", "")
-    yield from (f"- {name}: {_kept(value)}" for name, value in machine.items())
+            yield from ("", f"![{markdown_line(picture.caption)}]({picture.name}.png)")
+            yield from ("", markdown_line(picture.caption))
+    yield from ("", f"Made by `taction reproduce` in {result.seconds:.0f} s.", "")
+    yield from (f"- {name}: {markdown_line(value)}" for name, value in machine.items())
 
 
 def paper_html(
-    found: Reproduction, images: Images, summary: str, machine: Mapping[str, str]
+    result: Reproduction, images: Images, summary: str, machine: Mapping[str, str]
 ) -> str:
     """Return the page as HTML with its pictures inside."""
-    return "\n".join(_html(found, images, summary, machine)) + "\n"
+    return "\n".join(_html(result, images, summary, machine)) + "\n"
 
 
 def _html(
-    found: Reproduction, images: Images, summary: str, machine: Mapping[str, str]
+    result: Reproduction, images: Images, summary: str, machine: Mapping[str, str]
 ) -> Iterator[str]:
     yield '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
     yield '<meta name="viewport" content="width=device-width, initial-scale=1">'
     yield f"<title>{TITLE}</title><style>{CSS}</style></head><body>"
     yield f"<h1>{TITLE}</h1><p>{escape(SOURCE)}.</p><p>{escape(summary)}</p>"
-    for section in found.sections:
+    for section in result.sections:
         yield f"<h2>{escape(section.title)}</h2>"
         yield f"<table><thead>{_cells('th', COLUMNS)}</thead><tbody>"
         for kind, cells in _rows(section):
@@ -89,7 +88,7 @@ def _html(
             yield f'<figure><img alt="{caption}" src="data:image/png;base64,{data}">'
             yield f"<figcaption>{caption}</figcaption></figure>"
     facts = "; ".join(f"{name} {value}" for name, value in machine.items())
-    yield f"<footer>Made by taction reproduce in {found.seconds:.0f} s. {escape(facts)}</footer>"
+    yield f"<footer>Made by taction reproduce in {result.seconds:.0f} s. {escape(facts)}</footer>"
     yield "</body></html>"
 
 
@@ -98,7 +97,7 @@ def _drawn(section: Section, images: Images) -> list[Picture]:
 
 
 def _rows(section: Section) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Yield a class and the cells of every claim's row."""
+    """Yield the CSS class and the cells of the row of every claim."""
     for each in section.judged:
         claim, finding = each.claim, each.finding
         verdict, kind = finding.outcome.value, CLASSES[finding.outcome]
@@ -111,12 +110,3 @@ def _rows(section: Section) -> Iterator[tuple[str, tuple[str, ...]]]:
 def _cells(tag: str, cells: tuple[str, ...], kind: str = "") -> str:
     row = f'<tr class="{kind}">' if kind else "<tr>"
     return row + "".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in cells) + "</tr>"
-
-
-def _row(cells: tuple[str, ...] | list[str]) -> str:
-    return f"| {' | '.join(cells)} |"
-
-
-def _kept(text: str) -> str:
-    """Return `text` as one line that Markdown leaves alone."""
-    return SPECIAL.sub(r"\\\1", " ".join(text.split()))

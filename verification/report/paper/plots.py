@@ -1,4 +1,4 @@
-"""Pictures of the paper's reproduction as PNG. matplotlib is imported where it is used."""
+"""Pictures of the paper's reproduction as PNG."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import io
 import math
 from typing import TYPE_CHECKING
 
-from verification.report.verdict.plots import STYLE
-from verification.studies.paper.findings import Panel, Picture
+from verification.report.verdict.plots import new_figure
+from verification.studies.paper.pictures import Panel, Picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 WIDTH, HEIGHT = 4.2, 3.3  # of one panel, inches
 IN_A_ROW = 3
 DPI = 110
-LONG_LINE = 400  # points above which a line is drawn thin
+LONG_LINE = 400  # points above which a line is thin
 
 
 def can_draw() -> bool:
@@ -26,17 +26,10 @@ def can_draw() -> bool:
 
 def draw(picture: Picture) -> bytes:
     """Return `picture` as PNG; the same picture gives the same bytes."""
-    import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     count = len(picture.panels)
     columns = min(count, IN_A_ROW)
     rows = math.ceil(count / columns)
-    with mpl.rc_context(STYLE):
-        width = max(columns * WIDTH, 1.5 * WIDTH)
-        figure = Figure(figsize=(width, rows * HEIGHT), layout="constrained")
-        FigureCanvasAgg(figure)
+    with new_figure(max(columns * WIDTH, 1.5 * WIDTH), rows * HEIGHT) as figure:
         for number, panel in enumerate(picture.panels, start=1):
             _panel(figure.add_subplot(rows, columns, number), panel)
         buffer = io.BytesIO()
@@ -50,13 +43,9 @@ def _panel(axes: Axes, panel: Panel) -> None:
         axes.plot(line.x, line.y, line.style, label=line.label or None, lw=width, ms=4)
     for place, (level, text) in enumerate(panel.marks):
         axes.axhline(level, color=f"C{place + 1}", ls="--", lw=1, label=f"{text}: {level:.3g}")
-    if "x" in panel.logs:
-        axes.set_xscale("log")
-    if "y" in panel.logs:
-        axes.set_yscale("log")
+    axes.set(xlabel=panel.x, ylabel=panel.y, **{f"{axis}scale": "log" for axis in panel.logs})
     if panel.limits is not None:
         axes.set_ylim(*panel.limits)
-    axes.set(xlabel=panel.x, ylabel=panel.y)
     axes.set_title(panel.title, fontsize="medium")
     if any(line.label for line in panel.curves) or panel.marks:
         axes.legend(fontsize="x-small")

@@ -1,8 +1,8 @@
 """A regression run as JUnit XML, as the reporters of Jenkins, GitLab and GitHub read it.
 
-A scene is a test suite. Its tests are the checks of its verdict, and one for each group of
-quantities that is compared with the baseline. A failed check or a change is a failure; what could
-not be decided or read is an error; what has no baseline is skipped.
+A scene is a test suite. Its tests are the checks of its verdict, and one test for each group of
+quantities that is compared with the baseline. A failed check or a change is a failure, an
+undecided check or an unreadable scene is an error, and a scene without baseline is skipped.
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ from xml.etree import ElementTree as ET
 
 from verification.pipeline.checks import Check, Outcome
 from verification.report.regression.text import change_line, remarks, value_text
+from verification.report.verdict.table import limit
 from verification.studies.regression.compare import Difference
 from verification.studies.regression.run import RegressionReport, SceneResult, Status
 
-# What XML 1.0 cannot hold, whatever a simulator's log may say.
+# Characters that XML 1.0 cannot hold; the log of a simulator may contain them.
 FORBIDDEN = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 ENDS = {Outcome.PASS: "", Outcome.FAIL: "failure", Outcome.INCONCLUSIVE: "error"}
 WITHOUT_VERDICT = {
@@ -31,7 +32,7 @@ WITHOUT_VERDICT = {
 
 @dataclass(frozen=True, slots=True)
 class _Case:
-    """One test: how it ended ("", "failure", "error" or "skipped"), in a line and at length."""
+    """One test: its end ("", "failure", "error" or "skipped"), a message and a longer text."""
 
     name: str
     end: str = ""
@@ -61,9 +62,7 @@ def _suite(root: ET.Element, result: SceneResult, report: RegressionReport) -> E
     suite.set("file", _clean(str(Path(report.folder) / result.file)))
     _properties(suite, result, report)
     for place, case in enumerate(cases):
-        seconds = (
-            0.0 if place else result.seconds
-        )  # one run serves all: the first test has its time
+        seconds = 0.0 if place else result.seconds  # the first test has the time of the one run
         element = ET.SubElement(suite, "testcase", name=_clean(case.name))
         element.set("classname", _clean(f"taction.{stem}"))
         element.set("time", _seconds(seconds))
@@ -87,7 +86,7 @@ def _properties(suite: ET.Element, result: SceneResult, report: RegressionReport
 
 def _cases(result: SceneResult, *, updated: bool) -> Iterator[_Case]:
     if not result.checks:
-        # Writing the baseline anew is how a scene that is gone is taken out of it.
+        # An update of the baseline removes the scenes that are gone from the folder.
         accepted = updated and result.status is Status.MISSING
         end = "skipped" if accepted else WITHOUT_VERDICT[result.status]
         yield _Case("verify", end, f"{result.status.value}: {result.reason}", result.reason)
@@ -96,26 +95,27 @@ def _cases(result: SceneResult, *, updated: bool) -> Iterator[_Case]:
     if result.baseline is None:
         yield _Case("baseline", "skipped", "new: not in the baseline")
         return
-    said = "\n".join(remarks(result))
+    lines = remarks(result)
     for group in dict.fromkeys(d.group for d in result.differences):
-        found = [d for d in result.changes if d.group == group]
-        yield _group_case(group, found, said, accepted=updated or not result.fails)
+        changes = [d for d in result.changes if d.group == group]
+        yield _group_case(group, changes, lines, accepted=updated or not result.fails)
 
 
 def _check_case(check: Check) -> _Case:
-    limit = check.tolerance if check.tolerance is not None else check.expected
-    value, bound = value_text(check.value, check.unit), value_text(limit, check.unit)
+    value, bound = value_text(check.value, check.unit), value_text(limit(check), check.unit)
     message = f"{check.outcome.value}: {value}, limit {bound}; {check.reason}"
     return _Case(f"check {check.name}", ENDS[check.outcome], message, message)
 
 
-def _group_case(group: str, changes: list[Difference], said: str, *, accepted: bool) -> _Case:
+def _group_case(
+    group: str, changes: list[Difference], remarks_: list[str], *, accepted: bool
+) -> _Case:
     name = f"baseline {group}"
     if not changes:
         return _Case(name)
     lines = list(map(change_line, changes))
     more = f" and {len(changes) - 1} more" if len(changes) > 1 else ""
-    text = "\n".join([*lines, *([said] if said else [])])
+    text = "\n".join([*lines, *remarks_])
     return _Case(name, "skipped" if accepted else "failure", lines[0] + more, text)
 
 

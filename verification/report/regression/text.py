@@ -1,24 +1,24 @@
-"""A regression run in words: the rows that every report shares, the table, the JSON document."""
+"""A regression run as text: the rows that all its reports share, the table, the JSON document."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from typing import Any
 
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.markup import escape
-from rich.table import Table
 from rich.text import Text
 
-from netlist_gen.quantities import show
+from verification.report import tables
 from verification.report.verdict.json_document import check_record
 from verification.studies.regression.compare import Difference
 from verification.studies.regression.run import RegressionReport, SceneResult, Status
 
-SHOWN = 12  # changed quantities a scene in a report for people; the JSON has all
+SHOWN = 12  # changed quantities of a scene in a table; JSON has them all
 SUMMARY = ("scene", "status", "checks", "tolerances off", "simulator", "baseline from")
 CHANGES = ("what", "value", "baseline", "tolerance", "tolerances off", "note")
+ORIGIN = ("outcome", "revision", "taction", "simulator", "fingerprint")  # of a baseline entry
 PREFIX = {"checks": "check ", "states": "state ", "waveforms": "waveform "}
 COLOUR = {
     Status.SAME: "green",
@@ -30,7 +30,7 @@ COLOUR = {
 
 
 def summary_row(result: SceneResult) -> tuple[str, ...]:
-    """Return one scene's row under the titles `SUMMARY`."""
+    """Return the row of one scene under the titles `SUMMARY`."""
     passed = sum(check.outcome.value == "pass" for check in result.checks)
     checks = f"{passed} of {len(result.checks)} pass" if result.checks else "-"
     worst = off_text(result.worst) if result.differences else "-"
@@ -41,7 +41,7 @@ def summary_row(result: SceneResult) -> tuple[str, ...]:
 
 
 def change_rows(result: SceneResult) -> list[tuple[str, ...]]:
-    """Return the changed quantities under the titles `CHANGES`, `SHOWN` of them at the most."""
+    """Return at most `SHOWN` changed quantities under the titles `CHANGES`."""
     rows: list[tuple[str, ...]] = [
         (
             PREFIX.get(d.group, "") + d.name,
@@ -58,7 +58,7 @@ def change_rows(result: SceneResult) -> list[tuple[str, ...]]:
 
 
 def change_line(d: Difference) -> str:
-    """Return one changed quantity in a line."""
+    """Return a changed quantity as one line of text."""
     now, then = value_text(d.value, d.unit), value_text(d.baseline, d.unit)
     text = f"{PREFIX.get(d.group, '')}{d.name}: {now}, baseline {then}"
     if d.tolerance is not None:
@@ -67,68 +67,59 @@ def change_line(d: Difference) -> str:
 
 
 def remarks(result: SceneResult) -> list[str]:
-    """Return what is to be said of a scene beside its changes: failed checks, reason, notes."""
+    """Return the failed checks, the reason and the notes of a scene, one line each."""
     failed = [c for c in result.checks if c.outcome.value == "fail"]
-    found = [f"check {c.name.replace('_', ' ')} fails: {c.reason}" for c in failed]
-    return [*found, *([result.reason] if result.reason else []), *result.notes]
+    lines = [f"check {tables.spaced(c.name)} fails: {c.reason}" for c in failed]
+    return [*lines, *([result.reason] if result.reason else []), *result.notes]
 
 
 def headline(report: RegressionReport) -> str:
-    """Return the run in one line."""
+    """Return the counts of the run as one line of text."""
     counts = ", ".join(f"{count} {status}" for status, count in report.count().items())
     text = f"{report.folder} against {report.baseline}: {counts}"
     return text if report.revision == "unknown" else f"{text}; at {short(report.revision)}"
 
 
 def short(revision: str) -> str:
-    """Return a commit as people write it."""
+    """Return the first twelve digits of a commit."""
     return revision if revision == "unknown" else revision[:12]
 
 
 def off_text(off: float) -> str:
-    """Return a difference in tolerances; what cannot be compared is "differs"."""
+    """Return a difference in tolerances, or "differs" for values that cannot be compared."""
     return f"{off:.3g}" if math.isfinite(off) else "differs"
 
 
 def value_text(value: float | str | None, unit: str) -> str:
-    """Return a value with its unit; a dash where there is none."""
-    if value is None:
-        return "-"
-    if isinstance(value, str):
-        return value
-    if unit in ("V", "s", "Hz"):
-        return show(value, unit, 6)
-    return f"{value:.6g} /s" if unit == "1/s" else f"{value:.6g}"
+    """Return a value with its unit and six digits; a dash for a missing value."""
+    return tables.value_text(value, "" if unit == "step" else unit, 6)
 
 
 def print_regression(report: RegressionReport, console: Console) -> None:
-    """Print the scenes, then what changed in each."""
-    table = Table(*SUMMARY, box=SIMPLE_HEAD, pad_edge=False)
+    """Print the scenes, then the changes of each scene."""
+    rows: list[list[RenderableType]] = []
     for result in report.results:
-        row = [escape(cell) for cell in summary_row(result)]
-        table.add_row(*row[:1], Text(row[1], style=COLOUR.get(result.status, "red")), *row[2:])
-    console.print(table)
+        file, status, *others = map(escape, summary_row(result))
+        rows.append([file, Text(status, style=COLOUR.get(result.status, "red")), *others])
+    console.print(tables.make_table(SUMMARY, rows))
     for result in report.results:
         _print_scene(result, console)
     console.print(Text(headline(report), style="bold"))
 
 
 def _print_scene(result: SceneResult, console: Console) -> None:
-    rows, said = change_rows(result), remarks(result)
-    if result.status is Status.SAME or not (rows or said):
+    rows, lines = change_rows(result), remarks(result)
+    if result.status is Status.SAME or not (rows or lines):
         return
     console.print(Text(f"{result.file}: {result.status.value}", style="bold"))
-    for line in said:
+    for line in lines:
         console.print(Text(f"  {line}"))
     if rows:
-        table = Table(*CHANGES, box=SIMPLE_HEAD, pad_edge=False)
-        for row in rows:
-            table.add_row(*map(escape, row))
-        console.print(table)
+        console.print(tables.make_table(CHANGES, [[*map(escape, row)] for row in rows]))
 
 
 def regression_document(report: RegressionReport) -> dict[str, Any]:
-    """Return a run as plain data; SI base units, and `off` is null where nothing compares."""
+    """Return a run as plain data in SI base units; `off` is infinite for values of other kinds."""
     return {
         "exit_status": report.exit_status,
         "folder": report.folder,
@@ -153,23 +144,6 @@ def _record(result: SceneResult) -> dict[str, Any]:
         "baseline": then and {key: getattr(then, key) for key in ORIGIN},
         "worst": result.worst if result.differences else None,
         "checks": [check_record(check) for check in result.checks],
-        "differences": [_difference(d) for d in result.differences],
+        "differences": [asdict(d) | {"changed": d.changed} for d in result.differences],
         "seconds": result.seconds,
-    }
-
-
-ORIGIN = ("outcome", "revision", "taction", "simulator", "fingerprint")
-
-
-def _difference(d: Difference) -> dict[str, Any]:
-    return {
-        "group": d.group,
-        "name": d.name,
-        "value": d.value,
-        "baseline": d.baseline,
-        "tolerance": d.tolerance,
-        "off": d.off,
-        "changed": d.changed,
-        "unit": d.unit,
-        "note": d.note,
     }

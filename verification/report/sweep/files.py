@@ -1,9 +1,8 @@
-"""A sweep to a file: CSV, Parquet or netCDF, by the file's ending; SI base units."""
+"""Write a sweep to CSV, Parquet or netCDF, by the ending of the file; SI base units."""
 
 from __future__ import annotations
 
 import csv
-import importlib.util
 import itertools
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,21 +10,20 @@ from typing import Any
 
 import numpy as np
 
-from spice_models.errors import Complaint, InputError
-from verification.report.atomic_files import check_folder, replacing
+from verification.report.atomic_files import check_file, replacing
 from verification.report.sweep.records import all_records, records
 from verification.studies.figures import FIGURES
 from verification.studies.sweep.plan import Plan
 from verification.studies.sweep.store import Store
 
-NEEDS = {  # ending: package, how to get it
+PACKAGES = {  # by ending: the package and how to install it
     ".parquet": ("pyarrow", "Parquet needs pyarrow: pip install 'taction[parquet]'"),
     ".nc": ("xarray", "netCDF needs xarray: pip install 'taction[netcdf]'"),
 }
-WORDS = ("outcome", "failure", "state", "simulator", "reason")
+TEXT_COLUMNS = ("outcome", "failure", "state", "simulator", "reason")
 OUTCOMES = ("pass", "fail", "inconclusive", "error")
-BATCH = 5000  # rows that are in memory at a time
-UNITS = {"step": "1", "": "1"}  # as netCDF's conventions spell a plain number
+BATCH = 5000  # rows in memory at a time
+UNITS = {"step": "1", "": "1"}  # the unit of a plain number in the conventions of netCDF
 
 
 def check_sweep_export(path: str) -> None:
@@ -36,21 +34,14 @@ def check_sweep_export(path: str) -> None:
     InputError
         An unknown ending, a missing folder, or a package that is not installed.
     """
-    ending = Path(path).suffix.lower()
-    if ending not in WRITERS:
-        text = f"expected a file that ends in {', '.join(WRITERS)}"
-        raise InputError("--export", Complaint("FILE", repr(path), text))
-    check_folder(path, "--export")
-    package, remedy = NEEDS.get(ending, ("", ""))
-    if package and importlib.util.find_spec(package) is None:
-        raise InputError("--export", Complaint("FILE", repr(path), remedy))
+    check_file(path, "--export", WRITERS, PACKAGES)
 
 
 def export_sweep(plan: Plan, store: Store, path: str) -> None:
     """Write every stored point of `plan` to `path`.
 
-    CSV and Parquet have one row a point and engine; netCDF has one dimension a group of axes and
-    one for the engine, with the axes as coordinates and units on everything.
+    CSV and Parquet have one row for each point and engine; netCDF has one dimension for each group
+    of axes and one for the engine, the axes as coordinates, and a unit for every variable.
 
     Raises
     ------
@@ -63,13 +54,13 @@ def export_sweep(plan: Plan, store: Store, path: str) -> None:
 
 
 def _numbers(plan: Plan) -> dict[str, str]:
-    """Return the units of `FIGURES`, without those that are an axis, such as lambda."""
+    """Return the units of `FIGURES` by name, without figures that are an axis, such as lambda."""
     names = {axis.name for axis in plan.axes}
     return {name: figure.unit for name, figure in FIGURES.items() if name not in names}
 
 
 def _titles(plan: Plan) -> list[str]:
-    return [*(axis.name for axis in plan.axes), "engine", "stable", *_numbers(plan), *WORDS]
+    return [*(axis.name for axis in plan.axes), "engine", "stable", *_numbers(plan), *TEXT_COLUMNS]
 
 
 def _rows(plan: Plan, store: Store) -> Iterator[dict[str, Any]]:
@@ -103,46 +94,46 @@ def _parquet(plan: Plan, store: Store, path: Path) -> None:
             column("engine", pa.string(), ""),
             column("stable", pa.bool_(), ""),
             *(column(name, pa.float64(), unit) for name, unit in _numbers(plan).items()),
-            *(column(name, pa.string(), "") for name in WORDS),
+            *(column(name, pa.string(), "") for name in TEXT_COLUMNS),
         ]
     )
-    words = [axis.name for axis in plan.axes if axis.key.kind == "choice"]
+    choices = [axis.name for axis in plan.axes if axis.key.kind == "choice"]
     with pq.ParquetWriter(path, schema) as writer:
         rows = _rows(plan, store)
         while batch := list(itertools.islice(rows, BATCH)):
             for row in batch:
-                row.update({name: str(row[name]) for name in words})
+                row.update({name: str(row[name]) for name in choices})
             writer.write_table(pa.Table.from_pylist(batch, schema=schema))
 
 
 def grids(plan: Plan, store: Store) -> dict[str, np.ndarray[Any, Any]]:
     """Return the numbers of a sweep as arrays over the grid, the engine last.
 
-    Every name of `FIGURES` (NaN where there is none) and ``outcome``, the place in `OUTCOMES`
-    (-1 where nothing is stored); shape ``(*plan.shape, len(plan.engines))``.
+    Every name of `FIGURES` (NaN for a missing number) and ``outcome``, the place in `OUTCOMES`
+    (-1 for a point that is not stored); shape ``(*plan.shape, len(plan.engines))``.
     """
     shape = (*plan.shape, len(plan.engines))
-    found = {name: np.full(shape, np.nan) for name in FIGURES}
+    arrays = {name: np.full(shape, np.nan) for name in FIGURES}
     outcome = np.full(shape, -1, dtype=np.int8)
     for place, record in zip(np.ndindex(*shape), all_records(plan, store), strict=True):
         if record is None:
             continue
         outcome[place] = OUTCOMES.index(record["outcome"])
-        for name, array in found.items():
+        for name, array in arrays.items():
             if record[name] is not None:
                 array[place] = record[name]
-    return {**found, "outcome": outcome}
+    return {**arrays, "outcome": outcome}
 
 
 def frame(plan: Plan, store: Store) -> Any:
-    """Return the stored points as a pandas DataFrame: one row a point and engine, as in a CSV."""
+    """Return the stored points as a pandas DataFrame: the rows of a CSV file."""
     import pandas as pd
 
     return pd.DataFrame(_rows(plan, store), columns=_titles(plan))
 
 
 def dataset(plan: Plan, store: Store) -> Any:
-    """Return the grid as an xarray Dataset: one dimension a group of axes, one for the engine."""
+    """Return the grid as an xarray Dataset: the dimensions of netCDF."""
     import xarray as xr
 
     dimensions = [group[0].name for group in plan.groups]

@@ -11,7 +11,7 @@ from netlist_gen.overrides.axes import Axis
 from spice_models.array_types import Floats
 from spice_models.errors import Complaint, InputError
 from verification.report.sweep.files import OUTCOMES, grids
-from verification.report.verdict.plots import STYLE, check_plot_file, save
+from verification.report.verdict.plots import check_plot_file, figure_file
 from verification.studies.figures import FIGURES
 from verification.studies.sweep.plan import Plan
 from verification.studies.sweep.store import Store
@@ -23,12 +23,12 @@ if TYPE_CHECKING:
 COLOURS = ("#59a14f", "#e15759", "#edc948", "#b07aa1")  # of OUTCOMES
 MARKERS = ("o", "x", "^", "s")  # of OUTCOMES, for the second engine
 LINES = {"ngspice": ("o", "C1", 7.0), "statespace": ("-", "C0", 4.0)}
-MOST_MARKERS = 2500  # more could not be told apart
+MOST_MARKERS = 2500  # above, marks would overlap
 
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """One panel: a figure of the records, how it is called, its factor and kind of scale."""
+    """One panel: a figure of the records, its title, its factor and the kind of its scale."""
 
     name: str
     title: str
@@ -58,7 +58,9 @@ def check_sweep_plot(plan: Plan, path: str) -> None:
     """
     check_plot_file(path)
     if len(plan.groups) > 2:
-        text = f"{len(plan.groups)} axes; one or two can be drawn, --export holds them all"
+        text = (
+            f"{len(plan.groups)} axes; a picture has one or two axes, --export writes all of them"
+        )
         raise InputError("--plot", Complaint("FILE", repr(path), text))
 
 
@@ -71,20 +73,12 @@ def plot_sweep(plan: Plan, store: Store, path: str) -> None:
         See `check_sweep_plot`; or the file cannot be written.
     """
     check_sweep_plot(plan, path)
-    import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(11.5, 8.2), layout="constrained")
-        FigureCanvasAgg(figure)
+    title = f"{plan.scene.name}: {plan.total} points, {' and '.join(plan.engines)}"
+    with figure_file(path, 11.5, 8.2, title) as figure:
         data = grids(plan, store)
-        data["overshoot"][data["growth_rate"] > 0.0] = np.nan  # it tells how long was recorded
+        data["overshoot"][data["growth_rate"] > 0.0] = np.nan  # depends on the record's length
         draw = _maps if len(plan.groups) == 2 else _curves
         draw(figure, plan, data)
-        engines = " and ".join(plan.engines)
-        figure.suptitle(f"{plan.scene.name}: {plan.total} points, {engines}", fontweight="bold")
-        save(figure, path)
 
 
 def _maps(figure: Figure, plan: Plan, data: dict[str, Any]) -> None:
@@ -101,14 +95,10 @@ def _maps(figure: Figure, plan: Plan, data: dict[str, Any]) -> None:
         axes.grid(visible=False)
         if np.nanmin(growth, initial=0.0) < 0.0 < np.nanmax(growth, initial=0.0):
             axes.contour(across.places, down.places, growth, [0.0], colors="k", linewidths=2.0)
-    figure.supxlabel(_legend_text(plan), fontsize="small")
-
-
-def _legend_text(plan: Plan) -> str:
     text = "black line: stability boundary (a pole crosses the imaginary axis); grey: no value"
     if len(plan.engines) == 2:
         text += "\noutcome: squares are the state-space engine's verdicts, marks on them ngspice's"
-    return text
+    figure.supxlabel(text, fontsize="small")
 
 
 def _map(
@@ -141,7 +131,7 @@ def _map(
 def _outcomes(
     axes: Axes, plan: Plan, outcome: np.ndarray[Any, Any], rulers: tuple[_Ruler, _Ruler]
 ) -> None:
-    """Fill with the last engine's verdicts and mark the first one's on top of them."""
+    """Fill the cells with the verdicts of the last engine; marks show those of the first engine."""
     from matplotlib.colors import ListedColormap
     from matplotlib.patches import Patch
 
@@ -150,14 +140,14 @@ def _outcomes(
     colours = ListedColormap(COLOURS)
     axes.set_facecolor("white")
     axes.pcolormesh(across.edges, down.edges, shown, cmap=colours, vmin=-0.5, vmax=3.5)
-    found = [k for k in range(len(OUTCOMES)) if np.any(outcome == k)]
-    handles: list[Any] = [Patch(color=COLOURS[k], label=OUTCOMES[k]) for k in found]
+    present = [k for k in range(len(OUTCOMES)) if np.any(outcome == k)]
+    handles: list[Any] = [Patch(color=COLOURS[k], label=OUTCOMES[k]) for k in present]
     if len(plan.engines) == 2 and shown.size <= MOST_MARKERS:
         x, y = np.meshgrid(across.places, down.places)
-        for k in found:
-            here = outcome[..., 0] == k
+        for k in present:
+            cells = outcome[..., 0] == k
             size = max(4.0, min(40.0, 6e3 / shown.size))
-            marks = axes.scatter(x[here], y[here], size, c="k", marker=MARKERS[k], linewidths=0.8)
+            marks = axes.scatter(x[cells], y[cells], size, c="k", marker=MARKERS[k], linewidths=0.8)
             marks.set_label(f"{plan.engines[0]}: {OUTCOMES[k]}")
             handles.append(marks)
     differ = int(np.sum((outcome != outcome[..., :1]).any(axis=-1)))
@@ -183,13 +173,8 @@ def _curves(figure: Figure, plan: Plan, data: dict[str, Any]) -> None:
             axes.axhline(0.0, color="k", lw=1.0)
         elif quantity.scale == "log" and np.isfinite(data[quantity.name]).any():
             axes.set_yscale("log")
-            numbers = data[quantity.name]
-            _tick(
-                axes.yaxis,
-                quantity.unit,
-                float(np.nanmin(numbers)),
-                float(np.nanmax(numbers)),
-            )
+            ends = (float(limit(data[quantity.name])) for limit in (np.nanmin, np.nanmax))
+            _tick(axes.yaxis, quantity.unit, *ends)
     _strip(panels.flat[3], plan, data["outcome"], ruler)
     for axes in panels.flat:
         ruler.mark(axes, "x")
@@ -203,23 +188,17 @@ def _strip(axes: Axes, plan: Plan, outcome: np.ndarray[Any, Any], ruler: _Ruler)
     for k, name in enumerate(OUTCOMES):
         rows, columns = np.nonzero(outcome == k)
         if rows.size:
-            colour = COLOURS[k]
-            places = ruler.places[rows]
-            axes.scatter(places, columns, 30, c=colour, marker=MARKERS[k], label=name)
+            places, colour, mark = ruler.places[rows], COLOURS[k], MARKERS[k]
+            axes.scatter(places, columns, 30, c=colour, marker=mark, label=name)
     axes.set(title="outcome", ylim=(-0.6, len(plan.engines) - 0.4))
     axes.set_yticks(range(len(plan.engines)), plan.engines)
     axes.legend(fontsize="small", loc="best")
 
 
 class _Ruler:
-    """Where the values of an axis stand: by value, or one after the other for words and lists.
+    """Positions (n,) of the values of an axis, and edges (n + 1,) of the cells around them.
 
-    Attributes
-    ----------
-    places : ndarray (n,)
-        Of the values.
-    edges : ndarray (n + 1,)
-        Of the cells around them.
+    Numbers stand at their values; words and lists stand one after the other.
     """
 
     def __init__(self, axis: Axis) -> None:
@@ -250,7 +229,7 @@ class _Ruler:
 
 
 def _tick(ruler: Any, unit: str, low: float, high: float) -> None:
-    """Write values with SI prefixes; on a logarithmic axis at 1, 2 and 5 where it is short."""
+    """Write values with SI prefixes, on a short logarithmic axis at 1, 2 and 5 of each decade."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
     ruler.set_major_formatter(_prefixes(unit))

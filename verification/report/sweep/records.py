@@ -2,55 +2,54 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 from collections.abc import Iterator
 from typing import Any
 
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.markup import escape
-from rich.table import Table
 from rich.text import Text
 
 from netlist_gen.overrides.axes import Axis
-from netlist_gen.quantities import show
+from verification.report.tables import make_table, spaced, value_text
 from verification.studies.figures import FIGURES
 from verification.studies.sweep.plan import Plan, Requests
-from verification.studies.sweep.run import Count
+from verification.studies.sweep.run import SweepCounts
 from verification.studies.sweep.store import Store
 
-LINES = 40  # of points that are listed; of more, only those without a verdict
+LINES = 40  # points in the table; of a larger sweep only those without a verdict
 COLOUR = {"pass": "green", "fail": "red", "inconclusive": "yellow", "error": "magenta"}
 COLUMNS = ("settling_time", "overshoot", "growth_rate", "frequency")
 
 
 def records(plan: Plan, store: Store) -> Iterator[dict[str, Any]]:
-    """Every point of `plan` that is stored, in the order of the grid, one record each.
+    """Yield the record of every stored point of `plan`, in the order of the grid.
 
-    ``values`` holds what was changed, by the names that the axes have; the rest is as
-    `verification.studies.sweep.point` has it.
+    ``values`` holds the values on the axes by name; `verification.studies.sweep.point` defines
+    the other keys.
     """
     return (record for record in all_records(plan, store) if record is not None)
 
 
 def all_records(plan: Plan, store: Store) -> Iterator[dict[str, Any] | None]:
-    """As `records`, with None in the place of a point that is not stored."""
+    """Yield as `records` does, with None for a point that is not stored."""
     names = {axis.key.path: axis.name for axis in plan.axes}
     for point in Requests(plan):
-        row = store.row(point.request)
-        if row is None:
+        record = store.record_of(point.request)
+        if record is None:
             yield None
             continue
         values = {names[path]: value for path, value in point.values.items()}
         pole = None
-        if row.record["growth_rate"] is not None:
-            pole = [row.record["growth_rate"], 2.0 * math.pi * row.record["frequency"]]
-        yield {"values": values, **row.record, "engine": point.engine, "rightmost_pole": pole}
+        if record["growth_rate"] is not None:
+            pole = [record["growth_rate"], 2.0 * math.pi * record["frequency"]]
+        yield {"values": values, **record, "engine": point.engine, "rightmost_pole": pole}
 
 
-def document_parts(plan: Plan, store: Store, count: Count, seconds: float) -> Iterator[str]:
-    """Yield the JSON document in pieces: it may be larger than the memory."""
+def document_parts(plan: Plan, store: Store, count: SweepCounts, seconds: float) -> Iterator[str]:
+    """Yield the JSON document in pieces, since it may be larger than the memory."""
     head = {
         "scene": plan.scene.name,
         "file": str(plan.scene.file),
@@ -84,51 +83,31 @@ def axis_record(axis: Axis, group: int) -> dict[str, Any]:
     }
 
 
-def print_sweep(plan: Plan, store: Store, count: Count, console: Console) -> None:
-    """Print the outcomes, and the points where they are few, else those without a verdict."""
-    listed = list(_listed(plan, store, whole=count.total <= LINES))
-    if listed:
-        console.print(_table(plan, listed))
+def print_sweep(plan: Plan, store: Store, count: SweepCounts, console: Console) -> None:
+    """Print the outcomes, and the points if they are few, else the points without a verdict."""
+    whole = count.total <= LINES
+    listed = (r for r in records(plan, store) if whole or r["outcome"] == "error")
+    if rows := [_row(plan, record) for record in itertools.islice(listed, LINES)]:
+        titles = map(spaced, COLUMNS)
+        names = [axis.name for axis in plan.axes]
+        console.print(make_table((*names, "engine", "outcome", *titles, "why"), rows))
     outcomes = ", ".join(
-        f"[{COLOUR[name]}]{number} {name}[/{COLOUR[name]}]"
-        for name, number in sorted(
-            count.outcomes.items(), key=lambda item: list(COLOUR).index(item[0])
-        )
+        f"[{COLOUR[name]}]{count.outcomes[name]} {name}[/{COLOUR[name]}]"
+        for name in COLOUR
+        if name in count.outcomes
     )
     console.print(f"{count.done} points: {outcomes}")
     stored = count.done - count.ran
     console.print(f"{count.ran} computed now, {stored} from {escape(store.path)}")
     if count.outcomes["error"]:
-        console.print("--retry failed computes those again that reached no verdict (error)")
+        console.print("--retry failed computes the points without a verdict (error) again")
 
 
-def _listed(plan: Plan, store: Store, *, whole: bool) -> Iterator[dict[str, Any]]:
-    left = LINES
-    for record in records(plan, store):
-        if left and (whole or record["outcome"] == "error"):
-            left -= not whole
-            yield record
-
-
-def _table(plan: Plan, listed: list[dict[str, Any]]) -> Table:
-    names = [axis.name for axis in plan.axes]
-    titles = [name.replace("_", " ") for name in COLUMNS]
-    table = Table(*names, "engine", "outcome", *titles, "why", box=SIMPLE_HEAD, pad_edge=False)
-    units = {axis.name: axis.key.unit for axis in plan.axes}
-    for record in listed:
-        table.add_row(
-            *(_amount(record["values"][name], units[name]) for name in names),
-            record["engine"],
-            Text(record["outcome"], style=COLOUR[record["outcome"]]),
-            *(_amount(record[name], FIGURES[name].unit) for name in COLUMNS),
-            escape(record["reason"].split("\n")[0][:160]),
-        )
-    return table
-
-
-def _amount(value: object, unit: str) -> str:
-    if not isinstance(value, float):
-        return "-" if value is None else str(value)
-    if unit == "step":
-        return f"{100 * value:.3g} %"
-    return show(value, unit) if unit in ("s", "Hz", "F", "ohm", "S", "V") else f"{value:.4g}"
+def _row(plan: Plan, record: dict[str, Any]) -> list[RenderableType]:
+    return [
+        *(value_text(record["values"][axis.name], axis.key.unit) for axis in plan.axes),
+        record["engine"],
+        Text(record["outcome"], style=COLOUR[record["outcome"]]),
+        *(value_text(record[name], FIGURES[name].unit) for name in COLUMNS),
+        escape(record["reason"].split("\n")[0][:160]),
+    ]

@@ -1,4 +1,4 @@
-"""A sweep that is done, for programs: tables, grids and pictures of the points in its store."""
+"""The result of a sweep, for programs: tables, grids and pictures of the stored points."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from verification.report.sweep.files import dataset, frame
 from verification.report.sweep.maps import plot_sweep
 from verification.report.sweep.records import records
 from verification.studies.sweep.plan import Plan
-from verification.studies.sweep.run import Count
+from verification.studies.sweep.run import SweepCounts
 from verification.studies.sweep.store import Store
 
 
@@ -24,32 +24,29 @@ class SweepResult:
     Attributes
     ----------
     plan : Plan
-        The grid: its axes, their values, its engines.
+        The grid: the axes, their values, the engines.
     store : Store
-        A database in a file or in memory; it stays open as long as the result lives.
-    count : Count
-        How many points there are, how many were computed now, and their outcomes.
+        A database in a file or in memory, open as long as the result exists.
+    count : SweepCounts
+        Numbers of all points, of the points computed now, and of each outcome.
     """
 
     plan: Plan
     store: Store
-    count: Count
+    count: SweepCounts
 
     def __repr__(self) -> str:
-        outcomes = ", ".join(
-            f"{number} {name}" for name, number in sorted(self.count.outcomes.items())
-        )
-        names = " x ".join(axis.name for axis in self.plan.axes)
-        return (
-            f"SweepResult({self.plan.scene.name!r}, {names}: {self.plan.total} points, {outcomes})"
-        )
+        plan, counts = self.plan, sorted(self.count.outcomes.items())
+        outcomes = ", ".join(f"{number} {name}" for name, number in counts)
+        names = " x ".join(axis.name for axis in plan.axes)
+        return f"SweepResult({plan.scene.name!r}, {names}: {plan.total} points, {outcomes})"
 
     def records(self) -> Iterator[dict[str, Any]]:
         """Yield every point as plain data in SI base units, in the order of the grid."""
         return records(self.plan, self.store)
 
     def to_pandas(self) -> Any:
-        """Return a ``pandas.DataFrame``: one row a point and engine, one column an axis or figure.
+        """Return a ``pandas.DataFrame``: a row for each point and engine, a column for each figure.
 
         Raises
         ------

@@ -4,92 +4,94 @@ from __future__ import annotations
 
 import math
 
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from netlist_gen.quantities import show
+from netlist_gen.quantities import UNITS
+from verification.report.tables import make_table, spaced, value_text
 from verification.studies.tolerance.corners import Corner
 from verification.studies.tolerance.varied_board import Quantity
 from verification.studies.tolerance.yield_report import Spread, YieldReport
 
-TOP = 10  # sensitivities that are shown; JSON has them all
-REASONS = 3
+TOP = 10  # sensitivities in the table; JSON has them all
+REASONS = 3  # for samples without verdict, the most frequent first
 
 
-def print_yield(found: YieldReport, seed: int) -> None:
-    """Print the yield with its interval, what failed and by how much, and what matters."""
+def print_yield(report: YieldReport, seed: int) -> None:
+    """Print the yield with its interval, the failed checks, the quantities and sensitivities."""
     console = Console(highlight=False)
-    if not found.samples:
+    if not report.samples:
         console.print("no sample: no yield")
         return
     console.print(
-        f"yield {_percent(found.fraction)} ({found.passed} of {found.samples}), 95 % interval"
-        f" {_percent(found.low)} to {_percent(found.high)}; seed {seed}"
+        f"yield {_percent(report.fraction)} ({report.passed} of {report.samples}), 95 % interval"
+        f" {_percent(report.low)} to {_percent(report.high)}; seed {seed}"
     )
-    for name, count in found.failures.items():
-        console.print(f"  {name.replace('_', ' ')}: {count} samples do not pass")
-    if found.without_verdict:
-        console.print(f"  {found.without_verdict} samples without verdict count as not passed")
-    for reason, count in list(found.reasons.items())[:REASONS]:
+    for name, count in report.failures.items():
+        console.print(f"  {spaced(name)}: {count} samples do not pass")
+    if report.without_verdict:
+        console.print(f"  {report.without_verdict} samples without verdict count as failed")
+    for reason, count in list(report.reasons.items())[:REASONS]:
         console.print(f"    {count}: {reason}", markup=False)
-    console.print(_spreads(found.quantities))
-    if found.sensitivities:
-        console.print(_sensitivities(found))
+    console.print(_spreads(report.quantities))
+    if report.sensitivities:
+        console.print(_sensitivities(report))
 
 
-def print_corners(found: tuple[Corner, ...], told: tuple[Quantity, ...]) -> None:
-    """Print every corner with its outcome and what decides it."""
-    names = [quantity.name.replace("_", " ") for quantity in told]
-    table = Table(
-        "corner", "outcome", *names, box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0)
-    )
+def print_corners(corners: tuple[Corner, ...], quantities: tuple[Quantity, ...]) -> None:
+    """Print every corner with its outcome, its failed checks and the components behind them."""
     console = Console(highlight=False)
-    for corner in found:
-        result = corner.result
-        figures = [_figure(getattr(result, q.name), q.unit) for q in told]
-        table.add_row(_name(corner), result.outcome, *figures)
-    console.print(table)
-    for corner in found:
-        words = [corner.result.reason, f"fails {', '.join(corner.result.failed)}"]
-        said = "; ".join(words[: 1 + bool(corner.result.failed)]).strip("; ")
-        decided = f" most moved by {' '.join(corner.largest)}" if corner.largest else ""
-        if said or decided:
-            console.print(
-                f"{_name(corner)}: {said}{';' if said and decided else ''}{decided}", markup=False
-            )
+    rows = [
+        (
+            _name(corner),
+            corner.result.outcome,
+            *(_figure(getattr(corner.result, q.name), q.unit) for q in quantities),
+        )
+        for corner in corners
+    ]
+    titles = ("corner", "outcome", *(spaced(quantity.name) for quantity in quantities))
+    console.print(make_table(titles, rows, padding=(0, 1, 0, 0)))
+    for corner in corners:
+        failed, largest = corner.result.failed, " ".join(corner.largest)
+        remarks = (
+            corner.result.reason,
+            f"fails {', '.join(failed)}" if failed else "",
+            f"most moved by {largest}" if largest else "",
+        )
+        if any(remarks):
+            console.print(f"{_name(corner)}: {'; '.join(filter(None, remarks))}", markup=False)
 
 
 def _name(corner: Corner) -> str:
-    """Return the name as people read it; a user's own words stay as they are."""
-    return corner.name.replace("_", " ") if corner.quantity else corner.name
+    """Return the name of a corner in words, and a user's own name unchanged."""
+    return spaced(corner.name) if corner.quantity else corner.name
 
 
 def _spreads(spreads: tuple[Spread, ...]) -> Table:
-    table = Table("quantity", "wanted", "5 %", "median", "95 %", "none", box=SIMPLE_HEAD)
+    rows = []
     for spread in spreads:
-        wanted = [
+        limits = [
             f"{sign} {_figure(limit, spread.unit)}"
             for sign, limit in (("≥", spread.at_least), ("≤", spread.at_most))
             if limit is not None
         ]
         quantiles = [_figure(v, spread.unit) for v in (spread.low, spread.median, spread.high)]
         missing = str(spread.missing or "")
-        table.add_row(spread.name.replace("_", " "), ", ".join(wanted), *quantiles, missing)
-    return table
+        rows.append((spaced(spread.name), ", ".join(limits), *quantiles, missing))
+    return make_table(("quantity", "limit", "5 %", "median", "95 %", "missing"), rows)
 
 
-def _sensitivities(found: YieldReport) -> Table:
-    table = Table("quantity", "component", "correlation", "of the variance", box=SIMPLE_HEAD)
-    for item in found.sensitivities[:TOP]:
-        where = "" if item.channel is None else f", channel {item.channel}"
-        table.add_row(
-            item.quantity.replace("_", " ") + where,
+def _sensitivities(report: YieldReport) -> Table:
+    rows = [
+        (
+            spaced(item.quantity) + ("" if item.channel is None else f", channel {item.channel}"),
             f"{item.parameter} ({item.kind})",
             f"{item.correlation:+.2f} ± {item.standard_error:.2f}",
             f"{100 * item.correlation**2:.0f} %",
         )
-    return table
+        for item in report.sensitivities[:TOP]
+    ]
+    return make_table(("quantity", "component", "correlation", "of the variance"), rows)
 
 
 def _percent(value: float) -> str:
@@ -97,12 +99,6 @@ def _percent(value: float) -> str:
 
 
 def _figure(value: float | None, unit: str) -> str:
-    if value is None or math.isnan(value):
-        return "-"
-    if math.isinf(value):
+    if value is not None and math.isinf(value):
         return "never"
-    if unit == "step":
-        return f"{100 * value:.3g} %"
-    if unit == "ratio":
-        return f"{value:.4g}"
-    return f"{value:.4g} /s" if unit == "1/s" else show(value, unit, 3)
+    return value_text(value, unit, 3 if unit in UNITS else 4)

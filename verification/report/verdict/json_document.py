@@ -1,4 +1,4 @@
-"""A verdict as one JSON document; SI base units throughout."""
+"""A verdict as one JSON document in SI base units."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def verdict_document(verdict: Verdict) -> dict[str, Any]:
         "channels": [channel_record(channel) for channel in verdict.measurements.channels],
         "step_amplitude": figures["step_amplitude"],
         "settling_time": figures["settling_time"],
-        "settling_time_ideal": verdict.ideal.pace.settling_time,
+        "settling_time_ideal": verdict.ideal.transient.settling_time,
         "stability": {
             "stable": verdict.poles.stable,
             "rightmost_pole": [verdict.poles.rightmost.real, verdict.poles.rightmost.imag],
@@ -34,9 +34,9 @@ def verdict_document(verdict: Verdict) -> dict[str, Any]:
             "margin": figures["margin"],
         },
         "energy": {
-            "identity_residual": verdict.ideal.pace.energy_residual,
-            "rise": None if verdict.energy is None else verdict.energy.rise,
-            "rise_time": None if verdict.energy is None else verdict.energy.time,
+            "identity_residual": verdict.ideal.transient.energy_residual,
+            "rise": verdict.energy and verdict.energy.rise,
+            "rise_time": verdict.energy and verdict.energy.time,
         },
         "constraint_plane": None if verdict.constraint is None else asdict(verdict.constraint),
         "error_budget": {

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import importlib.util
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from netlist_gen.quantities import show
-from spice_models.array_types import Floats
-from spice_models.errors import Complaint, InputError
 from verification.pipeline.agreement import Agreement
+from verification.report.atomic_files import check_file, replacing
+from verification.report.tables import spaced
 from verification.report.verdict.table import amount
 from verification.verify import Verdict
 
@@ -19,8 +20,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-ENDINGS = (".png", ".svg", ".pdf")
-LEGEND_LIMIT = 12  # above, a colour bar would tell more than a legend; we leave both out
+MATPLOTLIB = ("matplotlib", "needs matplotlib: pip install 'taction[plot]'")
+PACKAGES = dict.fromkeys((".png", ".svg", ".pdf"), MATPLOTLIB)
+METADATA = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
+LEGEND_LIMIT = 12  # channels above which there is no legend
 UNITS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"), (1e-9, "ns"))
 STYLE: dict[Any, Any] = {
     "axes.grid": True,
@@ -37,17 +40,40 @@ def check_plot_file(path: str) -> None:
     Raises
     ------
     InputError
-        The ending is none of `ENDINGS`, the folder is missing, or matplotlib is not installed.
+        The ending is not in `PACKAGES`, the folder is missing, or matplotlib is not installed.
     """
-    file = Path(path)
-    if file.suffix.lower() not in ENDINGS:
-        text = f"expected a file that ends in {', '.join(ENDINGS)}"
-        raise InputError("--plot", Complaint("FILE", repr(path), text))
-    if not file.parent.is_dir():
-        raise InputError("--plot", Complaint("FILE", repr(path), "its folder does not exist"))
-    if importlib.util.find_spec("matplotlib") is None:
-        text = "needs matplotlib: pip install 'taction[plot]'"
-        raise InputError("--plot", Complaint("FILE", repr(path), text))
+    check_file(path, "--plot", PACKAGES, PACKAGES)
+
+
+@contextmanager
+def new_figure(width: float, height: float) -> Iterator[Figure]:
+    """Give a figure of `width` by `height` inches in the style of all pictures."""
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(width, height), layout="constrained")
+        FigureCanvasAgg(figure)
+        yield figure
+
+
+@contextmanager
+def figure_file(path: str, width: float, height: float, title: str = "") -> Iterator[Figure]:
+    """Give a `new_figure` and write the finished picture to `path`, always with the same bytes.
+
+    Raises
+    ------
+    InputError
+        See `check_plot_file`; or the file cannot be written.
+    """
+    check_plot_file(path)
+    with new_figure(width, height) as figure:
+        if title:
+            figure.suptitle(title, fontweight="bold")
+        yield figure
+        with replacing(path) as file:
+            figure.savefig(file, dpi=150, metadata=METADATA.get(Path(path).suffix.lower()))
 
 
 def plot_verdict(verdict: Verdict, path: str) -> None:
@@ -56,47 +82,24 @@ def plot_verdict(verdict: Verdict, path: str) -> None:
     Raises
     ------
     InputError
-        See `check_plot_file`; or the file cannot be written.
+        See `figure_file`.
     """
-    check_plot_file(path)
-    import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    with mpl.rc_context(STYLE):
-        two_engines = verdict.agreement is not None and not verdict.agreement.reason
-        figure = Figure(figsize=(11, 9.2 if two_engines else 7.2), layout="constrained")
-        FigureCanvasAgg(figure)
-        heights = (1, 1, 0.55) if two_engines else (1, 1)
+    agreement = verdict.agreement
+    compared = agreement is not None and not agreement.reason
+    heights = (1, 1, 0.55) if compared else (1, 1)
+    title = f"{verdict.scene.name}: {verdict.outcome.value}"
+    with figure_file(path, 11, 9.2 if compared else 7.2, title) as figure:
         grid = figure.add_gridspec(len(heights), 2, width_ratios=(1.7, 1), height_ratios=heights)
         _early(figure.add_subplot(grid[0, 0]), verdict)
         _settling(figure.add_subplot(grid[1, 0]), verdict)
         _stress(figure.add_subplot(grid[0, 1]), verdict)
         _summary(figure.add_subplot(grid[1, 1]), verdict)
-        if verdict.agreement is not None and two_engines:
-            _difference(figure.add_subplot(grid[2, 0]), verdict, verdict.agreement)
-        figure.suptitle(f"{verdict.scene.name}: {verdict.outcome.value}", fontweight="bold")
-        save(figure, path)
-
-
-def save(figure: Figure, path: str) -> None:
-    """Write `figure` to `path`, without a date, so that the same picture gives the same bytes.
-
-    Raises
-    ------
-    InputError
-        The file cannot be written.
-    """
-    metadata = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(Path(path).suffix)
-    try:
-        figure.savefig(path, dpi=150, metadata=metadata)
-    except OSError as error:
-        text = f"{error.strerror}; expected a file that can be written"
-        raise InputError("--plot", Complaint("FILE", repr(path), text)) from None
+        if agreement is not None and compared:
+            _difference(figure.add_subplot(grid[2, 0]), verdict, agreement)
 
 
 def time_unit(longest: float) -> tuple[float, str]:
-    """Return the unit of a time axis that reaches to `longest` s: its length in s, its name."""
+    """Return the unit of a time axis up to `longest`, s: its length in s, and its name."""
     return next(((size, name) for size, name in UNITS if longest >= size), UNITS[-1])
 
 
@@ -131,7 +134,7 @@ def _settling(axes: Axes, verdict: Verdict) -> None:
 
 
 def _difference(axes: Axes, verdict: Verdict, agreement: Agreement) -> None:
-    """Draw ngspice minus the state-space engine, which is on the record above to line width."""
+    """Draw ngspice minus the state-space engine; in the record above the two lines coincide."""
     size, name = time_unit(float(verdict.waveforms.time[-1]))
     scale = 100.0 / (verdict.measurements.amplitude or 1.0)
     columns = agreement.differences.T
@@ -147,8 +150,7 @@ def _traces(axes: Axes, verdict: Verdict, end: float) -> None:
     size, name = time_unit(end)
     shown = t <= end
     channels = verdict.measurements.channels
-    colours = _colours(len(channels))
-    for channel, colour in zip(channels, colours, strict=True):
+    for channel, colour in zip(channels, _colours(len(channels)), strict=True):
         label = f"$u_{{{channel.index + 1}}}$"
         axes.plot(t[shown] / size, verdict.u[shown, channel.index], color=colour, label=label, lw=1)
         axes.axhline(channel.target, color=colour, ls=":", lw=0.8)
@@ -168,25 +170,16 @@ def _stress(axes: Axes, verdict: Verdict) -> None:
     reference = np.array([c.target for c in channels]) / U0
     axes.plot(where, reference, "s-", mfc="none", color="C0", label="regularised optimum")
     final = np.array([c.final for c in channels]) / U0
-    if _drawable(final, reference):
+    if np.max(np.abs(final)) < 20 * (np.max(np.abs(reference)) + 1e-300):  # else off the scale
         axes.plot(where, final, "x", color="C3", label="board, end of record")
     axes.set(xlabel=label, ylabel="stress", title="recovered stress")
     axes.legend(fontsize="small")
 
 
-def _drawable(final: Floats, reference: Floats) -> bool:
-    """Whether the board's end fits on the picture: a board that ran away would flatten it."""
-    return bool(np.max(np.abs(final)) < 20 * (np.max(np.abs(reference)) + 1e-300))
-
-
 def _summary(axes: Axes, verdict: Verdict) -> None:
     axes.axis("off")
     colours = {"pass": "C2", "fail": "C3", "inconclusive": "C1"}
-    rows: list[tuple[str, str, str]] = []
-    for check in verdict.checks:
-        rows.append(
-            (check.name.replace("_", " "), check.outcome.value, amount(check.value, check.unit))
-        )
+    rows = [(spaced(c.name), c.outcome.value, amount(c.value, c.unit)) for c in verdict.checks]
     table = axes.table(rows, colLabels=("check", "outcome", "value"), loc="upper left", edges="B")
     table.auto_set_font_size(False)
     table.set_fontsize(9)

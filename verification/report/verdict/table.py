@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import math
 
-from rich.box import SIMPLE_HEAD
 from rich.console import Console, Group, RenderableType
 from rich.markup import escape
 from rich.table import Table
@@ -16,13 +15,14 @@ from verification.measures.measurements import Measurements
 from verification.measures.readings import Reading
 from verification.pipeline.attained_accuracy import Accuracy
 from verification.pipeline.checks import Check, Outcome
+from verification.report.tables import make_table, spaced, value_text
 from verification.verify import Verdict
 
 COLOUR = {Outcome.PASS: "green", Outcome.FAIL: "red", Outcome.INCONCLUSIVE: "yellow"}
 
 
 def print_verdict(verdict: Verdict, console: Console) -> None:
-    """Print the checks, the channels, the error budget and what it all cost."""
+    """Print the checks, the channels, the error budget and the cost."""
     console.print(_head(verdict))
     console.print(_checks(verdict))
     console.print(channel_table(verdict.measurements))
@@ -33,7 +33,7 @@ def print_verdict(verdict: Verdict, console: Console) -> None:
 
 
 def verdict_text(verdict: Verdict) -> str:
-    """Return what `print_verdict` prints, without colours."""
+    """Return the text of `print_verdict` without colours."""
     text = io.StringIO()
     print_verdict(verdict, Console(file=text, highlight=False, color_system=None))
     return text.getvalue().removesuffix("\n")
@@ -53,50 +53,48 @@ def _head(verdict: Verdict) -> RenderableType:
 
 
 def _checks(verdict: Verdict) -> Table:
-    table = Table("check", "outcome", "value", "±", "limit", "why", box=SIMPLE_HEAD, pad_edge=False)
-    for check in verdict.checks:
-        table.add_row(
-            check.name.replace("_", " "),
+    rows = [
+        (
+            spaced(check.name),
             Text(check.outcome.value, style=COLOUR[check.outcome]),
             amount(check.value, check.unit),
             amount(check.uncertainty, check.unit),
-            _limit(check),
+            amount(limit(check), check.unit),
             escape(check.reason),
         )
-    return table
+        for check in verdict.checks
+    ]
+    return make_table(("check", "outcome", "value", "±", "limit", "why"), rows)
 
 
-def _limit(check: Check) -> str:
-    limit = check.tolerance if check.tolerance is not None else check.expected
-    return amount(limit, check.unit)
+def limit(check: Check) -> float | None:
+    """Return the limit of a check: its tolerance, or the expected value without a tolerance."""
+    return check.tolerance if check.tolerance is not None else check.expected
 
 
 def amount(value: float | None, unit: str) -> str:
-    """Return a check's value for people; a dash where there is none."""
+    """Return the value of a check as text; a dash for a missing or an infinite value."""
     if value is None or not math.isfinite(value):
         return "-"
-    if unit == "s":
-        return show(value, "s")
-    if unit == "1/s":
-        return f"{value:.4g} /s"
-    return f"{value:.3g}" if unit == "ratio" else f"{100 * value:.3g} %"
+    return value_text(value, unit, 3 if unit == "ratio" else 4)
 
 
 def channel_table(measurements: Measurements) -> Table:
     """Return the table of channels, numbered from 1."""
     titles = ("u", "reference", "final", "rise time", "settling time", "overshoot", "state")
-    table = Table(*titles, box=SIMPLE_HEAD, pad_edge=False)
-    for channel in measurements.channels:
-        table.add_row(
+    rows = [
+        (
             str(channel.index + 1),
             show(channel.target, "V", 5),
             show(channel.final, "V", 5),
             _reading(channel.rise_time),
             _reading(channel.settling_time),
-            "-" if channel.overshoot is None else f"{100 * channel.overshoot:.3g} %",
-            str(channel.state.value),
+            value_text(channel.overshoot, "step"),
+            channel.state.value,
         )
-    return table
+        for channel in measurements.channels
+    ]
+    return make_table(titles, rows)
 
 
 def _reading(reading: Reading | None) -> str:
@@ -109,16 +107,14 @@ def _reading(reading: Reading | None) -> str:
 
 
 def _budget(verdict: Verdict) -> Table:
-    titles = ("error", "largest", "of the step", "how it was found")
-    table = Table(*titles, box=SIMPLE_HEAD, pad_edge=False)
-    amplitude = verdict.measurements.amplitude
+    amplitude, rows = verdict.measurements.amplitude, []
     for part in verdict.budget:
-        if part.value is None:
-            table.add_row(part.name.replace("_", " "), "unknown", "", part.how)
-            continue
-        share = f"{100 * part.value / amplitude:.2g} %" if amplitude else "-"
-        table.add_row(part.name.replace("_", " "), show(part.value, "V", 3), share, part.how)
-    return table
+        value, share = "unknown", ""
+        if part.value is not None:
+            value = show(part.value, "V", 3)
+            share = f"{100 * part.value / amplitude:.2g} %" if amplitude else "-"
+        rows.append((spaced(part.name), value, share, part.how))
+    return make_table(("error", "largest", "of the step", "how it was found"), rows)
 
 
 def _accuracy(accuracy: Accuracy) -> str:
@@ -126,42 +122,40 @@ def _accuracy(accuracy: Accuracy) -> str:
     verb = "reached" if accuracy.reached else "NOT reached"
     tries = ", at the second try" if accuracy.tries > 1 else ""
     return (
-        f"error {accuracy.wanted:g} of the step asked for, {achieved} {verb}{tries}, in"
+        f"requested error {accuracy.wanted:g} of the step, {achieved} {verb}{tries}, in"
         f" {show(accuracy.seconds, 's', 3)}: {accuracy.method} ({accuracy.how})"
     )
 
 
 def _foot(verdict: Verdict) -> Group:
-    cost, timing = verdict.waveforms.cost, verdict.timing
-    ideal = verdict.ideal
-    stages = ", ".join(f"{name} {seconds:.2f} s" for name, seconds in timing.items())
+    cost, ideal, plane, energy = (
+        verdict.waveforms.cost, verdict.ideal, verdict.constraint, verdict.energy
+    )  # fmt: skip
     lines = [
         f"{verdict.waveforms.engine}: {cost.points} points to {show(verdict.transient.stop, 's')},"
-        f" step {show(verdict.transient.max_step, 's')} at the most",
-        f"reference: {ideal.solution.certificate_kind} {ideal.solution.certificate:.2g}"
-        f" (bound {ideal.solution.bound:.2g}); the ideal network settles in"
-        f" {show(ideal.pace.settling_time, 's')}",
-        f"time: {stages}",
+        f" step {show(verdict.transient.max_step, 's')} at the most"
     ]
     if verdict.accuracy is not None:
-        lines.insert(1, _accuracy(verdict.accuracy))
-    if verdict.energy is not None:
-        lines.insert(
-            2,
-            f"energy: rises by {100 * verdict.energy.rise:.2g} % of its fall, at"
-            f" {show(verdict.energy.time, 's')}; an ideal network's never does (identity to"
-            f" {ideal.pace.energy_residual:.1g})",
-        )
-    plane = verdict.constraint
+        lines.append(_accuracy(verdict.accuracy))
+    lines.append(
+        f"reference: {ideal.solution.certificate_kind} {ideal.solution.certificate:.2g}"
+        f" (bound {ideal.solution.bound:.2g}); the ideal network settles in"
+        f" {show(ideal.transient.settling_time, 's')}"
+    )
     if plane is not None:
-        lines.insert(
-            2,
+        lines.append(
             f"constraint plane: amplifier alone rises in {show(plane.amplifier_rise_time, 's')},"
             f" its stage with capacitance in {show(plane.stage_rise_time, 's')} with"
-            f" {100 * plane.stage_overshoot:.0f} % overshoot",
+            f" {100 * plane.stage_overshoot:.0f} % overshoot"
         )
-    colour = COLOUR[verdict.outcome]
+    if energy is not None:
+        lines.append(
+            f"energy: rises by {100 * energy.rise:.2g} % of its fall, at {show(energy.time, 's')};"
+            " the energy of an ideal network never rises (identity to"
+            f" {ideal.transient.energy_residual:.1g})"
+        )
+    stages = ", ".join(f"{name} {seconds:.2f} s" for name, seconds in verdict.timing.items())
     return Group(
-        *(Text(line, style="dim") for line in lines),
-        Text(verdict.outcome.value.upper(), style=f"bold {colour}"),
+        *(Text(line, style="dim") for line in (*lines, f"time: {stages}")),
+        Text(verdict.outcome.value.upper(), style=f"bold {COLOUR[verdict.outcome]}"),
     )

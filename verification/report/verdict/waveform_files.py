@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from netlist_gen.board.circuit import Circuit
-from spice_models.errors import Complaint, InputError
 from verification.pipeline.simulation import outputs
+from verification.report.atomic_files import check_file, replacing
 from verification.waveforms import Waveforms
+
+PARQUET = "Parquet needs pyarrow: pip install 'taction[parquet]'; or write .csv or .raw"
+PACKAGES = {".parquet": ("pyarrow", PARQUET)}
 
 
 def check_export(path: str) -> None:
@@ -22,15 +24,7 @@ def check_export(path: str) -> None:
     InputError
         An unknown ending, a folder that does not exist, or Parquet without pyarrow.
     """
-    file = Path(path)
-    if file.suffix.lower() not in WRITERS:
-        text = f"expected a file that ends in {', '.join(WRITERS)}"
-        raise InputError("-o", Complaint("FILE", repr(path), text))
-    if not file.parent.is_dir():
-        raise InputError("-o", Complaint("FILE", repr(path), "its folder does not exist"))
-    if file.suffix.lower() == ".parquet" and importlib.util.find_spec("pyarrow") is None:
-        text = "Parquet needs pyarrow: pip install 'taction[parquet]'; or write .csv or .raw"
-        raise InputError("-o", Complaint("FILE", repr(path), text))
+    check_file(path, "-o", WRITERS, PACKAGES)
 
 
 def export(circuit: Circuit, waveforms: Waveforms, path: str) -> None:
@@ -42,11 +36,8 @@ def export(circuit: Circuit, waveforms: Waveforms, path: str) -> None:
         See `check_export`; or the file cannot be written.
     """
     check_export(path)
-    try:
-        WRITERS[Path(path).suffix.lower()](circuit, waveforms, Path(path))
-    except OSError as error:
-        text = f"{error.strerror}; expected a file that can be written"
-        raise InputError("-o", Complaint("FILE", repr(path), text)) from None
+    with replacing(path) as file:
+        WRITERS[Path(path).suffix.lower()](circuit, waveforms, file)
 
 
 def _names(circuit: Circuit) -> list[str]:

@@ -5,17 +5,17 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
 from netlist_gen.quantities import show
+from verification.report.tables import make_table, value_text
 from verification.studies.work_precision.convergence_order import Order
 from verification.studies.work_precision.methods import Method
 from verification.studies.work_precision.norms import NORMS
 from verification.studies.work_precision.run_errors import ProblemErrors
-from verification.studies.work_precision.study import WANTED, SettingResult, Study
+from verification.studies.work_precision.study import ERRORS, SettingResult, WorkPrecisionStudy
 
 TITLES = {
     "final": "final",
@@ -27,7 +27,7 @@ TITLES = {
 PROBLEMS = {"board": "the whole board", "ideal": "the network with ideal op-amps"}
 
 
-def accuracy_document(study: Study) -> dict[str, Any]:
+def accuracy_document(study: WorkPrecisionStudy) -> dict[str, Any]:
     """Return `study` as plain data, SI base units; errors are fractions, None where unknown."""
     transient = study.extent.transient
     pole = study.extent.pole
@@ -41,28 +41,28 @@ def accuracy_document(study: Study) -> dict[str, Any]:
         "period": study.extent.period,
         "pole": None if pole is None else [pole.real, pole.imag],
         "norms": list(NORMS),
-        "problems": {name: _problem(found) for name, found in study.problems.items()},
+        "problems": {name: _problem(errors) for name, errors in study.problems.items()},
         "methods": [_method(study, method) for method in methods],
-        "cheapest": [_cheapest(study, error) for error in WANTED],
+        "cheapest": [_cheapest(study, error) for error in ERRORS],
         "omissions": list(study.omissions),
         "machine": study.machine,
         "seconds": study.seconds,
     }
 
 
-def _problem(found: ProblemErrors) -> dict[str, Any]:
-    scale = found.scale
+def _problem(errors: ProblemErrors) -> dict[str, Any]:
+    scale = errors.scale
     return {
-        "references": list(found.references),
-        "reference_error": found.floor,
+        "references": list(errors.references),
+        "reference_error": errors.floor,
         "step_amplitude": None if scale is None else scale.amplitude,
         "settling_band": None if scale is None else scale.band,
         "settling_time": None if scale is None else scale.settling_time,
-        "ringing": None if scale is None or scale.ringing is None else scale.ringing,
+        "ringing": None if scale is None else scale.ringing,
     }
 
 
-def _method(study: Study, method: Method) -> dict[str, Any]:
+def _method(study: WorkPrecisionStudy, method: Method) -> dict[str, Any]:
     order = study.orders[method.name]
     return {
         "name": method.name,
@@ -80,7 +80,7 @@ def _method(study: Study, method: Method) -> dict[str, Any]:
 
 
 def point_record(point: SettingResult) -> dict[str, Any]:
-    """Return one setting as plain data."""
+    """Return the result of one setting as plain data."""
     return {
         "setting": point.setting if point.method.setting else None,
         "status": point.status,
@@ -97,32 +97,30 @@ def point_record(point: SettingResult) -> dict[str, Any]:
     }
 
 
-def _cheapest(study: Study, error: float) -> dict[str, Any]:
-    found = {"any": study.cheapest(error), "ngspice": study.cheapest(error, engines=["ngspice"])}
-    return {"error": error} | {
-        name: None
-        if point is None
-        else {
-            "method": point.method.name,
-            "setting": point.setting if point.method.setting else None,
-            "seconds": point.seconds,
-            "achieved": point.errors["maximum"],
-        }
-        for name, point in found.items()
-    }
+def _cheapest(study: WorkPrecisionStudy, error: float) -> dict[str, Any]:
+    document: dict[str, Any] = {"error": error, "any": None, "ngspice": None}
+    for name, engines in (("any", None), ("ngspice", ["ngspice"])):
+        if point := study.cheapest(error, engines=engines):
+            document[name] = {
+                "method": point.method.name,
+                "setting": point.setting if point.method.setting else None,
+                "seconds": point.seconds,
+                "achieved": point.errors["maximum"],
+            }
+    return document
 
 
-def print_study(study: Study, console: Console) -> None:
-    """Print the points, the orders, the cheapest settings, and what was left out."""
+def print_study(study: WorkPrecisionStudy, console: Console) -> None:
+    """Print the points, the orders, the cheapest settings and the omissions."""
     console.print(f"[bold]{escape(study.scene.name)}[/bold]: error against run time")
     console.print(f"board: {study.extent.text}")
-    for problem, found in study.problems.items():
+    for problem, errors in study.problems.items():
         console.print(_points(study, problem))
-        console.print(_scale_text(found), style="dim")
+        console.print(_scale_text(errors), style="dim")
         for point in _of(study, problem):
             if point.note:
-                what = f"{point.method.name}, {point.name}: {point.status}"
-                console.print(f"[yellow]{what}[/yellow] {escape(point.note)}")
+                run = f"{point.method.name}, {point.name}: {point.status}"
+                console.print(f"[yellow]{run}[/yellow] {escape(point.note)}")
     console.print(_orders(study))
     console.print(_cheapest_table(study))
     for omission in study.omissions:
@@ -131,8 +129,9 @@ def print_study(study: Study, console: Console) -> None:
     console.print(f"{facts}; the study took {study.seconds:.3g} s", style="dim")
 
 
-def _points(study: Study, problem: str) -> Table:
-    norms = [n for n in NORMS if any(p.errors[n] is not None for p in _of(study, problem))]
+def _points(study: WorkPrecisionStudy, problem: str) -> Table:
+    points = _of(study, problem)
+    norms = [n for n in NORMS if any(p.errors[n] is not None for p in points)]
     titles = (
         "setting",
         "time",
@@ -143,28 +142,22 @@ def _points(study: Study, problem: str) -> Table:
         "fact.",
         *(TITLES[n] for n in norms),
     )
-    table = Table("method", box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
-    for title in titles:
-        table.add_column(title, justify="right", no_wrap=True)
-    before = ""
-    for point in _of(study, problem):
-        name = point.method.name
-        table.add_row(
-            name if name != before else "",
+    columns = [Column(title, justify="right", no_wrap=True) for title in titles]
+    rows = [
+        (
+            point.method.name if before is None or before.method != point.method else "",
             f"{point.setting:g}" if point.method.setting else "-",
-            *(_seconds(x) for x in (point.seconds, point.fastest, point.slowest)),
-            str(point.repeats),
-            _count(point.steps),
-            _count(point.factorisations),
+            *(value_text(x, "s", 3) for x in (point.seconds, point.fastest, point.slowest)),
+            *(value_text(n, "") for n in (point.repeats, point.steps, point.factorisations)),
             *_errors(point, norms),
         )
-        before = name
-    table.title = f"{PROBLEMS[problem]}: wall time and errors"
-    table.title_justify = "left"
-    return table
+        for before, point in zip((None, *points), points, strict=False)
+    ]
+    title = f"{PROBLEMS[problem]}: wall time and errors"
+    return make_table(["method", *columns], rows, title=title, collapse_padding=True)
 
 
-def _of(study: Study, problem: str) -> list[SettingResult]:
+def _of(study: WorkPrecisionStudy, problem: str) -> list[SettingResult]:
     return [point for point in study.points if point.method.problem == problem]
 
 
@@ -178,44 +171,27 @@ def _error(value: float | None) -> str:
     return "-" if value is None else f"{value:.1e}"
 
 
-def _seconds(value: float | None) -> str:
-    return "-" if value is None else show(value, "s", 3)
-
-
-def _count(value: int | None) -> str:
-    return "-" if value is None else str(value)
-
-
-def _scale_text(found: ProblemErrors) -> str:
-    scale = found.scale
+def _scale_text(errors: ProblemErrors) -> str:
+    scale = errors.scale
     if scale is None:
         return "no reference"
     settling = "not reached" if scale.settling_time is None else show(scale.settling_time, "s")
-    text = f"reference: {found.references[0]}"
-    if len(found.references) > 1:
-        text += f"; {found.references[1]} judges that one, they differ by"
-        text += f" {_error(found.floor['maximum'])} at the most"
+    text = f"reference: {errors.references[0]}"
+    if len(errors.references) > 1:
+        text += f", checked by {errors.references[1]}; the largest difference of the two is"
+        text += f" {_error(errors.floor['maximum'])}"
     return f"{text}; step {show(scale.amplitude, 'V')}; ±{100 * scale.band:g} % at {settling}"
 
 
-def _orders(study: Study) -> Table:
-    table = Table(
-        "order of convergence", "fitted", "theory", "from settings", "left out", box=SIMPLE_HEAD
-    )
+def _orders(study: WorkPrecisionStudy) -> Table:
+    rows = []
     for name, order in study.orders.items():
         points = [point for point in study.points if point.method.name == name]
         if points and points[0].method.setting:
-            method = points[0].method
-            table.add_row(
-                name,
-                _order(order),
-                method.theory,
-                ", ".join(f"{points[place].setting:g}" for place in order.points) or "-",
-                order.reason,
-            )
-    table.caption = "of the largest error over time, against the mean step"
-    table.caption_justify = "left"
-    return table
+            settings = ", ".join(f"{points[place].setting:g}" for place in order.points) or "-"
+            rows.append((name, _order(order), points[0].method.theory, settings, order.reason))
+    titles = ("order of convergence", "fitted", "theory", "from settings", "left out")
+    return make_table(titles, rows, caption="of the largest error over time, against the mean step")
 
 
 def _order(order: Order) -> str:
@@ -224,20 +200,21 @@ def _order(order: Order) -> str:
     return f"{order.value:.2f} ± {order.sigma:.2f}"
 
 
-def _cheapest_table(study: Study) -> Table:
-    table = Table(
-        "wanted error", "cheapest", "time", "ngspice", "time", box=SIMPLE_HEAD, pad_edge=False
-    )
-    for error in WANTED:
-        any_, ngspice = study.cheapest(error), study.cheapest(error, engines=["ngspice"])
-        table.add_row(f"{error:.0e}", *_choice(any_), *_choice(ngspice))
-    table.caption = "largest error over time on the board, as measured"
-    table.caption_justify = "left"
-    return table
+def _cheapest_table(study: WorkPrecisionStudy) -> Table:
+    rows = [
+        (
+            f"{error:.0e}",
+            *_choice(study.cheapest(error)),
+            *_choice(study.cheapest(error, engines=["ngspice"])),
+        )
+        for error in ERRORS
+    ]
+    titles = ("largest error", "cheapest", "time", "ngspice", "time")
+    return make_table(titles, rows, caption="largest error over time on the board, as measured")
 
 
 def _choice(point: SettingResult | None) -> tuple[str, str]:
     if point is None or point.seconds is None or not math.isfinite(point.seconds):
-        return "none that was run", "-"
+        return "no run reached it", "-"
     setting = f", {point.name}" if point.method.setting else ""
     return f"{point.method.name}{setting}", show(point.seconds, "s", 3)

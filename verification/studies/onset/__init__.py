@@ -1,1 +1,1 @@
-"""Every stability crossing over a range, confirmed by transients."""
+"""All stability crossings over a range, confirmed by transients."""

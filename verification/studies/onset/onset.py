@@ -1,8 +1,7 @@
-"""Onset of oscillation: where one value takes a board across its edge of stability.
+"""Onset of oscillation: the values of one key at which a board becomes stable or unstable.
 
-Poles say where; transients that ngspice integrates on both sides, started along the mode in
-question, say whether that is so. Neither is corrected by the other: where they disagree, the
-answer is that they disagree.
+Poles locate each crossing. Transients that ngspice integrates on both sides, started along the
+crossing mode, confirm or contradict the crossing. A disagreement is reported, not corrected.
 """
 
 from __future__ import annotations
@@ -31,8 +30,8 @@ from verification.studies.onset.pole_scan import scan
 from verification.studies.onset.scan_result import AxisCrossing, Scan
 from verification.studies.onset.transient_trial import Confirmation, confirm
 
-AROUND = 30.0  # the default range is the scene's own value over and times this
-POINTS = 61  # of the grid that a scan begins with: 20 a decade in the default range
+AROUND = 30.0  # the default range is from the scene's value / 30 to its value * 30
+POINTS = 61  # of the first grid of a scan: 20 per decade in the default range
 TIMEOUT = 600.0  # of one transient, s
 
 Build = Callable[[float], Circuit]
@@ -41,7 +40,7 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """A crossing and what the transients beside it say."""
+    """A crossing and the result of the transients on both sides."""
 
     crossing: AxisCrossing
     confirmation: Confirmation
@@ -49,23 +48,12 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class Count:
-    """Unstable poles at one value between two crossings, counted twice.
-
-    Attributes
-    ----------
-    value : float
-        Where.
-    poles : int
-        Eigenvalues on or right of the imaginary axis.
-    winding : int or None
-        Turns of the loop's determinant around the origin along that axis, which needs no
-        eigenvalue; None where it could not be followed, with the `reason`.
-    """
+    """Number of unstable poles at one value between two crossings, by two methods."""
 
     value: float
-    poles: int
-    winding: int | None
-    reason: str = ""
+    poles: int  # eigenvalues on or right of the imaginary axis
+    winding: int | None  # winding number of the loop's determinant; None with a `reason`
+    reason: str = ""  # why the winding number could not be computed
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -84,13 +72,13 @@ class Onset:
 
     @property
     def disagreement(self) -> bool:
-        """Whether a transient contradicts a pole, or one count of unstable poles the other."""
+        """Whether a transient contradicts a pole, or the two counts of unstable poles differ."""
         trials = any(each.confirmation.confirmed is False for each in self.findings)
         return trials or any(c.winding is not None and c.winding != c.poles for c in self.counts)
 
 
 def parse_onset_axis(scene: Scene, over: Over) -> Axis:
-    """Read ``--over`` of an onset: a bare key takes the scene's value / 30 to its value * 30.
+    """Read ``--over`` of an onset: a key alone means the scene's value / 30 to its value * 30.
 
     Raises
     ------
@@ -100,13 +88,13 @@ def parse_onset_axis(scene: Scene, over: Over) -> Axis:
     """
     groups = parse_axes(scene, over, points=POINTS, around=AROUND)
     if [len(group) for group in groups] != [1]:
-        raise InputError("--over", Complaint("key", repr(over), "an onset needs one key"))
+        raise InputError("--over", Complaint("key", repr(over), "onset needs exactly one key"))
     axis = groups[0][0]
     if axis.key.kind != "real":
-        accepted = "an onset needs a key that varies continuously, such as C or gain"
+        accepted = "onset needs a key that varies continuously, such as C or gain"
         raise InputError("--over", Complaint("key", repr(axis.name), accepted))
     if len(set(axis.values)) < 2:
-        accepted = f"an onset needs a range, such as {axis.name}=LOW:HIGH, or two values"
+        accepted = f"onset needs a range, such as {axis.name}=LOW:HIGH, or two values"
         raise InputError("--over", Complaint("values", repr(over), accepted))
     return axis
 
@@ -114,7 +102,7 @@ def parse_onset_axis(scene: Scene, over: Over) -> Axis:
 def board_over(scene: Scene, axis: Axis) -> Build:
     """Return the board of `scene` as a function of the value on `axis`.
 
-    It raises InputError for a value with which there is no board.
+    The function raises InputError for a value that gives no board.
     """
     path = axis.key.path
     problem = None if path.startswith("problem.") else make_problem(scene)
@@ -133,19 +121,18 @@ def onset(
     transients: bool = True,
     progress: Progress = lambda stage: None,
 ) -> Onset:
-    """Find every crossing of `scene` over `axis` and put each on trial.
+    """Find every crossing of `scene` over `axis` and check each crossing by transients.
 
     Parameters
     ----------
     scene : Scene
-        The board and its load; exponential boards are linearised at the equilibrium that each
-        value has.
+        The board and its load; exponential boards are linearised at the equilibrium of each value.
     axis : Axis
         From `parse_onset_axis`.
     transients : bool
         Whether to confirm crossings with ngspice.
     progress : callable, optional
-        Told what is under way.
+        Receives a line of text at every stage.
 
     Raises
     ------
@@ -156,23 +143,26 @@ def onset(
     values = [float(value) for value in axis.values]
     logarithmic = axis.scale != "lin" and min(values) > 0.0
     timeout = scene.analysis.timeout
-    found = crossings(build, values, logarithmic=logarithmic, progress=progress)
-    trials = confirmations(build, found, transients=transients, timeout=timeout, progress=progress)
-    return Onset(scene, axis, found, trials, counts(build, found, progress=progress))
+    scanned = crossings(build, values, logarithmic=logarithmic, progress=progress)
+    findings = confirmations(
+        build, scanned, transients=transients, timeout=timeout, progress=progress
+    )
+    return Onset(scene, axis, scanned, findings, counts(build, scanned, progress=progress))
 
 
 def counts(
-    build: Build, found: Scan, *, progress: Progress = lambda stage: None
+    build: Build, scanned: Scan, *, progress: Progress = lambda stage: None
 ) -> tuple[Count, ...]:
     """Count the unstable poles between every two crossings by eigenvalues and by winding number.
 
-    Not done for a board too large for all of its eigenvalues.
+    Empty for a board too large for all of its eigenvalues.
     """
-    if not found.complete:
+    if not scanned.complete:
         return ()
-    ends = [found.samples[0].value, *(c.value for c in found.crossings), found.samples[-1].value]
+    samples = scanned.samples
+    ends = [samples[0].value, *(c.value for c in scanned.crossings), samples[-1].value]
     pairs = [(low, high) for low, high in pairwise(ends) if high > low]
-    middles = [math.sqrt(a * b) if found.logarithmic else 0.5 * (a + b) for a, b in pairs]
+    middles = [math.sqrt(a * b) if scanned.logarithmic else 0.5 * (a + b) for a, b in pairs]
     return tuple(_count(build, value, progress) for value in middles)
 
 
@@ -193,33 +183,33 @@ def crossings(
     logarithmic: bool = True,
     progress: Progress = lambda stage: None,
 ) -> Scan:
-    """Find every crossing of a board given as a function of one value; see `scan.scan`."""
+    """Find every crossing of a board that is a function of one value; see `pole_scan.scan`."""
     progress(f"poles at {len(values)} values and more")
     return scan(lambda value: poles(build(value)), values, logarithmic=logarithmic)
 
 
 def confirmations(
     build: Build,
-    found: Scan,
+    scanned: Scan,
     *,
     transients: bool = True,
     timeout: float = TIMEOUT,
     progress: Progress = lambda stage: None,
 ) -> tuple[Finding, ...]:
-    """Put every crossing of a scan on trial; without ngspice they stay unconfirmed."""
-    why, simulator = "transients were not asked for", None
-    if transients and found.crossings:
+    """Check every crossing of a scan by transients; without ngspice crossings stay unconfirmed."""
+    confirmation, simulator = Confirmation(None, "transients were not requested"), None
+    if transients and scanned.crossings:
         try:
             simulator = find_simulator()
         except (SimulatorNotFound, SimulatorTooOld) as error:
-            why = f"ngspice is needed to confirm a crossing: {error}"
+            reason = f"ngspice is needed to confirm a crossing: {error}"
+            confirmation = Confirmation(None, reason)
     findings = []
-    for number, crossing in enumerate(found.crossings, start=1):
-        progress(f"transients beside crossing {number} of {len(found.crossings)}")
-        confirmation = (
-            Confirmation(None, why)
-            if simulator is None
-            else confirm(build, crossing, simulator, logarithmic=found.logarithmic, timeout=timeout)
-        )
+    for number, crossing in enumerate(scanned.crossings, start=1):
+        progress(f"transients beside crossing {number} of {len(scanned.crossings)}")
+        if simulator is not None:
+            confirmation = confirm(
+                build, crossing, simulator, logarithmic=scanned.logarithmic, timeout=timeout
+            )
         findings.append(Finding(crossing, confirmation))
     return tuple(findings)

@@ -1,10 +1,10 @@
-"""Where poles cross the imaginary axis as one value changes: every crossing, not the first.
+"""All crossings of the imaginary axis by poles as one value changes.
 
-Let ``r_k`` be the k-th largest real part of all poles. Each is a continuous function of the value,
-and a crossing is a zero of one of them. So: sample all poles on a grid; put points between where
-an interpolated ``r_k`` cannot be trusted to keep its sign; walk to the top of every dip and bump
-of the two that are next to the axis, where a window narrower than the grid could hide; then close
-in on each change of the number of unstable poles.
+Let ``r_k`` be the k-th largest real part of all poles. Each ``r_k`` is a continuous function of the
+value, and a crossing is a zero of some ``r_k``. The scan samples all poles on a grid; adds points
+where an interpolated ``r_k`` might change its sign; follows the two ``r_k`` next to the axis to
+their local extremes, because a crossing and its reverse may lie within one grid interval; then
+brackets each change of the number of unstable poles.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from verification.small_signal.poles import Poles
 from verification.studies.onset.scan_result import AxisCrossing, Sample, Scan
 
 TOLERANCE = 1e-8  # of a crossing's value
-PASSES = (6, 4)  # halvings of a grid interval that bends towards the axis, in each round
-BEND = 0.5  # of the distance to the axis: the error of interpolation that asks for more points
-REACH = 0.9  # a parabola through three points that ends this far from the axis will not reach it
-NARROW = 1e-6  # relative width below which rounding decides on which side of the axis a pole is
-SAME = 1e-3  # relative difference of frequencies that count as one
+PASSES = (6, 4)  # halvings of a grid interval in each round
+BEND = 0.5  # of the distance to the axis: largest error of interpolation without more points
+REACH = 0.9  # of the distance to the axis: a parabola with its extreme beyond misses the axis
+NARROW = 1e-6  # relative width below which rounding can decide the side of the axis
+SAME_FREQUENCY = 1e-3  # relative difference of frequencies that count as equal
 
 Reader = Callable[[float], Poles]
 
@@ -38,35 +38,35 @@ def scan(
     Parameters
     ----------
     read : callable
-        Poles at a value. Where they are not complete, as those of a large board, crossings
-        between modes of a board that is unstable anyway cannot be told, and are not listed.
+        Poles at a value. If the poles are incomplete, as those of a large board, only crossings
+        of the rightmost pole are listed.
     values : sequence of float
-        The grid to begin with; above zero if `logarithmic`.
+        The first grid; above zero if `logarithmic`.
     logarithmic : bool
         Whether to interpolate and halve in the logarithm of the value.
     tolerance : float
-        Width to which a crossing is closed in, relative to its value (linear: to the range if
-        that is less).
+        Width of the bracket of a crossing, relative to the crossing's value (linear: relative to
+        the range if the range is smaller).
 
     Raises
     ------
     InputError, EngineError
-        There are poles at none of `values`. At a few of them, it is `Sample.failure`.
+        No value gives poles. If only some values fail, see `Sample.failure`.
 
     Notes
     -----
-    Costs one call of `read` a grid point, and some twenty a crossing.
+    Costs one call of `read` per grid point, and about twenty per crossing.
     """
-    line = _Line(read, values, logarithmic)
-    for passes in PASSES:  # again, for what a crossing hid in its own grid interval
-        line.refine(passes)
-        line.climb()
-        line.close(tolerance)
-    return Scan(tuple(line.samples), tuple(line.crossings()), logarithmic)
+    search = _Search(read, values, logarithmic)
+    for passes in PASSES:  # twice: a crossing may hide others in its own grid interval
+        search.refine(passes)
+        search.climb()
+        search.close(tolerance)
+    return Scan(tuple(search.samples), tuple(search.crossings()), logarithmic)
 
 
-class _Line:
-    """Samples in increasing order, while they are being taken."""
+class _Search:
+    """A scan in progress: samples in increasing order of the value."""
 
     def __init__(self, read: Reader, values: Sequence[float], logarithmic: bool) -> None:
         self.read, self.logarithmic = read, logarithmic
@@ -78,28 +78,28 @@ class _Line:
             raise self._error
 
     def take(self, place: float, value: float | None = None) -> Sample:
-        """Take one more sample and put it in its place."""
+        """Take one more sample and insert it in order."""
         if value is None:
             value = math.exp(place) if self.logarithmic else place
         try:
-            found = self.read(value)
-            sample = Sample(place, value, found.poles, found.complete)
+            poles = self.read(value)
+            sample = Sample(place, value, poles.poles, poles.complete)
         except (InputError, EngineError) as error:
             self._error = self._error or error
             sample = Sample(place, value, np.zeros(0, dtype=np.complex128), failure=str(error))
         insort(self.samples, sample, key=lambda each: each.place)
         return sample
 
-    def calm(self) -> list[tuple[Sample, Sample, Sample]]:
-        """Neighbouring triples without a crossing seen between them."""
+    def without_crossing(self) -> list[tuple[Sample, Sample, Sample]]:
+        """Return neighbouring triples with equal numbers of unstable poles."""
         triples = zip(self.samples, self.samples[1:], self.samples[2:], strict=False)
         return [t for t in triples if not any(s.failure for s in t) and _equal(*t)]
 
     def refine(self, passes: int) -> None:
-        """Halve intervals until interpolation tells on which side of the axis poles stay."""
+        """Halve intervals until interpolation proves that poles stay on their side of the axis."""
         for _ in range(passes):
             places = set()
-            for a, m, b in self.calm():
+            for a, m, b in self.without_crossing():
                 if any(_bends(a, m, b, k) for k in _beside_the_axis(m)):
                     places |= {0.5 * (a.place + m.place), 0.5 * (m.place + b.place)}
             if not places:
@@ -108,8 +108,8 @@ class _Line:
                 self.take(place)
 
     def climb(self) -> None:
-        """Walk to the point nearest the axis of every pole that turns back before it."""
-        for triple in self.calm():
+        """Follow every pole that turns back before the axis to its point nearest the axis."""
+        for triple in self.without_crossing():
             for k in _beside_the_axis(triple[1]):
                 self._climb(triple, k)
 
@@ -125,18 +125,18 @@ class _Line:
                 return
             sample = self.take(top)
             if sample.failure or sample.unstable != m.unstable:
-                return  # found: `close` does the rest
+                return  # a crossing: `close` brackets it
             order = sorted((a, m, b, sample), key=lambda each: each.place)
             best = min((1, 2), key=lambda i: abs(order[i].real(k)))
             a, m, b = order[best - 1 : best + 2]
 
     def close(self, tolerance: float) -> None:
-        """Close in on every change of the number of unstable poles."""
+        """Bracket every change of the number of unstable poles."""
         while wide := [pair for pair in self.changes() if _width(*pair) > tolerance]:
             self._close(*wide[0], tolerance)
 
     def changes(self) -> list[tuple[Sample, Sample]]:
-        """Neighbours with different numbers of unstable poles."""
+        """Return neighbours with different numbers of unstable poles."""
         pairs = pairwise(self.samples)
         return [
             (a, b) for a, b in pairs if not (a.failure or b.failure) and a.unstable != b.unstable
@@ -163,7 +163,7 @@ class _Line:
             a, b = (sample, b) if (sample.real(k) >= 0.0) == (ra >= 0.0) else (a, sample)
 
     def crossings(self) -> list[AxisCrossing]:
-        """Return what crosses; changes too close to tell apart count as one."""
+        """Return the crossings; changes closer than `NARROW` count as one change."""
         clusters: list[tuple[Sample, Sample]] = []
         for a, b in self.changes():
             if clusters and _width(clusters[-1][0], b) < NARROW:
@@ -182,7 +182,7 @@ def _between(a: Sample, b: Sample) -> list[AxisCrossing]:
     crossed = more.poles[less.unstable : more.unstable]
     frequencies: list[float] = []
     for omega in sorted(np.abs(crossed.imag).tolist()):
-        if not frequencies or omega > (1.0 + SAME) * frequencies[-1]:
+        if not frequencies or omega > (1.0 + SAME_FREQUENCY) * frequencies[-1]:
             frequencies.append(omega)
     k = less.unstable
     ra, rb = a.real(k), b.real(k)
@@ -199,7 +199,7 @@ def _equal(*samples: Sample) -> bool:
 
 
 def _beside_the_axis(sample: Sample) -> tuple[int, ...]:
-    """Last unstable and first stable pole, by place from the right."""
+    """Return the indices of the last unstable and the first stable pole, from the right."""
     count = sample.unstable
     return tuple(k for k in (count - 1, count) if 0 <= k < sample.known)
 
@@ -212,10 +212,7 @@ def _bends(a: Sample, m: Sample, b: Sample, k: int) -> bool:
 
 
 def _vertex(a: Sample, m: Sample, b: Sample, k: int) -> tuple[float, float]:
-    """Place and height of the top of the parabola through three points, m being nearest the axis.
-
-    The place keeps off all three points, so that the bracket shrinks.
-    """
+    """Return place and height of the extreme of the parabola through three points."""
     left, right = m.place - a.place, b.place - m.place
     down, up = (m.real(k) - a.real(k)) / left, (b.real(k) - m.real(k)) / right
     curvature = (up - down) / (left + right)
@@ -223,6 +220,6 @@ def _vertex(a: Sample, m: Sample, b: Sample, k: int) -> tuple[float, float]:
     offset = -0.5 * slope / curvature if curvature else 0.0
     height = m.real(k) + offset * slope + offset**2 * curvature
     least = 0.05 * (right if offset >= 0.0 else left)
-    if abs(offset) < least:
+    if abs(offset) < least:  # a new point too near m would not shrink the bracket
         offset = math.copysign(least, offset if offset else right - left)
     return m.place + offset, height

@@ -1,9 +1,10 @@
-"""What a scan of poles over one value yields: samples, crossings, stable ranges."""
+"""Results of a scan of poles over one value: samples, crossings, stable ranges."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 
@@ -12,69 +13,43 @@ from spice_models.array_types import Complexes
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sample:
-    """Poles at one value.
+    """Poles at one value."""
 
-    Attributes
-    ----------
-    place : float
-        Where it stands: the value, or its logarithm.
-    value : float
-        The value itself.
-    poles : ndarray
-        1/s, rightmost first.
-    complete : bool
-        Whether they are all poles; of a large board only the first one counts.
-    failure : str
-        Why there are none; empty where there are.
-    """
-
-    place: float
+    place: float  # on the axis of interpolation: the value, or its logarithm
     value: float
-    poles: Complexes
-    complete: bool = True
-    failure: str = ""
+    poles: Complexes  # 1/s, rightmost first
+    complete: bool = True  # whether `poles` holds all poles; of an incomplete set the first counts
+    failure: str = ""  # why there are no poles
 
     @property
     def known(self) -> int:
-        """How many poles from the right are known to be the first ones."""
+        """Number of leading poles that are certainly the rightmost poles."""
         return len(self.poles) if self.complete else min(len(self.poles), 1)
 
     @property
     def unstable(self) -> int:
-        """Number of poles on or right of the imaginary axis; 1 for any of an incomplete set."""
+        """Number of poles on or right of the imaginary axis; at most 1 of an incomplete set."""
         return int(np.sum(self.poles.real[: self.known] >= 0.0))
 
     @property
     def stable(self) -> bool:
-        """Whether it has poles, all left of the imaginary axis."""
+        """Whether all poles are left of the imaginary axis."""
         return not self.failure and self.unstable == 0
 
     def real(self, k: int) -> float:
-        """Real part of the k-th pole from the right (from 0), 1/s; minus infinity beyond all."""
+        """Return the k-th largest real part (k from 0), 1/s; minus infinity beyond the last."""
         return float(self.poles.real[k]) if k < self.known else -math.inf
 
 
 @dataclass(frozen=True, slots=True)
 class AxisCrossing:
-    """One pole, or a complex pair, on the imaginary axis.
-
-    Attributes
-    ----------
-    value : float
-        Where.
-    frequency : float
-        Hz; 0 for a real pole.
-    unstable_above : bool
-        Whether it is in the right half plane above `value` (else below).
-    below, above : int
-        Number of unstable poles on either side; 1 for any where the scan is not `complete`.
-    """
+    """A pole, or a complex pair, on the imaginary axis."""
 
     value: float
-    frequency: float
-    unstable_above: bool
-    below: int
-    above: int
+    frequency: float  # Hz; 0 for a real pole
+    unstable_above: bool  # whether the pole is unstable above `value` (else below)
+    below: int  # number of unstable poles below `value`; at most 1 if the scan is not complete
+    above: int  # the same above `value`
 
     @property
     def pole(self) -> complex:
@@ -83,7 +58,7 @@ class AxisCrossing:
 
     @property
     def changes_stability(self) -> bool:
-        """Whether the board is stable on one of its sides."""
+        """Whether the board is stable on one side."""
         return min(self.below, self.above) == 0
 
 
@@ -97,24 +72,22 @@ class Scan:
 
     @property
     def complete(self) -> bool:
-        """Whether all poles were seen, else only crossings of the rightmost one are listed."""
+        """Whether all poles are known, else only crossings of the rightmost pole are listed."""
         return all(sample.complete for sample in self.samples)
 
     @property
     def stable_ranges(self) -> tuple[tuple[float, float], ...]:
-        """Stretches of the scanned range on which every pole is left of the axis."""
-        found = []
-        start: float | None = None
-        for before, here, after in zip(
-            (None, *self.samples), self.samples, (*self.samples[1:], None), strict=False
-        ):
-            if not here.stable:
-                continue
-            if before is None or not before.stable:
-                start = self._edge(here, before)
-            if start is not None and (after is None or not after.stable):
-                found.append((start, self._edge(here, after)))
-        return tuple(found)
+        """Parts of the scanned range in which every pole is left of the axis."""
+        ranges, end = [], len(self.samples)
+        for stable, group in groupby(range(end), key=lambda n: self.samples[n].stable):
+            if stable:
+                inside = list(group)
+                first, last = inside[0], inside[-1]
+                before = self.samples[first - 1] if first > 0 else None
+                after = self.samples[last + 1] if last + 1 < end else None
+                low = self._edge(self.samples[first], before)
+                ranges.append((low, self._edge(self.samples[last], after)))
+        return tuple(ranges)
 
     def _edge(self, inside: Sample, outside: Sample | None) -> float:
         if outside is None:

@@ -1,9 +1,9 @@
-"""A crossing on trial: transients on both sides of it, started along the mode in question.
+"""Transients on both sides of a crossing, started along the crossing mode.
 
 A symmetric load never drives an antisymmetric mode, so the transient does not start from zero but
-from the equilibrium plus the real part of the mode's eigenvector, every node and every op-amp
-state of it. ngspice integrates, a fit reads growth rate and frequency off its waveforms, and both
-are compared with the pole.
+from the equilibrium plus the real part of the mode's eigenvector, for every node and every op-amp
+state. ngspice integrates, a fit to the waveforms gives growth rate and frequency, and both are
+compared with the pole.
 """
 
 from __future__ import annotations
@@ -30,54 +30,37 @@ from verification.small_signal.poles import poles
 from verification.studies.onset.scan_result import AxisCrossing
 from verification.waveforms import Waveforms
 
-ASIDE = 0.03  # distance of a transient from the crossing, relative
-NEAREST = 1e-4  # the same, where the pole moves or turns fast
-STEEP = 0.02  # largest growth rate over the mode's frequency (rad/s) for which a fit is easy
-POINTS = 100  # time points a period: the trapezoidal rule then errs by 1e-3 of the growth rate
-FEWEST, MOST = 12.0, 200.0  # periods
-FOLDS = 1.5  # e-foldings that a record should show
-RUNAWAY = 12.0  # e-foldings that a faster mode may have over the one in question
-SMALL = 0.02  # largest swing at an amplifier's input, in its v_scale: there it is linear
-GROWTH, FREQUENCY = 0.05, 0.01  # relative differences that still agree
-FAINT = 0.01  # of the strongest mode: below, a mode is not the one that the record shows
-RELATIVE = 1e-8  # ngspice's reltol
-_TURN = 2.0 * math.pi
+DISTANCE = 0.03  # distance of a transient from the crossing, relative
+LEAST_DISTANCE = 1e-4  # the same where the pole moves fast
+LARGEST_GROWTH = 0.02  # growth rate over the mode's frequency (rad/s) for an accurate fit
+POINTS = 100  # time points a period: the error of the trapezoidal rule is 1e-3 of the growth rate
+FEWEST_PERIODS, MOST_PERIODS = 12.0, 200.0
+FOLDS = 1.5  # e-foldings in a record
+RIVAL_FOLDS = 12.0  # most e-foldings of a faster mode in a record
+SMALL_SIGNAL = 0.02  # largest swing at an amplifier's input, in its v_scale: there it is linear
+GROWTH_TOLERANCE, FREQUENCY_TOLERANCE = 0.05, 0.01  # relative
+FAINT = 0.01  # of the strongest mode: fainter modes are not compared
+RELTOL = 1e-8  # ngspice's reltol
 
 Build = Callable[[float], Circuit]
 
 
 @dataclass(frozen=True, slots=True)
 class Side:
-    """What a transient on one side of a crossing shows, beside what the pole predicts.
+    """The pole and the fitted transient on one side of a crossing."""
 
-    Attributes
-    ----------
-    value : float
-        Where the transient was run.
-    predicted : complex
-        The pole there, 1/s.
-    growth_rate, growth_sigma : float or None
-        Fitted, 1/s, with its standard uncertainty; None where there is no fit.
-    frequency : float or None
-        Fitted, Hz.
-    agrees : bool or None
-        Whether they agree; None where that could not be decided.
-    reason : str
-        Why they do not, or why not.
-    """
-
-    value: float
-    predicted: complex
-    growth_rate: float | None = None
-    growth_sigma: float | None = None
-    frequency: float | None = None
-    agrees: bool | None = None
-    reason: str = ""
+    value: float  # of the key
+    predicted: complex  # the pole, 1/s
+    growth_rate: float | None = None  # fitted, 1/s; None without a fit
+    growth_sigma: float | None = None  # standard uncertainty of the growth rate, 1/s
+    frequency: float | None = None  # fitted, Hz
+    agrees: bool | None = None  # None if undecided
+    reason: str = ""  # why pole and transient disagree, or why that is undecided
 
 
 @dataclass(frozen=True, slots=True)
 class Confirmation:
-    """Both sides of a crossing; `confirmed` is None where transients could not decide."""
+    """Both sides of a crossing; `confirmed` is None if the transients are inconclusive."""
 
     confirmed: bool | None
     reason: str
@@ -91,7 +74,7 @@ class _Trial:
 
     value: float
     pole: complex
-    fastest: float  # growth rate of the board's fastest other instability, 1/s; 0 for none
+    fastest: float  # growth rate of the board's fastest other instability, 1/s, or 0
     circuit: Circuit
     transient: Transient
 
@@ -106,11 +89,11 @@ def confirm(
     build : callable
         The board at a value.
     crossing : AxisCrossing
-        What is to be confirmed.
+        The crossing to confirm.
     simulator : Simulator
         An ngspice.
     logarithmic : bool
-        Whether "a few per cent away" means by a factor, or by a part of the value.
+        Whether the values on the two sides differ by a factor or by a fraction of the value.
     timeout : float
         Wall time allowed for each run, s.
     """
@@ -118,7 +101,7 @@ def confirm(
         trials = [_prepare(build, crossing, side, logarithmic) for side in (-1, 1)]
     except (EngineError, InputError) as error:
         return Confirmation(None, f"the board beside the crossing could not be prepared: {error}")
-    with ExitStack() as cleanup:  # what goes wrong with one run ends the other
+    with ExitStack() as cleanup:  # a failure of one run ends the other run
         try:
             runs = [cleanup.enter_context(_start(t, simulator, timeout)) for t in trials]
         except SimulationError as error:
@@ -131,20 +114,20 @@ def confirm(
 
 
 def _prepare(build: Build, crossing: AxisCrossing, side: int, logarithmic: bool) -> _Trial:
-    """Go to one side of the crossing, near enough that the pole has the sign it should have."""
+    """Choose a value on one side of the crossing at which the pole has the expected sign."""
     unstable = crossing.unstable_above == (side > 0)
-    aside = ASIDE
+    distance = DISTANCE
     while True:
-        down = 1.0 / (1.0 + aside) if logarithmic else 1.0 - aside
-        value = crossing.value * (1.0 + aside if side > 0 else down)
-        board, pole, others = _follow(build, crossing, value)
-        limit = STEEP * abs(pole.imag) if crossing.frequency else math.inf
+        down = 1.0 / (1.0 + distance) if logarithmic else 1.0 - distance
+        value = crossing.value * (1.0 + distance if side > 0 else down)
+        board, pole, board_poles = _follow(build, crossing, value)
+        limit = LARGEST_GROWTH * abs(pole.imag) if crossing.frequency else math.inf
         if (pole.real > 0.0) == unstable and abs(pole.real) <= limit:
             break
-        if aside <= NEAREST:
+        if distance <= LEAST_DISTANCE:
             raise EngineError(f"the pole on the axis could not be followed to {value!r}")
-        aside *= 0.5
-    rivals = [p.real for p in others if p not in (pole, pole.conjugate())]
+        distance *= 0.5
+    rivals = [p.real for p in board_poles if p not in (pole, pole.conjugate())]
     fastest = max([0.0, *rivals])
     return _Trial(value, pole, fastest, board.circuit, along(board, pole, fastest))
 
@@ -152,20 +135,17 @@ def _prepare(build: Build, crossing: AxisCrossing, side: int, logarithmic: bool)
 def _follow(
     build: Build, crossing: AxisCrossing, value: float
 ) -> tuple[LinearBoard, complex, list[complex]]:
-    """Follow the pole from the axis to `value`, each time to the nearest.
-
-    Return the board at `value`, the pole, and all its poles.
-    """
+    """Follow the pole from the axis to `value`; return the board, the pole and all poles there."""
     pole = crossing.pole
     for share in (0.5, 1.0):
         near = crossing.value + share * (value - crossing.value)
         board = LinearBoard(build(near))
-        found: list[complex] = poles(board).poles.tolist()
-        eligible = [p for p in found if crossing.frequency or p.imag == 0.0]
+        board_poles: list[complex] = poles(board).poles.tolist()
+        eligible = [p for p in board_poles if crossing.frequency or p.imag == 0.0]
         if not eligible:
-            raise EngineError("the real pole on the axis becomes a pair beside it")
+            raise EngineError("the real pole on the axis becomes a complex pair beside the axis")
         pole = min(eligible, key=lambda each: abs(each - pole))
-    return board, pole, found
+    return board, pole, board_poles
 
 
 def along(board: LinearBoard, pole: complex, fastest: float = 0.0) -> Transient:
@@ -174,16 +154,16 @@ def along(board: LinearBoard, pole: complex, fastest: float = 0.0) -> Transient:
     Parameters
     ----------
     board : LinearBoard
-        It.
+        The board.
     pole : complex
-        One of its poles, 1/s.
+        A pole of the board, 1/s.
     fastest : float
-        Growth rate of its fastest other instability, 1/s: the record ends before that takes over.
+        Growth rate of the fastest other instability, 1/s: the record ends before that dominates.
 
     Returns
     -------
     Transient
-        `FOLDS` e-foldings long where that is between `FEWEST` and `MOST` periods.
+        `FOLDS` e-foldings long, but at least `FEWEST_PERIODS` and at most `MOST_PERIODS`.
 
     Raises
     ------
@@ -198,7 +178,7 @@ def along(board: LinearBoard, pole: complex, fastest: float = 0.0) -> Transient:
     devices = space.descriptor.devices
     if devices.count:
         swing = float(np.max(np.abs(shape[devices.input]) / devices.v_scale))
-        scale = min(scale, SMALL / (swing * math.exp(max(pole.real, 0.0) * length)))
+        scale = min(scale, SMALL_SIGNAL / (swing * math.exp(max(pole.real, 0.0) * length)))
     start_at = board.equilibrium.values + scale * shape.real
     return Transient(
         stop=length,
@@ -209,24 +189,24 @@ def along(board: LinearBoard, pole: complex, fastest: float = 0.0) -> Transient:
 
 
 def _span(pole: complex, fastest: float) -> tuple[float, float]:
-    """Length and maximum step of a record of the mode of `pole`, s."""
+    """Return length and maximum step of a record of the mode of `pole`, s."""
     length = FOLDS / abs(pole.real)
     if pole.imag:
-        period = _TURN / abs(pole.imag)
-        length = min(max(length, FEWEST * period), MOST * period)
+        period = math.tau / abs(pole.imag)
+        length = min(max(length, FEWEST_PERIODS * period), MOST_PERIODS * period)
         step = period / POINTS
     else:
         length *= 2.0
         step = length / (4 * POINTS)
     if fastest > max(pole.real, 0.0):
-        length = min(length, RUNAWAY / fastest)
+        length = min(length, RIVAL_FOLDS / fastest)
     return length, step
 
 
 def _mode(space: StateSpace, pole: complex) -> Complexes:
-    """Eigenvector of `pole` by inverse iteration, shape (n,)."""
+    """Return the eigenvector of `pole` by inverse iteration, shape (n,)."""
     x: Complexes = np.cos(np.arange(1.0, space.n + 1)).astype(np.complex128)  # no symmetry
-    shifted = space.A - pole * (1.0 + 1e-9) * np.eye(space.n)  # exactly the pole is singular
+    shifted = space.A - pole * (1.0 + 1e-9) * np.eye(space.n)  # singular without the factor
     for _ in range(3):
         x = np.asarray(np.linalg.solve(shifted, x), dtype=np.complex128)
         x /= np.abs(x).max()
@@ -237,7 +217,7 @@ def _start(trial: _Trial, simulator: Simulator, timeout: float) -> Run:
     c = trial.circuit
     saved = dict.fromkeys([*(o.node for o in c.outputs), *c.signal_nodes, *c.constraint_nodes])
     deck = write_deck(
-        c, trial.transient, solver=simulator.solver_option, relative=RELATIVE, saved=saved
+        c, trial.transient, solver=simulator.solver_option, relative=RELTOL, saved=saved
     )
     return start(deck, simulator, timeout=timeout)
 
@@ -252,20 +232,21 @@ def _finish(trial: _Trial, run: Run) -> Side:
 
 def _compare(trial: _Trial, waveforms: Waveforms) -> Side:
     """Compare the pole with the nearest of the strong modes in the waveforms."""
-    found = fit_modes(waveforms.time, waveforms.values)
-    if not found:
-        return Side(
-            trial.value, trial.pole, reason="the transient shows no mode that can be fitted"
-        )
-    strong = [mode for mode in found if mode.amplitude >= FAINT * found[0].amplitude]
-    mode = min(strong, key=lambda m: abs(complex(m.growth_rate, _TURN * m.frequency) - trial.pole))
+    modes = fit_modes(waveforms.time, waveforms.values)
+    if not modes:
+        return Side(trial.value, trial.pole, reason="no mode could be fitted to the transient")
+    strong = [mode for mode in modes if mode.amplitude >= FAINT * modes[0].amplitude]
+    mode = min(
+        strong, key=lambda m: abs(complex(m.growth_rate, math.tau * m.frequency) - trial.pole)
+    )
     difference = _difference(mode, trial.pole)
     agrees: bool | None = not difference
     reason = difference
     if not (mode.grows or mode.decays):
-        agrees, reason = None, f"the fit is not sure of itself: {mode.doubt}"
+        agrees, reason = None, f"the fit is uncertain: {mode.doubt}"
     elif difference and abs(mode.growth_rate - trial.pole.real) < 3.0 * mode.growth_sigma:
-        agrees, reason = None, f"{difference}, but the fit is only sure to {mode.growth_sigma:.2g}"
+        agrees = None
+        reason = f"{difference}, with an uncertainty of {mode.growth_sigma:.2g} /s"
     elif difference and trial.fastest > max(trial.pole.real, 0.0):
         agrees = None
         reason = f"an instability of {trial.fastest:.4g} /s hides the mode ({difference})"
@@ -281,11 +262,11 @@ def _compare(trial: _Trial, waveforms: Waveforms) -> Side:
 
 
 def _difference(mode: Mode, pole: complex) -> str:
-    """Say how a fitted mode and a pole differ, or nothing."""
-    off = abs(mode.growth_rate - pole.real) > GROWTH * abs(pole.real)
-    if off or (mode.growth_rate > 0.0) != (pole.real > 0.0):
+    """Return how a fitted mode and a pole differ; empty if they agree."""
+    differs = abs(mode.growth_rate - pole.real) > GROWTH_TOLERANCE * abs(pole.real)
+    if differs or (mode.growth_rate > 0.0) != (pole.real > 0.0):
         return f"the transient grows with {mode.growth_rate:.5g} /s, the pole with {pole.real:.5g}"
-    frequency = abs(pole.imag) / (_TURN)
-    if abs(mode.frequency - frequency) > FREQUENCY * frequency:
+    frequency = abs(pole.imag) / math.tau
+    if abs(mode.frequency - frequency) > FREQUENCY_TOLERANCE * frequency:
         return f"the transient rings at {mode.frequency:.6g} Hz, the pole at {frequency:.6g}"
     return ""

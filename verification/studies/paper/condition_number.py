@@ -10,9 +10,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.linalg import toeplitz
 
 from spice_models.errors import SolverError
-from verification.reference.doubledouble import DoubleDouble
+from verification.reference.doubledouble import ONE, DoubleDouble
 
 LARGEST = 1e28
 STEPS = 60
@@ -38,16 +39,14 @@ def condition_number(ratio: float, span: float) -> float:
     """
     N = round(span * ratio) + 1
     place = DoubleDouble.of(np.arange(N, dtype=np.float64)) / DoubleDouble.of(np.full(N, ratio))
-    one = DoubleDouble.of(np.ones(N))
     square = place * place
-    below = one + square
-    column = (one - square) / (below * below)
-    distance = np.abs(np.arange(N)[:, None] - np.arange(N)[None, :])
-    largest = float(np.linalg.eigvalsh(column.hi[distance])[-1])
-    found = largest / _smallest(column)
-    if not 0.0 < found <= LARGEST:
-        raise SolverError(f"cond(T) is about {found:.1g}, beyond double-double arithmetic")
-    return found
+    below = ONE + square
+    column = (ONE - square) / (below * below)
+    largest = float(np.linalg.eigvalsh(toeplitz(column.hi))[-1])
+    condition = largest / _smallest(column)
+    if not 0.0 < condition <= LARGEST:
+        raise SolverError(f"cond(T) is about {condition:.1g}, beyond double-double arithmetic")
+    return condition
 
 
 def _smallest(column: DoubleDouble) -> float:
@@ -69,14 +68,14 @@ def _smallest(column: DoubleDouble) -> float:
 def _levinson(column: DoubleDouble, b: DoubleDouble) -> DoubleDouble:
     """Solve the symmetric Toeplitz system of first column `column` (N,)."""
     scale = _part(column, slice(0, 1))
-    forward = DoubleDouble.of(np.ones(1)) / scale
+    forward = ONE / scale
     x = _part(b, slice(0, 1)) / scale
     for n in range(1, len(column.hi)):
         reverse = _part(column, slice(n, 0, -1))
         ahead = _dot(reverse, forward)
-        weight = DoubleDouble.of(np.ones(1)) / (DoubleDouble.of(np.ones(1)) - ahead * ahead)
-        longer, mirrored = _padded(forward), _mirrored(_padded(forward))
-        forward = (longer - mirrored * ahead) * weight
+        weight = ONE / (ONE - ahead * ahead)
+        longer = _padded(forward)
+        forward = (longer - _mirrored(longer) * ahead) * weight
         miss = _part(b, slice(n, n + 1)) - _dot(reverse, x)
         x = _padded(x) + _mirrored(forward) * miss
     return x
@@ -90,18 +89,15 @@ def _mirrored(a: DoubleDouble) -> DoubleDouble:
     return _part(a, slice(None, None, -1))
 
 
-def _padded(a: DoubleDouble) -> DoubleDouble:
-    return DoubleDouble(np.append(a.hi, 0.0), np.append(a.lo, 0.0))
+def _padded(a: DoubleDouble, zeros: int = 1) -> DoubleDouble:
+    return DoubleDouble(np.pad(a.hi, (0, zeros)), np.pad(a.lo, (0, zeros)))
 
 
 def _dot(a: DoubleDouble, b: DoubleDouble) -> DoubleDouble:
-    """Return the scalar product, shape (1,), by adding halves to each other."""
+    """Return the scalar product, shape (1,), by adding the halves to each other."""
     total = a * b
     while len(total.hi) > 1:
         half = (len(total.hi) + 1) // 2
         first, rest = _part(total, slice(0, half)), _part(total, slice(half, None))
-        size = half - len(rest.hi)
-        padded = DoubleDouble(np.append(rest.hi, np.zeros(size)),
-                              np.append(rest.lo, np.zeros(size)))  # fmt: skip
-        total = first + padded
+        total = first + _padded(rest, half - len(rest.hi))
     return total

@@ -2,43 +2,36 @@
 
 from __future__ import annotations
 
-import math
-
 from netlist_gen.overrides.axes import with_values
 from netlist_gen.overrides.keys import Value
-from netlist_gen.quantities import show
 from netlist_gen.scene.scene import Scene
 from spice_models.errors import EngineError
 from verification.pipeline.checks import Outcome
 from verification.pipeline.effort import Effort
 from verification.pipeline.recording import record_transient
+from verification.studies.figures import FIGURES
 from verification.studies.paper.findings import (
     Chapter,
     Finding,
-    Panel,
-    Picture,
-    curve,
-    listed,
+    finding,
     paper_scene,
-    percent,
+    seconds,
     weigh,
 )
+from verification.studies.paper.pictures import Panel, Picture, curve
 from verification.studies.tune import OVERSHOOT, tune
 from verification.verify import verify
 
-SCENE = "paper-breadboard"
-FACTORS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0)
+FACTORS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0)  # of the scene's own gain
 CENTRE = 3  # channel 4 of 7
 
 
 def console(quick: bool) -> Chapter:
     """Judge what the gain does, and in a full run tune it and verify the result by ngspice."""
-    scene = paper_scene(SCENE)
-    first, over_gain = _controls(scene)
-    if quick:
-        return Chapter((first,), (over_gain,))
-    second, picture = _tuned(scene)
-    return Chapter((first, second), (over_gain, picture))
+    scene = paper_scene("paper-breadboard")
+    parts = [_controls(scene)] if quick else [_controls(scene), _tuned(scene)]
+    findings, pictures = zip(*parts, strict=True)
+    return Chapter(findings, pictures)
 
 
 def _controls(scene: Scene) -> tuple[Finding, Picture]:
@@ -46,71 +39,56 @@ def _controls(scene: Scene) -> tuple[Finding, Picture]:
     for factor in FACTORS:
         changes: dict[str, Value] = {"design.gain": factor * scene.design.gain}
         changes["analysis.engine"] = "statespace"
-        found = record_transient(with_values(scene, changes)).measurements
-        reading = found.settling_time
-        settling.append(math.inf if reading is None else reading.value)
-        overshoot.append(max(channel.overshoot for channel in found.channels))
+        measurements = record_transient(with_values(scene, changes)).measurements
+        settling.append(seconds(measurements.settling_time))
+        overshoot.append(max(channel.overshoot for channel in measurements.channels))
     shown = [FACTORS.index(factor) for factor in (0.25, 0.5, 1.0)]
-    finding = Finding(
+    result = finding(
         "gain-controls",
-        "gain at 0.05 to 1 of the scene's own, R as it is",
-        "at a quarter, half and the whole of it 1 % settling"
-        f" {', '.join(show(settling[k], 's') for k in shown)}; overshoot"
-        f" {listed([100 * overshoot[k] for k in shown])} %",
-        weigh(max(settling) > 2.0 * min(settling) and max(overshoot) > 2.0 * min(overshoot)),
         {"least_settling_time": min(settling), "least_overshoot": min(overshoot)},
+        weigh(max(settling) > 2.0 * min(settling) and max(overshoot) > 2.0 * min(overshoot)),
+        settling=[settling[k] for k in shown],
+        overshoot=[overshoot[k] for k in shown],
     )
     gains = [factor * scene.design.gain / 1e6 for factor in FACTORS]
+    percent = [100.0 * each for each in overshoot]
+    x, style = "gain (MΩ)", "C0o-"
     panels = (
-        Panel(
-            "1 % settling time", "gain (MΩ)", "s", (curve(gains, settling, "", "C0o-"),), logs="y"
-        ),
-        Panel(
-            "overshoot",
-            "gain (MΩ)",
-            "% of the step",
-            (curve(gains, [100 * each for each in overshoot], "", "C0o-"),),
-        ),
+        Panel("1 % settling time", x, "s", (curve(gains, settling, "", style),), logs="y"),
+        Panel("overshoot", x, "% of the step", (curve(gains, percent, "", style),)),
     )
     text = "The gain alone trades settling time against overshoot (R and C as they are)."
-    return finding, Picture("gain", text, panels)
+    return result, Picture("gain", text, panels)
 
 
 def _tuned(scene: Scene) -> tuple[Finding, Picture]:
-    found = tune(scene, ("gain",), overshoot=OVERSHOOT)
-    verdict = verify(found.scene, effort=Effort(details=False))
-    reading = verdict.measurements.settling_time
-    if reading is None:
+    tuning = tune(scene, ("gain",), overshoot=OVERSHOOT)
+    verdict = verify(tuning.scene, effort=Effort(details=False))
+    settling, overshoot = (FIGURES[name].of(verdict) for name in ("settling_time", "overshoot"))
+    if settling is None or overshoot is None:
         raise EngineError(f"the tuned board does not settle: {verdict.measurements.reason}")
-    overshoot = max(channel.overshoot for channel in verdict.measurements.channels)
-    rise = verdict.measurements.channels[CENTRE].rise_time
-    rising = "not at all" if rise is None else show(rise.value, "s")
-    agree = abs(reading.value - found.after.settling_time) <= 0.05 * reading.value
-    names = {check.name: check.outcome for check in verdict.checks}
-    finding = Finding(
+    before, after = tuning.before, tuning.after
+    agree = abs(settling - after.settling_time) <= 0.05 * settling
+    better = settling < before.settling_time and overshoot <= OVERSHOOT
+    outcomes = {check.name: check.outcome for check in verdict.checks}
+    gain = after.values["design.gain"]
+    result = finding(
         "console",
-        f"settling time minimised over the gain, overshoot at most {percent(OVERSHOOT)},"
-        f" lambda held; {found.tried} designs; the best one by {verdict.waveforms.engine}",
-        f"gain {show(found.after.values['design.gain'], 'ohm')}: settling"
-        f" {show(found.before.settling_time, 's')} → {show(reading.value, 's')}, overshoot"
-        f" {percent(found.before.overshoot)} → {percent(overshoot)}; the"
-        f" centre output now rises in {rising}",
-        weigh(
-            agree
-            and overshoot <= OVERSHOOT
-            and reading.value < found.before.settling_time
-            and names["steady_state"] is Outcome.PASS
-        ),
-        {"settling_time": reading.value, "overshoot": overshoot,
-         "gain": found.after.values["design.gain"]},
-    )  # fmt: skip
-    frontier = found.frontier
+        {"settling_time": settling, "overshoot": overshoot, "gain": gain},
+        weigh(agree and better and outcomes["steady_state"] is Outcome.PASS),
+        limit=OVERSHOOT,
+        tried=tuning.tried,
+        before=before,
+        rise_time=seconds(verdict.measurements.channels[CENTRE].rise_time),
+        simulator=verdict.waveforms.engine,
+    )
     lines = (
-        curve([100 * c.overshoot for c in frontier], [c.settling_time for c in frontier],
-              "no other design tried beats these", "o-"),
-        curve([100 * found.before.overshoot], [found.before.settling_time], "before", "C3s"),
-        curve([100 * overshoot], [reading.value], "after, by ngspice", "C2*"),
+        curve([100.0 * c.overshoot for c in tuning.frontier],
+              [c.settling_time for c in tuning.frontier],
+              "no other design tried is better than these", "o-"),
+        curve([100.0 * before.overshoot], [before.settling_time], "before", "C3s"),
+        curve([100.0 * overshoot], [settling], "after, by ngspice", "C2*"),
     )  # fmt: skip
-    panel = Panel("settling time against overshoot", "overshoot (% of the step)",
-                  "1 % settling time (s)", lines, logs="y")  # fmt: skip
-    return finding, Picture("console", "The trade-off that the gain offers.", (panel,))
+    x, y = "overshoot (% of the step)", "1 % settling time (s)"
+    panel = Panel("settling time against overshoot", x, y, lines, logs="y")
+    return result, Picture("console", "The trade-off that the gain offers.", (panel,))

@@ -1,27 +1,28 @@
-"""What a claim of the paper is, what was found out about it, and pictures as plain data."""
+"""The claims of the paper, and what a run of each claim found."""
 
 from __future__ import annotations
 
 import enum
+import math
+import string
 import tomllib
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
+from typing import Any
 
-import numpy as np
-from numpy.typing import ArrayLike
-
+from netlist_gen.quantities import UNITS, show
 from netlist_gen.scene.file import load_scene
 from netlist_gen.scene.scene import Scene
-from spice_models.array_types import Floats
+from verification.measures.readings import Reading
+from verification.studies.paper.pictures import Picture
 
 HERE = Path(__file__).parent
 SCENES = HERE.parents[1] / "scenes"  # a link to the checkout's scenes; a wheel holds the files
 
 
 class ClaimOutcome(enum.Enum):
-    """What became of a claim; the value is what is printed."""
+    """The verdict on a claim; the value is the printed text."""
 
     HOLDS = "holds"
     CONDITION = "holds under a stated condition"
@@ -33,22 +34,10 @@ class ClaimOutcome(enum.Enum):
 class Claim:
     """One entry of ``claims.toml``.
 
-    Attributes
-    ----------
-    id : str
-        Short name.
-    chapter : str
-        Key of `verification.studies.paper.reproduce.CHAPTERS`.
-    place : str
-        Where in the paper.
-    claim : str
-        What is said there, in short.
-    printed : str
-        The printed value or formula; empty where there is none.
-    expected : ClaimOutcome
-        The verdict that this project stands by; another one is a regression.
-    quick : bool
-        Whether a quick run judges it.
+    `chapter` is a key of `verification.studies.paper.reproduce.CHAPTERS`; `place` says where the
+    paper makes the claim; `printed` is the paper's value or formula, or empty. `run` and `ours`
+    are templates of `Sentence`: what taction runs, and what the run gives. A verdict other than
+    `expected` is a regression. A quick run leaves out a claim that is not `quick`.
     """
 
     id: str
@@ -56,27 +45,15 @@ class Claim:
     place: str
     claim: str
     printed: str
+    run: str
+    ours: str
     expected: ClaimOutcome
     quick: bool = True
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What running a claim showed.
-
-    Attributes
-    ----------
-    id : str
-        Of the claim.
-    run : str
-        What was run.
-    ours : str
-        What came out, in words and numbers.
-    outcome : ClaimOutcome
-        The verdict.
-    values : dict of str to float
-        The numbers behind it, SI base units.
-    """
+    """The result for the claim `id`: `run` and `ours` as sentences, `values` in SI base units."""
 
     id: str
     run: str
@@ -86,43 +63,36 @@ class Finding:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Curve:
-    """One line of a picture; `style` is a format string of matplotlib's."""
-
-    x: Floats
-    y: Floats
-    label: str = ""
-    style: str = "-"
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Panel:
-    """One set of axes; `marks` are labelled horizontal lines, `logs` names axes (``"xy"``)."""
-
-    title: str
-    x: str
-    y: str
-    curves: tuple[Curve, ...]
-    logs: str = ""
-    limits: tuple[float, float] | None = None
-    marks: tuple[tuple[float, str], ...] = ()
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Picture:
-    """A picture: `name` is its file's stem, `caption` says what to see."""
-
-    name: str
-    caption: str
-    panels: tuple[Panel, ...]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Chapter:
-    """What one chapter found."""
+    """The findings of one chapter, and its pictures."""
 
     findings: tuple[Finding, ...]
     pictures: tuple[Picture, ...] = ()
+
+
+class Sentence(string.Formatter):
+    """Templates for numbers and lists of numbers.
+
+    Beside Python's formats, ``{x:.3g%}`` writes a fraction as per cent and ``{t:s.3}`` writes a
+    time in seconds with an SI prefix and three digits (four without ``.3``).
+    """
+
+    def format_field(self, value: Any, format_spec: str) -> str:
+        """Return `value` as text; the numbers of a list are separated by commas."""
+        values = value if isinstance(value, list | tuple) else [value]
+        if format_spec.endswith("%"):
+            return self.format_field([100.0 * v for v in values], format_spec[:-1]) + " %"
+        unit, _, digits = format_spec.partition(".")
+        if unit in UNITS:
+            return ", ".join(show(v, unit, int(digits or 4)) for v in values)
+        return ", ".join(format(v, format_spec) for v in values)
+
+
+def finding(id_: str, values: dict[str, float], outcome: ClaimOutcome, **others: Any) -> Finding:
+    """Return the finding on the claim `id_`: `values` and `others` fill the claim's templates."""
+    claim = next(claim for claim in load_claims() if claim.id == id_)
+    run, ours = (Sentence().format(text, **values, **others) for text in (claim.run, claim.ours))
+    return Finding(id_, run, ours, outcome, values)
 
 
 def weigh(always: bool, condition: bool = False) -> ClaimOutcome:
@@ -132,17 +102,11 @@ def weigh(always: bool, condition: bool = False) -> ClaimOutcome:
     return ClaimOutcome.CONDITION if condition else ClaimOutcome.FAILS
 
 
-def curve(x: ArrayLike, y: ArrayLike, label: str = "", style: str = "-") -> Curve:
-    """Return a `Curve` of anything that is an array."""
-    return Curve(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64), label, style)
-
-
 @cache
 def load_claims() -> tuple[Claim, ...]:
     """Read the table of claims."""
     entries = tomllib.loads((HERE / "claims.toml").read_text(encoding="utf-8"))["claim"]
-    words = {outcome.value: outcome for outcome in ClaimOutcome}
-    return tuple(Claim(**{**entry, "expected": words[entry["expected"]]}) for entry in entries)
+    return tuple(Claim(**{**e, "expected": ClaimOutcome(e["expected"])}) for e in entries)
 
 
 def paper_scene(name: str) -> Scene:
@@ -150,11 +114,6 @@ def paper_scene(name: str) -> Scene:
     return load_scene(SCENES / f"{name}.toml")
 
 
-def percent(part: float) -> str:
-    """Return a fraction as per cent."""
-    return f"{100.0 * part:.3g} %"
-
-
-def listed(values: Sequence[float], digits: int = 3) -> str:
-    """Return numbers in one line."""
-    return ", ".join(f"{value:.{digits}g}" for value in values)
+def seconds(reading: Reading | None) -> float:
+    """Return a measured time, s; infinity for a time that does not exist."""
+    return math.inf if reading is None else reading.value

@@ -1,4 +1,4 @@
-"""Running all claims: chapter by chapter, each judged against what the table expects."""
+"""Run the claims of the paper chapter by chapter and compare the verdicts with the table."""
 
 from __future__ import annotations
 
@@ -12,16 +12,10 @@ from verification.studies.paper.conditioning import conditioning
 from verification.studies.paper.console import console
 from verification.studies.paper.energy import energy
 from verification.studies.paper.equations import equations
-from verification.studies.paper.findings import (
-    Chapter,
-    Claim,
-    ClaimOutcome,
-    Finding,
-    Picture,
-    load_claims,
-)
+from verification.studies.paper.findings import Chapter, Claim, ClaimOutcome, Finding, load_claims
 from verification.studies.paper.hardware import hardware
 from verification.studies.paper.kernels import kernels
+from verification.studies.paper.pictures import Picture
 from verification.studies.paper.reconstruction import reconstruction
 from verification.studies.paper.simnon import simnon
 from verification.studies.paper.speed import speed
@@ -55,7 +49,7 @@ class Judged:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Section:
-    """One chapter: `seconds` is the wall time that it took."""
+    """One chapter of the report; `seconds` is its wall time."""
 
     title: str
     judged: tuple[Judged, ...]
@@ -65,7 +59,7 @@ class Section:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reproduction:
-    """All chapters; `left_out` are claims that only a full run judges."""
+    """The result of all chapters; `left_out` are the claims that only a full run judges."""
 
     sections: tuple[Section, ...]
     left_out: tuple[Claim, ...]
@@ -89,37 +83,32 @@ class Reproduction:
 def reproduce(
     *, quick: bool = False, progress: Callable[[str], None] = lambda stage: None
 ) -> Reproduction:
-    """Run every claim.
+    """Run every claim; `progress` receives the title of each chapter before the chapter runs.
 
-    Parameters
-    ----------
-    quick : bool
-        Fewer seeds and sizes, and without the claims that are marked so.
-    progress : callable, optional
-        Told the title of each chapter as it begins.
+    A quick run uses fewer seeds and sizes, and leaves out the claims that are not `quick`.
     """
     began = time.perf_counter()
     claims = load_claims()
-    wanted = [claim for claim in claims if claim.quick or not quick]
+    selected = [claim for claim in claims if claim.quick or not quick]
     sections = []
     for name, (title, function) in CHAPTERS.items():
         progress(title)
         start = time.perf_counter()
-        own = [claim for claim in wanted if claim.chapter == name]
-        chapter = _run(function, own, quick=quick)
+        of_chapter = [claim for claim in selected if claim.chapter == name]
+        chapter = _run(function, of_chapter, quick=quick)
         findings = {finding.id: finding for finding in chapter.findings}
-        judged = tuple(Judged(claim, findings[claim.id]) for claim in own)
+        judged = tuple(Judged(claim, findings[claim.id]) for claim in of_chapter)
         sections.append(Section(title, judged, chapter.pictures, time.perf_counter() - start))
     return Reproduction(
         tuple(sections),
-        tuple(claim for claim in claims if claim not in wanted),
+        tuple(claim for claim in claims if claim not in selected),
         quick,
         time.perf_counter() - began,
     )
 
 
 def _run(function: Callable[[bool], Chapter], claims: list[Claim], *, quick: bool) -> Chapter:
-    """Run one chapter; what keeps it from a verdict is a finding of each of its claims."""
+    """Run one chapter; a chapter that gives no verdict has the reason as finding of each claim."""
     try:
         return function(quick)
     except NoVerdictError as error:

@@ -1,7 +1,7 @@
 """The paper's simulated problem: cylinder load (18), kernel (19), white noise on the strain.
 
-The paper prints neither the number of channels nor the range of y, and the answer to "which lambda
-is best" depends on both, so two geometries stand for all.
+The paper prints neither the number of channels nor the range of y. The best lambda depends on
+both, so the chapters use two geometries.
 """
 
 from __future__ import annotations
@@ -13,18 +13,22 @@ import numpy as np
 from netlist_gen.problem.inverse_problem import cylinder_stress, grid, kernel
 from netlist_gen.scene.problem import CylinderLoad
 from spice_models.array_types import Floats
-from verification.reference import Problem, solve
+from verification.reference import IdealNetwork, Problem, solve
 
 VARIANCE = 0.1
 
 
 @dataclass(frozen=True, slots=True)
 class Geometry:
-    """A grid of `channels` points over `span`, at depth 1; `name` for people."""
+    """A grid of `channels` points over `span` depths, at depth 1."""
 
-    name: str
     channels: int
     span: float
+
+    @property
+    def title(self) -> str:
+        """The geometry in words, for pictures."""
+        return f"N = {self.channels} over {self.span:g} depths"
 
     @property
     def y(self) -> Floats:
@@ -47,14 +51,14 @@ class Geometry:
         return cylinder_stress(self.y, CylinderLoad())
 
     def strain(self, seed: int, variance: float = VARIANCE) -> Floats:
-        """Strain (N,) with noise."""
+        """Return the strain (N,) with noise."""
         clean = self.matrix @ self.stress
-        draw = np.random.default_rng(seed).normal(0.0, np.sqrt(variance), clean.shape)
-        return np.asarray(clean + draw)
+        noise = np.random.default_rng(seed).normal(0.0, np.sqrt(variance), clean.shape)
+        return np.asarray(clean + noise)
 
 
-COARSE = Geometry("coarse", 21, 16.0)
-FINE = Geometry("fine", 51, 6.0)
+COARSE = Geometry(21, 16.0)
+FINE = Geometry(51, 6.0)
 
 
 def entropy(T: Floats, strain: Floats, lam: float) -> Floats:
@@ -62,9 +66,25 @@ def entropy(T: Floats, strain: Floats, lam: float) -> Floats:
     return solve(Problem(T, strain, lam, "exponential", True)).u
 
 
+def unit_network(
+    T: Floats, strain: Floats, mu: float, amplifier: str = "exponential"
+) -> IdealNetwork:
+    """Return the ideal network with unit G0, U0, Ve, R and C, so that times count in R C.
+
+    `mu` is ``1 / (s R)``: lambda for linear amplifiers, half of lambda for exponential ones.
+    """
+    biased = amplifier == "exponential"
+    return IdealNetwork(T, strain, 1.0, 1.0, 1.0, 1.0, 1.0 / mu, amplifier, 1.0, biased)
+
+
 def squared_error(u: Floats, truth: Floats) -> float:
-    """Eq (20)."""
+    """Return the mean squared error, eq (20)."""
     return float(np.mean((u - truth) ** 2))
+
+
+def largest_difference(a: Floats, b: Floats) -> float:
+    """Return the largest difference of two arrays over the largest entry of the second."""
+    return float(np.max(np.abs(a - b)) / np.max(np.abs(b)))
 
 
 def by_transform(geometry: Geometry, strain: Floats) -> Floats:
@@ -83,14 +103,14 @@ class GradientFlow:
 
     def __init__(self, T: Floats) -> None:
         self.U, self.sigma, self.Vt = np.linalg.svd(T)
-        self.speed = (self.sigma / self.sigma[0]) ** 2
+        self.rates = (self.sigma / self.sigma[0]) ** 2
 
     def at(self, time: float, strain: Floats) -> Floats:
         """Return the outputs (N,) at `time`, from zero."""
         with np.errstate(over="ignore"):
-            share = -np.expm1(-self.speed * time) / self.sigma
+            share = -np.expm1(-self.rates * time) / self.sigma
         return np.asarray(self.Vt.T @ (share * (self.U.T @ strain)))
 
     def converged(self, strain: Floats) -> Floats:
-        """Return the outputs (N,) at the end of time."""
+        """Return the outputs (N,) at rest."""
         return np.asarray(self.Vt.T @ ((self.U.T @ strain) / self.sigma))

@@ -1,6 +1,6 @@
-"""The baseline of a regression run: one JSON file with an entry a scene.
+"""The baseline of a regression run: a JSON file with one entry per scene.
 
-The file holds no date and no run time: the same results give the same bytes.
+The file contains no date and no run time: the same results give the same bytes.
 """
 
 from __future__ import annotations
@@ -20,58 +20,35 @@ from spice_models.errors import Complaint, InputError
 FORMAT = 1
 MARK = "taction_baseline"
 UNKNOWN = "unknown"
-MOVE_AWAY = "move it away, and `--update` writes a new one"
+MOVE_AWAY = "rename it, and `--update` writes a new baseline"
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class Entry(BaseModel):
-    """What one scene gave: its outcome, its measures, its waveforms.
+    """The stored results of one scene.
 
-    Attributes
-    ----------
-    name : str
-        The scene's name.
-    fingerprint : str
-        SHA-256 of what was asked for, without its tolerances.
-    revision, taction, simulator : str
-        The git commit, the version of taction and the engine that it came from.
-    checks : dict
-        Outcome of each check.
-    amplitude : float
-        Step amplitude, V.
-    speed : float
-        Magnitude of the rightmost pole, 1/s.
-    levels : dict
-        ``u_1.target`` and ``u_1.final`` in V, ``u_1.overshoot`` in step amplitudes.
-    times : dict
-        Values in s; two where a small change of a level moves the time; null: no such time.
-    poles : dict
-        ``growth_rate`` in 1/s and ``frequency`` in Hz of the rightmost pole; ``margin``.
-    states : dict
-        How each output ends.
-    time, outputs : list and dict of lists
-        Samples of every output over time, s and V; none of an unstable board, whose transient
-        grows from rounding errors.
+    A time in `times` has two values where a small change of a level moves it, and null where the
+    board lacks it. An unstable board has no samples: its transient grows from rounding errors.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    name: str
-    fingerprint: str
-    revision: str
-    taction: str
-    simulator: str
+    name: str  # of the scene
+    fingerprint: str  # SHA-256 of the scene and its files, without the tolerances
+    revision: str  # git commit
+    taction: str  # version
+    simulator: str  # engine and version
     outcome: Literal["pass", "fail", "inconclusive"]
     checks: dict[str, Literal["pass", "fail", "inconclusive"]]
-    amplitude: Finite
-    speed: Finite
-    levels: dict[str, Finite]
-    times: dict[str, Annotated[list[Finite | None], Field(min_length=1)]]
-    poles: dict[str, Finite]
-    states: dict[str, str]
-    time: list[Finite]
-    outputs: dict[str, list[Finite]]
+    amplitude: Finite  # step amplitude, V
+    speed: Finite  # magnitude of the rightmost pole, 1/s
+    levels: dict[str, Finite]  # "u_1.target", "u_1.final" in V, "u_1.overshoot" in step amplitudes
+    times: dict[str, Annotated[list[Finite | None], Field(min_length=1)]]  # s
+    poles: dict[str, Finite]  # "growth_rate" in 1/s, "frequency" in Hz, "margin"
+    states: dict[str, str]  # final state of each output
+    time: list[Finite]  # s
+    outputs: dict[str, list[Finite]]  # samples at `time`, V
 
     @property
     def stable(self) -> bool:
@@ -79,13 +56,13 @@ class Entry(BaseModel):
         return self.poles["growth_rate"] < 0.0
 
     @model_validator(mode="after")
-    def _in_step(self) -> Self:
+    def _check_samples(self) -> Self:
         if "growth_rate" not in self.poles:
-            raise ValueError("its poles have no growth_rate")
+            raise ValueError("growth_rate of the poles is missing")
         if any(b <= a for a, b in zip(self.time[:-1], self.time[1:], strict=True)):
-            raise ValueError("its time does not increase")
+            raise ValueError("the time does not increase")
         if any(len(samples) != len(self.time) for samples in self.outputs.values()):
-            raise ValueError("an output has not as many samples as there are instants")
+            raise ValueError("an output and the time differ in length")
         return self
 
 
@@ -99,7 +76,7 @@ def load_baseline(path: str | Path) -> dict[str, Entry]:
     Raises
     ------
     InputError
-        It cannot be read, is damaged, is no baseline, or has another format.
+        The file cannot be read, is damaged, is no baseline, or has another format.
     """
     path = Path(path)
     try:
@@ -112,7 +89,7 @@ def load_baseline(path: str | Path) -> dict[str, Entry]:
     try:
         data = pydantic_core.from_json(text)
     except ValueError as error:
-        reason = f"damaged, no JSON: {error}; restore it, or {MOVE_AWAY}"
+        reason = f"damaged, no JSON: {error}; restore the file, or {MOVE_AWAY}"
         raise InputError(path, Complaint("baseline", "", reason)) from None
     if not isinstance(data, dict) or MARK not in data:
         reason = f"JSON, but no baseline of taction ('{MARK}' is missing); give another file"
@@ -130,7 +107,7 @@ def baseline_text(entries: Baseline) -> str:
 
 
 def git_revision(folder: Path) -> str:
-    """Return the commit that is checked out around `folder`, or ``"unknown"``."""
+    """Return the commit checked out in the repository of `folder`, or ``"unknown"``."""
     git = shutil.which("git")
     if git is None:
         return UNKNOWN
@@ -151,7 +128,7 @@ def git_revision(folder: Path) -> str:
 def _entries(data: dict[str, Any], path: Path) -> dict[str, Entry]:
     scenes = data.get("scenes")
     if not isinstance(scenes, dict):
-        reason = f"damaged: expected a table of scenes; restore it, or {MOVE_AWAY}"
+        reason = f"damaged: expected a table of scenes; restore the file, or {MOVE_AWAY}"
         raise InputError(path, Complaint("scenes", "", reason))
     entries, complaints = {}, []
     for name, entry in scenes.items():
@@ -160,7 +137,7 @@ def _entries(data: dict[str, Any], path: Path) -> dict[str, Entry]:
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             key = ".".join(map(str, ("scenes", name, *first["loc"])))
-            reason = f"damaged: {first['msg']}; restore it, or {MOVE_AWAY}"
+            reason = f"damaged: {first['msg']}; restore the file, or {MOVE_AWAY}"
             complaints.append(Complaint(key, "", reason))
     if complaints:
         raise InputError(path, *complaints)
@@ -168,12 +145,12 @@ def _entries(data: dict[str, Any], path: Path) -> dict[str, Entry]:
 
 
 def _pretty(value: Any, indent: str = "\n") -> Iterator[str]:
-    """Write tables over lines and lists on one, so that a version control's diff can be read."""
+    """Yield JSON with one line per key, so that a diff of two baselines can be read."""
     if not isinstance(value, dict) or not value:
         yield json.dumps(value, ensure_ascii=False, allow_nan=False)
         return
     yield "{"
-    for place, (key, item) in enumerate(value.items()):
-        yield f"{',' if place else ''}{indent}  {json.dumps(key, ensure_ascii=False)}: "
+    for number, (key, item) in enumerate(value.items()):
+        yield f"{',' if number else ''}{indent}  {json.dumps(key, ensure_ascii=False)}: "
         yield from _pretty(item, indent + "  ")
     yield indent + "}"

@@ -1,4 +1,4 @@
-"""From a verdict to what a baseline keeps of it."""
+"""From a verdict to its entry in a baseline."""
 
 from __future__ import annotations
 
@@ -25,36 +25,28 @@ from verification.verify import Verdict
 T = TypeVar("T")
 
 POLES = ("growth_rate", "frequency", "margin")
-INSTANTS = 256  # samples of each output that a baseline keeps
+INSTANTS = 256  # samples of each output in a baseline
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observation:
-    """A scene's entry, with the waveforms that it was sampled from.
-
-    Attributes
-    ----------
-    entry : Entry
-        What a baseline keeps.
-    time, u : ndarray (P,) and (P, N)
-        Every point, s and V.
-    """
+    """A scene's entry, with the full record from which its samples were taken."""
 
     entry: Entry
-    time: Floats
-    u: Floats
+    time: Floats  # (P,), s
+    u: Floats  # (P, N), V
 
 
 def observe(verdict: Verdict, revision: str) -> Observation:
-    """Return what a baseline keeps of `verdict`; `revision` is the commit it was made at."""
+    """Return the entry of `verdict` with its record; `revision` is the commit checked out."""
     m, poles = verdict.measurements, verdict.poles
     channels = m.channels if poles.stable else ()
     time, u = np.asarray(verdict.waveforms.time), verdict.u
-    shown = _instants(time, u) if poles.stable and np.all(np.isfinite(u)) else np.zeros(0, int)
+    sampled = _instants(time, u) if poles.stable and np.all(np.isfinite(u)) else np.zeros(0, int)
     times: dict[str, list[float | None]] = {}
     if poles.stable:
         times = {"record": [verdict.transient.stop], "settling_time": _values(m.settling_time)}
-    times |= _of(channels, _values, "rise_time", "settling_time")
+    times |= _by_channel(channels, _values, "rise_time", "settling_time")
     entry = Entry(
         name=verdict.scene.name,
         fingerprint=fingerprint(verdict.scene),
@@ -65,60 +57,64 @@ def observe(verdict: Verdict, revision: str) -> Observation:
         checks={check.name: check.outcome.value for check in verdict.checks},
         amplitude=m.amplitude,
         speed=abs(poles.rightmost),
-        levels=_of(m.channels, _number, "target") | _of(channels, _number, "final", "overshoot"),
-        times=(times if poles.stable else {})
-        | _of(channels, _values, "rise_time", "settling_time"),
+        levels=_by_channel(m.channels, _number, "target")
+        | _by_channel(channels, _number, "final", "overshoot"),
+        times=times,
         poles={name: value for name in POLES if (value := FIGURES[name].of(verdict)) is not None},
         states={f"u_{c.index + 1}": c.state.value for c in m.channels},
-        time=time[shown].tolist(),
-        outputs=_samples(u[shown]) if shown.size else {},
+        time=time[sampled].tolist(),
+        outputs=_samples(u[sampled]) if sampled.size else {},
     )
     return Observation(entry, time, u)
 
 
 def fingerprint(scene: Scene) -> str:
-    """Return the SHA-256 of what a scene's author wrote, but for tolerances, and of its files."""
-    asked = scene.model_dump(mode="json", exclude_unset=True, exclude={"regression"}, by_alias=True)
-    digest = hashlib.sha256(json.dumps(asked, sort_keys=True).encode())
+    """Return the SHA-256 of a scene as written, without its tolerances, and of its files."""
+    written = scene.model_dump(
+        mode="json", exclude_unset=True, exclude={"regression"}, by_alias=True
+    )
+    digest = hashlib.sha256(json.dumps(written, sort_keys=True).encode())
     for name in files_of(scene).values():
         if name is not None:
             digest.update((scene.folder / str(name)).read_bytes())
     return digest.hexdigest()
 
 
-def _of(
-    channels: tuple[ChannelMeasure, ...], keep: Callable[[Reading | float | None], T], *names: str
+def _by_channel(
+    channels: tuple[ChannelMeasure, ...],
+    convert: Callable[[Reading | float | None], T],
+    *names: str,
 ) -> dict[str, T]:
-    """Return the named figures of every channel in the form that `keep` gives them."""
+    """Return the named figures of every channel, converted by `convert`."""
     return {
-        f"u_{channel.index + 1}.{name}": keep(CHANNEL_FIGURES[name].read(channel))
+        f"u_{channel.index + 1}.{name}": convert(CHANNEL_FIGURES[name].read(channel))
         for channel in channels
         for name in names
     }
 
 
-def _number(found: Reading | float | None) -> float:
-    value = finite(found)
+def _number(figure: Reading | float | None) -> float:
+    value = finite(figure)
     return math.nan if value is None else value
 
 
 def _values(reading: Reading | float | None) -> list[float | None]:
-    """Return a reading's value, and the other value that it may have where it is fragile."""
+    """Return a reading's value, and the alternative value of a fragile reading."""
     if not isinstance(reading, Reading) or not math.isfinite(reading.value):
         return [None]
     return [reading.value, reading.alternative] if reading.fragile else [reading.value]
 
 
 def _instants(time: Floats, u: Floats) -> NDArray[np.intp]:
-    """Return indices of `INSTANTS` points: a third each follow the outputs, time, and log time."""
+    """Return indices of `INSTANTS` points: a third each by path of u, time, and log time."""
     steps = np.diff(time)
-    travelled = np.abs(np.diff(u, axis=0)).sum(axis=1)
-    early = np.diff(np.log(time - time[0] + (time[-1] - time[0]) / 1e4))
-    share = sum(part / (part.sum() or 1.0) for part in (travelled, steps, early))
-    along = np.concatenate([[0.0], np.cumsum(share)])
-    return np.unique(np.searchsorted(along, np.linspace(0.0, along[-1], INSTANTS)))
+    path = np.abs(np.diff(u, axis=0)).sum(axis=1)
+    log_steps = np.diff(np.log(time - time[0] + (time[-1] - time[0]) / 1e4))
+    density = sum(part / (part.sum() or 1.0) for part in (path, steps, log_steps))
+    cumulative = np.concatenate([[0.0], np.cumsum(density)])
+    return np.unique(np.searchsorted(cumulative, np.linspace(0.0, cumulative[-1], INSTANTS)))
 
 
 def _samples(u: Floats) -> dict[str, list[float]]:
-    """Round to nine digits: a millionth of any tolerance, and half the length of the file."""
+    """Round to nine digits: errors of a millionth of any tolerance, half the size of the file."""
     return {f"u_{n}": [float(f"{x:.9g}") for x in column] for n, column in enumerate(u.T, 1)}

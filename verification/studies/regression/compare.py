@@ -1,4 +1,4 @@
-"""One scene's results against its baseline, measure by measure and signal by signal."""
+"""Compare the results of one scene with its baseline, quantity by quantity."""
 
 from __future__ import annotations
 
@@ -22,63 +22,46 @@ from verification.studies.figures import CHANNEL_FIGURES, FIGURES
 from verification.studies.regression.baseline import Entry
 from verification.studies.regression.baseline_entry import Observation
 
-STENCIL = 4  # a cubic between simulated points, 1e-7 of a ringing amplitude at 125 points a period
+STENCIL = 4  # cubic interpolation: error 1e-7 of the amplitude at 125 points on a ringing period
 UNITS = {name: figure.unit for name, figure in (FIGURES | CHANNEL_FIGURES).items()}
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """One quantity beside its baseline.
+    """One quantity and its baseline; of a waveform, the norms of both."""
 
-    Attributes
-    ----------
-    group : str
-        ``"checks"``, ``"states"``, ``"levels"``, ``"times"``, ``"poles"`` or ``"waveforms"``.
-    name : str
-        Which of them.
-    value, baseline : float, str or None
-        Now and then, in `unit`; None where there is none. Of a waveform, the two norms.
-    tolerance : float or None
-        How far they may be apart, in `unit`; None where they must be equal.
-    off : float
-        How many tolerances they are apart; infinite where they cannot be compared.
-    unit : str
-        SI unit, ``"step"`` for step amplitudes, or empty.
-    note : str
-        Where a waveform is off the most.
-    """
-
-    group: str
+    group: str  # "checks", "states", "levels", "times", "poles" or "waveforms"
     name: str
     value: float | str | None
     baseline: float | str | None
-    tolerance: float | None
-    off: float
-    unit: str = ""
-    note: str = ""
+    tolerance: float | None  # allowed difference; None where the values must be equal
+    off: float  # difference over tolerance; infinite where the values cannot be compared
+    unit: str = ""  # SI, "step" for step amplitudes, or empty
+    note: str = ""  # of a waveform: where the difference is largest
 
     @property
     def changed(self) -> bool:
-        """Whether it is more than a tolerance off."""
+        """Whether the difference is larger than the tolerance."""
         return not self.off <= 1.0
 
 
 def compare(now: Observation, then: Entry, allowed: Regression) -> tuple[Difference, ...]:
     """Compare a scene's results with its entry in the baseline.
 
-    Every quantity that either has is compared, but for checks that only one of them ran.
+    Every quantity of either is compared, except checks that only one of them ran.
     """
     entry = now.entry
-    both = [name for name in then.checks if name in entry.checks]
-    found = [_equal("checks", name, entry.checks[name], then.checks[name]) for name in both]
+    common = [name for name in then.checks if name in entry.checks]
+    differences = [_equal("checks", name, entry.checks[name], then.checks[name]) for name in common]
     for name in _names(entry.states, then.states):
-        found.append(_equal("states", name, entry.states.get(name), then.states.get(name)))
-    found += _numbers("poles", entry.poles, then.poles, allowed.poles, then.speed)
-    if entry.stable == then.stable:  # else the rest has nothing to be compared with
-        found += _numbers("levels", entry.levels, then.levels, allowed.levels, then.amplitude)
-        found += _times(entry, then, allowed.times)
-        found += _waveforms(now, then, allowed.waveforms)
-    return tuple(found)
+        differences.append(_equal("states", name, entry.states.get(name), then.states.get(name)))
+    differences += _numbers("poles", entry.poles, then.poles, allowed.poles, then.speed)
+    if entry.stable == then.stable:  # an unstable board has no other quantities
+        scale = then.amplitude
+        differences += _numbers("levels", entry.levels, then.levels, allowed.levels, scale)
+        differences += _times(entry, then, allowed.times)
+        differences += _waveforms(now, then, allowed.waveforms)
+    return tuple(differences)
 
 
 def _names(now: Mapping[str, object], then: Mapping[str, object]) -> list[str]:
@@ -96,11 +79,11 @@ def _numbers(
     allowed: LevelTolerance | PoleTolerance,
     scale: float,
 ) -> Iterator[Difference]:
-    """Compare numbers whose absolute tolerance counts in `scale`, ratios apart."""
+    """Compare numbers; the absolute tolerance is a fraction of `scale`, except for ratios."""
     for name in _names(now, then):
         unit = UNITS.get(name.rpartition(".")[2]) or "ratio"
-        size = allowed.absolute * (1.0 if unit in ("step", "ratio") else scale)
-        yield _number(group, name, now.get(name), then.get(name), allowed.relative, size, unit)
+        absolute = allowed.absolute * (1.0 if unit in ("step", "ratio") else scale)
+        yield _number(group, name, now.get(name), then.get(name), allowed.relative, absolute, unit)
 
 
 def _number(
@@ -127,20 +110,16 @@ def _in_tolerances(distance: float, tolerance: float) -> float:
 
 
 def _times(entry: Entry, then: Entry, allowed: TimeTolerance) -> Iterator[Difference]:
-    """Compare times; of a fragile one, the nearest of its values counts."""
+    """Compare times; of a fragile time, the nearest value counts."""
     for name in _names(entry.times, then.times):
         pairs = product(entry.times.get(name, [None]), then.times.get(name, [None]))
-        yield min(
-            (
-                _number("times", name, a, b, allowed.relative, allowed.absolute, "s")
-                for a, b in pairs
-            ),
-            key=lambda difference: difference.off,
-        )
+        tolerance = (allowed.relative, allowed.absolute, "s")
+        differences = [_number("times", name, value, old, *tolerance) for value, old in pairs]
+        yield min(differences, key=lambda difference: difference.off)
 
 
 def _waveforms(now: Observation, then: Entry, allowed: WaveformTolerance) -> Iterator[Difference]:
-    """Compare the outputs at the baseline's instants, the simulated points interpolated there."""
+    """Compare the outputs at the baseline's instants by interpolation of the record."""
     if not then.outputs or not now.entry.outputs:
         return
     common = [k for k, t in enumerate(then.time) if now.time[0] <= t <= now.time[-1]]

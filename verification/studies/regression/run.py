@@ -1,4 +1,4 @@
-"""Every scene of a folder verified and compared with a stored baseline."""
+"""Verify every scene of a folder and compare the results with a stored baseline."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import enum
 import math
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from netlist_gen.scene.file import load_scene
@@ -17,11 +17,11 @@ from verification.studies.regression.baseline_entry import observe
 from verification.studies.regression.compare import Difference, compare
 from verification.verify import Verdict, verify
 
-INTERRUPTED = 130  # what a shell reports for a process that Ctrl-C ended
+INTERRUPTED = 130  # exit status of a process that Ctrl-C ended
 
 
 class Status(enum.Enum):
-    """What became of a scene since the baseline."""
+    """Status of a scene relative to the baseline."""
 
     SAME = "same"
     CHANGED = "changed"
@@ -36,46 +36,26 @@ class Status(enum.Enum):
 
 
 FAILURES = (Status.CHANGED, Status.BROKEN, Status.FAILING, Status.MISSING)
-KEPT = (Status.NO_VERDICT, Status.BAD_INPUT, Status.NOT_RUN)  # an update leaves their entries
+KEPT = (Status.NO_VERDICT, Status.BAD_INPUT, Status.NOT_RUN)  # an update keeps their entries
 
 
 @dataclass(frozen=True, slots=True)
 class SceneResult:
-    """One scene of the folder, or of the baseline.
+    """Comparison of one scene with its baseline."""
 
-    Attributes
-    ----------
-    file : str
-        Name in the folder.
-    status : Status
-        What became of it.
-    checks : tuple of Check
-        Of its verdict; empty where there is none.
-    differences : tuple of Difference
-        Every quantity beside its baseline.
-    notes : tuple of str
-        What may explain a difference.
-    reason : str
-        Why there is no verdict, or empty.
-    entry, baseline : Entry or None
-        What it gave now, and then.
-    seconds : float
-        Wall time of its verification, s.
-    """
-
-    file: str
+    file: str  # name in the folder
     status: Status
     checks: tuple[Check, ...] = ()
     differences: tuple[Difference, ...] = ()
-    notes: tuple[str, ...] = ()
-    reason: str = ""
+    notes: tuple[str, ...] = ()  # possible explanations of the differences
+    reason: str = ""  # why there is no verdict
     entry: Entry | None = None
     baseline: Entry | None = None
-    seconds: float = 0.0
+    seconds: float = 0.0  # wall time of the verification
 
     @property
     def changes(self) -> tuple[Difference, ...]:
-        """The differences above their tolerance, the largest first; what must be equal leads."""
+        """Differences above their tolerance, the largest first; infinite differences lead."""
         changed = (d for d in self.differences if d.changed)
         return tuple(sorted(changed, key=lambda d: -d.off))
 
@@ -85,15 +65,19 @@ class SceneResult:
         return max((d.off for d in self.differences), default=0.0)
 
     @property
+    def failed(self) -> bool:
+        """Whether a check failed."""
+        return any(check.outcome is Outcome.FAIL for check in self.checks)
+
+    @property
     def fails(self) -> bool:
-        """Whether a check failed or something changed."""
-        failed = any(check.outcome is Outcome.FAIL for check in self.checks)
-        return failed or self.status in FAILURES
+        """Whether a check failed or a quantity changed."""
+        return self.failed or self.status in FAILURES
 
 
 @dataclass(frozen=True, slots=True)
 class RegressionReport:
-    """A folder compared with its baseline; `revision` is the commit that is checked out."""
+    """Comparison of a folder with its baseline; `revision` is the commit that is checked out."""
 
     folder: str
     baseline: str
@@ -108,23 +92,23 @@ class RegressionReport:
 
     @property
     def exit_status(self) -> int:
-        """0 pass, 1 a check failed or something changed, 2 bad input, 3 no verdict.
+        """0 pass, 1 a check failed or a quantity changed, 2 bad input, 3 no verdict.
 
-        A change that was just written to the baseline is none any more; a failed check is.
+        After an update of the baseline only failed checks count.
         """
         statuses = {result.status for result in self.results}
         if self.interrupted:
             return INTERRUPTED
         if Status.BAD_INPUT in statuses:
             return 2
-        if any(_fails(result, self.updated) for result in self.results):
+        if any(r.failed if self.updated else r.fails for r in self.results):
             return 1
         return 3 if Status.NO_VERDICT in statuses else 0
 
     def count(self) -> dict[str, int]:
-        """Return how many scenes there are of each status that occurs."""
-        found = [result.status for result in self.results]
-        return {status.value: found.count(status) for status in Status if status in found}
+        """Return the number of scenes by status, without zeros."""
+        statuses = [result.status for result in self.results]
+        return {status.value: statuses.count(status) for status in Status if status in statuses}
 
 
 def find_scenes(folder: str | Path) -> tuple[Path, ...]:
@@ -133,7 +117,7 @@ def find_scenes(folder: str | Path) -> tuple[Path, ...]:
     Raises
     ------
     InputError
-        It is no folder, or holds none.
+        There is no such folder, or it holds no scene.
     """
     folder = Path(folder)
     if not folder.is_dir():
@@ -154,7 +138,7 @@ def regress(
 ) -> RegressionReport:
     """Verify every scene of `folder` and compare it with its entry of `baseline`.
 
-    An interruption by Ctrl-C ends the run, not the report: what was not reached is `NOT_RUN`.
+    After Ctrl-C the report has the remaining scenes as `NOT_RUN`.
 
     Raises
     ------
@@ -164,49 +148,50 @@ def regress(
     files, revision = find_scenes(folder), git_revision(Path(folder))
     results: list[SceneResult] = []
     try:
-        for place, path in enumerate(files, 1):
-            progress(f"{place} of {len(files)}: {path.stem}")
-            results.append(judge_scene(path, baseline.get(path.name), revision))
+        for number, path in enumerate(files, 1):
+            progress(f"{number} of {len(files)}: {path.stem}")
+            results.append(compare_scene(path, baseline.get(path.name), revision))
     except KeyboardInterrupt:
         left = files[len(results) :]
         results += [SceneResult(p.name, Status.NOT_RUN, (), (), (), "interrupted") for p in left]
-    gone = sorted(set(baseline) - {path.name for path in files})
-    results += [_missing(name, baseline[name]) for name in gone]
+    reason = "in the baseline, but not in the folder"
+    results += [
+        SceneResult(name, Status.MISSING, reason=reason, baseline=baseline[name])
+        for name in sorted(set(baseline) - {path.name for path in files})
+    ]
     return RegressionReport(str(folder), str(baseline_file), revision, tuple(results), updated)
 
 
-def judge_scene(path: Path, then: Entry | None, revision: str) -> SceneResult:
-    """Verify one scene and compare it with its entry; a failure is a result, not an exception."""
-    begin = time.perf_counter()
+def compare_scene(path: Path, then: Entry | None, revision: str) -> SceneResult:
+    """Verify one scene and compare it with its entry; bad input gives a result, too."""
+    started = time.perf_counter()
     try:
         verdict = verify(load_scene(path))
     except InputError as error:
         return SceneResult(path.name, Status.BAD_INPUT, reason=str(error), baseline=then)
     except NoVerdictError as error:
-        seconds = time.perf_counter() - begin
-        return SceneResult(
-            path.name, Status.NO_VERDICT, reason=str(error), baseline=then, seconds=seconds
-        )
-    return _judge(path.name, verdict, then, revision, time.perf_counter() - begin)
+        result = SceneResult(path.name, Status.NO_VERDICT, reason=str(error), baseline=then)
+        return replace(result, seconds=time.perf_counter() - started)
+    return _compared(path.name, verdict, then, revision, time.perf_counter() - started)
 
 
 def updated_baseline(report: RegressionReport, baseline: Baseline) -> dict[str, Entry]:
-    """Return the entries of a baseline brought up to date.
+    """Return the entries of the updated baseline.
 
-    A scene that is the same keeps its entry, so that the file changes only where a result did, and
-    many small changes cannot add up unseen. A scene without a verdict keeps its entry too.
+    An unchanged scene keeps its entry, so many changes below the tolerance cannot add up from
+    update to update. A scene without a verdict keeps its entry, too.
     """
     entries = {}
     for result in report.results:
         old, new = baseline.get(result.file), result.entry
-        keep = new is None or result.status in KEPT or _as_before(result)
+        keep = new is None or result.status in KEPT or _unchanged(result)
         chosen = old if keep else new
         if chosen is not None and result.status is not Status.MISSING:
             entries[result.file] = chosen
     return entries
 
 
-def _judge(
+def _compared(
     file: str, verdict: Verdict, then: Entry | None, revision: str, seconds: float
 ) -> SceneResult:
     now = observe(verdict, revision)
@@ -238,18 +223,7 @@ def _status(outcome: Outcome, then: Entry | None, changed: bool) -> Status:
     return Status.CHANGED if changed else Status.SAME
 
 
-def _missing(name: str, then: Entry) -> SceneResult:
-    reason = "in the baseline, but not in the folder"
-    return SceneResult(name, Status.MISSING, reason=reason, baseline=then)
-
-
-def _fails(result: SceneResult, updated: bool) -> bool:
-    if updated:
-        return any(check.outcome is Outcome.FAIL for check in result.checks)
-    return result.fails
-
-
-def _as_before(result: SceneResult) -> bool:
+def _unchanged(result: SceneResult) -> bool:
     new, old = result.entry, result.baseline
     if new is None or old is None or math.isinf(result.worst):
         return False
@@ -265,13 +239,11 @@ def _undecided(checks: Iterable[Check]) -> str:
 def _notes(now: Entry, then: Entry) -> Iterable[str]:
     if now.fingerprint != then.fingerprint:
         yield "the scene, or a file that it names, was edited since the baseline"
-    for what, new, old in (
-        ("simulator", now.simulator, then.simulator),
-        ("taction", now.taction, then.taction),
-    ):
+    for field in ("simulator", "taction"):
+        old, new = getattr(then, field), getattr(now, field)
         if new != old:
-            yield f"{what} was {old}, now {new}"
-    gone, came = set(then.checks) - set(now.checks), set(now.checks) - set(then.checks)
-    for checks, text in ((gone, "ran for the baseline, not now"), (came, "is not in the baseline")):
-        if checks:
-            yield f"{', '.join(sorted(checks))} {text}"
+            yield f"{field} was {old}, now {new}"
+    if removed := sorted(set(then.checks) - set(now.checks)):
+        yield f"{', '.join(removed)} ran for the baseline, not now"
+    if added := sorted(set(now.checks) - set(then.checks)):
+        yield f"{', '.join(added)} is not in the baseline"

@@ -1,4 +1,4 @@
-"""The calls of a study handed to its workers, a window of them at a time, and their results."""
+"""Send the calls of a study to its workers, a few at a time, and collect the results."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ K = TypeVar("K")
 R = TypeVar("R")
 T = TypeVar("T")
 
-AHEAD = 16  # calls prepared in one go: the caches that one warms serve the next
+AHEAD = 16  # calls prepared in one go; they share the caches of the preparation
 
 
 def collected(
@@ -25,62 +25,61 @@ def collected(
     calls: Iterable[tuple[K, tuple[Any, ...]]],
     stopped: Callable[[], bool] = lambda: False,
 ) -> Iterator[tuple[K, R | BaseException]]:
-    """Yield each call's name with its result, as they end, until the study is `stopped`.
+    """Yield the name and the result of each call as it ends, until `stopped` returns true.
 
-    In the place of a result stands the error of a call that its workers did not survive. Memory
-    does not grow with the number of calls: `calls` are taken only as workers become free.
+    The result is an exception where the call killed its workers. Memory does not grow with the
+    number of calls: `calls` is read only as workers become free.
 
     Parameters
     ----------
     calls : iterable of (name, arguments)
-        Of `function`, which raises nothing but `OtherVersionsError`.
+        Arguments of `function`, which may raise only `OtherVersionsError`.
 
     Raises
     ------
     InputError
         A worker has other versions of taction or ngspice.
     NoVerdictError
-        The workers are gone, or cannot compute anything.
+        The workers do not answer any more, or cannot run `function`.
     """
-    left = iter(calls)
+    remaining = iter(calls)
     running: dict[Future[R], K] = {}
     ended: SimpleQueue[Future[R]] = SimpleQueue()
     try:
         while not stopped():
-            window = max(_asked(workers, workers.window), 1)
+            window = max(_ask(workers, workers.window), 1)
             if len(running) < window:
-                for name, arguments in islice(left, window + AHEAD - len(running)):
-                    future = _asked(workers, workers.executor.submit, function, *arguments)
+                for name, arguments in islice(remaining, window + AHEAD - len(running)):
+                    future = _ask(workers, workers.executor.submit, function, *arguments)
                     running[future] = name
                     future.add_done_callback(ended.put)
             if not running:
                 return
             future = ended.get()
             name = running.pop(future)
-            error = _error(future, workers)
-            yield name, error or future.result()
+            yield name, _error(future, workers) or future.result()
     finally:
         for future in running:
             future.cancel()
 
 
-def _asked(workers: Workers, ask: Callable[..., T], *arguments: Any) -> T:
-    """Ask the executor, or a future of its; raise in our own words where all workers are gone."""
-    gone: tuple[type[BaseException], ...] = (CancelledError, *workers.closed)
+def _ask(workers: Workers, method: Callable[..., T], *arguments: Any) -> T:
+    """Call a method of the executor or of a future; raise NoVerdictError without workers."""
+    closed: tuple[type[BaseException], ...] = (CancelledError, *workers.closed)
     try:
-        return ask(*arguments)
-    except gone as error:
-        text = "the workers are gone; what is stored stays, the same command goes on from there"
+        return method(*arguments)
+    except closed as error:
+        text = "the workers are gone; the stored results are intact, the same command continues"
         raise NoVerdictError(text) from error
 
 
 def _error(future: Future[R], workers: Workers) -> BaseException | None:
-    """Return what ended a call, if its workers did not survive it."""
-    error = _asked(workers, future.exception)
+    """Return the error of a call that killed its workers; raise any other error."""
+    error = _ask(workers, future.exception)
     if error is None or isinstance(error, workers.lost):
         return error
     if isinstance(error, OtherVersionsError):
-        text = f"{error}; a study needs the same versions everywhere. What is stored stays"
+        text = f"{error}; a study needs equal versions everywhere. The stored results are intact"
         raise InputError("--cluster", Complaint("worker", "", text))
     text = f"no worker can compute ({type(error).__name__}: {error}); is the same taction installed"
     raise NoVerdictError(f"{text} there?") from error

@@ -1,8 +1,7 @@
-"""Digests of plain data: what a stored result is keyed by.
+"""Digests of plain data, the keys of stored results.
 
-The encoding is canonical: every value carries its type, arrays their shape and their bytes, and
-mappings are sorted, so equal content gives equal digests on any machine and in any version of
-Python.
+The encoding contains the type of every value and the shape of every array, and mappings are
+sorted, so equal content gives equal digests on any machine and in any version of Python.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ def digest(*values: object) -> bytes:
     Raises
     ------
     TypeError
-        A value of another kind: its content is not known.
+        A value of another type has no canonical encoding.
     """
     parts: list[bytes] = []
     _encode(values, parts)
@@ -73,21 +72,21 @@ def _encode(value: object, parts: list[bytes]) -> None:
 
 @functools.lru_cache(maxsize=1 << 14)
 def _word(value: object) -> bytes:
-    """Encode a string; the same parts and nodes come up at every point."""
+    """Encode a string; the cache pays because all points have the same element names."""
     text = repr(value)
     return f"str{len(text)}:{text}".encode()
 
 
 @functools.cache
 def _names(kind: Any) -> tuple[str, ...] | None:
-    """Return the fields of a dataclass; None of any other kind."""
+    """Return the field names of a dataclass; None for any other type."""
     if not dataclasses.is_dataclass(kind):
         return None
     return tuple(field.name for field in dataclasses.fields(kind))
 
 
 def files_of(scene: Scene) -> dict[str, object]:
-    """Return the file names in a scene, by their keys; None where it has no such key or file."""
+    """Return the file names in a scene by key; None where the scene has no such key or file."""
     top: Any = scene
     return {
         path: functools.reduce(lambda at, key: getattr(at, key, None), path.split("."), top)
@@ -97,13 +96,12 @@ def files_of(scene: Scene) -> dict[str, object]:
 
 @functools.cache
 def own_code() -> bytes:
-    """Digest of the code that a result follows from, from the scene to the verdict.
-
-    A result that another state of it gave is another result.
-    """
-    found = []
+    """Return the digest of the code between scene and verdict: a change makes results outdated."""
+    sources = []
     for package in (spice_models, netlist_gen, verification):
         folder = Path(str(package.__file__)).parent
         files = sorted(file for file in folder.rglob("*") if file.suffix in CODE)
-        found += [(file.relative_to(folder.parent).as_posix(), file.read_bytes()) for file in files]
-    return digest(found)
+        sources += [
+            (file.relative_to(folder.parent).as_posix(), file.read_bytes()) for file in files
+        ]
+    return digest(sources)

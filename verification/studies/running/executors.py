@@ -1,7 +1,7 @@
-"""Where the points of a study run: `concurrent.futures.Executor` is the one interface.
+"""Executors for the points of a study, with the interface of `concurrent.futures.Executor`.
 
-`local` is a pool of processes on this machine, `cluster` a Dask cluster; both survive workers
-that are killed, at the price of the one point that each was working on.
+`local` is a pool of processes on this machine, `cluster` a Dask cluster. A worker that is killed
+costs only the point that it was computing.
 """
 
 from __future__ import annotations
@@ -25,33 +25,21 @@ from verification.studies.running.worker import Worker, WorkerDiedError
 
 T = TypeVar("T")
 
-ATTEMPTS = 3  # deaths of a worker until its point is given up
-PATIENCE = 15.0  # s until an address without a scheduler is given up
-NEWS = 1.0  # s between two looks at how many workers a cluster has
+ATTEMPTS = 3  # to compute a point whose worker is killed
+PATIENCE = 15.0  # s to wait for a scheduler
+INTERVAL = 1.0  # s between two counts of the workers of a cluster
 _ROOT = __name__.removesuffix(".studies.running.executors")
 PRELOAD = [f"{_ROOT}.studies.sweep.point", f"{_ROOT}.engines.statespace.transients.exact"]
 
 
 @dataclass(frozen=True, slots=True)
 class Workers:
-    """An executor, and what a study must know of it.
-
-    Attributes
-    ----------
-    executor : Executor
-        Runs the points.
-    window : callable
-        How many points to have under way at a time, so that no worker waits.
-    lost : tuple of exception types
-        What a point raises that its workers did not survive.
-    closed : tuple of exception types
-        What the executor and `window` raise when there is nothing left to run points.
-    """
+    """An executor with its capacity and its exceptions."""
 
     executor: Executor
-    window: Callable[[], int]
-    lost: tuple[type[BaseException], ...]
-    closed: tuple[type[BaseException], ...] = (RuntimeError,)
+    window: Callable[[], int]  # number of points to submit at a time, so that no worker waits
+    lost: tuple[type[BaseException], ...]  # raised by a point that killed its workers
+    closed: tuple[type[BaseException], ...] = (RuntimeError,)  # raised without workers
 
 
 def cores() -> int:
@@ -60,13 +48,13 @@ def cores() -> int:
 
 
 def workers_at(address: str | None, jobs: int | None = None) -> AbstractContextManager[Workers]:
-    """Return the cluster at `address`, or where there is none, `jobs` processes here."""
+    """Return the cluster at `address`, or `jobs` processes here if `address` is None."""
     return local(jobs) if address is None else cluster(address)
 
 
 @contextmanager
 def local(jobs: int | None = None) -> Iterator[Workers]:
-    """Run points in `jobs` processes on this machine, one a core if not given."""
+    """Run points in `jobs` processes on this machine, by default one process a core."""
     pool = LocalPool(jobs or cores())
     try:
         yield Workers(pool, lambda: pool.jobs + 2, (BrokenExecutor,))
@@ -81,14 +69,14 @@ def cluster(address: str) -> Iterator[Workers]:
     Raises
     ------
     InputError
-        dask.distributed is not installed, or no scheduler answers there.
+        dask.distributed is not installed, or no scheduler answers at `address`.
     """
     try:
         distributed: Any = importlib.import_module("distributed")
     except ImportError:
         text = "needs dask.distributed: pip install 'taction[cluster]'"
         raise InputError("--cluster", Complaint("ADDRESS", repr(address), text)) from None
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # we say it in our own words
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # our errors say the same
     try:
         client = distributed.Client(address, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError) as error:  # TimeoutError is an OSError
@@ -97,28 +85,28 @@ def cluster(address: str) -> Iterator[Workers]:
     with client:
         closed = (RuntimeError, OSError, distributed.client.ClosedClientError)
         lost = (distributed.KilledWorker,)
-        yield Workers(client.get_executor(), _Census(client), lost, closed)
+        yield Workers(client.get_executor(), _ClusterWindow(client), lost, closed)
 
 
-class _Census:
-    """Twice the threads of a cluster, counted anew now and then: workers join and leave."""
+class _ClusterWindow:
+    """Twice the threads of a cluster, counted every `INTERVAL`, since workers join and leave."""
 
     def __init__(self, client: Any) -> None:
-        self._client, self._counted, self._found = client, -NEWS, 0
+        self._client, self._counted, self._threads = client, -INTERVAL, 0
 
     def __call__(self) -> int:
-        if time.monotonic() - self._counted > NEWS:
+        if time.monotonic() - self._counted > INTERVAL:
             workers = self._client.scheduler_info(n_workers=-1)["workers"].values()
-            self._found = sum(worker["nthreads"] for worker in workers)
+            self._threads = sum(worker["nthreads"] for worker in workers)
             self._counted = time.monotonic()
-        return 2 * self._found + 2
+        return 2 * self._threads + 2
 
 
 class LocalPool(ThreadPoolExecutor):
-    """One thread for each process: a process that is killed takes its own call with it only.
+    """A pool of threads with one process each; a killed process costs only its own call.
 
-    (In one executor of several processes the death of one ends all.) A call whose process died
-    goes to a new one, up to `ATTEMPTS` times; then its future raises `BrokenExecutor`.
+    (In a `ProcessPoolExecutor` one killed process breaks the pool.) A call whose process was killed
+    is repeated in a new process, `ATTEMPTS` times in all; then its future raises `BrokenExecutor`.
     """
 
     def __init__(self, jobs: int) -> None:
@@ -129,23 +117,22 @@ class LocalPool(ThreadPoolExecutor):
         self._all: list[Worker] = []
 
     def start(self) -> None:
-        """Start the processes, unless they run; the first call does so, too."""
+        """Start the processes, unless they are running; the first call does the same."""
         if self._all or self._closed:
             return
-        one_thread_each = dict.fromkeys(THREADS, "1")
-        self._all = [Worker(_context(), one_thread_each) for _ in range(self.jobs)]
+        self._all = [Worker(_context(), dict.fromkeys(THREADS, "1")) for _ in range(self.jobs)]
         for worker in self._all:
             self._idle.put(worker)
         for worker in self._all:
             worker.start()
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
-        """Run ``fn(*args, **kwargs)`` in the next process that is free."""
+        """Run ``fn(*args, **kwargs)`` in the next free process."""
         self.start()
         return super().submit(self._run, fn, *args, **kwargs)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the pool; without `wait` what runs is ended too, with its simulator."""
+        """End the pool; without `wait` end running calls and their simulators, too."""
         self._closed = True
         super().shutdown(wait=wait, cancel_futures=cancel_futures or not wait)
         for worker in self._all:
@@ -171,7 +158,7 @@ class LocalPool(ThreadPoolExecutor):
 
 
 def _context() -> Any:
-    """Return the way to start processes: never a plain fork, which copies held locks."""
+    """Return the start method of processes: never a plain fork, which copies locked locks."""
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")

@@ -1,4 +1,4 @@
-"""On what machine, with what versions, a study was made."""
+"""Description of the machine and the versions of a study."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def describe_machine() -> dict[str, str | int | float | None]:
 
 
 def _processor() -> str:
-    """Return the processor's name; Linux tells it in /proc alone."""
+    """Return the processor's name, on Linux from /proc."""
     listing = Path("/proc/cpuinfo")
     if listing.exists():
         for line in listing.read_text(encoding="utf-8", errors="replace").splitlines():

@@ -1,4 +1,4 @@
-"""What must be the same where a study is asked for and where its points are computed."""
+"""Versions that must be equal in the process that runs a study and in its workers."""
 
 from __future__ import annotations
 
@@ -12,53 +12,47 @@ from verification.studies.running.digests import own_code
 
 
 class OtherVersionsError(Exception):
-    """A worker has other versions than who asks; its result would be another one."""
+    """A worker has other versions than the study; its results would not be comparable."""
 
 
 @dataclass(frozen=True, slots=True)
 class Versions:
-    """What must be the same where points are asked for and where they are computed."""
+    """Versions of taction, of its source and of ngspice."""
 
     taction: str
     code: bytes
     ngspice: str
 
     def differences(self, other: Versions) -> list[str]:
-        """Say in words how `other` differs; empty if it does not."""
-        found = []
+        """Return the differences of `other` in words; empty if there are none."""
+        texts = []
         if self.taction != other.taction:
-            found.append(f"taction {other.taction} instead of {self.taction}")
+            texts.append(f"taction {other.taction} instead of {self.taction}")
         elif self.code != other.code:
-            found.append(f"another state of the source of taction {self.taction}")
+            texts.append(f"another state of the source of taction {self.taction}")
         if self.ngspice != other.ngspice:
-            found.append(f"{other.ngspice or 'no ngspice'} instead of {self.ngspice}")
-        return found
+            texts.append(f"{other.ngspice or 'no ngspice'} instead of {self.ngspice}")
+        return texts
 
     def check_here(self) -> None:
-        """Compare with the versions of this process.
-
-        Raises
-        ------
-        OtherVersionsError
-            They differ.
-        """
-        if found := self.differences(own_versions(bool(self.ngspice))):
-            raise OtherVersionsError(f"{platform.node()} has {', '.join(found)}")
+        """Raise OtherVersionsError if the versions of this process differ."""
+        if texts := self.differences(own_versions(bool(self.ngspice))):
+            raise OtherVersionsError(f"{platform.node()} has {', '.join(texts)}")
 
 
 @functools.cache
 def own_versions(ngspice: bool) -> Versions:
-    """Return the versions of this process; without those of ngspice where it plays no part.
+    """Return the versions of this process, with or without that of ngspice.
 
     Raises
     ------
     SimulatorNotFound, SimulatorTooOld
-        No ngspice that will do.
+        No ngspice was found, or it is too old.
     """
     name = simulator_name(find_simulator()) if ngspice else ""
     return Versions(metadata.version("taction"), own_code(), name)
 
 
 def simulator_name(simulator: Simulator) -> str:
-    """Name what of an ngspice can change a result: its version and its matrix solver."""
+    """Return version and matrix solver of an ngspice, the properties that can change a result."""
     return f"{simulator.engine} {simulator.solver_option}"

@@ -1,7 +1,7 @@
-"""A Python process that answers one call after the other, and that can be stopped.
+"""A Python process that runs one call after the other and can be stopped.
 
-The pool of a study is several of these; the work-precision study has one, because an integrator
-inside its own process could not be stopped when its time is up.
+The pool of a study has several workers; the work-precision study has one worker, because an
+integration in the study's own process cannot be interrupted when its time is up.
 """
 
 from __future__ import annotations
@@ -25,29 +25,29 @@ from verification.engines.ngspice.session import end_session
 
 T = TypeVar("T")
 
-START_UP = 60.0  # s; a busy machine may take long to start Python and load SciPy
-STARTS = 5  # processes that may end while they start, one after the other
-GRACE = 2.0  # s that a process has to end what it does, before it is killed
-_STARTING = threading.Lock()  # the environment is one for all threads
+START_UP = 60.0  # s to start Python and load SciPy on a busy machine
+STARTS = 5  # attempts to start a process
+GRACE = 2.0  # s between SIGTERM and SIGKILL
+_STARTING = threading.Lock()  # all threads share the environment
 
 
 class WorkerDiedError(BrokenExecutor):
-    """The process of a call ended before the call did."""
+    """The process ended before the call was complete."""
 
 
-# What a computation may raise, or its process, that says nothing of the next one.
+# Errors of one computation or its process; the next computation may succeed.
 FAILURES = (NoVerdictError, ArithmeticError, MemoryError, ValueError, WorkerDiedError)
 
 
 class Worker:
-    """One process, started by the first call and again after a call that it did not survive.
+    """One process, started by the first call and again after a call that ended the process.
 
     Parameters
     ----------
     context : multiprocessing context, optional
-        How the process is started; anew, without anything of this one, if not given.
+        Start method of the process; by default a new interpreter.
     variables : mapping of str to str
-        Of its environment, and of the fork server's where this is the first to need one.
+        Environment variables of the process, and of the fork server if this worker starts it.
     """
 
     def __init__(self, context: Any = None, variables: Mapping[str, str] | None = None) -> None:
@@ -69,24 +69,24 @@ class Worker:
         return None if self._process is None else self._process.pid
 
     def call(self, timeout: float | None, function: Callable[..., T], *args: Any, **kw: Any) -> T:
-        """Return ``function(*args, **kw)``, computed in the process; what it raises is raised.
+        """Return ``function(*args, **kw)``, computed in the process, or raise its exception.
 
         Parameters
         ----------
         timeout : float or None
-            s, None for no limit; the start of the process does not count.
+            s, None for no limit; the time to start the process does not count.
         function : callable
-            Of a module's top level; arguments and result can be pickled.
+            Can be pickled, as its arguments and its result.
 
         Raises
         ------
         TimeoutError
-            The call took longer; the process was ended.
+            The call took longer; the process was stopped.
         WorkerDiedError
             The process ended, or did not start.
         """
         pipe = self.start()
-        if self._ended:  # another thread said so while the process started
+        if self._ended:  # by another thread while the process started
             self.stop()
             raise WorkerDiedError("the process was ended")
         try:
@@ -95,37 +95,30 @@ class Worker:
             answer: tuple[bool, Any] = pipe.recv() if in_time else (False, None)
         except (EOFError, OSError):
             self.stop()
-            name = getattr(function, "__name__", function)
-            raise WorkerDiedError(f"the process that ran {name} died") from None
+            raise WorkerDiedError("the process died during the call") from None
         if not in_time:
             self.stop()
             raise TimeoutError(f"not done after {timeout:.3g} s")
-        done, result = answer
+        done, value = answer
         if not done:
-            raise result
-        found: T = result
-        return found
+            raise value
+        result: T = value
+        return result
 
     def start(self) -> Connection:
-        """Start the process, unless it runs already.
-
-        Raises
-        ------
-        WorkerDiedError
-            It does not start.
-        """
+        """Start the process, unless it is running; raise WorkerDiedError if it does not start."""
         if self._pipe is not None and self._process is not None and self._process.is_alive():
             return self._pipe
-        left = STARTS
-        while True:
+        failure: Exception | None = None
+        for _ in range(STARTS):
             try:
                 return self._start()
             except (EOFError, OSError) as error:
                 self.stop()
-                left -= 1
-                if self._ended or not left:
-                    text = f"a second Python process did not start: {error}"
-                    raise WorkerDiedError(text) from error
+                failure = error
+                if self._ended:
+                    break
+        raise WorkerDiedError(f"a second Python process did not start: {failure}") from failure
 
     def _start(self) -> Connection:
         self.stop()
@@ -140,7 +133,7 @@ class Worker:
         return self._pipe
 
     def stop(self) -> None:
-        """End the process; what it does is unwound first, which ends its simulator."""
+        """End the process; its `finally` clauses run first and end its simulator."""
         if self._process is not None:
             self._process.terminate()
         if self._pipe is not None:
@@ -153,9 +146,9 @@ class Worker:
         self._process = self._pipe = None
 
     def end(self) -> None:
-        """End the process for good, from any thread; a call that is under way is lost."""
+        """End the process for good, from any thread; a running call is lost."""
         self._ended, process = True, self._process
-        with suppress(AttributeError, ValueError):  # there is none, or it was closed just now
+        with suppress(AttributeError, ValueError):  # no process, or it was just closed
             process.terminate()  # type: ignore[union-attr]
 
 
@@ -172,14 +165,14 @@ def _environment(variables: Mapping[str, str]) -> Iterator[None]:
 
 
 def _serve(pipe: Connection) -> None:
-    """Answer calls until the other end closes; Ctrl-C is the parent's business."""
+    """Answer calls until the other end closes; the parent handles Ctrl-C."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _unwind)
     parent = multiprocessing.parent_process()
     if parent is not None:
-        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
-    util.Finalize(None, end_session, exitpriority=0)  # workers end without atexit
-    gc.freeze()  # what was imported stays: no collection needs to look at it again
+        threading.Thread(target=_end_after, args=(parent.sentinel,), daemon=True).start()
+    util.Finalize(None, end_session, exitpriority=0)  # atexit does not run in workers
+    gc.freeze()  # no collection needs to visit the imported modules again
     with suppress(EOFError, OSError):
         pipe.send("ready")
         while True:
@@ -201,13 +194,13 @@ def _answer(pipe: Connection, request: bytes) -> None:
 
 
 def _unwind(number: int, frame: object) -> None:
-    """End this process by way of every `finally` of what it does."""
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # the way out is not left half-way
+    """End this process through all its `finally` clauses."""
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # a second signal must not stop the clean-up
     sys.exit(128 + number)
 
 
-def _end_with(sentinel: int) -> None:
-    """End this process when its parent is gone, which a process that computes would not notice."""
+def _end_after(sentinel: int) -> None:
+    """End this process when its parent ends, also during a computation."""
     connection.wait([sentinel])
     os.kill(os.getpid(), signal.SIGTERM)
     threading.Event().wait(GRACE)

@@ -1,4 +1,4 @@
-"""The grid of a sweep: what it asks for, and a request that stands for each point of it."""
+"""The grid of a sweep, and the digest under which the store finds each of its points."""
 
 from __future__ import annotations
 
@@ -17,43 +17,30 @@ from verification.studies.running.digests import digest, files_of, own_code
 from verification.studies.running.versions import simulator_name
 
 ENGINE = "analysis.engine"
-MOST = 1_000_000  # points of one sweep
+MAX_POINTS = 1_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """What a sweep is to find out.
-
-    Attributes
-    ----------
-    scene : Scene
-        The scene whose values change.
-    groups : sequence of sequences of Axis
-        They span a grid; the axes of one group change together.
-    engines : tuple of str
-        ``"ngspice"``, ``"statespace"`` or both.
-    second_look : bool
-        As `verification.verify.verify` has it.
-    keep_waveforms : bool
-        Store the outputs over time.
+    """Everything that defines a sweep.
 
     Raises
     ------
     InputError
-        An axis that changes the engine, or more than `MOST` points.
+        An axis changes the engine, or there are more than `MAX_POINTS` points.
     """
 
     scene: Scene
-    groups: Sequence[Sequence[Axis]]
-    engines: tuple[str, ...]
-    second_look: bool = True
-    keep_waveforms: bool = False
+    groups: Sequence[Sequence[Axis]]  # they span the grid; the axes of a group change together
+    engines: tuple[str, ...]  # "ngspice", "statespace" or both
+    second_look: bool = True  # see `verification.pipeline.effort.Effort`
+    keep_waveforms: bool = False  # store the outputs over time
 
     def __post_init__(self) -> None:
         if any(axis.key.path == ENGINE for axis in self.axes):
             raise InputError("--over", Complaint(ENGINE, "", "give --engine both instead"))
-        if self.total > MOST:
-            text = f"at most {MOST} points in one sweep"
+        if self.total > MAX_POINTS:
+            text = f"at most {MAX_POINTS} points in one sweep"
             raise InputError("--over", Complaint("points", repr(self.total), text))
 
     @property
@@ -68,12 +55,12 @@ class Plan:
 
     @property
     def total(self) -> int:
-        """Number of points, each engine counted."""
+        """Number of points; each engine counts."""
         return len(self.engines) * math.prod(self.shape)
 
 
 def engines_of(scene: Scene, engine: str | None) -> tuple[str, ...]:
-    """Return the engines of a sweep: the scene's own, the one asked for, or ``"both"``.
+    """Return the engines of a sweep: the requested engine, ``"both"``, or by default the scene's.
 
     Raises
     ------
@@ -86,8 +73,8 @@ def engines_of(scene: Scene, engine: str | None) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True, slots=True)
-class Point:
-    """One point of the grid for one engine; `request` stands for all of it in the store."""
+class GridPoint:
+    """One point of the grid for one engine; `request` is the digest of the scene at the point."""
 
     values: dict[str, Value]
     engine: str
@@ -100,12 +87,12 @@ class Requests:
     Raises
     ------
     SimulatorNotFound, SimulatorTooOld
-        ngspice is asked for and there is none that will do.
+        The plan needs ngspice, and no ngspice was found or the ngspice is too old.
     """
 
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
-        self._digests: dict[str, bytes] = {}
+        self._file_digests: dict[str, bytes] = {}
         scene = plan.scene.model_dump(by_alias=True, exclude={"name", "regression", "analysis"})
         analysis = plan.scene.analysis.model_dump(exclude={"engine", "timeout"})
         base = digest(own_code(), scene, analysis, plan.second_look)
@@ -114,23 +101,23 @@ class Requests:
         }
         self._files = files_of(plan.scene)
 
-    def __iter__(self) -> Iterator[Point]:
+    def __iter__(self) -> Iterator[GridPoint]:
         for values in points(self._plan.groups):
-            files = [self._digest(values.get(path, own)) for path, own in self._files.items()]
+            files = [self._digest(values.get(path, name)) for path, name in self._files.items()]
             for engine, base in self._bases.items():
-                yield Point(values, engine, digest(base, values, files))
+                yield GridPoint(values, engine, digest(base, values, files))
 
     def _digest(self, name: object) -> bytes:
-        """Digest the content of a file that a scene names; a missing one fails at its point."""
+        """Digest a file that a scene names; a missing file raises its error at the point."""
         if not isinstance(name, str):
             return b""
-        if name not in self._digests:
+        if name not in self._file_digests:
             file = self._plan.scene.folder / name
-            found = hashlib.sha256(file.read_bytes()).digest() if file.is_file() else b""
-            self._digests[name] = found
-        return self._digests[name]
+            content = hashlib.sha256(file.read_bytes()).digest() if file.is_file() else b""
+            self._file_digests[name] = content
+        return self._file_digests[name]
 
 
 def simulator_of(engine: str) -> str:
-    """Name what an engine's results depend on beside the circuit."""
+    """Return the name and version of the program on which an engine's results depend."""
     return simulator_name(find_simulator()) if engine == "ngspice" else engine

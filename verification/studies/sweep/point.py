@@ -1,6 +1,6 @@
-"""One point of a study, where it runs: a verification, and what is kept of it as plain data.
+"""One point of a sweep in a worker process: a verification, reduced to plain data.
 
-Nothing is raised across the border between processes: whatever happens at a point is its result.
+A failed verification is a result like any other: no exception crosses the border between processes.
 """
 
 from __future__ import annotations
@@ -19,81 +19,55 @@ from verification.measures.settling import ChannelState
 from verification.pipeline.effort import Effort
 from verification.studies.figures import FIGURES, figures_of, finite
 from verification.studies.running.versions import Versions
-from verification.studies.sweep.store import ERROR
+from verification.studies.sweep.store import ERROR, StoredResult
 from verification.verify import Verdict, verify
 
-POINT = Effort(details=False, full_margin=False, session=True)
-LONGEST = 4000  # characters of a reason
+POINT_EFFORT = Effort(details=False, full_margin=False, session=True)
+MAX_REASON = 4000  # characters
 STATES = tuple(ChannelState)  # the best first; of several channels the worst state counts
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Job:
-    """A point to compute.
+    """A point to compute."""
 
-    Attributes
-    ----------
-    scene : Scene
-        With the point's values and its engine.
-    problem : InverseProblem
-        Of that scene: its files may not be where the point runs.
-    second_look : bool
-        As `verification.pipeline.effort.Effort` has it.
-    keep_waveforms : bool
-        Whether the outputs over time are wanted.
-    versions : Versions
-        Of who asks.
-    """
-
-    scene: Scene
-    problem: InverseProblem
-    second_look: bool
+    scene: Scene  # with the point's values and its engine
+    problem: InverseProblem  # of `scene`, whose files may be missing on the worker's machine
+    second_look: bool  # see `verification.pipeline.effort.Effort`
     keep_waveforms: bool
-    versions: Versions
+    versions: Versions  # of the process that runs the sweep
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Result:
-    """What came out of a job."""
-
-    outcome: str
-    record: dict[str, Any]
-    waveforms: bytes | None = None
-
-
-def compute(job: Job) -> Result:
-    """Compute a point; never raises what could be a result.
+def compute(job: Job) -> StoredResult:
+    """Compute a point; a verification that fails gives a result, too.
 
     Raises
     ------
     OtherVersionsError
-        This is no process that should compute it.
+        This process has other versions of taction or ngspice than the job.
     """
     job.versions.check_here()
     try:
-        verdict = verify(
-            job.scene,
-            problem=job.problem,
-            effort=replace(POINT, second_look=job.second_look),
-        )
+        effort = replace(POINT_EFFORT, second_look=job.second_look)
+        verdict = verify(job.scene, problem=job.problem, effort=effort)
         waveforms = _pack(verdict) if job.keep_waveforms else None
-        return Result(verdict.outcome.value, verdict_record(verdict), waveforms)
+        return StoredResult(verdict.outcome.value, verdict_record(verdict), waveforms)
     except TactionError as error:
         return failure(type(error).__name__, str(error), job.scene.analysis.engine)
-    except Exception as error:  # a bug at one point must not be the end of ten thousand
+    except Exception as error:  # a defect at one point must not end a sweep of ten thousand
         where = "".join(traceback.format_exception(error)[-2:]).strip()
         return failure(type(error).__name__, f"unforeseen: {where}", job.scene.analysis.engine)
 
 
-def failure(kind: str, reason: str, engine: str) -> Result:
+def failure(kind: str, reason: str, engine: str) -> StoredResult:
     """Return the result of a point that reached no verdict."""
-    record: dict[str, Any] = {"outcome": ERROR, "failure": kind, "reason": reason[:LONGEST]}
+    record: dict[str, Any] = {"outcome": ERROR, "failure": kind, "reason": reason[:MAX_REASON]}
     record |= {"engine": engine, "simulator": None, "state": None, "stable": None}
-    return Result(ERROR, record | dict.fromkeys(FIGURES) | {"checks": []})
+    return StoredResult(ERROR, record | dict.fromkeys(FIGURES) | {"checks": []})
 
 
 def verdict_record(verdict: Verdict) -> dict[str, Any]:
-    """Return what a sweep keeps of a verdict: its figures, in words why it does not pass."""
+    """Return the record of a verdict: its figures, and the reason where it does not pass."""
     decisive = next((c for c in verdict.checks if c.outcome is verdict.outcome), None)
     passed = verdict.outcome.value == "pass"
     engine = verdict.waveforms.engine

@@ -1,7 +1,7 @@
-"""Sweeps: every point of a grid verified, stored as it comes, and never computed twice.
+"""Sweeps: verify every point of a grid, store each result at once, and compute no point twice.
 
-Memory does not grow with the number of points: the grid is walked lazily, only a window of it is
-under way, and results live in the store.
+Memory does not grow with the number of points: the grid is generated lazily, only a few points are
+being computed at a time, and results live in the store.
 """
 
 from __future__ import annotations
@@ -19,29 +19,19 @@ from verification.studies.running.collecting import collected
 from verification.studies.running.digests import digest, own_code
 from verification.studies.running.executors import Workers
 from verification.studies.running.versions import own_versions
-from verification.studies.sweep.plan import ENGINE, Plan, Point, Requests, simulator_of
-from verification.studies.sweep.point import Job, Result, compute, failure
-from verification.studies.sweep.store import ERROR, Row, Store
+from verification.studies.sweep.plan import ENGINE, GridPoint, Plan, Requests, simulator_of
+from verification.studies.sweep.point import Job, compute, failure
+from verification.studies.sweep.store import ERROR, Store, StoredResult
 
 
 @dataclass(slots=True)
-class Count:
-    """How far a sweep has come.
-
-    Attributes
-    ----------
-    total, done : int
-        Points, of all and so far; those that were stored before count as done.
-    ran : int
-        Points that were computed now.
-    outcomes : Counter
-        Of everything done.
-    """
+class SweepCounts:
+    """How many points a sweep has and how they ended."""
 
     total: int
-    done: int = 0
-    ran: int = 0
-    outcomes: Counter[str] = field(default_factory=Counter)
+    done: int = 0  # computed now, or stored before
+    ran: int = 0  # computed now
+    outcomes: Counter[str] = field(default_factory=Counter)  # of the points that are done
 
     def add(self, outcome: str, *, ran: bool) -> None:
         """Count one point."""
@@ -56,66 +46,65 @@ def sweep(
     workers: Workers,
     *,
     retry_failed: bool = False,
-    progress: Callable[[Count], None] = lambda count: None,
-) -> Count:
+    progress: Callable[[SweepCounts], None] = lambda count: None,
+) -> SweepCounts:
     """Compute every point of `plan` that `store` does not have.
 
     Parameters
     ----------
     retry_failed : bool
-        Compute those again that reached no verdict.
+        Compute points again that reached no verdict.
     progress : callable, optional
-        Gets the count after every point.
+        Receives the counts after every point.
 
     Raises
     ------
     SimulatorNotFound, SimulatorTooOld
-        ngspice is asked for and there is none that will do.
+        The plan needs ngspice, and no ngspice was found or the ngspice is too old.
     InputError
         A worker has other versions of taction or ngspice; or the store cannot be used.
     NoVerdictError
-        The cluster is gone.
+        The cluster does not answer any more.
     OutOfDisk
-        The store cannot grow. Whatever is raised, what was stored before is intact.
+        The store cannot grow. After any of these errors the points stored before are intact.
     """
-    run = _Sweep(plan, store, retry_failed, Count(plan.total), progress)
-    for key, found in collected(workers, compute, run.missing()):
-        run.keep(key, found)
+    run = _Sweep(plan, store, retry_failed, progress)
+    for key, result in collected(workers, compute, run.missing()):
+        run.keep(key, result)
     return run.count
 
 
 class _Sweep:
-    """A sweep under way."""
+    """A sweep that is running."""
 
     def __init__(
         self,
         plan: Plan,
         store: Store,
         retry_failed: bool,
-        count: Count,
-        progress: Callable[[Count], None],
+        progress: Callable[[SweepCounts], None],
     ) -> None:
-        self.plan, self.store = plan, store
-        self.retry_failed, self.count, self.progress = retry_failed, count, progress
-        self._requests: dict[bytes, list[bytes]] = {}  # of each key that is under way
+        self.plan, self.store, self.retry_failed = plan, store, retry_failed
+        self.count, self.progress = SweepCounts(plan.total), progress
+        self._requests: dict[bytes, list[bytes]] = {}  # by the key of a point that is computed now
         self._problems: dict[bytes, InverseProblem] = {}
 
     def missing(self) -> Iterator[tuple[bytes, tuple[Job]]]:
-        """Yield key and job of every point that has to be computed, and count the others."""
+        """Yield key and job of every point that has to be computed; count the stored points."""
         for point in Requests(self.plan):
-            yield from self._take(point)
+            yield from self._missing(point)
 
-    def keep(self, key: bytes, found: Result | BaseException) -> None:
-        """Store what came out of a job."""
-        if isinstance(found, BaseException):
-            text = f"the worker was killed again and again (out of memory?): {found}"
-            found = failure(type(found).__name__, text, "")
-        self._store(key, self._requests.pop(key), found)
+    def keep(self, key: bytes, result: StoredResult | BaseException) -> None:
+        """Store the result of a job."""
+        if isinstance(result, BaseException):
+            text = f"the worker was killed several times (out of memory?): {result}"
+            result = failure(type(result).__name__, text, "")
+        self._store(key, self._requests.pop(key), result)
 
-    def _take(self, point: Point) -> Iterator[tuple[bytes, tuple[Job]]]:
-        """Find a point in the store, or say how it is computed."""
+    def _missing(self, point: GridPoint) -> Iterator[tuple[bytes, tuple[Job]]]:
+        """Yield key and job of a point unless the store or a running job has its result."""
         key = self.store.key_of(point.request)
-        if key is not None and self._known(key):
+        if key is not None and self._is_stored(key):
             return
         try:
             scene = with_values(self.plan.scene, point.values | {ENGINE: point.engine})
@@ -127,7 +116,7 @@ class _Sweep:
             return
         if key in self._requests:
             self._requests[key].append(point.request)
-        elif self._known(key):
+        elif self._is_stored(key):
             self.store.link(point.request, key)
         else:
             self._requests[key] = [point.request]
@@ -135,38 +124,37 @@ class _Sweep:
             plan = self.plan
             yield key, (Job(scene, problem, plan.second_look, plan.keep_waveforms, versions),)
 
-    def _known(self, key: bytes) -> bool:
+    def _is_stored(self, key: bytes) -> bool:
+        """Whether a stored result can be used; count it if so."""
         outcome = self.store.outcome_of(key)
         if outcome is None or (outcome == ERROR and self.retry_failed):
             return False
         if self.plan.keep_waveforms and outcome != ERROR and not self.store.has_waveforms(key):
             return False
-        self._counted(outcome, ran=False)
+        self._count(outcome, ran=False)
         return True
 
-    def _store(self, key: bytes, requests: list[bytes], result: Result) -> None:
-        row = Row(key, result.outcome, result.record, result.waveforms)
-        self.store.put(row, requests[0])
+    def _store(self, key: bytes, requests: list[bytes], result: StoredResult) -> None:
+        self.store.put(key, result, requests[0])
         for other in requests[1:]:
             self.store.link(other, key)
             self.count.add(result.outcome, ran=False)
-        self._counted(result.outcome, ran=True)
+        self._count(result.outcome, ran=True)
 
-    def _counted(self, outcome: str, *, ran: bool) -> None:
+    def _count(self, outcome: str, *, ran: bool) -> None:
         self.count.add(outcome, ran=ran)
         self.progress(self.count)
 
     def _problem(self, scene: Scene) -> InverseProblem:
-        """Make the problem of `scene`, or take the last one where it is the same."""
+        """Make the problem of `scene`, or take the last problem where it is the same."""
         key = digest(scene.problem)
         if key not in self._problems:
             self._problems = {key: make_problem(scene)}
         return self._problems[key]
 
     def _key(self, scene: Scene, problem: InverseProblem, engine: str) -> bytes:
-        """Digest everything that a result follows from, and nothing else."""
+        """Return the digest of everything that a result depends on, and of nothing else."""
         circuit = replace(synthesise(scene, problem), name="", omissions=())
         analysis = scene.analysis.model_dump(exclude={"engine", "timeout"})
-        simulator = simulator_of(engine)
-        known = (problem.matrix, problem.strain, scene.checks, analysis, self.plan.second_look)
-        return digest(own_code(), circuit, *known, engine, simulator)
+        inputs = (problem.matrix, problem.strain, scene.checks, analysis, self.plan.second_look)
+        return digest(own_code(), circuit, *inputs, engine, simulator_of(engine))

@@ -1,10 +1,10 @@
-"""Results of studies in one SQLite file: a transaction a point, nothing run twice, nothing lost.
+"""Results of studies in one SQLite file, one transaction a point.
 
-The file has a write-ahead log: a process that is killed at any instant loses nothing that was
-stored, a power cut at most the last moments and never the file, and a transaction costs 0.1 ms. A
-rollback journal would wait for the disk at every point, 1.5 ms on an idle machine and 22 ms beside
-simulations that write to it (measured). While a sweep runs, and after a kill, the log stands
-beside the file as FILE-wal; the next one that opens the file merges it.
+The file has a write-ahead log: killing the process loses no stored result, a power cut at most
+those of the last moments and never the file, and a transaction takes 0.1 ms. A rollback journal
+would wait for the disk at every point, 1.5 ms on an idle machine and 22 ms beside simulations that
+write to the disk (measured). While a sweep runs, and after a kill, the log is the file FILE-wal;
+the next process that opens the database merges the log.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from spice_models.errors import Complaint, InputError, OutOfDisk
 
 APPLICATION = 0x7461_6374  # "tact", in the file's header
 FORMAT = 1  # of the results; a change in what a record means gets a new number
-PATIENCE = 60.0  # s that another process may hold the file
-ERROR = "error"  # outcome of a point that reached no verdict at all
+PATIENCE = 60.0  # s to wait for another process that has locked the file
+ERROR = "error"  # outcome of a point that reached no verdict
 
 SCHEMA = """
 create table points (
@@ -34,7 +34,7 @@ create table points (
 ) without rowid;
 create table requests (
     request blob primary key,   -- digest of a scene with its changes
-    key blob not null           -- the point that it came down to
+    key blob not null           -- the point with that circuit and analysis
 ) without rowid;
 create table waveforms (
     key blob primary key,
@@ -42,60 +42,53 @@ create table waveforms (
 );
 """
 
-_ACCEPTED = "expected a database of `taction sweep` or `montecarlo`, or a name that is free"
-_LINES = b'{"kind": "taction samples'  # how a file of samples began before they came in here
-_WRONG = {  # what SQLite says, and what it means for the user
-    "SQLITE_NOTADB": f"this is no SQLite database; {_ACCEPTED}. It was left as it is",
-    "LINES": "samples as lines of JSON, as taction kept them before; they cannot be read any more."
-    " Give another name, and they are drawn again, or take the taction that wrote them",
-    "SQLITE_CORRUPT": "the database is damaged and was left as it is; `sqlite3 FILE .recover`"
-    " may save its points; start anew with another name",
-    "SQLITE_READONLY": "it cannot be written; give it write permission, or another name",
-    "SQLITE_PERM": "it cannot be written; give it write permission, or another name",
-    "SQLITE_CANTOPEN": "it cannot be opened or made; is the folder there, may you write to it?",
-    "SQLITE_BUSY": f"another process has locked it for {PATIENCE:g} s; is one stopped?",
-    "SQLITE_LOCKED": f"another process has locked it for {PATIENCE:g} s; is one stopped?",
+_ACCEPTED = "expected a database of `taction sweep` or `montecarlo`, or the name of a new file"
+_LINES = b'{"kind": "taction samples'  # beginning of a file of samples by older versions
+_OLD_SAMPLES = (
+    "the samples are lines of JSON, written by an older taction; this taction cannot read them."
+    " Give another name to draw the samples again, or use the taction that wrote them"
+)
+_CORRUPT = (
+    "the database is damaged and was not changed; `sqlite3 FILE .recover` may save its points;"
+    " start anew with another name"
+)
+_NOT_A_DATABASE = "SQLITE_NOTADB"
+_MESSAGES = {  # by the beginnings of SQLite's error names
+    (_NOT_A_DATABASE,): f"the file is no SQLite database; {_ACCEPTED}. It was not changed",
+    ("SQLITE_CORRUPT",): _CORRUPT,
+    ("SQLITE_READONLY", "SQLITE_PERM"): "the file cannot be written; give it write permission, or"
+    " give another name",
+    ("SQLITE_CANTOPEN",): "the file cannot be opened or made; does the folder exist, and may you"
+    " write to it?",
+    ("SQLITE_BUSY", "SQLITE_LOCKED"): f"another process has locked the file for {PATIENCE:g} s;"
+    " is that process suspended?",
 }
 _FULL = ("SQLITE_FULL", "SQLITE_IOERR")
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
-    """One stored result.
+class StoredResult:
+    """The result of one point or sample."""
 
-    Attributes
-    ----------
-    key : bytes
-        What it is the result of.
-    outcome : str
-        ``"pass"``, ``"fail"``, ``"inconclusive"``, or ``"error"`` where nothing was reached.
-    record : dict
-        Plain data, see `verification.studies.sweep.point`.
-    waveforms : bytes or None
-        A compressed ``.npz``, where it was to be kept.
-    """
-
-    key: bytes
-    outcome: str
-    record: dict[str, Any]
-    waveforms: bytes | None = None
+    outcome: str  # "pass", "fail", "inconclusive", or `ERROR`
+    record: dict[str, Any]  # plain data, see `verification.studies.sweep.point`
+    waveforms: bytes | None = None  # a compressed .npz, if waveforms are kept
 
 
 class Store:
-    """A database of results; a context manager that closes it.
+    """A database of results; a context manager that closes the database.
 
     Parameters
     ----------
     path : str
-        The file, made where there is none; ``":memory:"`` for none at all.
+        The file, made if missing; ``":memory:"`` for a database in memory.
 
     Raises
     ------
     InputError
-        Not such a database, damaged, of another version, or not writable. From here or from any
-        method.
+        Not such a database, damaged, of another version, or not writable. Raised by every method.
     OutOfDisk
-        From `put`; what was stored before is intact.
+        Raised by `put`; the results stored before are intact.
     """
 
     def __init__(self, path: str) -> None:
@@ -103,13 +96,13 @@ class Store:
         with self._explained():
             self._db = sqlite3.connect(
                 path, timeout=PATIENCE, isolation_level=None, check_same_thread=False
-            )  # a collector in another thread may close it
+            )  # the garbage collector may close it in another thread
             try:
                 self._prepare()
             except BaseException:
                 self._db.close()
                 raise
-        weakref.finalize(self, self._db.close)  # of a store that a result holds open
+        weakref.finalize(self, self._db.close)  # for a store that a SweepResult keeps open
 
     def __enter__(self) -> Store:
         return self
@@ -118,87 +111,82 @@ class Store:
         self._db.close()
 
     def key_of(self, request: bytes) -> bytes | None:
-        """Return the key of the point that `request` came down to, if it was met before."""
-        found: bytes | None = self._one("select key from requests where request = ?", request)
-        return found
+        """Return the key of the point that belongs to `request`, if it is stored."""
+        key: bytes | None = self._value("select key from requests where request = ?", request)
+        return key
 
     def outcome_of(self, key: bytes) -> str | None:
-        """Return how a point ended, if it is stored."""
-        found: str | None = self._one("select outcome from points where key = ?", key)
-        return found
+        """Return the outcome of a point, if it is stored."""
+        outcome: str | None = self._value("select outcome from points where key = ?", key)
+        return outcome
 
     def has_waveforms(self, key: bytes) -> bool:
         """Whether the waveforms of a point are stored."""
-        return self._one("select 1 from waveforms where key = ?", key) is not None
+        return self._value("select 1 from waveforms where key = ?", key) is not None
 
-    def row(self, request: bytes) -> Row | None:
-        """Return the result of `request`, without waveforms, if it is stored."""
-        with self._explained():
-            found = self._db.execute(
-                "select key, outcome, record from points join requests using (key)"
-                " where request = ?",
-                (request,),
-            ).fetchone()
-        return None if found is None else Row(found[0], found[1], json.loads(found[2]))
+    def record_of(self, request: bytes) -> dict[str, Any] | None:
+        """Return the record of the point that belongs to `request`, if it is stored."""
+        query = "select record from points join requests using (key) where request = ?"
+        text = self._value(query, request)
+        record: dict[str, Any] | None = None if text is None else json.loads(text)
+        return record
 
     def waveforms(self, key: bytes) -> bytes | None:
         """Return the waveforms of a point as a compressed ``.npz``."""
-        found: bytes | None = self._one("select data from waveforms where key = ?", key)
-        return found
+        data: bytes | None = self._value("select data from waveforms where key = ?", key)
+        return data
 
     def count(self) -> int:
         """Return the number of stored points."""
-        return int(self._one("select count(*) from points") or 0)
+        return int(self._value("select count(*) from points") or 0)
 
     def link(self, request: bytes, key: bytes) -> None:
-        """Note that `request` comes down to the stored point `key`."""
+        """Store that `request` belongs to the point `key`."""
         with self._transaction():
             self._link(request, key)
 
-    def put(self, row: Row, request: bytes) -> None:
-        """Store a result in one transaction.
+    def put(self, key: bytes, result: StoredResult, request: bytes) -> None:
+        """Store a result in one transaction; a result stored before stays, unless it is an error.
 
-        A result that is there already stays, whoever made it, unless it is an error.
+        `key` is the digest of the inputs of the result, `request` that of the requested scene.
         """
-        text = json.dumps(row.record, allow_nan=False, separators=(",", ":"))
+        text = json.dumps(result.record, allow_nan=False, separators=(",", ":"))
         with self._transaction():
             self._db.execute(
                 "insert into points (key, outcome, record) values (?, ?, ?)"
                 " on conflict (key) do update set outcome = excluded.outcome,"
                 " record = excluded.record, stored = current_timestamp where outcome = ?",
-                (row.key, row.outcome, text, ERROR),
+                (key, result.outcome, text, ERROR),
             )
-            if row.waveforms is not None:
-                self._db.execute(
-                    "insert or ignore into waveforms (key, data) values (?, ?)",
-                    (row.key, row.waveforms),
-                )
-            self._link(request, row.key)
+            if result.waveforms is not None:
+                query = "insert or ignore into waveforms (key, data) values (?, ?)"
+                self._db.execute(query, (key, result.waveforms))
+            self._link(request, key)
 
     def _link(self, request: bytes, key: bytes) -> None:
         self._db.execute("insert or replace into requests values (?, ?)", (request, key))
 
-    def _one(self, query: str, *values: object) -> Any:
+    def _value(self, query: str, *parameters: object) -> Any:
+        """Return the first column of the first row, or None without a row."""
         with self._explained():
-            found = self._db.execute(query, values).fetchone()
-        return None if found is None else found[0]
+            row = self._db.execute(query, parameters).fetchone()
+        return None if row is None else row[0]
 
     def _prepare(self) -> None:
-        """Check what is there, or make the tables; two processes may do so at once."""
-        if not self._one("select count(*) from sqlite_master"):
+        """Check the database, or make its tables; two processes may do so at once."""
+        if not self._value("select count(*) from sqlite_master"):
             self._create()
-        if self._one("pragma application_id") != APPLICATION:
-            raise self._wrong(f"a database of another program; {_ACCEPTED}. It was left as it is")
-        if (other := self._one("pragma user_version")) != FORMAT:
-            text = (
-                f"results of format {other}, this taction has {FORMAT}; the two"
-                " cannot be mixed. It was left as it is; start anew with another name"
+        if self._value("pragma application_id") != APPLICATION:
+            raise self._error(f"a database of another program; {_ACCEPTED}. It was not changed")
+        if (other := self._value("pragma user_version")) != FORMAT:
+            raise self._error(
+                f"results of format {other}, this taction has {FORMAT}; the two cannot be mixed."
+                " The file was not changed; start anew with another name"
             )
-            raise self._wrong(text)
-        problem = self._one("pragma quick_check(1)")
+        problem = self._value("pragma quick_check(1)")
         if problem != "ok":
-            raise self._wrong(f"{_WRONG['SQLITE_CORRUPT']} ({problem})")
-        if self._one("pragma journal_mode") != "wal":
+            raise self._error(f"{_CORRUPT} ({problem})")
+        if self._value("pragma journal_mode") != "wal":
             self._db.execute("pragma journal_mode = wal")
         self._db.execute("pragma synchronous = normal")
 
@@ -224,20 +212,21 @@ class Store:
 
     @contextmanager
     def _explained(self) -> Iterator[None]:
-        """Turn what SQLite raises into an error that says what to do."""
+        """Turn an error of SQLite into an error that says what to do."""
         try:
             yield
         except sqlite3.Error as error:
             name = getattr(error, "sqlite_errorname", "")
             if name.startswith(_FULL):
                 raise OutOfDisk(
-                    f"{self.path}: {error}. Every point before this one is stored; make room and"
-                    " run the same command again to go on"
+                    f"{self.path}: {error}. All earlier points are stored; make room on the disk"
+                    " and run the same command again to continue"
                 ) from error
-            kind = next((kind for kind in _WRONG if name.startswith(kind)), None)
-            if kind == "SQLITE_NOTADB" and Path(self.path).read_bytes().startswith(_LINES):
-                kind = "LINES"
-            raise self._wrong(_WRONG[kind] if kind else f"{error}; {_ACCEPTED}") from error
+            texts = (text for names, text in _MESSAGES.items() if name.startswith(names))
+            text = next(texts, f"{error}; {_ACCEPTED}")
+            if name == _NOT_A_DATABASE and Path(self.path).read_bytes().startswith(_LINES):
+                text = _OLD_SAMPLES
+            raise self._error(text) from error
 
-    def _wrong(self, text: str) -> InputError:
+    def _error(self, text: str) -> InputError:
         return InputError(self.path, Complaint("database", "", text))

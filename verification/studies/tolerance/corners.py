@@ -1,11 +1,11 @@
-"""Worst cases within the design tolerances: from the signs of the sensitivities, or a list.
+"""Worst cases within the design tolerances, from the signs of the sensitivities or from a list.
 
-The sensitivity of each quantity to each component is a difference of two verifications by the
-state-space engine. The corner that moves a quantity most is where every component stands at the
-end of its tolerance with that sign: exact for a quantity that moves monotonically with each. The
-steady-state error is not one, it has its least value near the nominal board: the corner is that of
-the channel whose signed error, which is one, goes furthest. Where a corner that was made for one
-quantity turns out worse in another than that one's own, that corner is reported instead.
+The sensitivity of a quantity to a component is a difference of two verifications by the
+state-space engine. In the worst corner of a quantity every component has the end of its tolerance
+with the sign of the sensitivity, which is exact for a quantity that is monotonic in each component.
+The steady-state error is not monotonic, since it is smallest near the nominal board: its corner is
+that of the channel with the largest signed error, which is monotonic. If the corner of one quantity
+is worse for another quantity than that quantity's own corner, it is reported for both.
 """
 
 from __future__ import annotations
@@ -23,44 +23,30 @@ from spice_models.errors import Complaint, InputError
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.studies.running.executors import Workers
 from verification.studies.tolerance.varied_board import (
+    BoardSample,
     Quantity,
-    Sample,
     VariedBoard,
     evaluate,
+    evaluate_all,
     prepare,
     quantities,
-    run,
 )
 
-PROBE = 0.25  # of the tolerance: far enough for a clean difference, near enough to be local
-NAMED = 5  # components of each corner that are named
-CHANNELS = 8  # corners of the steady state that are tried
+PROBE = 0.25  # of the tolerance: large against rounding errors, small against curvature
+NAMED = 5  # components listed with each corner
+STEADY_CORNERS = 8  # corners of the steady state that are tried
 NOMINAL = -1  # number of the probe without deviation
 
 
 @dataclass(frozen=True, slots=True)
 class Corner:
-    """One corner.
+    """One corner and its verification."""
 
-    Attributes
-    ----------
-    name : str
-        ``"nominal"``, ``"worst overshoot"``, or the user's words.
-    quantity : str
-        What it was made for, or empty.
-    result : Sample
-        What came out.
-    largest : tuple of str
-        The components that matter most, with their signs.
-    deviations : dict of str to float
-        Of every component that is not at its nominal value, in tolerances.
-    """
-
-    name: str
-    quantity: str
-    result: Sample
-    largest: tuple[str, ...]
-    deviations: dict[str, float]
+    name: str  # "nominal", "worst overshoot", or the user's words
+    quantity: str  # of which it is the worst corner, or empty
+    result: BoardSample
+    largest: tuple[str, ...]  # components with the largest sensitivities, with their signs
+    deviations: dict[str, float]  # in tolerances, without the components at their nominal values
 
 
 def worst_corners(
@@ -71,124 +57,121 @@ def worst_corners(
     Parameters
     ----------
     workers : Workers
-        Run the probes, one for each component.
+        Run the verifications, one for each component.
 
     Raises
     ------
     InputError
         The scene cannot be built, or nothing varies.
     NoVerdictError
-        The problem has no answer, or the workers are gone.
+        The problem has no answer, or the cluster does not answer any more.
     """
-    study = prepare(scene, full_margin=True)
-    told = quantities(scene)
-    gradient = _gradient(replace(study, scene=scene.with_engine("statespace")), workers, progress)
+    board = prepare(scene, full_margin=True)
+    reported = quantities(scene)
+    gradient = _gradient(replace(board, scene=scene.with_engine("statespace")), workers, progress)
     progress("sensitivities of the steady state")
-    gradient["steady_state"], *others = _steady_gradients(study)
-    corners = [_corner(study, "nominal", np.zeros(len(study.varied)))]
-    for quantity in told:
+    gradient["steady_state"], *others = _steady_gradients(board)
+    nominal = _corner(board, "nominal", np.zeros(len(board.varied)))
+    tried = []
+    for quantity in reported:
         progress(f"corner: {quantity.name}")
-        corners.append(_corner(study, quantity.name, np.sign(gradient[quantity.name])))
-    corners += [_corner(study, "", np.sign(each)) for each in others]
-    nominal, *tried = corners
-    # A corner made for one quantity may turn out worse in another than that one's own.
-    worst = [min(tried, key=lambda c: _goodness(c.result, q, c.name)) for q in told]
+        tried.append(_corner(board, quantity.name, np.sign(gradient[quantity.name])))
+    tried += [_corner(board, "", np.sign(slope)) for slope in others]
+    worst = [min(tried, key=lambda c: _goodness(c.result, q, c.name)) for q in reported]
     named = [
         replace(
             corner,
             name=f"worst {quantity.name}",
             quantity=quantity.name,
-            largest=_top(gradient[quantity.name], study.varied, corner.deviations),
+            largest=_largest(gradient[quantity.name], board.varied, corner.deviations),
         )
-        for quantity, corner in zip(told, worst, strict=True)
+        for quantity, corner in zip(reported, worst, strict=True)
     ]
     return (nominal, *named)
 
 
-def named_corner(study: VariedBoard, name: str, ends: Mapping[str, float]) -> Corner:
-    """Verify one corner of a user's own.
+def named_corner(board: VariedBoard, name: str, ends: Mapping[str, float]) -> Corner:
+    """Verify a corner that the user gives.
 
     Parameters
     ----------
     ends : dict of str to float
         Deviation in tolerances (1 and -1 are the ends), by component or by kind (``capacitor``);
-        a component's own goes before that of its kind.
+        the deviation of a component overrides that of its kind.
 
     Raises
     ------
     InputError
-        A name that is neither.
+        A key names neither a component that varies nor a kind.
     """
-    known = {p.name for p in study.varied} | {p.kind for p in study.varied}
+    names, kinds = {p.name for p in board.varied}, {p.kind for p in board.varied}
     for key in ends:
-        if key not in known:
-            kinds = ", ".join(sorted({p.kind for p in study.varied}))
-            text = f"neither a component that varies nor one of {kinds}"
+        if key not in names | kinds:
+            text = f"neither a component that varies nor one of {', '.join(sorted(kinds))}"
             raise InputError("--corner", Complaint(key, "", text))
-    z = [ends.get(p.name, ends.get(p.kind, 0.0)) for p in study.varied]
-    return _corner(study, name, np.array(z))
+    z = [ends.get(p.name, ends.get(p.kind, 0.0)) for p in board.varied]
+    return _corner(board, name, np.array(z))
 
 
-def _corner(study: VariedBoard, name: str, z: Floats) -> Corner:
-    moved = zip(study.varied, z.tolist(), strict=True)
-    deviations = {parameter.name: value for parameter, value in moved if value}
-    return Corner(name, "", evaluate(study, 0, z), (), deviations)
+def _corner(board: VariedBoard, name: str, z: Floats) -> Corner:
+    values = zip(board.varied, z.tolist(), strict=True)
+    deviations = {parameter.name: value for parameter, value in values if value}
+    return Corner(name, "", evaluate(board, 0, z), (), deviations)
 
 
 def _gradient(
-    study: VariedBoard, workers: Workers, progress: Callable[[str], None]
+    board: VariedBoard, workers: Workers, progress: Callable[[str], None]
 ) -> dict[str, Floats]:
-    """Return how much worse each quantity becomes with each component, (components,) each."""
-    count = len(study.varied)
+    """Return the change of each quantity, positive if worse, by component, (components,) each."""
+    count = len(board.varied)
     probes = [(NOMINAL, np.zeros(count)), *enumerate(PROBE * np.eye(count))]
-    samples: dict[int, Sample] = {}
-    for sample in run(study, probes, workers):
+    samples: dict[int, BoardSample] = {}
+    for sample in evaluate_all(board, probes, workers):
         samples[sample.number] = sample
         progress(f"sensitivities: {len(samples)} of {len(probes)} boards")
     return {
         quantity.name: np.array(
             [_worse(quantity, samples[index], samples[NOMINAL]) for index in range(count)]
         )
-        for quantity in quantities(study.scene)
+        for quantity in quantities(board.scene)
     }
 
 
-def _steady_gradients(study: VariedBoard) -> list[Floats]:
-    """Return how the signed errors of channels move, upwards and downwards, the furthest first.
+def _steady_gradients(board: VariedBoard) -> list[Floats]:
+    """Return gradients of the signed channel errors, of both signs, the largest errors first.
 
-    An overshoot that is none at the nominal board has no sensitivity there either; the corners of
-    the channels that go furthest beyond their targets stand in for it.
+    They serve for the overshoot, too: a nominal board without overshoot has no sensitivity of it.
     """
-    count = len(study.varied)
+    count = len(board.varied)
 
     def error(z: Floats) -> Floats:
-        rest = LinearBoard(vary(study.nominal, study.scene.tolerances, z)).equilibrium
-        found = [output.sign * rest[output.node] for output in study.nominal.outputs]
-        return np.array(found) - study.ideal.target
+        rest = LinearBoard(vary(board.nominal, board.scene.tolerances, z)).equilibrium
+        outputs = [output.sign * rest[output.node] for output in board.nominal.outputs]
+        return np.array(outputs) - board.ideal.target
 
     centre = error(np.zeros(count))
-    slopes = np.array([error(PROBE * each) - centre for each in np.eye(count)]).T / PROBE
-    ways = [(sign * centre[n], sign * slopes[n]) for n in range(len(centre)) for sign in (1, -1)]
-    furthest = sorted(ways, key=lambda way: -float(way[0] + np.abs(way[1]).sum()))
-    return [slope for _, slope in furthest[:CHANNELS]]
+    slopes = np.array([error(PROBE * z) - centre for z in np.eye(count)]).T / PROBE
+    signed = [(sign * centre[n], sign * slopes[n]) for n in range(len(centre)) for sign in (1, -1)]
+    largest = sorted(signed, key=lambda pair: -float(pair[0] + np.abs(pair[1]).sum()))
+    return [slope for _, slope in largest[:STEADY_CORNERS]]
 
 
-def _goodness(sample: Sample, quantity: Quantity, own: str) -> tuple[float, bool]:
-    """Return what is least for the worst sample; among equals the quantity's own corner is."""
+def _goodness(sample: BoardSample, quantity: Quantity, corner: str) -> tuple[float, bool]:
+    """Return a sort key that is least for the worst sample, then for the quantity's own corner."""
     value = getattr(sample, quantity.name)
-    lost = math.inf if sample.reason else -math.inf
-    return lost if value is None else -quantity.worse * value, own != quantity.name
+    without = math.inf if sample.reason else -math.inf
+    return without if value is None else -quantity.worse * value, corner != quantity.name
 
 
-def _worse(quantity: Quantity, moved: Sample, centre: Sample) -> float:
-    """Return how much worse a quantity became; losing it (no settling time) is worst of all."""
+def _worse(quantity: Quantity, moved: BoardSample, centre: BoardSample) -> float:
+    """Return the change of a quantity, positive if worse; +1 or -1 if only one has it."""
     after, before = getattr(moved, quantity.name), getattr(centre, quantity.name)
     if after is None or before is None:
         return float(before is not None) - float(after is not None)
     return quantity.worse * float(after - before)
 
 
-def _top(
+def _largest(
     gradient: Floats, varied: tuple[Parameter, ...], deviations: Mapping[str, float]
 ) -> tuple[str, ...]:
     order = np.argsort(-np.abs(gradient), kind="stable")[:NAMED].tolist()

@@ -1,4 +1,4 @@
-"""Samples of a study drawn until there are enough, kept in a file where there is one."""
+"""Draw the samples of a Monte Carlo study until there are enough."""
 
 from __future__ import annotations
 
@@ -11,47 +11,48 @@ from verification.studies.running.executors import Workers
 from verification.studies.sweep.store import Store
 from verification.studies.tolerance.sample_store import SampleStore
 from verification.studies.tolerance.varied_board import VariedBoard
-from verification.studies.tolerance.yield_report import Tally, run_samples
+from verification.studies.tolerance.yield_report import SampleCollection, run_samples
 
 
 def draw_samples(
-    study: VariedBoard,
+    board: VariedBoard,
     seed: int,
-    tally: Tally,
+    collection: SampleCollection,
     workers: AbstractContextManager[Workers],
     output: str | Path | None = None,
     progress: Progress = lambda stage: None,
 ) -> None:
-    """Draw samples into `tally` until it has enough; what was counted stays after an interruption.
+    """Draw samples into `collection` until it has enough; an interruption keeps those it has.
 
     Parameters
     ----------
     workers : context manager
-        Starts its processes with the first sample that is missing.
+        Starts its processes with the first sample that has to be computed.
     output : path, optional
-        A database; samples that it holds are not drawn again.
+        A database; samples that it holds are not computed again.
 
     Raises
     ------
     InputError, NoVerdictError, OutOfDisk
         See `SampleStore` and `verification.studies.tolerance.yield_report.run_samples`.
     """
-    with ExitStack() as opened:
-        kept = None
+    with ExitStack() as stack:
+        store = None
         if output is not None:
-            kept = SampleStore(opened.enter_context(Store(str(output))), study, seed)
-        ready = opened.enter_context(workers)
-        for _ in run_samples(study, range(tally.wanted), seed, ready, tally, kept):
-            progress(f"{len(tally.samples)} of {tally.wanted} samples, {tally.passed} pass")
+            store = SampleStore(stack.enter_context(Store(str(output))), board, seed)
+        ready = stack.enter_context(workers)
+        for _ in run_samples(board, range(collection.limit), seed, ready, collection, store):
+            count = f"{len(collection.samples)} of {collection.limit} samples"
+            progress(f"{count}, {collection.passed} pass")
 
 
 def half_width(until: str | float | None) -> float | None:
-    """Return the half width of an interval that is narrow enough, from ``"1%"`` or 0.01.
+    """Return the requested half width of the confidence interval, from ``"1%"`` or 0.01.
 
     Raises
     ------
     InputError
-        It is not between 0 and 0.5.
+        The half width is not between 0 and 0.5.
     """
     if until is None:
         return None

@@ -1,7 +1,7 @@
-"""Samples in the database of studies, kept as they come: a run that is killed goes on from there.
+"""Samples in the database of studies: a study that was killed continues with the next sample.
 
-A sample is found again only by the same board, checks, seed, taction and ngspice, so samples of
-several studies may stand in one file, beside the points of sweeps, and are never mixed.
+The key of a sample is a digest of board, checks, seed and versions, so samples of several studies
+and the points of sweeps share a file without being mixed.
 """
 
 from __future__ import annotations
@@ -12,47 +12,39 @@ from pydantic import TypeAdapter, ValidationError
 
 from spice_models.errors import Complaint, InputError
 from verification.studies.running.digests import digest
-from verification.studies.sweep.store import Row, Store
-from verification.studies.tolerance.varied_board import Sample, VariedBoard
+from verification.studies.sweep.store import Store, StoredResult
+from verification.studies.tolerance.varied_board import BoardSample, VariedBoard
 
-SAMPLE = TypeAdapter(Sample)
+SAMPLE = TypeAdapter(BoardSample)
 
 
 class SampleStore:
     """The samples of one board and seed in a store."""
 
-    def __init__(self, store: Store, study: VariedBoard, seed: int) -> None:
-        problem = (study.problem.matrix, study.problem.strain)
+    def __init__(self, store: Store, board: VariedBoard, seed: int) -> None:
+        problem = (board.problem.matrix, board.problem.strain)
         self._store = store
-        self._base = digest(study.versions, study.scene, *problem, study.nominal, seed)
+        self._base = digest(board.versions, board.scene, *problem, board.nominal, seed)
 
-    def get(self, number: int) -> Sample | None:
+    def get(self, number: int) -> BoardSample | None:
         """Return a sample, if it is stored.
 
         Raises
         ------
         InputError
-            The database cannot be used, or holds something else in its place.
+            The database cannot be used, or the stored record is no sample.
         """
-        row = self._store.row(self._key(number))
-        if row is None:
-            return None
+        record = self._store.record_of(self._key(number))
         try:
-            return SAMPLE.validate_python(row.record)
+            return None if record is None else SAMPLE.validate_python(record)
         except ValidationError:
             text = f"sample {number} is damaged; start anew with another name"
             raise InputError(self._store.path, Complaint("database", "", text)) from None
 
-    def put(self, sample: Sample) -> None:
-        """Keep a sample at once.
-
-        Raises
-        ------
-        InputError, OutOfDisk
-            As `verification.studies.sweep.store.Store.put`.
-        """
+    def put(self, sample: BoardSample) -> None:
+        """Store a sample; errors as `verification.studies.sweep.store.Store.put`."""
         key = self._key(sample.number)
-        self._store.put(Row(key, sample.outcome, asdict(sample)), key)
+        self._store.put(key, StoredResult(sample.outcome, asdict(sample)), key)
 
     def _key(self, number: int) -> bytes:
         return digest(self._base, number)

@@ -1,7 +1,6 @@
-"""A board whose parts differ from their nominal values, verified as a sample of its kind.
+"""Boards whose components deviate from their nominal values, for Monte Carlo and for corners.
 
-Monte Carlo and corners both judge samples; what they share, the problem, its answer and the
-nominal board, is prepared once.
+All samples share the problem, its ideal answer and the nominal board, which are prepared once.
 """
 
 from __future__ import annotations
@@ -29,52 +28,29 @@ from verification.studies.running.executors import Workers
 from verification.studies.running.versions import Versions, own_versions
 from verification.verify import Verdict, verify
 
-SAMPLE = Effort(second_look=False, details=False, full_margin=False, session=True)
+SAMPLE_EFFORT = Effort(second_look=False, details=False, full_margin=False, session=True)
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
-    """One board that was judged.
+class BoardSample:
+    """The verdict on one board with deviating components; None: the board lacks the quantity."""
 
-    Attributes
-    ----------
-    number : int
-        Its place in the study; with the study's seed it draws the sample again.
-    outcome : str
-        As a verdict's; inconclusive where there is no verdict at all.
-    failed : tuple of str
-        Checks that did not pass.
-    settling_time, rise_time : float or None
-        s; None: there is none, or (rise time) no check asks for it.
-    overshoot, steady_state : float or None
-        Fractions of the step amplitude.
-    growth_rate : float or None
-        Real part of the rightmost pole, 1/s.
-    margin : float or None
-        Factor by which C may shrink, where the scene checks it; not above the reach of the scan.
-    errors : tuple of float
-        Final value minus reference of every channel, fractions of the step amplitude; the largest
-        magnitude is `steady_state`.
-    reason : str
-        Why there is no verdict; empty if there is one.
-    """
-
-    number: int
-    outcome: str
-    failed: tuple[str, ...] = ()
-    settling_time: float | None = None
-    rise_time: float | None = None
-    overshoot: float | None = None
-    steady_state: float | None = None
-    growth_rate: float | None = None
-    margin: float | None = None
-    errors: tuple[float, ...] = ()
-    reason: str = ""
+    number: int  # in the study; number and seed determine the deviations
+    outcome: str  # of the verdict; "inconclusive" without a verdict
+    failed: tuple[str, ...] = ()  # checks that did not pass
+    settling_time: float | None = None  # s
+    rise_time: float | None = None  # s; only where the scene checks it
+    overshoot: float | None = None  # fraction of the step amplitude
+    steady_state: float | None = None  # largest magnitude in `errors`
+    growth_rate: float | None = None  # real part of the rightmost pole, 1/s
+    margin: float | None = None  # factor by which C may shrink, within the range of the scan
+    errors: tuple[float, ...] = ()  # final value minus reference by channel, in step amplitudes
+    reason: str = ""  # why there is no verdict
 
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """What is reported of samples, its unit, and what is worse (1: larger, -1: smaller)."""
+    """A reported quantity, its unit, and the direction that is worse (1: larger, -1: smaller)."""
 
     name: str
     unit: str
@@ -82,56 +58,43 @@ class Quantity:
 
 
 def quantities(scene: Scene) -> tuple[Quantity, ...]:
-    """Return what the samples of `scene` have figures of."""
-    found = [Quantity("settling_time", "s"), Quantity("overshoot", "step")]
-    found += [Quantity("steady_state", "step"), Quantity("growth_rate", "1/s")]
+    """Return the quantities that are reported of the samples of `scene`."""
+    reported = [Quantity("settling_time", "s"), Quantity("overshoot", "step")]
+    reported += [Quantity("steady_state", "step"), Quantity("growth_rate", "1/s")]
     if scene.checks.rise_time is not None:
-        found.append(Quantity("rise_time", "s"))
+        reported.append(Quantity("rise_time", "s"))
     if scene.checks.stability.margin > 1:
-        found.append(Quantity("margin", "ratio", -1.0))
-    return tuple(found)
+        reported.append(Quantity("margin", "ratio", -1.0))
+    return tuple(reported)
 
 
 @dataclass(frozen=True, eq=False)
 class VariedBoard:
-    """A nominal board, what varies of it, and what else all its samples share.
+    """A nominal board, its varied parameters, and the data that all its samples share.
 
-    The workers get it with each sample. It is packed once, and a worker unpacks it once: that takes
-    as long as varying the board.
-
-    Attributes
-    ----------
-    nominal : Circuit
-        Every part at its value.
-    varied : tuple of Parameter
-        What varies, in the order of z.
-    ideal : IdealAnswer
-        Of the problem, which the parts do not change.
-    full_margin : bool
-        Whether margins are followed beyond what the check wants.
-    versions : Versions
-        Of who asks.
+    Every call to a worker sends it. It is pickled once and each worker unpickles it once, because
+    pickling takes as long as varying the board.
     """
 
     scene: Scene
     problem: InverseProblem
     nominal: Circuit
-    varied: tuple[Parameter, ...]
-    ideal: IdealAnswer
-    full_margin: bool
-    versions: Versions
+    varied: tuple[Parameter, ...]  # in the order of the deviations z
+    ideal: IdealAnswer  # independent of the components
+    full_margin: bool  # see `verification.pipeline.effort.Effort`
+    versions: Versions  # of the process that runs the study
 
     @cached_property
     def _packed(self) -> bytes:
         return pickle.dumps(tuple(getattr(self, field.name) for field in fields(self)))
 
     def __reduce__(self) -> tuple[Callable[[bytes], VariedBoard], tuple[bytes]]:
-        return _unpacked, (self._packed,)
+        return _unpickled, (self._packed,)
 
 
 @lru_cache(maxsize=2)
-def _unpacked(packed: bytes) -> VariedBoard:
-    return VariedBoard(*pickle.loads(packed))  # noqa: S301 - came inside a pickle
+def _unpickled(packed: bytes) -> VariedBoard:
+    return VariedBoard(*pickle.loads(packed))  # noqa: S301 - part of a pickle
 
 
 def prepare(scene: Scene, *, full_margin: bool = False) -> VariedBoard:
@@ -142,7 +105,7 @@ def prepare(scene: Scene, *, full_margin: bool = False) -> VariedBoard:
     InputError
         The scene cannot be built, or none of its tolerances is above zero.
     NoVerdictError
-        Its problem has no answer, or there is no ngspice where it asks for one.
+        The problem has no answer, or the scene needs ngspice and no ngspice was found.
     """
     problem = make_problem(scene)
     nominal = synthesise(scene, problem)
@@ -155,34 +118,35 @@ def prepare(scene: Scene, *, full_margin: bool = False) -> VariedBoard:
     return VariedBoard(scene, problem, nominal, varied, ideal, full_margin, versions)
 
 
-def evaluate(study: VariedBoard, number: int, z: Floats) -> Sample:
-    """Judge the board whose parts deviate by `z`; no verdict is a result, not an exception.
+def evaluate(board: VariedBoard, number: int, z: Floats) -> BoardSample:
+    """Verify the board with deviations `z`; a verification that fails gives a sample, too.
 
     Raises
     ------
     OtherVersionsError
-        This is no process that should judge it.
+        This process has other versions of taction or ngspice than `board`.
     """
-    study.versions.check_here()
+    board.versions.check_here()
     try:
         verdict = verify(
-            study.scene,
-            problem=study.problem,
-            circuit=vary(study.nominal, study.scene.tolerances, z),
-            ideal=study.ideal,
-            effort=replace(SAMPLE, full_margin=study.full_margin),
+            board.scene,
+            problem=board.problem,
+            circuit=vary(board.nominal, board.scene.tolerances, z),
+            ideal=board.ideal,
+            effort=replace(SAMPLE_EFFORT, full_margin=board.full_margin),
         )
     except TactionError as error:
-        return Sample(number, "inconclusive", reason=str(error).splitlines()[0])
-    except Exception as error:  # a bug at one sample must not be the end of ten thousand
-        return Sample(number, "inconclusive", reason=f"unforeseen: {type(error).__name__}: {error}")
+        return BoardSample(number, "inconclusive", reason=str(error).splitlines()[0])
+    except Exception as error:  # a defect at one sample must not end a study of ten thousand
+        reason = f"unforeseen: {type(error).__name__}: {error}"
+        return BoardSample(number, "inconclusive", reason=reason)
     return sample_of(verdict, number)
 
 
-def sample_of(verdict: Verdict, number: int) -> Sample:
-    """Return what a verdict says of its sample."""
+def sample_of(verdict: Verdict, number: int) -> BoardSample:
+    """Return the sample with the figures of a verdict."""
     figures, errors = figures_of(verdict, FIGURES), signed_errors(verdict)
-    return Sample(
+    return BoardSample(
         number=number,
         outcome=verdict.outcome.value,
         failed=tuple(c.name for c in verdict.checks if c.outcome.value != "pass"),
@@ -196,24 +160,23 @@ def sample_of(verdict: Verdict, number: int) -> Sample:
     )
 
 
-def run(
-    study: VariedBoard,
+def evaluate_all(
+    board: VariedBoard,
     requests: Iterable[tuple[int, Floats]],
     workers: Workers,
     stopped: Callable[[], bool] = lambda: False,
-) -> Iterator[Sample]:
-    """Yield the samples asked for as they end, in any order, until they are `stopped`.
+) -> Iterator[BoardSample]:
+    """Yield the samples of `requests`, (number, z) each, as they end, until `stopped` is true.
 
-    A sample whose worker died again and again, or that went wrong in a way nobody foresaw, is one
-    without verdict.
+    A sample whose worker was killed several times has no verdict.
 
     Raises
     ------
     InputError, NoVerdictError
         As `verification.studies.running.collecting.collected`.
     """
-    calls = ((number, (study, number, z)) for number, z in requests)
-    for number, found in collected(workers, evaluate, calls, stopped):
-        if isinstance(found, BaseException):
-            found = Sample(number, "inconclusive", reason=f"its worker was killed: {found}")
-        yield found
+    calls = ((number, (board, number, z)) for number, z in requests)
+    for number, sample in collected(workers, evaluate, calls, stopped):
+        if isinstance(sample, BaseException):
+            sample = BoardSample(number, "inconclusive", reason=f"its worker was killed: {sample}")
+        yield sample

@@ -1,8 +1,7 @@
-"""Yield of a board whose components differ: samples, confidence interval, ranked sensitivities.
+"""Yield of a board with component tolerances: samples, confidence interval, sensitivities.
 
-Every sample is a verification of its own, with a random stream of its own: sample 17 of seed 1 is
-the same board on any machine, whatever ran before it. A sample without verdict is no pass, and it
-counts in the denominator.
+Every sample has its own random stream: sample 17 of seed 1 is the same board on any machine and in
+any order. A sample without a verdict counts as a sample that does not pass.
 """
 
 from __future__ import annotations
@@ -20,54 +19,44 @@ from spice_models.array_types import Floats
 from verification.studies.running.executors import Workers
 from verification.studies.tolerance.sample_store import SampleStore
 from verification.studies.tolerance.varied_board import (
+    BoardSample,
     Quantity,
-    Sample,
     VariedBoard,
+    evaluate_all,
     quantities,
-    run,
 )
 
 CONFIDENCE = 0.95
-LEAST_SAMPLES = 30  # before a yield is called narrow enough, and before sensitivities are given
-SIGNIFICANT = 4.0  # standard errors of a correlation that is told: hundreds are looked at
-SHARES = (0.05, 0.5, 0.95)  # quantiles in the report
+MIN_SAMPLES = 30  # for the test of the interval's width, and for sensitivities
+SIGNIFICANT = 4.0  # standard errors of a reported correlation; hundreds are tested at once
+QUANTILES = (0.05, 0.5, 0.95)
 
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """How a quantity is spread over the samples.
+    """Distribution of a quantity over the samples.
 
-    Attributes
-    ----------
-    name, unit : str
-        ``"s"``, ``"step"`` (fraction of the step amplitude), ``"1/s"`` or ``"ratio"``.
-    at_least, at_most : float or None
-        What the scene's check accepts.
-    low, median, high : float
-        Quantiles of 5, 50 and 95 %, each the value of one sample; infinite for a time that the
-        sample does not have, since it never settles or rises. Not a number without samples.
-    missing : int
-        Samples that do not have it.
+    `low`, `median` and `high` are the `QUANTILES`, each the value of one sample: infinite for the
+    time of a sample that never settles or rises, not a number without samples.
     """
 
     name: str
-    unit: str
-    at_least: float | None
+    unit: str  # "s", "step" (fraction of the step amplitude), "1/s" or "ratio"
+    at_least: float | None  # accepted by the scene's check
     at_most: float | None
     low: float
     median: float
     high: float
-    missing: int
+    missing: int  # samples without the quantity
 
 
 @dataclass(frozen=True, slots=True)
 class Sensitivity:
-    """How a quantity moves with a component.
+    """Correlation of a quantity with the deviation of a component over the samples.
 
-    `correlation` is between the component's deviation and the quantity over the samples (the
-    settling time's logarithm; for the steady state the signed error of the channel with the largest
-    root mean square, whose number, from 1, is `channel`). Its square is the share of the variance
-    that the component explains.
+    Times enter by their logarithm; the steady state by the signed error of the channel with the
+    largest root mean square, whose number, from 1, is `channel`. The square of `correlation` is the
+    share of the variance that the component explains.
     """
 
     parameter: str
@@ -80,7 +69,7 @@ class Sensitivity:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class YieldReport:
-    """What the samples say; `reasons` counts why some have no verdict."""
+    """Yield of a Monte Carlo study; `reasons` counts the causes of samples without a verdict."""
 
     samples: int
     passed: int
@@ -101,87 +90,75 @@ class YieldReport:
 
 
 @dataclass(slots=True)
-class Tally:
-    """Counts samples in the order of their numbers, and says when there are enough.
+class SampleCollection:
+    """Samples in the order of their numbers, until there are enough.
 
-    What is counted does not depend on which sample ended first, so neither does the yield.
-
-    Attributes
-    ----------
-    wanted : int
-        Samples at the most.
-    width : float or None
-        Half width of the interval that is narrow enough.
-    samples : list of Sample
-        Numbers 0, 1, 2 ... without a gap.
+    The yield does not depend on the order in which the samples end.
     """
 
-    wanted: int
-    width: float | None = None
-    samples: list[Sample] = field(default_factory=list)
+    limit: int
+    width: float | None = None  # requested half width of the confidence interval
+    samples: list[BoardSample] = field(default_factory=list)  # numbers 0, 1, 2 ... without a gap
     passed: int = 0
     enough: bool = False
-    _early: dict[int, Sample] = field(default_factory=dict)
+    _waiting: dict[int, BoardSample] = field(default_factory=dict)  # a lower number is missing
 
-    def add(self, sample: Sample) -> None:
-        """Take a sample; it counts as soon as all before it are there."""
-        self._early[sample.number] = sample
-        while not self.enough and (following := self._early.pop(len(self.samples), None)):
+    def add(self, sample: BoardSample) -> None:
+        """Take a sample; it is counted as soon as all lower numbers are counted."""
+        self._waiting[sample.number] = sample
+        while not self.enough and (following := self._waiting.pop(len(self.samples), None)):
             self.samples.append(following)
             self.passed += following.outcome == "pass"
-            self.enough = len(self.samples) >= self.wanted or self._narrow()
+            self.enough = len(self.samples) >= self.limit or self._narrow()
 
     def _narrow(self) -> bool:
-        if self.width is None or len(self.samples) < LEAST_SAMPLES:
+        if self.width is None or len(self.samples) < MIN_SAMPLES:
             return False
         low, high = interval(self.passed, len(self.samples))
         return 0.5 * (high - low) <= self.width
 
 
 def run_samples(
-    study: VariedBoard,
+    board: VariedBoard,
     numbers: Iterable[int],
     seed: int,
     workers: Workers,
-    tally: Tally,
-    kept: SampleStore | None = None,
-) -> Iterator[Sample]:
-    """Draw and judge samples and yield them as they end, until `tally`, which is fed, has enough.
+    collection: SampleCollection,
+    store: SampleStore | None = None,
+) -> Iterator[BoardSample]:
+    """Draw samples into `collection` until it has enough; yield the computed ones as they end.
 
-    Parameters
-    ----------
-    kept : SampleStore, optional
-        Feeds the tally with the samples that it has, and takes the others as they end.
+    Samples in `store` are not computed again; computed samples are added to it.
 
     Raises
     ------
     InputError, NoVerdictError, OutOfDisk
-        As `verification.studies.tolerance.varied_board.run` and `SampleStore`.
+        As `verification.studies.tolerance.varied_board.evaluate_all` and `SampleStore`.
     """
 
     def missing() -> Iterator[tuple[int, Floats]]:
         for number in numbers:
-            if tally.enough:
+            if collection.enough:
                 return
-            if kept is not None and (known := kept.get(number)) is not None:
-                tally.add(known)
+            if store is not None and (stored := store.get(number)) is not None:
+                collection.add(stored)
             else:
-                yield number, draw(study.scene.tolerances, len(study.varied), seed, number)
+                yield number, draw(board.scene.tolerances, len(board.varied), seed, number)
 
-    for sample in run(study, missing(), workers, lambda: tally.enough):
-        if kept is not None:
-            kept.put(sample)
-        tally.add(sample)
+    for sample in evaluate_all(board, missing(), workers, lambda: collection.enough):
+        if store is not None:
+            store.put(sample)
+        collection.add(sample)
         yield sample
 
 
-def report(study: VariedBoard, samples: list[Sample], seed: int) -> YieldReport:
-    """Sum up samples: yield with its interval, what failed, spreads, ranked sensitivities."""
+def summarise_samples(board: VariedBoard, samples: list[BoardSample], seed: int) -> YieldReport:
+    """Return the yield with its interval, failed checks, spreads and ranked sensitivities."""
     passed = sum(sample.outcome == "pass" for sample in samples)
     low, high = interval(passed, len(samples))
     failures = Counter(name for sample in samples for name in sample.failed)
     undecided = [sample for sample in samples if sample.outcome == "inconclusive"]
-    told = quantities(study.scene)
+    reported = quantities(board.scene)
     return YieldReport(
         samples=len(samples),
         passed=passed,
@@ -191,8 +168,8 @@ def report(study: VariedBoard, samples: list[Sample], seed: int) -> YieldReport:
         high=high,
         failures=dict(failures.most_common()),
         reasons=dict(Counter(s.reason for s in undecided if s.reason).most_common()),
-        quantities=tuple(_spread(study.scene, quantity, samples) for quantity in told),
-        sensitivities=tuple(_sensitivities(study, told, samples, seed)),
+        quantities=tuple(_spread(board.scene, quantity, samples) for quantity in reported),
+        sensitivities=tuple(_sensitivities(board, reported, samples, seed)),
     )
 
 
@@ -208,7 +185,7 @@ def interval(passed: int, samples: int, confidence: float = CONFIDENCE) -> tuple
     return low, high
 
 
-def _spread(scene: Scene, quantity: Quantity, samples: list[Sample]) -> Spread:
+def _spread(scene: Scene, quantity: Quantity, samples: list[BoardSample]) -> Spread:
     values = [getattr(sample, quantity.name) for sample in samples if not sample.reason]
     missing = sum(value is None for value in values)
     never = math.inf if quantity.unit == "s" else math.nan
@@ -216,13 +193,13 @@ def _spread(scene: Scene, quantity: Quantity, samples: list[Sample]) -> Spread:
     known = known[~np.isnan(known)]
     low = median = high = math.nan
     if len(known):
-        low, median, high = np.quantile(known, SHARES, method="inverted_cdf").tolist()
+        low, median, high = np.quantile(known, QUANTILES, method="inverted_cdf").tolist()
     least, most = _limits(scene, quantity.name)
     return Spread(quantity.name, quantity.unit, least, most, low, median, high, missing)
 
 
 def _limits(scene: Scene, name: str) -> tuple[float | None, float | None]:
-    """Return what the scene's check of a quantity accepts: at least, at most."""
+    """Return the least and the largest value that the scene's check of a quantity accepts."""
     checks = scene.checks
     rise, overshoot = checks.rise_time, checks.overshoot
     table: dict[str, tuple[float | None, float | None]] = {
@@ -237,39 +214,39 @@ def _limits(scene: Scene, name: str) -> tuple[float | None, float | None]:
 
 
 def _sensitivities(
-    study: VariedBoard, told: tuple[Quantity, ...], samples: list[Sample], seed: int
+    board: VariedBoard, reported: tuple[Quantity, ...], samples: list[BoardSample], seed: int
 ) -> list[Sensitivity]:
     """Return the correlations beyond `SIGNIFICANT` standard errors, the strongest first."""
-    tolerances, count = study.scene.tolerances, len(study.varied)
-    found = []
-    for quantity in told:
-        if quantity.name == "margin":  # followed only as far as the check wants it
+    tolerances, count = board.scene.tolerances, len(board.varied)
+    sensitivities = []
+    for quantity in reported:
+        if quantity.name == "margin":  # computed only up to the limit of the check
             continue
         channel = _furthest(samples) if quantity.name == "steady_state" else None
         pairs = [(sample.number, _value(sample, quantity.name, channel)) for sample in samples]
         usable = [(n, v) for n, v in pairs if v is not None and math.isfinite(v)]
-        if len(usable) < LEAST_SAMPLES:
+        if len(usable) < MIN_SAMPLES:
             continue
         values = np.array([value for _, value in usable])
         if quantity.unit == "s":
             values = np.log(np.maximum(values, 1e-300))
         z = np.array([draw(tolerances, count, seed, number) for number, _ in usable])
         error = 1.0 / math.sqrt(len(usable))
-        found += [
+        sensitivities += [
             Sensitivity(parameter.name, parameter.kind, quantity.name, float(r), error, channel)
-            for parameter, r in zip(study.varied, _correlation(z, values), strict=True)
+            for parameter, r in zip(board.varied, _correlation(z, values), strict=True)
             if abs(r) > SIGNIFICANT * error
         ]
-    return sorted(found, key=lambda each: -abs(each.correlation))
+    return sorted(sensitivities, key=lambda sensitivity: -abs(sensitivity.correlation))
 
 
-def _furthest(samples: list[Sample]) -> int | None:
+def _furthest(samples: list[BoardSample]) -> int | None:
     """Return the channel whose error has the largest mean square, from 1."""
     errors = np.array([sample.errors for sample in samples if sample.errors])
     return 1 + int(np.argmax((errors**2).mean(axis=0))) if len(errors) else None
 
 
-def _value(sample: Sample, name: str, channel: int | None) -> float | None:
+def _value(sample: BoardSample, name: str, channel: int | None) -> float | None:
     if channel is not None:
         return sample.errors[channel - 1] if sample.errors else None
     value: float | None = getattr(sample, name)

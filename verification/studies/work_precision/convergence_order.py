@@ -1,4 +1,4 @@
-"""The order of convergence that a ladder of runs shows, from its asymptotic part alone."""
+"""Fit the order of convergence to the asymptotic part of a ladder of runs."""
 
 from __future__ import annotations
 
@@ -10,33 +10,21 @@ import numpy as np
 
 from spice_models.array_types import Floats
 
-LARGEST = 0.1  # error above which a method does not follow the solution yet
-ABOVE_FLOOR = 10.0  # times the reference's own error: below, the reference is measured
+MAX_ERROR = 0.1  # a larger error is not asymptotic
+ABOVE_FLOOR = 10.0  # least error of a run, in errors of the reference
 SCATTER = 0.12  # rms deviation of ln(error) from a straight line, over its slope
-FEWEST = 3
+MIN_RUNS = 3
 
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """A fitted order of convergence, ``error = constant * step^value``.
-
-    Attributes
-    ----------
-    value, sigma : float or None
-        Slope and its standard uncertainty; None where the ladder shows no order.
-    constant : float or None
-        Error at a step of 1 s.
-    points : tuple of int
-        Places in the ladder that the fit used.
-    reason : str
-        Which points were left out and why, or why there is no order.
-    """
+    """A fitted order of convergence, ``error = constant * step^value``; None without an order."""
 
     value: float | None
-    sigma: float | None
-    constant: float | None
-    points: tuple[int, ...]
-    reason: str
+    sigma: float | None  # standard uncertainty of `value`
+    constant: float | None  # error at a step of 1 s
+    points: tuple[int, ...]  # places in the ladder that the fit used
+    reason: str  # why points were left out, or why there is no order
 
 
 def fit_order(
@@ -47,47 +35,47 @@ def fit_order(
 ) -> Order:
     """Fit a straight line to ``ln error`` over ``ln step`` where the ladder is asymptotic.
 
-    Points with an error above `LARGEST`, or below ten times `floor`, are left out; of what remains
-    the longest run of neighbours is taken that a straight line fits (`SCATTER`), the finer one of
-    two of the same length.
+    Points with an error above `MAX_ERROR` or below `ABOVE_FLOOR` times `floor` are left out. Of the
+    others the fit uses the longest sequence of neighbours near a straight line (`SCATTER`), the
+    finer one of two sequences of the same length.
 
     Parameters
     ----------
     steps : sequence of float or None
         Mean step of each run, s; coarse to fine. None where there is no run.
     errors : sequence of float or None
-        Error of each run; None where there is none.
+        Error of each run; None where it is unknown.
     floor : float
-        Error of the reference itself.
+        Error of the reference.
     names : sequence of str
-        What to call each run in `Order.reason`.
+        Names of the runs in `Order.reason`.
     """
-    usable, left = [], []
+    usable, omissions = [], []
     for place, (step, error) in enumerate(zip(steps, errors, strict=True)):
         if step is None or error is None or not (step > 0.0 and math.isfinite(error)):
-            left.append(f"{names[place]} has no error")
-        elif error > LARGEST:
-            left.append(f"{names[place]} is not asymptotic")
+            omissions.append(f"{names[place]} has no error")
+        elif error > MAX_ERROR:
+            omissions.append(f"{names[place]} is not asymptotic")
         elif error < ABOVE_FLOOR * floor:
-            left.append(f"{names[place]} is at the reference's own error")
+            omissions.append(f"{names[place]} is at the reference's own error")
         else:
             usable.append(place)
     x = np.log([float(steps[k] or 1.0) for k in usable])
     y = np.log([float(errors[k] or 1.0) for k in usable])
-    for count in range(len(usable), FEWEST - 1, -1):
+    for count in range(len(usable), MIN_RUNS - 1, -1):
         for first in range(len(usable) - count, -1, -1):
             part = slice(first, first + count)
             line = _line(x[part], y[part])
             if line is not None:
                 used = usable[part]
-                left += [f"{names[k]} is off the line" for k in usable if k not in used]
-                return Order(*line, tuple(used), "; ".join(left))
-    why = f"fewer than {FEWEST} runs on a straight line"
-    return Order(None, None, None, (), "; ".join([why, *left]))
+                omissions += [f"{names[k]} is off the line" for k in usable if k not in used]
+                return Order(*line, tuple(used), "; ".join(omissions))
+    reason = f"fewer than {MIN_RUNS} runs on a straight line"
+    return Order(None, None, None, (), "; ".join([reason, *omissions]))
 
 
 def _line(x: Floats, y: Floats) -> tuple[float, float, float] | None:
-    """Slope, its uncertainty and the constant; None if the points are not on a line."""
+    """Return slope, uncertainty and constant; None if the points are not on a line."""
     spread = x - x.mean()
     width = float(spread @ spread)
     if width <= 0.0:

@@ -1,4 +1,4 @@
-"""What stretch of a transient a work-precision study can afford."""
+"""Choose the part of the transient that a work-precision study can run in its budget."""
 
 from __future__ import annotations
 
@@ -20,39 +20,27 @@ from verification.pipeline.transient_plan import (
 )
 from verification.reference import IdealNetwork
 from verification.small_signal.time_scales import TimeScales, time_scales
-from verification.studies.work_precision.method_runs import BASE_POINTS, Task, trapezoidal
+from verification.studies.work_precision.method_runs import BASE_POINTS, Task, ngspice
 from verification.studies.work_precision.methods import Method
 
-REPEATED = 2.0  # runs of each setting that the stretch leaves time for
+RUNS = 2.0  # of each setting that fit in the budget
 NGSPICE_SHARE = 0.6  # of the time for the ladders
-MOST_PERIODS = 100.0  # of ringing: more say nothing new of a method
-UNTIMED_PERIODS = 30.0  # where there is no ngspice to take the time of
+MAX_PERIODS = 100.0  # of ringing; more periods show nothing new of a method
+UNTIMED_PERIODS = 30.0  # without ngspice, whose time per point sets the number
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Extent:
-    """The stretch that is studied.
+    """The part of the transient that is studied."""
 
-    Attributes
-    ----------
-    transient : Transient
-        With `BASE_POINTS` points on a period of the fastest ringing.
-    whole : float
-        Stop time that `verify` would choose, s.
-    period : float
-        Of the fastest ringing (or ``2 pi / |p|`` of the fastest mode), s.
-    pole : complex or None
-        Slowest decaying, or fastest growing, oscillating mode that shows, 1/s.
-    """
-
-    transient: Transient
-    whole: float
-    period: float
-    pole: complex | None
+    transient: Transient  # with `BASE_POINTS` points on a period of the fastest ringing
+    whole: float  # stop time of `verify`, s
+    period: float  # of the fastest ringing, or 2 pi / |p| of the fastest mode, s
+    pole: complex | None  # rightmost oscillating mode that the step excites, 1/s
 
     @property
     def text(self) -> str:
-        """The stretch in words."""
+        """The studied part in words."""
         stop, periods = self.transient.stop, self.transient.stop / self.period
         if stop >= self.whole:
             return f"the whole transient, {stop:.4g} s, {periods:.3g} periods"
@@ -69,40 +57,40 @@ def study_extent(
     methods: Iterable[Method],
     seconds: float,
 ) -> Extent:
-    """Choose the stretch that all ladders of `methods` can run in about `seconds`.
+    """Choose the part that all ladders of `methods` can run in about `seconds`.
 
-    A short ngspice run tells what a point costs.
+    A short ngspice run measures the time per point.
 
     Raises
     ------
     InputError, NoVerdictError
-        The board has no time scales, or ngspice does not run it.
+        The board has no time scales, or ngspice fails.
     """
     scales = time_scales(circuit, initial=scene.analysis.initial)
     period = BASE_POINTS * scales.max_step_for(BASE_POINTS)
     whole = _whole(scene, scales, period)
     if not math.isfinite(whole):
-        raise EngineError("no mode of this board shows at its outputs: there is nothing to study")
+        raise EngineError("the step excites no mode of this board at its outputs: nothing to study")
     points = sum(sum(method.ladder) for method in methods if method.engine == "ngspice")
     periods = UNTIMED_PERIODS
     if points:
         probe = _transient(scene, scales, min(whole, FEWEST_PERIODS * period))
-        cost = trapezoidal(Task(circuit, probe, network, np.zeros(0)), BASE_POINTS, seconds)
-        per_point = cost.seconds / max(cost.steps, 1)
-        periods = NGSPICE_SHARE * seconds / (REPEATED * points * per_point)
-    periods = min(max(periods, FEWEST_PERIODS), MOST_PERIODS)
+        task = Task(circuit, probe, network, np.zeros(0))
+        run = ngspice(task, BASE_POINTS, seconds, "trapezoidal")
+        periods = NGSPICE_SHARE * seconds / (RUNS * points * run.seconds / max(run.steps, 1))
+    periods = min(max(periods, FEWEST_PERIODS), MAX_PERIODS)
     stop = whole if whole < 1.1 * periods * period else float(f"{periods * period:.3g}")
     return Extent(_transient(scene, scales, stop), whole, period, _pole(scales))
 
 
 def _transient(scene: Scene, scales: TimeScales, stop: float) -> Transient:
-    choice = {"stop": stop, "points_per_period": BASE_POINTS, "error": None}
-    analysis = scene.analysis.model_copy(update=choice)
+    changes = {"stop": stop, "points_per_period": BASE_POINTS, "error": None}
+    analysis = scene.analysis.model_copy(update=changes)
     return plan_transient(scene.model_copy(update={"analysis": analysis}), scales)
 
 
 def _whole(scene: Scene, scales: TimeScales, period: float) -> float:
-    """Stop time that `verify` would choose, s, also where that is too long for it."""
+    """Return the stop time of `verify`, s, without its upper limit."""
     if scene.analysis.stop != "auto":
         return scene.analysis.stop
     rest = REMAINDER * scene.checks.steady_state.tolerance
@@ -112,6 +100,6 @@ def _whole(scene: Scene, scales: TimeScales, period: float) -> float:
 
 
 def _pole(scales: TimeScales) -> complex | None:
-    """Rightmost of the oscillating modes that the step shows."""
+    """Return the rightmost of the oscillating modes that the step excites."""
     poles = [complex(-1.0 / r.decay, 2.0 * math.pi * r.frequency) for r in scales.ringing]
     return max(poles, key=lambda pole: pole.real, default=None)

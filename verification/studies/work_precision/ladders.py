@@ -1,7 +1,7 @@
-"""Runs the ladders of a work-precision study within a time budget.
+"""Run the ladders of a work-precision study within a time budget.
 
-Coarse settings of every method come first, then finer ones; what is left of the budget goes into
-repeats, cheapest first. A run that uses up its time is a point of its own, not a gap.
+The coarse settings of all methods run first, then the finer settings. The rest of the budget is for
+repeated runs, the fastest first. A run that exceeds its time limit is a result, too.
 """
 
 from __future__ import annotations
@@ -9,43 +9,28 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import zip_longest
 
 from verification.studies.running.worker import FAILURES, Worker
 from verification.studies.work_precision.method_runs import MethodRun, Task
 from verification.studies.work_precision.methods import Method
 
 REPEATS = 3
-SHARE = 0.5  # of the time left that one run may use
-LEAST = 0.05  # s; with less left nothing is started
-HEADROOM = 1.5  # a repeat may take that much longer than the run before
+SHARE = 0.5  # of the remaining time that one run may take
+MIN_LIMIT = 0.05  # s; no run starts with a shorter time limit
+HEADROOM = 1.5  # expected time of a repeated run over that of the first run
 
 
 @dataclass(slots=True, eq=False)
 class SettingRuns:
-    """What became of one setting of one method.
-
-    Attributes
-    ----------
-    method : Method
-        Of `METHODS`.
-    setting : float
-        Of its ladder.
-    run : MethodRun or None
-        The first run; None if it did not end well.
-    seconds : list of float
-        Wall time of every run; of one that timed out, the time it was given.
-    status : str
-        ``"done"``, ``"timeout"`` or ``"failed"``.
-    note : str
-        What went wrong.
-    """
+    """The runs of one setting of one method."""
 
     method: Method
     setting: float
-    run: MethodRun | None = None
-    seconds: list[float] = field(default_factory=list)
-    status: str = "done"
-    note: str = ""
+    run: MethodRun | None = None  # the first run, if it succeeded
+    seconds: list[float] = field(default_factory=list)  # wall times; the limit after a time-out
+    status: str = "done"  # or "timeout" or "failed"
+    note: str = ""  # message of the error
 
     @property
     def name(self) -> str:
@@ -60,14 +45,14 @@ def run_ladders(
     worker: Worker,
     progress: Callable[[str], None],
 ) -> tuple[list[SettingRuns], list[str]]:
-    """Run every setting of `methods` as far as `seconds` reach.
+    """Run every setting of `methods` for which there is time in `seconds`.
 
     Returns
     -------
     entries : list of SettingRuns
         In the order of `methods` and of their ladders.
     omissions : list of str
-        What was not run, and why.
+        Settings that were not run, and why.
     """
     end = clock.perf_counter() + seconds
     entries: dict[tuple[str, float], SettingRuns] = {}
@@ -75,13 +60,13 @@ def run_ladders(
     for method, setting in _schedule(methods):
         if method.name in stopped:
             continue
-        left = end - clock.perf_counter()
-        if SHARE * left < LEAST:
+        limit = SHARE * (end - clock.perf_counter())
+        if limit < MIN_LIMIT:
             stopped[method.name] = "the budget was used up"
             continue
         entry = SettingRuns(method, setting)
         progress(f"{method.name}, {entry.name}")
-        _attempt(task, entry, SHARE * left, worker)
+        _run_once(task, entry, limit, worker)
         entries[method.name, setting] = entry
         if entry.status == "timeout":
             stopped[method.name] = "the setting before timed out"
@@ -96,27 +81,25 @@ def run_ladders(
 
 
 def _schedule(methods: Sequence[Method]) -> Iterator[tuple[Method, float]]:
-    """Yield what to run: the ideal network, which is cheap, then the board; coarse to fine."""
+    """Yield method and setting, coarse to fine: first the cheap ideal network, then the board."""
     for problem in ("ideal", "board"):
-        mine = [method for method in methods if method.problem == problem]
-        for rung in range(max((len(method.ladder) for method in mine), default=0)):
-            for method in mine:
-                if rung < len(method.ladder):
-                    yield method, method.ladder[rung]
+        ladders = [[(m, setting) for setting in m.ladder] for m in methods if m.problem == problem]
+        for level in zip_longest(*ladders):
+            yield from (pair for pair in level if pair is not None)
 
 
-def _attempt(task: Task, entry: SettingRuns, allowed: float, worker: Worker) -> None:
-    """Run a setting once and note what came of it."""
+def _run_once(task: Task, entry: SettingRuns, limit: float, worker: Worker) -> None:
+    """Run a setting once and store the run or its error in `entry`."""
     method = entry.method
     try:
-        if method.engine == "ngspice":  # a process of its own
-            run = method.run(task, entry.setting, allowed)
+        if method.engine == "ngspice":  # starts its own process
+            run = method.run(task, entry.setting, limit)
         else:
-            run = worker.call(allowed, method.run, task, entry.setting)
+            run = worker.call(limit, method.run, task, entry.setting)
     except TimeoutError as error:
         if entry.run is None:
             entry.status, entry.note = "timeout", str(error)
-            entry.seconds.append(allowed)
+            entry.seconds.append(limit)
         return
     except FAILURES as error:
         entry.status, entry.note = "failed", f"{type(error).__name__}: {error}".splitlines()[0]
@@ -132,12 +115,13 @@ def _repeat(
     worker: Worker,
     progress: Callable[[str], None],
 ) -> None:
+    done = sorted((entry for entry in entries if entry.run), key=lambda entry: entry.seconds[0])
     for repeat in range(2, REPEATS + 1):
-        for entry in sorted((t for t in entries if t.run), key=lambda t: t.seconds[0]):
+        for entry in done:
             left = end - clock.perf_counter()
             if HEADROOM * entry.seconds[0] < left:
                 progress(f"{entry.method.name}, {entry.name}, run {repeat} of {REPEATS}")
-                _attempt(task, entry, left, worker)
+                _run_once(task, entry, left, worker)
 
 
 def _not_run(
@@ -147,9 +131,8 @@ def _not_run(
 ) -> list[str]:
     omissions = []
     for method in methods:
-        left = [s for s in method.ladder if (method.name, s) not in entries]
-        if left:
-            settings = ", ".join(f"{setting:g}" for setting in left)
-            what = f"{method.name}, {method.setting} {settings}" if method.setting else method.name
-            omissions.append(f"{what}: not run, {stopped[method.name]}")
+        missing = [f"{s:g}" for s in method.ladder if (method.name, s) not in entries]
+        if missing:
+            settings = f", {method.setting} {', '.join(missing)}" if method.setting else ""
+            omissions.append(f"{method.name}{settings}: not run, {stopped[method.name]}")
     return omissions

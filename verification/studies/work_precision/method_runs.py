@@ -1,25 +1,24 @@
-"""How each method of a work-precision study is run, and how its cost is taken."""
+"""Functions that run the methods of a work-precision study and measure their cost."""
 
 from __future__ import annotations
 
 import re
-import shutil
 import tempfile
 import time as clock
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from netlist_gen.analysis import Transient
 from netlist_gen.board.circuit import Circuit
-from netlist_gen.deck.deck import Deck, write_deck
+from netlist_gen.deck.deck import write_deck
 from spice_models.array_types import Floats
 from spice_models.errors import EngineError, TimedOut
 from verification.engines.ngspice import process
-from verification.engines.ngspice.executable import Simulator, find_simulator
+from verification.engines.ngspice.executable import find_simulator
 from verification.engines.ngspice.process import PHYSICAL_BOUND
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.transients import amplified, structured_radau
@@ -31,10 +30,11 @@ from verification.reference.dynamics import ScaledNetwork
 from verification.waveforms import Cost, Waveforms
 
 BASE_POINTS = 125.0  # points per period of `Task.transient`
-MAX_INSTANTS = 4000  # of a record that are compared with the reference,
-MAX_VALUES = 60_000  # or fewer where there are many channels,
-MIN_INSTANTS = 500  # but no fewer
+MAX_INSTANTS = 4000  # of a record for the comparison with the reference,
+MAX_VALUES = 60_000  # instants times channels,
+MIN_INSTANTS = 500  # also with many channels
 IDEAL_STOP = 10.0  # times R C: the slowest mode has decayed to 5e-5
+Integrator = Literal["Radau", "BDF", "LSODA", "DOP853"]
 _COUNT = {
     "steps": re.compile(r"^Accepted timepoints = (\d+)", re.MULTILINE),
     "factorisations": re.compile(r"^Total iterations = (\d+)", re.MULTILINE),
@@ -43,199 +43,161 @@ _COUNT = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Task:
-    """What every method is given.
-
-    Attributes
-    ----------
-    circuit : Circuit
-        The board.
-    transient : Transient
-        Of the study's stop time, with `BASE_POINTS` on the period of the fastest ringing.
-    network : IdealNetwork
-        The same scene with ideal op-amps.
-    v0 : ndarray (N,)
-        Signal-node voltages of the ideal network at t = 0, V.
-    """
+    """The input of every method."""
 
     circuit: Circuit
-    transient: Transient
-    network: IdealNetwork
-    v0: Floats
+    transient: Transient  # with `BASE_POINTS` points on the period of the fastest ringing
+    network: IdealNetwork  # the same scene with ideal op-amps
+    v0: Floats  # signal-node voltages of the ideal network at t = 0, (N,), V
 
     @property
     def ideal_stop(self) -> float:
-        """How long the ideal network is followed, s."""
+        """Stop time of the ideal network, s."""
         return IDEAL_STOP * self.network.R * self.network.C
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MethodRun:
-    """One run of one method.
+    """One run of one method."""
 
-    Attributes
-    ----------
-    time, u : ndarray (P,) and (P, N)
-        Evenly chosen points of the record (`stride`), s and V.
-    seconds : float
-        Wall time; of ngspice its process, of the others the computation with its output.
-    steps : int
-        Accepted; 0 of a method that has none.
-    factorisations : int or None
-        Of matrices (ngspice: one an iteration of Newton's); None where it is not known.
-    """
-
-    time: Floats
-    u: Floats
-    seconds: float
-    steps: int
-    factorisations: int | None
+    time: Floats  # the instants of `stride`, (P,), s
+    u: Floats  # (P, N), V
+    seconds: float  # wall time of the ngspice process, or of the computation with its output
+    steps: int  # accepted steps; 0 for a method without steps
+    factorisations: int | None  # (ngspice: one per Newton iteration); None: unknown
 
 
 def load_integrators() -> None:
-    """Import what takes long to import, so that no measurement holds it."""
+    """Import SciPy's integrators before the first measurement."""
     import scipy.integrate  # noqa: F401
 
 
 def any_board(circuit: Circuit) -> str:
-    """Return why a board is not for a method, here never: an empty string."""
+    """Accept every board: return an empty string."""
     return ""
 
 
 def linear_board(circuit: Circuit) -> str:
-    """Return why a method for linear boards does not take this one, or nothing."""
+    """Return why a method for linear boards refuses this board, or an empty string."""
     return "the board's amplifiers are not linear" if circuit.amplifiers else ""
 
 
 def small_board(circuit: Circuit) -> str:
-    """Return why a method with dense matrices of all states does not take this one, or nothing."""
+    """Return why a method with dense matrices refuses this board, or an empty string."""
     large = LinearBoard(circuit).descriptor.is_large
     return "too many unknowns for dense matrices" if large else ""
 
 
 def small_linear_board(circuit: Circuit) -> str:
-    """Return why a dense method for linear boards does not take this one, or nothing."""
+    """Return why a dense method for linear boards refuses this board, or an empty string."""
     return linear_board(circuit) or small_board(circuit)
 
 
-def trapezoidal(task: Task, points: float, timeout: float = np.inf) -> MethodRun:
-    """Run ngspice's trapezoidal rule with `points` points on a ringing period."""
-    return _ngspice(task, points, timeout, "trapezoidal")
-
-
-def gear(task: Task, points: float, timeout: float = np.inf) -> MethodRun:
-    """Run ngspice's Gear method with `points` points on a ringing period."""
-    return _ngspice(task, points, timeout, "gear")
-
-
-def exact(task: Task, _: float) -> MethodRun:
-    """Run the exact engine, recording `BASE_POINTS` on a ringing period."""
-    began = clock.perf_counter()
-    transient = task.transient
-    found = exact_solution(task.circuit, initial=transient.initial, stop=transient.stop)
-    time = amplified.record_times(transient, transient.stop)
-    values = found.uniform(float(time[1]), len(time))
-    cost = Cost(clock.perf_counter() - began, 0, 1)
-    return _thin(task, Waveforms(time, found.nodes, values, ENGINE, cost))
-
-
-def structured(task: Task, tolerance: float) -> MethodRun:
-    """Run the engine for large linear boards, which never forms a dense matrix of all states."""
-    return _thin(task, structured_radau.simulate(task.circuit, task.transient, tolerance=tolerance))
-
-
-def implicit(task: Task, tolerance: float) -> MethodRun:
-    """Run the adaptive implicit engine, also on a linear board."""
-    found = amplified.simulate(task.circuit, task.transient, tolerance=tolerance)
-    return _thin(task, found)
-
-
-def radau(task: Task, tolerance: float) -> MethodRun:
-    """Run SciPy's Radau IIA of order 5 on the ideal network."""
-    return _scipy(task, tolerance, "Radau")
-
-
-def bdf(task: Task, tolerance: float) -> MethodRun:
-    """Run SciPy's backward differentiation formulas on the ideal network."""
-    return _scipy(task, tolerance, "BDF")
-
-
-def lsoda(task: Task, tolerance: float) -> MethodRun:
-    """Run ODEPACK's LSODA (Adams, or backward differentiation where stiff) on the ideal network."""
-    return _scipy(task, tolerance, "LSODA")
-
-
-def _ngspice(
+def ngspice(
     task: Task, points: float, timeout: float, method: Literal["trapezoidal", "gear"]
 ) -> MethodRun:
-    """Raise TimeoutError where `timeout` s do not suffice."""
+    """Run ngspice with `points` points on a ringing period; TimeoutError after `timeout` s."""
     simulator = find_simulator()
     transient = replace(coarser(task.transient, BASE_POINTS / points), method=method)
     deck = write_deck(task.circuit, transient, solver=simulator.solver_option)
-    # acct: ngspice tells its steps and iterations at the end
+    # The option acct makes ngspice print its steps and iterations.
     deck = replace(deck, text=deck.text.replace("\n.options ", "\n.options acct ", 1))
-    place = Path(tempfile.mkdtemp(prefix="taction-"))
-    bound = PHYSICAL_BOUND * task.circuit.scalings.unit_voltage
-    try:
-        return _told(task, deck, simulator, place, timeout=timeout, bound=bound)
-    except TimedOut as error:
-        raise TimeoutError(str(error).splitlines()[0]) from None
-    finally:
-        shutil.rmtree(place)
-
-
-def _told(
-    task: Task,
-    deck: Deck,
-    simulator: Simulator,
-    place: Path,
-    *,
-    timeout: float,
-    bound: float,
-) -> MethodRun:
-    found = process.simulate(
-        deck, simulator, timeout=min(timeout, 1e9), folder=place, keep=True, bound=bound
-    )
-    text = (place / "stdout.txt").read_text(encoding="utf-8", errors="replace")
-    told = {name: pattern.search(text) for name, pattern in _COUNT.items()}
-    steps, factorisations = told["steps"], told["factorisations"]
+    limits = {
+        "timeout": min(timeout, 1e9),
+        "bound": PHYSICAL_BOUND * task.circuit.scalings.unit_voltage,
+    }
+    with tempfile.TemporaryDirectory(prefix="taction-") as folder:
+        try:
+            waveforms = process.simulate(deck, simulator, folder=Path(folder), keep=True, **limits)
+        except TimedOut as error:
+            raise TimeoutError(str(error).splitlines()[0]) from None
+        log = (Path(folder) / "stdout.txt").read_text(encoding="utf-8", errors="replace")
+    counts = {name: pattern.search(log) for name, pattern in _COUNT.items()}
+    steps, factorisations = counts["steps"], counts["factorisations"]
     return replace(
-        _thin(task, found),
-        steps=int(steps[1]) if steps else found.cost.points,
+        _thinned(task, waveforms),
+        steps=int(steps[1]) if steps else waveforms.cost.points,
         factorisations=int(factorisations[1]) if factorisations else None,
     )
 
 
-def _scipy(task: Task, tolerance: float, method: Literal["Radau", "BDF", "LSODA"]) -> MethodRun:
-    """Integrate the ideal network; its record is at the ends of the integrator's own steps."""
+def exact(task: Task, _: float) -> MethodRun:
+    """Run the exact engine with `BASE_POINTS` recorded points on a ringing period."""
+    started = clock.perf_counter()
+    transient = task.transient
+    solution = exact_solution(task.circuit, initial=transient.initial, stop=transient.stop)
+    time = amplified.record_times(transient, transient.stop)
+    values = solution.uniform(float(time[1]), len(time))
+    cost = Cost(clock.perf_counter() - started, 0, 1)
+    return _thinned(task, Waveforms(time, solution.nodes, values, ENGINE, cost))
+
+
+def structured(task: Task, tolerance: float) -> MethodRun:
+    """Run the engine for large linear boards, which never forms a dense matrix of all states."""
+    waveforms = structured_radau.simulate(task.circuit, task.transient, tolerance=tolerance)
+    return _thinned(task, waveforms)
+
+
+def implicit(task: Task, tolerance: float) -> MethodRun:
+    """Run the adaptive implicit engine, also on a linear board."""
+    return _thinned(task, amplified.simulate(task.circuit, task.transient, tolerance=tolerance))
+
+
+def scipy_run(task: Task, tolerance: float, method: Integrator) -> MethodRun:
+    """Run an integrator of SciPy on the ideal network and record the ends of its steps."""
+    started = clock.perf_counter()
+    time, u, factorisations = integrate_ideal(task, tolerance, method)
+    seconds = clock.perf_counter() - started
+    chosen = stride(*u.shape)
+    return MethodRun(time[chosen], u[chosen], seconds, len(time) - 1, factorisations)
+
+
+def integrate_ideal(
+    task: Task, tolerance: float, method: Integrator, times: Floats | None = None
+) -> tuple[Floats, Floats, int]:
+    """Integrate the ideal network with SciPy.
+
+    Returns
+    -------
+    time, u : ndarray (P,) and (P, N)
+        `times`, or if they are None the ends of the integrator's steps, s; outputs there, V.
+    factorisations : int
+        Of matrices.
+
+    Raises
+    ------
+    EngineError
+        The integration failed.
+    """
     from scipy.integrate import solve_ivp
 
     network, scaled = task.network, ScaledNetwork(task.network)
-    unit = network.R * network.C
-    began = clock.perf_counter()
+    unit, stop = network.R * network.C, task.ideal_stop
+    options: dict[str, Any] = {"jac": scaled.jacobian}
+    if times is not None:
+        stop, options = float(times[-1]), {"t_eval": times / unit}
     with np.errstate(all="ignore"):
-        found = solve_ivp(
-            scaled.slope, (0.0, task.ideal_stop / unit), task.v0 / network.unit, method,
-            jac=scaled.jacobian, rtol=tolerance, atol=tolerance,
+        solution = solve_ivp(
+            scaled.slope, (0.0, stop / unit), task.v0 / network.unit, method,
+            rtol=tolerance, atol=tolerance, **options,
         )  # fmt: skip
-        u = network.U0 * scaled.g.g(found.y).T
-    seconds = clock.perf_counter() - began
-    # LSODA has been seen to report success with values that are not numbers.
-    if not found.success or not np.all(np.isfinite(u)):
-        message = f"{method} gave up: {found.message}"
+        u = network.U0 * scaled.g.g(solution.y).T
+    complete = solution.success and len(u) == (len(solution.t) if times is None else len(times))
+    # LSODA can report success with values that are not numbers.
+    if not complete or not np.all(np.isfinite(solution.y)) or not np.all(np.isfinite(u)):
+        message = f"{method} gave up: {solution.message}"
         raise EngineError(message)
-    shown = stride(*u.shape)
-    return MethodRun(found.t[shown] * unit, u[shown], seconds, len(found.t) - 1, int(found.nlu))
+    return solution.t * unit, u, int(solution.nlu)
 
 
 def stride(count: int, channels: int) -> NDArray[np.intp]:
-    """Return the places of a record's points that are compared: evenly, and the last one."""
-    most = min(max(MAX_VALUES // channels, MIN_INSTANTS), MAX_INSTANTS)
-    every = max(-(-count // most), 1)
-    return np.unique(np.append(np.arange(0, count, every), count - 1))
+    """Return the indices of the compared points of a record: equally spaced, and the last one."""
+    limit = min(max(MAX_VALUES // channels, MIN_INSTANTS), MAX_INSTANTS)
+    step = max(-(-count // limit), 1)
+    return np.unique(np.append(np.arange(0, count, step), count - 1))
 
 
-def _thin(task: Task, found: Waveforms) -> MethodRun:
-    shown = stride(len(found.time), len(task.circuit.outputs))
-    u = outputs(task.circuit, found)[shown]
-    cost = found.cost
-    return MethodRun(found.time[shown], u, cost.seconds, cost.points, cost.factorisations)
+def _thinned(task: Task, waveforms: Waveforms) -> MethodRun:
+    chosen = stride(len(waveforms.time), len(task.circuit.outputs))
+    u, cost = outputs(task.circuit, waveforms)[chosen], waveforms.cost
+    return MethodRun(waveforms.time[chosen], u, cost.seconds, cost.points, cost.factorisations)

@@ -1,26 +1,30 @@
-"""References of a work-precision study: each by another solver than the method that it judges.
+"""References of a work-precision study, each by another solver than the method that it measures.
 
-The exact solution where there is one, an integrator at a far tighter tolerance elsewhere. Of every
-problem there are two, so their difference says how far they can be believed.
+The exact solution where there is one, else an integrator at a far tighter tolerance. Every problem
+has two references, and their difference estimates their error.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from functools import partial
 
 import numpy as np
 
+from netlist_gen.board.circuit import Circuit
 from spice_models.array_types import Floats
 from spice_models.errors import EngineError
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.transients import amplified, structured_radau
 from verification.engines.statespace.transients.exact import exact_solution
 from verification.pipeline.simulation import outputs
-from verification.reference.dynamics import ScaledNetwork, ideal_linear
+from verification.reference.dynamics import ideal_linear
 from verification.studies.work_precision.method_runs import (
+    Integrator,
     Task,
     any_board,
+    integrate_ideal,
     linear_board,
     small_board,
     small_linear_board,
@@ -28,116 +32,99 @@ from verification.studies.work_precision.method_runs import (
 
 TIGHT = 1e-12
 TIGHTEST = 1e-13
-STRUCTURED = 1e-9  # below, rounding stops it
-ABSOLUTE = 1e-3  # of a state's own relative tolerance: small states count, too
+STRUCTURED = 1e-9  # a smaller tolerance gains nothing over rounding errors
+ABSOLUTE = 1e-3  # absolute over relative tolerance, so that small states are accurate, too
+NEEDED = 2  # references of each problem
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Reference:
-    """A reference solution at given instants.
+@dataclass(frozen=True, slots=True)
+class ReferenceMethod:
+    """A way to compute a reference solution.
 
-    Attributes
-    ----------
-    name, solver : str
-        What it is; who computed it, as
-        `verification.studies.work_precision.methods.Method.solver` has it.
-    u : ndarray (P, N)
-        V.
+    `refuses` returns why a board is not for the method (empty if it is), `compute` the outputs at
+    given times, (P, N), V.
     """
 
     name: str
-    solver: str
-    u: Floats
+    solver: str  # see `verification.studies.work_precision.methods.Method.solver`
+    refuses: Callable[[Circuit], str]
+    compute: Callable[[Task, Floats], Floats]
 
 
-def board_exact(task: Task, time: Floats) -> Reference:
-    """Exact solution of a linear board."""
-    found = exact_solution(task.circuit, initial=task.transient.initial, stop=float(time[-1]))
-    signs = np.array([output.sign for output in task.circuit.outputs])
-    return Reference("state space, exact", "modes", signs * found.at(time))
+def board_exact(task: Task, time: Floats) -> Floats:
+    """Return the exact solution of a linear board."""
+    solution = exact_solution(task.circuit, initial=task.transient.initial, stop=float(time[-1]))
+    return _signs(task) * solution.at(time)
 
 
-def board_implicit(task: Task, time: Floats) -> Reference:
-    """Adaptive implicit engine at 1e-12."""
-    found = amplified.simulate(task.circuit, task.transient, times=time, tolerance=TIGHT)
-    u = outputs(task.circuit, found)
-    return Reference(f"state space, implicit at {TIGHT:g}", "Radau IIA, 5 stages", u)
+def board_implicit(task: Task, time: Floats) -> Floats:
+    """Return the solution of the adaptive implicit engine."""
+    waveforms = amplified.simulate(task.circuit, task.transient, times=time, tolerance=TIGHT)
+    return outputs(task.circuit, waveforms)
 
 
-def board_structured(task: Task, time: Floats) -> Reference:
-    """Structured engine for linear boards at 1e-9."""
-    found = structured_radau.simulate(
+def board_structured(task: Task, time: Floats) -> Floats:
+    """Return the solution of the structured engine for linear boards."""
+    waveforms = structured_radau.simulate(
         task.circuit, task.transient, times=time, tolerance=STRUCTURED
     )
-    u = outputs(task.circuit, found)
-    return Reference(f"state space, structured at {STRUCTURED:g}", "Radau IIA, 7 stages", u)
+    return outputs(task.circuit, waveforms)
 
 
-def board_lsoda(task: Task, time: Floats) -> Reference:
-    """ODEPACK's LSODA at 1e-12 on the board's equations.
-
-    Raises
-    ------
-    EngineError
-        It gave up.
-    """
+def board_lsoda(task: Task, time: Floats) -> Floats:
+    """Return the solution of the board's equations by ODEPACK's LSODA; EngineError if it fails."""
     from scipy.integrate import solve_ivp
 
-    circuit = task.circuit
-    board = LinearBoard(circuit)
+    board = LinearBoard(task.circuit)
     system = amplified.Amplified(board, board.reported(None))
-    found = solve_ivp(
+    solution = solve_ivp(
         lambda _, x: system.rate(x), (0.0, float(time[-1])),
         system.start(task.transient), "LSODA", t_eval=time,
         jac=lambda _, x: system.jacobian(x), rtol=TIGHT, atol=ABSOLUTE * TIGHT,
     )  # fmt: skip
-    if not found.success or found.y.shape[1] != len(time) or not np.all(np.isfinite(found.y)):
-        raise EngineError(f"LSODA gave up: {found.message}")
-    u = system.report(system.watch(found.y).T)
-    signs = np.array([output.sign for output in circuit.outputs])
-    return Reference(f"LSODA at {TIGHT:g} on the state space", "LSODA", signs * u)
+    y = solution.y
+    if not solution.success or y.shape[1] != len(time) or not np.all(np.isfinite(y)):
+        raise EngineError(f"LSODA gave up: {solution.message}")
+    return _signs(task) * system.report(system.watch(y).T)
 
 
-def ideal_exact(task: Task, time: Floats) -> Reference:
-    """Exact solution of an ideal network with linear amplifiers."""
-    return Reference("exact modes", "modes", ideal_linear(task.network, task.v0).outputs(time))
+def ideal_exact(task: Task, time: Floats) -> Floats:
+    """Return the exact solution of an ideal network with linear amplifiers."""
+    return ideal_linear(task.network, task.v0).outputs(time)
 
 
-def ideal_explicit(task: Task, time: Floats) -> Reference:
-    """Dormand and Prince's explicit method of order 8 at 1e-13 on the ideal network."""
-    return _ideal(task, time, "DOP853", TIGHTEST)
+def ideal_integrated(task: Task, time: Floats, method: Integrator) -> Floats:
+    """Return the solution of the ideal network by an integrator of SciPy."""
+    return integrate_ideal(task, TIGHTEST, method, time)[1]
 
 
-def ideal_lsoda(task: Task, time: Floats) -> Reference:
-    """LSODA at 1e-13 on the ideal network."""
-    return _ideal(task, time, "LSODA", TIGHTEST)
+def _signs(task: Task) -> Floats:
+    return np.array([output.sign for output in task.circuit.outputs])
 
 
-def _ideal(
-    task: Task, time: Floats, method: Literal["DOP853", "LSODA"], tolerance: float
-) -> Reference:
-    from scipy.integrate import solve_ivp
-
-    network, scaled = task.network, ScaledNetwork(task.network)
-    unit = network.R * network.C
-    found = solve_ivp(
-        scaled.slope, (0.0, float(time[-1]) / unit), task.v0 / network.unit, method,
-        t_eval=time / unit, rtol=tolerance, atol=tolerance,
-    )  # fmt: skip
-    if not found.success or found.y.shape[1] != len(time) or not np.all(np.isfinite(found.y)):
-        raise EngineError(f"{method} gave up: {found.message}")
-    u = network.U0 * scaled.g.g(found.y).T
-    return Reference(f"{method} at {tolerance:g}", method, u)
-
-
-# In the order of preference: why a board is not for it, and the function.
+# In the order of preference.
 REFERENCES = {
     "board": (
-        (small_linear_board, board_exact),
-        (any_board, board_implicit),
-        (linear_board, board_structured),
-        (small_board, board_lsoda),
+        ReferenceMethod("state space, exact", "modes", small_linear_board, board_exact),
+        ReferenceMethod(
+            f"state space, implicit at {TIGHT:g}", "Radau IIA, 5 stages", any_board, board_implicit
+        ),
+        ReferenceMethod(
+            f"state space, structured at {STRUCTURED:g}", "Radau IIA, 7 stages", linear_board,
+            board_structured,
+        ),
+        ReferenceMethod(
+            f"LSODA at {TIGHT:g} on the state space", "LSODA", small_board, board_lsoda
+        ),
     ),
-    "ideal": ((linear_board, ideal_exact), (any_board, ideal_explicit), (any_board, ideal_lsoda)),
-}
-NEEDED = 2
+    "ideal": (
+        ReferenceMethod("exact modes", "modes", linear_board, ideal_exact),
+        ReferenceMethod(
+            f"DOP853 at {TIGHTEST:g}", "DOP853", any_board,
+            partial(ideal_integrated, method="DOP853"),
+        ),
+        ReferenceMethod(
+            f"LSODA at {TIGHTEST:g}", "LSODA", any_board, partial(ideal_integrated, method="LSODA")
+        ),
+    ),
+}  # fmt: skip

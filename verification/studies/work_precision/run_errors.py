@@ -1,4 +1,4 @@
-"""Measures the runs of a work-precision study against references by other solvers."""
+"""Measure the runs of a work-precision study against references by other solvers."""
 
 from __future__ import annotations
 
@@ -17,43 +17,44 @@ from verification.studies.work_precision.method_runs import Task
 from verification.studies.work_precision.norms import (
     NORMS,
     Errors,
-    Scale,
+    ErrorScale,
     make_scale,
     measure_errors,
 )
-from verification.studies.work_precision.references import NEEDED, REFERENCES, Reference
+from verification.studies.work_precision.references import NEEDED, REFERENCES
 
-SHARE = 0.6  # of the time left that one reference may take
-CHECKED = 500  # instants at which the references are compared where no run needs the second one
+SHARE = 0.6  # of the remaining time that one reference may take
+COMPARED = 500  # instants of the second reference where no run needs it
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reference:
+    """A reference solution."""
+
+    name: str
+    solver: str
+    time: Floats  # (P,), s
+    u: Floats  # (P, N), V
+
+    def at(self, time: Floats) -> Floats:
+        """Return the outputs at some of the reference's instants."""
+        return self.u[np.searchsorted(self.time, time)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProblemErrors:
-    """What became of the runs of one problem.
+    """Errors of all runs of one problem."""
 
-    Attributes
-    ----------
-    errors : dict
-        Errors by norm and the name of the reference, by method's name and setting.
-    references : tuple of str
-        Names, the preferred one first.
-    scale : Scale or None
-        What errors are measured by; None where there is no reference.
-    floor : dict of str to float or None
-        Error of the preferred reference: its difference to the second one. None where it is not
-        known.
-    omissions : tuple of str
-        What could not be measured.
-    """
-
+    # by method's name and setting: errors by norm, and the name of the reference
     errors: Mapping[tuple[str, float], tuple[Errors, str]] = field(default_factory=dict)
-    references: tuple[str, ...] = ()
-    scale: Scale | None = None
+    references: tuple[str, ...] = ()  # names, the preferred reference first
+    scale: ErrorScale | None = None  # None without a reference
+    # difference of the preferred reference to the second reference, None where unknown
     floor: Errors = field(default_factory=lambda: dict.fromkeys(NORMS))
-    omissions: tuple[str, ...] = ()
+    omissions: tuple[str, ...] = ()  # runs and references without result, and why
 
 
-def judge_runs(
+def measure_runs(
     task: Task,
     entries: Sequence[SettingRuns],
     band: float,
@@ -70,84 +71,84 @@ def judge_runs(
     pole : complex or None
         The board's ringing pole, 1/s.
     seconds : float
-        What the references may take.
+        Time limit of the references, s.
     """
-    end, found = clock.perf_counter() + seconds, {}
+    end, problems = clock.perf_counter() + seconds, {}
     for problem, ringing in (("ideal", None), ("board", pole)):  # an ideal network never rings
-        done = [t for t in entries if t.method.problem == problem and t.run is not None]
+        completed = [t for t in entries if t.method.problem == problem and t.run is not None]
         target = _board_target(task) if problem == "board" else _ideal_target(task)
-        found[problem] = _judge(task, problem, done, target, band, ringing, worker, end)
-    return {problem: found[problem] for problem in ("board", "ideal")}
+        problems[problem] = _measure(task, problem, completed, target, band, ringing, worker, end)
+    return {problem: problems[problem] for problem in ("board", "ideal")}
 
 
-def _judge(
+def _measure(
     task: Task,
     problem: str,
-    done: Sequence[SettingRuns],
+    entries: Sequence[SettingRuns],
     target: Floats,
     band: float,
     pole: complex | None,
     worker: Worker,
     end: float,
 ) -> ProblemErrors:
-    runs = [entry.run for entry in done if entry.run is not None]
+    runs = [entry.run for entry in entries if entry.run is not None]
     if not runs:
         return ProblemErrors()
-    time = np.unique(np.concatenate([[0.0], *(run.time for run in runs)]))
-    references: list[tuple[Floats, Reference]] = []
-    omissions = []
-    for refuses, make in REFERENCES[problem]:
-        if len(references) == NEEDED:
-            break
-        if refuses(task.circuit):
-            continue
-        wanted = _needed(time, done, references)
-        try:
-            left = SHARE * (end - clock.perf_counter())
-            references.append((wanted, worker.call(left, make, task, wanted)))
-        except (TimeoutError, *FAILURES) as error:
-            omissions.append(f"reference {make.__name__} of the {problem}: {error}")
+    references, omissions = _references(task, problem, entries, worker, end)
     if not references:
         return ProblemErrors(omissions=(*omissions, f"{problem}: no errors without a reference"))
-    time, best = references[0]
-    shown = max(runs, key=lambda run: len(run.time)).time  # the union of all has needless clusters
-    shape = best.u[np.searchsorted(time, shown)]
-    scale = make_scale(shown, shape, best.u[0], target, band, pole)
+    best = references[0]
+    time = max(runs, key=lambda run: len(run.time)).time  # the union of all has needless clusters
+    scale = make_scale(time, best.at(time), best.u[0], target, band, pole)
     errors = {}
-    for entry in done:
-        other = [(t, r) for t, r in references if r.solver != entry.method.solver]
-        if entry.run is not None and other:
-            at, reference = other[0]
-            u = reference.u[np.searchsorted(at, entry.run.time)]
-            measured = measure_errors(entry.run, u, scale)
+    for entry in entries:
+        reference = next((r for r in references if r.solver != entry.method.solver), None)
+        if entry.run is not None and reference is not None:
+            measured = measure_errors(entry.run, reference.at(entry.run.time), scale)
             errors[entry.method.name, entry.setting] = measured, reference.name
         else:
             omissions.append(f"{entry.method.name}: no reference by another solver")
-    names = tuple(reference.name for _, reference in references)
-    return ProblemErrors(
-        errors, names, scale, _floor(references, scale), tuple(dict.fromkeys(omissions))
-    )
+    names = tuple(reference.name for reference in references)
+    floor = _floor(references, scale)
+    return ProblemErrors(errors, names, scale, floor, tuple(dict.fromkeys(omissions)))
 
 
-def _needed(
-    time: Floats, done: Sequence[SettingRuns], references: Sequence[tuple[Floats, Reference]]
-) -> Floats:
-    """Instants of the next reference: all, or those of the runs that the first cannot judge."""
+def _references(
+    task: Task, problem: str, entries: Sequence[SettingRuns], worker: Worker, end: float
+) -> tuple[list[Reference], list[str]]:
+    """Compute up to `NEEDED` references; return them and the omissions."""
+    references: list[Reference] = []
+    omissions = []
+    for method in REFERENCES[problem]:
+        if len(references) == NEEDED or method.refuses(task.circuit):
+            continue
+        time = _instants(entries, references)
+        try:
+            limit = SHARE * (end - clock.perf_counter())
+            u = worker.call(limit, method.compute, task, time)
+            references.append(Reference(method.name, method.solver, time, u))
+        except (TimeoutError, *FAILURES) as error:
+            omissions.append(f"reference of the {problem}, {method.name}: {error}")
+    return references, omissions
+
+
+def _instants(entries: Sequence[SettingRuns], references: Sequence[Reference]) -> Floats:
+    """Return all instants, or for the second reference those of runs by the first one's solver."""
+    solver = references[0].solver if references else ""
+    runs = [e.run.time for e in entries if e.run and (not solver or e.method.solver == solver)]
     if not references:
-        return time
-    own = references[0][1].solver
-    runs = [t.run.time for t in done if t.run is not None and t.method.solver == own]
-    return np.unique(np.concatenate(runs)) if runs else time[:: max(len(time) // CHECKED, 1)]
+        return np.unique(np.concatenate([[0.0], *runs]))
+    time = references[0].time
+    return np.unique(np.concatenate(runs)) if runs else time[:: max(len(time) // COMPARED, 1)]
 
 
-def _floor(references: Sequence[tuple[Floats, Reference]], scale: Scale) -> Errors:
-    """Return what is known of the first reference's own errors."""
+def _floor(references: Sequence[Reference], scale: ErrorScale) -> Errors:
+    """Return the difference of the first reference to the second one, None without a second."""
     floor: Errors = dict.fromkeys(NORMS)
-    time, best = references[0]
     if len(references) > 1:
-        at, second = references[1]
-        apart = np.abs(second.u - best.u[np.searchsorted(time, at)]) / scale.amplitude
-        floor["maximum"], floor["final"] = float(apart.max()), float(apart[-1].max())
+        best, second = references
+        difference = np.abs(second.u - best.at(second.time)) / scale.amplitude
+        floor["maximum"], floor["final"] = float(difference.max()), float(difference[-1].max())
     return floor
 
 

@@ -1,14 +1,14 @@
-"""Error against run time of one scene: every engine, method and tolerance or step.
+"""Error against run time of one scene for every engine, method and tolerance or step.
 
-`study` runs the ladders of `METHODS` and measures each run against references by other solvers;
-`Study.cheapest` reads the cheapest setting for a wanted error from it.
+`run_study` runs the ladders of `METHODS` and measures each run against references by other solvers;
+`WorkPrecisionStudy.cheapest` returns the fastest setting that reaches a given error.
 """
 
 from __future__ import annotations
 
 import statistics
 import time as clock
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from netlist_gen.board.circuit import Circuit
@@ -19,6 +19,7 @@ from netlist_gen.scene.scene import Scene
 from spice_models.errors import SimulationError
 from verification.engines.ngspice.executable import find_simulator
 from verification.ideal.ideal_answer import ideal_network, initial_voltages
+from verification.pipeline.clock import Progress
 from verification.studies.running.machine import describe_machine
 from verification.studies.running.worker import START_UP, Worker
 from verification.studies.work_precision.convergence_order import Order, fit_order
@@ -27,137 +28,97 @@ from verification.studies.work_precision.ladders import SettingRuns, run_ladders
 from verification.studies.work_precision.method_runs import Task, load_integrators
 from verification.studies.work_precision.methods import METHODS, Method
 from verification.studies.work_precision.norms import NORMS, Errors
-from verification.studies.work_precision.run_errors import ProblemErrors, judge_runs
+from verification.studies.work_precision.run_errors import ProblemErrors, measure_runs
 
 BUDGET = 30.0  # s
 LADDERS = 0.7  # of the budget; the rest is for the references
-REFERENCE_TIME = 20.0  # s that a reference may take at least
+REFERENCE_TIME = 20.0  # s for the references at least
 NEVER_RUN = (
     "ngspice Gear of order 3 to 6 (maxord): not run, not stable for poles near the imaginary axis",
     "ngspice without a maximum step: not run, its steps would follow no ladder",
 )
-WANTED = tuple(10.0**-k for k in range(2, 11))
-
-Progress = Callable[[str], None]
+ERRORS = tuple(10.0**-k for k in range(2, 11))
 
 
 @dataclass(frozen=True, slots=True)
 class SettingResult:
-    """One setting of one method.
-
-    Attributes
-    ----------
-    method, setting, name : Method, float, str
-        What was run; the setting in words.
-    status : str
-        ``"done"``; ``"timeout"``: `seconds` is what it was given, it has no errors; ``"failed"``.
-    seconds, fastest, slowest : float or None
-        Wall time: median and extremes of `repeats` runs, s.
-    steps, factorisations : int or None
-        Of one run.
-    mean_step : float or None
-        Length of the record over its steps, s.
-    errors : dict of str to float or None
-        By norm, of `verification.studies.work_precision.norms`.
-    reference : str
-        What the errors are measured against.
-    note : str
-        What went wrong.
-    """
+    """The results of one setting of one method."""
 
     method: Method
     setting: float
-    name: str
-    status: str
-    seconds: float | None
-    fastest: float | None
-    slowest: float | None
+    name: str  # the setting in words
+    status: str  # "done", "timeout" or "failed"
+    seconds: float | None  # median of the wall times, s; the limit after a time-out
+    fastest: float | None  # s
+    slowest: float | None  # s
     repeats: int
-    steps: int | None
-    factorisations: int | None
-    mean_step: float | None
-    errors: Errors
+    steps: int | None  # of one run
+    factorisations: int | None  # of one run
+    mean_step: float | None  # length of the record over its steps, s
+    errors: Errors  # by norm, see `verification.studies.work_precision.norms`
     reference: str
-    note: str
+    note: str  # message of the error
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Study:
-    """A work-precision study.
-
-    Attributes
-    ----------
-    points : tuple of SettingResult
-        By method and setting, coarse to fine.
-    orders : dict of str to Order
-        Of the largest error over time, by method.
-    problems : dict of str to ProblemErrors
-        Of ``"board"`` and ``"ideal"``.
-    extent : Extent
-        The stretch of the transient that was studied.
-    omissions : tuple of str
-        What was not run, and why.
-    machine : dict
-        Versions and machine.
-    seconds : float
-        What the study took.
-    """
+class WorkPrecisionStudy:
+    """A work-precision study of one scene."""
 
     scene: Scene
-    points: tuple[SettingResult, ...]
-    orders: dict[str, Order]
-    problems: dict[str, ProblemErrors]
-    extent: Extent
-    omissions: tuple[str, ...]
-    machine: dict[str, str | int | float | None]
-    seconds: float
+    points: tuple[SettingResult, ...]  # by method and setting, coarse to fine
+    orders: dict[str, Order]  # of the largest error over time, by method
+    problems: dict[str, ProblemErrors]  # of "board" and "ideal"
+    extent: Extent  # the part of the transient that was studied
+    omissions: tuple[str, ...]  # methods and settings that were not run, and why
+    machine: dict[str, str | int | float | None]  # see `describe_machine`
+    seconds: float  # wall time of the study
 
     def of(self, method: Method) -> tuple[SettingResult, ...]:
-        """Points of one method."""
+        """Return the points of one method."""
         return tuple(point for point in self.points if point.method is method)
 
     def cheapest(
         self, error: float, norm: str = "maximum", engines: Iterable[str] | None = None
     ) -> SettingResult | None:
-        """Return the cheapest measured setting for the board that reaches `error`, or None."""
-        reached = [
+        """Return the fastest setting for the board whose error is at most `error`, or None."""
+        accurate = [
             (point.seconds, point)
             for point in self.points
             if point.method.problem == "board"
             and (engines is None or point.method.engine in set(engines))
             and point.seconds is not None
-            and (found := point.errors.get(norm)) is not None
-            and found <= error
+            and (measured := point.errors.get(norm)) is not None
+            and measured <= error
         ]
-        return min(reached, key=lambda pair: pair[0])[1] if reached else None
+        return min(accurate, key=lambda pair: pair[0])[1] if accurate else None
 
 
-def study(
+def run_study(
     scene: Scene,
     *,
     budget: float = BUDGET,
     methods: Sequence[Method] = METHODS,
     progress: Progress = lambda stage: None,
-) -> Study:
+) -> WorkPrecisionStudy:
     """Compare methods on a scene.
 
     Parameters
     ----------
     scene : Scene
-        Its board and its ideal network; its own choice of engine and step plays no part.
+        Its board and its ideal network are studied; its engine and its step are not used.
     budget : float
-        Wall time that it should take, s. The stretch of the transient follows from it.
+        Wall time for the study, s; it determines the part of the transient that is studied.
     methods : sequence of Method
-        What to compare.
+        The methods to compare.
     progress : callable, optional
-        Gets the name of each stage.
+        Receives the name of each stage.
 
     Raises
     ------
     InputError, NoVerdictError
         The scene cannot be used, or its board has no equations.
     """
-    began = clock.perf_counter()
+    started = clock.perf_counter()
     progress("synthesis")
     problem = make_problem(scene)
     circuit = synthesise(scene, problem)
@@ -168,50 +129,48 @@ def study(
     task = Task(circuit, extent.transient, network, initial_voltages(scene, network))
     with Worker() as worker:
         worker.call(START_UP, load_integrators)
-        left = LADDERS * budget - (clock.perf_counter() - began)
-        entries, not_run = run_ladders(task, applicable, left, worker, progress)
+        limit = LADDERS * budget - (clock.perf_counter() - started)
+        entries, not_run = run_ladders(task, applicable, limit, worker, progress)
         progress("references")
-        left = max(began + budget - clock.perf_counter(), REFERENCE_TIME)
+        limit = max(started + budget - clock.perf_counter(), REFERENCE_TIME)
         band = scene.checks.settling_time.band
-        judgements = judge_runs(task, entries, band, extent.pole, worker, left)
-    points = tuple(_point(task, entry, judgements[entry.method.problem]) for entry in entries)
-    orders = {m.name: _order(m, points, judgements[m.problem]) for m in applicable}
-    found = {name: j for name, j in judgements.items() if j.scale is not None}
-    return Study(
+        problems = measure_runs(task, entries, band, extent.pole, worker, limit)
+    points = tuple(_point(task, entry, problems[entry.method.problem]) for entry in entries)
+    return WorkPrecisionStudy(
         scene=scene,
         points=points,
-        orders=orders,
-        problems=found,
+        orders={m.name: _order(m, points, problems[m.problem]) for m in applicable},
+        problems={name: p for name, p in problems.items() if p.scale is not None},
         extent=extent,
-        omissions=(*omissions, *not_run, *(o for j in judgements.values() for o in j.omissions)),
+        omissions=(*omissions, *not_run, *(o for p in problems.values() for o in p.omissions)),
         machine=describe_machine(),
-        seconds=clock.perf_counter() - began,
+        seconds=clock.perf_counter() - started,
     )
 
 
 def _applicable(methods: Sequence[Method], circuit: Circuit) -> tuple[list[Method], list[str]]:
-    """Leave out what this board or this machine has no use for, and say so."""
+    """Return the methods that this board and this machine can run, and the omissions."""
     try:
         find_simulator()
         missing = ""
     except SimulationError as error:
         missing = str(error).splitlines()[0]
-    kept, omissions = [], list(NEVER_RUN)
+    applicable, omissions = [], list(NEVER_RUN)
     for method in methods:
         if reason := method.refuses(circuit):
             omissions.append(f"{method.name}: not run, {reason}")
         elif method.engine == "ngspice" and missing:
             omissions.append(f"{method.name}: not run, {missing}")
         else:
-            kept.append(method)
-    return kept, omissions
+            applicable.append(method)
+    return applicable, omissions
 
 
-def _point(task: Task, entry: SettingRuns, judgement: ProblemErrors) -> SettingResult:
+def _point(task: Task, entry: SettingRuns, problem: ProblemErrors) -> SettingResult:
     run, seconds = entry.run, entry.seconds
     stop = task.transient.stop if entry.method.problem == "board" else task.ideal_stop
     key = (entry.method.name, entry.setting)
-    errors, reference = judgement.errors.get(key, (dict.fromkeys(NORMS), ""))
+    errors, reference = problem.errors.get(key, (dict.fromkeys(NORMS), ""))
     return SettingResult(
         method=entry.method,
         setting=entry.setting,
@@ -230,13 +189,13 @@ def _point(task: Task, entry: SettingRuns, judgement: ProblemErrors) -> SettingR
     )
 
 
-def _order(method: Method, points: Sequence[SettingResult], judgement: ProblemErrors) -> Order:
-    mine = [point for point in points if point.method is method]
+def _order(method: Method, points: Sequence[SettingResult], problem: ProblemErrors) -> Order:
     if not method.setting:
         return Order(None, None, None, (), "no step")
+    ladder = [point for point in points if point.method is method]
     return fit_order(
-        [point.mean_step for point in mine],
-        [point.errors["maximum"] for point in mine],
-        judgement.floor["maximum"] or 0.0,
-        [f"{point.setting:g}" for point in mine],
+        [point.mean_step for point in ladder],
+        [point.errors["maximum"] for point in ladder],
+        problem.floor["maximum"] or 0.0,
+        [f"{point.setting:g}" for point in ladder],
     )

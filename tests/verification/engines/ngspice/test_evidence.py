@@ -18,7 +18,7 @@ from spice_models.errors import (
     StepTooSmall,
 )
 from tests.support.small_decks import divider, transient
-from verification.engines.ngspice.evidence import Ending, judge, telling_lines
+from verification.engines.ngspice.evidence import Ending, accepted_waveforms, important_lines
 from verification.engines.ngspice.raw_file import write_raw
 from verification.waveforms import Cost, Waveforms
 
@@ -39,7 +39,7 @@ def record(
 
 def judged(folder: Path, waveforms: Waveforms, **left: object) -> Waveforms:
     write_raw(folder / "out.raw", waveforms)
-    return judge(DECK, ending(folder, **left), engine="ngspice-46", bound=1e6)  # type: ignore[arg-type]  # keywords of `ending`
+    return accepted_waveforms(DECK, ending(folder, **left), engine="ngspice-46", bound=1e6)  # type: ignore[arg-type]  # keywords of `ending`
 
 
 def test_a_good_record_is_accepted(tmp_path: Path) -> None:
@@ -83,7 +83,7 @@ def test_refused(case: str, tmp_path: Path) -> None:
 def test_a_plot_of_another_analysis(tmp_path: Path) -> None:
     write_raw(tmp_path / "out.raw", record())
     with pytest.raises(BadEvidence, match="'Operating Point' was asked for"):
-        judge(divider(), ending(tmp_path), engine="ngspice-46", bound=1e6)
+        accepted_waveforms(divider(), ending(tmp_path), engine="ngspice-46", bound=1e6)
 
 
 LOGS: dict[str, tuple[str, type[SimulationError]]] = {
@@ -91,13 +91,16 @@ LOGS: dict[str, tuple[str, type[SimulationError]]] = {
     "Warning: singular matrix:  check node a\nError: The operating point could not be simulated"
     "\ndoAnalyses: TRAN:  Timestep too small": ("singular", SingularCircuit),
     "doAnalyses: TRAN:  Timestep too small; time = 1e-9": ("time step", StepTooSmall),
-    "Warning: 'r1 in out' is not a valid resistor instance line, ignored!": ("taken", DidNotLoad),
-    "Warning: Unusual leading characters like '='": ("taken", DidNotLoad),
-    "Warning: Value of resistor r3 is too small, set to 1.000000e-12": ("taken", DidNotLoad),
-    "Warning: can't find model 'x'": ("taken", DidNotLoad),
-    "Error: there aren't any circuits loaded.": ("taken", DidNotLoad),
-    "run simulation(s) aborted": ("complained", BadEvidence),
-    "Fatal error": ("complained", BadEvidence),
+    "Warning: 'r1 in out' is not a valid resistor instance line, ignored!": (
+        "as it is",
+        DidNotLoad,
+    ),
+    "Warning: Unusual leading characters like '='": ("as it is", DidNotLoad),
+    "Warning: Value of resistor r3 is too small, set to 1.000000e-12": ("as it is", DidNotLoad),
+    "Warning: can't find model 'x'": ("as it is", DidNotLoad),
+    "Error: there aren't any circuits loaded.": ("as it is", DidNotLoad),
+    "run simulation(s) aborted": ("reported an error", BadEvidence),
+    "Fatal error": ("reported an error", BadEvidence),
 }
 
 
@@ -136,9 +139,9 @@ def test_what_ngspice_got_over_is_a_flag_once(tmp_path: Path) -> None:
     )
 
 
-def test_telling_lines_are_few_and_each_once() -> None:
+def test_important_lines_are_few_and_each_once() -> None:
     log = "Note: x\n" + "".join(f"line {i}\nline {i}\n\n" for i in range(100))
-    lines = telling_lines(log).splitlines()
+    lines = important_lines(log).splitlines()
     assert len(lines) == 13
     assert (lines[0], lines[6], lines[-1]) == ("line 0", "... 88 lines", "line 99")
-    assert telling_lines("Note: x\n") == "Note: x"
+    assert important_lines("Note: x\n") == "Note: x"

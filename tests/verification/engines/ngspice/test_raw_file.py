@@ -96,7 +96,7 @@ REFUSED = {
     "no points": (b"No. Points: 3", b"No. Points: 0", "bytes of values"),
     "negative": (b"No. Points: 3", b"No. Points: -3", "no. points"),
     "fewer names": (b"\t2\tv(n1)\tvoltage\n", b"", "announced"),
-    "wrong index": (b"\t2\tv(n1)", b"\t3\tv(n1)", "strange vector line"),
+    "wrong index": (b"\t2\tv(n1)", b"\t3\tv(n1)", "bad vector line"),
     "another file": (b"Title:", b"Title", "not a raw file"),
     "more points": (b"No. Points: 3", b"No. Points: 2", "48"),
 }

@@ -116,7 +116,7 @@ def test_a_process_that_is_killed_costs_nothing_but_time(simulator: Simulator) -
 def test_a_deck_that_takes_too_long_times_out(
     simulator: Simulator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(session, "suits", lambda deck: True)
+    monkeypatch.setattr(session, "fits_session", lambda deck: True)
     with pytest.raises(TimedOut, match=r"0\.3 s"):
         ask(endless(), simulator, timeout=0.3)
     assert pid(simulator) is None
@@ -125,7 +125,7 @@ def test_a_deck_that_takes_too_long_times_out(
 def test_a_turn_that_is_given_up_makes_room(
     simulator: Simulator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(session, "suits", lambda deck: True)
+    monkeypatch.setattr(session, "fits_session", lambda deck: True)
     with submit(endless(), simulator, timeout=60.0, bound=1e6):
         following = submit(transient(), simulator, timeout=30.0, bound=1e6)
         process = opened(simulator)._process
@@ -153,7 +153,7 @@ def test_where_no_process_survives_decks_run_alone(simulator: Simulator, tmp_pat
     short_lived = wrapped(simulator, tmp_path, 'case "$*" in *loop.cir) exit 0;; esac')
     expected = simulate(transient(), simulator, timeout=30.0)
     assert all(same(ask(transient(), short_lived), expected) for _ in range(3))
-    assert opened(short_lived).hopeless
+    assert opened(short_lived).unreliable
     with submit(transient(), short_lived, timeout=30.0, bound=1e6) as run:
         assert isinstance(run, Run)
         assert same(run.result(), expected)

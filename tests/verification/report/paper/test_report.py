@@ -13,15 +13,8 @@ from verification.report.paper import report
 from verification.report.paper.plots import draw
 from verification.report.paper.report import paper_document, write_paper
 from verification.studies.paper import reproduce
-from verification.studies.paper.findings import (
-    Chapter,
-    ClaimOutcome,
-    Finding,
-    Panel,
-    Picture,
-    curve,
-    load_claims,
-)
+from verification.studies.paper.findings import Chapter, ClaimOutcome, Finding, load_claims
+from verification.studies.paper.pictures import Panel, Picture, curve
 
 PNG = b"\x89PNG\r\n"
 PICTURE = Picture(

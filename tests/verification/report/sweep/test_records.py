@@ -24,7 +24,7 @@ from verification.report.sweep.maps import plot_sweep
 from verification.studies.running import executors
 from verification.studies.running.executors import Workers
 from verification.studies.sweep.plan import Plan
-from verification.studies.sweep.run import Count
+from verification.studies.sweep.run import SweepCounts
 from verification.studies.sweep.store import Store
 
 DESIGN = """[design]
@@ -171,7 +171,7 @@ def test_what_cannot_be_written_is_refused_before_any_work(folder: Path) -> None
         (("--export", "a.xls"), ".csv, .parquet, .nc"),
         (("--export", "missing/a.csv"), "folder does not exist"),
         (("--plot", "a.gif"), ".png, .svg, .pdf"),
-        (("--plot", "a.png", "--over", "R=1M,2M"), "one or two can be drawn"),
+        (("--plot", "a.png", "--over", "R=1M,2M"), "a picture has one or two axes"),
     ):
         done = taction(*OVER, *words)
         assert done.exit_code == 2, done.output
@@ -187,6 +187,6 @@ def test_a_database_that_is_none(folder: Path) -> None:
 
 
 def test_rate_and_remaining_time_count_what_was_computed_only() -> None:
-    count = Count(total=100, done=60, ran=20, outcomes=Counter({"pass": 55, "fail": 5}))
+    count = SweepCounts(total=100, done=60, ran=20, outcomes=Counter({"pass": 55, "fail": 5}))
     assert _state(count, 10.0) == "2/s, 0:00:20 left; 5 fail, 55 pass"
-    assert _state(Count(total=9, done=2, outcomes=Counter({"pass": 2})), 1.0) == "2 pass"
+    assert _state(SweepCounts(total=9, done=2, outcomes=Counter({"pass": 2})), 1.0) == "2 pass"

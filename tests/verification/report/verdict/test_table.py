@@ -58,7 +58,7 @@ def test_pictures_of_every_kind_and_the_same_twice(tmp_path: Path) -> None:
 def test_a_picture_that_cannot_be_written(tmp_path: Path) -> None:
     folder = tmp_path / "taken.png"
     folder.mkdir()
-    with pytest.raises(InputError, match="expected a file that can be written"):
+    with pytest.raises(InputError, match="a folder; expected a file"):
         plot_verdict(verdict(), str(folder))
 
 
@@ -144,5 +144,5 @@ def test_an_export_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
         with pytest.raises(InputError, match="needs pyarrow"):
             check_export(str(tmp_path / "w.parquet"))
     (tmp_path / "taken.csv").mkdir()
-    with pytest.raises(InputError, match="can be written"):
+    with pytest.raises(InputError, match="a folder; expected a file"):
         export(verdict().circuit, verdict().waveforms, str(tmp_path / "taken.csv"))

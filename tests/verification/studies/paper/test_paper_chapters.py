@@ -33,7 +33,7 @@ def test_the_verdicts_are_the_expected_ones(name: str, request: pytest.FixtureRe
 
 @pytest.mark.parametrize(("ratio", "span"), [(2.0, 6.0), (4.0, 6.0), (4.0, 20.0)])
 def test_small_condition_numbers_are_those_of_numpy(ratio: float, span: float) -> None:
-    T = Geometry("", round(span * ratio) + 1, span).matrix
+    T = Geometry(round(span * ratio) + 1, span).matrix
     assert condition_number(ratio, span) == pytest.approx(np.linalg.cond(T), rel=1e-4)
 
 

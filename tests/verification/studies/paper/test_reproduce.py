@@ -11,7 +11,14 @@ from netlist_gen.scene.file import load_scene
 from spice_models.errors import SimulatorNotFound
 from tests.support.paths import SCENES
 from verification.studies.paper import findings
-from verification.studies.paper.findings import Chapter, ClaimOutcome, Finding, load_claims, weigh
+from verification.studies.paper.findings import (
+    Chapter,
+    ClaimOutcome,
+    Finding,
+    Sentence,
+    load_claims,
+    weigh,
+)
 from verification.studies.paper.reproduce import CHAPTERS, Judged, Reproduction, Section, _run
 from verification.studies.paper.tactile import FINE, GradientFlow, by_transform
 
@@ -35,6 +42,21 @@ def test_a_claim_that_holds_only_under_its_condition_says_so() -> None:
     assert weigh(True) is ClaimOutcome.HOLDS
     assert weigh(False, True) is ClaimOutcome.CONDITION
     assert weigh(False) is ClaimOutcome.FAILS
+
+
+@pytest.mark.parametrize(
+    ("template", "text"),
+    [
+        ("{x:.2g}", "0.12"),
+        ("{x:.3g%}", "12.3 %"),
+        ("{both:.3g%} of the seeds", "12.3, 50 % of the seeds"),
+        ("{t:s}, {t:s.2}", "1.234 us, 1.2 us"),
+        ("{both[1]:.1f} {word}", "0.5 yes"),
+    ],
+)
+def test_sentences_are_filled_with_numbers_lists_and_quantities(template: str, text: str) -> None:
+    values = {"x": 0.1234, "both": [0.1234, 0.5], "t": 1.234e-6, "word": "yes"}
+    assert Sentence().format(template, **values) == text
 
 
 def reproduction(*outcomes: ClaimOutcome) -> Reproduction:

@@ -54,7 +54,7 @@ WRONG = {
     broken({"amplitude": float("nan")}): r"scenes\.a\.toml\.amplitude: damaged",
     broken({"surprise": 1}): r"scenes\.a\.toml\.surprise: damaged",
     broken({"time": [0.0, 0.0, 1.0]}): "time does not increase",
-    broken({"outputs": {"u_1": [1.0]}}): "as many samples",
+    broken({"outputs": {"u_1": [1.0]}}): "an output and the time differ in length",
     broken({"poles": {}}): "growth_rate",
 }
 

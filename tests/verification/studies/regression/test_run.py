@@ -172,14 +172,14 @@ def test_ctrl_c_keeps_what_was_done(
 ) -> None:
     for name in "abc":
         write_fast(tmp_path / f"{name}.toml", capacitance="10.5pF")
-    judge = module.judge_scene
+    judge = module.compare_scene
 
     def interrupted(path: Path, then: Entry | None, revision: str) -> SceneResult:
         if path.name == "b.toml":
             raise KeyboardInterrupt
         return judge(path, then, revision)
 
-    monkeypatch.setattr(module, "judge_scene", interrupted)
+    monkeypatch.setattr(module, "compare_scene", interrupted)
     old = passing | {"c.toml": passing["a.toml"]}
     report = run(tmp_path, old, updated=True)
     assert [r.status for r in report.results] == [Status.CHANGED, Status.NOT_RUN, Status.NOT_RUN]

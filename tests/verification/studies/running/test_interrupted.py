@@ -95,7 +95,7 @@ def test_two_sweeps_on_one_database(tmp_path: Path) -> None:
 def test_ctrl_c_says_how_to_go_on(tmp_path: Path) -> None:
     status, text, before = interrupted(tmp_path, signal.SIGINT)
     assert status == 130
-    assert "the same command goes on from there" in text
+    assert "the same command continues" in text
     assert "Traceback" not in text
     assert 5 <= before < 40
     assert resumed(tmp_path)["ran"] == 40 - before
@@ -143,7 +143,7 @@ def test_ctrl_c_keeps_the_samples_and_says_so(tmp_path: Path) -> None:
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=60)
     assert process.returncode == 130, err
-    assert "interrupted; this is what there is" in err
+    assert "interrupted; the report holds the finished samples" in err
     document = json.loads(out)
     assert document["complete"] is False
     assert 4 <= document["samples"] < 100000

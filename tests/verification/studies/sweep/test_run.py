@@ -23,7 +23,7 @@ from verification.studies.running.versions import OtherVersionsError, Versions, 
 from verification.studies.sweep import point as point_module
 from verification.studies.sweep.plan import Plan, Requests
 from verification.studies.sweep.point import Job, compute
-from verification.studies.sweep.run import Count, sweep
+from verification.studies.sweep.run import SweepCounts, sweep
 from verification.studies.sweep.store import Store
 from verification.verify import verify
 
@@ -45,7 +45,7 @@ def plan(*over: str, engines: tuple[str, ...] = ("statespace",), **more: Any) ->
     return Plan(asked, parse_axes(asked, over), engines, **more)
 
 
-def run(asked: Plan, path: Path, workers: Workers, **more: Any) -> tuple[Count, list[Any]]:
+def run(asked: Plan, path: Path, workers: Workers, **more: Any) -> tuple[SweepCounts, list[Any]]:
     with Store(str(path)) as store:
         count = sweep(asked, store, workers, **more)
         return count, list(records(asked, store))
@@ -237,7 +237,7 @@ def test_workers_without_taction_or_without_a_scheduler_are_named(tmp_path: Path
         run(plan("C=50p"), path, Workers(Elsewhere(1), lambda: 1, ()))
     closed = ThreadPoolExecutor(1)
     closed.shutdown()
-    with pytest.raises(NoVerdictError, match="the same command goes on"):
+    with pytest.raises(NoVerdictError, match="the same command continues"):
         run(plan("C=50p"), path, Workers(closed, lambda: 1, ()))
 
 

@@ -8,63 +8,72 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from spice_models.errors import InputError, OutOfDisk
 from tests.support.paths import ROOT
 from verification.studies.sweep import store as module
-from verification.studies.sweep.store import ERROR, FORMAT, Row, Store
+from verification.studies.sweep.store import ERROR, FORMAT, Store, StoredResult
 
 
-def row(number: int, outcome: str = "pass") -> Row:
-    return Row(number.to_bytes(32, "big"), outcome, {"value": number / 7})
+def key(number: int) -> bytes:
+    return number.to_bytes(32, "big")
+
+
+def record(number: int) -> dict[str, Any]:
+    return {"value": number / 7}
+
+
+def put(store: Store, number: int, request: bytes, outcome: str = "pass") -> None:
+    store.put(key(number), StoredResult(outcome, record(number)), request)
 
 
 def test_a_result_comes_back_as_it_was(tmp_path: Path) -> None:
     with Store(str(tmp_path / "a.sqlite")) as store:
-        store.put(row(1), b"asked")
-        assert store.row(b"asked") == row(1)
-        assert store.row(b"never asked") is None
-        assert store.key_of(b"asked") == row(1).key
-        assert store.outcome_of(row(1).key) == "pass"
+        put(store, 1, b"asked")
+        assert store.record_of(b"asked") == record(1)
+        assert store.record_of(b"never asked") is None
+        assert store.key_of(b"asked") == key(1)
+        assert store.outcome_of(key(1)) == "pass"
     with Store(str(tmp_path / "a.sqlite")) as store:
         assert store.count() == 1
-        assert store.row(b"asked") == row(1)
+        assert store.record_of(b"asked") == record(1)
 
 
 def test_the_file_is_one_file_when_nothing_runs(tmp_path: Path) -> None:
     with Store(str(tmp_path / "a.sqlite")) as store:
-        store.put(row(1), b"asked")
+        put(store, 1, b"asked")
     assert [file.name for file in tmp_path.iterdir()] == ["a.sqlite"]
     (tmp_path / "copy.sqlite").write_bytes((tmp_path / "a.sqlite").read_bytes())
     with Store(str(tmp_path / "copy.sqlite")) as copy:
-        assert copy.row(b"asked") == row(1)
+        assert copy.record_of(b"asked") == record(1)
 
 
 def test_only_an_error_is_replaced(tmp_path: Path) -> None:
     with Store(str(tmp_path / "a.sqlite")) as store:
-        store.put(row(1, ERROR), b"asked")
-        store.put(row(1, "fail"), b"asked")
-        store.put(row(1, "pass"), b"asked")
-        assert store.outcome_of(row(1).key) == "fail"
+        put(store, 1, b"asked", ERROR)
+        put(store, 1, b"asked", "fail")
+        put(store, 1, b"asked", "pass")
+        assert store.outcome_of(key(1)) == "fail"
 
 
 def test_two_requests_may_come_down_to_one_point(tmp_path: Path) -> None:
     with Store(str(tmp_path / "a.sqlite")) as store:
-        store.put(row(1), b"lambda")
-        store.link(b"resistance", row(1).key)
-        assert store.row(b"resistance") == row(1)
+        put(store, 1, b"lambda")
+        store.link(b"resistance", key(1))
+        assert store.record_of(b"resistance") == record(1)
         assert store.count() == 1
 
 
 def test_waveforms_are_kept_beside_the_record(tmp_path: Path) -> None:
     with Store(str(tmp_path / "a.sqlite")) as store:
-        store.put(Row(b"k", "pass", {}, b"data"), b"asked")
-        store.put(row(2), b"other")
+        store.put(b"k", StoredResult("pass", {}, b"data"), b"asked")
+        put(store, 2, b"other")
         assert store.waveforms(b"k") == b"data"
         assert store.has_waveforms(b"k")
-        assert not store.has_waveforms(row(2).key)
+        assert not store.has_waveforms(key(2))
 
 
 def _truncate(path: Path) -> None:
@@ -106,7 +115,7 @@ def test_a_spoilt_database_is_named_and_left_alone(
     path = tmp_path / "a.sqlite"
     with Store(str(path)) as store:
         for number in range(50):
-            store.put(row(number), number.to_bytes(32, "big"))
+            put(store, number, key(number))
     spoil(path)
     before = path.read_bytes()
     with pytest.raises(InputError, match=says) as caught:
@@ -122,23 +131,23 @@ def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
 
 def test_a_full_disk_loses_nothing(tmp_path: Path) -> None:
     with Store(str(tmp_path / "a.sqlite")) as store:
-        store.put(row(0), b"first")
+        put(store, 0, b"first")
         pages = store._db.execute("pragma page_count").fetchone()[0]
         store._db.execute(f"pragma max_page_count = {pages}")
         with pytest.raises(OutOfDisk, match="run the same command again"):
-            store.put(Row(b"k", "pass", {"text": "x" * 100_000}), b"second")
-        assert store.row(b"first") == row(0)
+            store.put(b"k", StoredResult("pass", {"text": "x" * 100_000}), b"second")
+        assert store.record_of(b"first") == record(0)
     with Store(str(tmp_path / "a.sqlite")) as store:
-        store.put(Row(b"k", "pass", {"text": "x" * 100_000}), b"second")
+        store.put(b"k", StoredResult("pass", {"text": "x" * 100_000}), b"second")
         assert store.count() == 2
 
 
 def test_a_read_only_database(tmp_path: Path) -> None:
     with Store(str(tmp_path / "a.sqlite")) as store:
-        store.put(row(0), b"first")
+        put(store, 0, b"first")
         store._db.execute("pragma query_only = on")  # root may write to any file
         with pytest.raises(InputError, match="cannot be written"):
-            store.put(row(1), b"second")
+            put(store, 1, b"second")
 
 
 def test_another_process_that_never_lets_go(
@@ -148,18 +157,18 @@ def test_another_process_that_never_lets_go(
     with Store(str(tmp_path / "a.sqlite")) as store, Store(str(tmp_path / "a.sqlite")) as other:
         other._db.execute("begin immediate")
         with pytest.raises(InputError, match="another process"):
-            store.put(row(1), b"asked")
+            put(store, 1, b"asked")
         other._db.execute("rollback")
-        store.put(row(1), b"asked")
+        put(store, 1, b"asked")
 
 
 WRITER = """
 import sys
-from verification.studies.sweep.store import Row, Store
+from verification.studies.sweep.store import Store, StoredResult
 with Store(sys.argv[1]) as store:
     for number in range(40):
         key = number.to_bytes(32, "big")
-        store.put(Row(key, "pass", {"by": sys.argv[2]}), key)
+        store.put(key, StoredResult("pass", {"by": sys.argv[2]}), key)
 """
 
 
@@ -171,6 +180,6 @@ def test_two_processes_at_once(tmp_path: Path) -> None:
     assert [writer.wait(60) for writer in writers] == [0, 0]
     with Store(path) as store:
         assert store.count() == 40
-        rows = [store.row(number.to_bytes(32, "big")) for number in range(40)]
-    assert {found.record["by"] for found in rows if found is not None} <= {"a", "b"}
+        rows = [store.record_of(key(number)) for number in range(40)]
+    assert {row["by"] for row in rows if row is not None} <= {"a", "b"}
     assert None not in rows

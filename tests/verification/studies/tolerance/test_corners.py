@@ -16,7 +16,7 @@ from spice_models.errors import InputError
 from tests.support.studying import QUIET, one_thread, scene_file, small_scene
 from verification.studies.tolerance.corners import Corner, named_corner, worst_corners
 from verification.studies.tolerance.varied_board import evaluate, prepare
-from verification.studies.tolerance.yield_report import Tally, run_samples
+from verification.studies.tolerance.yield_report import SampleCollection, run_samples
 
 WORN = {"resistor": 0.05, "capacitor": 0.1, "distribution": "uniform"}
 FEW = QUIET | {"capacitor": 0.1, "temperature": 30.0}
@@ -51,7 +51,7 @@ def test_no_corner_is_worse_than_the_worst() -> None:
 
 def test_the_worst_corner_is_worse_than_any_random_sample() -> None:
     scene = small_scene(tolerances=WORN, checks=CHECKS)
-    study, tally = prepare(scene), Tally(60)
+    study, tally = prepare(scene), SampleCollection(60)
     with one_thread() as workers:
         found = worst_corners(scene, workers)
         list(run_samples(study, range(60), 1, workers, tally))

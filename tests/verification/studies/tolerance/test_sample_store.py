@@ -16,11 +16,14 @@ from tests.support.running import taction
 from tests.support.studying import one_thread, scene_file, small_scene, stored_samples
 from verification.studies.sweep.store import Store
 from verification.studies.tolerance.sample_store import SampleStore
-from verification.studies.tolerance.varied_board import Sample, VariedBoard, prepare
-from verification.studies.tolerance.yield_report import Tally, run_samples
+from verification.studies.tolerance.varied_board import BoardSample, VariedBoard, prepare
+from verification.studies.tolerance.yield_report import SampleCollection, run_samples
 
 STUDY = prepare(small_scene())
-SAMPLES = [Sample(0, "pass", settling_time=1e-6), Sample(2, "fail", ("stability",), margin=1.5)]
+SAMPLES = [
+    BoardSample(0, "pass", settling_time=1e-6),
+    BoardSample(2, "fail", ("stability",), margin=1.5),
+]
 
 
 def filled(path: Path, study: VariedBoard = STUDY, seed: int = 1) -> str:
@@ -30,7 +33,7 @@ def filled(path: Path, study: VariedBoard = STUDY, seed: int = 1) -> str:
     return str(path)
 
 
-def found(path: str, study: VariedBoard = STUDY, seed: int = 1) -> list[Sample | None]:
+def found(path: str, study: VariedBoard = STUDY, seed: int = 1) -> list[BoardSample | None]:
     with Store(path) as store:
         return [SampleStore(store, study, seed).get(number) for number in range(3)]
 
@@ -61,13 +64,13 @@ def test_samples_of_another_taction_or_ngspice_are_not_found(
 
 
 def test_only_what_is_missing_is_drawn_and_the_yield_is_the_same(tmp_path: Path) -> None:
-    path, fresh, again = str(tmp_path / "a"), Tally(6), Tally(6)
+    path, fresh, again = str(tmp_path / "a"), SampleCollection(6), SampleCollection(6)
     with Store(path) as store, one_thread() as workers:
         kept = SampleStore(store, STUDY, 1)
-        first = list(run_samples(STUDY, range(4), 1, workers, Tally(4), kept))
+        first = list(run_samples(STUDY, range(4), 1, workers, SampleCollection(4), kept))
         second = list(run_samples(STUDY, range(6), 1, workers, again, kept))
         list(run_samples(STUDY, range(6), 1, workers, fresh))
-        assert list(run_samples(STUDY, range(6), 1, workers, Tally(6), kept)) == []
+        assert list(run_samples(STUDY, range(6), 1, workers, SampleCollection(6), kept)) == []
     assert sorted(s.number for s in first) == [0, 1, 2, 3]
     assert sorted(s.number for s in second) == [4, 5]
     assert again.samples == fresh.samples
@@ -89,7 +92,7 @@ def test_a_file_of_lines_of_json_is_named_and_left_alone(tmp_path: Path) -> None
     before = file.read_bytes()
     run = taction("montecarlo", scene_file(tmp_path), "-n", "3", "-o", str(file))
     assert run.exit_code == 2
-    assert "samples as lines of JSON" in run.stderr
+    assert "lines of JSON" in run.stderr
     assert "Give another name" in run.stderr
     assert file.read_bytes() == before
 

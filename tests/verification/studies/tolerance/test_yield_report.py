@@ -20,8 +20,13 @@ from spice_models.errors import InputError, NoVerdictError
 from tests.support.studying import QUIET, one_thread, scene_file, small_scene, stored_samples
 from verification.studies.running.executors import Workers, local
 from verification.studies.tolerance import varied_board, yield_report
-from verification.studies.tolerance.varied_board import Sample, VariedBoard, evaluate, prepare
-from verification.studies.tolerance.yield_report import Tally, interval, report, run_samples
+from verification.studies.tolerance.varied_board import BoardSample, VariedBoard, evaluate, prepare
+from verification.studies.tolerance.yield_report import (
+    SampleCollection,
+    interval,
+    run_samples,
+    summarise_samples,
+)
 
 WORN = {"resistor": 0.05, "capacitor": 0.1}
 
@@ -32,8 +37,8 @@ def study(**tables: Any) -> VariedBoard:
     return prepare(small_scene(**tables))
 
 
-def drawn(asked: VariedBoard, count: int, workers: Workers, **more: Any) -> list[Sample]:
-    tally = Tally(count, **more)
+def drawn(asked: VariedBoard, count: int, workers: Workers, **more: Any) -> list[BoardSample]:
+    tally = SampleCollection(count, **more)
     list(run_samples(asked, range(count), 5, workers, tally))
     return tally.samples
 
@@ -64,7 +69,7 @@ def test_a_sample_is_the_same_alone_in_a_batch_and_in_any_order() -> None:
     asked = study()
     with one_thread() as workers:
         batch = drawn(asked, 6, workers)
-        tally = Tally(6)
+        tally = SampleCollection(6)
         backwards = list(run_samples(asked, [5, 3, 4, 0, 2, 1], 5, workers, tally))
     assert [sample.number for sample in batch] == list(range(6))
     assert sorted(backwards, key=lambda sample: sample.number) == batch
@@ -85,7 +90,7 @@ def test_the_yield_counts_what_the_checks_say() -> None:
     asked = study()
     with one_thread() as workers:
         samples = drawn(asked, 40, workers)
-    found = report(asked, samples, 5)
+    found = summarise_samples(asked, samples, 5)
     within = sum(s.steady_state is not None and s.steady_state <= 0.03 for s in samples)
     assert 0 < within < 40
     assert (found.samples, found.passed, found.failures) == (
@@ -106,8 +111,11 @@ def test_the_yield_counts_what_the_checks_say() -> None:
 
 def test_samples_without_verdict_count_as_not_passed() -> None:
     asked = study()
-    samples = [Sample(0, "pass", settling_time=1e-6), Sample(1, "inconclusive", reason="lost")]
-    found = report(asked, [*samples, Sample(2, "fail", ("settling_time",))], 1)
+    samples = [
+        BoardSample(0, "pass", settling_time=1e-6),
+        BoardSample(1, "inconclusive", reason="lost"),
+    ]
+    found = summarise_samples(asked, [*samples, BoardSample(2, "fail", ("settling_time",))], 1)
     assert (found.passed, found.without_verdict) == (1, 1)
     assert found.fraction == pytest.approx(1 / 3)
     assert found.reasons == {"lost": 1}
@@ -125,7 +133,7 @@ class _Failing(Executor):
     def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
         future: Future[Any] = Future()
         if args[1] % 3:
-            future.set_result(Sample(args[1], "pass"))
+            future.set_result(BoardSample(args[1], "pass"))
         else:
             future.set_exception(self.error)
         return future
@@ -168,15 +176,17 @@ def test_a_worker_with_another_taction_is_refused() -> None:
 
 def test_until_stops_at_the_first_narrow_interval_in_order_of_the_numbers() -> None:
     outcomes = np.random.default_rng(1).random(400) < 0.9
-    samples = [Sample(k, "pass" if good else "fail") for k, good in enumerate(outcomes.tolist())]
+    samples = [
+        BoardSample(k, "pass" if good else "fail") for k, good in enumerate(outcomes.tolist())
+    ]
     expected = next(
         n
-        for n in range(yield_report.LEAST_SAMPLES, 401)
+        for n in range(yield_report.MIN_SAMPLES, 401)
         if np.subtract(*interval(int(outcomes[:n].sum()), n)[::-1]) <= 2 * 0.05
     )
     assert 100 < expected < 300
     for order in (range(400), np.random.default_rng(2).permutation(400).tolist()):
-        tally = Tally(400, 0.05)
+        tally = SampleCollection(400, 0.05)
         for number in order:
             tally.add(samples[number])
         assert (tally.enough, tally.samples) == (True, samples[:expected])
@@ -186,7 +196,7 @@ def test_what_varies_explains_the_variance_and_nothing_else_does() -> None:
     # The steady state does not depend on C, the settling time does; nothing else varies.
     asked = study(tolerances=QUIET | {"capacitor": 0.1})
     with one_thread() as workers:
-        found = report(asked, drawn(asked, 100, workers), 5)
+        found = summarise_samples(asked, drawn(asked, 100, workers), 5)
     settling = [each for each in found.sensitivities if each.quantity == "settling_time"]
     assert {each.parameter for each in settling} == {"Cc_1", "Cc_2"}
     assert sum(each.correlation**2 for each in settling) > 0.5  # the slower channel decides
@@ -197,7 +207,7 @@ def test_what_varies_explains_the_variance_and_nothing_else_does() -> None:
 def test_a_component_with_a_large_tolerance_is_ranked_first() -> None:
     asked = study(tolerances=QUIET | {"temperature": 30.0, "capacitor": 1e-4})
     with one_thread() as workers:
-        found = report(asked, drawn(asked, 40, workers), 5)
+        found = summarise_samples(asked, drawn(asked, 40, workers), 5)
     settling = [each for each in found.sensitivities if each.quantity == "settling_time"]
     assert settling[0].parameter == "temperature"
     # Larger resistors raise the outputs, which enter the wide band from below the sooner.

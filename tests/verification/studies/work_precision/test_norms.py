@@ -7,7 +7,7 @@ import pytest
 
 from spice_models.array_types import Floats
 from verification.studies.work_precision.method_runs import MethodRun
-from verification.studies.work_precision.norms import Scale, make_scale, measure_errors
+from verification.studies.work_precision.norms import ErrorScale, make_scale, measure_errors
 
 DECAY, OMEGA = 1e3, 2e5
 TARGET = np.array([2.0, -1.0])
@@ -20,7 +20,7 @@ def ringing(time: Floats, decay: float = DECAY, omega: float = OMEGA) -> Floats:
     return np.outer(wave, TARGET)
 
 
-def scale(band: float = 0.05) -> Scale:
+def scale(band: float = 0.05) -> ErrorScale:
     return make_scale(TIME, ringing(TIME), np.zeros(2), TARGET, band, complex(-DECAY, OMEGA))
 
 

@@ -24,7 +24,7 @@ from verification.studies.work_precision import study as study_module
 from verification.studies.work_precision.method_runs import MethodRun, Task
 from verification.studies.work_precision.methods import METHODS, Method
 from verification.studies.work_precision.norms import NORMS
-from verification.studies.work_precision.study import Study, study
+from verification.studies.work_precision.study import WorkPrecisionStudy, run_study
 
 BUDGET = 120.0  # s: far more than it takes, also on a machine that is busy
 OPAMP = {"base": "ideal", "dc_gain": 1e5, "gbw": 0.9e6, "second_pole": 2.7e6}
@@ -61,13 +61,13 @@ FEW = (
 
 
 @pytest.fixture(scope="module")
-def found(ngspice: str) -> Study:
+def found(ngspice: str) -> WorkPrecisionStudy:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(ladders, "REPEATS", 2)
-        return study(small(), budget=BUDGET, methods=FEW)
+        return run_study(small(), budget=BUDGET, methods=FEW)
 
 
-def test_every_setting_is_a_point_with_errors_and_a_spread(found: Study) -> None:
+def test_every_setting_is_a_point_with_errors_and_a_spread(found: WorkPrecisionStudy) -> None:
     assert len(found.points) == sum(len(method.ladder) for method in FEW)
     for point in found.points:
         assert point.status == "done"
@@ -83,7 +83,7 @@ def test_every_setting_is_a_point_with_errors_and_a_spread(found: Study) -> None
         assert (point.errors["growth_rate"] is not None) == rings
 
 
-def test_ngspice_tells_its_steps_and_factorisations(found: Study) -> None:
+def test_ngspice_tells_its_steps_and_factorisations(found: WorkPrecisionStudy) -> None:
     for point in found.of(FEW[0]):
         assert point.steps is not None
         assert point.factorisations is not None
@@ -92,7 +92,7 @@ def test_ngspice_tells_its_steps_and_factorisations(found: Study) -> None:
         assert point.steps >= 0.99 * periods * point.setting
 
 
-def test_each_reference_is_by_another_solver(found: Study) -> None:
+def test_each_reference_is_by_another_solver(found: WorkPrecisionStudy) -> None:
     by = {
         "state space, exact": "modes",
         "state space, implicit at 1e-12": "Radau IIA, 5 stages",
@@ -107,7 +107,7 @@ def test_each_reference_is_by_another_solver(found: Study) -> None:
         assert floor < 1e-10
 
 
-def test_errors_fall_along_every_ladder(found: Study) -> None:
+def test_errors_fall_along_every_ladder(found: WorkPrecisionStudy) -> None:
     for method in FEW:
         errors = [point.errors["maximum"] for point in found.of(method)]
         assert errors == sorted(errors, key=lambda e: e or 0.0, reverse=True)
@@ -116,7 +116,7 @@ def test_errors_fall_along_every_ladder(found: Study) -> None:
     assert exact < 1e-10
 
 
-def test_the_fitted_orders_are_the_theoretical_ones(found: Study) -> None:
+def test_the_fitted_orders_are_the_theoretical_ones(found: WorkPrecisionStudy) -> None:
     for name in ("ngspice trapezoidal", "ngspice Gear"):
         order = found.orders[name]
         assert order.points == (0, 1, 2, 3)
@@ -126,7 +126,9 @@ def test_the_fitted_orders_are_the_theoretical_ones(found: Study) -> None:
     assert found.orders["state space, exact"].value is None
 
 
-def test_the_phase_error_of_the_trapezoidal_rule_is_the_closed_form(found: Study) -> None:
+def test_the_phase_error_of_the_trapezoidal_rule_is_the_closed_form(
+    found: WorkPrecisionStudy,
+) -> None:
     """Its frequency is ``(2/h) atan(omega h / 2)``: too low by ``(omega h)^2 / 12``."""
     pole = found.extent.pole
     assert pole is not None
@@ -135,7 +137,9 @@ def test_the_phase_error_of_the_trapezoidal_rule_is_the_closed_form(found: Study
         assert point.errors["frequency"] == pytest.approx(abs(pole * h) ** 2 / 12, rel=0.15)
 
 
-def test_the_cheapest_setting_reaches_the_error_and_is_the_cheapest(found: Study) -> None:
+def test_the_cheapest_setting_reaches_the_error_and_is_the_cheapest(
+    found: WorkPrecisionStudy,
+) -> None:
     for engines in (None, ["ngspice"]):
         point = found.cheapest(1e-3, engines=engines)
         assert point is not None
@@ -152,7 +156,7 @@ def test_the_cheapest_setting_reaches_the_error_and_is_the_cheapest(found: Study
     assert found.cheapest(1e-8, engines=["ngspice"]) is None
 
 
-def test_document_and_picture(found: Study, tmp_path: Path) -> None:
+def test_document_and_picture(found: WorkPrecisionStudy, tmp_path: Path) -> None:
     document = accuracy_document(found)
     assert [m["name"] for m in document["methods"]] == [m.name for m in FEW]
     assert document["norms"] == list(NORMS)
@@ -209,7 +213,7 @@ def test_without_ngspice_and_without_linearity_it_says_what_it_left_out(
         6e-5, amplifier="exponential", exponential_slope=0.1, resistance=1.9e6, capacitance=5e-11
     )
     methods = [m for m in FEW if m.problem == "board"]
-    found = study(scene, budget=BUDGET, methods=methods)
+    found = run_study(scene, budget=BUDGET, methods=methods)
     assert found.omissions == (
         *study_module.NEVER_RUN,
         "ngspice trapezoidal: not run, no executable 'ngspice'",
@@ -229,9 +233,9 @@ def test_the_command_prints_one_document_and_keeps_progress_apart(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        study_module.study,
+        study_module.run_study,
         "__kwdefaults__",
-        {**(study_module.study.__kwdefaults__ or {}), "methods": FEW[2:3]},
+        {**(study_module.run_study.__kwdefaults__ or {}), "methods": FEW[2:3]},
     )
     scene = tmp_path / "scene.toml"
     scene.write_text('[problem]\nkind = "tactile"\nchannels = 2\nspan = 2.0\n')

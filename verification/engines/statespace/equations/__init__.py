@@ -1,1 +1,1 @@
-"""A circuit as descriptor equations, and how they are solved."""
+"""The descriptor equations of a circuit, and their DC and structured solutions."""

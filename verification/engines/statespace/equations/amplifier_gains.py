@@ -1,9 +1,9 @@
-"""What the engines know of each behavioural amplifier: ``g``, its slope, and a safe coordinate.
+"""The function ``g``, its slope and a safe coordinate for each kind of behavioural amplifier.
 
-One entry of `GAINS` a kind of `spice_models.amplifier.AMPLIFIERS` (any but the linear one, which
-is an op-amp). The safe coordinate of a channel is ``q = y + h g(y)`` with ``h >= 0``: where the
-feedback is strong it is nearly the amplifier's output, where it is weak nearly its input, so a
-Newton step in q neither overflows nor crawls.
+`GAINS` has one entry for each kind of `spice_models.amplifier.AMPLIFIERS` except the linear one,
+which is an op-amp. The safe coordinate of a channel is ``q = y + h g(y)`` with ``h >= 0``. With
+strong feedback q is close to the amplifier's output, with weak feedback to its input, so a Newton
+step in q neither overflows nor becomes too short.
 """
 
 from __future__ import annotations
@@ -17,22 +17,16 @@ from spice_models.array_types import Floats
 from spice_models.errors import EngineError
 
 HUGE = 1e300
-NEWTON_STEPS = 200  # bisection alone would get there
-LARGEST_EXPONENT = 690.0  # exp(690) is near 1e300: room for a gain, none for an overflow
+NEWTON_STEPS = 200  # enough for bisection alone
+LARGEST_EXPONENT = 690.0  # exp(690) is near 1e300: a gain still fits without overflow
 
 
 @dataclass(frozen=True, slots=True)
 class Gain:
     """An increasing function g of the dimensionless input ``y = v / v_scale``.
 
-    Attributes
-    ----------
-    value, slope : callable
-        g and g' of an array.
-    from_coordinate : callable
-        ``(q, h) -> y`` with ``y + h g(y) = q``.
-    upper : float
-        Largest y at which g is representable.
+    `value` and `slope` are g and g' of an array; `from_coordinate` maps ``(q, h)`` to the y with
+    ``y + h g(y) = q``; `upper` is the largest y at which g is representable.
     """
 
     value: Callable[[Floats], Floats]
@@ -42,7 +36,7 @@ class Gain:
 
 
 def _exponential_from_coordinate(q: Floats, h: Floats) -> Floats:
-    """Solve ``y + h exp(y) = q`` by the Wright omega function, free of cancellation."""
+    """Solve ``y + h exp(y) = q`` by the Wright omega function, without cancellation."""
     from scipy.special import wrightomega
 
     log_h = np.log(h)
@@ -54,11 +48,11 @@ def _exponential_from_coordinate(q: Floats, h: Floats) -> Floats:
 def _by_newton(
     value: Callable[[Floats], Floats], slope: Callable[[Floats], Floats]
 ) -> Callable[[Floats, Floats], Floats]:
-    """Return ``(q, h) -> y`` by Newton's method inside a bracket that never loses the root.
+    """Return ``(q, h) -> y`` by Newton's method inside a bracket of the root.
 
     ``y + h g(y)`` increases with a slope of at least 1, so the root lies between 0 and
-    ``q - h g(0)``; a step that leaves the bracket, or follows one that left a tenth of the rest,
-    is replaced by its middle.
+    ``q - h g(0)``. A step that leaves the bracket, or that follows a step that reduced the residual
+    to no less than a tenth, is replaced by the middle of the bracket.
     """
 
     def solve(q: Floats, h: Floats) -> Floats:
@@ -66,14 +60,14 @@ def _by_newton(
             far = q - h * value(np.zeros_like(q))
             low, high = np.minimum(far, 0.0), np.maximum(far, 0.0)
             y = np.zeros_like(q)
-            before = np.full_like(q, np.inf)
+            previous = np.full_like(q, np.inf)
             for _ in range(NEWTON_STEPS):
                 excess = y + h * value(y) - q
                 low, high = np.where(excess <= 0, y, low), np.where(excess >= 0, y, high)
                 step = y - excess / (1.0 + h * slope(y))
-                # Far out on an exponential, Newton's step is 1 whatever the distance.
-                good = (step >= low) & (step <= high) & (np.abs(excess) <= 0.1 * before)
-                before = np.abs(excess)
+                # On a steep exponential, Newton's step is 1 at any distance from the root.
+                good = (step >= low) & (step <= high) & (np.abs(excess) <= 0.1 * previous)
+                previous = np.abs(excess)
                 following = np.where(good | (excess == 0), step, 0.5 * (low + high))
                 if np.all(np.abs(following - y) <= 4e-16 * np.abs(following)):
                     return following
@@ -106,15 +100,8 @@ GAINS: dict[str, Gain] = {
 
 
 def gain_of(kind: str) -> Gain:
-    """Return the entry of `GAINS`.
-
-    Raises
-    ------
-    EngineError
-        The kind has no entry.
-    """
+    """Return the entry of `GAINS`, or raise EngineError for an unknown kind."""
     if kind not in GAINS:
         known = ", ".join(sorted(GAINS))
-        message = f"the state-space engine has no amplifier kind {kind!r}; it knows {known}"
-        raise EngineError(message)
+        raise EngineError(f"the state-space engine has no amplifier kind {kind!r}, only {known}")
     return GAINS[kind]

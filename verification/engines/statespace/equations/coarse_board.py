@@ -1,8 +1,8 @@
-"""A coarse board: every k-th channel and sensor of a large one, more strongly coupled.
+"""Make a coarse board: every k-th channel and sensor of a large board, more strongly coupled.
 
-Its cells, its loads and its low spatial modes are those of the whole board, so its poles tell
-where those of the whole board are, and its transient what the strain step excites. It is a guide,
-never an answer.
+The coarse board has the cells, the loads and the low spatial modes of the whole board, so its poles
+lie near those of the whole board, and its transient shows the modes that the strain step excites.
+It serves for estimates only, never for a result.
 """
 
 from __future__ import annotations
@@ -18,23 +18,13 @@ from verification.engines.statespace.equations.descriptor import (
 )
 from verification.engines.statespace.equations.mirror_symmetry import proposed_mirror
 
-CHANNELS = 14  # of the coarse board, and sensors
+CHANNELS = 14  # of the coarse board, and as many sensors
 
 
 def coarsen(descriptor: Descriptor, channels: int = CHANNELS) -> Descriptor:
-    """Thin out a board.
+    """Keep about `channels` channels and as many sensors of a board, evenly spaced.
 
-    Parameters
-    ----------
-    descriptor : Descriptor
-        The whole board.
-    channels : int
-        How many channels, and how many sensors, are kept, evenly spaced.
-
-    Returns
-    -------
-    Descriptor
-        With a subset of the names; the board itself where there is nothing to thin out.
+    The result has a subset of the names; a small board is returned unchanged.
     """
     kept, gain = _choose(descriptor, channels)
     if kept.all():
@@ -82,33 +72,34 @@ def _thin(part: Coupling, kept: Bools, place: Ints, gain: float) -> Coupling:
 
 
 def _choose(descriptor: Descriptor, channels: int) -> tuple[Bools, float]:
-    """Choose the unknowns to keep, and how much stronger the couplings become."""
+    """Choose the unknowns to keep; return the factor of the couplings, too."""
     units = _units(descriptor)
     kept = units < 0
-    gain, seen = 1.0, np.zeros(max(int(units.max(initial=0)) + 1, 1), dtype=np.bool_)
+    gain, assigned = 1.0, np.zeros(max(int(units.max(initial=0)) + 1, 1), dtype=np.bool_)
     for part in descriptor.couplings:
-        fresh: Ints = np.unique(units[part.sinks])
-        fresh = fresh[~seen[np.maximum(fresh, 0)] & (fresh >= 0)]
-        if not len(fresh):
+        new_units: Ints = np.unique(units[part.sinks])
+        new_units = new_units[~assigned[np.maximum(new_units, 0)] & (new_units >= 0)]
+        if not len(new_units):
             continue
-        seen[fresh] = True
-        count = min(channels, len(fresh))
-        chosen = fresh[np.linspace(0.0, len(fresh) - 1.0, count).round().astype(np.int64)]
+        assigned[new_units] = True
+        count = min(channels, len(new_units))
+        chosen = new_units[np.linspace(0.0, len(new_units) - 1.0, count).round().astype(np.int64)]
         kept = kept | np.isin(units, chosen)
-        gain = max(gain, len(fresh) / count)
+        gain = max(gain, len(new_units) / count)
     return kept, gain
 
 
 def _units(descriptor: Descriptor) -> Ints:
-    """Return the channel or sensor that each unknown belongs to; -1 for voltage sources.
+    """Return the channel or sensor of each unknown; -1 for voltage sources.
 
-    Unknowns belong together if anything but a resistor matrix or a voltage source ties them.
+    Two unknowns belong together if an element connects them that is neither a resistor matrix nor
+    a voltage source.
     """
     from scipy.sparse import coo_array, csgraph
 
     source = np.zeros(descriptor.size, dtype=np.bool_)
-    alone = np.bincount(descriptor.local.rows, minlength=descriptor.size) == 1
-    source[alone & descriptor.determined] = True
+    single = np.bincount(descriptor.local.rows, minlength=descriptor.size) == 1
+    source[single & descriptor.determined] = True
     source[descriptor.devices.output] = False
     pairs = [(t.rows, t.columns) for t in (descriptor.local, descriptor.mass)]
     pairs.append((descriptor.devices.input, descriptor.devices.output))

@@ -1,4 +1,4 @@
-"""The DC equations ``K z = r`` of a board: dense, or through the structure of a large one."""
+"""Solve the DC equations ``K z = r``: dense, or by the structured solve of a large board."""
 
 from __future__ import annotations
 
@@ -12,38 +12,32 @@ from verification.engines.statespace.equations.descriptor import Descriptor
 from verification.engines.statespace.equations.structured_solve import Structure
 
 Response = tuple[Callable[[Floats], Floats], Floats]
-LOOSE = 1e17  # largest element of an inverse that still means something, rows scaled
+LOOSE = 1e17  # largest element of an inverse (rows scaled) that counts as regular
 
 
 def dense_response(descriptor: Descriptor) -> Response:
-    """Prepare to solve ``K z = r`` densely.
-
-    Returns
-    -------
-    tuple of callable and ndarray (size, m)
-        ``r -> z``, and z for a unit output of each behavioural amplifier.
+    """Prepare the dense solution: ``r -> z``, and z (size, m) for a unit output of each amplifier.
 
     Raises
     ------
     EngineError
-        K is singular: some node has no DC path, or a loop has no DC answer.
+        K is singular: a node has no DC path, or a loop has no DC solution.
     """
     board = descriptor.dense
     K, halves = board.stiffness, board.halves
-    inverses = [_inverse(part) for _, part in board.blocks]
-    known = [inverse for inverse in inverses if inverse is not None]
-    if len(known) < len(inverses):
+    inverses = [inverse for _, part in board.blocks if (inverse := _inverse(part)) is not None]
+    if len(inverses) < len(board.blocks):
         raise _undetermined(K, descriptor.names)
 
-    def roughly(r: Floats) -> Floats:
+    def unrefined(r: Floats) -> Floats:
         if halves is None:
-            return known[0] @ r
-        pairs = zip(known, halves.split_vectors(r), strict=True)
+            return inverses[0] @ r
+        pairs = zip(inverses, halves.split_vectors(r), strict=True)
         return halves.join_vectors(*(inverse @ part for inverse, part in pairs))
 
     def solve(r: Floats) -> Floats:
-        z = roughly(r)
-        return z + roughly(r - K @ z)
+        z = unrefined(r)
+        return z + unrefined(r - K @ z)
 
     # -v_out + a = 0 in a device's row: a unit output is a right-hand side of -1.
     unit = np.zeros((descriptor.size, descriptor.devices.count))
@@ -52,7 +46,7 @@ def dense_response(descriptor: Descriptor) -> Response:
 
 
 def _inverse(K: Floats) -> Floats | None:
-    """Invert after a scaling of the rows; None if K is singular."""
+    """Invert K with scaled rows; return None if K is singular."""
     scale = np.abs(K).max(axis=1, initial=0.0)
     if not scale.all():
         return None
@@ -66,17 +60,17 @@ def _inverse(K: Floats) -> Floats | None:
 def _undetermined(K: Floats, names: tuple[str, ...]) -> EngineError:
     """Name a node that the DC equations do not determine."""
     scale = np.abs(K).max(axis=1)
-    lonely = np.flatnonzero(scale == 0.0)
-    if lonely.size:
-        return EngineError(f"node {names[lonely[0]]!r} has no DC path to anything")
-    loose = np.linalg.svd(K / scale[:, None])[2][-1]  # what the equations leave free
-    worst = names[int(np.argmax(np.abs(loose)))]
+    isolated = np.flatnonzero(scale == 0.0)
+    if isolated.size:
+        return EngineError(f"node {names[isolated[0]]!r} has no DC path to any other node")
+    null_vector = np.linalg.svd(K / scale[:, None])[2][-1]
+    worst = names[int(np.argmax(np.abs(null_vector)))]
     message = f"the DC equations do not determine node {worst!r} (no DC path, or no feedback)"
     return EngineError(message)
 
 
 def structured_response(structure: Structure) -> Response:
-    """As `dense_response`, through the structure of a large board: one solve a device."""
+    """Prepare the same by structured solves, one for each amplifier."""
     descriptor, solve_shifted = structure.descriptor, structure.factor(0.0).solve
 
     def solve(r: Floats) -> Floats:

@@ -1,10 +1,10 @@
 """The descriptor equations of a board, ``M z' = K z + b + f(z)``, as plain data.
 
-Unknowns z: every node voltage (ground left out), then the internal states of every op-amp.
-Rows: Kirchhoff's current law at each node (A), except where an ideal source determines the node's
-voltage (V); then the poles of the op-amps (V/s). M is the capacitances and is singular. f is the
-behavioural amplifiers, each in the row of its own output. The resistor matrices stay arrays
-(`Coupling`): nothing here is of size N² but they. `stamps.stamp` makes it from a `Circuit`.
+The unknowns z are the node voltages (without ground), then the internal states of the op-amps.
+The rows are Kirchhoff's current law at each node (A), except where an ideal source determines the
+node's voltage (V), then the poles of the op-amps (V/s). M holds the capacitances and is singular. f
+is the behavioural amplifiers, each in the row of its output. Only the resistor matrices
+(`Coupling`) are arrays of size N². `stamps.stamp` makes the equations of a `Circuit`.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from spice_models.array_types import Bools, Floats, Ints
 from spice_models.errors import EngineError
 from verification.engines.statespace.equations.mirror_symmetry import Dense, Halves
 
-LARGE = 600  # unknowns above which a board is solved through its structure, not densely
+LARGE = 600  # unknowns above which structured solves replace dense ones
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Triplets:
-    """A sparse matrix as ``(row, column, value)``; equal places add."""
+    """A sparse matrix as ``(row, column, value)``; values at one place add up."""
 
     rows: Ints
     columns: Ints
@@ -39,16 +39,9 @@ class Triplets:
 class Coupling:
     """Conductances between driving nodes and summing nodes, off the diagonal.
 
-    Attributes
-    ----------
-    sinks, drivers : ndarray of int, (S,) and (D,)
-        Places in z.
-    conductance : ndarray (S, D)
-        S; adds ``G z[drivers]`` to the rows of the sinks and ``G^T z[sinks]`` to the rows of
-        those drivers whose voltage no ideal source determines (`loaded`). What the diagonal gets
-        is among the local stamps.
-    loaded : ndarray of bool (D,)
-        Drivers that feel their load.
+    `conductance` (S, D), in S, adds ``G z[drivers]`` to the rows of the sinks, and
+    ``G^T z[sinks]`` to the rows of the `loaded` drivers, whose voltage no ideal source determines.
+    The local stamps contain the diagonal.
     """
 
     sinks: Ints
@@ -69,7 +62,7 @@ class Devices:
 
     @property
     def count(self) -> int:
-        """How many there are."""
+        """Number of amplifiers."""
         return len(self.output)
 
 
@@ -80,10 +73,8 @@ class Descriptor:
     Attributes
     ----------
     names : tuple of str
-        Of the unknowns: nodes, then the poles of the op-amps, ``x<op-amp>.p1`` and ``.p2``
-        (the names that the deck's subcircuits have for them).
-    node_count : int
-        How many of the unknowns are nodes.
+        Of the unknowns: `node_count` nodes, then the poles of the op-amps, ``x<op-amp>.p1`` and
+        ``.p2``, named as in the deck's subcircuits.
     mass, local : Triplets
         M, and K without the couplings.
     couplings : tuple of Coupling
@@ -95,9 +86,9 @@ class Descriptor:
     devices : Devices
         f.
     places : dict
-        Where each name stands.
+        Index of each name.
     mirror : Halves or None
-        The exchange that the names propose; it holds where the matrices commute with it.
+        The exchange that the names propose; valid where the matrices commute with it.
     """
 
     names: tuple[str, ...]
@@ -119,12 +110,12 @@ class Descriptor:
 
     @property
     def is_large(self) -> bool:
-        """Whether there are too many unknowns for dense matrices of all of them."""
+        """Whether the board has too many unknowns for dense matrices."""
         return self.size > LARGE
 
     @functools.cached_property
     def dense(self) -> Dense:
-        """M and K written out, without the amplifiers' slopes; shape (size, size) each."""
+        """M and K as full matrices, without the amplifiers' slopes; shape (size, size) each."""
         M, K = self.mass.dense(self.size), self._dense_stiffness()
         return Dense.of(M, K, self.determined, self.mirror)
 
@@ -139,29 +130,22 @@ class Descriptor:
         return sums.astype(np.float64, copy=False).reshape(self.size, self.size)
 
     def stiffness_times(self, z: Floats, *, magnitudes: bool = False) -> Floats:
-        """K z, or ``|K| |z|``, without forming K; shape (size,)."""
+        """Return K z, or ``|K| |z|``, without forming K; shape (size,)."""
         f = np.abs if magnitudes else np.asarray
         z, local = f(z), self.local
-        found = np.zeros(self.size)
-        found += np.bincount(local.rows, f(local.values) * z[local.columns], minlength=self.size)
+        product = np.zeros(self.size)
+        product += np.bincount(local.rows, f(local.values) * z[local.columns], minlength=self.size)
         for part in self.couplings:
-            np.add.at(found, part.sinks, f(part.conductance) @ z[part.drivers])
-            np.add.at(found, part.drivers, f(part.conductance.T @ z[part.sinks]) * part.loaded)
-        return found
+            np.add.at(product, part.sinks, f(part.conductance) @ z[part.drivers])
+            np.add.at(product, part.drivers, f(part.conductance.T @ z[part.sinks]) * part.loaded)
+        return product
 
     def drive(self, *, sources_on: bool) -> Floats:
-        """B with the current sources on or off, shape (size,)."""
+        """Return b with the current sources on or off, shape (size,)."""
         return self.constant + self.switched if sources_on else self.constant
 
     def place(self, name: str) -> int:
-        """Place of a node or op-amp state in z.
-
-        Raises
-        ------
-        EngineError
-            There is none of that name.
-        """
+        """Return the index of a node or op-amp state in z; EngineError for an unknown name."""
         if name not in self.places:
-            message = f"the circuit has no node or op-amp state {name!r}"
-            raise EngineError(message)
+            raise EngineError(f"the circuit has no node or op-amp state {name!r}")
         return self.places[name]

@@ -1,8 +1,8 @@
-"""From a `Circuit` to its descriptor equations (`equations.Descriptor`).
+"""Stamp the descriptor equations of a `Circuit` (see `descriptor`).
 
 The op-amp is ``A(s) = A0 / ((1 + s/p1)(1 + s/p2))`` with ``p1 = 2 pi gbw / A0``: an integrator
-``x1' = -p1 x1 + 2 pi gbw (v+ - v-)``, a lag ``x2' = p2 (x1 - x2)``, and its output a source
-behind the output resistance. All parts of a kind are stamped at once, as arrays.
+``x1' = -p1 x1 + 2 pi gbw (v+ - v-)``, a lag ``x2' = p2 (x1 - x2)``, and a voltage source behind the
+output resistance. All parts of a kind are stamped at once, as arrays.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ FIGURES = operator.attrgetter(
 
 
 class _Entries:
-    """A matrix while it is being stamped: arrays of (row, column, value), ground included."""
+    """A growing matrix: arrays of (row, column, value), ground included."""
 
     def __init__(self) -> None:
         self.parts: list[tuple[Ints, Ints, Floats]] = []
 
     def add(self, rows: Ints, columns: Ints, values: Floats) -> None:
-        """Stamp one entry a row."""
+        """Stamp one entry in each row."""
         self.parts.append((rows, columns, values))
 
     def branch(self, a: Ints, b: Ints, values: Floats) -> None:
@@ -52,14 +52,14 @@ class _Entries:
             self.add(p, q, -values)
 
     def triplets(self, rows: Bools) -> Triplets:
-        """Return what stands in the chosen `rows` (size + 1, the last for ground)."""
+        """Return the entries of the chosen `rows` (size + 1, the last for ground)."""
         i, j, values = (np.concatenate(part) for part in zip(*self.parts, strict=True))
         live = np.flatnonzero(rows[i] & (j != GROUND) & (values != 0.0))
         return Triplets(i[live], j[live], values[live])
 
 
 class _Stamper:
-    """Collects stamps: of currents, which the row of an ideal source does not take, and of laws."""
+    """Collector of stamps: currents, which do not apply to rows of ideal sources, and laws."""
 
     def __init__(self, circuit: Circuit) -> None:
         self.circuit = circuit
@@ -69,30 +69,30 @@ class _Stamper:
         self.couplings: list[tuple[Ints, Ints, Floats]] = []
 
     def nodes(self, names: Iterable[str]) -> Ints:
-        """Return the places of nodes, given on first sight; `GROUND` for ground."""
+        """Return the places of nodes, `GROUND` for ground; a new name gets the next place."""
         places = self.places
-        found = [GROUND if n == "0" else places.setdefault(n, len(places)) for n in names]
-        return np.array(found, dtype=np.int64)
+        indices = [GROUND if n == "0" else places.setdefault(n, len(places)) for n in names]
+        return np.array(indices, dtype=np.int64)
 
-    def fix(self, node: str, what: str) -> None:
-        """Claim a node's row for an ideal source."""
+    def fix(self, node: str, source: str) -> None:
+        """Reserve a node's row for an ideal source."""
         if node == "0" or self.places[node] in self.fixed:
-            message = f"{what} drives a node whose voltage another ideal source determines"
+            message = f"{source} drives a node whose voltage another ideal source determines"
             raise EngineError(message)
         self.fixed.add(self.places[node])
 
     def matrix(self, matrix: ResistorMatrix) -> None:
-        """Stamp a resistor matrix: arrays off the diagonal, sums on it."""
+        """Stamp a resistor matrix: arrays off the diagonal, sums on the diagonal."""
         G = np.divide(1.0, matrix.ohms)
         G, negative = (G, matrix.negative) if matrix.by_column else (G.T, matrix.negative.T)
-        live = np.flatnonzero(G.any(axis=1))  # a row without a resistor may not have its node
+        live = np.flatnonzero(G.any(axis=1))  # the node of an empty row may not exist
         G, negative = G[live], negative[live]
         sinks = self.nodes(matrix.sinks[k] for k in live.tolist())
         G = np.concatenate([np.where(negative, 0.0, G), np.where(negative, G, 0.0)], axis=1)
         used, names = np.flatnonzero(G.any(axis=0)), (*matrix.plus, *matrix.minus)
         drivers = self.nodes(names[d] for d in used.tolist())
         G = np.ascontiguousarray(G[:, used])
-        # Sorted: where one row is another's mirror image, so are their sums, to the bit.
+        # Sorted, so that the sums of mirrored rows are equal to the bit.
         for places, axis in ((sinks, 1), (drivers, 0)):
             self.currents.add(places, places, -np.sort(G, axis=axis).sum(axis=axis))
         driven = drivers != GROUND
@@ -128,30 +128,31 @@ class _Stamper:
             entries.add(rows, minus, -factor * g)
             entries.add(rows, out, -g)
 
-    def _states(self, wanted: Bools) -> Ints:
-        """Give the poles of the op-amps their places, (P, 2); `GROUND` where one has none."""
-        listed: list[str] = []
-        for cell, (first, second) in zip(self.circuit.opamps, wanted.tolist(), strict=True):
-            listed.append(f"x{cell.name}.p1" if first else "0")
-            listed.append(f"x{cell.name}.p2" if second else "0")
-        return self.nodes(listed).reshape(-1, 2)
+    def _states(self, has_state: Bools) -> Ints:
+        """Return the places of the op-amps' poles, (P, 2); `GROUND` for a pole without a state."""
+        names = [
+            f"x{cell.name}.p{k}" if exists else "0"
+            for cell, pair in zip(self.circuit.opamps, has_state.tolist(), strict=True)
+            for k, exists in enumerate(pair, 1)
+        ]
+        return self.nodes(names).reshape(-1, 2)
 
     def _lag(
         self, x: Ints, rate: Floats, gain: Floats, plus: Ints, minus: Ints
     ) -> tuple[Ints, Ints]:
         """Add states ``x' = -rate x + gain (z[plus] - z[minus])``; return the signal's new places.
 
-        Where `x` is `GROUND` there is no such state, and the places stay as they are.
+        Where `x` is `GROUND`, no state is added and the places do not change.
         """
         self.mass.add(x, x, np.ones(len(x)))
         self.laws.add(x, plus, gain)
         self.laws.add(x, minus, -gain)
         self.laws.add(x, x, -rate)
-        none = x == GROUND
-        return np.where(none, plus, x), np.where(none, minus, GROUND)
+        absent = x == GROUND
+        return np.where(absent, plus, x), np.where(absent, minus, GROUND)
 
     def sources(self, devices: Devices) -> tuple[Floats, Floats]:
-        """Stamp the laws of ideal sources; return the drive: switched and constant, (size,)."""
+        """Stamp the laws of ideal sources; return b: switched and constant part, (size,)."""
         c, size = self.circuit, len(self.places)
         nodes = self.nodes(v.node for v in c.voltages)
         constant = np.zeros(size)
@@ -197,17 +198,12 @@ def _devices(stamper: _Stamper) -> Devices:
 
 
 def stamp(circuit: Circuit) -> Descriptor:
-    """Stamp a board.
-
-    Returns
-    -------
-    Descriptor
-        SI base units throughout.
+    """Return the descriptor equations of a board, in SI base units.
 
     Raises
     ------
     EngineError
-        Two ideal sources on one node, or amplifiers of several kinds.
+        Two ideal sources drive one node, or the amplifiers are of several kinds.
     """
     stamper = _Stamper(circuit)
     pins = (n for cell in circuit.opamps for n in (cell.noninverting, cell.inverting, cell.output))

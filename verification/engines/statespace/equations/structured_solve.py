@@ -1,13 +1,13 @@
-"""Structured solves of ``(c M - K) x = r``: channels touch each other only through T.
+"""Structured solves of ``(c M - K) x = r``: only T connects the channels.
 
-The unknowns split into summing nodes (N + M of them, the sinks of the two resistor matrices) and
-the rest. Without the summing nodes the rest falls apart into small cells, an op-amp and its
-inverter each, that are inverted all at once; what is left is a dense system on the summing nodes
-alone (the cells' Schur complement). With N = M:
+The unknowns are the summing nodes (N + M of them, the sinks of the two resistor matrices) and the
+inner unknowns. Without the summing nodes, the inner unknowns form separate small cells, an op-amp
+and its inverter each, which are inverted all at once. A dense system on the summing nodes alone
+remains (the Schur complement of the cells). With N = M:
 
 - a factorisation costs four products of N-by-2N with 2N-by-N and one dense LU of size 2N, instead
   of one of size 16 N: N = 500 takes 0.35 s, N = 128 15 ms;
-- a solve costs four products of T with a vector, one product with the inverse of size 2N and work
+- a solve costs four products of T with a vector, one product with the inverse of size 2N, and work
   on the cells that is linear in N.
 """
 
@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -35,19 +36,8 @@ class _Group:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Factor:
-    """One factorised shift.
+    """One factorised shift: the Schur complement on the summing nodes, and ``r -> x``."""
 
-    Attributes
-    ----------
-    shift : complex
-        c, 1/s.
-    schur : ndarray (S, S)
-        What is left on the summing nodes.
-    solve : callable
-        ``r -> x`` for a vector of all unknowns, real or complex.
-    """
-
-    shift: complex
     schur: Complexes
     solve: Callable[[Any], Any]
 
@@ -59,8 +49,8 @@ class Structure:
     ----------
     descriptor : Descriptor
         The equations.
-    slopes : ndarray (m,)
-        Of the behavioural amplifiers at the point of linearisation (empty if there are none).
+    slopes : ndarray (m,), optional
+        Slopes of the behavioural amplifiers at the point of linearisation; by default zero.
     """
 
     def __init__(self, descriptor: Descriptor, slopes: Floats | None = None) -> None:
@@ -73,30 +63,29 @@ class Structure:
         devices = descriptor.devices
         if devices.count:
             slopes = np.zeros(devices.count) if slopes is None else slopes
-            shape = (size, size)
-            feel = sparse.csr_array((slopes, (devices.output, devices.input)), shape=shape)
-            self.local = self.local + feel
+            places = (devices.output, devices.input)
+            self.local = self.local + sparse.csr_array((slopes, places), shape=(size, size))
         sinks = [part.sinks for part in descriptor.couplings]
         self.outer: Ints = np.unique(np.concatenate([*sinks, np.zeros(0, dtype=np.int64)]))
         inner = np.ones(size, dtype=np.bool_)
         inner[self.outer] = False
         self.inner: Ints = np.flatnonzero(inner)
-        self._renumber()
+        self._split()
         self.groups = self._cells()
 
-    def _renumber(self) -> None:
-        """Cut M, K and the couplings along the two kinds of unknowns."""
+    def _split(self) -> None:
+        """Split M, K and the couplings into outer (summing) and inner unknowns."""
         o, i = self.outer, self.inner
         place = np.full(self.descriptor.size, -1)
         place[o], place[i] = np.arange(len(o)), np.arange(len(i))
-        cut = {}
-        for name, rows, columns in (("oo", o, o), ("oi", o, i), ("io", i, o), ("ii", i, i)):
-            cut[name] = (self.mass[rows][:, columns], self.local[rows][:, columns])
-        self.parts = cut
+        self.parts = {
+            name: (self.mass[rows][:, columns], self.local[rows][:, columns])
+            for name, rows, columns in (("oo", o, o), ("oi", o, i), ("io", i, o), ("ii", i, i))
+        }
         self.couplings: list[tuple[Ints, Ints, Floats, Floats]] = []
         for part in self.descriptor.couplings:
             if np.isin(part.drivers, o).any():
-                raise EngineError("a summing node drives a resistor matrix: no cells to cut out")
+                raise EngineError("a summing node drives a resistor matrix, which joins the cells")
             if len(np.unique(part.drivers)) < len(part.drivers):
                 raise EngineError("a node drives a resistor matrix twice")
             load = part.conductance * part.loaded
@@ -117,6 +106,15 @@ class Structure:
             groups.append(_Group(places, _blocks(M, places), _blocks(K, places)))
         return groups
 
+    @cached_property
+    def capacitance(self) -> Floats:
+        """Largest element of each row of M, (size,)."""
+        return np.asarray(abs(self.mass).max(axis=1).toarray().ravel())
+
+    def settled_voltages(self, charge: Floats, rate: float) -> Floats:
+        """Return the voltages for charges ``M z``, at a `rate` (1/s) far above all poles."""
+        return np.asarray(rate * self.factor(rate).solve(charge))
+
     def factor(self, shift: complex, *, solver: bool = True) -> Factor:
         """Factorise ``shift M - K``; without `solver`, stop at the Schur complement.
 
@@ -128,10 +126,10 @@ class Structure:
         real = complex(shift).imag == 0.0
         c = complex(shift).real if real else complex(shift)
         Z = self._inner_inverse(c)
-        into = (c * self.parts["oi"][0] - self.parts["oi"][1]).tocsr()
-        outof = (c * self.parts["io"][0] - self.parts["io"][1]).tocsc()
-        schur = (c * self.parts["oo"][0] - self.parts["oo"][1] - into @ Z @ outof).toarray()
-        right, left = (Z @ outof).tocsr(), (into @ Z).tocsc()
+        oo, oi, io = (c * M - K for M, K in map(self.parts.__getitem__, ("oo", "oi", "io")))
+        oi, io = oi.tocsr(), io.tocsc()
+        schur = (oo - oi @ Z @ io).toarray()
+        right, left = (Z @ io).tocsr(), (oi @ Z).tocsc()
         for sinks, drivers, G, _ in self.couplings:
             schur[sinks] += (right[drivers].T @ G.T).T
         for sinks, drivers, _, load in self.couplings:
@@ -140,12 +138,11 @@ class Structure:
             for sinks2, drivers2, _, load in self.couplings:
                 between = Z[drivers][:, drivers2]
                 if between.nnz:
-                    add = _real_times(G, between @ load.T)
-                    schur[np.ix_(sinks, sinks2)] -= add
-        return Factor(shift, schur, self._solver(Z, schur, into, outof) if solver else _refuse)
+                    schur[np.ix_(sinks, sinks2)] -= _real_times(G, between @ load.T)
+        return Factor(schur, self._solver(Z, schur, oi, io) if solver else _refuse)
 
     def _inner_inverse(self, c: Any) -> Any:
-        """Inverse of the cells at shift c, as a sparse matrix."""
+        """Return the inverse of the cells at shift c, as a sparse matrix."""
         from scipy import sparse
 
         rows, columns, values = [], [], []
@@ -161,7 +158,7 @@ class Structure:
         where = (np.concatenate(rows), np.concatenate(columns))
         return sparse.csr_array((np.concatenate(values), where), shape=(n, n))
 
-    def _solver(self, Z: Any, schur: Any, into: Any, outof: Any) -> Callable[[Any], Any]:
+    def _solver(self, Z: Any, schur: Any, oi: Any, io: Any) -> Callable[[Any], Any]:
         from scipy.linalg import get_lapack_funcs
 
         o, i, couplings = self.outer, self.inner, self.couplings
@@ -174,17 +171,17 @@ class Structure:
             raise EngineError("the shift is an eigenvalue of the board")
 
         def triangular(b: Any) -> Any:
-            if np.iscomplexobj(b) and not np.iscomplexobj(lu):  # else its imaginary part is lost
+            if np.iscomplexobj(b) and not np.iscomplexobj(lu):  # SciPy drops imag(b)
                 return getrs(lu, pivots, b.real)[0] + 1j * getrs(lu, pivots, b.imag)[0]
             return getrs(lu, pivots, b)[0]
 
         def solve(r: Any) -> Any:
             y = Z @ r[i]
-            rest = r[o] - into @ y
+            right = r[o] - oi @ y
             for sinks, drivers, G, _ in couplings:
-                rest[sinks] += _real_times(G, y[drivers])
-            x_o = triangular(rest / scale)
-            back = outof @ x_o
+                right[sinks] += _real_times(G, y[drivers])
+            x_o = triangular(right / scale)
+            back = io @ x_o
             for sinks, drivers, _, load in couplings:
                 back[drivers] -= _real_times(load.T, x_o[sinks])
             x = np.empty(len(r), dtype=x_o.dtype)
@@ -196,16 +193,16 @@ class Structure:
 
 
 def _refuse(_: Any) -> Any:
-    raise EngineError("this factorisation was made without a solver")
+    raise EngineError("this factorisation was computed without a solver")
 
 
 def _real_times(real: Floats, x: Any) -> Any:
-    """Real matrix times complex array without making the matrix complex."""
+    """Multiply a real matrix by a complex array without a complex copy of the matrix."""
     if not np.iscomplexobj(x):
         return real @ x
-    flat = x.view(np.float64).reshape(len(x), -1) if x.flags.c_contiguous else None
-    if flat is None:
+    if not x.flags.c_contiguous:
         return real @ x.real + 1j * (real @ x.imag)
+    flat = x.view(np.float64).reshape(len(x), -1)
     return np.ascontiguousarray(real @ flat).view(np.complex128).reshape(-1, *x.shape[1:])
 
 
@@ -217,14 +214,14 @@ def _sparse(triplets: Any, size: int) -> Any:
 
 
 def _blocks(matrix: Any, places: Ints) -> Floats:
-    """Diagonal blocks of a sparse matrix at `places` (cells, m), shape (cells, m, m)."""
+    """Return the diagonal blocks of a sparse matrix at `places` (cells, m): (cells, m, m)."""
     cells, m = places.shape
     coo = matrix.tocoo()
     cell = np.full(matrix.shape[0], -1)
-    spot = np.zeros(matrix.shape[0], dtype=np.int64)
-    cell[places], spot[places] = np.arange(cells)[:, None], np.arange(m)
+    position = np.zeros(matrix.shape[0], dtype=np.int64)
+    cell[places], position[places] = np.arange(cells)[:, None], np.arange(m)
     kept = cell[coo.row] >= 0
     blocks = np.zeros((cells, m, m))
-    where = (cell[coo.row[kept]], spot[coo.row[kept]], spot[coo.col[kept]])
-    np.add.at(blocks, where, coo.data[kept])
+    rows, columns = coo.row[kept], coo.col[kept]
+    np.add.at(blocks, (cell[rows], position[rows], position[columns]), coo.data[kept])
     return blocks

@@ -1,1 +1,1 @@
-"""A board at its equilibrium: state space, modes, poles."""
+"""The linearisation of a board at its equilibrium: state space, modes, poles."""

@@ -1,4 +1,4 @@
-"""A board and its linearisation: each part is computed on first use, once, and handed along."""
+"""A board and its linearisation; each part is computed once, on first use."""
 
 from __future__ import annotations
 
@@ -28,16 +28,8 @@ from verification.engines.statespace.linearised.state_space import (
 class LinearBoard:
     """One board, linearised at its equilibrium with the strain applied.
 
-    Every property may raise `EngineError`: no equilibrium, or no state-space form.
-
-    Attributes
-    ----------
-    circuit : Circuit
-        The board.
-    equations : Descriptor, optional
-        Equations that take the place of the circuit's own.
-    point : Equilibrium, optional
-        Where to linearise, in the place of the equilibrium.
+    Every property may raise `EngineError`: no equilibrium, or no state-space form. `equations`
+    replace those of the circuit, and `point` replaces the equilibrium as point of linearisation.
     """
 
     circuit: Circuit
@@ -46,26 +38,26 @@ class LinearBoard:
 
     @classmethod
     def of(cls, circuit: Circuit | LinearBoard) -> LinearBoard:
-        """Return a linearised board as it is, and a circuit as a new one."""
+        """Return a `LinearBoard` unchanged, and make one of a circuit."""
         return circuit if isinstance(circuit, LinearBoard) else cls(circuit)
 
     def reported(self, nodes: Iterable[str] | None) -> tuple[str, ...]:
-        """Return the nodes that a transient reports: those asked for, else the outputs'."""
+        """Return the nodes that a transient reports: `nodes`, by default the outputs' nodes."""
         return tuple(o.node for o in self.circuit.outputs) if nodes is None else tuple(nodes)
 
     @functools.cached_property
     def descriptor(self) -> Descriptor:
-        """The equations."""
+        """The descriptor equations."""
         return stamp(self.circuit) if self.equations is None else self.equations
 
     @functools.cached_property
     def equilibrium(self) -> Equilibrium:
-        """Where the board rests with the strain applied."""
+        """The equilibrium with the strain applied."""
         return self.point or solve_equilibrium(self.descriptor, self._response)
 
     @functools.cached_property
     def rest(self) -> Equilibrium:
-        """Where it rests without strain; voltage sources stay on."""
+        """The equilibrium without strain; voltage sources stay on."""
         return solve_equilibrium(self.descriptor, self._response, sources_on=False)
 
     @functools.cached_property
@@ -81,7 +73,7 @@ class LinearBoard:
 
     @property
     def _operating_point(self) -> Equilibrium | None:
-        """The equilibrium where the linearisation depends on it."""
+        """The equilibrium if the linearisation depends on it, else None."""
         return self.equilibrium if self.descriptor.devices.count else None
 
     @functools.cached_property
@@ -91,16 +83,16 @@ class LinearBoard:
 
     @functools.cached_property
     def open_loop(self) -> StateSpace:
-        """The same with the amplifiers' outputs as inputs."""
+        """The state space with the amplifiers' outputs as inputs."""
         return open_loop(self.descriptor)
 
     @functools.cached_property
     def structure(self) -> Structure:
-        """The equations of a large board, to be solved without any dense matrix of all of them."""
+        """The equations of a large board, for solves without a dense matrix of all unknowns."""
         point = self._operating_point
         return self._bare if point is None else Structure(self.descriptor, point.slopes)
 
     @functools.cached_property
     def coarse(self) -> LinearBoard:
-        """A small image of a large board; see `coarse_board`."""
+        """A coarse board in place of a large one; see `coarse_board`."""
         return LinearBoard(self.circuit, coarsen(self.descriptor))

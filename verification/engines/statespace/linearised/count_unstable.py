@@ -1,12 +1,12 @@
-"""Counting the poles right of a line by the winding of the loop's determinant.
+"""Count the poles right of a vertical line by the winding of the determinant.
 
-``det(s M - K)`` is a polynomial of degree n with the poles for roots. Along a vertical line from
-the real axis upwards its argument turns by ``pi/2 (left - right)``. The determinant is that of the
-cells, whose own poles are known one by one, times that of the Schur complement on the summing
-nodes (see `structure`), which is followed from point to point. There the argument is the sum of
-those of the eigenvalues of ``S(s1)^-1 S(s2)``: each starts at 1 and moves little in a short step,
-so none can be lost, however many modes ring at one frequency. The count is independent of any
-search for poles.
+``det(s M - K)`` is a polynomial of degree n whose roots are the poles. Along a vertical line from
+the real axis upwards its argument turns by ``pi/2 (left - right)``. The determinant is the product
+of two: that of the cells, whose poles are known one by one, and that of the Schur complement S on
+the summing nodes (see `structured_solve`), which is followed from point to point. There the change
+of the argument is the sum over the eigenvalues of ``S(s1)^-1 S(s2)``. Each of these starts at 1 and
+moves little in a short step, so none is lost, even if many modes have one frequency. The count is
+independent of any search for poles.
 """
 
 from __future__ import annotations
@@ -19,21 +19,16 @@ from spice_models.array_types import Complexes, Floats
 from spice_models.errors import EngineError
 from verification.engines.statespace.equations.structured_solve import Structure
 
-BEYOND = 1e5  # top of the line, over the fastest rate of the board
-OCTAVE = 4.0  # largest ratio of neighbouring frequencies
-CALM = 1.0  # largest turn of one eigenvalue in a step, rad
-DEEPEST = 60  # halvings of a step before the line counts as touching a pole
+TOP = 1e5  # of the line, in units of the board's fastest rate
+FREQUENCY_RATIO = 4.0  # largest ratio of neighbouring frequencies
+LARGEST_TURN = 1.0  # of one eigenvalue in a step, rad
+MOST_HALVINGS = 60  # of a step; with more, a pole lies on the line
 
 
 def count_right(structure: Structure, abscissa: float = 0.0) -> int:
     """Count the poles with a real part above `abscissa`, 1/s.
 
-    Parameters
-    ----------
-    structure : Structure
-        The board.
-    abscissa : float
-        Of the vertical line; not on a pole.
+    The vertical line must not pass through a pole.
 
     Raises
     ------
@@ -47,63 +42,57 @@ def count_right(structure: Structure, abscissa: float = 0.0) -> int:
     """
     rates, cells = cell_poles(structure)
     fastest = float(rates.max(initial=1.0))
-    top = BEYOND * fastest
+    top = TOP * fastest
     low, high = _Point(structure, abscissa + 1j * top), _Point(structure, abscissa + 2j * top)
-    degree = (high.size - low.size) / math.log(2.0)
-    turned = _follow(structure, abscissa, fastest, top)
+    degree = (high.log_size - low.log_size) / math.log(2.0)
+    turn = _schur_turn(structure, abscissa, fastest, top)
     offset = abscissa - cells.real
     if np.any(offset == 0.0):
         raise EngineError(f"a pole of a single cell lies on the line at {abscissa!r} /s")
-    ends = (np.arctan((omega - cells.imag) / np.abs(offset)) for omega in (top, 0.0))
-    upper, lower = ends
-    turned += float(np.sum(np.sign(offset) * (upper - lower)))
-    right = float(0.5 * (len(cells) + degree - turned / (0.5 * math.pi)))
+    upper, lower = (np.arctan((omega - cells.imag) / np.abs(offset)) for omega in (top, 0.0))
+    turn += float(np.sum(np.sign(offset) * (upper - lower)))
+    right = float(0.5 * (len(cells) + degree - turn / (0.5 * math.pi)))
     if abs(right - round(right)) > 0.05:
-        raise EngineError(f"the winding number came out as {right!r}: no whole number of poles")
+        raise EngineError(f"the winding number gives {right!r} poles, which is not a whole number")
     return round(right)
 
 
 class _Point:
-    """The Schur complement at one s, its rows scaled."""
+    """The Schur complement at one s, and the logarithm of its determinant's size."""
 
     def __init__(self, structure: Structure, s: complex) -> None:
         self.s = s
         self.schur = structure.factor(s, solver=False).schur
-        sign, self.size = np.linalg.slogdet(self.schur)
+        sign, self.log_size = np.linalg.slogdet(self.schur)
         if sign == 0.0:
             raise EngineError(f"a pole lies at {s!r} /s")
 
 
-def _follow(structure: Structure, abscissa: float, fastest: float, top: float) -> float:
-    """Total turn of the Schur complement's determinant along the line, rad."""
+def _schur_turn(structure: Structure, abscissa: float, fastest: float, top: float) -> float:
+    """Return the total turn of the Schur complement's determinant along the line, rad."""
     start = 1e-6 * fastest
-    count = max(math.ceil(math.log(top / start) / math.log(OCTAVE)), 1)
-    grid = [0.0, *np.geomspace(start, top, count + 1).tolist()]
-    total, here = 0.0, _Point(structure, complex(abscissa))
-    for omega in grid[1:]:
-        waiting = [_Point(structure, abscissa + 1j * omega)]
-        depth = 0
-        while waiting:
-            there = waiting[-1]
-            turns = np.angle(_ratio(here, there))
-            if np.abs(turns).max(initial=0.0) <= CALM:
+    count = max(math.ceil(math.log(top / start) / math.log(FREQUENCY_RATIO)), 1)
+    total, point = 0.0, _Point(structure, complex(abscissa))
+    for omega in np.geomspace(start, top, count + 1).tolist():
+        ahead = [_Point(structure, abscissa + 1j * omega)]
+        halvings = 0
+        while ahead:
+            ratio = np.linalg.solve(point.schur, ahead[-1].schur)
+            turns = np.angle(np.linalg.eigvals(ratio))
+            if np.abs(turns).max(initial=0.0) <= LARGEST_TURN:
                 total += float(turns.sum())
-                here = waiting.pop()
+                point = ahead.pop()
                 continue
-            depth += 1
-            if depth > DEEPEST:
-                raise EngineError(f"a pole lies on the line near {here.s!r} /s")
-            waiting.append(_Point(structure, 0.5 * (here.s + there.s)))
+            halvings += 1
+            if halvings > MOST_HALVINGS:
+                raise EngineError(f"a pole lies on the line near {point.s!r} /s")
+            ahead.append(_Point(structure, 0.5 * (point.s + ahead[-1].s)))
     return total
 
 
-def _ratio(here: _Point, there: _Point) -> Complexes:
-    return np.asarray(np.linalg.eigvals(np.linalg.solve(here.schur, there.schur)))
-
-
 def cell_poles(structure: Structure) -> tuple[Floats, Complexes]:
-    """Return the board's rates (1/s) and the poles of all its cells, each by itself."""
-    found, rates = [], []
+    """Return the board's rates (1/s), and the poles of each separate cell."""
+    poles, rates = [], []
     for group in structure.groups:
         M, K = group.mass, group.stiffness
         weight = np.abs(M).max(axis=2)
@@ -114,10 +103,9 @@ def cell_poles(structure: Structure) -> tuple[Floats, Complexes]:
         shift = 1.1 * float(rate.max())
         theta = np.linalg.eigvals(np.linalg.solve(shift * M - K, M))
         theta = theta[np.abs(theta) > 1e-13 * np.abs(theta).max()]
-        found.append(shift - 1.0 / theta)
+        poles.append(shift - 1.0 / theta)
     if len(structure.outer):
-        M = abs(structure.parts["oo"][0]).max(axis=1).toarray().ravel()
-        K = abs(structure.parts["oo"][1]).max(axis=1).toarray().ravel()
+        M, K = (abs(part).max(axis=1).toarray().ravel() for part in structure.parts["oo"])
         rates.append(K[M > 0.0] / M[M > 0.0])
-    poles = np.concatenate([*found, np.zeros(0)]).astype(np.complex128)
-    return np.concatenate([*rates, np.zeros(0)]), poles
+    all_poles = np.concatenate([*poles, np.zeros(0)]).astype(np.complex128)
+    return np.concatenate([*rates, np.zeros(0)]), all_poles

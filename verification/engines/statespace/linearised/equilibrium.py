@@ -1,10 +1,10 @@
 """The DC equilibrium of a board: linear solve, or a globally convergent Newton method.
 
-A board with m behavioural amplifiers is a linear network with m nonlinear one-ports. Seen from
-them it is ``y + H g(y) = a`` with ``y = v_in / v_scale``: H is the DC gain from amplifier outputs
-back to inputs, a what the sources alone do. H is nearly symmetric and positive semidefinite (the
-network descends an energy), so the solution is unique, and Newton's method damped on
-``|F|`` converges from anywhere in the coordinate ``q = y + diag(H) g(y)`` (see `gains`).
+A board with m behavioural amplifiers is a linear network with m nonlinear one-ports. The equation
+of the ports is ``y + H g(y) = a`` with ``y = v_in / v_scale``: H is the DC gain from amplifier
+outputs back to inputs, a the inputs due to the sources alone. H is nearly symmetric and positive
+semidefinite (the network descends an energy), so the solution is unique, and Newton's method damped
+on ``|F|`` converges from any start in ``q = y + diag(H) g(y)`` (see `amplifier_gains`).
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ PROBES, SPREAD = 4, 4.0  # draws of the rounding, and how much more than the lar
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Equilibrium:
-    """Where the board rests.
+    """The DC equilibrium of a board.
 
     Attributes
     ----------
     descriptor : Descriptor
-        The equations that it solves.
+        The solved equations.
     values : ndarray (size,)
         Node voltages and op-amp states, V.
     slopes : ndarray (m,)
-        ``d v_out / d v_in`` of each behavioural amplifier there, V/V (negative).
+        ``d v_out / d v_in`` of each behavioural amplifier at the equilibrium, V/V (negative).
     residual : float
         Largest residual, relative to the terms that cancel in it, unknowns at least `QUIET`.
     steps : int
@@ -64,25 +64,14 @@ def solve_equilibrium(
 ) -> Equilibrium:
     """Find the DC equilibrium.
 
-    Parameters
-    ----------
-    descriptor : Descriptor
-        The board.
-    response : tuple of callable and ndarray
-        As `dc_solve.dense_response` has it.
-    sources_on : bool
-        Whether the strain currents flow; voltage sources always do.
-
-    Returns
-    -------
-    Equilibrium
-        With its certificate (`residual`).
+    `response` is that of `dc_solve.dense_response`. Without `sources_on` the strain currents are
+    zero, but voltage sources stay on. The result contains its certificate (`residual`).
 
     Raises
     ------
     EngineError
-        An amplifier would have to go beyond the range of floats, or the certificate was not
-        reached; never a wrong answer.
+        The input of an amplifier is beyond the range of floats, or the residual is above
+        `CERTIFICATE`; a wrong equilibrium is never returned.
 
     Notes
     -----
@@ -111,10 +100,9 @@ def solve_equilibrium(
 
 
 def _polish(descriptor: Descriptor, z: Floats, drive: Floats) -> Floats:
-    """Take Newton steps on all unknowns at once: the loop's gain magnifies its rounding.
+    """Take Newton steps on all unknowns at once, since the gain of the loop magnifies rounding.
 
-    As corrections of z they also refine each other, so that every row's residual falls to the
-    rounding of its own terms.
+    Successive corrections of z reduce every row's residual to the rounding of its terms.
     """
     devices = descriptor.devices
     gain = gain_of(devices.kind)
@@ -174,14 +162,14 @@ def _cancelling(descriptor: Descriptor, z: Floats, drive: Floats) -> tuple[Float
 
 
 def solve_loop(H: Floats, a: Floats, gain: Gain) -> tuple[Floats, int]:
-    """Solve ``y + H g(y) = a`` by damped Newton, with a homotopy where that stalls.
+    """Solve ``y + H g(y) = a`` by damped Newton steps, with a homotopy where these stall.
 
     Parameters
     ----------
     H : ndarray (m, m)
         Dimensionless DC feedback.
     a : ndarray (m,)
-        Inputs with the feedback cut.
+        Inputs without feedback.
 
     Returns
     -------
@@ -191,7 +179,7 @@ def solve_loop(H: Floats, a: Floats, gain: Gain) -> tuple[Floats, int]:
     Raises
     ------
     EngineError
-        Not found within `MAX_STEPS` a stage.
+        A stage did not converge within `MAX_STEPS`.
     """
     diagonal = np.diag(H)
     h = np.maximum(diagonal, 1e-12 * np.abs(H).max(initial=1e-300))
@@ -213,7 +201,7 @@ amplifiers has no bounded solution within the range of floats, or is not monoton
 
 
 def _newton(H: Floats, h: Floats, a: Floats, gain: Gain, q: Floats) -> tuple[Floats, int, bool]:
-    """Damp Newton's method on |F| in q; True when F vanishes against the terms that cancel."""
+    """Damp Newton's method on |F| in q; return whether F is below the rounding of its terms."""
 
     def evaluate(q: Floats) -> tuple[Floats, Floats, float, bool]:
         y = gain.from_coordinate(q, h)
@@ -240,7 +228,7 @@ def _newton(H: Floats, h: Floats, a: Floats, gain: Gain, q: Floats) -> tuple[Flo
                 break
             damping *= 0.5
         else:
-            # Rounding is reached: F no longer decreases along an exact Newton direction.
+            # F is at its rounding: it no longer decreases along an exact Newton direction.
             terms = np.abs(y) + np.abs(H) @ gain.value(y) + np.abs(a)
             return y, step, bool(np.all(np.abs(F) <= 1e-11 * (terms + len(y))))
         q = q + damping * dq

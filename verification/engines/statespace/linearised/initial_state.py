@@ -1,4 +1,4 @@
-"""The state in which a transient begins."""
+"""The initial state of a transient."""
 
 from __future__ import annotations
 
@@ -16,16 +16,15 @@ Initial = Literal["zero", "rest"]
 def initial_unknowns(
     board: LinearBoard, initial: Initial, voltages: Mapping[str, float] | None = None
 ) -> Floats:
-    """Every unknown just before the strain steps on, V, shape (size,).
+    """Return every unknown just before the strain step, V, shape (size,).
 
-    ``"rest"`` is the equilibrium with the current sources off; ``"zero"`` has every capacitor and
-    op-amp discharged, except that `voltages` (V, by node or op-amp state) charge what is connected
-    to them.
+    ``"rest"`` is the equilibrium with the current sources off. With ``"zero"`` all capacitors and
+    op-amps are discharged, except those that `voltages` (V, by node or op-amp state) charge.
 
     Raises
     ------
     EngineError
-        A name that the circuit does not have, or no equilibrium.
+        The circuit does not have a name of `voltages`, or has no equilibrium.
     """
     if initial == "rest":
         return board.rest.values

@@ -1,4 +1,4 @@
-"""Modes of ``x' = A x + b``: eigenvalues with left and right vectors, and how far to trust them."""
+"""Modes of ``x' = A x + b``: eigenvalues with left and right vectors, and their errors."""
 
 from __future__ import annotations
 
@@ -17,14 +17,8 @@ from verification.engines.statespace.linearised.real_modes import Block, decompo
 class Modes:
     """``A = right diag(poles) left`` with ``left right = 1``.
 
-    Attributes
-    ----------
-    blocks : tuple of Block
-        Modes of A, or of what it is on even and on odd vectors (`Halves`).
-    halves : Halves or None
-        How the two belong together.
-    poles : ndarray (n,)
-        Eigenvalues, 1/s, rightmost first.
+    `blocks` are the modes of A, or with `halves` those of its even and odd part; `poles` are the
+    eigenvalues, 1/s, rightmost first.
     """
 
     blocks: tuple[Block, ...]
@@ -34,37 +28,25 @@ class Modes:
 
     @functools.cached_property
     def right(self) -> Complexes:
-        """Columns are modes, (n, n)."""
+        """Eigenvectors as columns, (n, n)."""
         parts = [block.columns() for block in self.blocks]
         whole = parts[0] if self.halves is None else self.halves.join(*parts)
         return whole[:, self._order]
 
     @functools.cached_property
     def left(self) -> Complexes:
-        """Rows are their dual vectors, (n, n)."""
+        """Dual vectors as rows, (n, n)."""
         parts = [block.rows().T for block in self.blocks]
         if self.halves is not None:
             even, odd = parts
             parts = [self.halves.join(even * self.halves.share[:, None], 0.5 * odd)]
         return parts[0].T[self._order]
 
-    @property
-    def condition(self) -> Floats:
-        """``|left_i| |right_i|`` after scaling of the states, at least 1, (n,).
-
-        How much a perturbation of A moves the pole.
-        """
-        left, right = np.abs(self.left), np.abs(self.right)
-        scale = right.max(axis=1, initial=0.0)
-        scale[scale == 0.0] = 1.0
-        sizes = np.linalg.norm(left * scale, axis=1), np.linalg.norm(right.T / scale, axis=1)
-        return np.asarray(sizes[0] * sizes[1])
-
     @functools.cached_property
     def spread(self) -> Floats:
-        """First-order bound on the error of each pole by rounding in A's elements, (n,), 1/s.
+        """First-order bound on the error of each pole from rounding of A's elements, (n,), 1/s.
 
-        ``eps sum_jk |left_ij| |A_jk| |right_ki|``, and what couples it to poles too close to it.
+        ``eps sum_jk |left_ij| |A_jk| |right_ki|``, plus the coupling to poles too close to it.
         """
         return np.concatenate([block.spread() for block in self.blocks])[self._order]
 
@@ -74,7 +56,7 @@ class Modes:
         return max(block.defect for block in self.blocks)
 
     def amplitudes(self, C: Floats, deviation: Floats) -> Complexes:
-        """Share of each mode in each row of ``C x``, shape (len(C), n).
+        """Return the share of each mode in each row of ``C x``, shape (len(C), n).
 
         ``C x(t) = sum_i amplitudes[:, i] exp(poles[i] t)`` for ``x(0) = deviation``.
         """
@@ -83,14 +65,14 @@ class Modes:
         return np.concatenate(shares, axis=1)[:, self._order]
 
     def terms(self, C: Floats, deviation: Floats) -> Floats:
-        """Sizes of what adds up to `amplitudes`: ``|C right| |left| |deviation|``."""
-        rows, (size, *_) = self._split(C, np.abs(deviation))  # of an odd part the terms add too
+        """Return the sizes of the sums in `amplitudes`: ``|C right| |left| |deviation|``."""
+        rows, (size, *_) = self._split(C, np.abs(deviation))  # the terms of an odd part add up too
         parts = zip(self.blocks, rows, strict=True)
-        found = [block.terms(C, size[: len(block.right)]) for block, C in parts]
-        return np.concatenate(found, axis=1)[:, self._order]
+        terms = [block.terms(C, size[: len(block.right)]) for block, C in parts]
+        return np.concatenate(terms, axis=1)[:, self._order]
 
     def _split(self, C: Floats, x: Floats) -> tuple[Sequence[Floats], Sequence[Floats]]:
-        """Return rows and a vector as the blocks take them."""
+        """Return the rows and the vector for each block."""
         if self.halves is None:
             return (C,), (x,)
         return self.halves.split_rows(C), self.halves.split_vectors(x)
@@ -99,23 +81,16 @@ class Modes:
 def decompose(blocks: Sequence[Floats], halves: Halves | None = None) -> Modes:
     """Decompose a matrix, shape (n, n), by one dense eigenproblem (about 25 n³ flops).
 
-    Never raises for finite matrices: a defective one shows in `Modes.defect`.
-
-    Parameters
-    ----------
-    blocks : sequence of ndarray
-        The matrix; or what it is on even and on odd vectors, if an exchange commutes with it:
-        two eigenproblems of half the size then do, at a quarter of the cost.
-    halves : Halves, optional
-        Of that exchange.
+    With `halves`, `blocks` are the matrix's even and odd part, and two eigenproblems of half the
+    size cost a quarter. Never raises for finite matrices: a defective one shows in `Modes.defect`.
     """
     sizes = [np.abs(A) for A in blocks]
-    if halves is not None:  # each element of both is a sum or difference of the same two
+    if halves is not None:  # elements of both are a sum or difference of the same two
         even, odd = sizes
-        own = even[: halves.pairs, : halves.pairs]
-        np.maximum(own, odd, out=own)
-        sizes = [even, own]
-    found = tuple(map(decompose_block, blocks, sizes))
-    poles = np.concatenate([block.poles for block in found])
+        paired = even[: halves.pairs, : halves.pairs]
+        np.maximum(paired, odd, out=paired)
+        sizes = [even, paired]
+    decomposed = tuple(map(decompose_block, blocks, sizes))
+    poles = np.concatenate([block.poles for block in decomposed])
     order = np.lexsort((-poles.imag, -poles.real))
-    return Modes(found, halves, poles[order], order)
+    return Modes(decomposed, halves, poles[order], order)

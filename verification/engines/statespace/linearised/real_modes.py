@@ -1,8 +1,8 @@
-"""Modes of one matrix in real arithmetic, where products of matrices cost a quarter.
+"""Compute the modes of one matrix in real arithmetic, where matrix products cost a quarter.
 
-Of a conjugate pair, real columns ``a, b`` stand for the vectors ``a - ib, a + ib``, and real
-rows ``p, q`` for their duals ``(p + iq) / 2, (p - iq) / 2``. The real modes come first, then the
-first of every pair, then the second ones: so all that follows is slices.
+Real columns ``a, b`` represent the vectors ``a - ib, a + ib`` of a conjugate pair, and real rows
+``p, q`` their duals ``(p + iq) / 2, (p - iq) / 2``. The real modes come first, then the first of
+every pair, then the second of every pair, so that slices select them.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from spice_models.array_types import Complexes, Floats
 
 EPS = float(np.finfo(np.float64).eps)
-SEPARABLE = 1e-2  # modes coupled by less than this part of their distance can be told apart
+SEPARABLE = 1e-2  # modes can be separated if their coupling is below this part of their distance
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,15 +28,13 @@ class Block:
     Attributes
     ----------
     kept : ndarray (k,)
-        Eigenvalues, 1/s: the real ones, then of every pair that with the positive imaginary part.
-    real : int
-        How many of them are real.
+        Eigenvalues, 1/s: the `real` real ones, then that with Im > 0 of every pair.
     right, left : ndarray (n, n)
         Columns and rows; the rows are not finite where the modes are defective.
     coupled : ndarray (k,)
-        What couples each mode to modes too close to it, 1/s.
+        Coupling of each mode to modes too close to it, 1/s.
     size : ndarray (n, n)
-        What the rounding of A's elements is relative to, 1/s.
+        Size of A's elements to which their rounding is relative, 1/s.
     """
 
     kept: Complexes
@@ -48,16 +46,16 @@ class Block:
 
     @property
     def poles(self) -> Complexes:
-        """Of all modes, (n,)."""
+        """Eigenvalues of all modes, 1/s, (n,)."""
         return _both(self.kept, self.real)
 
     def amplitudes(self, C: Floats, deviation: Floats) -> Complexes:
-        """Share of each mode in each row of ``C x``, shape (len(C), n)."""
+        """Return the share of each mode in each row of ``C x``, shape (len(C), n)."""
         dual = _rows(self.left @ deviation, self.real, len(self.kept))
         return np.asarray(_columns(C @ self.right, self.real) * _both(dual, self.real))
 
     def terms(self, C: Floats, size: Floats) -> Floats:
-        """Sizes of what adds up to `amplitudes` of deviations of a `size`, (len(C), n)."""
+        """Return the sizes of the sums in `amplitudes` for deviations of a `size`, (len(C), n)."""
         return np.asarray(np.abs(_columns(C @ self.right, self.real)) * (self._left_sizes @ size))
 
     @functools.cached_property
@@ -75,7 +73,7 @@ class Block:
         return float(off) if np.isfinite(off) else math.inf
 
     def spread(self) -> Floats:
-        """First-order bound on the error of each pole, (n,), 1/s (see `modes.Modes`)."""
+        """Return `modes.Modes.spread` of this block, (n,), 1/s."""
         if not math.isfinite(self.defect):
             return np.full(len(self.right), np.inf)
         right = _sizes(self.right, self.real)
@@ -83,22 +81,22 @@ class Block:
         return np.asarray(EPS * terms + _both(self.coupled, self.real))
 
     def columns(self) -> Complexes:
-        """Eigenvectors, (n, n)."""
+        """Return the eigenvectors, (n, n)."""
         return _columns(self.right, self.real)
 
     def rows(self) -> Complexes:
-        """Their dual vectors, (n, n)."""
+        """Return the dual vectors, (n, n)."""
         return _both(_rows(self.left, self.real, len(self.kept)), self.real)
 
 
 def decompose_block(A: Floats, size: Floats) -> Block:
-    """Decompose A; `size` is what the rounding of its elements is relative to."""
+    """Decompose A; the rounding of its elements is relative to `size`."""
     poles, vectors = np.linalg.eig(A)
-    flat, first = np.flatnonzero(poles.imag == 0.0), np.flatnonzero(poles.imag > 0.0)
-    kept = np.concatenate([poles[flat], poles[first]]).astype(np.complex128)
-    turning = vectors[:, first]
-    R = np.concatenate([vectors[:, flat].real, turning.real, -turning.imag], axis=1)
-    # Row scaling: states of small amplitude must not decide the pivots.
+    real, first = np.flatnonzero(poles.imag == 0.0), np.flatnonzero(poles.imag > 0.0)
+    kept = np.concatenate([poles[real], poles[first]]).astype(np.complex128)
+    ringing = vectors[:, first]
+    R = np.concatenate([vectors[:, real].real, ringing.real, -ringing.imag], axis=1)
+    # Row scaling makes the pivots independent of the states' amplitudes.
     scale = np.abs(R).max(axis=1, initial=0.0)
     scale[scale == 0.0] = 1.0
     try:
@@ -106,16 +104,16 @@ def decompose_block(A: Floats, size: Floats) -> Block:
     except np.linalg.LinAlgError:
         inverse = np.full_like(R, np.inf)
     if not np.all(np.isfinite(inverse)):
-        return Block(kept, len(flat), R, np.full_like(R, np.inf), np.full(len(kept), np.inf), size)
-    return _refine(A, Block(kept, len(flat), R, inverse / scale, np.zeros(len(kept)), size))
+        return Block(kept, len(real), R, np.full_like(R, np.inf), np.full(len(kept), np.inf), size)
+    return _refine(A, Block(kept, len(real), R, inverse / scale, np.zeros(len(kept)), size))
 
 
 def _refine(A: Floats, block: Block) -> Block:
     """Take one Newton step on all modes at once.
 
-    The eigensolver's error is ``eps |A|``, set by the fastest mode; that of ``left A right`` is
-    set mode by mode, some orders of magnitude smaller for the slow ones. Modes that are too close
-    to separate keep their vectors, and what couples them counts as error (`Block.coupled`).
+    The eigensolver's error is ``eps |A|``, which the fastest mode determines. The error of
+    ``left A right`` is separate for each mode, and smaller by orders of magnitude for slow modes.
+    Modes too close to separate keep their vectors; their coupling is an error (`Block.coupled`).
     """
     R, L, real, count = block.right, block.left, block.real, len(block.kept)
     one = np.eye(len(A))
@@ -138,12 +136,12 @@ def _refine(A: Floats, block: Block) -> Block:
 
 
 def _both(kept: NDArray[Any], real: int) -> NDArray[Any]:
-    """Add the conjugates of what belongs to pairs, along the first axis."""
+    """Append the conjugates of the pairs, along the first axis."""
     return np.concatenate([kept, kept[real:].conj()])
 
 
 def _columns(X: NDArray[Any], real: int) -> Complexes:
-    """Complex columns for real ones."""
+    """Return complex columns for real ones."""
     V, count = X.astype(np.complex128), (X.shape[1] + real) // 2
     turned = 1j * X[:, count:]
     V[:, count:] = V[:, real:count] + turned
@@ -152,7 +150,7 @@ def _columns(X: NDArray[Any], real: int) -> Complexes:
 
 
 def _sizes(X: Floats, real: int) -> Floats:
-    """Magnitudes of the complex columns for real ones."""
+    """Return the magnitudes of the complex columns for real ones."""
     squares, count = X**2, (X.shape[1] + real) // 2
     squares[:, real:count] += squares[:, count:]
     squares[:, count:] = squares[:, real:count]
@@ -160,7 +158,7 @@ def _sizes(X: Floats, real: int) -> Floats:
 
 
 def _rows(X: Floats, real: int, count: int) -> Complexes:
-    """Complex rows for real ones, without the conjugate ones."""
+    """Return complex rows for real ones, without their conjugates."""
     V = X[:count].astype(np.complex128)
     V.imag[real:] = X[count:]
     V[real:] *= 0.5
@@ -168,7 +166,7 @@ def _rows(X: Floats, real: int, count: int) -> Complexes:
 
 
 def _unmodal(V: Complexes, real: int, count: int) -> Floats:
-    """Undo `_columns` and `_rows`."""
+    """Invert `_columns` and `_rows`."""
     first, second = V[:, real:count], V[:, count:]
     Z = np.concatenate([V[:, :real], 0.5 * (first + second), 0.5j * (first - second)], axis=1)
     X = np.concatenate([Z.real, Z.imag[real:]])

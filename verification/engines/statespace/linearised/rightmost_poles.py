@@ -1,8 +1,8 @@
-"""Rightmost poles of a large board, without factorising all of it at once.
+"""Find the rightmost poles of a large board, without a factorisation of all unknowns.
 
 Arnoldi's method on ``(sigma M - K)^-1 M`` finds the poles nearest to a shift; one iteration costs
-one structured solve (see `structured_solve`). A coarse board (see `coarse_board`) tells where to
-look.
+one structured solve (see `structured_solve`). The poles of a coarse board (see `coarse_board`)
+select the shifts.
 """
 
 from __future__ import annotations
@@ -16,73 +16,69 @@ from spice_models.errors import EngineError
 from verification.engines.statespace.equations.structured_solve import Structure
 from verification.engines.statespace.linearised.board import LinearBoard
 
-NEAREST = 4  # poles wanted at a shift
-ASIDE = 0.01  # how far right of a coarse pole the first shift is, of the pole's magnitude
-CLOSE = 0.002  # and of a pole that was found, the next one: the closer, the faster
-ROUNDS = 4  # shifts at one place
-PLACES = 3  # places to look at
-AFAR = 10.0  # a place so many times further left than what was found is not looked at
-ROUGH, FINE = 1e-4, 1e-8  # of the distance to the first and to the following shifts
+NEAREST = 4  # number of poles requested at a shift
+FIRST_OFFSET = 0.01  # of the first shift to the right of a coarse pole, over the pole's magnitude
+NEXT_OFFSET = 0.002  # of the next shift, right of the pole found; closer shifts converge faster
+ROUNDS = 4  # shifts at one coarse pole
+PLACES = 3  # coarse poles used
+FAR_LEFT = 10.0  # a coarse pole more times further left than the rightmost pole is skipped
+ROUGH, FINE = 1e-4, 1e-8  # tolerance over the distance, at the first and the following shifts
 RESTARTS = 20
 
 
 def rightmost_poles(board: LinearBoard) -> Complexes:
-    """Find the rightmost poles of a board.
+    """Find the rightmost poles of a board near a few shifts, 1/s, rightmost first; shape (k,).
 
-    Returns
-    -------
-    ndarray (k,)
-        Poles, 1/s, rightmost first; those near the shifts only. `count_right` proves
-        that none is missing right of a line.
+    `count_right` proves that no pole is missing right of a line.
 
     Raises
     ------
     EngineError
-        The board's summing nodes cannot be cut out, or it has no equilibrium.
+        The board does not split into cells, or has no equilibrium.
 
     Notes
     -----
     Costs two to four structured factorisations a place, some 30 structured solves each, and one
     dense eigenproblem of the coarse board (some 180 states).
     """
-    found = np.zeros(0, dtype=np.complex128)
-    guide = _merge(found, board.coarse.state_space.modes.poles)
-    for place in _distinct(guide)[:PLACES]:
-        if len(found) and place.real < found[0].real - AFAR * abs(found[0].real):
+    poles = np.zeros(0, dtype=np.complex128)
+    coarse_poles = _merge(poles, board.coarse.state_space.modes.poles)
+    for place in _distinct(coarse_poles)[:PLACES]:
+        if len(poles) and place.real < poles[0].real - FAR_LEFT * abs(poles[0].real):
             continue
-        found = _merge(found, _climb(board.structure, place))
-    return found
+        poles = _merge(poles, _poles_around(board.structure, place))
+    return poles
 
 
-def _climb(structure: Structure, place: complex) -> Complexes:
-    """Poles around a place, shifting until the rightmost one stays the same."""
+def _poles_around(structure: Structure, place: complex) -> Complexes:
+    """Find the poles around a place; repeat with new shifts until the rightmost pole converges."""
     lead = place
-    found = nearest_poles(structure, place + ASIDE * abs(place), NEAREST, ROUGH)
-    if not len(found):
+    poles = nearest_poles(structure, place + FIRST_OFFSET * abs(place), NEAREST, ROUGH)
+    if not len(poles):
         message = f"no pole near {place!r} converged in {RESTARTS} restarts of {NEAREST}"
         raise EngineError(message)
     for _ in range(ROUNDS - 1):
-        before, lead = lead, complex(found[0])
-        if abs(lead - before) <= 1e-8 * abs(lead):
+        previous, lead = lead, complex(poles[0])
+        if abs(lead - previous) <= 1e-8 * abs(lead):
             break
-        finer = nearest_poles(structure, lead + CLOSE * abs(lead), NEAREST, FINE)
-        if not len(finer):  # a cluster so tight that any of its poles will do
+        finer = nearest_poles(structure, lead + NEXT_OFFSET * abs(lead), NEAREST, FINE)
+        if not len(finer):  # a cluster so tight that any of its poles is accurate enough
             break
-        found = finer
-    return found
+        poles = finer
+    return poles
 
 
 def nearest_poles(structure: Structure, shift: complex, count: int, tolerance: float) -> Complexes:
     """Find about `count` poles nearest to a shift (and their conjugates), rightmost first.
 
     `tolerance` is relative to the distance from the shift. In a tight cluster the iteration may
-    end with fewer, even without any.
+    find fewer poles, or none.
     """
     from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
     size = structure.descriptor.size
     solve, mass = structure.factor(shift).solve, structure.mass
-    # A real shift has a real operator: complex vectors would cost three times as much.
+    # A real shift has a real operator; complex vectors cost three times as much.
     kind = np.float64 if complex(shift).imag == 0.0 else np.complex128
 
     def apply(x: Any) -> Any:
@@ -109,7 +105,7 @@ def nearest_poles(structure: Structure, shift: complex, count: int, tolerance: f
 
 
 def _merge(first: Complexes, second: Complexes) -> Complexes:
-    """Union of two sets of poles, equal ones once, rightmost first."""
+    """Return the union of two sets of poles, without duplicates, rightmost first."""
     merged: list[complex] = []
     for pole in [*first.tolist(), *second.tolist()]:
         if all(abs(pole - other) > 1e-8 * abs(pole) for other in merged):
@@ -119,7 +115,7 @@ def _merge(first: Complexes, second: Complexes) -> Complexes:
 
 
 def _distinct(poles: Complexes) -> list[complex]:
-    """Upper poles, rightmost first, without those within 30 % of one before them."""
+    """Return poles with Im >= 0, rightmost first, without those within 30 % of an earlier one."""
     kept: list[complex] = []
     for pole in poles[poles.imag >= 0.0].tolist():
         if all(abs(pole - other) > 0.3 * abs(pole) for other in kept):

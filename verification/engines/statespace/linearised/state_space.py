@@ -1,8 +1,8 @@
-"""From descriptor equations to the state space of a board: nodes without capacitance eliminated.
+"""The state space of a board: ``x' = A x + B [on, 1]`` and ``z = C x + D [on, 1]``.
 
-``x' = A x + B [on, 1]`` with every unknown of the board recovered by ``z = C x + D [on, 1]``; the
-first input is the strain currents (0 or 1), the second what is on for all time. The states are
-the voltages of nodes that carry charge and the poles of the op-amps.
+The first input is the strain currents (0 or 1), the second the constant sources. The states x are
+the voltages of nodes that carry charge and the poles of the op-amps; the other unknowns of the
+descriptor equations are eliminated, and recovered with all others in z.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from verification.engines.statespace.equations.mirror_symmetry import (
     Halves,
     evened,
 )
-from verification.engines.statespace.linearised.elimination import Reduced, reduce
+from verification.engines.statespace.linearised.elimination import ReducedEquations, eliminate
 from verification.engines.statespace.linearised.equilibrium import Equilibrium
 from verification.engines.statespace.linearised.modes import Modes, decompose
 
@@ -33,29 +33,22 @@ class StateSpace:
 
     Attributes
     ----------
-    descriptor : Descriptor
-        Where it came from.
     states : tuple of str
         Names of x.
-    blocks : tuple of Reduced
-        The board, or what it is on even and on odd vectors where it is its own mirror image
-        (`mirror`): whoever can do with these is done in a quarter of the time.
+    blocks : tuple of ReducedEquations
+        The board; or, if the board is its own mirror image, its even and its odd part: working on
+        the two parts costs a quarter.
     halves : tuple of Halves, or None
-        How the two belong together: of the unknowns z, and of the states x.
-    A : ndarray (n, n)
-        1/s.
-    B : ndarray (n, 2)
-        V/s: for the switched currents, and for what is constant.
+        The exchange of the unknowns z, and of the states x.
+    A, B : ndarray (n, n) and (n, 2)
+        1/s, and V/s.
     C, D : ndarray (size, n) and (size, 2)
         Every node voltage and op-amp state, V.
-    charge, charge_offset : ndarray (n, size) and (n,)
-        ``x = charge z + charge_offset`` from the charges that voltages z put on the capacitors;
-        z need not be consistent (all zero: everything discharged).
     """
 
     descriptor: Descriptor
     states: tuple[str, ...]
-    blocks: tuple[Reduced, ...]
+    blocks: tuple[ReducedEquations, ...]
     halves: tuple[Halves, Halves] | None
 
     @property
@@ -70,9 +63,9 @@ class StateSpace:
 
     @functools.cached_property
     def eigenvalues(self) -> Complexes:
-        """Of A, 1/s, (n,), in no order; cheaper than `modes`."""
-        found = [np.linalg.eigvals(block.A) for block in self.blocks]
-        return np.concatenate(found).astype(np.complex128)
+        """Eigenvalues of A, 1/s, (n,), in no order; cheaper than `modes`."""
+        parts = [np.linalg.eigvals(block.A) for block in self.blocks]
+        return np.concatenate(parts).astype(np.complex128)
 
     @functools.cached_property
     def modes(self) -> Modes:
@@ -103,46 +96,28 @@ class StateSpace:
         """See the class."""
         return self._rows(slice(None))[1]
 
-    @functools.cached_property
-    def charge(self) -> Floats:
-        """See the class."""
-        if self.halves is None:
-            return self.blocks[0].charge
-        unknowns, states = self.halves
-        parts = states.rows_at(slice(None), *(part.charge for part in self.blocks))
-        return unknowns.join_rows(*parts)
-
-    @functools.cached_property
-    def charge_offset(self) -> Floats:
-        """See the class."""
-        parts = [part.offset for part in self.blocks]
-        return parts[0] if self.halves is None else self.halves[1].join_vectors(*parts)
-
     def state_of(self, z: Floats) -> Floats:
-        """``charge z + charge_offset``, shape (n,)."""
+        """Return the states, (n,), from the charges of the capacitors at voltages z, (size,).
+
+        z need not be consistent: at z = 0 everything is discharged.
+        """
         parts = (z,) if self.halves is None else self.halves[0].split_vectors(z)
         pairs = zip(self.blocks, parts, strict=True)
-        found = [block.charge @ part + block.offset for block, part in pairs]
-        return found[0] if self.halves is None else self.halves[1].join_vectors(*found)
+        states = [block.charge @ part + block.offset for block, part in pairs]
+        return states[0] if self.halves is None else self.halves[1].join_vectors(*states)
 
     def rows(self, names: Sequence[str]) -> tuple[Floats, Floats]:
-        """Rows of C and D of the named nodes; zeros for ground.
-
-        Raises
-        ------
-        EngineError
-            A node that the circuit does not have.
-        """
+        """Return the rows of C and D of nodes, zeros for ground; EngineError for unknown nodes."""
         live = [k for k, name in enumerate(names) if name != "0"]
-        found = self._rows([self.descriptor.place(names[k]) for k in live])
+        rows = self._rows([self.descriptor.place(names[k]) for k in live])
         if len(live) == len(names):
-            return found
-        C, D = (np.zeros((len(names), part.shape[1])) for part in found)
-        C[live], D[live] = found
+            return rows
+        C, D = (np.zeros((len(names), part.shape[1])) for part in rows)
+        C[live], D[live] = rows
         return C, D
 
     def _rows(self, places: slice | list[int]) -> tuple[Floats, Floats]:
-        """Rows of C and D."""
+        """Return rows of C and D."""
         if self.halves is None:
             return self.blocks[0].C[places], self.blocks[0].D[places]
         unknowns, states = self.halves
@@ -152,29 +127,16 @@ class StateSpace:
 
 
 def linearise(descriptor: Descriptor, point: Equilibrium | None) -> StateSpace:
-    """Linearise a board, for a board without behavioural amplifiers an exact statement.
+    """Linearise a board at a point, which only boards with behavioural amplifiers need.
 
-    Parameters
-    ----------
-    descriptor : Descriptor
-        The board.
-    point : Equilibrium or None
-        Where; only a board with behavioural amplifiers needs it.
-
-    Returns
-    -------
-    StateSpace
-        Dense; x is a vector of voltages, not of deviations.
+    For other boards the result is exact. The matrices are dense, and x is a vector of voltages, not
+    of deviations. Costs a few dense factorisations of all unknowns.
 
     Raises
     ------
     EngineError
         The equations have no state-space form (a node without any path, or charges that are not
         free, such as a loop of capacitors and voltage sources).
-
-    Notes
-    -----
-    Costs a few dense factorisations of all unknowns.
     """
     b, devices = np.stack([descriptor.switched, descriptor.constant], axis=1), descriptor.devices
     if point is None:
@@ -189,7 +151,7 @@ def linearise(descriptor: Descriptor, point: Equilibrium | None) -> StateSpace:
 
 
 def open_loop(descriptor: Descriptor) -> StateSpace:
-    """State space with the outputs of the m behavioural amplifiers as further inputs.
+    """Return the state space with the outputs of the m behavioural amplifiers as further inputs.
 
     B and D then have ``2 + m`` columns: ``z = C x + D [on, 1, v_out]``.
 
@@ -207,24 +169,24 @@ def open_loop(descriptor: Descriptor) -> StateSpace:
 
 
 def _state_space(descriptor: Descriptor, board: Dense, b: Floats) -> StateSpace:
-    """Reduce the equations, half by half where the board is its own mirror image."""
+    """Eliminate unknowns without charge, in each half of a board that is its own mirror image."""
     names, determined, halves = descriptor.names, descriptor.determined, board.halves
     if halves is None:
-        block = reduce(board.mass, board.stiffness, b, determined, names)
+        block = eliminate(board.mass, board.stiffness, b, determined, names)
         if block.places is None:
             charged = tuple(f"charge{k + 1}" for k in range(len(block.A)))
         else:
             charged = tuple(names[place] for place in block.places.tolist())
         return StateSpace(descriptor, charged, (block,), None)
     whole = replace(board, halves=None)
-    listed = [names[place] for place in halves.own.tolist()]
+    first_names = [names[place] for place in halves.first.tolist()]
     parts = zip(board.blocks, halves.split_vectors(b), strict=True)
     try:
         even, odd = (
-            reduce(M, K, inputs, determined[halves.own[: len(K)]], listed)
+            eliminate(M, K, inputs, determined[halves.first[: len(K)]], first_names)
             for (M, K), inputs in parts
         )
-    except EngineError:  # whoever reads its message knows the whole board only
+    except EngineError:  # the message must name unknowns of the whole board
         return _state_space(descriptor, whole, b)
     if even.places is None or odd.places is None:
         return _state_space(descriptor, whole, b)

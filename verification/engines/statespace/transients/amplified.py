@@ -1,8 +1,8 @@
 """Transients of boards with behavioural (exponential) amplifiers: Radau IIA, exact Jacobian.
 
-The board is reduced to its n states, ``x' = A x + B [on, 1] + E a``, with the m amplifiers as
-inputs ``a = -u_scale g(y)`` of their own ``y = v_in / v_scale``. The output of an amplifier is
-reported as g of the interpolated y, so a small u keeps its relative accuracy.
+The board is reduced to its n states, ``x' = A x + B [on, 1] + E a``. The inputs a are the outputs
+``-u_scale g(y)`` of the m amplifiers with ``y = v_in / v_scale``. The reported output of an
+amplifier is g of the interpolated y, so a small u keeps its relative accuracy.
 """
 
 from __future__ import annotations
@@ -27,23 +27,16 @@ from verification.engines.statespace.transients.radau import Radau, Solve
 from verification.waveforms import Cost, Waveforms
 
 TOLERANCE = 1e-9  # of a step, relative to each voltage's own scale
-ESCAPED = 1e8  # of the board's largest voltage: beyond, it has diverged and the record ends
-FIRST = 0.01  # of its magnitude: what no unknown exceeds in the first step
-FLOOR = 1e-3  # of the board's largest voltage: below, an error counts absolutely
+ESCAPED = 1e8  # of the board's largest voltage: a board above it has diverged, and the record ends
+FIRST = 0.01  # largest change of an unknown in the first step, in its magnitude
+FLOOR = 1e-3  # of the board's largest voltage: the error of a smaller unknown counts absolutely
 
 
 class Amplified:
     """The reduced equations of a board with amplifiers, for `radau.Radau`.
 
-    A rate costs one product with A (n² for every z); a factorisation one dense inverse of size n
-    per shift.
-
-    Parameters
-    ----------
-    board : LinearBoard
-        It.
-    nodes : tuple of str
-        What to report.
+    A rate costs one product with A (n² for every z), a factorisation one dense inverse of size n
+    for each shift. `nodes` are reported.
     """
 
     def __init__(self, board: LinearBoard, nodes: tuple[str, ...]) -> None:
@@ -51,7 +44,7 @@ class Amplified:
         self.space = space = board.open_loop
         self.size = space.n
         self.devices = space.descriptor.devices
-        # a linear board has no amplifiers, so it does not matter which kind they are not
+        # a linear board has no amplifiers, so any kind serves
         self.gain = gain_of(self.devices.kind or "exponential")
         on = np.ones(2)
         self.constant = space.B[:, :2] @ on
@@ -65,7 +58,7 @@ class Amplified:
         self.d, self.Da = D[:, :2] @ on, D[:, 2:]
 
     def inputs(self, x: Floats) -> Floats:
-        """``y = v_in / v_scale`` of every amplifier, shape (m,) or (m, s)."""
+        """Return ``y = v_in / v_scale`` of every amplifier, shape (m,) or (m, s)."""
         y = self.Cy @ x + (self.dy if x.ndim == 1 else self.dy[:, None])
         if not self.direct:
             return np.asarray(y)
@@ -74,13 +67,13 @@ class Amplified:
         return np.stack([solve_loop(self.H, column, self.gain)[0] for column in y.T], axis=1)
 
     def outputs(self, y: Floats) -> Floats:
-        """Amplifier voltages; not finite where y is beyond the range of floats."""
+        """Return the amplifier voltages; not finite where y is beyond the range of floats."""
         with np.errstate(over="ignore"):
             value = self.gain.value(np.where(y > self.gain.upper, np.inf, y))
         return -(self.devices.u_scale if y.ndim == 1 else self.devices.u_scale[:, None]) * value
 
     def rate(self, z: Floats) -> Floats:
-        """Time derivative of the states."""
+        """Return the time derivative of the states."""
         a = self.outputs(self.inputs(z))
         if not np.all(np.isfinite(a)):
             return np.full(z.shape, np.inf)
@@ -92,7 +85,7 @@ class Amplified:
         return z
 
     def jacobian(self, x: Floats) -> Floats:
-        """Exact derivative of `rate`, shape (n, n)."""
+        """Return the exact derivative of `rate`, shape (n, n)."""
         y = self.inputs(x)
         slope = self.gain.slope(y)
         # dy = Cy dx - H g'(y) dy
@@ -113,11 +106,11 @@ class Amplified:
         return found
 
     def watch(self, z: Floats) -> Floats:
-        """Stack the states' part of the reported nodes and of the amplifiers' inputs."""
+        """Return the states' part of the reported nodes, then of the amplifiers' inputs."""
         return np.vstack([self.C, self.Cy]) @ z
 
     def report(self, watched: Floats) -> Floats:
-        """Node voltages from watched values (P, K + m), shape (P, K)."""
+        """Return node voltages for watched values (P, K + m), shape (P, K)."""
         K = len(self.nodes)
         y = watched[:, K:].T + self.dy[:, None]
         if self.direct:
@@ -125,16 +118,16 @@ class Amplified:
         return np.asarray(watched[:, :K] + self.d + self.outputs(y).T @ self.Da.T)
 
     def start(self, analysis: Transient) -> Floats:
-        """States just after the strain steps on, shape (n,)."""
+        """Return the states just after the strain step, shape (n,)."""
         z = initial_unknowns(self.board, analysis.initial, analysis.voltages)
         return self.space.state_of(z)
 
     def magnitudes(self, rest: Equilibrium) -> Floats:
-        """Magnitudes of the states at an equilibrium, shape (n,)."""
+        """Return the magnitudes of the states at an equilibrium, shape (n,)."""
         return np.abs(self.space.state_of(rest.values))
 
     def speed(self, z: Floats, floor: Floats) -> float:
-        """Fastest relative rate of a state, 1/s."""
+        """Return the fastest relative rate of a state, 1/s."""
         return float(np.max(np.abs(self.rate(z)) / floor, initial=0.0))
 
 
@@ -151,16 +144,15 @@ def simulate(
     Parameters
     ----------
     circuit, analysis, nodes, times
-        As `exact.simulate` has them; `max_step` is the spacing of the points, the step is chosen by
-        the error estimate.
+        See `exact.simulate`; the error estimate controls the step.
     tolerance : float
-        Of one step, relative.
+        Relative, of one step.
 
     Returns
     -------
     Waveforms
-        A board that diverges gives a record that ends early, beyond any physical bound (an
-        `EngineError` where `times` were asked for).
+        The record of a board that diverges ends early, beyond any physical bound (with given
+        `times`, an `EngineError` is raised).
 
     Raises
     ------
@@ -202,7 +194,7 @@ def simulate(
 
 
 def record_times(analysis: Transient, end: float) -> Floats:
-    """Uniform instants with no spacing above `max_step`, up to `end`, s."""
+    """Return uniform instants up to `end`, s, with a spacing of at most `max_step`."""
     count = math.ceil(analysis.stop / analysis.max_step * (1.0 - 1e-12)) + 1
     times = np.linspace(0.0, analysis.stop, count)
     if end >= analysis.stop * (1.0 - 1e-9):
@@ -211,7 +203,7 @@ def record_times(analysis: Transient, end: float) -> Floats:
 
 
 def voltage_floor(rest: Floats, z: Floats) -> Floats:
-    """Magnitude of each unknown below which its error counts absolutely, V; shape (size,)."""
+    """Return the magnitudes below which an unknown's error counts absolutely, V; (size,)."""
     typical = np.maximum(rest, np.abs(z))
     largest = float(typical.max(initial=0.0))
     return np.maximum(typical, FLOOR * (largest if largest > 0.0 else 1.0))

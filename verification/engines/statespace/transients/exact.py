@@ -1,4 +1,4 @@
-"""The exact transient of a linear board, evaluated at any instant: no time step at all."""
+"""The exact transient of a linear board, evaluated at any instant without time steps."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from verification.engines.statespace.transients.matrix_exponential import (
 from verification.waveforms import Cost, Waveforms
 
 ENGINE = "statespace"
-TRUSTED = 1e-9  # modal error, in step amplitudes, below which no second way is tried
+TRUSTED = 1e-9  # modal error, in step amplitudes, below which the matrix exponential is not tried
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,10 +35,8 @@ class Exact:
 
     Attributes
     ----------
-    nodes : tuple of str
-        K of them.
     start, final : ndarray (K,)
-        Just after the strain steps on, and at the equilibrium (reached or not), V.
+        Just after the strain step, and at the equilibrium (reached or not), V.
     poles : ndarray (n,)
         1/s, rightmost first.
     share : ndarray (n, K)
@@ -46,7 +44,7 @@ class Exact:
     error : float
         Bound on the rounding error of any node at any time, V, to first order.
     form : str
-        ``"modes"``, or ``"exponential"`` where modes are defective or ill-conditioned.
+        ``"exponential"`` (of the matrix) where modes are defective or ill-conditioned.
     """
 
     nodes: tuple[str, ...]
@@ -59,15 +57,15 @@ class Exact:
     flow: Flow
 
     def at(self, times: Floats) -> Floats:
-        """Voltages at `times` (P,), s; shape (P, K)."""
+        """Return voltages at `times` (P,), s; shape (P, K)."""
         return self.final + self.flow.at(np.asarray(times, dtype=np.float64))
 
     def derivative(self, times: Floats) -> Floats:
-        """Time derivatives at `times` (P,), V/s; shape (P, K)."""
+        """Return time derivatives at `times` (P,), V/s; shape (P, K)."""
         return self.flow.at(np.asarray(times, dtype=np.float64), order=1)
 
     def uniform(self, step: float, count: int) -> Floats:
-        """Voltages at ``step * (0 .. count - 1)``; shape (count, K)."""
+        """Return voltages at ``step * (0 .. count - 1)``; shape (count, K)."""
         if isinstance(self.flow, ModalFlow):
             return self.final + self.flow.uniform(step, count)
         return self.at(np.arange(count) * np.float64(step))
@@ -86,9 +84,9 @@ def exact_solution(
     Parameters
     ----------
     circuit : Circuit or LinearBoard
-        Without behavioural amplifiers.
+        The board, without behavioural amplifiers.
     initial, voltages
-        As `netlist_gen.analysis.Transient` has them.
+        See `netlist_gen.analysis.Transient`.
     nodes : iterable of str, optional
         By default the outputs' nodes.
     stop : float, optional
@@ -98,33 +96,32 @@ def exact_solution(
     Raises
     ------
     EngineError
-        The board is not linear, has no equilibrium or no state space.
+        The board is not linear, or has no equilibrium or no state space.
 
     Notes
     -----
-    Costs one dense eigenproblem (25 n³ flops); an instant then costs n multiplications a node.
+    Costs one dense eigenproblem (25 n³ flops), and n multiplications for each node and instant.
     """
     board = LinearBoard.of(circuit)
     if board.circuit.amplifiers:
-        message = f"board {board.circuit.name!r} has {board.circuit.amplifier} amplifiers: it is \
-not linear"
-        raise EngineError(message)
-    space, wanted = board.state_space, board.reported(nodes)
-    C, D = space.rows(wanted)
+        name, kind = board.circuit.name, board.circuit.amplifier
+        raise EngineError(f"board {name!r} has {kind} amplifiers: the board is not linear")
+    space, reported = board.state_space, board.reported(nodes)
+    C, D = space.rows(reported)
     x0 = space.state_of(initial_unknowns(board, initial, voltages))
     deviation = x0 - space.state_of(board.equilibrium.values)
     flow, form = _choose_flow(space, C, deviation, stop)
     share = np.zeros((space.n, len(C)), dtype=np.complex128)
     if form == "modes":
         share += space.modes.amplitudes(C, deviation).T
-    start, final = C @ x0 + D.sum(axis=1), np.array([board.equilibrium[node] for node in wanted])
-    return Exact(wanted, start, final, space.modes.poles, share, flow.error, form, flow)
+    start, final = C @ x0 + D.sum(axis=1), np.array([board.equilibrium[node] for node in reported])
+    return Exact(reported, start, final, space.modes.poles, share, flow.error, form, flow)
 
 
 def _choose_flow(
     space: StateSpace, C: Floats, deviation: Floats, stop: float | None
 ) -> tuple[Flow, Literal["modes", "exponential"]]:
-    """Take the modes where their error estimate is small, else whichever estimate is smaller."""
+    """Return the modal flow if its error is small, else the flow with the smaller error."""
     modal = ModalFlow(space.modes, C, deviation)
     amplitude = float(np.abs(C @ deviation).max(initial=0.0))
     if modal.error <= TRUSTED * amplitude or not space.n:
@@ -149,27 +146,26 @@ def simulate(
 ) -> Waveforms:
     """Simulate a transient: exactly if the board is linear, else by `amplified.simulate`.
 
-    A large linear board goes through `reduced_order.simulate`.
+    A large linear board is simulated by `reduced_order.simulate`.
 
     Parameters
     ----------
     circuit : Circuit or LinearBoard
         The board.
     analysis : Transient
-        `max_step` is the spacing of the points, not of steps; `method` plays no part.
+        `max_step` only sets the spacing of the points; `method` is not used.
     nodes : iterable of str, optional
         By default the outputs' nodes.
     times : ndarray (P,), optional
-        Instants wanted, strictly increasing, s; by default uniform from 0 to `stop`.
+        Requested instants, strictly increasing, s; by default uniform from 0 to `stop`.
     tolerance : float, optional
-        Of one step, where there are steps, of the outputs where there is a Krylov space; by
-        default as `amplified` and `reduced_order` have it.
+        Of one step in `amplified`, of the outputs in `reduced_order`; by default theirs.
 
     Returns
     -------
     Waveforms
-        Of a board that leaves the range of floats, what comes before (an `EngineError` where
-        `times` were asked for).
+        The record of a board that leaves the range of floats ends before (with given `times`, an
+        `EngineError` is raised).
 
     Raises
     ------
@@ -181,8 +177,8 @@ def simulate(
         from verification.engines.statespace.transients import reduced_order
 
         run = amplified.simulate if board.circuit.amplifiers else reduced_order.simulate
-        allowed = {} if tolerance is None else {"tolerance": tolerance}
-        return run(board, analysis, nodes=nodes, times=times, **allowed)
+        given = {} if tolerance is None else {"tolerance": tolerance}
+        return run(board, analysis, nodes=nodes, times=times, **given)
     solution = exact_solution(
         board,
         initial=analysis.initial,
@@ -192,16 +188,16 @@ def simulate(
     )
     uniform = times is None
     if times is None:
-        solved = amplified.record_times(analysis, analysis.stop)
-        values = solution.uniform(float(solved[1]), len(solved))
+        instants = amplified.record_times(analysis, analysis.stop)
+        values = solution.uniform(float(instants[1]), len(instants))
     else:
-        solved, values = times, solution.at(times)
+        instants, values = times, solution.at(times)
     flags: tuple[str, ...] = ()
-    lost = np.flatnonzero(~np.isfinite(values).all(axis=1))
-    if lost.size:
-        if not uniform or lost[0] < 2:
+    overflow = np.flatnonzero(~np.isfinite(values).all(axis=1))
+    if overflow.size:
+        if not uniform or overflow[0] < 2:
             raise EngineError("the board is unstable and leaves the range of floats")
-        solved, values = solved[: lost[0]], values[: lost[0]]
-        flags = (f"the board diverges: it leaves the range of floats after {solved[-1]!r} s",)
-    cost = Cost(clock.perf_counter() - began, len(solved), 1)
-    return Waveforms(solved, solution.nodes, values, ENGINE, cost, flags, solution.error)
+        instants, values = instants[: overflow[0]], values[: overflow[0]]
+        flags = (f"the board diverges: it leaves the range of floats after {instants[-1]!r} s",)
+    cost = Cost(clock.perf_counter() - began, len(instants), 1)
+    return Waveforms(instants, solution.nodes, values, ENGINE, cost, flags, solution.error)

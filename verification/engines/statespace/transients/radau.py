@@ -42,19 +42,19 @@ class System(Protocol):
     size: int
 
     def rate(self, z: Floats) -> Floats:
-        """Evaluate F; not finite where z is out of range."""
+        """Evaluate F; not finite where z is beyond the range of floats."""
         ...
 
     def mass(self, z: NDArray[np.inexact]) -> NDArray[np.inexact]:
-        """Apply M."""
+        """Return M z."""
         ...
 
     def factor(self, z: Floats, shifts: Complexes) -> list[Solve]:
-        """Solvers of ``(shift M - F'(z)) x = r``, the first shift real."""
+        """Return solvers of ``(shift M - F'(z)) x = r``; the first shift is real."""
         ...
 
     def watch(self, z: Floats) -> Floats:
-        """Linear combinations of z that the dense output shall keep; shape (W,) or (W, s)."""
+        """Return the linear combinations of z in the dense output; shape (W,) or (W, s)."""
         ...
 
 
@@ -106,22 +106,22 @@ class Rounding(NamedTuple):
 
 
 class Radau:
-    """Integrates one system from t = 0.
+    """Integrator of one system from t = 0.
 
     Parameters
     ----------
     system : System
-        What to integrate.
+        The equations.
     z : ndarray (size,)
         Consistent initial value.
     relative : float
         Relative tolerance of a step.
     floor : ndarray (size,)
-        Magnitude below which an unknown's error counts as if it had this magnitude.
+        Least magnitude of each unknown for its relative error.
     first_step : float
         s.
     limit : float
-        A magnitude of any unknown at which to end early (`Dense.escaped`).
+        Magnitude of any unknown at which the integration ends early (`Dense.escaped`).
     """
 
     def __init__(
@@ -282,7 +282,7 @@ class Radau:
         pull = np.asarray(self.system.mass(Z @ self.table.estimate).real) / self.h
         error = self.solvers[0]((rate + pull).astype(np.complex128)).real
         if self._norm(error, scale) > 1.0:
-            # Once more through the filter: stiff components are overestimated otherwise.
+            # A second filtering: the first overestimates stiff components.
             again = self.system.rate(self.z + error)
             if np.all(np.isfinite(again)):
                 error = self.solvers[0]((again + pull).astype(np.complex128)).real

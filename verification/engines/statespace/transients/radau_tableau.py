@@ -1,4 +1,4 @@
-"""Coefficients of the Radau IIA methods, in the basis that decouples their stages.
+"""Compute the coefficients of the Radau IIA methods, in the basis that decouples their stages.
 
 Hairer and Wanner, Solving Ordinary Differential Equations II, sections IV.5 and IV.8.
 """
@@ -17,18 +17,11 @@ from spice_models.array_types import Complexes, Floats
 class Tableau:
     """One method, in the basis that decouples its stages.
 
-    Attributes
-    ----------
-    c : ndarray (s,)
-        Collocation points, the last is 1.
-    shifts : ndarray ((s + 1) / 2,)
-        Eigenvalues of the inverse of the method's matrix: the real one, then one of each pair.
-    left, right : ndarray ((s + 1) / 2, s) and (s, (s + 1) / 2)
-        ``W = left Z`` and ``Z = Re(right W)``.
-    estimate : ndarray (s,)
-        Error estimate: ``(shift0 M / h - F')^-1 (F(z0) + M estimate Z / h)``.
-    polynomial : ndarray (s, s)
-        ``Q = Z^T polynomial`` are the coefficients of theta, theta², ...
+    `c` (s,) are the collocation points, the last of which is 1; `shifts` ((s + 1) / 2,) the
+    eigenvalues of the inverse of the method's matrix: the real one, then one of each pair. `left`
+    and `right` transform: ``W = left Z``, ``Z = Re(right W)``. The error estimate is
+    ``(shift0 M / h - F')^-1 (F(z0) + M estimate Z / h)``, and ``Q = Z^T polynomial`` are the
+    coefficients of theta, theta², ...
     """
 
     c: Floats

@@ -1,10 +1,10 @@
-"""Transients of large linear boards: Radau IIA steps through the board's structure.
+"""Transients of large linear boards: Radau IIA steps by structured solves.
 
 For ``M e' = K e`` (e is the deviation from the equilibrium) a Radau IIA step of s stages is a sum
-of s independent solves with ``theta_j M / h - K``, half of them by symmetry, whatever the order:
-no stage equations are left to iterate on. The step is chosen from a ladder of powers of two by
-comparing one step with two of half its size, dense output included; factorisations are kept, so a
-step costs (s + 1)/2 structured solves (see `structured_solve`) and nothing else.
+of s independent solves with ``theta_j M / h - K``, half of them by symmetry, for any order, without
+iterations on stage equations. The step control compares one step with two steps of half its size,
+dense output included, and selects from a ladder of powers of two. Factorisations are kept, so a
+step costs only (s + 1)/2 structured solves (see `structured_solve`).
 """
 
 from __future__ import annotations
@@ -27,23 +27,16 @@ from verification.waveforms import Cost, Waveforms
 
 STAGES = 7
 TOLERANCE = 1e-5  # of one step and of its dense output, in step amplitudes
-POINTS = 16  # points of the record on a first step
-PATIENCE = 8  # steps before the next try with a longer one; doubles when a try fails
+POINTS = 16  # points of the record in the first step tried
+PATIENCE = 8  # steps before a longer step is tried; doubles after a failure
 SMALLEST = 2.0**-40  # of the first step
-ESCAPED = 1e8  # step amplitudes at which a diverging board's record ends
+ESCAPED = 1e8  # step amplitudes at which the record of a diverging board ends
 
 
 class Stepper:
-    """Steps of one board; `tables` of solvers by level, the step is ``base * 2^level``.
+    """Steps of one board: the solvers of each level, with the step ``base * 2^level``, s.
 
-    Parameters
-    ----------
-    structure : Structure
-        The board.
-    watch : ndarray of int (K,)
-        Unknowns whose waveforms are wanted.
-    base : float
-        Step of level 0, s.
+    `watch` (K,) are the unknowns whose waveforms are computed.
     """
 
     def __init__(self, structure: Structure, watch: Ints, base: float) -> None:
@@ -54,11 +47,11 @@ class Stepper:
         self.factorisations = 0
 
     def step_of(self, level: int) -> float:
-        """Length of a step, s."""
+        """Return the length of a step, s."""
         return self.base * 2.0**level
 
     def prepare(self, level: int) -> None:
-        """Factorise for a level, forgetting levels far away (memory)."""
+        """Factorise for a level; delete other levels except the neighbours, to save memory."""
         if level in self.solvers:
             return
         self.solvers = {k: v for k, v in self.solvers.items() if abs(k - level) <= 1}
@@ -68,17 +61,9 @@ class Stepper:
         self.factorisations += len(factors)
 
     def step(self, charge: Floats, level: int) -> tuple[Floats, Floats]:
-        """Take one step.
+        """Take one step from the charge ``M e`` (size,).
 
-        Parameters
-        ----------
-        charge : ndarray (size,)
-            ``M e`` at its start.
-
-        Returns
-        -------
-        ndarray (size,) and ndarray (s, K)
-            ``M e`` at its end, and the watched deviations at the collocation points.
+        Return ``M e`` at the end, and the watched deviations (s, K) at the collocation points.
         """
         self.prepare(level)
         h = self.step_of(level)
@@ -92,10 +77,9 @@ class Stepper:
         return self.structure.mass @ last, stages
 
     def sample(self, start: Floats, stages: Floats, theta: Floats) -> Floats:
-        """Watched deviations at fractions `theta` (P,) of a step, shape (P, K)."""
+        """Return the watched deviations at fractions `theta` (P,) of a step, shape (P, K)."""
         nodes = np.concatenate([[0.0], self.table.c])
-        values = np.vstack([start, stages])
-        return _barycentric(nodes, values, theta)
+        return _barycentric(nodes, np.vstack([start, stages]), theta)
 
 
 def _barycentric(nodes: Floats, values: Floats, at: Floats) -> Floats:
@@ -105,14 +89,14 @@ def _barycentric(nodes: Floats, values: Floats, at: Floats) -> Floats:
     distance = at[:, None] - nodes[None, :]
     hit = distance == 0.0
     terms = weights / np.where(hit, 1.0, distance)
-    found = (terms @ values) / terms.sum(axis=1)[:, None]
+    result = (terms @ values) / terms.sum(axis=1)[:, None]
     rows, columns = np.nonzero(hit)
-    found[rows] = values[columns]
-    return np.asarray(found)
+    result[rows] = values[columns]
+    return np.asarray(result)
 
 
 class _Run:
-    """One transient under way."""
+    """The state of one integration."""
 
     def __init__(self, stepper: Stepper, charge: Floats, start: Floats, tolerance: float) -> None:
         self.stepper, self.charge, self.now, self.t = stepper, charge, start, 0.0
@@ -130,39 +114,33 @@ class _Run:
         self.steps += 1
 
     def compare(self, level: int) -> bool:
-        """Try one step of `level` against two of the level below; go on with what held."""
+        """Compare one step of `level` with two of the level below; accept the valid ones."""
         stepper, half = self.stepper, np.array([0.5])
         long_charge, long = stepper.step(self.charge, level)
         mid_charge, first = stepper.step(self.charge, level - 1)
         end_charge, second = stepper.step(mid_charge, level - 1)
-        quarters = np.array([0.25, 0.5, 0.75])
-        dense = stepper.sample(self.now, long, quarters)
-        fine = np.vstack(
-            [
-                stepper.sample(self.now, first, half),
-                first[-1],
-                stepper.sample(first[-1], second, half),
-            ]
-        )
+        dense = stepper.sample(self.now, long, np.array([0.25, 0.5, 0.75]))
+        quarters = stepper.sample(self.now, first, half), stepper.sample(first[-1], second, half)
+        fine = np.vstack([quarters[0], first[-1], quarters[1]])
         scale = max(self.amplitude, float(np.abs(second[-1]).max(initial=0.0)))
         worst = max(float(np.abs(dense - fine).max()), float(np.abs(long[-1] - second[-1]).max()))
         if worst <= self.tolerance * scale:
             self.accept(long_charge, long, level)
             return True
-        if level > self.level:  # the shorter steps are known to hold
+        if level > self.level:  # the shorter steps have passed before
             self.accept(mid_charge, first, level - 1)
             self.accept(end_charge, second, level - 1)
         return False
 
-    def begin(self) -> None:
-        """Descend from the first step's length to one that holds."""
+    def take_first_step(self) -> None:
+        """Shorten the first step until its error is within the tolerance."""
         while not self.compare(self.level):
             self.level -= 2 if self.level < -2 else 1
             if self.stepper.step_of(self.level) < SMALLEST * self.stepper.base:
-                raise EngineError("no step is short enough for the start of this transient")
+                raise EngineError("no step is short enough for the first step of this transient")
 
     def advance(self, left: float) -> None:
-        """Take one step, or try a longer one where that can pay."""
+        """Take one step, or try a longer one where enough time is left."""
         self.waited += 1
         longer = self.stepper.step_of(self.level + 1)
         if self.waited > self.patience and left > self.patience * longer:
@@ -189,10 +167,9 @@ def simulate(
     Parameters
     ----------
     circuit, analysis, nodes, times
-        As `exact.simulate` has them; `max_step` is the spacing of the points, and the first step
-        tried is `POINTS` of them.
+        See `exact.simulate`; the first step tried is `POINTS` times `max_step`.
     tolerance : float
-        Of one step, in step amplitudes. Errors of steps in a ringing add up over its decay.
+        Of one step, in step amplitudes. Errors of the steps of a ringing add up over its decay.
 
     Raises
     ------
@@ -208,8 +185,8 @@ def simulate(
     board = LinearBoard.of(circuit)
     if board.circuit.amplifiers:
         raise EngineError("the structured stepper is for linear boards")
-    structure, wanted, rest = board.structure, board.reported(nodes), board.equilibrium.values
-    watch = np.array([board.descriptor.place(name) for name in wanted], dtype=np.int64)
+    structure, reported, rest = board.structure, board.reported(nodes), board.equilibrium.values
+    watch = np.array([board.descriptor.place(name) for name in reported], dtype=np.int64)
     charge = structure.mass @ (initial_unknowns(board, analysis.initial, analysis.voltages) - rest)
     stop = analysis.stop if times is None else float(times[-1])
     instants = record_times(analysis, stop) if times is None else times
@@ -217,23 +194,20 @@ def simulate(
     if times is None:
         instants = record_times(analysis, min(run.t, stop))
     values = rest[watch] + _record(run, instants)
-    seconds = clock.perf_counter() - began
-    cost = Cost(seconds, run.steps, run.stepper.factorisations + 1)
+    cost = Cost(clock.perf_counter() - began, run.steps, run.stepper.factorisations + 1)
     flags = (f"the board diverges: the record ends at {run.t!r} s",) if run.t < stop else ()
-    return Waveforms(instants, wanted, values, "statespace", cost, flags)
+    return Waveforms(instants, reported, values, "statespace", cost, flags)
 
 
 def _run(
     structure: Structure, watch: Ints, charge: Floats, base: float, stop: float, tolerance: float
 ) -> _Run:
     stepper = Stepper(structure, watch, base)
-    # Just after the step the charges are still there: c P(c)^-1 M e for a huge c.
-    huge = 1e9 / base
-    start = huge * structure.factor(huge).solve(charge)[watch]
+    start = structure.settled_voltages(charge, 1e9 / base)[watch]
     run = _Run(stepper, charge, start, tolerance)
     if not run.amplitude > 0.0:
         run.amplitude = 1.0
-    run.begin()
+    run.take_first_step()
     while run.t < stop * (1.0 - 1e-12):
         run.advance(stop - run.t)
         if float(np.abs(run.now).max(initial=0.0)) > ESCAPED * run.amplitude:
@@ -244,11 +218,11 @@ def _run(
 def _record(run: _Run, times: Floats) -> Floats:
     ends = np.array(run.ends)
     which = np.clip(np.searchsorted(ends, times, side="left") - 1, 0, len(run.pieces) - 1)
-    found = np.empty((len(times), len(run.now)))
+    values = np.empty((len(times), len(run.now)))
     edges = np.searchsorted(which, np.arange(len(run.pieces) + 1))
     for k in np.unique(which):
         part = slice(int(edges[k]), int(edges[k + 1]))
         theta = (times[part] - ends[k]) / (ends[k + 1] - ends[k])
         start, stages = run.pieces[k]
-        found[part] = run.stepper.sample(start, stages, theta)
-    return found
+        values[part] = run.stepper.sample(start, stages, theta)
+    return values

@@ -125,11 +125,11 @@ def test_poles_right_of_the_axis_are_not_believed() -> None:
 
 def test_an_unstable_board_takes_steps_and_says_so() -> None:
     circuit, analysis = wide_board(12, C=5e-12), Transient(3e-3, 1e-6)
-    with pytest.raises(EngineError, match="coarse image is unstable"):
+    with pytest.raises(EngineError, match="coarse board is unstable"):
         reduced(circuit, analysis)
     found = reduced_order.simulate(circuit, analysis)
     assert found.values == pytest.approx(structured_radau.simulate(circuit, analysis).values)
-    assert found.flags == ("implicit steps: the board's coarse image is unstable",)
+    assert found.flags == ("implicit steps: the coarse board is unstable",)
 
 
 def test_an_instability_that_has_not_grown_yet_is_found_in_the_space() -> None:
@@ -156,7 +156,7 @@ def test_what_cannot_be_shown_is_refused(
 
 def test_charges_that_are_at_rest_span_no_space(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(reduced_order, "_shift", lambda *_: (1e6, 1e9))
-    with pytest.raises(EngineError, match="nothing moves"):
+    with pytest.raises(EngineError, match="at rest from the start"):
         reduced(replace(wide_board(8), currents=()), Transient(1e-3, 1e-6))
 
 
