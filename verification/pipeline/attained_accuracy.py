@@ -152,5 +152,6 @@ def _state_space(
     except EngineError as error:
         return method, math.nan, f"the second run failed: {error}"
     apart = np.abs(other.values - fine.values[np.searchsorted(fine.time, times)]).max()
-    text = f"difference to a run at {LOOSER:g} times the tolerance {tolerance:g}: an upper bound"
-    return method, float(apart), text
+    text = f"difference to a run at {LOOSER:g} times the tolerance {tolerance:g}, and rounding: \
+an upper bound"
+    return method, float(apart) + fine.rounding, text

@@ -12,6 +12,7 @@ from netlist_gen.problem.inverse_problem import InverseProblem
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from verification.engines.ngspice.process import PHYSICAL_BOUND
+from verification.engines.statespace.linearised.equilibrium import rounding as rounding_at_rest
 from verification.ideal.ideal_answer import IdealAnswer, ideal_answer
 from verification.measures.measure import measure, read_record
 from verification.measures.measurements import Measurements
@@ -154,10 +155,19 @@ def watch(
     if second is not None and coarse is not None and undecided(fine, coarse):
         again, _ = measure_outputs(scene, circuit, ideal, second, transient, details=effort.details)
         coarse = again.readings
-    error = simulation_error(fine, coarse, share)
+    rounding = simulation.fine.rounding + (0.0 if share or not stable else _rounding(design, fine))
+    error = simulation_error(fine, coarse, share, rounding)
     agreement = compare_engines(circuit, simulation, other) if other is not None else None
     accuracy = attained(design, simulation, fine.amplitude)
     return Recording(simulation, fine, u, error, agreement, accuracy)
+
+
+def _rounding(design: Design, found: Measurements) -> float:
+    """Return what rounding of the board's stamped values moves its equilibrium and modes by, V."""
+    poles = design.poles
+    # A mode exp(p t) whose p moves by dp moves by dp t exp(p t), at most dp / (e |Re p|).
+    modes = found.amplitude * poles.resolution / (math.e * abs(poles.rightmost.real))
+    return modes + float(rounding_at_rest(design.board.equilibrium).max(initial=0.0))
 
 
 def _is_exact(design: Design) -> bool:
