@@ -5,7 +5,7 @@
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help setup ready demo test regress lint format bench bench-engines bench-sweep lock build clean
+.PHONY: help setup ready demo test test-processors regress lint format bench bench-engines bench-sweep lock build clean
 
 PYTHON_IN_VENV := .venv/bin/python
 JOBS ?= 2
@@ -16,7 +16,7 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
 help: ## list the targets (the default)
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-13s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-16s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 setup: ## .venv from pinned versions, ngspice where missing; tries again what failed before
 	@bash scripts/setup.sh --again
@@ -29,6 +29,9 @@ demo: ready ## set up, then verify the seven-channel breadboard
 
 test: ready ## set up, then all tests; ARGS="-k deck -x" goes to pytest
 	$(PYTHON_IN_VENV) -m pytest -n $(JOBS) $(ARGS)
+
+test-processors: ready ## the numerical tests with every BLAS kernel that this processor executes
+	$(PYTHON_IN_VENV) scripts/processors.py $(ARGS) -- -n $(JOBS)
 
 regress: ready ## verify scenes/ against scenes/baseline.json; ARGS=--update accepts what changed
 	.venv/bin/taction regress scenes/ --baseline scenes/baseline.json $(ARGS)

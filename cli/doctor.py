@@ -6,6 +6,7 @@ import os
 import platform
 import sys
 from importlib import metadata, util
+from pathlib import Path
 from typing import Any
 
 import click
@@ -63,7 +64,7 @@ def doctor(as_json: bool) -> None:
 
     Exit status: 3 if ngspice is missing.
     """
-    findings = [_python(), _simulator(), *_extras()]
+    findings = [_python(), _simulator(), *_blas(), *_extras()]
     if as_json:
         print_json({"findings": findings, "ok": all(f["ok"] for f in findings)})
     else:
@@ -101,6 +102,25 @@ def _simulator() -> dict[str, Any]:
         if simulator.klu
         else "without the matrix solver KLU: slow on boards of more than 32 channels",
     }
+
+
+def _blas() -> list[dict[str, Any]]:
+    """One finding a BLAS library: numpy and scipy bring their own."""
+    import numpy as np  # noqa: F401
+    import scipy.linalg  # noqa: F401
+    from threadpoolctl import threadpool_info
+
+    return [
+        {
+            "what": f"BLAS of {Path(library['filepath']).parent.name.partition('.')[0]}",
+            "ok": True,
+            "found": f"{library['internal_api']} {library['version'] or 'of no stated version'}, \
+{library.get('architecture', 'unnamed')} kernels, threads: {library['num_threads']}",
+            "means": "rounding differs between kernels; OPENBLAS_CORETYPE chooses others",
+        }
+        for library in threadpool_info()
+        if library["user_api"] == "blas"
+    ]
 
 
 def _extras() -> list[dict[str, Any]]:

@@ -35,6 +35,9 @@ class Waveforms:
     flags : tuple of str
         Warnings of the engine that did not stop the run (a singular matrix that the solver got
         over, say); to be shown beside any verdict.
+    rounding : float
+        What the engine's own rounding left (of a Krylov space all that it misses), V; 0 where the
+        engine does not say.
     """
 
     time: Floats
@@ -43,6 +46,7 @@ class Waveforms:
     engine: str
     cost: Cost
     flags: tuple[str, ...] = ()
+    rounding: float = 0.0
 
     def __repr__(self) -> str:
         count, end = len(self.time), float(self.time[-1]) if len(self.time) else 0.0

@@ -17,6 +17,7 @@ from verification.measures.envelope import Envelope, envelope, mixed, saturates,
 from verification.measures.pole_fit import GONE, fit_poles
 from verification.measures.resampling import resample, typical_step
 
+RESOLVED = 1e-6  # nepers over the fitted stretch: a change below is rounding, of either sign
 _FIT_SPAN = 16384  # raw points considered before the end of the stretch
 _FIT_SAMPLES = 300  # uniform samples in one fit
 _SAMPLES_PER_PERIOD = 6.0
@@ -69,13 +70,18 @@ class Mode:
 
     @property
     def decays(self) -> bool:
-        """Whether it decays beyond doubt (two standard uncertainties)."""
-        return self.growth_rate + 2 * self.growth_sigma < 0
+        """Whether it decays beyond doubt (two standard uncertainties, and rounding)."""
+        return self.growth_rate < -self._doubtful
 
     @property
     def grows(self) -> bool:
-        """Whether it grows beyond doubt (two standard uncertainties)."""
-        return self.growth_rate - 2 * self.growth_sigma > 0
+        """Whether it grows beyond doubt (two standard uncertainties, and rounding)."""
+        return self.growth_rate > self._doubtful
+
+    @property
+    def _doubtful(self) -> float:
+        length = self.stop - self.start  # 0 of a mode that is known, not fitted
+        return 2 * self.growth_sigma + (RESOLVED / length if length else 0.0)
 
 
 def _stretch(time: Floats, env: Envelope) -> tuple[int, str]:
@@ -121,11 +127,11 @@ def _uniform(time: Floats, signals: Floats, period: float | None) -> tuple[float
 
 
 def _doubts(periods: float, residual: float, growth: float, sigma: float) -> str:
-    """Say why a mode's fit is unsure, or nothing."""
+    """Say why a mode's fit is unsure, or nothing; growth and sigma over the fitted stretch."""
     tests = (
         (periods < 2, f"only {periods:.1f} periods in the fitted stretch"),
         (residual > GOOD_FIT, f"the fit leaves {residual:.0%} unexplained"),
-        (abs(growth) < 2 * sigma, "the sign of the growth rate is not established"),
+        (abs(growth) < 2 * sigma + RESOLVED, "the sign of the growth rate is not established"),
     )
     return "; ".join(text for true, text in tests if true)
 
@@ -228,7 +234,7 @@ def _modes(
     for i in kept[np.argsort(-rms[kept], kind="stable")].tolist():
         growth, its_sigma = float(poles[i].real), float(growth_sigma[i])
         periods = float(frequency[i]) * length if rings[i] else np.inf
-        own = _doubts(periods, residual, growth, its_sigma)
+        own = _doubts(periods, residual, growth * length, its_sigma * length)
         shares = tuple(at_stop[i].tolist())
         found.append(
             Mode(

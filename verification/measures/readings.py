@@ -17,6 +17,8 @@ from spice_models.array_types import Bools, Floats, Indices
 from spice_models.definitions import BAND_SHIFT, FRAGILE, LEVEL_SHIFT, RISE_LEVELS, SMALL_STEP
 from verification.measures.crossings import Crossings
 
+STILL = 1e-9  # of A: a channel with a smaller step of its own has no direction, only rounding
+
 
 class Signal(Protocol):
     """Errors of N channels over time: distances from the targets."""
@@ -164,8 +166,9 @@ def _overshoots(signal: Signal, step: Step) -> tuple[float, ...]:
     if amplitude == 0:
         return (0.0,) * len(sizes)
     top = signal.highest(np.where(sizes < 0, -1.0, 1.0))
-    if (sizes == 0).any():  # a channel without a step of its own may leave its target either way
-        top = np.where(sizes == 0, np.maximum(top, signal.highest(-np.ones(len(sizes)))), top)
+    still = np.abs(sizes) <= STILL * amplitude
+    if still.any():  # without a step of its own a channel may leave its target either way
+        top = np.where(still, np.maximum(top, signal.highest(np.where(sizes < 0, 1.0, -1.0))), top)
     return tuple((np.maximum(top, 0.0) / amplitude).tolist())
 
 

@@ -4,8 +4,7 @@ A record proves that a channel settled when, at its end, the channel
 
 1. is inside the band, and has been for 5 % of its settling time and, while it rings, for three
    ringing periods, unless what rings is by now below half the band;
-2. does not ring on: what ringing is left is below 5 % of the band, or decays beyond the doubt of
-   the fit;
+2. does not ring on: what ringing is left is below 5 % of the band, or fades (`_loss`);
 3. does not drift out again: the limit extrapolated from its last three stretches is in the band.
 
 Everything else is another state, with a reason that says what to do.
@@ -21,13 +20,14 @@ import numpy as np
 
 from spice_models.array_types import Floats
 from verification.measures.envelope import saturates
-from verification.measures.mode_fit import GOOD_FIT, Mode
+from verification.measures.mode_fit import GOOD_FIT, RESOLVED, Mode
 from verification.measures.readings import Reading
 
 _DWELL = 0.05  # of the settling time: the record must continue inside the band for that long
 _DWELL_PERIODS = 3.0
 _SAFE = 0.5  # of the band: a decaying ringing below it will not leave the band again
 _QUIET = 0.05  # of the band: ringing below it is not judged
+_STEADY = 0.1  # nepers over the record: a ringing that loses less has the amplitude that it had
 _FLAT_TOP = 0.2  # of a period spent within 1 % of one extreme; 0.064 for a sinusoid
 _SILENT = 1 / 21  # of the band: `Drift.heading` extrapolates at most 20 times the largest error
 _ENDS = np.array([3.0, 2.0, 1.0, 0.0])  # of the last three stretches, counted from the last
@@ -35,9 +35,10 @@ _RUNAWAY = 10.0  # step amplitudes off target, and accelerating
 
 
 class ChannelState(StrEnum):
-    """How a channel's record ends."""
+    """How a channel's record ends; the best first."""
 
     SETTLED = "settled"
+    UNDECIDED = "undecided"
     NOT_SETTLED = "not settled"
     OSCILLATING = "oscillating"
     CLIPPED = "clipped"
@@ -129,15 +130,18 @@ def _flat_top(time: Floats, error: Floats, period: float) -> bool:
     return bool(max(top, bottom) > _FLAT_TOP * weight.sum())
 
 
-def _decays(ring: ChannelRinging) -> bool:
-    """Tell whether the ringing decays: the fit's word, or else the envelope's last half.
-
-    Without a fit and with hardly an envelope nothing is known, and the dwell must prove it.
-    """
-    if ring.mode is not None and ring.mode.residual < GOOD_FIT:
-        return ring.mode.decays
+def _loss(ring: ChannelRinging) -> tuple[float, float, float]:
+    """Return the least and the most nepers that the ringing loses, and what is a loss at all."""
+    mode = ring.mode
+    if mode is not None and mode.residual < GOOD_FIT:  # over its stretch, within two sigma
+        length, doubt = mode.stop - mode.start, 2 * mode.growth_sigma
+        return length * (-mode.growth_rate - doubt), length * (-mode.growth_rate + doubt), RESOLVED
     half = ring.amplitude[-max(ring.amplitude.size // 2, 1) :]
-    return half.size < 2 or bool(half[-1] < 0.9 * half[0])
+    if half.size < 2:  # nothing is known: the dwell must prove that the channel settled
+        return math.inf, math.inf, 0.0
+    log = np.log(np.maximum(half, np.finfo(np.float64).tiny))
+    lost, doubt = float(log[0] - log[-1]), float(np.abs(np.diff(log, 2)).sum()) / half.size
+    return lost - doubt, lost + doubt, _STEADY
 
 
 def _left(ring: ChannelRinging, end: float) -> tuple[float, float]:
@@ -162,7 +166,7 @@ def _left(ring: ChannelRinging, end: float) -> tuple[float, float]:
 def sustained(
     time: Floats, error: Floats, tolerance: float, ring: ChannelRinging
 ) -> ChannelState | None:
-    """Return OSCILLATING or CLIPPED if the channel rings without decay at its end, else None."""
+    """Return OSCILLATING or CLIPPED if the channel rings on, UNDECIDED if it may, else None."""
     mode = ring.mode
     if ring.period is None:
         grows = mode is not None and mode.grows and not mode.doubt and ring.share > tolerance
@@ -171,8 +175,9 @@ def sustained(
         return None
     if saturates(ring.amplitude):
         return ChannelState.CLIPPED
-    if _decays(ring):
-        return None
+    least, most, clear = _loss(ring)
+    if least > clear or most > _STEADY:
+        return None if least > clear else ChannelState.UNDECIDED
     return ChannelState.CLIPPED if _flat_top(time, error, ring.period) else ChannelState.OSCILLATING
 
 
@@ -196,6 +201,8 @@ def prove(
     """
     time, error = drift.time, drift.errors[n]
     state = sustained(time, error, tolerance, ring)
+    if state is ChannelState.UNDECIDED:
+        return Settlement(state, None, _either(ring, found))
     if state is not None:
         how = "at a constant amplitude" if state is ChannelState.CLIPPED else "and does not decay"
         return Settlement(state, None, f"it oscillates {how}: it never settles")
@@ -214,6 +221,14 @@ def prove(
         reason = f"inside the band for the last {dwell:.4g} s only, {need:.4g} s would prove it"
         return Settlement(ChannelState.NOT_SETTLED, None, reason + ": simulate longer")
     return Settlement(ChannelState.SETTLED, found, "")
+
+
+def _either(ring: ChannelRinging, found: Reading | None) -> str:
+    """Give both readings of a ringing whose loss is not established."""
+    least, most, _ = _loss(ring)
+    settles = "it settles later" if found is None else f"the settling time is {found.value:.4g} s"
+    return f"the ringing loses {least:.2g} to {most:.2g} nepers over the record: if it decays, \
+{settles}; if it does not, it never settles: simulate longer"
 
 
 def _outside(

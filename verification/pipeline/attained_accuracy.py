@@ -178,5 +178,6 @@ def _state_space(
     if len(other.time) < len(times):
         return method, math.nan, "the second run ends early"
     apart = np.abs(other.values - fine.values[np.searchsorted(fine.time, times)]).max()
-    text = f"difference to a run at {LOOSER:g} times the tolerance {tolerance:g}: an upper bound"
-    return method, float(apart), text
+    text = f"difference to a run at {LOOSER:g} times the tolerance {tolerance:g}, and rounding: \
+an upper bound"
+    return method, float(apart) + fine.rounding, text

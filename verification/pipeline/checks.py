@@ -77,6 +77,7 @@ class Evidence:
 
 EXPLAINED = 3.0  # times the expected error of the steps: a larger difference has another cause
 NO_STEP = "nothing to judge: with this strain and initial state no output has to move"
+ROUNDING = "nothing to judge: the step amplitude is below the reference's own error"
 UNSTEADY = (ChannelState.OSCILLATING, ChannelState.CLIPPED, ChannelState.DIVERGED)
 
 
@@ -125,6 +126,21 @@ def describe_states(measurements: Measurements) -> str:
     return "; ".join(parts)
 
 
+def _nothing_moves(evidence: Evidence) -> str:
+    """Say why there is no step to judge, or nothing."""
+    rounding = ROUNDING if evidence.reference_error >= 1.0 else ""
+    return rounding if evidence.measurements.amplitude else NO_STEP
+
+
+def _perhaps_ringing(measurements: Measurements) -> str:
+    """Give both readings of a channel that may ring on, where no channel is known not to settle."""
+    states = {channel.state: channel for channel in measurements.channels}
+    if not states.keys() <= {ChannelState.SETTLED, ChannelState.UNDECIDED}:
+        return ""
+    unclear = states.get(ChannelState.UNDECIDED)
+    return f"channel {unclear.index + 1}: {unclear.reason}" if unclear else ""
+
+
 def _steady_state(evidence: Evidence) -> Check:
     limit = evidence.checks.steady_state.tolerance
     m = evidence.measurements
@@ -134,10 +150,12 @@ def _steady_state(evidence: Evidence) -> Check:
     trouble = describe_states(m)
     if evidence.reference_problem:
         outcome, reason = Outcome.INCONCLUSIVE, evidence.reference_problem
-    elif not m.amplitude:
-        return _undecided("steady_state", "step", NO_STEP, limit)
+    elif still := _nothing_moves(evidence):
+        return _undecided("steady_state", "step", still, limit)
     elif any(c.state in UNSTEADY for c in m.channels):
         outcome, reason = Outcome.FAIL, f"no steady state: {trouble}"
+    elif ringing := _perhaps_ringing(m):
+        outcome, reason = Outcome.INCONCLUSIVE, ringing
     elif trouble:
         reason += f"; {trouble}"
     return Check("steady_state", outcome, value, uncertainty, 0.0, limit, "step", reason)
@@ -147,10 +165,9 @@ def _settling_time(evidence: Evidence) -> Check:
     wanted = evidence.checks.settling_time
     reading = evidence.measurements.settling_time
     band = f"to ±{100 * wanted.band:g} % of the step amplitude"
-    if evidence.reference_problem:
-        return _undecided("settling_time", "s", evidence.reference_problem, wanted.max)
-    if not evidence.measurements.amplitude:
-        return _undecided("settling_time", "s", NO_STEP, wanted.max)
+    still = evidence.reference_problem or _nothing_moves(evidence)
+    if blocked := still or _perhaps_ringing(evidence.measurements):
+        return _undecided("settling_time", "s", blocked, wanted.max)
     if reading is None:
         trouble = evidence.measurements.reason
         return Check("settling_time", Outcome.FAIL, None, None, wanted.max, None, "s", trouble)
@@ -195,6 +212,8 @@ def _overshoot(evidence: Evidence) -> Check | None:
     reason = "largest excursion beyond a target"
     if any(channel.state in UNSTEADY for channel in evidence.measurements.channels):
         outcome, reason = Outcome.FAIL, describe_states(evidence.measurements)
+    elif outcome is Outcome.PASS and (ringing := _perhaps_ringing(evidence.measurements)):
+        outcome, reason = Outcome.INCONCLUSIVE, ringing
     return Check("overshoot", outcome, value, error, wanted.max, None, "step", reason)
 
 
@@ -208,6 +227,9 @@ def _stability(evidence: Evidence) -> Check:
             return Check("stability", outcome, pole.real, None, 0.0, None, "1/s", reason)
         return Check("stability", outcome, margin.factor, None, wanted, None, "ratio", reason)
 
+    if abs(pole.real) <= (rounding := evidence.poles.resolution):
+        text += f", known to ±{rounding:.1g} /s only: the board is stable or it oscillates"
+        return check(Outcome.INCONCLUSIVE, text)
     if not evidence.poles.stable:
         ringing = show(abs(pole.imag) / (2 * math.pi), "Hz")
         verb = f"oscillates at {ringing}" if pole.imag else "runs away"

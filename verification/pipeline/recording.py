@@ -14,6 +14,7 @@ from netlist_gen.problem.inverse_problem import InverseProblem
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from verification.engines.ngspice.process import PHYSICAL_BOUND
+from verification.engines.statespace.linearised.equilibrium import rounding as rounding_at_rest
 from verification.ideal.ideal_answer import IdealAnswer, ideal_answer
 from verification.measures.measure import measure, read_record
 from verification.measures.measurements import Measurements
@@ -164,7 +165,7 @@ def _record(
         simulation=simulation,
         measurements=measurements,
         u=u,
-        error=_readings_error(design, ideal, measurements, companion, effort),
+        error=_readings_error(design, ideal, measurements, companion, simulation, effort),
         agreement=agreement,
         accuracy=attained(design, simulation.waveforms, companion, amplitude),
     )
@@ -191,18 +192,31 @@ def _readings_error(
     ideal: IdealAnswer,
     measurements: Measurements,
     companion: Companion | None,
+    simulation: Simulation,
     effort: Effort,
 ) -> StepError:
     """Return the error of the readings: by the other answer's readings, if there is one."""
+    rounding = simulation.waveforms.rounding
+    if companion is None and design.engine == "ngspice":
+        return simulation_error(measurements, None, math.inf, rounding)
     if companion is None:
-        return simulation_error(measurements, None, math.inf if design.engine == "ngspice" else 0.0)
+        rounding += _rounding(design, measurements) if design.poles.stable else 0.0
+        return simulation_error(measurements, None, 0.0, rounding)
     terms = _terms(design.scene, design.circuit, design.transient)
     time, u = companion.instants, companion.other
     readings = read_record(time, u, ideal.target, ideal.start, **terms)
     if undecided(measurements, readings):
         second = measure(time, u, ideal.target, ideal.start, **terms, details=effort.details)
         readings = second.readings
-    return simulation_error(measurements, readings, companion.share)
+    return simulation_error(measurements, readings, companion.share, rounding)
+
+
+def _rounding(design: Design, found: Measurements) -> float:
+    """Return what rounding of the board's stamped values moves its equilibrium and modes by, V."""
+    poles = design.poles
+    # A mode exp(p t) whose p moves by dp moves by dp t exp(p t), at most dp / (e |Re p|).
+    modes = found.amplitude * poles.resolution / (math.e * abs(poles.rightmost.real))
+    return modes + float(rounding_at_rest(design.board.equilibrium).max(initial=0.0))
 
 
 def _is_exact(design: Design) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from spice_models.definitions import SMALL_STEP
 from verification.measures.measurements import Measurements
 from verification.measures.readings import Reading, Readings
 
@@ -39,7 +40,9 @@ def undecided(fine: Measurements, coarse: Readings) -> bool:
     return more or any(a is None and b is not None for a, b in rises)
 
 
-def simulation_error(fine: Measurements, coarse: Readings | None, share: float) -> StepError:
+def simulation_error(
+    fine: Measurements, coarse: Readings | None, share: float, rounding: float = 0.0
+) -> StepError:
     """Estimate the error of every measure of `fine` (Richardson's extrapolation).
 
     A settling time jumps by half a ringing period when a peak moves through the edge of the band,
@@ -48,10 +51,13 @@ def simulation_error(fine: Measurements, coarse: Readings | None, share: float) 
     Parameters
     ----------
     fine, coarse : Measurements and Readings
-        The same transient at a step and at a larger one; without a second run the error is 0 as
-        far as the step goes, because there is none.
+        The same transient at a step and at a larger one; without a second run of an engine that
+        has no step, the error is that of rounding.
     share : float
         The finer run's part of a difference: ``1/(r^p - 1)`` for a step ratio r and an order p.
+    rounding : float
+        What rounding left in the finer run, V. A level that moves by a fraction of itself moves
+        its crossing by no more of the time.
 
     Returns
     -------
@@ -59,8 +65,9 @@ def simulation_error(fine: Measurements, coarse: Readings | None, share: float) 
         Infinite where only one of the two has the measure.
     """
     if coarse is None:
-        unknown = 0.0 if share == 0 else math.inf
-        return StepError(unknown, unknown, unknown, unknown)
+        level = rounding / (fine.amplitude or 1.0) if share == 0 else math.inf
+        rise = max(_moved(time, level / SMALL_STEP) for time in fine.readings.rise_times)
+        return StepError(level, _moved(fine.settling_time, level / fine.band), rise, level)
     own = fine.readings
     rises = zip(own.rise_times, coarse.rise_times, strict=True)
     return StepError(
@@ -69,6 +76,11 @@ def simulation_error(fine: Measurements, coarse: Readings | None, share: float) 
         rise_time=share * max(_apart(a, b) for a, b in rises),
         overshoot=share * _furthest(own.overshoots, coarse.overshoots),
     )
+
+
+def _moved(time: Reading | None, share: float) -> float:
+    """Return how far a reading moves with its level, s."""
+    return share * (time.value if time is not None else 0.0) if share < 1 else math.inf
 
 
 def _furthest(a: tuple[float, ...], b: tuple[float, ...]) -> float:

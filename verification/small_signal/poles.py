@@ -14,6 +14,9 @@ from verification.engines.statespace.linearised.count_unstable import count_righ
 from verification.engines.statespace.linearised.rightmost_poles import rightmost_poles
 from verification.small_signal.time_scales import TimeScales
 
+UNITS = 64  # of rounding, of the fastest pole, to which an eigenvalue is found
+SEARCHED = 1e-9  # of the fastest pole found: the same, where only some were searched for
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Poles:
@@ -41,6 +44,12 @@ class Poles:
     damping_ratio: float
     frequency: float
     complete: bool
+
+    @property
+    def resolution(self) -> float:
+        """Rounding of the rightmost pole's real part, 1/s: a share of the fastest that is known."""
+        share = UNITS * float(np.finfo(np.float64).eps) if self.complete else SEARCHED
+        return share * float(np.abs(self.poles).max(initial=0.0))
 
     @property
     def unstable_count(self) -> int:

@@ -107,13 +107,16 @@ def last_crossing(weight: Floats, rate: Floats, level: float) -> float:
         return 0.0
     if level <= 0.0:
         return math.inf
-    t, step = 0.0, math.inf
-    while abs(step) > 1e-12 * t:
+    t = 0.0
+    while True:
         left = weight * np.exp(rate * t)
         total = float(left.sum())
-        step = total * math.log(total / level) / -float(left @ rate)
+        excess = math.log(total / level)
+        step = total * excess / -float(left @ rate)
         t += step
-    return t
+        # Close to the start the time is small, and its last digits are the level's rounding.
+        if abs(step) <= 1e-12 * t or abs(excess) <= 1e-13:
+            return t
 
 
 def time_scales(
@@ -183,4 +186,5 @@ def _scales(
 def _ringing(poles_: Complexes, amplitudes: Floats) -> Iterable[Ringing]:
     for p, amplitude in zip(poles_.tolist(), amplitudes.tolist(), strict=True):
         frequency = p.imag / (2.0 * math.pi)
-        yield Ringing(frequency, 1.0 / frequency, -1.0 / p.real, amplitude)
+        decay = -1.0 / p.real if p.real else math.inf  # on the axis to the last bit
+        yield Ringing(frequency, 1.0 / frequency, decay, amplitude)

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from verification.measures.measure import measure
-from verification.measures.readings import rise_times, settling_times
+from verification.measures.mode_fit import Mode
+from verification.measures.readings import Reading, rise_times, settling_times
 from verification.measures.sampled_signal import SampledSignal
-from verification.measures.settling import ChannelState
+from verification.measures.settling import ChannelRinging, ChannelState, Drift, prove, sustained
 
 SUSTAINED = (ChannelState.OSCILLATING, ChannelState.CLIPPED, ChannelState.DIVERGED)
 
@@ -88,3 +89,50 @@ def test_rises_of_channels_of_either_direction():
         assert abs(reading.value - pace * np.log(9)) <= reading.uncertainty < 1e-3
         assert not reading.fragile
     assert rise_times(SampledSignal(time, errors), steps, steps == 1e9) == (None,) * 4
+
+
+def ringing(growth, sigma, amplitude=None):
+    """A fitted ringing of 1 over a record of 1 s; `amplitude` is the envelope's."""
+    mode = Mode(100.0, growth, 1.0, 0.0, sigma, 0.01, (1.0,), 0.0, 1.0, "")
+    envelope = np.ones(20) if amplitude is None else amplitude
+    time = np.linspace(0.0, 1.0, envelope.size)
+    return ChannelRinging(time, envelope, 0.01, mode if amplitude is None else None, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("growth", "sigma", "state"),
+    [
+        (0.0, 0.0, ChannelState.OSCILLATING),
+        (-3e-15, 1e-18, ChannelState.OSCILLATING),  # rounding has either sign
+        (3e-15, 1e-18, ChannelState.OSCILLATING),
+        (-1e-3, 1e-5, None),  # slow, but beyond doubt
+        (-1e-3, 1e-3, ChannelState.OSCILLATING),  # at the most 0.3 % of it is lost
+        (-1.0, 0.6, ChannelState.UNDECIDED),
+        (0.1, 0.4, ChannelState.UNDECIDED),
+        (-1.0, 0.2, None),
+        (1.0, 0.1, ChannelState.OSCILLATING),
+    ],
+)
+def test_ringing_persists_by_what_it_loses_over_the_record(growth, sigma, state):
+    time = np.linspace(0.0, 1.0, 2000)
+    error = np.sin(2 * np.pi * 100 * time)
+    assert sustained(time, error, 0.5, ringing(growth, sigma)) is state
+
+
+def test_an_undecided_ringing_states_both_readings():
+    time = np.linspace(0.0, 1.0, 2000)
+    error = 0.1 * np.sin(2 * np.pi * 100 * time)
+    judged = prove(Drift(time, error[None]), 0, Reading(0.2, 0.0), 0.5, 1.0, ringing(-1.0, 0.6))
+    assert judged.state is ChannelState.UNDECIDED
+    assert judged.settling_time is None
+    assert "if it decays, the settling time is 0.2 s" in judged.reason
+    assert "if it does not, it never settles" in judged.reason
+
+
+def test_a_scattered_envelope_does_not_decide():
+    time = np.linspace(0.0, 1.0, 2000)
+    error = np.sin(2 * np.pi * 100 * time)
+    fall = np.exp(-0.3 * np.linspace(0.0, 2.0, 20))
+    assert sustained(time, error, 0.5, ringing(0, 0, fall)) is None
+    rough = fall * np.where(np.arange(20) % 2, 1.2, 0.8)
+    assert sustained(time, error, 0.5, ringing(0, 0, rough)) is ChannelState.UNDECIDED

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
 import pytest
 
 from tests.support.measured import (
@@ -28,6 +29,7 @@ from verification.pipeline.checks import (
     run_checks,
 )
 from verification.pipeline.step_error import StepError
+from verification.small_signal.poles import summarise
 
 PASS, FAIL, UNDECIDED = Outcome.PASS, Outcome.FAIL, Outcome.INCONCLUSIVE
 
@@ -245,3 +247,29 @@ def test_states_are_told_in_words() -> None:
     )
     assert describe_states(measured(oscillating(0), oscillating(1))).startswith("every channel")
     assert describe_states(measured(channel())) == ""
+
+
+def test_a_ringing_that_may_persist_leaves_its_checks_undecided() -> None:
+    both = "if it decays, the settling time is 1 ms; if it does not, it never settles"
+    unclear = channel(state=ChannelState.UNDECIDED, settling_time=None, reason=both)
+    wanted = {"overshoot": {"max": 0.5}}
+    given = evidence(unclear, channel(1), checks=wanted)
+    for name in ("steady_state", "settling_time", "overshoot"):
+        assert check(name, given).outcome is UNDECIDED
+        assert both in check(name, given).reason
+    worse = evidence(unclear, oscillating(1), checks=wanted)
+    assert check("settling_time", worse).outcome is FAIL
+    assert check("steady_state", worse).outcome is FAIL
+
+
+def test_a_pole_within_its_rounding_of_the_axis_is_undecided() -> None:
+    for real, outcome in ((-1.0, PASS), (-1e-7, UNDECIDED), (1e-7, UNDECIDED), (1.0, FAIL)):
+        given = summarise(np.array([real + 1e6j, real - 1e6j, -1e8]), complete=True)
+        assert check("stability", evidence(poles=given)).outcome is outcome
+
+
+def test_a_step_below_the_references_error_is_nothing_to_judge() -> None:
+    given = evidence(channel(final=3.0, settling_time=None), reference_error=1.5)
+    for name in ("steady_state", "settling_time"):
+        assert check(name, given).outcome is UNDECIDED
+        assert "nothing to judge" in check(name, given).reason

@@ -76,3 +76,14 @@ def test_a_second_run_that_settles_clearly_later_is_judged() -> None:
     )
     assert not undecided(fine, near)
     assert undecided(fine, far)
+
+
+def test_an_engine_without_steps_errs_by_its_rounding() -> None:
+    fine = measured(channel(rise_time=Reading(1e-5, 0.0), settling_time=Reading(1e-3, 0.0)))
+    found = simulation_error(fine, None, 0.0, rounding=1e-9)  # of a step of 1 V, a band of 1 %
+    assert found.steady_state == found.overshoot == 1e-9
+    assert found.settling_time == pytest.approx(1e-10)
+    assert found.rise_time == pytest.approx(2e-13)
+    none = simulation_error(measured(channel(rise_time=None)), None, 0.0, rounding=1e-9)
+    assert none.rise_time == 0.0
+    assert simulation_error(fine, None, math.inf).settling_time == math.inf

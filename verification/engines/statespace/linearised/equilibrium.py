@@ -24,6 +24,10 @@ MAX_STEPS = 200
 STAGES = 10.0 ** np.arange(0, -17, -2)  # of the homotopy: added diagonal feedback, times H
 POLISHED = 1e-13  # residual above which the last steps are taken on all unknowns
 CERTIFICATE = 1e-9  # largest residual accepted, relative to the terms that cancel in it
+# An unknown below this share of the largest counts as if it had it: where only rounding is left
+# (a channel without strain), a residual of 64 units of rounding of the largest is accepted.
+QUIET = 64 * float(np.finfo(np.float64).eps) / CERTIFICATE
+PROBES, SPREAD = 4, 4.0  # draws of the rounding, and how much more than the largest counts
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,7 +43,7 @@ class Equilibrium:
     slopes : ndarray (m,)
         ``d v_out / d v_in`` of each behavioural amplifier at the equilibrium, V/V (negative).
     residual : float
-        Largest residual, relative to the terms that cancel in it.
+        Largest residual, relative to the terms that cancel in it, unknowns at least `QUIET`.
     steps : int
         Newton steps; 0 for a linear board.
     """
@@ -89,7 +93,7 @@ def solve_equilibrium(
         z = _polish(descriptor, z, drive)
         y, residual = z[devices.input] / devices.v_scale, _residual(descriptor, z, drive)
     if not residual <= CERTIFICATE:
-        message = f"the equilibrium has a relative residual of {residual:.3g}"
+        message = f"the equilibrium has a relative residual of {residual:.3g}, above {CERTIFICATE}"
         raise EngineError(message)
     slopes = -devices.u_scale / devices.v_scale * gain.slope(y)
     return Equilibrium(descriptor, z, slopes, residual, steps)
@@ -117,26 +121,44 @@ def _newton_step(descriptor: Descriptor, slopes: Floats, F: Floats, size: Floats
         return np.asarray(Structure(descriptor, slopes).factor(0.0).solve(F))
     devices, K = descriptor.devices, descriptor.dense.stiffness.copy()
     K[devices.output, devices.input] += slopes
-    size = np.maximum(size, 1e-12 * size.max())
+    size = np.maximum(size, 1e-12 * (size.max() or 1.0))
     K *= size
     scale = np.abs(K).max(axis=1)
     return np.asarray(size * np.linalg.solve(K / scale[:, None], -F / scale))
 
 
 def _residual(descriptor: Descriptor, z: Floats, drive: Floats) -> float:
-    """Largest ``|K z + b + f|`` relative to the largest term of its row."""
+    """Largest ``|K z + b + f|`` relative to the terms of its row, z at least `QUIET`."""
+    kept, terms = _cancelling(descriptor, z, drive)
+    return float(np.max(np.abs(kept) / np.where(terms > 0.0, terms, 1.0), initial=0.0))
+
+
+def rounding(rest: Equilibrium) -> Floats:
+    """Return how far rounding of the stamped values moves each unknown, V; shape (size,)."""
+    descriptor, z = rest.descriptor, rest.values
+    terms = _cancelling(descriptor, z, descriptor.drive(sources_on=True))[1]
+    # The rounding of every row, with signs drawn at random, through the linearised equations.
+    draws = np.random.default_rng(1992).standard_normal((PROBES, descriptor.size))
+    noise = float(np.finfo(np.float64).eps) * terms * draws
+    moved = [_newton_step(descriptor, rest.slopes, row, np.abs(z)) for row in noise]
+    return np.asarray(SPREAD * np.max(np.abs(moved), axis=0))
+
+
+def _cancelling(descriptor: Descriptor, z: Floats, drive: Floats) -> tuple[Floats, Floats]:
+    """Return ``K z + b + f`` and the magnitudes that cancel in its rows, z at least `QUIET`."""
     f = np.zeros(descriptor.size)
     devices = descriptor.devices
     if devices.count:
         value = gain_of(devices.kind).value(z[devices.input] / devices.v_scale)
         f[devices.output] = -devices.u_scale * value
+    least = np.maximum(np.abs(z), QUIET * np.abs(z).max(initial=0.0))
     if descriptor.is_large:
-        kept, size = (descriptor.stiffness_times(z, magnitudes=each) for each in (False, True))
+        kept = descriptor.stiffness_times(z)
+        size = descriptor.stiffness_times(least, magnitudes=True)
     else:
         K = descriptor.dense.stiffness
-        kept, size = K @ z, np.abs(K) @ np.abs(z)
-    terms, rest = size + np.abs(drive) + np.abs(f), np.abs(kept + drive + f)
-    return float(np.max(rest / np.where(terms > 0.0, terms, 1.0), initial=0.0))
+        kept, size = K @ z, np.abs(K) @ least
+    return kept + drive + f, size + np.abs(drive) + np.abs(f)
 
 
 def solve_loop(H: Floats, a: Floats, gain: Gain) -> tuple[Floats, int]:

@@ -188,8 +188,9 @@ def simulate(
     if not np.all(np.isfinite(values)):
         raise EngineError("an amplifier left the range of floats between two steps")
     cost = Cost(clock.perf_counter() - began, dense.steps, dense.factorisations)
-    flags = (diverges,) if dense.escaped else ()
-    return Waveforms(times, wanted, values, "statespace", cost, flags)
+    blurred = f"rounding leaves up to {dense.rounding:.3g} V, in a step more than its tolerance"
+    flags = (diverges,) * dense.escaped + (blurred,) * dense.coarse
+    return Waveforms(times, wanted, values, "statespace", cost, flags, dense.rounding)
 
 
 def record_times(analysis: Transient, end: float) -> Floats:

@@ -7,6 +7,8 @@ products of T with the stages, a factorisation one structured factorisation for 
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,6 +24,7 @@ from verification.engines.statespace.transients.radau import Solve
 
 INSTANT = 1e-9  # of the fastest time constant: the settling time of the algebraic unknowns
 SETTLING_STEPS = 50
+STALLED = 1e-9  # of the largest unknown: a correction below it that does not shrink is rounding
 
 
 class Wide:
@@ -100,6 +103,7 @@ class Wide:
         z = initial_unknowns(self.board, analysis.initial, analysis.voltages)
         charge = self.mass(z).astype(np.float64)
         shift = float(self.rates().max(initial=1.0)) / INSTANT
+        before = math.inf
         for _ in range(SETTLING_STEPS):
             rest = self.rate(z) - shift * (self.mass(z) - charge)
             if not np.all(np.isfinite(rest)):
@@ -107,8 +111,11 @@ class Wide:
             solve = self.factor(z, np.array([shift], dtype=np.complex128))[0]
             dz = solve(rest.astype(np.complex128)).real
             z = z + dz
-            if np.abs(dz).max() <= 1e-12 * max(float(np.abs(z).max()), 1e-300):
+            size = float(np.abs(dz).max()) / max(float(np.abs(z).max()), 1e-300)
+            # Below a correction that no longer shrinks there is only rounding.
+            if size <= 1e-12 or STALLED >= size >= 0.5 * before:
                 return z
+            before = size
         raise EngineError("an amplifier is beyond the range of floats in the initial state")
 
     def magnitudes(self, rest: Equilibrium) -> Floats:

@@ -199,4 +199,4 @@ def simulate(
         instants, values = instants[: overflow[0]], values[: overflow[0]]
         flags = (f"the board diverges: it leaves the range of floats after {instants[-1]!r} s",)
     cost = Cost(clock.perf_counter() - began, len(instants), 1)
-    return Waveforms(instants, solution.nodes, values, ENGINE, cost, flags)
+    return Waveforms(instants, solution.nodes, values, ENGINE, cost, flags, solution.error)

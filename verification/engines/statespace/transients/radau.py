@@ -5,6 +5,10 @@ The stage equations are solved by simplified Newton in the eigenbasis of the inv
 method's matrix: one real and (s - 1)/2 complex systems a factorisation (Hairer and Wanner, Solving
 Ordinary Differential Equations II, sections IV.8 and IV.10). The embedded error estimate has order
 s, as has the dense output, the collocation polynomial itself.
+
+The floor of rounding is measured: the scatter of F at neighbours of z that floats hardly tell from
+z, with independent signs in every row, goes through the same solves as F. A Newton correction or
+an error estimate below that floor counts as zero.
 """
 
 from __future__ import annotations
@@ -12,7 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +31,9 @@ STAGES = 5
 NEWTON_STEPS = 8
 SHRINK, GROW, SAFETY = 0.2, 8.0, 0.9
 KEEP = 1.3  # a step is not lengthened by less than this: it would cost new factorisations
+EPSILON = float(np.finfo(np.float64).eps)
+SPREAD = 4.0  # standard deviations of the rounding that still count as rounding
+SHORTEST = 1e-15  # of the time: a step that floats no longer add to the time
 
 
 class System(Protocol):
@@ -65,6 +72,10 @@ class Dense:
         What it cost.
     escaped : bool
         Whether it ended early because an unknown passed its limit.
+    rounding : float
+        What rounding, and steps too short to be halved, left, added up over the steps, V.
+    coarse : bool
+        Whether that was above the tolerance in a step.
     """
 
     ends: list[float]
@@ -73,6 +84,8 @@ class Dense:
     rejected: int = 0
     factorisations: int = 0
     escaped: bool = False
+    rounding: float = 0.0
+    coarse: bool = False
 
     def at(self, times: Floats) -> Floats:
         """Watched values at `times`, shape (P, W)."""
@@ -82,6 +95,14 @@ class Dense:
         pieces = np.stack(self.pieces)[which]
         powers = theta[:, None] ** np.arange(pieces.shape[2])
         return np.asarray(np.einsum("pws,ps->pw", pieces, powers))
+
+
+class Rounding(NamedTuple):
+    """Rounding of a Newton correction and of the error estimate, in tolerances; the latter in V."""
+
+    stages: float = 0.0
+    estimate: float = 0.0
+    volts: float = 0.0
 
 
 class Radau:
@@ -118,6 +139,8 @@ class Radau:
         self.newton_tolerance = max(1e-14 / relative, min(0.03, math.sqrt(relative)))
         self.solvers: list[Solve] = []  # empty: to be made
         self.fresh = False  # whether the Jacobian is that of the present z
+        self.rounding = Rounding()
+        self.signs = np.random.default_rng(1992).standard_normal((2, system.size, STAGES))
         self.polynomial: Floats | None = None
         self.last_step = first_step
         self.out = Dense([0.0], [])
@@ -134,27 +157,20 @@ class Radau:
         while self.t < stop * (1.0 - 1e-14) and not self.out.escaped:
             self._advance()
             if self.out.steps > max_steps:
-                message = f"{max_steps} steps did not reach {stop!r} s (now {self.t!r} s)"
-                raise EngineError(message)
+                raise EngineError(f"{max_steps} steps did not reach {stop!r} s (now {self.t!r} s)")
         return self.out
 
     def _advance(self) -> None:
         """Take one accepted step."""
         rate = self.system.rate(self.z)
         if not np.all(np.isfinite(rate)):
-            message = f"an amplifier left the range of floats at {self.t!r} s"
-            raise EngineError(message)
+            raise EngineError(f"an amplifier left the range of floats at {self.t!r} s")
         while True:
             left = self.stop - self.t
             # Two equal last steps instead of a long and a tiny one.
-            wanted = (
-                left if self.h > 0.99 * left else (0.5 * left if self.h > 0.5 * left else self.h)
-            )
+            wanted = left if self.h > 0.99 * left else min(self.h, 0.5 * left)
             if wanted != self.h:
                 self.h, self.solvers = wanted, []
-            if self.h < 1e-15 * max(self.stop, self.t):
-                message = f"the time step fell below {self.h:.3g} s at {self.t!r} s"
-                raise EngineError(message)
             if self._attempt(rate):
                 return
 
@@ -163,23 +179,30 @@ class Radau:
         if not self.solvers:
             self.solvers = self.system.factor(self.z, self.table.shifts / self.h)
             self.out.factorisations += len(self.table.shifts)
+            self.rounding = self._rounding(rate)
             self.fresh = True
+        shortest = self.h < SHORTEST * self.stop
         found = self._newton()
         if found is None:
-            if self.fresh:
-                self.h *= 0.5
+            if self.fresh and shortest:
+                raise EngineError(f"the time step fell below {self.h:.3g} s at {self.t!r} s")
+            self.h *= 0.5 if self.fresh else 1.0
             self.solvers = []
             self.out.rejected += 1
             return False
         Z, contraction = found
-        error = self._error(rate, Z)
+        floor = self.rounding.estimate
+        error = max(self._error(rate, Z) - floor, 0.0) / max(floor, 1.0)
         factor = SAFETY * error ** (-1.0 / (STAGES + 1)) if error > 0.0 else GROW
         factor = min(max(factor, SHRINK), GROW)
-        if error > 1.0:
+        if error > 1.0 and not shortest:
             self.h *= min(factor, SAFETY)
             self.solvers = []
             self.out.rejected += 1
             return False
+        left = error * float(self._scale(self.z).max()) if error > 1.0 else 0.0
+        self.out.rounding += self.rounding.volts + left
+        self.out.coarse |= max(floor, error) > 1.0
         self._accept(Z)
         self.fresh = False
         if factor > KEEP:
@@ -196,35 +219,53 @@ class Radau:
         with np.errstate(over="ignore"):  # Newton's method may go anywhere before it is stopped
             return float(np.sqrt(np.mean((x / scale) ** 2)))
 
+    def _rounding(self, rate: Floats) -> Rounding:
+        """Measure what rounding at the present z makes of a Newton correction and an estimate."""
+        near, signs = self.signs
+        scatter = self.system.rate(self.z[:, None] * (1.0 + EPSILON * near)) - rate[:, None]
+        if not np.all(np.isfinite(scatter)):
+            return Rounding()
+        size = np.sqrt(np.mean(scatter**2, axis=1)) + EPSILON * np.abs(rate)
+        noise = SPREAD * size[:, None] * signs
+        dZ = (self.table.right @ self._solve(self.table.left @ noise.T)).real.T
+        pull = np.asarray(self.system.mass(dZ @ self.table.estimate).real) / self.h
+        error = self.solvers[0]((noise[:, 0] + pull).astype(np.complex128)).real
+        scale, volts = self._scale(self.z), float(np.abs(error).max())
+        return Rounding(self._norm(dZ, scale[:, None]), self._norm(error, scale), volts)
+
+    def _solve(self, residual: Complexes) -> Complexes:
+        """Solve the decoupled stage equations, shape (k, size)."""
+        return np.stack([solve(r) for solve, r in zip(self.solvers, residual, strict=True)])
+
     def _newton(self) -> tuple[Floats, float] | None:
         """Solve the stage equations; None if Newton's method does not contract."""
         table, system, h = self.table, self.system, self.h
         Z = self._guess()
         W = table.left @ Z.T.astype(np.complex128)  # (k, size)
         scale, before, contraction = self._scale(self.z), math.inf, 0.0
+        enough = max(self.newton_tolerance, self.rounding.stages)
         for step in range(NEWTON_STEPS):
             F = system.rate(self.z[:, None] + Z)
             if not np.all(np.isfinite(F)):
                 return None
-            residual = table.left @ F.T - (table.shifts[:, None] / h) * system.mass(W.T).T
-            dW = np.stack([solve(r) for solve, r in zip(self.solvers, residual, strict=True)])
+            dW = self._solve(table.left @ F.T - (table.shifts[:, None] / h) * system.mass(W.T).T)
             W = W + dW
             dZ = (table.right @ dW).real.T
             Z = (table.right @ W).real.T
             size = self._norm(dZ, scale[:, None])
             if not math.isfinite(size):
                 return None
+            if size <= self.rounding.stages:
+                return Z, contraction
             if step > 0:
                 contraction = size / before
-                if contraction >= 1.0 or (
-                    contraction ** (NEWTON_STEPS - 1 - step) / (1.0 - contraction) * size
-                    > self.newton_tolerance
-                ):
+                if contraction >= 1.0:
                     return None
-            if size == 0.0 or (
-                step > 0 and contraction / (1.0 - contraction) * size < self.newton_tolerance
-            ):
-                return Z, contraction
+                left = contraction / (1.0 - contraction) * size
+                if left < enough:
+                    return Z, contraction
+                if contraction ** (NEWTON_STEPS - 2 - step) * left > enough:
+                    return None
             before = size
         return None
 

@@ -200,4 +200,4 @@ def simulate(
     else:
         instants, values = times, solution.at(times)
     cost = Cost(clock.perf_counter() - began, len(instants), 3)
-    return Waveforms(instants, solution.nodes, values, "statespace", cost)
+    return Waveforms(instants, solution.nodes, values, "statespace", cost, (), solution.error)

@@ -13,8 +13,9 @@ from netlist_gen.board.circuit import Resistor
 from spice_models.errors import EngineError
 from tests.support.boards import IDEAL, board, kernel, paper_board, single_mode, strain, two_pole
 from verification.engines.statespace.equations.amplifier_gains import GAINS, gain_of
+from verification.engines.statespace.equations.stamps import stamp
 from verification.engines.statespace.linearised.board import LinearBoard
-from verification.engines.statespace.linearised.equilibrium import solve_loop
+from verification.engines.statespace.linearised.equilibrium import rounding, solve_loop
 
 
 def test_the_single_mode_divides_by_its_loop_gain() -> None:
@@ -99,3 +100,28 @@ def test_coordinates_invert_and_slopes_are_slopes(kind: str) -> None:
 def test_an_unknown_kind_is_refused() -> None:
     with pytest.raises(EngineError, match="no amplifier kind 'cubic'"):
         gain_of("cubic")
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_channel_without_strain_has_a_certificate_with_any_rounding(seed: int) -> None:
+    # Channel 1 sees nothing: whatever its unknowns are but 0 is rounding.
+    T, eps = np.array([[0.0, 1.0], [0.0, 0.5]]), np.array([1.0, 0.4])
+    circuit = board(T, eps, two_pole(1e5, 1e-11), exponential=True, bias=False)
+    descriptor = stamp(circuit)
+    draw = np.random.default_rng(seed)
+    nudge = 1e-30 * draw.standard_normal(descriptor.size)
+    nudged = replace(descriptor, switched=descriptor.switched + nudge)
+    rest, plain = LinearBoard(circuit, nudged).equilibrium, LinearBoard(circuit).equilibrium
+    assert rest.residual < 1e-12
+    assert rest.values == pytest.approx(plain.values, rel=1e-12, abs=1e-20)
+
+
+def test_the_rounding_of_an_equilibrium_covers_what_other_roundings_give() -> None:
+    linear = LinearBoard(paper_board(7))
+    descriptor, rest = linear.descriptor, linear.equilibrium
+    for seed in range(5):
+        draw = np.random.default_rng(seed).standard_normal(len(descriptor.local.values))
+        local = replace(descriptor.local, values=descriptor.local.values * (1 + 2e-16 * draw))
+        nudged = replace(descriptor, local=local)
+        moved = LinearBoard(linear.circuit, nudged).equilibrium.values - rest.values
+        assert np.all(np.abs(moved) <= 4.0 * rounding(rest).max())

@@ -118,3 +118,42 @@ def test_a_solution_that_blows_up_ends_at_its_limit_or_says_so() -> None:
         Radau(system, np.ones(1), 1e-8, np.ones(1), 1e-3).run(2.0)
     with pytest.raises(EngineError, match="3 steps did not reach"):
         Radau(system, np.ones(1), 1e-8, np.ones(1), 1e-3).run(0.9, max_steps=3)
+
+
+class Rounded(Linear):
+    """``z' = K (z - 1)`` with a rounding of F, relative to the terms that cancel."""
+
+    def __init__(self, K: Floats, size: float) -> None:
+        super().__init__(np.eye(len(K)), K)
+        self.noise, self.draw = size, np.random.default_rng(7)
+
+    def rate(self, z: Floats) -> Floats:
+        terms = np.abs(self.K) @ np.ones(z.shape)
+        return np.asarray(self.K @ (z - 1.0) + self.noise * terms * self.draw.normal(size=z.shape))
+
+
+@pytest.mark.parametrize("size", [1e-16, 1e-13, 1e-10, 1e-8, 1e-6])
+def test_a_solution_at_rest_costs_a_handful_of_steps_however_f_is_rounded(size: float) -> None:
+    K = np.array([[-1.0, 5e3], [0.0, -1e6]])
+    dense = Radau(Rounded(K, size), np.ones(2), 1e-9, np.ones(2), 1e-8).run(1.0)
+    assert dense.steps <= 20
+    assert np.abs(dense.at(np.linspace(0.0, 1.0, 50)) - 1.0).max() <= max(dense.rounding, 1e-9)
+
+
+def test_what_rounding_leaves_is_stated_and_covers_the_error() -> None:
+    t = np.linspace(0.0, 1.0, 50)
+    for size in (1e-13, 1e-6):
+        system = Rounded(np.diag([-3.0, -1e5]), size)
+        dense = Radau(system, np.zeros(2), 1e-9, np.ones(2), 1e-8).run(1.0)
+        error = np.abs(dense.at(t)[:, 0] - (1.0 - np.exp(-3.0 * t))).max()
+        assert error <= dense.rounding + 1e-8
+        assert dense.coarse == (size > 1e-9)
+    assert dense.steps < 400
+
+
+def test_the_rounding_floor_does_not_hide_a_growth() -> None:
+    # z = 1 + 1e-6 exp(20 t): far above rounding, far below z.
+    system = Linear(np.eye(2), np.array([[20.0, -20.0], [0.0, 0.0]]))
+    z = np.array([1.0 + 1e-6, 1.0])
+    dense = Radau(system, z, 1e-9, np.ones(2), 1e-3).run(1.0)
+    assert dense.at(np.ones(1))[0, 0] - 1.0 == pytest.approx(1e-6 * np.exp(20.0), rel=1e-2)

@@ -1,0 +1,124 @@
+"""What a processor rounds differently changes no verdict, and no value by more than its ±."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import pytest
+
+from netlist_gen.scene.file import load_scene
+from netlist_gen.scene.scene import Scene
+from tests.support.making import make_scene
+from tests.support.paths import ROOT
+from tests.support.rounding import rounded
+from verification.measures.settling import ChannelState
+from verification.pipeline.effort import FULL, Effort
+from verification.verify import Verdict, verify
+
+SHIPPED = sorted((ROOT / "scenes").glob("*.toml"))
+# 1: some ten seeds a scene, 200 in all; 20: 200 seeds of every scene.
+SCALE = int(os.environ.get("TACTION_ROUNDING_SCALE", "1"))
+READINGS = {"steady_state", "settling_time", "rise_time", "overshoot"}
+GONE = (ChannelState.DIVERGED, ChannelState.OSCILLATING, ChannelState.CLIPPED)
+SLOW_AMPLIFIER = {"base": "ideal", "dc_gain": 1e5, "gbw": "718kHz", "second_pole": "2.154MHz"}
+
+BREADBOARD: dict[str, Any] = {
+    "resistance": "1.9Mohm",
+    "opamp": {**SLOW_AMPLIFIER, "output_resistance": "75ohm", "input_capacitance": "3pF"},
+}
+DAMPED: dict[str, Any] = {"lambda": 0.05, "opamp": "lf353", "gain": "100kohm"}
+DAMPED |= {"unit_conductance": "20uS", "stray_capacitance": "5pF"}
+BENT: dict[str, Any] = DAMPED | {"capacitance": "220pF", "exponential_slope": 0.3}
+# problem, design, analysis, seeds
+MADE: dict[str, tuple[dict[str, Any], dict[str, Any], dict[str, Any], int]] = {
+    "stiff": ({"channels": 3}, DAMPED | {"capacitance": "1uF", "opamp": "ne5534"}, {}, 13),
+    "stiff-fast": ({"channels": 3}, DAMPED | {"opamp": "op27", "capacitance": "1nF"}, {}, 13),
+    "stiff-weak": ({"channels": 5}, DAMPED | {"lambda": 1e-6, "capacitance": "1nF"}, {}, 13),
+    "from-rest": ({"channels": 3}, DAMPED | {"capacitance": "1nF"}, {"initial": "rest"}, 13),
+    "single": ({"channels": 1}, DAMPED | {"capacitance": "100pF"}, {}, 13),
+    "uneven": ({"channels": 3, "sensors": 5}, DAMPED | {"capacitance": "1nF"}, {}, 13),
+    "tangential": (
+        {"channels": 5, "kernel": "tangential"},
+        DAMPED | {"capacitance": "1nF"},
+        {},
+        13,
+    ),
+    "passive": (
+        {"channels": 3},
+        DAMPED | {"topology": "passive", "capacitance": "1nF", "lambda": 0.5},
+        {},
+        13,
+    ),
+    "exponential": ({"channels": 3}, BENT | {"amplifier": "exponential"}, {}, 4),
+    "exponential-rest": (
+        {"channels": 3},
+        BENT | {"amplifier": "exponential"},
+        {"initial": "rest"},
+        4,
+    ),
+    "softplus": ({"channels": 3}, BENT | {"amplifier": "softplus"}, {}, 4),
+    "tanh": ({"channels": 3}, BENT | {"amplifier": "tanh"}, {}, 4),
+    "marginal-stable": ({}, BREADBOARD | {"capacitance": "9.2pF"}, {}, 13),
+    "marginal-unstable": ({}, BREADBOARD | {"capacitance": "8.7pF"}, {"stop": "1ms"}, 13),
+    "large": ({"channels": 40}, DAMPED | {"capacitance": "1nF"}, {}, 2),
+}
+SEEDS = {path.stem: 12 for path in SHIPPED} | {"paper-exponential": 4}
+SEEDS |= {name: seeds for name, (_, _, _, seeds) in MADE.items()}
+
+
+def scene_of(name: str) -> Scene:
+    if name in MADE:
+        problem, design, analysis, _ = MADE[name]
+        return make_scene(problem, design=design, analysis=analysis | {"engine": "statespace"})
+    scene = load_scene(ROOT / "scenes" / f"{name}.toml")
+    analysis = scene.analysis.model_copy(update={"engine": "statespace"})
+    return scene.model_copy(update={"analysis": analysis})
+
+
+def decisions(verdict: Verdict) -> tuple[object, ...]:
+    checks = tuple((check.name, check.outcome) for check in verdict.checks)
+    states = tuple((c.index, c.state) for c in verdict.measurements.channels)
+    return verdict.outcome, checks, states
+
+
+def assert_within(wanted: Verdict, found: Verdict) -> None:
+    """Readings moved by no more than their uncertainty; those of a growing ringing mean nothing."""
+    if any(c.state in GONE for c in wanted.measurements.channels):
+        return
+    for check, other in zip(wanted.checks, found.checks, strict=True):
+        if check.name in READINGS and check.value is not None and other.value is not None:
+            assert check.uncertainty is not None
+            assert abs(check.value - other.value) <= check.uncertainty, (check, other)
+    moved = abs(found.poles.rightmost.real - wanted.poles.rightmost.real)
+    assert moved <= wanted.poles.resolution
+
+
+@pytest.mark.parametrize("name", SEEDS)
+def test_rounding_changes_no_verdict_and_no_state(name: str) -> None:
+    scene = scene_of(name)
+    quick = Effort(details=False, full_margin=False)
+    efforts = (quick,) if name == "large" else (quick, FULL, quick, quick)
+    plain = {effort: verify(scene, effort=effort) for effort in dict.fromkeys(efforts)}
+    first = sum(list(SEEDS.values())[: list(SEEDS).index(name)]) * SCALE
+    for seed in range(first, first + SEEDS[name] * SCALE):
+        effort = efforts[seed % len(efforts)]
+        wanted = plain[effort]
+        with rounded(seed):
+            found = verify(scene, problem=wanted.problem, ideal=wanted.ideal, effort=effort)
+        assert decisions(found) == decisions(wanted), f"seed {seed}"
+        assert_within(wanted, found)
+
+
+def test_the_adversary_reaches_the_numbers_that_it_should() -> None:
+    scene = scene_of("stiff")
+    plain = verify(scene)
+    with rounded(1):
+        found = verify(scene, problem=plain.problem, ideal=plain.ideal)
+    assert (found.u != plain.u).mean() > 0.5
+    assert found.poles.rightmost != plain.poles.rightmost
+
+
+def test_there_are_twenty_scenes_and_two_hundred_seeds() -> None:
+    assert len(SEEDS) == 20
+    assert sum(SEEDS.values()) >= 200
