@@ -13,6 +13,7 @@ import pickle
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager, suppress
@@ -27,6 +28,7 @@ T = TypeVar("T")
 
 START_UP = 60.0  # s to start Python and load SciPy on a busy machine
 STARTS = 5  # attempts to start a process
+PAUSE = 0.05  # s after the first failed attempt, then twice as long each time
 GRACE = 2.0  # s between SIGTERM and SIGKILL
 _STARTING = threading.Lock()  # all threads share the environment
 
@@ -110,7 +112,7 @@ class Worker:
         if self._pipe is not None and self._process is not None and self._process.is_alive():
             return self._pipe
         failure: Exception | None = None
-        for _ in range(STARTS):
+        for attempt in range(STARTS):
             try:
                 return self._start()
             except (EOFError, OSError) as error:
@@ -118,6 +120,8 @@ class Worker:
                 failure = error
                 if self._ended:
                     break
+                # A killed fork server refuses connections until the kernel has ended the server.
+                time.sleep(PAUSE * 2**attempt)
         raise WorkerDiedError(f"a second Python process did not start: {failure}") from failure
 
     def _start(self) -> Connection:
