@@ -139,7 +139,7 @@ def _longer(design: Design, ideal: IdealAnswer, measured: Measurements) -> Plan 
     stop = max(AFTER_SETTLING * design.scales.stop_for(room), LONGER * design.transient.stop)
     analysis = scene.analysis.model_copy(update={"stop": float(f"{stop:.6g}")})
     longer = scene.model_copy(update={"analysis": analysis})
-    return plan_transient(longer, design.board, design.scales)
+    return plan_transient(longer, design.board, design.scales, design.engine)
 
 
 def _finer(design: Design, accuracy: Accuracy) -> Plan | None:

@@ -26,6 +26,11 @@ LINEAR_STEP, MATRIX_STEP = 2.7e-6, 3.1e-9
 """Processor time of a step of ngspice 46 with KLU: ``LINEAR_STEP N + MATRIX_STEP N³``, s, measured
 for N = 7 to 128 on one machine; behavioural amplifiers make a step `NEWTON` times as dear."""
 NEWTON = 2.5
+NO_STEPS = StepForecast(0.0, 0.0, 0.0, 0.0, steps=0.0, error=0.0)
+TOO_SLOW = (
+    "the record ends after {stop:.3g} s, before the instability has grown: ngspice takes"
+    " {seconds:g} s for that record"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +44,7 @@ class Plan:
     wanted : float
         Largest error of any output at any time, in step amplitudes, that the checks allow.
     forecast : StepForecast
-        What ngspice's step control will do.
+        What ngspice's step control will do; `NO_STEPS` for the state-space engine.
     seconds : float
         Processor time that ngspice will take, s: an estimate.
     growing : bool
@@ -90,13 +95,18 @@ def tightest(checks: Checks) -> float:
 
 
 def plan_transient(
-    scene: Scene, board: LinearBoard, scales: TimeScales, *, aim: float | None = None
+    scene: Scene,
+    board: LinearBoard,
+    scales: TimeScales,
+    engine: str = "ngspice",
+    *,
+    aim: float | None = None,
 ) -> Plan:
     """Choose the record's length and the cheapest step control for the wanted error.
 
     With ``stop = "auto"`` a record ends when all that still rings is a tenth of the steady-state
     tolerance, or when an instability has grown. ``analysis.points_per_period`` replaces the search
-    of a step control by even steps.
+    of a step control by even steps. The state-space engine needs no step control.
 
     Parameters
     ----------
@@ -110,32 +120,30 @@ def plan_transient(
     InputError
         ``analysis.stop`` is shorter than the fastest visible time scale.
     """
-    stop = _stop(scene, scales)
-    model = StepModel.of(board, stop, scene.analysis.initial)
-    error, growing = wanted_error(scene), math.isfinite(scales.growth_time)
+    stop, error, initial = _stop(scene, scales), wanted_error(scene), scene.analysis.initial
+    growing = math.isfinite(scales.growth_time)
+    if engine == "statespace":
+        return Plan(Transient(stop, stop, initial=initial), error, NO_STEPS, 0.0, growing)
+    model, points = StepModel.of(board, stop, initial), scene.analysis.points_per_period
     each = seconds_per_step(board)
     notes: tuple[str, ...] = ()
-    if scene.analysis.points_per_period is not None:
-        forecast = model.even(scales.max_step_for(scene.analysis.points_per_period))
+    if points is not None:
+        forecast = model.even(scales.max_step_for(points))
     elif growing:
         forecast = model.cheapest(GROWTH_ERROR * GROWN)
         if forecast.steps * each > UNSTABLE_SECONDS:
-            shorter = model.reached(forecast, UNSTABLE_SECONDS / each)
-            notes = (
-                f"the record ends after {shorter:.3g} s, before the instability has grown: ngspice"
-                f" takes {UNSTABLE_SECONDS:g} s for as much",
-            )
-            stop = shorter
-            forecast = StepModel.of(board, stop, scene.analysis.initial).cheapest(GROWTH_ERROR)
+            stop = model.reached(forecast, UNSTABLE_SECONDS / each)
+            notes = (TOO_SLOW.format(stop=stop, seconds=UNSTABLE_SECONDS),)
+            forecast = StepModel.of(board, stop, initial).cheapest(GROWTH_ERROR)
     else:
         forecast = model.cheapest(max(AIM * error if aim is None else aim, LEAST_ERROR))
     transient = Transient(
-        stop=_six_digits(stop) if scene.analysis.stop == "auto" else stop,
+        stop=stop,
         max_step=_six_digits(forecast.max_step),
         truncation=_six_digits(forecast.truncation),
         charge=_six_digits(forecast.charge),
         first_step=_six_digits(forecast.first_step),
-        initial=scene.analysis.initial,
+        initial=initial,
     )
     return Plan(transient, error, forecast, forecast.steps * each, growing, notes)
 
@@ -181,12 +189,12 @@ def _stop(scene: Scene, scales: TimeScales) -> float:
             raise InputError(scene.file, Complaint("analysis.stop", f"{stop!r} s", text))
         return stop
     if math.isfinite(scales.growth_time):
-        return scales.growth_time
+        return _six_digits(scales.growth_time)
     settled = AFTER_SETTLING * scales.stop_for(REMAINDER * scene.checks.steady_state.tolerance)
     longest = max(settled, FEWEST_PERIODS * scales.max_step_for(1.0))
     if not (math.isfinite(longest) and longest > 0.0):
         raise EngineError("no mode of this board shows at its outputs: there is nothing to time")
-    return longest
+    return _six_digits(longest)
 
 
 def _six_digits(value: float) -> float:

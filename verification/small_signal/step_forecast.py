@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -84,7 +85,7 @@ class StepForecast:
         return max(self.error, error), self.steps
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class StepModel:
     """The step control of one board over one record.
 
@@ -92,25 +93,21 @@ class StepModel:
     ----------
     time : ndarray (T,)
         s, from 0 to the end of the record.
-    by_charge, by_current : ndarray (T,) and (T, Q)
-        The longest steps that the charges allow at a truncation error of 1: by `charge` (grows with
-        the third root of the truncation error), and by each charge's current (with the second), s.
     poles : ndarray (n,)
         Modes that show at the outputs, one of each conjugate pair, 1/s.
-    exponents : ndarray (T, n)
-        ``p t`` of those modes.
     shares : ndarray (n, N)
         Their amplitudes at the outputs, in step amplitudes.
+    all_poles, charges : ndarray (m,) and (m, Q)
+        All modes, and their amplitudes in every charge, 1/s and C.
     charge : float
         Charge below which a charge's error counts absolutely, C.
     """
 
     time: Floats
-    by_charge: Floats
-    by_current: Floats
     poles: Complexes
-    exponents: Complexes
     shares: Complexes
+    all_poles: Complexes
+    charges: Complexes
     charge: float
 
     @classmethod
@@ -131,32 +128,43 @@ class StepModel:
         farads = np.ones(equations.size)
         farads[equations.node_count :] = STAGE_CAPACITANCE
         charges = modes @ (equations.dense.mass.T * farads)
-        charges = charges[:, np.abs(charges).max(axis=0, initial=0.0) > 0.0]
         outputs = [node for node in board.reported(None) if node in equations.places]
         shares = modes[:, [equations.places[node] for node in outputs]]
         amplitude = float(np.abs(shares.sum(axis=0).real).max(initial=0.0)) or 1.0
-        time = _instants(poles, stop)
-        exponents = np.multiply.outer(time, poles)
-        growth = _exp(exponents)
-        third = np.maximum(_real(growth, poles[:, None] ** 3 * charges), TINY)
-        charge = CHARGE * board.circuit.scalings.capacitance * amplitude
-        by_charge = np.cbrt(CKTTERR * charge / third.max(axis=1, initial=TINY))
-        by_current = np.sqrt(CKTTERR * _real(growth, poles[:, None] * charges) / third)
         shown = np.abs(shares).max(axis=1, initial=0.0) > UNSEEN * amplitude
         return cls(
-            time,
-            by_charge,
-            by_current,
-            poles[shown],
-            exponents[:, shown],
-            shares[shown] / amplitude,
-            charge,
+            time=_instants(poles, stop),
+            poles=poles[shown],
+            shares=shares[shown] / amplitude,
+            all_poles=poles,
+            charges=charges[:, np.abs(charges).max(axis=0, initial=0.0) > 0.0],
+            charge=CHARGE * board.circuit.scalings.capacitance * amplitude,
         )
+
+    @cached_property
+    def exponents(self) -> Complexes:
+        """``p t`` of the modes that show, shape (T, n)."""
+        return np.asarray(np.multiply.outer(self.time, self.poles))
+
+    @cached_property
+    def limits(self) -> tuple[Floats, Floats]:
+        """The longest steps that the charges allow at a truncation error of 1, s.
+
+        By `charge`, shape (T,), which grows with the third root of the truncation error, and by
+        the current of each charge, shape (T, Q), which grows with the second root.
+        """
+        growth = _exp(np.multiply.outer(self.time, self.all_poles))
+        third = _real(growth, self.all_poles[:, None] ** 3 * self.charges)
+        third = np.maximum(third, TINY)
+        by_charge = np.cbrt(CKTTERR * self.charge / third.max(axis=1, initial=TINY))
+        current = _real(growth, self.all_poles[:, None] * self.charges)
+        return by_charge, np.sqrt(CKTTERR * current / third)
 
     def step_lengths(self, truncation: float, max_step: float) -> Floats:
         """Return the step at every instant of `time`, s, shape (T,)."""
-        allowed = self.by_current * truncation ** (1 / 2)
-        allowed = np.maximum(self.by_charge[:, None] * truncation ** (1 / 3), allowed)
+        by_charge, by_current = self.limits
+        allowed = by_current * truncation ** (1 / 2)
+        allowed = np.maximum(by_charge[:, None] * truncation ** (1 / 3), allowed)
         return np.asarray(np.minimum(allowed.min(axis=1, initial=max_step), max_step))
 
     def forecast(self, truncation: float, max_step: float) -> StepForecast:

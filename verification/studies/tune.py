@@ -236,7 +236,7 @@ class _Search:
             return math.inf, math.inf, False
         if self.margin > 1 and capacitance_margin(board, self.margin).factor < self.margin:
             return math.inf, math.inf, False
-        plan = plan_transient(scene, board, scales)
+        plan = plan_transient(scene, board, scales, "statespace")
         transient, instants = plan.transient, plan.instants(board)
         if instants is None or len(instants) > MAX_RECORD:
             return math.inf, math.inf, True
