@@ -17,7 +17,7 @@ from tests.support.paths import SCENES
 from verification.engines.statespace.transients import exact
 from verification.engines.statespace.transients.exact import exact_solution
 from verification.ideal.ideal_answer import ideal_answer
-from verification.pipeline import transient_plan
+from verification.pipeline import agreement, transient_plan
 from verification.pipeline.attained_accuracy import Accuracy, better_plan
 from verification.pipeline.checks import Outcome
 from verification.pipeline.clock import Clock
@@ -172,3 +172,17 @@ def test_every_verdict_states_its_error() -> None:
     found = verify(small(engine="statespace")).accuracy
     assert found.wanted == 2.5e-4
     assert found.reached
+
+
+@pytest.mark.parametrize("count", [9, 20, 21, 22, 61])
+def test_a_thinned_companion_keeps_both_ends(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
+    """The last instant proves that a record is whole, whatever its number of points."""
+    monkeypatch.setattr(agreement, "MAX_INSTANTS", 10)
+    design = design_board(small(engine="ngspice"), Clock(lambda stage: None))
+    times = np.linspace(0.0, design.transient.stop, count)
+    record = exact.simulate(design.board, design.transient, times=times)
+    found = agreement.exact_companion(design.board, design.transient, record, 1e-6)
+    assert (found.instants[0], found.instants[-1]) == (times[0], times[-1])
+    assert np.all(np.diff(found.instants) > 0.0)
+    assert len(found.instants) <= 21
+    assert found.error == 0.0
