@@ -9,7 +9,7 @@ Progress = Callable[[str], None]
 
 
 class Clock:
-    """Wall time of each stage, s; `beside` a stage whose processes run meanwhile."""
+    """Wall time of each stage, s."""
 
     def __init__(self, progress: Progress) -> None:
         self.seconds: dict[str, float] = {}
@@ -18,7 +18,10 @@ class Clock:
         self._stage = ""
 
     def begin(self, stage: str, beside: str = "") -> None:
-        """End the stage before and begin `stage`; one that was begun before goes on."""
+        """End the current stage and begin `stage`, or continue a stage that began before.
+
+        `beside` names a stage whose processes run at the same time.
+        """
         self._close()
         self._stage = stage
         self._progress(f"{stage} (while the {beside} runs)" if beside else stage)
