@@ -139,9 +139,16 @@ def console() -> Console:
 
 @contextmanager
 def stage_display() -> Iterator[Callable[[str], None]]:
-    """Show the current stage on stderr if stderr is a terminal."""
+    """Show the current stage on stderr; without a terminal only the stages that take long."""
     if not sys.stderr.isatty():
-        yield lambda stage: None
+        shown: set[str] = set()
+
+        def announce(stage: str) -> None:
+            if stage.startswith("simulation (about") and stage not in shown:
+                shown.add(stage)
+                click.echo(f"taction: {stage}", err=True)
+
+        yield announce
         return
     from rich.console import Console
 

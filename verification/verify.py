@@ -1,4 +1,4 @@
-"""The pipeline: scene, circuit, deck, waveforms, measurements, verdict."""
+"""Verify a scene: circuit, deck, waveforms, measurements, checks, verdict."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from verification.waveforms import Waveforms
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Verdict:
-    """Everything that `verify` found; `outcome` sums it up."""
+    """All results of `verify`; `outcome` is the overall result."""
 
     scene: Scene
     problem: InverseProblem
@@ -68,55 +68,57 @@ def verify(
     ideal: IdealAnswer | None = None,
     effort: Effort = FULL,
 ) -> Verdict:
-    """Verify a scene: simulate its board, solve its problem, compare.
+    """Verify a scene: simulate its board, solve its problem, and compare the results.
 
     Parameters
     ----------
     scene : Scene
-        What is asked for.
+        Problem, design, analysis and checks.
     progress : callable, optional
-        Told the name of each stage as it begins.
+        Called with the name of each stage when the stage begins.
     problem : InverseProblem, optional
-        The scene's problem where it is at hand already; its files are not read then.
+        Problem of the scene, if it has been made before; its files are then not read.
     circuit : Circuit, optional
-        The board to verify in place of the one that the scene's synthesis would give.
+        The board to verify; the default is the synthesised board of the scene.
     ideal : IdealAnswer, optional
-        The problem's own answer where it is at hand already.
+        Reference solution, if it has been computed before.
     effort : Effort, optional
-        What is left out.
+        Which results to compute in addition to the checks.
 
     Raises
     ------
     InputError
         The scene's files or numbers cannot be used.
     NoVerdictError
-        No engine, or no trustworthy answer.
+        No engine was found, or the simulation or the reference solution failed.
     """
     clock = Clock(progress)
     design = design_board(scene, clock, problem=problem, circuit=circuit)
-    clock.begin("simulation")
+    clock.begin("simulation", remark=design.plan.remark)
     pending = begin(design.scene, design.board, design.plan, design.engine, session=effort.session)
-    clock.begin("reference", beside="simulation")
+    clock.begin("reference", beside="simulation", remark=design.plan.remark)
     ideal = ideal_answer(design.network, design.scene) if ideal is None else ideal
     margin = _margin(design, effort.full_margin)
-    rest = design.board.equilibrium if effort.details else None
+    equilibrium = design.board.equilibrium if effort.details else None
     constraint = constraint_plane(design.circuit) if effort.details else None
-    design, seen = record_and_measure(design, ideal, pending, clock, effort)
-    wave = seen.simulation.waveforms
+    design, recording = record_and_measure(design, ideal, pending, clock, effort)
+    wave = recording.simulation.waveforms
     evidence = Evidence(
         checks=design.scene.checks,
-        measurements=seen.measurements,
-        error=seen.error,
-        agreement=seen.agreement,
+        measurements=recording.measurements,
+        error=recording.error,
+        agreement=recording.agreement,
         poles=design.poles,
         margin=margin,
         reference_error=ideal.error,
         reference_problem=ideal.problem,
     )
     checks = run_checks(evidence)
-    energy = energy_rise(design.network, wave.time, seen.u) if effort.details else None
-    own_error = seen.error.steady_state * seen.measurements.amplitude
-    budget = () if rest is None else error_budget(design, ideal, rest, seen.u[-1], own_error)
+    energy = energy_rise(design.network, wave.time, recording.u) if effort.details else None
+    error = recording.error.steady_state * recording.measurements.amplitude
+    budget: tuple[ErrorPart, ...] = ()
+    if equilibrium is not None:
+        budget = error_budget(design, ideal, equilibrium, recording.u[-1], error)
     clock.end()
     return Verdict(
         scene=design.scene,
@@ -128,23 +130,23 @@ def verify(
         margin=margin,
         constraint=constraint,
         waveforms=wave,
-        u=seen.u,
-        measurements=seen.measurements,
-        error=seen.error,
-        accuracy=seen.accuracy,
-        agreement=seen.agreement,
+        u=recording.u,
+        measurements=recording.measurements,
+        error=recording.error,
+        accuracy=recording.accuracy,
+        agreement=recording.agreement,
         energy=energy,
         budget=budget,
         checks=checks,
-        warnings=find_warnings(evidence, (*seen.simulation.notes, *design.plan.notes)),
+        warnings=find_warnings(evidence, (*recording.simulation.notes, *design.plan.notes)),
         outcome=overall(checks),
         timing=clock.seconds,
     )
 
 
 def _margin(design: Design, full: bool) -> Margin | None:
-    wanted = design.scene.checks.stability.margin
-    if wanted <= 1.0:
+    required = design.scene.checks.stability.margin
+    if required <= 1.0:
         return None
-    reach = max(wanted, REACH) if full else wanted
+    reach = max(required, REACH) if full else required
     return capacitance_margin(design.board, reach, design.poles)

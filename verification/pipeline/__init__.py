@@ -1,1 +1,1 @@
-"""The stations of `verification.verify.verify`, in the order of the data."""
+"""The stages of `verification.verify.verify`, in the order of the data."""

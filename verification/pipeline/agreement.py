@@ -1,4 +1,4 @@
-"""The second witness beside the third: the state-space engine against ngspice, over all time."""
+"""Comparison of the state-space engine with ngspice over all time."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ MAX_INSTANTS = 20_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Companion:
-    """Another answer at instants of a record: of the state-space engine, or at a larger step.
+    """A second solution at instants of a record: from the state-space engine, or at larger steps.
 
     Attributes
     ----------
     instants : ndarray (Q,)
-        Of the record, s.
+        Instants of the record, s.
     u, other : ndarray (Q, N)
-        Outputs of the record and of the other answer, V; the latter are not numbers where there
-        is no other answer.
+        Outputs of the record and of the second solution, V; `other` is NaN if there is no
+        second solution.
     share : float
-        Part of a difference that is the record's own error.
+        Part of a difference that is the error of the record.
     how : str
-        How the other answer was found.
+        Source of the second solution.
     reason : str
-        Why there is no other answer, or empty.
+        Why the state-space engine has no solution, or empty.
     """
 
     instants: Floats
@@ -44,29 +44,28 @@ class Companion:
 
     @property
     def error(self) -> float:
-        """Largest error of any output at any instant, V; not a number without another answer."""
+        """Largest error of any output at any instant, V; NaN without a second solution."""
         return self.share * float(np.abs(self.u - self.other).max(initial=0.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Agreement:
-    """How far two engines are apart.
+    """Differences of the outputs of two engines.
 
     Attributes
     ----------
     difference : float
-        Largest difference of any output at any instant, V; not a number where there was nothing
-        to compare with.
+        Largest difference of any output at any instant, V; NaN without a second solution.
     step_error : float
-        What the steps of the stepping engine are expected to err by, V.
+        Expected error of the time steps of ngspice, V.
     time : float
-        Where the difference is largest, s.
+        Instant of the largest difference, s.
     channel : int
-        In which channel, from 0.
+        Channel of the largest difference, from 0.
     instants, differences : ndarray (Q,) and (Q, N)
         The differences over time, s and V.
     reason : str
-        Why there was nothing to compare with, or empty.
+        Why there is no second solution, or empty.
     """
 
     difference: float
@@ -81,12 +80,12 @@ class Agreement:
 def exact_companion(
     board: LinearBoard, transient: Transient, record: Waveforms, tolerance: float
 ) -> Companion:
-    """Return what the state-space engine finds at the instants of ngspice's `record`.
+    """Return the state-space solution at the instants of the `record` of ngspice.
 
     Parameters
     ----------
     tolerance : float
-        Of the state-space engine's steps, where that engine needs steps.
+        Relative tolerance of the steps, if the state-space engine needs steps.
     """
     from verification.engines.statespace.transients.exact import simulate
 
@@ -97,7 +96,7 @@ def exact_companion(
     try:
         exact = simulate(board, transient, times=instants, tolerance=tolerance)
         if len(exact.time) < len(instants):
-            raise EngineError("its record ends early")
+            raise EngineError("its record ends before the record of ngspice")
     except EngineError as error:
         return Companion(instants, u, np.full_like(u, np.nan), 1.0, how, str(error))
     return Companion(instants, u, outputs(board.circuit, exact), 1.0, how)
@@ -109,14 +108,12 @@ def compare_engines(companion: Companion, step_error: float) -> Agreement:
     Parameters
     ----------
     step_error : float
-        What the steps of ngspice are expected to err by, V.
+        Expected error of the time steps of ngspice, V.
     """
     difference = companion.u - companion.other
     if companion.reason:
-        nothing = np.nan
-        return Agreement(
-            nothing, nothing, nothing, 0, companion.instants, difference, companion.reason
-        )
+        nan = np.nan
+        return Agreement(nan, nan, nan, 0, companion.instants, difference, companion.reason)
     place, channel = np.unravel_index(int(np.argmax(np.abs(difference))), difference.shape)
     return Agreement(
         difference=float(abs(difference[place, channel])),

@@ -1,4 +1,4 @@
-"""What error a transient was asked for, what it attained, and what it cost."""
+"""The requested error of a transient, its attained error, and its cost."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ from verification.waveforms import Waveforms
 
 INSTANTS = 2000  # at which two runs of an adaptive engine are compared
 LOOSER = 10.0  # the second run's tolerance over the first's
-INSIDE = 0.5  # of what the band leaves beside a static error: where a longer record ends
-LONGER = 2.0  # times the length of a record that was too short: the next one at least
-FEWER = 1.05  # times as many steps: less is no better plan
+INSIDE = 0.5  # of the band minus the static error: remaining ringing at the end of a longer record
+LONGER = 2.0  # times the length of a record that was too short: least length of the next record
+FEWER = 1.05  # times as many steps: a finer plan has at least so many
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,21 +44,21 @@ class Accuracy:
     Attributes
     ----------
     wanted : float
-        What the checks allow, fraction of the step amplitude (`wanted_error`).
+        Error that the checks allow, fraction of the step amplitude (`wanted_error`).
     achieved : float or None
-        The error as found afterwards; None where nothing tells it.
+        The error measured after the run; None if it cannot be measured.
     seconds : float
         Wall time of the run (of all tries), s.
     points : int
         Time points or steps of the run.
     points_per_period : float
-        Points on the period of the fastest ringing, on average over the record.
+        Points on the period of the fastest ringing, averaged over the record.
     engine, method : str
-        Who computed it, and how.
+        Engine and integration method.
     how : str
-        How `achieved` was found.
+        How `achieved` was measured.
     tries : int
-        2 or more where the first run did not suffice.
+        Number of runs; 2 or more if the first run did not suffice.
     """
 
     wanted: float
@@ -73,11 +73,11 @@ class Accuracy:
 
     @property
     def reached(self) -> bool:
-        """Whether it is known to be as small as wanted."""
+        """Whether the achieved error is known and does not exceed the wanted error."""
         return self.achieved is not None and self.achieved <= self.wanted
 
     def after(self, earlier: Accuracy) -> Accuracy:
-        """Add the cost of an `earlier` try."""
+        """Return this accuracy with the cost of an `earlier` run added."""
         return replace(
             self, seconds=self.seconds + earlier.seconds, tries=self.tries + earlier.tries
         )
@@ -86,19 +86,19 @@ class Accuracy:
 def attained(
     design: Design, waveforms: Waveforms, companion: Companion | None, amplitude: float
 ) -> Accuracy:
-    """Find the error that a transient attained.
+    """Measure the error that a transient attained.
 
     Parameters
     ----------
     companion : Companion or None
-        Another answer for ngspice's record; None for the state-space engine, and for an unstable
-        board.
+        Second solution for the record of ngspice; None for the state-space engine, and for an
+        unstable board.
     amplitude : float
         Step amplitude, V.
     """
     transient, wanted = design.transient, design.plan.wanted
     method, volts = str(transient.method), math.nan
-    how = "the board is unstable: its error grows with the board's own voltages"
+    how = "the board is unstable: the error grows with the voltages"
     if waveforms.engine == exact.ENGINE:
         method, volts, how = _state_space(design.board, transient, waveforms, wanted)
     elif companion is not None:
@@ -119,19 +119,19 @@ def attained(
 def better_plan(
     design: Design, ideal: IdealAnswer, measured: Measurements, accuracy: Accuracy
 ) -> Plan | None:
-    """Return a plan for what a run left open; None where the run suffices or nothing would help."""
+    """Return a plan for a better run; None if the run suffices or no plan would be better."""
     return _longer(design, ideal, measured) or _finer(design, accuracy)
 
 
 def _longer(design: Design, ideal: IdealAnswer, measured: Measurements) -> Plan | None:
-    """Plan a longer record where a channel settles only after the end of the record."""
+    """Plan a longer record if a channel settles only after the end of the record."""
     scene = design.scene
     automatic = scene.analysis.stop == "auto" and design.poles.stable
     if not automatic or measured.settling_time is not None or not measured.amplitude:
         return None
-    rest = design.board.equilibrium.values
+    equilibrium = design.board.equilibrium.values
     places = design.board.descriptor.places
-    final = np.array([out.sign * rest[places[out.node]] for out in design.circuit.outputs])
+    final = np.array([out.sign * equilibrium[places[out.node]] for out in design.circuit.outputs])
     static = float(np.abs(final - ideal.target).max()) / measured.amplitude
     room = INSIDE * (scene.checks.settling_time.band - static)
     if room <= 0.0:
@@ -143,9 +143,9 @@ def _longer(design: Design, ideal: IdealAnswer, measured: Measurements) -> Plan 
 
 
 def _finer(design: Design, accuracy: Accuracy) -> Plan | None:
-    """Plan smaller steps where a run of ngspice missed the wanted error."""
-    given = design.scene.analysis.points_per_period is not None
-    if accuracy.reached or accuracy.achieved is None or given or accuracy.engine == exact.ENGINE:
+    """Plan smaller steps if a run of ngspice missed the wanted error."""
+    even = design.scene.analysis.points_per_period is not None
+    if accuracy.reached or accuracy.achieved is None or even or accuracy.engine == exact.ENGINE:
         return None
     forecast = design.plan.forecast
     aim = AIM * accuracy.wanted * min(forecast.error / accuracy.achieved, 1.0)
@@ -160,7 +160,7 @@ def _finer(design: Design, accuracy: Accuracy) -> Plan | None:
 def _state_space(
     board: LinearBoard, transient: Transient, fine: Waveforms, wanted: float
 ) -> tuple[str, float, str]:
-    """Return the method, its error in V and how it was found."""
+    """Return the method, its error in V and how the error was measured."""
     amplifiers = board.circuit.amplifiers
     if not (amplifiers or board.descriptor.is_large):
         bound = exact.exact_solution(board, initial=transient.initial, stop=transient.stop).error
@@ -177,7 +177,7 @@ def _state_space(
     except EngineError as error:
         return method, math.nan, f"the second run failed: {error}"
     if len(other.time) < len(times):
-        return method, math.nan, "the second run ends early"
+        return method, math.nan, "the second run ends before the first"
     apart = np.abs(other.values - fine.values[np.searchsorted(fine.time, times)]).max()
     text = f"difference to a run with the tolerance {tolerance:g}, and rounding: an upper bound"
     return method, float(apart) + fine.rounding, text

@@ -1,7 +1,6 @@
 """Checks and their outcomes: each with its value, its uncertainty, its limit and a reason.
 
-What could not be decided is never a pass. `CHECKS` is the table; to add a check is to add one
-function and one entry.
+An undecided check is never a pass. A new check needs one function and one entry in `CHECKS`.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from verification.small_signal.poles import Poles
 
 
 class Outcome(enum.Enum):
-    """How a check, or a whole verification, ended."""
+    """The outcome of a check, or of a whole verification."""
 
     PASS = "pass"  # noqa: S105
     FAIL = "fail"
@@ -38,9 +37,9 @@ class Check:
     Attributes
     ----------
     value, uncertainty : float or None
-        What was measured and how wrong it may be, in `unit`.
+        The measured value and the bound on its error, in `unit`.
     expected, tolerance : float or None
-        The wanted value and how far from it is accepted, or the limit in `expected` alone.
+        The expected value and the accepted deviation, or the limit in `expected` alone.
     unit : str
         ``"s"``, ``"1/s"``, ``"step"`` (a fraction of the step amplitude) or ``"ratio"``.
     """
@@ -57,12 +56,11 @@ class Check:
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """Everything that a check may look at.
+    """The input of the checks.
 
-    `agreement` is None where only one engine ran, or where a growing oscillation gives no scale;
-    `margin` is what the scene's stability check asks for, where it asks for more than stability;
-    `reference_error` is a fraction of the step amplitude; `reference_problem` says why the
-    reference solution cannot be believed, or is empty.
+    `agreement` is None if only one engine ran, or if the board is unstable; `margin` is None if
+    the scene asks for no stability margin; `reference_error` is a fraction of the step amplitude;
+    `reference_problem` says why the reference solution cannot be used, or is empty.
     """
 
     checks: Checks
@@ -75,9 +73,11 @@ class Evidence:
     reference_problem: str
 
 
-EXPLAINED = 3.0  # times the expected error of the steps: a larger difference has another cause
-NO_STEP = "nothing to judge: with this strain and initial state no output has to move"
-ROUNDING = "nothing to judge: the step amplitude is below the reference's own error"
+EXPLAINED = (
+    3.0  # times the expected error of the steps: the steps do not explain a larger difference
+)
+NO_STEP = "nothing to check: with this strain and initial state no output has to move"
+ROUNDING = "nothing to check: the step amplitude is below the error of the reference solution"
 UNSTEADY = (ChannelState.OSCILLATING, ChannelState.CLIPPED, ChannelState.DIVERGED)
 
 
@@ -96,7 +96,7 @@ def overall(checks: Iterable[Check]) -> Outcome:
 
 
 def at_most(value: float, uncertainty: float, limit: float) -> Outcome:
-    """Compare with an upper limit; a difference within the uncertainty is undecided."""
+    """Compare with an upper limit; a difference within the uncertainty is inconclusive."""
     if not math.isfinite(value):
         return Outcome.INCONCLUSIVE
     if value + uncertainty <= limit:
@@ -105,7 +105,7 @@ def at_most(value: float, uncertainty: float, limit: float) -> Outcome:
 
 
 def describe_states(measurements: Measurements) -> str:
-    """Say which channels are in trouble, with frequency and growth rate where they ring."""
+    """Name the channels that have not settled, with the frequency and growth rate of ringing."""
     groups: dict[ChannelState, list[ChannelMeasure]] = {}
     for channel in measurements.channels:
         groups.setdefault(channel.state, []).append(channel)
@@ -127,13 +127,13 @@ def describe_states(measurements: Measurements) -> str:
 
 
 def _nothing_moves(evidence: Evidence) -> str:
-    """Say why there is no step to judge, or nothing."""
+    """Return the reason why there is no step to check, or an empty text."""
     rounding = ROUNDING if evidence.reference_error >= 1.0 else ""
     return rounding if evidence.measurements.amplitude else NO_STEP
 
 
 def _perhaps_ringing(measurements: Measurements) -> str:
-    """Give both readings of a channel that may ring on, where no channel is known not to settle."""
+    """Return both readings of an undecided channel, if all other channels have settled."""
     states = {channel.state: channel for channel in measurements.channels}
     if not states.keys() <= {ChannelState.SETTLED, ChannelState.UNDECIDED}:
         return ""
@@ -147,102 +147,100 @@ def _steady_state(evidence: Evidence) -> Check:
     value = max(abs(c.final - c.target) for c in m.channels) / m.amplitude if m.amplitude else 0.0
     uncertainty = evidence.error.steady_state + evidence.reference_error
     outcome, reason = at_most(value, uncertainty, limit), "largest |final - reference|"
-    trouble = describe_states(m)
+    states = describe_states(m)
     if evidence.reference_problem:
         outcome, reason = Outcome.INCONCLUSIVE, evidence.reference_problem
-    elif still := _nothing_moves(evidence):
-        return _undecided("steady_state", "step", still, limit)
+    elif no_step := _nothing_moves(evidence):
+        return _undecided("steady_state", "step", no_step, limit)
     elif any(c.state in UNSTEADY for c in m.channels):
-        outcome, reason = Outcome.FAIL, f"no steady state: {trouble}"
+        outcome, reason = Outcome.FAIL, f"no steady state: {states}"
     elif ringing := _perhaps_ringing(m):
         outcome, reason = Outcome.INCONCLUSIVE, ringing
-    elif trouble:
-        reason += f"; {trouble}"
+    elif states:
+        reason += f"; {states}"
     return Check("steady_state", outcome, value, uncertainty, 0.0, limit, "step", reason)
 
 
 def _settling_time(evidence: Evidence) -> Check:
-    wanted = evidence.checks.settling_time
+    limits = evidence.checks.settling_time
     reading = evidence.measurements.settling_time
-    band = f"to ±{100 * wanted.band:g} % of the step amplitude"
-    still = evidence.reference_problem or _nothing_moves(evidence)
-    if blocked := still or _perhaps_ringing(evidence.measurements):
-        return _undecided("settling_time", "s", blocked, wanted.max)
+    band = f"to ±{100 * limits.band:g} % of the step amplitude"
+    obstacle = evidence.reference_problem or _nothing_moves(evidence)
+    if obstacle := obstacle or _perhaps_ringing(evidence.measurements):
+        return _undecided("settling_time", "s", obstacle, limits.max)
     if reading is None:
-        trouble = evidence.measurements.reason
-        return Check("settling_time", Outcome.FAIL, None, None, wanted.max, None, "s", trouble)
-    return _timed("settling_time", reading, evidence.error.settling_time, wanted.max, band)
+        reason = evidence.measurements.reason
+        return Check("settling_time", Outcome.FAIL, None, None, limits.max, None, "s", reason)
+    return _timed("settling_time", reading, evidence.error.settling_time, limits.max, band)
 
 
 def _rise_time(evidence: Evidence) -> Check | None:
-    wanted = evidence.checks.rise_time
-    if wanted is None:
+    limits = evidence.checks.rise_time
+    if limits is None:
         return None
     if evidence.reference_problem:
-        return _undecided("rise_time", "s", evidence.reference_problem, wanted.max)
+        return _undecided("rise_time", "s", evidence.reference_problem, limits.max)
     channels = evidence.measurements.channels
-    number = wanted.channel or (len(channels) + 1) // 2
+    number = limits.channel or (len(channels) + 1) // 2
     if number > len(channels):
-        reason = f"there is no channel {number}; the scene has {len(channels)}"
-        return _undecided("rise_time", "s", reason, wanted.max)
+        reason = f"the scene has no channel {number}; it has {len(channels)} channels"
+        return _undecided("rise_time", "s", reason, limits.max)
     channel = channels[number - 1]
     if channel.rise_time is None:
-        return _undecided("rise_time", "s", f"channel {number}: {channel.rise_reason}", wanted.max)
+        return _undecided("rise_time", "s", f"channel {number}: {channel.rise_reason}", limits.max)
     text = f"10-90 % of channel {number}"
-    check = _timed("rise_time", channel.rise_time, evidence.error.rise_time, wanted.max, text)
-    if wanted.min is None or check.outcome is not Outcome.PASS:
+    check = _timed("rise_time", channel.rise_time, evidence.error.rise_time, limits.max, text)
+    if limits.min is None or check.outcome is not Outcome.PASS:
         return check
     values = [channel.rise_time.value, channel.rise_time.alternative or channel.rise_time.value]
-    doubt = check.uncertainty or 0.0
-    lower, other = (at_most(-value, doubt, -wanted.min) for value in values)
+    uncertainty = check.uncertainty or 0.0
+    lower, other = (at_most(-value, uncertainty, -limits.min) for value in values)
     lower = lower if lower is other else Outcome.INCONCLUSIVE  # fragile
-    reason = f"{text}; at least {show(wanted.min, 's')}"
-    return Check("rise_time", lower, check.value, check.uncertainty, wanted.max, None, "s", reason)
+    reason = f"{text}; at least {show(limits.min, 's')}"
+    return Check("rise_time", lower, check.value, check.uncertainty, limits.max, None, "s", reason)
 
 
 def _overshoot(evidence: Evidence) -> Check | None:
-    wanted = evidence.checks.overshoot
-    if wanted is None:
+    limits = evidence.checks.overshoot
+    if limits is None:
         return None
     if evidence.reference_problem:
-        return _undecided("overshoot", "step", evidence.reference_problem, wanted.max)
+        return _undecided("overshoot", "step", evidence.reference_problem, limits.max)
     value = max(channel.overshoot or 0.0 for channel in evidence.measurements.channels)
     error = evidence.error.overshoot
-    outcome = at_most(value, error, wanted.max)
-    reason = "largest excursion beyond a target"
+    outcome = at_most(value, error, limits.max)
+    reason = "largest overshoot of any channel"
     if any(channel.state in UNSTEADY for channel in evidence.measurements.channels):
         outcome, reason = Outcome.FAIL, describe_states(evidence.measurements)
     elif outcome is Outcome.PASS and (ringing := _perhaps_ringing(evidence.measurements)):
         outcome, reason = Outcome.INCONCLUSIVE, ringing
-    return Check("overshoot", outcome, value, error, wanted.max, None, "step", reason)
+    return Check("overshoot", outcome, value, error, limits.max, None, "step", reason)
 
 
 def _stability(evidence: Evidence) -> Check:
-    pole, wanted = evidence.poles.rightmost, evidence.checks.stability.margin
+    pole, required = evidence.poles.rightmost, evidence.checks.stability.margin
     text = f"rightmost pole {pole.real:+.4g} {pole.imag:+.4g}j /s"
     margin = evidence.margin
 
     def check(outcome: Outcome, reason: str) -> Check:
         if margin is None:
             return Check("stability", outcome, pole.real, None, 0.0, None, "1/s", reason)
-        return Check("stability", outcome, margin.factor, None, wanted, None, "ratio", reason)
+        return Check("stability", outcome, margin.factor, None, required, None, "ratio", reason)
 
     if abs(pole.real) <= (rounding := evidence.poles.resolution):
-        text += f", known to ±{rounding:.1g} /s only: the board is stable or it oscillates"
+        text += f", known to ±{rounding:.1g} /s: the board may be stable or unstable"
         return check(Outcome.INCONCLUSIVE, text)
     if not evidence.poles.stable:
         ringing = show(abs(pole.imag) / (2 * math.pi), "Hz")
         verb = f"oscillates at {ringing}" if pole.imag else "runs away"
         return check(Outcome.FAIL, f"{verb}, growth rate {pole.real:+.4g} /s: {text}")
-    trouble = [c for c in evidence.measurements.channels if c.state in UNSTEADY]
-    if trouble:
-        seen = describe_states(evidence.measurements)
-        return check(
-            Outcome.INCONCLUSIVE, f"the poles say stable ({text}), the transient does not: {seen}"
-        )
+    if any(channel.state in UNSTEADY for channel in evidence.measurements.channels):
+        states = describe_states(evidence.measurements)
+        reason = f"the poles are stable ({text}), the transient is not: {states}"
+        return check(Outcome.INCONCLUSIVE, reason)
     if margin is None:
         return check(Outcome.PASS, text)
-    outcome = Outcome.PASS if margin.factor >= wanted else Outcome.FAIL
+    outcome = Outcome.PASS if margin.factor >= required else Outcome.FAIL
     return check(outcome, f"{text}; {margin.text}")
 
 
@@ -252,14 +250,14 @@ def _engines_agree(evidence: Evidence) -> Check | None:
         return None
     limit, amplitude = evidence.checks.engines_agree.limit, m.amplitude or 1.0
     if agreement.reason:
-        reason = f"the state-space engine has no answer: {agreement.reason}"
+        reason = f"the state-space engine has no result: {agreement.reason}"
         return _undecided("engines_agree", "step", reason, limit)
     value, steps = agreement.difference / amplitude, agreement.step_error / amplitude
     outcome = at_most(value, 0.0, limit)
     reason = "largest difference to the state-space engine"
     if outcome is Outcome.FAIL and value <= EXPLAINED * steps:
         outcome = Outcome.INCONCLUSIVE
-        reason += f"; the steps alone are expected to err by {steps:.2g}: make them smaller"
+        reason += f"; the time steps explain it (expected error {steps:.2g}): use smaller steps"
     elif outcome is Outcome.FAIL:
         reason += f"; channel {agreement.channel + 1} at {show(agreement.time, 's')}"
     return Check("engines_agree", outcome, value, None, limit, None, "step", reason)
@@ -269,7 +267,7 @@ def _timed(name: str, reading: Reading, error: float, limit: float | None, text:
     uncertainty = reading.uncertainty + error
     outcome, reason = Outcome.PASS, text
     if not math.isfinite(uncertainty):
-        reason += "; a second run at another step disagrees on whether there is such a time"
+        reason += "; no second solution confirms this time"
         return Check(name, Outcome.INCONCLUSIVE, reading.value, None, limit, None, "s", reason)
     if limit is not None:
         outcome = at_most(reading.value, uncertainty, limit)

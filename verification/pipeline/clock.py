@@ -9,7 +9,7 @@ Progress = Callable[[str], None]
 
 
 class Clock:
-    """Wall time of each stage, s; `beside` a stage whose processes run meanwhile."""
+    """Wall time of each stage, s."""
 
     def __init__(self, progress: Progress) -> None:
         self.seconds: dict[str, float] = {}
@@ -17,11 +17,15 @@ class Clock:
         self._start = self._last = time.perf_counter()
         self._stage = ""
 
-    def begin(self, stage: str, beside: str = "") -> None:
-        """End the stage before and begin `stage`; one that was begun before goes on."""
+    def begin(self, stage: str, beside: str = "", remark: str = "") -> None:
+        """End the current stage and begin `stage`, or continue a stage that began before.
+
+        `beside` names a stage whose processes run at the same time; `remark` is for the reader.
+        """
         self._close()
         self._stage = stage
-        self._progress(f"{stage} (while the {beside} runs)" if beside else stage)
+        remark = remark or (f"while the {beside} runs" if beside else "")
+        self._progress(f"{stage} ({remark})" if remark else stage)
 
     def end(self) -> None:
         """End the last stage and add the total."""

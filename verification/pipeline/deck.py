@@ -24,16 +24,16 @@ def deck_of(
     Parameters
     ----------
     scene : Scene
-        With a number for lambda.
+        Scene with a number for lambda.
     output : path, optional
-        Where the deck will be written; the name of the matrix file follows from it.
+        File of the deck; the name of the matrix file follows from this name.
     split : bool
-        Amplifiers in the deck, the resistor matrices in a second file.
+        Whether the resistor matrices go into a second file.
 
     Raises
     ------
     InputError
-        The scene cannot be built, or `split` without an `output` whose name a deck can hold.
+        The scene cannot be built, or `split` has no `output` whose name a deck can contain.
     """
     matrix_file = _matrix_file(output) if split else None
     circuit = synthesise(scene, make_problem(scene))
@@ -44,7 +44,7 @@ def deck_of(
 
 def _matrix_file(output: str | Path | None) -> str:
     if output is None:
-        text = "give -o FILE; the matrix then stands in FILE with the ending _matrix.inc"
+        text = "give -o FILE; the matrix is then written to FILE with the ending _matrix.inc"
         raise InputError("--split", Complaint("-o", "", text))
     name = f"{Path(output).stem}_matrix.inc"
     if not FILE_NAME.fullmatch(name):

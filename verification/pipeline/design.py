@@ -1,4 +1,4 @@
-"""A scene's board with all that is known of it before anything runs."""
+"""The board of a scene, with its poles, time scales and plan, before any simulation."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ from verification.small_signal.time_scales import TimeScales, time_scales
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Design:
-    """A board, its problem, and how it is to be simulated.
+    """A board, its problem, and the plan of its simulation.
 
     Attributes
     ----------
     scene : Scene
-        With a number for lambda.
+        Scene with a number for lambda.
     network : IdealNetwork
-        What the board would be with ideal parts, for the reference.
+        The board with ideal parts, for the reference solution.
     board : LinearBoard
         The circuit linearised at its equilibrium.
     poles, scales
-        Of it.
+        Poles and time scales of `board`.
     engine : str
         A key of `verification.pipeline.simulation.ENGINES`.
     plan : Plan
-        The transient, and what is expected of it.
+        The transient, and the forecast of its error and cost.
     """
 
     scene: Scene
@@ -57,7 +57,7 @@ class Design:
 
     @property
     def circuit(self) -> Circuit:
-        """The board as it is built."""
+        """The circuit of the board."""
         return self.board.circuit
 
 
@@ -70,7 +70,7 @@ def design_board(
 ) -> Design:
     """Synthesise the board of `scene` and plan its transient.
 
-    `problem` and `circuit` replace what would be made from the scene.
+    `problem` and `circuit` replace those of the scene.
 
     Raises
     ------

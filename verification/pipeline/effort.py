@@ -1,4 +1,4 @@
-"""What a verification computes: everything for a designer, the least for one point of a study."""
+"""Extent of a verification: all results for a designer, only the checks for a point of a study."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Effort:
-    """What a verification computes beside the checks.
+    """Results that a verification computes in addition to the checks.
 
     Attributes
     ----------
     details : bool
-        The figures of the constraint plane, the error budget, times on the continuous solution
-        and the ringing of settled channels.
+        Whether to compute the figures of the constraint plane, the error budget, times on the
+        continuous solution and the ringing of settled channels.
     full_margin : bool
-        The stability margin as far as the scan goes, not only as far as the scene's check asks.
+        Whether to scan the stability margin up to `REACH`, not only up to the limit of the scene.
     session : bool
-        The run is one of many: one ngspice takes deck after deck (`engines.ngspice.session`).
+        Whether one ngspice process simulates many decks in turn (`engines.ngspice.session`).
     """
 
     details: bool = True

@@ -1,4 +1,4 @@
-"""The error budget of an answer: each part measured by itself."""
+"""The error budget of the outputs: each part is measured separately."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from verification.reference import solve
 
 @dataclass(frozen=True, slots=True)
 class ErrorPart:
-    """One part: the largest deviation of any channel in V, and how it was found.
+    """One part: the largest deviation of any channel, V, and the comparison that gives it.
 
-    `value` is None where it cannot be known.
+    `value` is None if the deviation cannot be known.
     """
 
     name: str
@@ -28,16 +28,16 @@ class ErrorPart:
 def error_budget(
     design: Design, ideal: IdealAnswer, rest: Equilibrium, final: Floats, simulator: float
 ) -> tuple[ErrorPart, ...]:
-    """Split the way from the true stress to the simulated outputs into its parts.
+    """Split the difference of the true stress and the simulated outputs into its parts.
 
     Parameters
     ----------
     rest : Equilibrium
-        Of the board, from the state-space equations.
+        Equilibrium of the board, from the state-space equations.
     final : ndarray (N,)
         Outputs at the end of the record, V.
     simulator : float
-        The simulation's own error, V.
+        Error of the simulation, V.
 
     Raises
     ------
@@ -57,17 +57,19 @@ def error_budget(
         ErrorPart(
             "resistors",
             _largest(rounded - ideal.target),
-            "optimum with the resistors as they are against the one asked for",
+            "optimum with the rounded resistors against the requested optimum",
         ),
         ErrorPart(
             "opamps",
             _largest(board - rounded),
-            "the board's equilibrium against the optimum (finite gain, loading)",
+            "equilibrium of the board against that optimum (finite gain, loading)",
         ),
         ErrorPart(
             "unsettled", _largest(final - board), "end of the record against that equilibrium"
         ),
-        ErrorPart("simulator", simulator, "two runs at different steps, extrapolated"),
+        ErrorPart(
+            "simulator", simulator, "comparison with a second solution, or bound on the rounding"
+        ),
     )
 
 

@@ -1,4 +1,4 @@
-"""Transients recorded and measured against the reference; no check is made here."""
+"""Record transients and measure them against the reference solution."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ from verification.pipeline.step_error import StepError, simulation_error, undeci
 from verification.pipeline.transient_plan import coarser
 from verification.waveforms import Waveforms
 
-COARSER = 2.0  # a second run's step over the first's
-REPEATS = 3  # of a run that did not suffice
+COARSER = 2.0  # times the step: the step of a second run
+REPEATS = 3  # largest number of repeated runs
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Record:
-    """Waveforms of one transient and what was measured on them."""
+    """Waveforms of one transient and their measurements."""
 
     circuit: Circuit
     transient: Transient
@@ -66,13 +66,13 @@ class Recording:
     simulation : Simulation
         The waveforms.
     measurements : Measurements
-        Of the record.
+        Measurements on the record.
     u : ndarray (P, N)
         Outputs, V.
     error : StepError
         Error of the readings.
     agreement : Agreement or None
-        With the other engine; None where only one engine ran.
+        Comparison with the other engine; None if only one engine ran.
     accuracy : Accuracy
         The error over all time.
     """
@@ -91,9 +91,9 @@ def record_transient(
     *,
     problem: InverseProblem | None = None,
 ) -> Record:
-    """Simulate the transient of `scene` and measure the record; the error is not measured.
+    """Simulate the transient of `scene` and measure the record without its error.
 
-    `problem` replaces the scene's own.
+    `problem` replaces the problem of the scene.
 
     Raises
     ------
@@ -116,7 +116,7 @@ def record_transient(
 def record_and_measure(
     design: Design, ideal: IdealAnswer, pending: Pending, clock: Clock, effort: Effort
 ) -> tuple[Design, Recording]:
-    """Wait for a simulation and measure the record; simulate again where the run does not suffice.
+    """Wait for a simulation and measure the record; repeat a run that does not suffice.
 
     A run that missed the wanted error is repeated with smaller steps, a record that is too short
     for a reading is repeated with a longer stop time. The returned design has the plan of the
@@ -133,10 +133,10 @@ def record_and_measure(
         if plan is None:
             break
         design = replace(design, plan=plan)
-        clock.begin("simulation")
+        clock.begin("simulation", remark=plan.remark)
         pending = begin(design.scene, design.board, plan, design.engine, session=effort.session)
-        again = _record(design, ideal, pending, clock, effort)
-        recording = replace(again, accuracy=again.accuracy.after(recording.accuracy))
+        repeated = _record(design, ideal, pending, clock, effort)
+        recording = replace(repeated, accuracy=repeated.accuracy.after(recording.accuracy))
     return design, recording
 
 
@@ -145,7 +145,7 @@ def _record(
 ) -> Recording:
     scene, circuit, transient = design.scene, design.circuit, design.transient
     stable = design.poles.stable
-    clock.begin("simulation")
+    clock.begin("simulation", remark=design.plan.remark)
     simulation = pending.result(unstable=not stable)
     clock.begin("comparison")
     companion = None
@@ -172,7 +172,7 @@ def _record(
 
 
 def _companion(design: Design, waveforms: Waveforms) -> Companion:
-    """Return another answer for ngspice's record: exact where possible, else at a larger step."""
+    """Return a second solution for ngspice's record: exact if possible, else at larger steps."""
     tolerance = state_space_tolerance(design.plan.wanted)
     exact = exact_companion(design.board, design.transient, waveforms, tolerance)
     if not exact.reason:
@@ -184,7 +184,7 @@ def _companion(design: Design, waveforms: Waveforms) -> Companion:
     u = lagrange(waveforms.time, outputs(design.circuit, waveforms), instants, CUBIC)
     other, share = outputs(design.circuit, second)[inside], 1.0 / (COARSER**2 - 1.0)
     how = "difference to a run at twice the step, extrapolated"
-    return Companion(instants, u, other, share, how, f"no state-space answer: {exact.reason}")
+    return Companion(instants, u, other, share, how, f"no state-space solution: {exact.reason}")
 
 
 def _readings_error(
@@ -195,7 +195,7 @@ def _readings_error(
     simulation: Simulation,
     effort: Effort,
 ) -> StepError:
-    """Return the error of the readings: by the other answer's readings, if there is one."""
+    """Return the error of the readings, from those of the second solution if it exists."""
     rounding = simulation.waveforms.rounding
     if companion is None and design.engine == "ngspice":
         return simulation_error(measurements, None, math.inf, rounding)
@@ -211,11 +211,11 @@ def _readings_error(
     return simulation_error(measurements, readings, companion.share, rounding)
 
 
-def _rounding(design: Design, found: Measurements) -> float:
-    """Return what rounding of the board's stamped values moves its equilibrium and modes by, V."""
+def _rounding(design: Design, measurements: Measurements) -> float:
+    """Return the effect of rounded matrix entries on the equilibrium and the modes, V."""
     poles = design.poles
     # A mode exp(p t) whose p moves by dp moves by dp t exp(p t), at most dp / (e |Re p|).
-    modes = found.amplitude * poles.resolution / (math.e * abs(poles.rightmost.real))
+    modes = measurements.amplitude * poles.resolution / (math.e * abs(poles.rightmost.real))
     return modes + float(rounding_at_rest(design.board.equilibrium).max(initial=0.0))
 
 
@@ -225,18 +225,18 @@ def _is_exact(design: Design) -> bool:
 
 
 def _on_the_solution(design: Design, ideal: IdealAnswer, final: Floats) -> Measurements:
-    """Measure the exact solution; `final` stays the end of the record, as for every engine."""
+    """Measure the exact solution; `final` remains the end of the record, as for every engine."""
     from verification.small_signal.exact_measures import measure_exact
 
-    found = measure_exact(
+    measurements = measure_exact(
         design.board,
         ideal.target,
         ideal.start,
         initial=design.transient.initial,
         band=design.scene.checks.settling_time.band,
     )
-    ends = zip(found.channels, final.tolist(), strict=True)
-    return replace(found, channels=tuple(replace(c, final=end) for c, end in ends))
+    ends = zip(measurements.channels, final.tolist(), strict=True)
+    return replace(measurements, channels=tuple(replace(c, final=end) for c, end in ends))
 
 
 def measure_outputs(
@@ -248,14 +248,14 @@ def measure_outputs(
     *,
     details: bool = True,
 ) -> tuple[Measurements, Floats]:
-    """Measure `waveforms` against the reference; return the measures and u (P, N), V."""
+    """Measure `waveforms` against the reference; return the measurements and u (P, N), V."""
     u, terms = outputs(circuit, waveforms), _terms(scene, circuit, transient)
-    found = measure(waveforms.time, u, ideal.target, ideal.start, **terms, details=details)
-    return found, u
+    time = waveforms.time
+    return measure(time, u, ideal.target, ideal.start, **terms, details=details), u
 
 
 class _Terms(TypedDict):
-    """What `measure` and `read_record` are told besides the record and where it should go."""
+    """Arguments of `measure` and `read_record` in addition to the record and its target."""
 
     band: float
     bound: float

@@ -1,6 +1,6 @@
-"""One transient of a scene by one engine.
+"""Simulate one transient of a scene with one engine.
 
-`ENGINES` is the table of engines; each takes a board and a plan, and gives `Pending`.
+`ENGINES` is the table of engines; each takes a board and a plan, and returns `Pending`.
 """
 
 from __future__ import annotations
@@ -31,14 +31,16 @@ from verification.engines.statespace.linearised.board import LinearBoard
 from verification.pipeline.transient_plan import Plan
 from verification.waveforms import Waveforms
 
-# KLU pivots by its own rule and leaves more rounding in the tiny steps after a start from nothing;
-# a few boards with nonlinear amplifiers do not get away from there. The older solver does.
+# With KLU the tiny steps after a start from zero have more rounding than with the older solver;
+# a few boards with nonlinear amplifiers fail there with KLU but not with the older solver.
 SPARSE = "noopiter"
-SECOND_SOLVER = "KLU did not get away from the start; ngspice's older solver gave this answer"
-SLOWER = 5.0  # times the estimated time of a run: a slower machine may need as much
-GROWING = 20_000  # points of the record of a board whose outputs grow
-STEP_SHARE = 0.05  # of a wanted error: the state-space engine's tolerance
-LEAST_TOLERANCE, MOST_TOLERANCE = 1e-10, 1e-3  # rounding ends below, steps lose track above
+SECOND_SOLVER = (
+    "the KLU solver failed at the start; this result is from the older solver of ngspice"
+)
+SLOWER = 5.0  # times the timeout: a run with a longer estimated time does not start
+GROWING = 20_000  # least number of points in the record of an unstable board
+STEP_SHARE = 0.05  # of a wanted error: the tolerance of the state-space engine
+LEAST_TOLERANCE, MOST_TOLERANCE = 1e-10, 1e-3  # limits set by rounding and by convergence
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,7 +52,7 @@ class Simulation:
     waveforms : Waveforms
         The record.
     whole : bool
-        False where the record ends early, because the voltages left every bound.
+        Whether the record reaches the stop time; False if the voltages left every bound.
     notes : tuple of str
         Remarks of the engine.
     """
@@ -73,10 +75,10 @@ class Pending:
     wait: Callable[[], Waveforms]
 
     def result(self, *, unstable: bool = False) -> Simulation:
-        """Wait and return the simulation, or raise the reason of its failure.
+        """Wait and return the simulation, or raise the error of the failed run.
 
-        For an `unstable` board the record before the voltages left every bound, or before the
-        step fell below its limit, is a result.
+        For an `unstable` board the result may be a partial record: up to the instant at which the
+        voltages left every bound or the step fell below its limit.
         """
         try:
             waveforms = self.wait()
@@ -110,7 +112,7 @@ def choose_engine(scene: Scene) -> str:
 def state_space_tolerance(wanted: float) -> float:
     """Return the tolerance of the state-space engine's steps for an error of `wanted`.
 
-    Errors of steps add up over a ringing, so it is well below.
+    Step errors add up over the periods of ringing, so the tolerance is well below `wanted`.
     """
     return min(max(STEP_SHARE * wanted, LEAST_TOLERANCE), MOST_TOLERANCE)
 
@@ -118,25 +120,25 @@ def state_space_tolerance(wanted: float) -> float:
 def begin(
     scene: Scene, board: LinearBoard, plan: Plan, engine: str, *, session: bool = False
 ) -> Pending:
-    """Start a simulation; a process runs while the caller does other work.
+    """Start a simulation; its process runs while the caller does other work.
 
     Parameters
     ----------
     session : bool
-        Whether the run is one of many, so that one ngspice takes deck after deck.
+        Whether one ngspice process simulates many decks in turn.
 
     Raises
     ------
     SimulationError
-        From here or from `Pending.result`.
+        From this function or from `Pending.result`.
     """
     return ENGINES[engine](scene, board, plan, session)
 
 
 def outputs(circuit: Circuit, waveforms: Waveforms) -> Floats:
-    """Return u of every channel, shape (P, N), V; each channel's record is in one piece.
+    """Return u of every channel, shape (P, N), V; each channel is contiguous in memory.
 
-    It is not to be changed: where u is what the engine saved, it is that.
+    Callers must not change the array: it may share memory with `waveforms`.
     """
     nodes = tuple(out.node for out in circuit.outputs)
     if nodes == waveforms.nodes and all(out.sign == 1.0 for out in circuit.outputs):
@@ -170,7 +172,7 @@ def _ngspice(scene: Scene, board: LinearBoard, plan: Plan, session: bool) -> Pen
         except StepTooSmall as error:
             if simulator.solver_option == SPARSE or not _at_the_start(error, analysis):
                 raise
-            if error.folder is not None:  # the second solver makes this reproducer needless
+            if error.folder is not None:  # the second run replaces this reproducer
                 shutil.rmtree(error.folder, ignore_errors=True)
         waveforms = run(SPARSE, start).result()
         return replace(waveforms, flags=(*waveforms.flags, SECOND_SOLVER))
@@ -179,7 +181,7 @@ def _ngspice(scene: Scene, board: LinearBoard, plan: Plan, session: bool) -> Pen
 
 
 def _at_the_start(error: StepTooSmall, analysis: Transient) -> bool:
-    """Whether a run failed before it had come anywhere: rounding, not the board, stopped it."""
+    """Whether a run failed in the first 0.1 % of the record, where rounding can stop a run."""
     partial = error.partial
     return not isinstance(partial, Waveforms) or partial.time[-1] < 1e-3 * analysis.stop
 

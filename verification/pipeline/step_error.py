@@ -1,4 +1,4 @@
-"""The simulation's own error: two runs at different steps, measured alike and extrapolated."""
+"""The error of the readings of a simulation, from the readings of a second solution."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from spice_models.definitions import SMALL_STEP
 from verification.measures.measurements import Measurements
 from verification.measures.readings import Reading, Readings
 
-LATER = 0.05  # of a settling time: how much later the second run's may be without a judgement
+LATER = 0.05  # of a settling time: a second time later than this is measured in full
 
 
 @dataclass(frozen=True, slots=True)
 class StepError:
-    """The simulation's own error, from two runs at different steps.
+    """The error of the readings of a simulation.
 
     `steady_state` and `overshoot` are fractions of the step amplitude, the times are in s.
     """
@@ -26,18 +26,18 @@ class StepError:
 
 
 def undecided(fine: Measurements, coarse: Readings) -> bool:
-    """Tell whether the second run must be judged before its readings count.
+    """Return whether the second solution must be measured in full before its readings count.
 
-    So it is where it shows a time that the first run has none of, which a record that proves
-    nothing would show as well, and where it settles so much later that its record may not prove it.
+    That is so if only the second solution has a settling or rise time, or if its settling time is
+    much later: its readings alone do not show whether the channel has settled.
     """
     settled, second = fine.settling_time, coarse.settling_time
     if settled is None or second is None:
-        more = second is not None
+        later = second is not None
     else:
-        more = second.value > (1 + LATER) * settled.value
+        later = second.value > (1 + LATER) * settled.value
     rises = zip((c.rise_time for c in fine.channels), coarse.rise_times, strict=True)
-    return more or any(a is None and b is not None for a, b in rises)
+    return later or any(a is None and b is not None for a, b in rises)
 
 
 def simulation_error(
@@ -51,35 +51,36 @@ def simulation_error(
     Parameters
     ----------
     fine, coarse : Measurements and Readings
-        The same transient at a step and at a larger one; without a second run of an engine that
-        has no step, the error is that of rounding.
+        The record, and a second solution (exact, or at larger steps). Without a second solution
+        the error is that of rounding if `share` is 0, else infinite.
     share : float
-        The finer run's part of a difference: ``1/(r^p - 1)`` for a step ratio r and an order p.
+        Part of a difference that is the error of `fine`: 1 if `coarse` is exact, ``1/(r^p - 1)``
+        for a step ratio r and an order p.
     rounding : float
-        What rounding left in the finer run, V. A level that moves by a fraction of itself moves
-        its crossing by no more of the time.
+        Rounding error of `fine`, V. A relative shift of a level moves its crossing by at most the
+        same fraction of the time.
 
     Returns
     -------
     StepError
-        Infinite where only one of the two has the measure.
+        Infinite for a reading that only one of the two has.
     """
     if coarse is None:
         level = rounding / (fine.amplitude or 1.0) if share == 0 else math.inf
         rise = max(_moved(time, level / SMALL_STEP) for time in fine.readings.rise_times)
         return StepError(level, _moved(fine.settling_time, level / fine.band), rise, level)
-    own = fine.readings
-    rises = zip(own.rise_times, coarse.rise_times, strict=True)
+    readings = fine.readings
+    rises = zip(readings.rise_times, coarse.rise_times, strict=True)
     return StepError(
-        steady_state=share * _furthest(own.finals, coarse.finals) / (fine.amplitude or 1.0),
+        steady_state=share * _furthest(readings.finals, coarse.finals) / (fine.amplitude or 1.0),
         settling_time=_apart(fine.settling_time, coarse.settling_time),
         rise_time=share * max(_apart(a, b) for a, b in rises),
-        overshoot=share * _furthest(own.overshoots, coarse.overshoots),
+        overshoot=share * _furthest(readings.overshoots, coarse.overshoots),
     )
 
 
 def _moved(time: Reading | None, share: float) -> float:
-    """Return how far a reading moves with its level, s."""
+    """Return the shift of a reading whose level moves by `share` of itself, s."""
     return share * (time.value if time is not None else 0.0) if share < 1 else math.inf
 
 
@@ -89,7 +90,7 @@ def _furthest(a: tuple[float, ...], b: tuple[float, ...]) -> float:
 
 
 def _apart(a: Reading | None, b: Reading | None) -> float:
-    """Return how far two readings are apart, taking the nearer of a fragile one's two values."""
+    """Return the difference of two readings, s; the nearer value of a fragile `b` counts."""
     if a is None or b is None:
         return 0.0 if a is b else math.inf
     values = [b.value] if b.alternative is None else [b.value, b.alternative]

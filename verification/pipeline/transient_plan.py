@@ -1,4 +1,4 @@
-"""How long a board is simulated and how finely: the cheapest transient that the checks allow."""
+"""Length and step control of a transient: the cheapest that the checks allow."""
 
 from __future__ import annotations
 
@@ -13,44 +13,46 @@ from verification.engines.statespace.linearised.board import LinearBoard
 from verification.small_signal.step_forecast import StepForecast, StepModel
 from verification.small_signal.time_scales import GROWN, TimeScales
 
-REMAINDER = 0.1  # of the steady-state tolerance: what may still ring when the record ends
-AFTER_SETTLING = 1.2  # a settled record must also show that it stays so
+REMAINDER = 0.1  # of the steady-state tolerance: remaining ringing at the end of the record
+AFTER_SETTLING = 1.2  # times the settling time: the record must show that outputs remain settled
 SHARE = 0.25  # of the tightest tolerance of the checks: the error wanted by ``error = "auto"``
-AIM = 0.8  # of the wanted error: what a transient is planned for
-LEAST_ERROR = 1e-8  # of the step amplitude: no transient of ngspice is planned for less
-GROWTH_ERROR = 0.01  # of the height at which an instability counts as seen
-FEWEST_PERIODS = 8  # of ringing in a record, however fast it settles
-RECORD_ERROR = 2e-8  # of the step amplitude: what reading a record between its points may add
-UNSTABLE_SECONDS = 2.0  # of processor time that a board is simulated that is known to be unstable
+AIM = 0.8  # of the wanted error: the error that a transient is planned for
+LEAST_ERROR = 1e-8  # of the step amplitude: the least error that ngspice is planned for
+GROWTH_ERROR = 0.01  # of `GROWN`: the error that a growing transient is planned for
+FEWEST_PERIODS = 8  # of ringing in every record
+RECORD_ERROR = 2e-8  # of the step amplitude: error of interpolation between points of a record
+UNSTABLE_SECONDS = 2.0  # of processor time: limit for a board that is known to be unstable
 LINEAR_STEP, MATRIX_STEP = 2.7e-6, 3.1e-9
 """Processor time of a step of ngspice 46 with KLU: ``LINEAR_STEP N + MATRIX_STEP N³``, s, measured
-for N = 7 to 128 on one machine; behavioural amplifiers make a step `NEWTON` times as dear."""
+for N = 7 to 128 on one machine; with behavioural amplifiers a step takes `NEWTON` times as long."""
 NEWTON = 2.5
+LONG = 10.0  # s: a longer run is announced
+SHORTER = "the state-space engine (--engine statespace) is much faster"
 NO_STEPS = StepForecast(0.0, 0.0, 0.0, 0.0, steps=0.0, error=0.0)
 TOO_SLOW = (
-    "the record ends after {stop:.3g} s, before the instability has grown: ngspice takes"
-    " {seconds:g} s for that record"
+    "the record ends after {stop:.3g} s, before the instability has grown: ngspice needs"
+    " {seconds:g} s up to there"
 )
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A transient and what is expected of it.
+    """A transient and the forecast of its error and cost.
 
     Attributes
     ----------
     transient : Transient
-        What the engine is asked for.
+        The transient to simulate.
     wanted : float
-        Largest error of any output at any time, in step amplitudes, that the checks allow.
+        Largest error of any output at any time that the checks allow, in step amplitudes.
     forecast : StepForecast
         What ngspice's step control will do; `NO_STEPS` for the state-space engine.
     seconds : float
-        Processor time that ngspice will take, s: an estimate.
+        Estimated processor time of ngspice, s.
     growing : bool
         Whether the board is unstable and its outputs grow.
     notes : tuple of str
-        What the plan leaves out.
+        What the plan omits, for the user.
     """
 
     transient: Transient
@@ -60,10 +62,17 @@ class Plan:
     growing: bool
     notes: tuple[str, ...] = ()
 
-    def instants(self, board: LinearBoard) -> Floats | None:
-        """Return the instants of a record of the state-space engine, s; None if it grows.
+    @property
+    def remark(self) -> str:
+        """How long ngspice will take, if it takes long; else empty."""
+        if self.seconds < LONG:
+            return ""
+        return f"about {self.seconds:.0f} s for {self.forecast.steps:.2g} steps; {SHORTER}"
 
-        They are dense where the outputs bend, so that a cubic between them errs by about
+    def instants(self, board: LinearBoard) -> Floats | None:
+        """Return the instants of a state-space record, s; None if the outputs grow.
+
+        The instants are dense where the outputs bend, so that cubic interpolation errs by about
         `RECORD_ERROR`.
         """
         if self.growing:
@@ -102,21 +111,22 @@ def plan_transient(
     *,
     aim: float | None = None,
 ) -> Plan:
-    """Choose the record's length and the cheapest step control for the wanted error.
+    """Choose the length of the record and the cheapest step control for the wanted error.
 
-    With ``stop = "auto"`` a record ends when all that still rings is a tenth of the steady-state
-    tolerance, or when an instability has grown. ``analysis.points_per_period`` replaces the search
-    of a step control by even steps. The state-space engine needs no step control.
+    With ``stop = "auto"`` a record ends when the remaining ringing is a tenth of the steady-state
+    tolerance, or when an instability has grown. ``analysis.points_per_period`` asks for even steps
+    instead of the cheapest step control.
+    The state-space engine needs no step control.
 
     Parameters
     ----------
     aim : float, optional
-        Error to plan for, in step amplitudes, in the place of `AIM` of the wanted one.
+        Error to plan for, in step amplitudes; the default is `AIM` times the wanted error.
 
     Raises
     ------
     EngineError
-        No mode of the board shows at its outputs.
+        No mode of the board is visible at its outputs.
     InputError
         ``analysis.stop`` is shorter than the fastest visible time scale.
     """
@@ -125,14 +135,14 @@ def plan_transient(
     if engine == "statespace":
         return Plan(Transient(stop, stop, initial=initial), error, NO_STEPS, 0.0, growing)
     model, points = StepModel.of(board, stop, initial), scene.analysis.points_per_period
-    each = seconds_per_step(board)
+    step_seconds = seconds_per_step(board)
     notes: tuple[str, ...] = ()
     if points is not None:
         forecast = model.even(scales.max_step_for(points))
     elif growing:
         forecast = model.cheapest(GROWTH_ERROR * GROWN)
-        if forecast.steps * each > UNSTABLE_SECONDS:
-            stop = model.reached(forecast, UNSTABLE_SECONDS / each)
+        if forecast.steps * step_seconds > UNSTABLE_SECONDS:
+            stop = model.reached(forecast, UNSTABLE_SECONDS / step_seconds)
             notes = (TOO_SLOW.format(stop=stop, seconds=UNSTABLE_SECONDS),)
             forecast = StepModel.of(board, stop, initial).cheapest(GROWTH_ERROR)
     else:
@@ -145,7 +155,7 @@ def plan_transient(
         first_step=_six_digits(forecast.first_step),
         initial=initial,
     )
-    return Plan(transient, error, forecast, forecast.steps * each, growing, notes)
+    return Plan(transient, error, forecast, forecast.steps * step_seconds, growing, notes)
 
 
 def seconds_per_step(board: LinearBoard) -> float:
@@ -164,8 +174,8 @@ def even_transient(scene: Scene, scales: TimeScales, points: float, stop: float)
 def truncation_for(points: float) -> float:
     """Return twice the local error ``(omega h)³ / 12`` of a mode with `points` on its period.
 
-    So a mode that is faster than the one that sets the maximum step gets nearly as many points,
-    and halving the step halves it everywhere.
+    A mode that is faster than the mode that sets the maximum step then gets nearly as many points
+    on its period, and half the maximum step halves every step.
     """
     return (2 * math.pi / points) ** 3 / 6
 
@@ -185,7 +195,10 @@ def _stop(scene: Scene, scales: TimeScales) -> float:
     if stop != "auto":
         fastest = scales.max_step_for(2.0 * math.pi)
         if stop < fastest < math.inf:
-            text = f"shorter than {fastest:.3g} s, in which the outputs move; longer, or 'auto'"
+            text = (
+                f"shorter than {fastest:.3g} s, in which the outputs move;"
+                " expected a longer time, or 'auto'"
+            )
             raise InputError(scene.file, Complaint("analysis.stop", f"{stop!r} s", text))
         return stop
     if math.isfinite(scales.growth_time):
@@ -193,10 +206,12 @@ def _stop(scene: Scene, scales: TimeScales) -> float:
     settled = AFTER_SETTLING * scales.stop_for(REMAINDER * scene.checks.steady_state.tolerance)
     longest = max(settled, FEWEST_PERIODS * scales.max_step_for(1.0))
     if not (math.isfinite(longest) and longest > 0.0):
-        raise EngineError("no mode of this board shows at its outputs: there is nothing to time")
+        raise EngineError(
+            "no mode of this board is visible at its outputs, so no stop time can be chosen"
+        )
     return _six_digits(longest)
 
 
 def _six_digits(value: float) -> float:
-    """Round away what two eigenvalue routines may differ in, for the same deck on any machine."""
+    """Round to six digits, so that rounding of the eigenvalues does not change the deck."""
     return float(f"{value:.6g}")

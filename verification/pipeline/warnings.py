@@ -1,4 +1,4 @@
-"""What a designer should know although no check failed."""
+"""Warnings: remarks for the designer that do not make a check fail."""
 
 from __future__ import annotations
 
@@ -6,39 +6,39 @@ from netlist_gen.quantities import show
 from spice_models.definitions import SHIFTED
 from verification.pipeline.checks import Evidence
 
-WELL_ABOVE = 10.0  # a tolerance should be this many times the simulation's own error
+WELL_ABOVE = 10.0  # a tolerance should be this many times the error of the simulation
 
 
 def find_warnings(evidence: Evidence, notes: tuple[str, ...] = ()) -> tuple[str, ...]:
     """Return warnings: tolerances too close to the simulation's error, fragile readings.
 
-    `notes` are the engine's own remarks; they come first.
+    `notes` are the remarks of the engine and of the plan; they come first.
     """
     if not evidence.poles.stable:
-        return notes  # it failed; how well a limit could be told no longer matters
-    found = list(notes)
-    wanted, error = evidence.checks, evidence.error
-    remedy = "raise analysis.points_per_period"
-    if wanted.steady_state.tolerance < WELL_ABOVE * error.steady_state:
-        found.append(
-            f"steady_state: the tolerance {wanted.steady_state.tolerance:g} is not well above the"
-            f" simulation's own error {error.steady_state:.2g}; {remedy}"
+        return notes  # the stability check failed, so close tolerances no longer matter
+    warnings = list(notes)
+    checks, error = evidence.checks, evidence.error
+    remedy = "set a smaller analysis.error or a larger analysis.points_per_period"
+    if checks.steady_state.tolerance < WELL_ABOVE * error.steady_state:
+        warnings.append(
+            f"steady_state: the tolerance {checks.steady_state.tolerance:g} is not well above the"
+            f" error {error.steady_state:.2g} of the simulation; {remedy}"
         )
-    if wanted.overshoot is not None and wanted.overshoot.max < WELL_ABOVE * error.overshoot:
-        found.append(
-            f"overshoot: the limit {wanted.overshoot.max:g} is not well above the simulation's own"
-            f" error {error.overshoot:.2g}; {remedy}"
+    if checks.overshoot is not None and checks.overshoot.max < WELL_ABOVE * error.overshoot:
+        warnings.append(
+            f"overshoot: the limit {checks.overshoot.max:g} is not well above the error"
+            f" {error.overshoot:.2g} of the simulation; {remedy}"
         )
     if evidence.poles.damping_ratio < 1e-3:
-        found.append(
-            f"damping ratio {evidence.poles.damping_ratio:.2g}: this board is on the edge of"
-            " oscillation; component tolerances decide"
+        warnings.append(
+            f"damping ratio {evidence.poles.damping_ratio:.2g}: the board nearly oscillates;"
+            " component tolerances can make it oscillate"
         )
     for channel in evidence.measurements.channels:
         for what, reading in (("rise", channel.rise_time), ("settling", channel.settling_time)):
             if reading is not None and reading.fragile and reading.alternative is not None:
-                found.append(
+                warnings.append(
                     f"channel {channel.index + 1}: {what} time {show(reading.value, 's')} is"
                     f" fragile: {show(reading.alternative, 's')} with {SHIFTED[what]}"
                 )
-    return tuple(found)
+    return tuple(warnings)

@@ -1,1 +1,1 @@
-"""The linearised board: poles, margins, time scales, measures on the exact solution."""
+"""The linearised board: poles, margins, time scales, measurements on the exact solution."""

@@ -1,9 +1,9 @@
-"""How fast the constraint plane is: the figure that the paper gives first.
+"""Rise time of the constraint plane, the first figure of the paper.
 
-The paper measures "the rise time of the constraint plane amplifiers" and says that the response at
-the board is slower, because the resistors at a summing node form a time constant with its
-capacitance. So two figures: the amplifier alone at its noise gain, and the stage with its
-capacitance, which may ring.
+The paper measures "the rise time of the constraint plane amplifiers" and says that the response of
+the board is slower, because the resistors at a summing node form a time constant with the
+capacitance of the node. This module gives two rise times: that of the amplifier alone at its noise
+gain, and that of the stage with this capacitance, which may ring.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ SPAN = 12.0  # record length in slowest time constants
 
 @dataclass(frozen=True, slots=True)
 class ConstraintPlane:
-    """10-90 % rise times of the constraint stage with the most resistors' load, s.
+    """10-90 % rise times of the constraint stage with the largest resistive load, s.
 
     Attributes
     ----------
     row : int
-        Which stage, from 1.
+        Number of the stage, from 1.
     amplifier_rise_time : float
-        Without capacitance at the summing node.
+        Rise time without capacitance at the summing node.
     stage_rise_time : float
-        With it.
+        Rise time with this capacitance.
     stage_overshoot : float
-        Of the stage's own step, with it, as a fraction.
+        Overshoot with this capacitance, fraction of the step of the stage.
     """
 
     row: int
@@ -43,9 +43,9 @@ class ConstraintPlane:
 
 
 def constraint_plane(circuit: Circuit) -> ConstraintPlane | None:
-    """Take the most loaded constraint stage out of `circuit` and step its input current.
+    """Measure the step response of the constraint stage with the largest load.
 
-    Returns None for a board whose op-amps have no poles: it rises at once.
+    Returns None for a board whose op-amps have no poles: its rise time is zero.
 
     Raises
     ------
@@ -59,12 +59,12 @@ def constraint_plane(circuit: Circuit) -> ConstraintPlane | None:
     if not np.isfinite(next(iter(bare.models.values())).gbw):
         return None
     amplifier, _ = _rise(bare)
-    whole, overshoot = _rise(stage)
-    return ConstraintPlane(row, amplifier, whole, overshoot)
+    complete, overshoot = _rise(stage)
+    return ConstraintPlane(row, amplifier, complete, overshoot)
 
 
 def _alone(circuit: Circuit, row: int, siemens: float) -> Circuit:
-    """Return one constraint stage: its op-amp, s, stray, and all its resistors as one load."""
+    """Return one constraint stage: op-amp, s, stray capacitance, all resistors as one load."""
     node = f"c_{row}"
     return replace(
         circuit,

@@ -1,8 +1,8 @@
 """Crossings and peaks of an exact transient, found by root finding on the solution itself.
 
-A grid follows the modes that are still alive (25 points on the period of the fastest). A peak
-between two of its points is lower than where their tangents meet, so each peak that could matter is
-known; crossings and peaks are then refined on the continuous solution.
+The grid resolves the modes that have not decayed (25 points on the period of the fastest). A peak
+between two points of the grid is lower than the point where their tangents meet, which shows every
+peak that may exceed a level; crossings and peaks are then refined on the continuous solution.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from verification.engines.statespace.transients.exact import Exact
 from verification.measures.crossings import Crossings
 from verification.small_signal.time_scales import UNRESOLVED
 
-FINENESS = 0.25  # step times |p| of the fastest mode alive: 25 points a period
-BLOCK = 2000  # points with one step
+FINENESS = 0.25  # step times |p| of the fastest mode that has not decayed: 25 points a period
+BLOCK = 2000  # points with the same step
 MAX_POINTS = 2_000_000
-ABOVE = 2.0  # times the height at which tangents meet: what a peak between points cannot exceed
+ABOVE = 2.0  # times the height at which tangents meet: upper bound of a peak between points
 
 
 class ExactSignal:
@@ -31,11 +31,11 @@ class ExactSignal:
     Parameters
     ----------
     solution : Exact
-        Its nodes are the channels.
+        Solution whose nodes are the channels.
     signs, target : ndarray (N,)
-        Of the channels, and their reference steady state, V.
+        Signs of the channels, and their reference steady state, V.
     detail : float
-        Modes with a smaller amplitude are not followed, V.
+        Smallest amplitude of a mode that the grid resolves, V.
     horizon : float
         Latest instant of interest, s.
     """
@@ -57,16 +57,16 @@ class ExactSignal:
         poles, times, t, count = self.solution.poles, [], 0.0, 0
         log_weight = np.log(np.maximum(self.weight, 1e-300))
         while t < horizon:
-            alive = log_weight + poles.real * t > math.log(detail)
-            rate = float(np.abs(poles[alive]).max(initial=0.0))
+            active = log_weight + poles.real * t > math.log(detail)
+            rate = float(np.abs(poles[active]).max(initial=0.0))
             step = min(FINENESS / rate, horizon / 50) if rate > 0.0 else horizon / 50
-            # While fast modes die the step follows them after every block.
+            # The step is chosen anew for every block, because the fast modes decay.
             points = min(BLOCK, math.ceil((horizon - t) / step))
             times.append(t + step * np.arange(points))
             t, count = t + step * points, count + points
             if count > MAX_POINTS:
                 message = f"{MAX_POINTS} points reach {t:.3g} s of {horizon:.3g} s: the time \
-scales are too far apart to be measured"
+scales are too far apart for a measurement"
                 raise EngineError(message)
         return np.concatenate([*times, [max(t, horizon)]])
 
@@ -89,15 +89,15 @@ scales are too far apart to be measured"
 
     def highest(self, sign: Floats) -> Floats:
         """See `Signal`."""
-        found = []
+        heights = []
         for n, side in enumerate(sign):
             top = float((side * self.errors[:, n]).max())
             peaks = self._peaks(n, side, 0, len(self.time) - 1, top)
-            found.append(max([top, *(height for _, height in peaks)]))
-        return np.array(found)
+            heights.append(max([top, *(height for _, height in peaks)]))
+        return np.array(heights)
 
     def _crossings(self, at: Floats, channels: Indices) -> Crossings:
-        """Add how far the solution's own rounding error may move crossings of `channels`."""
+        """Return crossings of `channels` with the shift that the rounding error may cause."""
         flat, column = np.nan_to_num(at).ravel(), np.tile(channels, len(at))
         slope = np.abs(self.solution.derivative(flat)[np.arange(flat.size), column])
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -111,23 +111,23 @@ scales are too far apart to be measured"
         return float(self.solution.derivative(np.array([t]))[0, n] * self.signs[n])
 
     def _root(self, n: int, level: float, low: float, high: float) -> float:
-        """Return where the error of channel `n` passes `level` between two instants."""
+        """Return the instant at which the error of channel `n` crosses `level`, s."""
         return _root(lambda t: self._error(n, t) - level, low, high)
 
     def _peaks(
         self, n: int, sign: float, first: int, last: int, level: float
     ) -> list[tuple[float, float]]:
-        """Peaks ``(instant, height)`` of ``sign * error`` between two points of the grid.
+        """Return peaks ``(instant, height)`` of ``sign * error`` between two points of the grid.
 
-        Left out are those that cannot be higher than `level`.
+        Peaks that cannot be higher than `level` are omitted.
         """
         time, stretch = self.time[first : last + 1], slice(first, last + 1)
         slope, y = sign * self.slopes[stretch, n], sign * self.errors[stretch, n]
         tops = np.flatnonzero((slope[:-1] > 0.0) & (slope[1:] <= 0.0))
         width, rise, fall = time[tops + 1] - time[tops], slope[tops], slope[tops + 1]
         meet = np.clip((y[tops + 1] - y[tops] - fall * width) / (rise - fall), 0.0, width)
-        seen = np.maximum(y[tops], y[tops + 1])
-        tops = tops[seen + ABOVE * (y[tops] + rise * meet - seen) > level]
+        higher = np.maximum(y[tops], y[tops + 1])
+        tops = tops[higher + ABOVE * (y[tops] + rise * meet - higher) > level]
         ends = zip(time[tops].tolist(), time[tops + 1].tolist(), strict=True)
         at = [_root(lambda t: self._slope(n, t), low, high) for low, high in ends]
         return [(t, sign * self._error(n, t)) for t in at]
@@ -165,7 +165,7 @@ scales are too far apart to be measured"
 
 
 def _root(f: Callable[[float], float], low: float, high: float) -> float:
-    """Return where `f` changes its sign; where rounding hides the change, the nearer end."""
+    """Return the point at which `f` changes sign, or the nearer end if rounding hides it."""
     from scipy.optimize import brentq
 
     ends = f(low), f(high)

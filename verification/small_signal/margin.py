@@ -1,4 +1,4 @@
-"""By what factor C may shrink, or the gain grow, before a pole leaves the left half plane."""
+"""Stability margins: the factor by which C can shrink, or the gain grow, on a stable board."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from verification.engines.statespace.equations.stamps import stamp
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.small_signal.poles import Poles, poles
 
-REACH = 100.0  # the largest factor that is looked at
-PER_DECADE = 12  # points of the scan; an unstable window narrower than one of them is not seen
+REACH = 100.0  # the largest factor of the scan
+PER_DECADE = 12  # points of the scan; the scan can miss a narrower unstable interval
 CLOSE = 1e-6  # relative error of a crossing
 
 
@@ -28,8 +28,8 @@ class Margin:
     Attributes
     ----------
     factor : float
-        The change, always above 1, at which a pole first crosses; `reach` if none does up to
-        there, 0 for a board that is not stable as it is.
+        The least factor, above 1, at which a pole crosses the imaginary axis; `reach` if no pole
+        crosses up to `reach`, 0 for an unstable board.
     text : str
         The same in words.
     """
@@ -39,7 +39,7 @@ class Margin:
 
 
 def with_capacitance(circuit: Circuit, farads: float) -> Circuit:
-    """Return `circuit` with another C; parts that differ from each other scale alike."""
+    """Return `circuit` with another C; all signal-plane capacitors scale by one factor."""
     factor = farads / circuit.scalings.capacitance
     signal = {f"c_{node.removeprefix('v_')}" for node in circuit.signal_nodes}
     capacitors = tuple(
@@ -51,27 +51,27 @@ def with_capacitance(circuit: Circuit, farads: float) -> Circuit:
 
 
 def with_gain(circuit: Circuit, ohms: float) -> Circuit:
-    """Return `circuit` with another feedback resistor s at every constraint node, R as it is."""
+    """Return `circuit` with another feedback resistor s at every constraint node, same R."""
     gains = {f"s_{node.removeprefix('w_')}" for node in circuit.constraint_nodes}
     resistors = tuple(
         replace(part, ohms=ohms) if part.name in gains else part for part in circuit.resistors
     )
-    own = circuit.scalings
-    scalings = replace(own, gain=ohms, lam=own.lam * own.gain / ohms)
+    before = circuit.scalings
+    scalings = replace(before, gain=ohms, lam=before.lam * before.gain / ohms)
     return replace(circuit, resistors=resistors, scalings=scalings)
 
 
 def capacitance_margin(
     circuit: Circuit | LinearBoard, reach: float = REACH, found: Poles | None = None
 ) -> Margin:
-    """Scan C downwards from the board's own and refine the first crossing to 1e-6.
+    """Scan C downwards from the value of the board and refine the first crossing to 1e-6.
 
     Parameters
     ----------
     reach : float
-        The largest factor that is looked at; less is cheaper where only a limit is of interest.
+        The largest factor of the scan; a smaller one costs less.
     found : Poles, optional
-        Of the board as it is, where they are at hand already.
+        Poles of the board, if they have been computed before.
 
     Raises
     ------
@@ -80,30 +80,30 @@ def capacitance_margin(
 
     Notes
     -----
-    Costs 12 pole searches a decade up to the crossing, and about 8 for the crossing itself.
+    The cost is 12 pole searches per decade up to the crossing, and about 8 for its refinement.
     """
     board = LinearBoard.of(circuit)
-    circuit, whole = board.circuit, board.descriptor
-    own = circuit.scalings.capacitance
-    half = stamp(with_capacitance(circuit, 0.5 * own))
+    circuit, equations = board.circuit, board.descriptor
+    capacitance = circuit.scalings.capacitance
+    half = stamp(with_capacitance(circuit, 0.5 * capacitance))
     # The mass matrix is linear in C, and the equilibrium does not depend on it.
-    share = 2.0 * (whole.mass.values - half.mass.values)
-    rest = board.equilibrium if whole.devices.count else None
+    share = 2.0 * (equations.mass.values - half.mass.values)
+    equilibrium = board.equilibrium if equations.devices.count else None
 
     def growth(by: float) -> float:
         if by == 1.0 and found is not None:
             return found.rightmost.real
-        values = whole.mass.values - (1.0 - 1.0 / by) * share
-        shrunk = replace(whole, mass=replace(whole.mass, values=values))
-        return poles(LinearBoard(circuit, shrunk, rest)).rightmost.real
+        values = equations.mass.values - (1.0 - 1.0 / by) * share
+        shrunk = replace(equations, mass=replace(equations.mass, values=values))
+        return poles(LinearBoard(circuit, shrunk, equilibrium)).rightmost.real
 
     factor = _first_crossing(growth, reach)
-    text = f"C may shrink by {factor:.4g}, to {show(own / (factor or 1.0), 'F')}"
+    text = f"C can shrink by the factor {factor:.4g}, to {show(capacitance / (factor or 1.0), 'F')}"
     return Margin(factor, _words(factor, reach, text, f"C/{reach:g}"))
 
 
 def gain_margin(circuit: Circuit) -> Margin:
-    """Scan the gain s upwards from the board's own and refine the first crossing to 1e-6.
+    """Scan the gain s upwards from the value of the board and refine the first crossing to 1e-6.
 
     R keeps its value, so lambda falls as s grows.
 
@@ -114,26 +114,26 @@ def gain_margin(circuit: Circuit) -> Margin:
 
     Notes
     -----
-    Costs as `capacitance_margin`.
+    The cost is that of `capacitance_margin`.
     """
-    own = circuit.scalings.gain
-    factor = _first_crossing(lambda by: poles(with_gain(circuit, own * by)).rightmost.real, REACH)
-    text = f"the gain may grow by {factor:.4g}, to {show(own * factor, 'ohm')}"
+    gain = circuit.scalings.gain
+    factor = _first_crossing(lambda by: poles(with_gain(circuit, gain * by)).rightmost.real, REACH)
+    text = f"the gain can grow by the factor {factor:.4g}, to {show(gain * factor, 'ohm')}"
     return Margin(factor, _words(factor, REACH, text, f"{REACH:g} times the gain"))
 
 
 def _words(factor: float, reach: float, crossing: str, last: str) -> str:
     if factor == 0.0:
-        return "not stable as it is"
+        return "the board is unstable"
     return f"no crossing up to {last}" if factor == reach else crossing
 
 
 def _first_crossing(growth: Callable[[float], float], reach: float) -> float:
-    """Return the least factor above 1 at which a board ceases to be stable (see `Margin`).
+    """Return the least factor above 1 at which a board becomes unstable (see `Margin`).
 
-    `growth` gives the rightmost pole's real part, 1/s, by the factor.
+    `growth` returns the real part of the rightmost pole, 1/s, at a factor.
     """
-    growth = functools.cache(growth)  # the search for the root asks again for both ends
+    growth = functools.cache(growth)  # the root search evaluates both ends again
     if not growth(1.0) < 0.0:
         return 0.0
     factors = np.geomspace(1.0, reach, 1 + math.ceil(PER_DECADE * math.log10(reach)))

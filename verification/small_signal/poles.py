@@ -1,4 +1,4 @@
-"""Stability of a board linearised at its own equilibrium: poles, damping, and time scales."""
+"""Stability of a board linearised at its equilibrium: poles, damping and frequency."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from verification.engines.statespace.linearised.count_unstable import count_righ
 from verification.engines.statespace.linearised.rightmost_poles import rightmost_poles
 from verification.small_signal.time_scales import TimeScales
 
-UNITS = 64  # of rounding, of the fastest pole, to which an eigenvalue is found
-SEARCHED = 1e-9  # of the fastest pole found: the same, where only some were searched for
+UNITS = 64  # times rounding times the fastest pole: error of an eigenvalue
+SEARCHED = 1e-9  # times the fastest pole: the same, if only the rightmost poles are computed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,9 +31,9 @@ class Poles:
     stable : bool
         Whether every pole is left of the imaginary axis.
     damping_ratio : float
-        Of the rightmost oscillating pole, ``-Re p / |p|``; 1 where none oscillates.
+        ``-Re p / |p|`` of the rightmost oscillating pole; 1 if no pole oscillates.
     frequency : float
-        Of the rightmost oscillating pole, ``|Im p| / 2 pi``, Hz; 0 where none oscillates.
+        ``|Im p| / 2 pi`` of the rightmost oscillating pole, Hz; 0 if no pole oscillates.
     complete : bool
         Whether `poles` are all poles.
     """
@@ -47,7 +47,7 @@ class Poles:
 
     @property
     def resolution(self) -> float:
-        """Rounding of the rightmost pole's real part, 1/s: a share of the fastest that is known."""
+        """Rounding error of the real part of the rightmost pole, 1/s."""
         share = UNITS * float(np.finfo(np.float64).eps) if self.complete else SEARCHED
         return share * float(np.abs(self.poles).max(initial=0.0))
 
@@ -67,9 +67,9 @@ def poles(circuit: Circuit | LinearBoard) -> Poles:
 
     Notes
     -----
-    Costs one dense eigenproblem without vectors, about 10 n³ flops (n = 91: 3 ms; 1 ms for a board
-    that is its own mirror image); of a large board Arnoldi's method finds only the rightmost poles
-    (500 channels: 2 s).
+    The cost is one dense eigenproblem without vectors, about 10 n³ flops (n = 91: 3 ms; 1 ms for a
+    board with mirror symmetry). For a large board Arnoldi's method computes only the rightmost
+    poles (500 channels: 2 s).
     """
     board = LinearBoard.of(circuit)
     if board.descriptor.is_large:
@@ -78,7 +78,7 @@ def poles(circuit: Circuit | LinearBoard) -> Poles:
 
 
 def poles_behind(board: LinearBoard, scales: TimeScales) -> Poles:
-    """Return the poles that time scales were made from, or a large board's rightmost ones.
+    """Return the poles of the time scales, or the rightmost poles of a large board.
 
     Raises
     ------
@@ -89,14 +89,14 @@ def poles_behind(board: LinearBoard, scales: TimeScales) -> Poles:
 
 
 def count_unstable(circuit: Circuit | LinearBoard) -> int:
-    """Count the poles right of the imaginary axis without finding any, by a winding number.
+    """Count the poles right of the imaginary axis by a winding number, without computing poles.
 
-    It must agree with `poles`, and shares nothing with it but the equations.
+    A cross-check of `poles`: the two share only the equations of the board.
 
     Raises
     ------
     EngineError
-        A pole lies on the axis to working precision, or no equilibrium.
+        A pole lies on the axis to working precision, or the board has no equilibrium.
 
     Notes
     -----

@@ -1,4 +1,4 @@
-"""What ngspice's step control will do on a board, known before ngspice runs.
+"""Forecast of the step control of ngspice on a board, before ngspice runs.
 
 ngspice (``CKTterr``) chooses every step h of the trapezoidal rule such that the local error of each
 capacitor's charge q stays below a tolerance,
@@ -6,13 +6,12 @@ capacitor's charge q stays below a tolerance,
     h² |q'''| / 72 <= truncation · max(|q'|, charge / h),
 
 and never above a maximum step. The modes of a board give q at any time, so they give the step at
-any time and the number of steps. They also give what the steps do to the outputs: a step
-multiplies each mode by ``(1 + hp/2) / (1 - hp/2)`` in the place of ``exp(hp)``. Nothing is
-simulated.
+any time and the number of steps. They also give the error of the outputs: a step multiplies each
+mode by ``(1 + hp/2) / (1 - hp/2)`` instead of ``exp(hp)``. No transient is simulated.
 
-For a linear board a forecast leaves out ngspice's start (up to 50 steps) and what rounds a step
-down. For a board with behavioural amplifiers, and for the coarse image of a large board, it is an
-estimate: measured, the error is then within a factor of 2 of the forecast.
+For a linear board the forecast omits the start of ngspice (up to 50 steps) and the rounding of
+steps. For a board with behavioural amplifiers, and for the coarse board of a large board, the
+forecast is an estimate: the measured error is within a factor of 2 of the forecast.
 """
 
 from __future__ import annotations
@@ -34,21 +33,21 @@ from verification.small_signal.time_scales import RESOLVED
 Array = TypeVar("Array", Floats, Complexes)
 
 CKTTERR = 72.0  # 12 of the trapezoidal rule's local error times 3! of the divided difference
-INSTANTS = 240  # at which the step is computed; spaced by ratio
-EARLIEST = 0.01  # of the fastest mode's time constant: the first of them
-UNSEEN = 1e-9  # of the step amplitude: a mode below is not followed at the outputs
+INSTANTS = 240  # number of instants of the forecast, in geometric progression
+EARLIEST = 0.01  # of the fastest time constant: the first instant after 0
+UNSEEN = 1e-9  # of the step amplitude: smaller modes are ignored at the outputs
 FEWEST_STEPS = (50.0, 100.0, 200.0, 500.0, 1500.0)
-"""Numbers of steps that a record has at least, to choose from. A stiff mode that is not resolved
-decays slowly under the trapezoidal rule, the more slowly the longer the step is: where that limits
-the error, a shorter maximum step is cheaper than a smaller truncation error."""
-FIRST = 0.1  # of the step that the charges allow at the start: the first step
-FEWEST_INSTANTS = 200.0  # of a record
-MOVE = 0.02  # of the step amplitude: how far an output moves between two instants
-CHARGE = 10.0  # times C times the step amplitude: no charge of a usual board is larger
-EXPONENT = 1.5  # of the error, which the truncation error follows
-AIM = 0.93  # of the allowed error: where the search aims, so that it need not come back
-CLOSE = 0.8  # of the allowed error: near enough to stop the search
-SPREAD = 1e-3  # relative: how far entries of a matrix with defective modes are moved
+"""Candidates for the least number of steps of a record. With the trapezoidal rule an unresolved
+stiff mode decays more slowly the longer the step is: if this limits the error, a shorter maximum
+step is cheaper than a smaller truncation error."""
+FIRST = 0.1  # of the step that the charges allow at t = 0: the first step
+FEWEST_INSTANTS = 200.0  # least number of instants of a record
+MOVE = 0.02  # of the step amplitude: largest change of an output between two instants
+CHARGE = 10.0  # times C times the step amplitude: above the charges of usual boards
+EXPONENT = 1.5  # the truncation error is proportional to this power of the error
+AIM = 0.93  # of the allowed error: target of each search step
+CLOSE = 0.8  # of the allowed error: the search stops above this fraction
+SPREAD = 1e-3  # relative perturbation of a matrix with defective modes
 TRIES = 12
 LEAST, MOST = 1e-15, 0.5  # truncation errors
 TINY = 1e-280  # in the place of zero
@@ -57,18 +56,18 @@ LARGEST = 300.0  # exponent
 
 @dataclass(frozen=True, slots=True)
 class StepForecast:
-    """A step control and what it is expected to do.
+    """A step control and the forecast of its steps and error.
 
     Attributes
     ----------
     truncation : float
         Local error that one step may make, relative.
     charge : float
-        Charge below which that error counts absolutely, C.
+        Charge below which the truncation error is absolute, C.
     max_step, first_step : float
-        s.
+        Maximum and first step, s.
     steps : float
-        Accepted steps.
+        Number of accepted steps.
     error : float
         Largest error of any output at any time, in step amplitudes.
     """
@@ -81,7 +80,7 @@ class StepForecast:
     error: float
 
     def rank(self, error: float) -> tuple[float, float]:
-        """Order by what exceeds `error`, then by the number of steps."""
+        """Return a sort key: the error if it exceeds `error`, then the number of steps."""
         return max(self.error, error), self.steps
 
 
@@ -100,7 +99,7 @@ class StepModel:
     all_poles, charges : ndarray (m,) and (m, Q)
         All modes, and their amplitudes in every charge, 1/s and C.
     charge : float
-        Charge below which a charge's error counts absolutely, C.
+        Charge below which the truncation error is absolute, C.
     """
 
     time: Floats
@@ -112,7 +111,7 @@ class StepModel:
 
     @classmethod
     def of(cls, board: LinearBoard, stop: float, initial: Initial = "zero") -> StepModel:
-        """Model the strain step of `board` up to `stop`, s; a large board by its coarse image.
+        """Model the strain step of `board` up to `stop`, s; a large board by its coarse board.
 
         Raises
         ------
@@ -168,7 +167,7 @@ class StepModel:
         return np.asarray(np.minimum(allowed.min(axis=1, initial=max_step), max_step))
 
     def forecast(self, truncation: float, max_step: float) -> StepForecast:
-        """Tell what ngspice does with a truncation error and a maximum step, s."""
+        """Forecast the run of ngspice with a truncation error and a maximum step, s."""
         step = self.step_lengths(truncation, max_step)[:, None]
         z = 0.5 * step * self.poles
         slip = (np.log((1.0 + z) / (1.0 - z)) - 2.0 * z) / step
@@ -184,7 +183,7 @@ class StepModel:
         )
 
     def even(self, max_step: float) -> StepForecast:
-        """Tell what even steps of `max_step`, s, do; only faster modes get shorter steps."""
+        """Forecast a run with even steps of `max_step`, s; only faster modes get shorter steps."""
         truncation = (max_step * float(np.abs(self.poles.imag).max(initial=0.0))) ** 3 / 6.0
         return self.forecast(min(max(truncation / CHARGE, LEAST), MOST), max_step)
 
@@ -199,7 +198,8 @@ class StepModel:
         Parameters
         ----------
         error : float
-            In step amplitudes. A cubic through four points h apart errs by ``h⁴ |d⁴u/dt⁴| 3/128``.
+            Interpolation error, in step amplitudes. The error of a cubic through four points h
+            apart is ``h⁴ |d⁴u/dt⁴| 3/128``.
         """
         growth = _exp(self.exponents)
         rate = np.abs(growth @ (self.poles[:, None] * self.shares)).max(axis=1, initial=TINY)
@@ -208,56 +208,57 @@ class StepModel:
         longest = np.minimum(self.time[-1] / FEWEST_INSTANTS, MOVE / rate)
         spacing = np.minimum((128.0 / 3.0 * error / bend) ** 0.25, longest)
         count = _integral(1.0 / spacing, self.time)
-        wanted = np.linspace(0.0, count[-1], math.ceil(count[-1]) + 1)
-        return np.asarray(np.interp(wanted, count, self.time))
+        places = np.linspace(0.0, count[-1], math.ceil(count[-1]) + 1)
+        return np.asarray(np.interp(places, count, self.time))
 
     def cheapest(self, error: float) -> StepForecast:
         """Return the step control with the fewest steps whose error stays within `error`.
 
-        Where none does, the one with the smallest error.
+        If no step control does, return the one with the smallest error.
         """
         stop = float(self.time[-1])
         best = self._reach(error, stop / FEWEST_STEPS[0], 1e-6)
         for fewest in FEWEST_STEPS[1:]:
             if best.error > error or best.steps > fewest:
-                found = self._reach(error, stop / fewest, best.truncation)
-                best = min(best, found, key=lambda each: each.rank(error))
+                candidate = self._reach(error, stop / fewest, best.truncation)
+                best = min(best, candidate, key=lambda forecast: forecast.rank(error))
         return best
 
     def _reach(self, error: float, max_step: float, truncation: float) -> StepForecast:
         """Search the largest truncation error whose forecast stays within `error`."""
         low, high, best = LEAST, MOST, None
         for _ in range(TRIES):
-            found = self.forecast(truncation, max_step)
-            if found.error <= error:
-                low, best = truncation, found
-                if found.error >= CLOSE * error or truncation >= MOST:
-                    return found
+            forecast = self.forecast(truncation, max_step)
+            if forecast.error <= error:
+                low, best = truncation, forecast
+                if forecast.error >= CLOSE * error or truncation >= MOST:
+                    return forecast
             else:
                 high = truncation
-            ratio = AIM * error / max(found.error, TINY)
+            ratio = AIM * error / max(forecast.error, TINY)
             following = min(truncation * min(ratio, 1e12) ** EXPONENT, MOST)
             inside = low < following < high or (following == high == MOST)
             truncation = following if inside else math.sqrt(low * high)
             if high < 1.05 * low:
                 break
-        return best or found
+        return best or forecast
 
 
 def _modes(space: StateSpace, C: Floats, deviation: Floats) -> tuple[Complexes, Complexes]:
     """Return poles (n,), one of each conjugate pair, and their amplitudes in ``C x``, (n, K).
 
-    Modes that must cancel each other (defective ones) are those of a matrix whose entries differ
-    by `SPREAD`: near enough for a forecast.
+    Defective modes are replaced by those of a matrix whose entries differ by about `SPREAD`, which
+    is close enough for a forecast.
     """
-    poles, found = space.modes.poles, space.modes.amplitudes(C, deviation).T
-    if not np.abs(found).sum(axis=0).max(initial=0.0) < RESOLVED * np.abs(C @ deviation).max():
+    poles, amplitudes = space.modes.poles, space.modes.amplitudes(C, deviation).T
+    if not np.abs(amplitudes).sum(axis=0).max(initial=0.0) < RESOLVED * np.abs(C @ deviation).max():
         noise = np.random.default_rng(0).standard_normal(space.A.shape)
         poles, right = np.linalg.eig(space.A * (1.0 + SPREAD * noise))
-        found = np.linalg.solve(right, deviation.astype(np.complex128))[:, None] * (C @ right).T
+        weights = np.linalg.solve(right, deviation.astype(np.complex128))
+        amplitudes = weights[:, None] * (C @ right).T
     kept = poles.imag >= 0.0
     twice = np.where(poles[kept].imag > 0.0, 2.0, 1.0)[:, None]
-    return poles[kept], twice * found[kept]
+    return poles[kept], twice * amplitudes[kept]
 
 
 def _instants(poles: Complexes, stop: float) -> Floats:
@@ -266,18 +267,18 @@ def _instants(poles: Complexes, stop: float) -> Floats:
 
 
 def _integral(rate: Array, time: Floats) -> Array:
-    """Integrate `rate`, (T,) or (T, n), over `time` by trapezia from 0; the same shape."""
-    found = np.zeros_like(rate)
+    """Integrate `rate`, (T,) or (T, n), over `time` by the trapezoidal rule; the same shape."""
+    integral = np.zeros_like(rate)
     between = np.diff(time) if rate.ndim == 1 else np.diff(time)[:, None]
-    np.cumsum(0.5 * (rate[1:] + rate[:-1]) * between, axis=0, out=found[1:])
-    return found
+    np.cumsum(0.5 * (rate[1:] + rate[:-1]) * between, axis=0, out=integral[1:])
+    return integral
 
 
 def _exp(exponents: Complexes) -> Complexes:
-    """Return the exponential, or its largest value where it would overflow."""
+    """Return the exponential, limited to ``exp(LARGEST)``."""
     return np.asarray(np.exp(np.minimum(exponents.real, LARGEST) + 1j * exponents.imag))
 
 
 def _real(growth: Complexes, shares: Complexes) -> Floats:
-    """``|Re(growth @ shares)|``, in real arithmetic."""
+    """Return ``|Re(growth @ shares)|``, computed in real arithmetic."""
     return np.abs(growth.real @ shares.real - growth.imag @ shares.imag)

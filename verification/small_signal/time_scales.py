@@ -1,4 +1,4 @@
-"""Time scales of a board: how long its strain step must be simulated, and how finely."""
+"""Time scales of a board: the record length and time step that its strain step needs."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from spice_models.array_types import Complexes, Floats
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.linearised.initial_state import initial_unknowns
 
-GROWN = 10.0  # an instability counts as seen once it is this many step amplitudes high
-INVISIBLE = 1e-12  # amplitude that rounding and asymmetry lend to a mode nothing excites
-RESOLVED = 1e6  # step amplitudes: modes that must cancel to more than that are defective
-UNRESOLVED = 1e6  # amplitude given to each of them else: t^k exp(-t) peaks higher than exp(-t)
+GROWN = 10.0  # step amplitudes: an instability of this height counts as shown
+INVISIBLE = 1e-12  # amplitude of a mode that only rounding and asymmetry excite
+RESOLVED = 1e6  # step amplitudes: modes with a larger sum of amplitudes are defective
+UNRESOLVED = 1e6  # amplitude assumed for defective modes: t^k exp(-t) peaks higher than exp(-t)
 RINGS = 1.0 / math.sqrt(2.0)  # a mode rings if its damping ratio is below this
 
 
@@ -28,9 +28,9 @@ class Ringing:
     Attributes
     ----------
     frequency, period : float
-        Hz, s.
+        Frequency, Hz, and period, s.
     decay : float
-        Time constant of its envelope, s; negative where it grows.
+        Time constant of the envelope, s; negative for growing ringing.
     amplitude : float
         Largest initial amplitude over the outputs, in step amplitudes.
     """
@@ -43,27 +43,27 @@ class Ringing:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimeScales:
-    """How long to simulate a board, and how finely, from the modes that its step excites.
+    """Record length and time step of a board, from the modes that its strain step excites.
 
     Attributes
     ----------
     poles : ndarray (n,)
-        1/s, rightmost first.
+        Poles, 1/s, rightmost first.
     amplitudes : ndarray (n,)
         Largest share of each mode in any output, in step amplitudes.
     slowest : float
-        Time constant of the slowest decaying mode that matters, s.
+        Time constant of the slowest relevant decaying mode, s.
     ringing : tuple of Ringing
-        Oscillating modes that matter, the fastest first.
+        Relevant oscillating modes, the fastest first.
     growth_time : float
-        When the fastest growing mode stands `GROWN` step amplitudes high, s; infinite if stable.
+        Instant at which the fastest growing mode reaches `GROWN`, s; infinite if stable.
     stop : float
         Suggested stop time, s.
     max_step : float
         Suggested maximum step, s.
     complete : bool
-        Whether `poles` are those of the board itself; False for a large board, where they are
-        those of its coarse image (`coarse_board`) and not to be judged by.
+        Whether `poles` are those of the board; False for a large board, whose `poles` are those of
+        the coarse board (`coarse_board`) and do not show its stability.
     """
 
     poles: Complexes
@@ -76,10 +76,10 @@ class TimeScales:
     complete: bool = True
 
     def stop_for(self, error: float) -> float:
-        """Time after which all decaying modes together stay below `error` step amplitudes, s.
+        """Return the time after which the sum of decaying modes stays below `error`, s.
 
-        An unstable board gets the time to show it (`growth_time`) where that is longer. Not
-        bounded: a pole close to the imaginary axis makes it as long as it must be.
+        `error` is in step amplitudes. For an unstable board the time is at least `growth_time`.
+        The time has no upper bound: a pole close to the imaginary axis makes it very long.
         """
         decaying = self.poles.real < 0.0
         weight, rate = self.amplitudes[decaying], self.poles.real[decaying]
@@ -89,8 +89,8 @@ class TimeScales:
     def max_step_for(self, points: float) -> float:
         """Return the step that puts `points` points on the period of the fastest ringing, s.
 
-        Without ringing, the fastest mode with a tenth of the step amplitude takes its place, with
-        ``2 pi / |p|`` for a period.
+        Without ringing, ``2 pi / |p|`` of the fastest mode with at least a tenth of the largest
+        amplitude counts as the period.
         """
         if self.ringing:
             return self.ringing[0].period / points
@@ -101,7 +101,7 @@ class TimeScales:
 def last_crossing(weight: Floats, rate: Floats, level: float) -> float:
     """Solve ``sum weight exp(rate t) = level`` for t >= 0 (weights positive, rates negative).
 
-    The sum's logarithm is convex, so Newton's steps on it from t = 0 come from one side.
+    The logarithm of the sum is convex, so Newton's method from t = 0 converges from one side.
     """
     if not len(weight) or weight.sum() <= level:
         return 0.0
@@ -114,7 +114,7 @@ def last_crossing(weight: Floats, rate: Floats, level: float) -> float:
         excess = math.log(total / level)
         step = total * excess / -float(left @ rate)
         t += step
-        # Close to the start the time is small, and its last digits are the level's rounding.
+        # Close to t = 0 the rounding of the level limits the relative precision of t.
         if abs(step) <= 1e-12 * t or abs(excess) <= 1e-13:
             return t
 
@@ -126,19 +126,19 @@ def time_scales(
     points: float = 60.0,
     initial: Literal["zero", "rest"] = "zero",
 ) -> TimeScales:
-    """Find the time scales that the strain step shows at the outputs.
+    """Compute the time scales of the outputs after the strain step.
 
-    Of a board with behavioural amplifiers the modes are those of its equilibrium with the strain
-    applied: an estimate where the step is large.
+    For a board with behavioural amplifiers the modes are those at the equilibrium with the strain
+    applied; they are an estimate if the step is large.
 
     Parameters
     ----------
     error : float
-        Modes below this many step amplitudes do not matter; `stop` leaves this much.
+        Amplitude below which a mode is ignored, and remaining ringing at `stop`, step amplitudes.
     points : float
-        Points that `max_step` puts on the fastest ringing period.
+        Points on the fastest ringing period with `max_step`.
     initial : str
-        As `netlist_gen.analysis.Transient` has it.
+        As in `netlist_gen.analysis.Transient`.
 
     Raises
     ------
@@ -165,9 +165,9 @@ def time_scales(
 def _scales(
     p: Complexes, weight: Floats, error: float, points: float, *, complete: bool
 ) -> TimeScales:
-    matters = weight >= error
-    decay = -1.0 / p.real[matters & (p.real < 0.0)]
-    rings = matters & (p.imag > 0.0) & (-p.real < RINGS * np.abs(p))
+    relevant = weight >= error
+    decay = -1.0 / p.real[relevant & (p.real < 0.0)]
+    rings = relevant & (p.imag > 0.0) & (-p.real < RINGS * np.abs(p))
     growing = p.real > 0.0
     growth = np.log(GROWN / np.maximum(weight[growing], INVISIBLE)) / p.real[growing]
     scales = TimeScales(
@@ -186,5 +186,5 @@ def _scales(
 def _ringing(poles_: Complexes, amplitudes: Floats) -> Iterable[Ringing]:
     for p, amplitude in zip(poles_.tolist(), amplitudes.tolist(), strict=True):
         frequency = p.imag / (2.0 * math.pi)
-        decay = -1.0 / p.real if p.real else math.inf  # on the axis to the last bit
+        decay = -1.0 / p.real if p.real else math.inf  # the pole is exactly on the axis
         yield Ringing(frequency, 1.0 / frequency, decay, amplitude)

@@ -107,7 +107,7 @@ def test_what_cannot_be_planned_is_refused() -> None:
     with pytest.raises(InputError, match="in which the outputs move"):
         planned(make_scene(analysis={"stop": 1e-12}))
     still = TimeScales(*(time_scales(paper_board()).poles[:0],) * 2, 0.0, (), math.inf, 0.0, 0.0)
-    with pytest.raises(EngineError, match="nothing to time"):
+    with pytest.raises(EngineError, match="no stop time can be chosen"):
         plan_transient(make_scene(), LinearBoard(paper_board()), still)
 
 
@@ -124,3 +124,11 @@ def test_a_coarser_run_is_coarser_everywhere() -> None:
     assert twice.truncation == 8 * fine.truncation
     assert twice.begin == 2 * fine.begin
     assert twice.stop == fine.stop
+
+
+def test_a_long_run_is_announced() -> None:
+    quick, _ = planned(breadboard(design__capacitance=1e-9, design__gain=1e5))
+    assert quick.remark == ""
+    slow, _ = planned(breadboard(analysis__error=1e-6))
+    assert slow.remark.startswith(f"about {slow.seconds:.0f} s for ")
+    assert "--engine statespace" in slow.remark

@@ -37,13 +37,13 @@ def test_c_may_shrink_to_its_crossing() -> None:
     known = capacitance_margin(board(), found=poles(board()))
     assert known.factor == pytest.approx(margin.factor, rel=1e-9)
     assert margin.factor == pytest.approx(10e-12 / 4.1337463e-12, rel=2e-6)
-    assert margin.text == "C may shrink by 2.419, to 4.134 pF"
+    assert margin.text == "C can shrink by the factor 2.419, to 4.134 pF"
 
 
 def test_the_gain_may_grow_to_its_crossing() -> None:
     margin = gain_margin(board())
     assert margin.factor == pytest.approx(4.7034537e6 / 2.3e6, rel=2e-6)
-    assert margin.text == "the gain may grow by 2.045, to 4.703 Mohm"
+    assert margin.text == "the gain can grow by the factor 2.045, to 4.703 Mohm"
 
 
 def test_a_board_with_another_gain_is_the_one_that_the_synthesis_makes() -> None:
@@ -58,7 +58,7 @@ def test_a_board_with_another_gain_is_the_one_that_the_synthesis_makes() -> None
 
 def test_an_unstable_board_has_no_margin() -> None:
     margin = gain_margin(board("design.gain", 5e6))
-    assert (margin.factor, margin.text) == (0.0, "not stable as it is")
+    assert (margin.factor, margin.text) == (0.0, "the board is unstable")
 
 
 def test_a_board_that_nothing_upsets_has_the_largest_margin_that_is_looked_for() -> None:
