@@ -10,7 +10,7 @@ import numpy as np
 from spice_models.array_types import Floats
 from spice_models.definitions import RISE_LEVELS, SETTLING_BAND, SMALL_STEP
 
-EPS = float(np.finfo(np.float64).eps)
+SECTIONS, ROUNDS = 64, 9  # 64^9 is 2^54: an interval is divided down to its rounding
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,8 +48,8 @@ class Response:
         if last == len(self.time) - 1:
             return float("inf")
 
-        def excess(t: float) -> float:
-            return float(np.max(np.abs(self.outputs(np.array([t]))[0] - self.target))) - limit
+        def excess(t: Floats) -> Floats:
+            return np.asarray(limit - np.max(np.abs(self.outputs(t) - self.target), axis=1))
 
         return _root(excess, float(self.time[last]), float(self.time[last + 1]))
 
@@ -78,18 +78,24 @@ class Response:
                 continue
             first = int(np.argmax(above[:, column]))
 
-            def height(t: float, n: int = n) -> float:
-                u = float(self.outputs(np.array([t]))[0, n])
-                return float((u - self.start[n]) / step[n]) - level
+            def height(t: Floats, n: int = n) -> Floats:
+                return np.asarray((self.outputs(t)[:, n] - self.start[n]) / step[n] - level)
 
             times[n] = _root(height, float(self.time[max(first - 1, 0)]), float(self.time[first]))
         return times
 
 
-def _root(f: Callable[[float], float], low: float, high: float) -> float:
-    """Return the zero of `f` in the interval; `high` if rounding hides the change of sign."""
-    from scipy.optimize import brentq
+def _root(f: Callable[[Floats], Floats], low: float, high: float) -> float:
+    """Return the first instant in the interval from which `f` is not negative; else `high`.
 
-    if low == high or f(low) * f(high) >= 0.0:
-        return high
-    return float(brentq(f, low, high, xtol=float(np.spacing(high)), rtol=4.0 * EPS, maxiter=500))
+    Every round evaluates `SECTIONS` instants at once. The import of `scipy.optimize` for its
+    `brentq` takes 0.15 s, a fifth of the command `taction verify`.
+    """
+    for _ in range(ROUNDS):
+        times = np.linspace(low, high, SECTIONS + 1)
+        reached = f(times) >= 0.0
+        k = int(np.argmax(reached)) if reached.any() else SECTIONS
+        if k == 0:
+            return low
+        low, high = float(times[k - 1]), float(times[k])
+    return high
