@@ -142,7 +142,7 @@ def _difference(axes: Axes, verdict: Verdict, agreement: Agreement) -> None:
         axes.plot(agreement.instants / size, scale * column, color=colour, lw=0.5)
     end = verdict.waveforms.time[-1] / size
     axes.set(xlabel=f"time ({name})", ylabel="% of the step", xlim=(0, end))
-    axes.set_title("ngspice (steps extrapolated) minus the state-space engine")
+    axes.set_title("ngspice minus the state-space engine")
 
 
 def _traces(axes: Axes, verdict: Verdict, end: float) -> None:
