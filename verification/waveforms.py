@@ -48,6 +48,11 @@ class Waveforms:
     flags: tuple[str, ...] = ()
     rounding: float = 0.0
 
+    @property
+    def spacing(self) -> float:
+        """Largest distance of two instants, s."""
+        return max((self.time[1:] - self.time[:-1]).tolist(), default=0.0)
+
     def __repr__(self) -> str:
         count, end = len(self.time), float(self.time[-1]) if len(self.time) else 0.0
         return f"Waveforms({len(self.nodes)} nodes, {count} points to {end:.4g} s, {self.engine})"

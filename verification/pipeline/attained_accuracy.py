@@ -139,7 +139,7 @@ def _longer(design: Design, ideal: IdealAnswer, measured: Measurements) -> Plan 
     stop = max(AFTER_SETTLING * design.scales.stop_for(room), LONGER * design.transient.stop)
     analysis = scene.analysis.model_copy(update={"stop": float(f"{stop:.6g}")})
     longer = scene.model_copy(update={"analysis": analysis})
-    return plan_transient(longer, design.board, design.scales, design.engine)
+    return plan_transient(longer, design.board, design.scales, design.engine, stable=True)
 
 
 def _finer(design: Design, accuracy: Accuracy) -> Plan | None:
@@ -153,7 +153,7 @@ def _finer(design: Design, accuracy: Accuracy) -> Plan | None:
         return None
     analysis = design.scene.analysis.model_copy(update={"stop": design.transient.stop})
     scene = design.scene.model_copy(update={"analysis": analysis})
-    plan = plan_transient(scene, design.board, design.scales, aim=aim)
+    plan = plan_transient(scene, design.board, design.scales, stable=True, aim=aim)
     return plan if plan.forecast.steps > FEWER * forecast.steps else None
 
 

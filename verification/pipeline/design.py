@@ -86,5 +86,5 @@ def design_board(
     scales = time_scales(board, initial=scene.analysis.initial)
     poles = poles_behind(board, scales)
     engine = choose_engine(scene)
-    plan = plan_transient(scene, board, scales, engine)
+    plan = plan_transient(scene, board, scales, engine, stable=poles.stable)
     return Design(scene, problem, board, network, scales, poles, engine, plan)

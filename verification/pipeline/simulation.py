@@ -51,14 +51,11 @@ class Simulation:
     ----------
     waveforms : Waveforms
         The record.
-    whole : bool
-        Whether the record reaches the stop time; False if the voltages left every bound.
     notes : tuple of str
         Remarks of the engine.
     """
 
     waveforms: Waveforms
-    whole: bool
     notes: tuple[str, ...] = ()
 
 
@@ -82,13 +79,13 @@ class Pending:
         """
         try:
             waveforms = self.wait()
-            return Simulation(waveforms, True, waveforms.flags)
+            return Simulation(waveforms, waveforms.flags)
         except (StepTooSmall, BadEvidence) as error:
             partial = error.partial
             if not (unstable and isinstance(partial, Waveforms) and len(partial.time) > 1):
                 raise
             note = f"the record ends early: {str(error).splitlines()[0]}"
-            return Simulation(partial, False, (note,))
+            return Simulation(partial, (note,))
 
 
 def choose_engine(scene: Scene) -> str:

@@ -27,7 +27,7 @@ LINEAR_STEP, MATRIX_STEP = 2.7e-6, 3.1e-9
 for N = 7 to 128 on one machine; with behavioural amplifiers a step takes `NEWTON` times as long."""
 NEWTON = 2.5
 LONG = 10.0  # s: a longer run is announced
-SHORTER = "the state-space engine (--engine statespace) is much faster"
+SHORTER = "the state-space engine (--engine statespace) is usually faster"
 NO_STEPS = StepForecast(0.0, 0.0, 0.0, 0.0, steps=0.0, error=0.0)
 TOO_SLOW = (
     "the record ends after {stop:.3g} s, before the instability has grown: ngspice needs"
@@ -77,7 +77,7 @@ class Plan:
         """
         if self.growing:
             return None
-        model = StepModel.of(board, self.transient.stop, self.transient.initial)
+        model = StepModel.of(board, self.transient.stop, self.transient.initial, stable=True)
         return model.instants(RECORD_ERROR)
 
 
@@ -109,6 +109,7 @@ def plan_transient(
     scales: TimeScales,
     engine: str = "ngspice",
     *,
+    stable: bool | None = None,
     aim: float | None = None,
 ) -> Plan:
     """Choose the length of the record and the cheapest step control for the wanted error.
@@ -120,6 +121,9 @@ def plan_transient(
 
     Parameters
     ----------
+    stable : bool, optional
+        Whether the board is stable, by its own poles; by default as `scales` say, which for a
+        large board are those of its coarse image.
     aim : float, optional
         Error to plan for, in step amplitudes; the default is `AIM` times the wanted error.
 
@@ -130,11 +134,15 @@ def plan_transient(
     InputError
         ``analysis.stop`` is shorter than the fastest visible time scale.
     """
-    stop, error, initial = _stop(scene, scales), wanted_error(scene), scene.analysis.initial
-    growing = math.isfinite(scales.growth_time)
+    growing = math.isfinite(scales.growth_time) if stable is None else not stable
+    stop, error = _stop(scene, scales, growing), wanted_error(scene)
+    initial = scene.analysis.initial
     if engine == "statespace":
         return Plan(Transient(stop, stop, initial=initial), error, NO_STEPS, 0.0, growing)
-    model, points = StepModel.of(board, stop, initial), scene.analysis.points_per_period
+    model, points = (
+        StepModel.of(board, stop, initial, stable=not growing),
+        scene.analysis.points_per_period,
+    )
     step_seconds = seconds_per_step(board)
     notes: tuple[str, ...] = ()
     if points is not None:
@@ -190,7 +198,7 @@ def coarser(transient: Transient, ratio: float) -> Transient:
     )
 
 
-def _stop(scene: Scene, scales: TimeScales) -> float:
+def _stop(scene: Scene, scales: TimeScales, growing: bool) -> float:
     stop = scene.analysis.stop
     if stop != "auto":
         fastest = scales.max_step_for(2.0 * math.pi)
@@ -201,7 +209,7 @@ def _stop(scene: Scene, scales: TimeScales) -> float:
             )
             raise InputError(scene.file, Complaint("analysis.stop", f"{stop!r} s", text))
         return stop
-    if math.isfinite(scales.growth_time):
+    if growing and math.isfinite(scales.growth_time):
         return _six_digits(scales.growth_time)
     settled = AFTER_SETTLING * scales.stop_for(REMAINDER * scene.checks.steady_state.tolerance)
     longest = max(settled, FEWEST_PERIODS * scales.max_step_for(1.0))

@@ -110,20 +110,28 @@ class StepModel:
     charge: float
 
     @classmethod
-    def of(cls, board: LinearBoard, stop: float, initial: Initial = "zero") -> StepModel:
+    def of(
+        cls, board: LinearBoard, stop: float, initial: Initial = "zero", *, stable: bool = False
+    ) -> StepModel:
         """Model the strain step of `board` up to `stop`, s; a large board by its coarse board.
+
+        A growing mode of the coarse image of a board that is known to be `stable` is taken as
+        decaying at the same rate.
 
         Raises
         ------
         EngineError
             No state-space form, or no equilibrium.
         """
-        board = board.coarse if board.descriptor.is_large else board
+        coarse = board.descriptor.is_large
+        board = board.coarse if coarse else board
         space, equations = board.state_space, board.descriptor
         C, _ = space.rows(equations.names)
         deviation = space.state_of(initial_unknowns(board, initial))
         deviation -= space.state_of(board.equilibrium.values)
         poles, modes = _modes(space, C, deviation)
+        if coarse and stable:
+            poles = -np.abs(poles.real) + 1j * poles.imag
         farads = np.ones(equations.size)
         farads[equations.node_count :] = STAGE_CAPACITANCE
         charges = modes @ (equations.dense.mass.T * farads)

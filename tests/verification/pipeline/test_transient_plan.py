@@ -16,6 +16,8 @@ from tests.support.boards import paper_board
 from tests.support.making import make_scene
 from tests.support.paths import SCENES
 from verification.engines.statespace.linearised.board import LinearBoard
+from verification.pipeline.clock import Clock
+from verification.pipeline.design import design_board
 from verification.pipeline.transient_plan import (
     UNSTABLE_SECONDS,
     Plan,
@@ -132,3 +134,25 @@ def test_a_long_run_is_announced() -> None:
     slow, _ = planned(breadboard(analysis__error=1e-6))
     assert slow.remark.startswith(f"about {slow.seconds:.0f} s for ")
     assert "--engine statespace" in slow.remark
+
+
+def test_the_coarse_image_of_a_large_board_does_not_decide_whether_the_outputs_grow() -> None:
+    """At 2 pF the image of these 64 channels is unstable, and the board itself is stable."""
+    problem = {"channels": 64, "span": 16.0, "quadrature": "rectangle"}
+    design = {
+        "capacitance": 2e-12,
+        "gain": 5e5,
+        "unit_conductance": 2e-6,
+        "lambda": 0.1,
+        "opamp": "tl084",
+        "stray_capacitance": 2e-12,
+    }
+    asked = make_scene(problem, design=design, analysis={"engine": "ngspice"})
+    found = design_board(asked, Clock(lambda stage: None))
+    assert not found.scales.complete
+    assert found.scales.growth_time < math.inf
+    assert found.poles.stable
+    assert not found.plan.growing
+    assert found.plan.notes == ()
+    slowest = -1.0 / found.poles.rightmost.real
+    assert found.transient.stop > 4.0 * slowest

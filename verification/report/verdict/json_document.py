@@ -44,7 +44,7 @@ def verdict_document(verdict: Verdict) -> dict[str, Any]:
             for part in verdict.budget
         },
         "simulation_error": {name: getattr(verdict.error, name) for name in ERRORS},
-        "accuracy": None if verdict.accuracy is None else asdict(verdict.accuracy),
+        "accuracy": asdict(verdict.accuracy),
         "lambda": figures["lambda"],
         "lambda_rule": verdict.scene.lambda_rule or None,
         "resistance": figures["resistance"],
@@ -57,7 +57,7 @@ def verdict_document(verdict: Verdict) -> dict[str, Any]:
         "simulator": verdict.waveforms.engine,
         "simulation": {
             "stop": verdict.transient.stop,
-            "max_step": verdict.transient.max_step,
+            "max_step": verdict.waveforms.spacing,
             "points": cost.points,
             "seconds": cost.seconds,
         },

@@ -133,10 +133,9 @@ def _foot(verdict: Verdict) -> Group:
     )  # fmt: skip
     lines = [
         f"{verdict.waveforms.engine}: {cost.points} points to {show(verdict.transient.stop, 's')},"
-        f" step {show(verdict.transient.max_step, 's')} at the most"
+        f" at most {show(verdict.waveforms.spacing, 's')} apart",
+        _accuracy(verdict.accuracy),
     ]
-    if verdict.accuracy is not None:
-        lines.append(_accuracy(verdict.accuracy))
     lines.append(
         f"reference: {ideal.solution.certificate_kind} {ideal.solution.certificate:.2g}"
         f" (bound {ideal.solution.bound:.2g}); the ideal network settles in"
