@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from netlist_gen.quantities import show
 from tests.support.measured import (
     UNSTABLE,
     agreement,
@@ -130,6 +131,21 @@ def test_settling_time(
         error=StepError(0.0, error, 0.0, 0.0),
     )
     assert check("settling_time", given).outcome is outcome
+
+
+def test_a_contradiction_fails_and_no_contradiction_is_no_check() -> None:
+    found = check("same_problem", evidence(contradiction="the board states lambda = 2.0"))
+    assert (found.outcome, found.reason) == (FAIL, "the board states lambda = 2.0")
+    assert "same_problem" not in {made.name for made in run_checks(evidence())}
+
+
+@pytest.mark.parametrize(("least", "outcome"), [(0.9e-3, PASS), (1e-3, UNDECIDED), (1.1e-3, FAIL)])
+def test_a_settling_time_below_its_lower_limit_fails(least: float, outcome: Outcome) -> None:
+    given = evidence(checks={"settling_time": {"min": least, "max": 2e-3}})
+    found = check("settling_time", given)
+    assert found.outcome is outcome
+    assert found.reason.endswith(f"at least {show(least, 's')}")
+    assert (found.expected, found.value) == (2e-3, 1e-3)
 
 
 @pytest.mark.parametrize(
