@@ -225,7 +225,8 @@ def _stability(evidence: Evidence) -> Check:
     def check(outcome: Outcome, reason: str) -> Check:
         if margin is None:
             return Check("stability", outcome, pole.real, None, 0.0, None, "1/s", reason)
-        return Check("stability", outcome, margin.factor, None, required, None, "ratio", reason)
+        error = margin.uncertainty or None
+        return Check("stability", outcome, margin.factor, error, required, None, "ratio", reason)
 
     if abs(pole.real) <= (rounding := evidence.poles.resolution):
         text += f", known to ±{rounding:.1g} /s: the board may be stable or unstable"
@@ -240,7 +241,9 @@ def _stability(evidence: Evidence) -> Check:
         return check(Outcome.INCONCLUSIVE, reason)
     if margin is None:
         return check(Outcome.PASS, text)
-    outcome = Outcome.PASS if margin.factor >= required else Outcome.FAIL
+    if margin.doubt:
+        return check(Outcome.INCONCLUSIVE, f"{text}; {margin.text}, but {margin.doubt}")
+    outcome = at_most(-margin.factor, margin.uncertainty, -required)
     return check(outcome, f"{text}; {margin.text}")
 
 

@@ -198,13 +198,26 @@ def test_stability_is_the_poles_word_and_the_transient_may_object() -> None:
 
 
 @pytest.mark.parametrize(
-    ("factor", "outcome"), [(2.5, PASS), (2.0, PASS), (1.9, FAIL), (0.0, FAIL)]
+    ("factor", "uncertainty", "doubt", "outcome"),
+    [
+        (2.5, 0.0, "", PASS),
+        (2.0, 0.0, "", PASS),
+        (1.9, 0.0, "", FAIL),
+        (0.0, 0.0, "", FAIL),
+        (2.0 + 1e-9, 2e-6, "", UNDECIDED),
+        (2.0 - 1e-9, 2e-6, "", UNDECIDED),
+        (2.5, 0.0, "a pole is on the axis", UNDECIDED),
+    ],
 )
-def test_a_stability_margin(factor: float, outcome: Outcome) -> None:
-    found = check("stability", evidence(checks={"stability": {"margin": 2}}, margin=margin(factor)))
+def test_a_stability_margin(
+    factor: float, uncertainty: float, doubt: str, outcome: Outcome
+) -> None:
+    wanted = margin(factor, uncertainty, doubt)
+    found = check("stability", evidence(checks={"stability": {"margin": 2}}, margin=wanted))
     assert (found.outcome, found.value, found.expected, found.unit) == (
         outcome, factor, 2.0, "ratio",
     )  # fmt: skip
+    assert found.reason.endswith(doubt)
 
 
 @pytest.mark.parametrize(
