@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from netlist_gen.board.scalings import make_scalings
 from netlist_gen.board.synthesis import synthesise
 from netlist_gen.overrides.axes import with_values
 from netlist_gen.overrides.keys import find_key, own_value
@@ -163,7 +162,7 @@ class _Search:
         self.original, self.paths = scene, paths
         self.overshoot, self.margin = overshoot, margin
         self.problem: InverseProblem = make_problem(scene)
-        self.lam = make_scalings(scene).lam
+        self.lam = ideal_network(self.problem, scene).lam
         self.candidates: list[Candidate] = []
         self._ideal: IdealAnswer | None = None
 
@@ -250,6 +249,6 @@ class _Search:
     def _reference(self, scene: Scene) -> IdealAnswer:
         """Return the ideal answer, computed once where the tuned keys do not change it."""
         if self._ideal is None or not SAME_ANSWER.issuperset(self.paths):
-            network = ideal_network(self.problem, make_scalings(scene), scene)
+            network = ideal_network(self.problem, scene)
             self._ideal = ideal_answer(network, scene)
         return self._ideal
