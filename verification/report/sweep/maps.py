@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -54,18 +55,20 @@ def check_sweep_plot(plan: Plan, path: str) -> None:
     Raises
     ------
     InputError
-        More than two axes, or see `verification.report.verdict.plots.check_plot_file`.
+        More than two axes with several values, or see
+        `verification.report.verdict.plots.check_plot_file`.
     """
     check_plot_file(path)
-    if len(plan.groups) > 2:
-        text = (
-            f"{len(plan.groups)} axes; a picture has one or two axes, --export writes all of them"
-        )
+    axes = len(_drawn(plan))
+    if axes > 2:
+        text = f"{axes} axes; a picture has one or two axes, --export writes all of them"
         raise InputError("--plot", Complaint("FILE", repr(path), text))
 
 
 def plot_sweep(plan: Plan, store: Store, path: str) -> None:
     """Draw settling time, overshoot, rightmost pole and outcome over the grid.
+
+    An axis with one value stands in the title.
 
     Raises
     ------
@@ -73,17 +76,31 @@ def plot_sweep(plan: Plan, store: Store, path: str) -> None:
         See `check_sweep_plot`; or the file cannot be written.
     """
     check_sweep_plot(plan, path)
-    title = f"{plan.scene.name}: {plan.total} points, {' and '.join(plan.engines)}"
+    groups = _drawn(plan)
+    fixed = (axis for group in plan.groups if group not in groups for axis in group)
+    title = ", ".join(
+        [
+            f"{plan.scene.name}: {plan.total} points",
+            *(f"{axis.name} = {_value(axis, axis.values[0])}" for axis in fixed),
+            " and ".join(plan.engines),
+        ]
+    )
     with figure_file(path, 11.5, 8.2, title) as figure:
-        data = grids(plan, store)
+        shape = (*(len(group[0]) for group in groups), len(plan.engines))
+        data = {name: array.reshape(shape) for name, array in grids(plan, store).items()}
         data["overshoot"][data["growth_rate"] > 0.0] = np.nan  # depends on the record's length
-        draw = _maps if len(plan.groups) == 2 else _curves
-        draw(figure, plan, data)
+        draw = _maps if len(groups) == 2 else _curves
+        draw(figure, plan, data, tuple(_Ruler(group[0]) for group in groups))
 
 
-def _maps(figure: Figure, plan: Plan, data: dict[str, Any]) -> None:
+def _drawn(plan: Plan) -> list[Sequence[Axis]]:
+    """Return the groups of axes with several values, and at least one group."""
+    return [group for group in plan.groups if len(group[0]) > 1] or list(plan.groups[:1])
+
+
+def _maps(figure: Figure, plan: Plan, data: dict[str, Any], rulers: tuple[_Ruler, ...]) -> None:
     panels = figure.subplots(2, 2)
-    across, down = (_Ruler(group[0]) for group in plan.groups)
+    across, down = rulers
     data = {name: array.swapaxes(0, 1) for name, array in data.items()}  # the first axis is x
     growth = data["growth_rate"][..., -1]
     for axes, quantity in zip(panels.flat, PANELS, strict=False):
@@ -156,9 +173,9 @@ def _outcomes(
     axes.legend(handles=handles, fontsize="x-small", loc="upper left", bbox_to_anchor=(1.0, 1.0))
 
 
-def _curves(figure: Figure, plan: Plan, data: dict[str, Any]) -> None:
+def _curves(figure: Figure, plan: Plan, data: dict[str, Any], rulers: tuple[_Ruler, ...]) -> None:
     panels = figure.subplots(2, 2, sharex=True)
-    ruler = _Ruler(plan.groups[0][0])
+    (ruler,) = rulers
     unstable = np.nanmax(data["growth_rate"], axis=-1, initial=-np.inf) > 0.0
     for axes, quantity in zip(panels.flat, PANELS, strict=False):
         for k, engine in enumerate(plan.engines):
@@ -223,23 +240,26 @@ class _Ruler:
             ruler = axes.xaxis if which == "x" else axes.yaxis
             _tick(ruler, self.axis.key.unit, self.edges[0], self.edges[-1] if self.log else 0.0)
         else:
-            write = _prefixes(self.axis.key.unit)
-            names = [write(v) if isinstance(v, float) else str(v) for v in self.axis.values]
+            names = [_value(self.axis, value) for value in self.axis.values]
             (axes.set_xticks if which == "x" else axes.set_yticks)(self.places, names)
 
 
 def _tick(ruler: Any, unit: str, low: float, high: float) -> None:
-    """Write values with SI prefixes, on a short logarithmic axis at 1, 2 and 5 of each decade."""
+    """Write values with SI prefixes, at 1, 2 and 5 of each decade if there are few decades."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
     ruler.set_major_formatter(_prefixes(unit))
     if high > 0.0:
-        short = high < 2000.0 * low
+        short = high < 300.0 * low
         ruler.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if short else (1.0,)))
         ruler.set_minor_formatter(NullFormatter())
 
 
-def _prefixes(unit: str) -> Any:
-    from matplotlib.ticker import EngFormatter
+def _value(axis: Axis, value: object) -> str:
+    return str(_prefixes(axis.key.unit)(value)) if isinstance(value, float) else str(value)
 
-    return EngFormatter(unit.replace("ohm", "Ω"))
+
+def _prefixes(unit: str) -> Any:
+    from matplotlib.ticker import EngFormatter, StrMethodFormatter
+
+    return EngFormatter(unit.replace("ohm", "Ω")) if unit else StrMethodFormatter("{x:g}")
