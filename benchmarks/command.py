@@ -19,7 +19,6 @@ from benchmarks.measuring import (
     taction,
     wall,
 )
-from netlist_gen.board.scalings import make_scalings
 from netlist_gen.deck.deck import write_deck
 from netlist_gen.problem.inverse_problem import make_problem
 from netlist_gen.scene.file import load_scene
@@ -70,7 +69,7 @@ def _medians(costs: list[Cost]) -> tuple[str, str, str]:
 def beside_ngspice(file: Path, rounds: int) -> Result:
     """Time `verify` and a bare ngspice on the same deck; the reference solution stands apart."""
     scene = load_scene(file)
-    network = ideal_network(make_problem(scene), make_scalings(scene), scene)
+    network = ideal_network(make_problem(scene), scene)
     verdicts: list[Verdict] = [verify(scene)]
     deck = write_deck(verdicts[0].circuit, verdicts[0].transient, solver=solver())
     jobs = {

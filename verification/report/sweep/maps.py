@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -45,6 +44,8 @@ class Panel:
 PANELS = (
     Panel("settling_time", "settling time", 1.0, "log"),
     Panel("overshoot", "overshoot (% of the step)", 100.0, "linear"),
+    Panel("undershoot", "undershoot (% of the step)", 100.0, "linear"),
+    Panel("steady_state_error", "steady-state error (% of the step)", 100.0, "log"),
     Panel("growth_rate", "rightmost pole, real part (1/s)", 1.0, "symlog"),
 )
 
@@ -55,20 +56,18 @@ def check_sweep_plot(plan: Plan, path: str) -> None:
     Raises
     ------
     InputError
-        More than two axes with several values, or see
-        `verification.report.verdict.plots.check_plot_file`.
+        More than two axes, or see `verification.report.verdict.plots.check_plot_file`.
     """
     check_plot_file(path)
-    axes = len(_drawn(plan))
-    if axes > 2:
-        text = f"{axes} axes; a picture has one or two axes, --export writes all of them"
+    if len(plan.groups) > 2:
+        text = (
+            f"{len(plan.groups)} axes; a picture has one or two axes, --export writes all of them"
+        )
         raise InputError("--plot", Complaint("FILE", repr(path), text))
 
 
 def plot_sweep(plan: Plan, store: Store, path: str) -> None:
-    """Draw settling time, overshoot, rightmost pole and outcome over the grid.
-
-    An axis with one value stands in the title.
+    """Draw the figures of `PANELS` and the outcome over the grid.
 
     Raises
     ------
@@ -76,36 +75,23 @@ def plot_sweep(plan: Plan, store: Store, path: str) -> None:
         See `check_sweep_plot`; or the file cannot be written.
     """
     check_sweep_plot(plan, path)
-    groups = _drawn(plan)
-    fixed = (axis for group in plan.groups if group not in groups for axis in group)
-    title = ", ".join(
-        [
-            f"{plan.scene.name}: {plan.total} points",
-            *(f"{axis.name} = {_value(axis, axis.values[0])}" for axis in fixed),
-            " and ".join(plan.engines),
-        ]
-    )
-    with figure_file(path, 11.5, 8.2, title) as figure:
-        shape = (*(len(group[0]) for group in groups), len(plan.engines))
-        data = {name: array.reshape(shape) for name, array in grids(plan, store).items()}
-        data["overshoot"][data["growth_rate"] > 0.0] = np.nan  # depends on the record's length
-        draw = _maps if len(groups) == 2 else _curves
-        draw(figure, plan, data, tuple(_Ruler(group[0]) for group in groups))
+    title = f"{plan.scene.name}: {plan.total} points, {' and '.join(plan.engines)}"
+    with figure_file(path, 16.0, 8.2, title) as figure:
+        data = grids(plan, store)
+        for name in ("overshoot", "undershoot"):  # of a growing record: depends on its length
+            data[name][data["growth_rate"] > 0.0] = np.nan
+        draw = _maps if len(plan.groups) == 2 else _curves
+        draw(figure, plan, data)
 
 
-def _drawn(plan: Plan) -> list[Sequence[Axis]]:
-    """Return the groups of axes with several values, and at least one group."""
-    return [group for group in plan.groups if len(group[0]) > 1] or list(plan.groups[:1])
-
-
-def _maps(figure: Figure, plan: Plan, data: dict[str, Any], rulers: tuple[_Ruler, ...]) -> None:
-    panels = figure.subplots(2, 2)
-    across, down = rulers
+def _maps(figure: Figure, plan: Plan, data: dict[str, Any]) -> None:
+    panels = figure.subplots(2, 3)
+    across, down = (_Ruler(group[0]) for group in plan.groups)
     data = {name: array.swapaxes(0, 1) for name, array in data.items()}  # the first axis is x
     growth = data["growth_rate"][..., -1]
     for axes, quantity in zip(panels.flat, PANELS, strict=False):
         _map(figure, axes, quantity, data[quantity.name][..., -1], (across, down))
-    _outcomes(panels.flat[3], plan, data["outcome"], (across, down))
+    _outcomes(panels.flat[-1], plan, data["outcome"], (across, down))
     for axes in panels.flat:
         across.mark(axes, "x")
         down.mark(axes, "y")
@@ -173,9 +159,9 @@ def _outcomes(
     axes.legend(handles=handles, fontsize="x-small", loc="upper left", bbox_to_anchor=(1.0, 1.0))
 
 
-def _curves(figure: Figure, plan: Plan, data: dict[str, Any], rulers: tuple[_Ruler, ...]) -> None:
-    panels = figure.subplots(2, 2, sharex=True)
-    (ruler,) = rulers
+def _curves(figure: Figure, plan: Plan, data: dict[str, Any]) -> None:
+    panels = figure.subplots(2, 3, sharex=True)
+    ruler = _Ruler(plan.groups[0][0])
     unstable = np.nanmax(data["growth_rate"], axis=-1, initial=-np.inf) > 0.0
     for axes, quantity in zip(panels.flat, PANELS, strict=False):
         for k, engine in enumerate(plan.engines):
@@ -192,7 +178,7 @@ def _curves(figure: Figure, plan: Plan, data: dict[str, Any], rulers: tuple[_Rul
             axes.set_yscale("log")
             ends = (float(limit(data[quantity.name])) for limit in (np.nanmin, np.nanmax))
             _tick(axes.yaxis, quantity.unit, *ends)
-    _strip(panels.flat[3], plan, data["outcome"], ruler)
+    _strip(panels.flat[-1], plan, data["outcome"], ruler)
     for axes in panels.flat:
         ruler.mark(axes, "x")
         for left, right in zip(ruler.edges[:-1][unstable], ruler.edges[1:][unstable], strict=True):
@@ -240,7 +226,8 @@ class _Ruler:
             ruler = axes.xaxis if which == "x" else axes.yaxis
             _tick(ruler, self.axis.key.unit, self.edges[0], self.edges[-1] if self.log else 0.0)
         else:
-            names = [_value(self.axis, value) for value in self.axis.values]
+            write = _prefixes(self.axis.key.unit)
+            names = [write(v) if isinstance(v, float) else str(v) for v in self.axis.values]
             (axes.set_xticks if which == "x" else axes.set_yticks)(self.places, names)
 
 
@@ -253,10 +240,6 @@ def _tick(ruler: Any, unit: str, low: float, high: float) -> None:
         short = high < 300.0 * low
         ruler.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if short else (1.0,)))
         ruler.set_minor_formatter(NullFormatter())
-
-
-def _value(axis: Axis, value: object) -> str:
-    return str(_prefixes(axis.key.unit)(value)) if isinstance(value, float) else str(value)
 
 
 def _prefixes(unit: str) -> Any:

@@ -149,12 +149,6 @@ def test_pictures(folder: Path, over: tuple[str, ...], ending: str) -> None:
         assert b"<svg" in picture
 
 
-def test_an_axis_with_one_value_stands_in_the_title(folder: Path) -> None:
-    done = taction(*OVER, "--over", "lambda=0.5", "--plot", "a.svg")
-    assert done.exit_code == 0, done.output
-    assert b"6 points, lambda = 0.5, statespace" in (folder / "a.svg").read_bytes()
-
-
 def test_a_map_with_both_engines_and_a_boundary(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
