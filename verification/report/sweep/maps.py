@@ -239,17 +239,17 @@ class _Ruler:
 
 
 def _tick(ruler: Any, unit: str, low: float, high: float) -> None:
-    """Write values with SI prefixes, on a short logarithmic axis at 1, 2 and 5 of each decade."""
+    """Write values with SI prefixes, at 1, 2 and 5 of each decade if there are few decades."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
     ruler.set_major_formatter(_prefixes(unit))
     if high > 0.0:
-        short = high < 2000.0 * low
+        short = high < 300.0 * low
         ruler.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if short else (1.0,)))
         ruler.set_minor_formatter(NullFormatter())
 
 
 def _prefixes(unit: str) -> Any:
-    from matplotlib.ticker import EngFormatter
+    from matplotlib.ticker import EngFormatter, StrMethodFormatter
 
-    return EngFormatter(unit.replace("ohm", "Ω"))
+    return EngFormatter(unit.replace("ohm", "Ω")) if unit else StrMethodFormatter("{x:g}")
