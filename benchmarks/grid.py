@@ -37,7 +37,7 @@ C, GAIN = (5e-12, 1e-9), (1e5, 2e7)  # F, ohm
 SIZES = {Extent.TINY: (1, 1), Extent.QUICK: (4, 3), Extent.FULL: (8, 6)}
 BOARDS = {"linear": "paper-breadboard", "exponential": "paper-exponential"}
 INSTANTS = 300  # at which two integrators are compared
-PATIENCE = 4.0  # times the time of `verify`: what takes longer is no cheaper bare run
+PATIENCE = 2.0  # times the time of `verify`: what takes longer is no cheaper bare run
 LEAST_SECONDS, ROUNDS = 1.0, 5  # a board's runs are repeated until one of the two is reached
 
 
@@ -98,7 +98,7 @@ def measure_point(scene: Scene) -> Point | None:
         return None
     board, transient = LinearBoard.of(verdict.circuit), verdict.transient
     truth: Truth = true_solution(board, transient)
-    timeout = PATIENCE * verdict.accuracy.seconds + 1.0
+    timeout = PATIENCE * verdict.accuracy.seconds + 5.0
     best = cheapest(board, transient, truth, ERROR, timeout)
     pairs: list[float] = []
     if best is not None:

@@ -39,10 +39,13 @@ def cells(figure: Figure) -> tuple[str, ...]:
 
 
 def markdown(table: Table) -> str:
-    """Return a table with its title."""
-    lines = [table.columns, ["---"] * len(table.columns), *table.rows]
-    title = f"{table.title}:\n\n" if table.title else ""
-    return title + "".join(f"| {' | '.join(line)} |\n" for line in lines)
+    """Return a table with its title, its columns aligned."""
+    lines = [table.columns, *table.rows]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    ruled = [table.columns, ["-" * width for width in widths], *table.rows]
+    padded = ([cell.ljust(w) for cell, w in zip(line, widths, strict=True)] for line in ruled)
+    text = "".join(f"| {' | '.join(line)} |\n" for line in padded)
+    return f"{table.title}:\n\n{text}" if table.title else text
 
 
 def figures_table(figures: Iterable[Figure]) -> str:
