@@ -9,6 +9,7 @@ import enum
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import partial
 
 from netlist_gen.quantities import show
 from netlist_gen.scene.scene import Checks
@@ -196,21 +197,22 @@ def _rise_time(evidence: Evidence) -> Check | None:
     return _not_below(limits.min, check, channel.rise_time, text)
 
 
-def _overshoot(evidence: Evidence) -> Check | None:
-    limits = evidence.checks.overshoot
+def _excursion(name: str, evidence: Evidence) -> Check | None:
+    """Check the overshoot or the undershoot, by `name`."""
+    limits = getattr(evidence.checks, name)
     if limits is None:
         return None
     if evidence.reference_problem:
-        return _undecided("overshoot", "step", evidence.reference_problem, limits.max)
-    value = max(channel.overshoot or 0.0 for channel in evidence.measurements.channels)
-    error = evidence.error.overshoot
+        return _undecided(name, "step", evidence.reference_problem, limits.max)
+    value = max(getattr(channel, name) for channel in evidence.measurements.channels)
+    error = getattr(evidence.error, name)
     outcome = at_most(value, error, limits.max)
-    reason = "largest overshoot of any channel"
+    reason = f"largest {name} of any channel"
     if any(channel.state in UNSTEADY for channel in evidence.measurements.channels):
         outcome, reason = Outcome.FAIL, describe_states(evidence.measurements)
     elif outcome is Outcome.PASS and (ringing := _perhaps_ringing(evidence.measurements)):
         outcome, reason = Outcome.INCONCLUSIVE, ringing
-    return Check("overshoot", outcome, value, error, limits.max, None, "step", reason)
+    return Check(name, outcome, value, error, limits.max, None, "step", reason)
 
 
 def _stability(evidence: Evidence) -> Check:
@@ -221,7 +223,8 @@ def _stability(evidence: Evidence) -> Check:
     def check(outcome: Outcome, reason: str) -> Check:
         if margin is None:
             return Check("stability", outcome, pole.real, None, 0.0, None, "1/s", reason)
-        return Check("stability", outcome, margin.factor, None, required, None, "ratio", reason)
+        error = margin.uncertainty or None
+        return Check("stability", outcome, margin.factor, error, required, None, "ratio", reason)
 
     if abs(pole.real) <= (rounding := evidence.poles.resolution):
         text += f", known to ±{rounding:.1g} /s: the board may be stable or unstable"
@@ -236,7 +239,9 @@ def _stability(evidence: Evidence) -> Check:
         return check(Outcome.INCONCLUSIVE, reason)
     if margin is None:
         return check(Outcome.PASS, text)
-    outcome = Outcome.PASS if margin.factor >= required else Outcome.FAIL
+    if margin.doubt:
+        return check(Outcome.INCONCLUSIVE, f"{text}; {margin.text}, but {margin.doubt}")
+    outcome = at_most(-margin.factor, margin.uncertainty, -required)
     return check(outcome, f"{text}; {margin.text}")
 
 
@@ -303,7 +308,8 @@ CHECKS: tuple[Callable[[Evidence], Check | None], ...] = (
     _steady_state,
     _settling_time,
     _rise_time,
-    _overshoot,
+    partial(_excursion, "overshoot"),
+    partial(_excursion, "undershoot"),
     _stability,
     _engines_agree,
     _same_problem,

@@ -19,7 +19,7 @@ from netlist_gen.board.synthesis import synthesise
 from netlist_gen.overrides.axes import with_values
 from netlist_gen.overrides.keys import find_key, own_value
 from netlist_gen.problem.inverse_problem import InverseProblem, make_problem
-from netlist_gen.scene.scene import OvershootCheck, Scene, StabilityCheck
+from netlist_gen.scene.scene import ExcursionCheck, Scene, StabilityCheck
 from spice_models.array_types import Floats
 from spice_models.errors import Complaint, EngineError, InputError
 from verification.engines.statespace.linearised.board import LinearBoard
@@ -173,7 +173,7 @@ class _Search:
 
     def tuned_scene(self, candidate: Candidate) -> Scene:
         """Return the original scene with the design of `candidate` and the limits as checks."""
-        limits: dict[str, Any] = {"overshoot": OvershootCheck(max=self.overshoot)}
+        limits: dict[str, Any] = {"overshoot": ExcursionCheck(max=self.overshoot)}
         limits |= {"stability": StabilityCheck(margin=self.margin)}
         checks = self.original.checks.model_copy(update=limits)
         return self.scene_at(candidate.values, self.original.model_copy(update={"checks": checks}))
@@ -233,8 +233,10 @@ class _Search:
         scales = time_scales(board, initial=scene.analysis.initial)
         if not np.all(scales.poles.real < 0):
             return math.inf, math.inf, False
-        if self.margin > 1 and capacitance_margin(board, self.margin).factor < self.margin:
-            return math.inf, math.inf, False
+        if self.margin > 1:
+            found = capacitance_margin(board, self.margin)
+            if found.doubt or found.factor - found.uncertainty < self.margin:
+                return math.inf, math.inf, False
         plan = plan_transient(scene, board, scales, "statespace")
         transient, instants = plan.transient, plan.instants(board)
         if instants is None or len(instants) > MAX_RECORD:
