@@ -120,7 +120,7 @@ class AnalysisChoice(Model):
     error: Annotated[Positive, Field(lt=1)] | Literal["auto"] = Field(
         "auto",
         description="largest error of the transient, fraction of the step amplitude; auto: a"
-        " quarter of the tightest tolerance, band or overshoot limit of the checks",
+        " quarter of the tightest tolerance, band, overshoot or undershoot limit of the checks",
     )
     timeout: Seconds = 600.0
 
@@ -138,14 +138,15 @@ class SteadyStateCheck(Model):
 
 
 class SettlingTimeCheck(Model):
-    """Settling to ``±band`` (a fraction of the step amplitude) within `max`."""
+    """Settling to ``±band`` (a fraction of the step amplitude) within `max`, not before `min`."""
 
     band: Annotated[Positive, Field(lt=1)] = SETTLING_BAND
     max: Seconds | None = None
+    min: Seconds | None = None
 
 
-class OvershootCheck(Model):
-    """Overshoot as a fraction of the step amplitude."""
+class ExcursionCheck(Model):
+    """Overshoot or undershoot as a fraction of the step amplitude."""
 
     max: NonNegative = Field(description="fraction of the step amplitude")
 
@@ -183,7 +184,8 @@ class Checks(Model):
 
     steady_state: SteadyStateCheck = SteadyStateCheck()
     settling_time: SettlingTimeCheck = SettlingTimeCheck()
-    overshoot: OvershootCheck | None = None
+    overshoot: ExcursionCheck | None = None
+    undershoot: ExcursionCheck | None = None
     rise_time: RiseTimeCheck | None = None
     stability: StabilityCheck = StabilityCheck()
     engines_agree: EnginesAgreeCheck = EnginesAgreeCheck()
