@@ -8,7 +8,6 @@ import threading
 from pathlib import Path
 from typing import Any
 
-from netlist_gen.board.scalings import make_scalings
 from netlist_gen.problem.inverse_problem import make_problem
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
@@ -41,7 +40,7 @@ class Notebook:
     def keep(self, point: int, time: Floats, u: Floats) -> None:
         """Measure `u` (P, N), V, against the reference and store what was found."""
         scene = self._scenes[point]
-        network = ideal_network(self._problem, make_scalings(scene), scene)
+        network = ideal_network(self._problem, scene)
         target = solve(network.problem).u * network.U0
         found = measure(time, u, target, band=scene.checks.settling_time.band)
         row = (point, json.dumps(_record(found)))

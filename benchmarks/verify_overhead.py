@@ -17,7 +17,6 @@ from pathlib import Path
 
 from timing import interleaved, print_machine, print_rounds, print_table, ratio
 
-from netlist_gen.board.scalings import make_scalings
 from netlist_gen.deck.deck import write_deck
 from netlist_gen.problem.inverse_problem import make_problem
 from netlist_gen.scene.file import load_scene
@@ -66,7 +65,7 @@ def main(words: list[str]) -> None:
     print_machine()
     scene = load_scene(path)
     verdicts: list[Verdict] = []
-    network = ideal_network(make_problem(scene), make_scalings(scene), scene)
+    network = ideal_network(make_problem(scene), scene)
     first = verify(scene)
     with ExitStack() as cleanup:
         folder = written(first, Path(cleanup.enter_context(tempfile.TemporaryDirectory())))

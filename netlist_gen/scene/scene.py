@@ -119,7 +119,7 @@ class AnalysisChoice(Model):
     error: Annotated[Positive, Field(lt=1)] | Literal["auto"] = Field(
         "auto",
         description="largest error of the transient, fraction of the step amplitude; auto: a"
-        " quarter of the tightest tolerance, band or overshoot limit of the checks",
+        " quarter of the tightest tolerance, band, overshoot or undershoot limit of the checks",
     )
     timeout: Seconds = 600.0
 
@@ -143,8 +143,8 @@ class SettlingTimeCheck(Model):
     max: Seconds | None = None
 
 
-class OvershootCheck(Model):
-    """Overshoot as a fraction of the step amplitude."""
+class ExcursionCheck(Model):
+    """Overshoot or undershoot as a fraction of the step amplitude."""
 
     max: NonNegative = Field(description="fraction of the step amplitude")
 
@@ -182,7 +182,8 @@ class Checks(Model):
 
     steady_state: SteadyStateCheck = SteadyStateCheck()
     settling_time: SettlingTimeCheck = SettlingTimeCheck()
-    overshoot: OvershootCheck | None = None
+    overshoot: ExcursionCheck | None = None
+    undershoot: ExcursionCheck | None = None
     rise_time: RiseTimeCheck | None = None
     stability: StabilityCheck = StabilityCheck()
     engines_agree: EnginesAgreeCheck = EnginesAgreeCheck()

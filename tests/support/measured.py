@@ -17,7 +17,7 @@ from verification.pipeline.step_error import StepError
 from verification.small_signal.margin import Margin
 from verification.small_signal.poles import summarise
 
-EXACT = StepError(0.0, 0.0, 0.0, 0.0)
+EXACT = StepError(0.0, 0.0, 0.0, 0.0, 0.0)
 STABLE = summarise(np.array([-1e3 + 1e5j, -1e3 - 1e5j]), complete=True)
 UNSTABLE = summarise(np.array([1e3 + 1e5j, 1e3 - 1e5j]), complete=True)
 
@@ -31,6 +31,7 @@ def channel(index: int = 0, **changes: Any) -> ChannelMeasure:
         rise_time=Reading(10e-6, 1e-9),
         settling_time=Reading(1e-3, 1e-7),
         overshoot=0.1,
+        undershoot=0.02,
         state=ChannelState.SETTLED,
         frequency=None,
         growth_rate=None,

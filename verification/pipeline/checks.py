@@ -9,6 +9,7 @@ import enum
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 
 from netlist_gen.quantities import show
 from netlist_gen.scene.scene import Checks
@@ -200,21 +201,22 @@ def _rise_time(evidence: Evidence) -> Check | None:
     return Check("rise_time", lower, check.value, check.uncertainty, limits.max, None, "s", reason)
 
 
-def _overshoot(evidence: Evidence) -> Check | None:
-    limits = evidence.checks.overshoot
+def _excursion(name: str, evidence: Evidence) -> Check | None:
+    """Check the overshoot or the undershoot, by `name`."""
+    limits = getattr(evidence.checks, name)
     if limits is None:
         return None
     if evidence.reference_problem:
-        return _undecided("overshoot", "step", evidence.reference_problem, limits.max)
-    value = max(channel.overshoot or 0.0 for channel in evidence.measurements.channels)
-    error = evidence.error.overshoot
+        return _undecided(name, "step", evidence.reference_problem, limits.max)
+    value = max(getattr(channel, name) for channel in evidence.measurements.channels)
+    error = getattr(evidence.error, name)
     outcome = at_most(value, error, limits.max)
-    reason = "largest overshoot of any channel"
+    reason = f"largest {name} of any channel"
     if any(channel.state in UNSTEADY for channel in evidence.measurements.channels):
         outcome, reason = Outcome.FAIL, describe_states(evidence.measurements)
     elif outcome is Outcome.PASS and (ringing := _perhaps_ringing(evidence.measurements)):
         outcome, reason = Outcome.INCONCLUSIVE, ringing
-    return Check("overshoot", outcome, value, error, limits.max, None, "step", reason)
+    return Check(name, outcome, value, error, limits.max, None, "step", reason)
 
 
 def _stability(evidence: Evidence) -> Check:
@@ -289,7 +291,8 @@ CHECKS: tuple[Callable[[Evidence], Check | None], ...] = (
     _steady_state,
     _settling_time,
     _rise_time,
-    _overshoot,
+    partial(_excursion, "overshoot"),
+    partial(_excursion, "undershoot"),
     _stability,
     _engines_agree,
 )

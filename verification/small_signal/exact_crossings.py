@@ -87,12 +87,12 @@ scales are too far apart for a measurement"
         ]
         return self._crossings(np.array(at), rows)
 
-    def highest(self, sign: Floats) -> Floats:
+    def highest(self, sign: float) -> Floats:
         """See `Signal`."""
         heights = []
-        for n, side in enumerate(sign):
-            top = float((side * self.errors[:, n]).max())
-            peaks = self._peaks(n, side, 0, len(self.time) - 1, top)
+        for n in range(len(self.target)):
+            top = float((sign * self.errors[:, n]).max())
+            peaks = self._peaks(n, sign, 0, len(self.time) - 1, top)
             heights.append(max([top, *(height for _, height in peaks)]))
         return np.array(heights)
 

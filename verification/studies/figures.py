@@ -36,6 +36,7 @@ FIGURES: dict[str, Figure[Verdict]] = {
         "s", lambda v: max((r.value for c in _channels(v) if (r := c.rise_time)), default=None)
     ),
     "overshoot": Figure("step", lambda v: max(c.overshoot for c in _channels(v))),
+    "undershoot": Figure("step", lambda v: max(c.undershoot for c in _channels(v))),
     "steady_state_error": Figure("step", lambda v: max(map(abs, signed_errors(v)))),
     "growth_rate": Figure("1/s", lambda v: v.poles.rightmost.real),
     "frequency": Figure("Hz", lambda v: abs(v.poles.rightmost.imag) / (2.0 * math.pi)),
@@ -55,6 +56,7 @@ CHANNEL_FIGURES: dict[str, Figure[ChannelMeasure]] = {
     "rise_time": Figure("s", lambda c: c.rise_time),
     "settling_time": Figure("s", lambda c: c.settling_time),
     "overshoot": Figure("step", lambda c: c.overshoot),
+    "undershoot": Figure("step", lambda c: c.undershoot),
     "frequency": Figure("Hz", lambda c: c.frequency),
     "growth_rate": Figure("1/s", lambda c: c.growth_rate),
 }

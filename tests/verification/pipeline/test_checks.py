@@ -87,7 +87,7 @@ def test_the_whole_is_its_worst_part(outcomes: tuple[Outcome, ...], whole: Outco
 def test_steady_state(final: float, error: float, reference_error: float, outcome: Outcome) -> None:
     given = evidence(
         channel(final=final),
-        error=StepError(error, 0.0, 0.0, 0.0),
+        error=StepError(error, 0.0, 0.0, 0.0, 0.0),
         reference_error=reference_error,
     )
     found = check("steady_state", given)
@@ -127,7 +127,7 @@ def test_settling_time(
     given = evidence(
         channel(settling_time=Reading(1e-3, uncertainty)),
         checks={"settling_time": {"max": limit} if limit else {}},
-        error=StepError(0.0, error, 0.0, 0.0),
+        error=StepError(0.0, error, 0.0, 0.0, 0.0),
     )
     assert check("settling_time", given).outcome is outcome
 
@@ -172,11 +172,21 @@ def test_rise_time_of_the_channel_that_is_named_or_the_middle_one() -> None:
     ("limit", "error", "outcome"),
     [(0.11, 0.0, PASS), (0.09, 0.0, FAIL), (0.1, 1e-3, UNDECIDED)],
 )
-def test_overshoot(limit: float, error: float, outcome: Outcome) -> None:
-    checks = {"overshoot": {"max": limit}}
-    given = evidence(checks=checks, error=StepError(0.0, 0.0, 0.0, error))
-    assert check("overshoot", given).outcome is outcome
-    assert check("overshoot", evidence(oscillating(), checks=checks)).outcome is FAIL
+def test_overshoot_and_undershoot(limit: float, error: float, outcome: Outcome) -> None:
+    checks = {"overshoot": {"max": limit}, "undershoot": {"max": limit}}
+    both = channel(overshoot=0.1, undershoot=0.1)
+    given = evidence(both, checks=checks, error=StepError(0.0, 0.0, 0.0, error, error))
+    for name in checks:
+        assert check(name, given).outcome is outcome
+        assert check(name, evidence(oscillating(), checks=checks)).outcome is FAIL
+
+
+def test_overshoot_and_undershoot_have_their_own_limits() -> None:
+    checks = {"overshoot": {"max": 0.1}, "undershoot": {"max": 0.01}}
+    given = evidence(channel(0, overshoot=0.09), channel(1, undershoot=0.02), checks=checks)
+    assert check("overshoot", given).outcome is PASS
+    under = check("undershoot", given)
+    assert (under.outcome, under.value, under.expected) == (FAIL, 0.02, 0.01)
 
 
 def test_checks_that_nobody_asked_for_are_not_made() -> None:

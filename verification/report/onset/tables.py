@@ -13,8 +13,8 @@ from rich.table import Table
 from netlist_gen.overrides.keys import own_value
 from netlist_gen.quantities import show
 from verification.report.tables import make_table
+from verification.small_signal.scan_result import AxisCrossing
 from verification.studies.onset.onset import Finding, Onset
-from verification.studies.onset.scan_result import AxisCrossing
 from verification.studies.onset.transient_trial import Side
 
 CONFIRMED = {True: "[green]yes[/green]", False: "[red]no[/red]", None: "[yellow]undecided[/yellow]"}

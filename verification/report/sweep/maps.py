@@ -44,6 +44,8 @@ class Panel:
 PANELS = (
     Panel("settling_time", "settling time", 1.0, "log"),
     Panel("overshoot", "overshoot (% of the step)", 100.0, "linear"),
+    Panel("undershoot", "undershoot (% of the step)", 100.0, "linear"),
+    Panel("steady_state_error", "steady-state error (% of the step)", 100.0, "log"),
     Panel("growth_rate", "rightmost pole, real part (1/s)", 1.0, "symlog"),
 )
 
@@ -65,7 +67,7 @@ def check_sweep_plot(plan: Plan, path: str) -> None:
 
 
 def plot_sweep(plan: Plan, store: Store, path: str) -> None:
-    """Draw settling time, overshoot, rightmost pole and outcome over the grid.
+    """Draw the figures of `PANELS` and the outcome over the grid.
 
     Raises
     ------
@@ -74,21 +76,22 @@ def plot_sweep(plan: Plan, store: Store, path: str) -> None:
     """
     check_sweep_plot(plan, path)
     title = f"{plan.scene.name}: {plan.total} points, {' and '.join(plan.engines)}"
-    with figure_file(path, 11.5, 8.2, title) as figure:
+    with figure_file(path, 16.0, 8.2, title) as figure:
         data = grids(plan, store)
-        data["overshoot"][data["growth_rate"] > 0.0] = np.nan  # depends on the record's length
+        for name in ("overshoot", "undershoot"):  # of a growing record: depends on its length
+            data[name][data["growth_rate"] > 0.0] = np.nan
         draw = _maps if len(plan.groups) == 2 else _curves
         draw(figure, plan, data)
 
 
 def _maps(figure: Figure, plan: Plan, data: dict[str, Any]) -> None:
-    panels = figure.subplots(2, 2)
+    panels = figure.subplots(2, 3)
     across, down = (_Ruler(group[0]) for group in plan.groups)
     data = {name: array.swapaxes(0, 1) for name, array in data.items()}  # the first axis is x
     growth = data["growth_rate"][..., -1]
     for axes, quantity in zip(panels.flat, PANELS, strict=False):
         _map(figure, axes, quantity, data[quantity.name][..., -1], (across, down))
-    _outcomes(panels.flat[3], plan, data["outcome"], (across, down))
+    _outcomes(panels.flat[-1], plan, data["outcome"], (across, down))
     for axes in panels.flat:
         across.mark(axes, "x")
         down.mark(axes, "y")
@@ -157,7 +160,7 @@ def _outcomes(
 
 
 def _curves(figure: Figure, plan: Plan, data: dict[str, Any]) -> None:
-    panels = figure.subplots(2, 2, sharex=True)
+    panels = figure.subplots(2, 3, sharex=True)
     ruler = _Ruler(plan.groups[0][0])
     unstable = np.nanmax(data["growth_rate"], axis=-1, initial=-np.inf) > 0.0
     for axes, quantity in zip(panels.flat, PANELS, strict=False):
@@ -175,7 +178,7 @@ def _curves(figure: Figure, plan: Plan, data: dict[str, Any]) -> None:
             axes.set_yscale("log")
             ends = (float(limit(data[quantity.name])) for limit in (np.nanmin, np.nanmax))
             _tick(axes.yaxis, quantity.unit, *ends)
-    _strip(panels.flat[3], plan, data["outcome"], ruler)
+    _strip(panels.flat[-1], plan, data["outcome"], ruler)
     for axes in panels.flat:
         ruler.mark(axes, "x")
         for left, right in zip(ruler.edges[:-1][unstable], ruler.edges[1:][unstable], strict=True):

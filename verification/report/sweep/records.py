@@ -21,7 +21,7 @@ from verification.studies.sweep.store import Store
 
 LINES = 40  # points in the table; of a larger sweep only those without a verdict
 COLOUR = {"pass": "green", "fail": "red", "inconclusive": "yellow", "error": "magenta"}
-COLUMNS = ("settling_time", "overshoot", "growth_rate", "frequency")
+COLUMNS = ("settling_time", "overshoot", "undershoot", "growth_rate", "frequency")
 
 
 def records(plan: Plan, store: Store) -> Iterator[dict[str, Any]]:

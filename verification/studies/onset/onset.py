@@ -25,9 +25,9 @@ from spice_models.errors import (
 )
 from verification.engines.ngspice.executable import find_simulator
 from verification.engines.statespace.linearised.board import LinearBoard
+from verification.small_signal.pole_scan import scan
 from verification.small_signal.poles import count_unstable, poles
-from verification.studies.onset.pole_scan import scan
-from verification.studies.onset.scan_result import AxisCrossing, Scan
+from verification.small_signal.scan_result import AxisCrossing, Scan
 from verification.studies.onset.transient_trial import Confirmation, confirm
 
 AROUND = 30.0  # the default range is from the scene's value / 30 to its value * 30

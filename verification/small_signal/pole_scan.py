@@ -18,7 +18,7 @@ import numpy as np
 
 from spice_models.errors import EngineError, InputError, TactionError
 from verification.small_signal.poles import Poles
-from verification.studies.onset.scan_result import AxisCrossing, Sample, Scan
+from verification.small_signal.scan_result import AxisCrossing, Sample, Scan
 
 TOLERANCE = 1e-8  # of a crossing's value
 PASSES = (6, 4)  # halvings of a grid interval in each round

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from spice_models.errors import EngineError
+from verification.small_signal.pole_scan import scan
 from verification.small_signal.poles import Poles, summarise
-from verification.studies.onset.pole_scan import scan
-from verification.studies.onset.scan_result import Scan
+from verification.small_signal.scan_result import Scan
 
 GRID = np.geomspace(0.1, 10.0, 31).tolist()
 
