@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 
 from netlist_gen.scene.scene import Scene
+from tests.support.true_margin import true_margin
 from tests.support.true_readings import true_readings
 from verification.ideal.lambda_rule import resolve_lambda
 from verification.studies.stress.true_values import READINGS, TrueValues
@@ -20,6 +21,7 @@ def true_values(scene: Scene) -> TrueValues:
         {name: value for name in READINGS if (value := asdict(channel)[name]) is not None}
         for channel in found.channels
     ]
+    asked = scene.checks.stability.margin > 1.0
     linear = scene.design.amplifier == "linear"
     return TrueValues(
         amplitude=found.amplitude,
@@ -28,5 +30,6 @@ def true_values(scene: Scene) -> TrueValues:
         channels=tuple(channels),
         error=found.error,
         arrives=found.arrives,
+        margin=true_margin(scene) if asked and len(channels) == 1 else None,
         by=LINEAR if linear else f"{NONLINEAR} {found.error:.1g}",
     )
