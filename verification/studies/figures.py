@@ -50,7 +50,13 @@ FIGURES: dict[str, Figure[Verdict]] = {
 }
 """Figures of the whole board; the worst channel counts."""
 
-TRANSIENT_READINGS = ("settling_time", "rise_time", "overshoot", "steady_state_error")
+TRANSIENT_READINGS = (
+    "settling_time",
+    "rise_time",
+    "overshoot",
+    "undershoot",
+    "steady_state_error",
+)
 POLE_READINGS = ("growth_rate", "frequency", "damping_ratio", "margin")
 """Figures that say how a board behaves; the others follow from the design or from the run."""
 
@@ -76,19 +82,25 @@ def readings_of(verdict: Verdict) -> dict[str, Reading | None]:
     """Return `TRANSIENT_READINGS` with their whole uncertainty; None for a missing reading."""
     measured, error = verdict.measurements, verdict.error
     rises = [r for channel in _channels(verdict) if (r := channel.rise_time) is not None]
-    overshoot, static = (FIGURES[name].of(verdict) for name in ("overshoot", "steady_state_error"))
+    parts = {
+        "settling_time": (measured.settling_time, error.settling_time),
+        "rise_time": (latest(rises) if rises else None, error.rise_time),
+        "overshoot": (_plain(verdict, "overshoot"), error.overshoot),
+        "undershoot": (_plain(verdict, "undershoot"), error.undershoot),
+        "steady_state_error": (
+            _plain(verdict, "steady_state_error"),
+            error.steady_state + verdict.ideal.error,
+        ),
+    }
     return {
-        "settling_time": _widened(measured.settling_time, error.settling_time),
-        "rise_time": _widened(latest(rises) if rises else None, error.rise_time),
-        "overshoot": None if overshoot is None else Reading(overshoot, error.overshoot),
-        "steady_state_error": None
-        if static is None
-        else Reading(static, error.steady_state + verdict.ideal.error),
+        name: reading and replace(reading, uncertainty=reading.uncertainty + more)
+        for name, (reading, more) in parts.items()
     }
 
 
-def _widened(reading: Reading | None, error: float) -> Reading | None:
-    return reading and replace(reading, uncertainty=reading.uncertainty + error)
+def _plain(verdict: Verdict, name: str) -> Reading | None:
+    value = FIGURES[name].of(verdict)
+    return None if value is None else Reading(value, 0.0)
 
 
 def signed_errors(verdict: Verdict) -> tuple[float, ...]:

@@ -33,6 +33,7 @@ READINGS = {
     "settling_time",
     "rise_time",
     "overshoot",
+    "undershoot",
     "steady_state_error",
     "growth_rate",
     "frequency",
