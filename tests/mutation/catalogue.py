@@ -171,6 +171,7 @@ CIRCUIT = (
     of_board("C in nF", scaled(*CAPACITORS, farads=1e3), MATRIX, SETTLES),
     of_board("s off by 0.5 %", scaled("resistors", "s_", ohms=1.005), PAPER, STEADY),
     of_board("C off by 8 %", scaled(*CAPACITORS, farads=1.08), PAPER, RISES),
+    of_board("C off by -5 %", scaled(*CAPACITORS, farads=0.95), PAPER, OVERSHOOTS),
     of_board("wrong op-amp model on one cell", OTHER_OPAMP, MATRIX, SETTLES),
     of_board("swapped op-amp inputs", faults.swapped_inputs("c_1"), MATRIX, STABLE),
     of_board("dropped inverters of w", faults.without_inverters, MATRIX, STEADY),
