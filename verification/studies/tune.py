@@ -233,8 +233,10 @@ class _Search:
         scales = time_scales(board, initial=scene.analysis.initial)
         if not np.all(scales.poles.real < 0):
             return math.inf, math.inf, False
-        if self.margin > 1 and capacitance_margin(board, self.margin).factor < self.margin:
-            return math.inf, math.inf, False
+        if self.margin > 1:
+            found = capacitance_margin(board, self.margin)
+            if found.doubt or found.factor - found.uncertainty < self.margin:
+                return math.inf, math.inf, False
         plan = plan_transient(scene, board, scales, "statespace")
         transient, instants = plan.transient, plan.instants(board)
         if instants is None or len(instants) > MAX_RECORD:
