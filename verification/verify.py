@@ -120,8 +120,8 @@ def verify(
         poles=design.poles,
         margin=margin,
         reference_error=ideal.error,
-        reference_problem=ideal.problem
-        or find_contradiction(design.circuit, ideal, recording.u[0]),
+        reference_problem=ideal.problem,
+        contradiction=find_contradiction(design.circuit, ideal, recording.u[0]),
     )
     checks = run_checks(evidence)
     energy = energy_rise(design.network, wave.time, recording.u) if effort.details else None

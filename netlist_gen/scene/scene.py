@@ -138,10 +138,11 @@ class SteadyStateCheck(Model):
 
 
 class SettlingTimeCheck(Model):
-    """Settling to ``±band`` (a fraction of the step amplitude) within `max`."""
+    """Settling to ``±band`` (a fraction of the step amplitude) within `max`, not before `min`."""
 
     band: Annotated[Positive, Field(lt=1)] = SETTLING_BAND
     max: Seconds | None = None
+    min: Seconds | None = None
 
 
 class ExcursionCheck(Model):

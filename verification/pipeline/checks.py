@@ -79,6 +79,8 @@ class Evidence:
         Bound on the error of the reference solution, fraction of the step amplitude.
     reference_problem : str
         Why the reference solution cannot be used, or empty.
+    contradiction : str
+        Which number of the board or the record differs from the reference's, or empty.
     """
 
     checks: Checks
@@ -93,6 +95,7 @@ class Evidence:
     margin: Margin | None
     reference_error: float
     reference_problem: str
+    contradiction: str = ""
 
     @property
     def no_step(self) -> str:
@@ -112,9 +115,8 @@ class Evidence:
         pole = self.poles.rightmost
         if self.poles.stable or not self.poles.certain:
             return ""
-        verb = (
-            f"oscillates at {show(abs(pole.imag) / math.tau, 'Hz')}" if pole.imag else "runs away"
-        )
+        frequency = show(abs(pole.imag) / math.tau, "Hz")
+        verb = f"oscillates at {frequency}" if pole.imag else "runs away"
         return f"{verb}, growth rate {pole.real:+.4g} /s"
 
     @property
@@ -146,9 +148,7 @@ class Evidence:
     @property
     def at_end(self) -> float:
         """Largest distance of the end of the record from the reference, fraction of the step."""
-        return self._share(
-            [channel.final - channel.target for channel in self.measurements.channels]
-        )
+        return self._share([each.final - each.target for each in self.measurements.channels])
 
     @property
     def apart(self) -> float:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 from netlist_gen.quantities import show
@@ -78,7 +79,8 @@ def _settling_time(evidence: Evidence) -> Check:
         return _unsettled(evidence)
     if short := evidence.too_short(limits.band - evidence.static):
         return _undecided("settling_time", "s", short, maximum)
-    return _timed("settling_time", reading, error, maximum, f"to {band}")
+    check = _timed("settling_time", reading, error, maximum, f"to {band}")
+    return _not_below(limits.min, check, reading, f"to {band}")
 
 
 def _unsettled(evidence: Evidence) -> Check:
@@ -113,14 +115,7 @@ def _rise_time(evidence: Evidence) -> Check | None:
         return _undecided("rise_time", "s", reason, limits.max)
     text = f"10-90 % of channel {number}"
     check = _timed("rise_time", channel.rise_time, evidence.error.rise_time, limits.max, text)
-    if limits.min is None or check.outcome is not Outcome.PASS:
-        return check
-    values = [channel.rise_time.value, channel.rise_time.alternative or channel.rise_time.value]
-    uncertainty = check.uncertainty or 0.0
-    lower, other = (at_most(-value, uncertainty, -limits.min) for value in values)
-    lower = lower if lower is other else Outcome.INCONCLUSIVE  # fragile
-    reason = f"{text}; at least {show(limits.min, 's')}"
-    return Check("rise_time", lower, check.value, check.uncertainty, limits.max, None, "s", reason)
+    return _not_below(limits.min, check, channel.rise_time, text)
 
 
 def _excursion(name: str, evidence: Evidence) -> Check | None:
@@ -203,6 +198,14 @@ def _engines_agree(evidence: Evidence) -> Check | None:
     return Check("engines_agree", outcome, value, None, limit, None, "step", reason)
 
 
+def _same_problem(evidence: Evidence) -> Check | None:
+    """Fail if the board and the record are of another problem than the reference; else no check."""
+    reason = evidence.contradiction
+    if not reason:
+        return None
+    return Check("same_problem", Outcome.FAIL, None, None, None, None, "step", reason)
+
+
 def _timed(name: str, reading: Reading, error: float, limit: float | None, text: str) -> Check:
     uncertainty = reading.uncertainty + error
     outcome, reason = Outcome.PASS, text
@@ -219,6 +222,16 @@ def _timed(name: str, reading: Reading, error: float, limit: float | None, text:
         if limit is not None and at_most(reading.alternative, uncertainty, limit) is not outcome:
             outcome = Outcome.INCONCLUSIVE
     return Check(name, outcome, reading.value, uncertainty, limit, None, "s", reason)
+
+
+def _not_below(least: float | None, check: Check, reading: Reading, text: str) -> Check:
+    """Return `check` with the lower limit `least`, if its upper limit is kept."""
+    if least is None or check.outcome is not Outcome.PASS:
+        return check
+    values = [reading.value, reading.alternative or reading.value]
+    lower, other = (at_most(-value, check.uncertainty or 0.0, -least) for value in values)
+    lower = lower if lower is other else Outcome.INCONCLUSIVE  # fragile
+    return replace(check, outcome=lower, reason=f"{text}; at least {show(least, 's')}")
 
 
 def _failed(name: str, reason: str, limit: float | None) -> Check:
@@ -245,4 +258,5 @@ CHECKS: tuple[Callable[[Evidence], Check | None], ...] = (
     partial(_excursion, "undershoot"),
     _stability,
     _engines_agree,
+    _same_problem,
 )

@@ -46,6 +46,13 @@ def test_another_number_is_a_contradiction(number: str, text: str) -> None:
     assert text in find_contradiction(replace(circuit, scalings=doubled), ideal, ideal.start)
 
 
+@pytest.mark.parametrize("changes", [{"error": 1.0}, {"problem": "the gap is too wide"}])
+def test_without_a_step_to_judge_no_start_is_compared(changes: dict[str, Any]) -> None:
+    circuit, ideal = made(**{"lambda": 0.3})
+    assert find_contradiction(circuit, ideal, ideal.start + 1.0).startswith("channel 1 starts at")
+    assert find_contradiction(circuit, replace(ideal, **changes), ideal.start + 1.0) == ""
+
+
 @pytest.mark.parametrize(("away", "found"), [(0.09, False), (0.11, True)])
 def test_a_record_starts_where_the_reference_starts(away: float, found: bool) -> None:
     circuit, ideal = made(amplifier="exponential", **{"lambda": 0.3})
