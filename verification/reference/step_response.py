@@ -64,8 +64,8 @@ class Response:
         Returns
         -------
         ndarray (K,)
-            One time for each of the K channels, s; not a number where the step is under 5 % of the step amplitude or the record ends
-            before 90 %.
+            One time for each of the K channels, s; not a number where the step is under 5 % of the
+            step amplitude or the record ends before 90 %.
         """
         low, high = RISE_LEVELS
         asked: Indices = np.array(channels or range(len(self.target)), dtype=np.intp)

@@ -40,7 +40,7 @@ CHAPTERS: dict[str, Task] = {
     "breadboard": Task("The seven-channel breadboard", breadboard, 5.9, 5.1),
     "console": Task("The design step", console, 3.2, 0.2),
     "hardware": Task("Other hardware", hardware, 2.2, 2.0),
-    "speed": Task("Analog against digital", speed, 6.0, 2.5),
+    "speed": Task("Analog against digital", speed, 3.3, 2.5),
     "simnon": Task("Simulation", simnon, 10.0, 2.5),
     "energy": Task("Energy and stability", energy, 6.9, 5.2),
     "conditioning": Task("Ill-posedness", conditioning, 25.0, 1.5),
