@@ -6,6 +6,7 @@ import numpy as np
 
 from netlist_gen.board.circuit import Scalings
 from netlist_gen.board.preferred_values import nearest
+from netlist_gen.scene.fields import LARGE, LEAST, MOST, SMALL
 from netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene
 from spice_models.errors import Complaint, InputError
 from spice_models.opamp import OpAmp
@@ -34,10 +35,14 @@ def make_scalings(scene: Scene) -> Scalings:
         raise InputError(scene.file, Complaint("design.lambda", repr(design.lam), text))
     given = design.lam or design.resistance or DEFAULT_RESISTANCE
     other = product / given
-    if not (np.isfinite(other) and other > 0):
-        text = f"gain and unit_conductance give lambda times R = {product!r}, out of range"
-        raise InputError(scene.file, Complaint("design", repr(given), text))
     resistance, lam = (other, given) if design.lam is not None else (given, other)
+    if not (LEAST <= resistance <= MOST and SMALL <= lam <= LARGE):
+        text = (
+            f"gain and unit_conductance give lambda times R = {product!r}, so R = {resistance:g}"
+            f" ohm and lambda = {lam:g}: out of range; expected R between {LEAST:g} and {MOST:g}"
+            f" ohm, lambda between {SMALL:g} and {LARGE:g}"
+        )
+        raise InputError(scene.file, Complaint("design", repr(given), text))
     return Scalings(
         unit_conductance=design.unit_conductance,
         unit_voltage=design.unit_voltage,
