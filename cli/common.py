@@ -17,8 +17,22 @@ if TYPE_CHECKING:
 
 STATUS = {"pass": 0, "fail": 1, "bad input": 2, "inconclusive": 3}
 ENGINES = ("auto", "ngspice", "statespace")
+GRID_ENGINES = ("both", "hybrid")
+
+
+class EngineChoice(click.Choice[str]):
+    """An engine; those that need a grid of points are refused with the command that has one."""
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Return the engine, or fail with the known engines."""
+        if value in GRID_ENGINES and value not in self.choices:
+            text = f"{value!r} runs two engines over a grid of points, for `taction sweep` only"
+            self.fail(f"{text}; expected one of {', '.join(map(repr, self.choices))}", param, ctx)
+        return super().convert(value, param, ctx)
+
+
 ENGINE = click.option(
-    "--engine", type=click.Choice(ENGINES), help="Engine in the place of the scene's own."
+    "--engine", type=EngineChoice(ENGINES), help="Engine in the place of the scene's own."
 )
 JOBS = click.option(
     "--jobs", type=click.IntRange(1, 4096), help="Number of processes; by default one per core."

@@ -90,5 +90,5 @@ def agreement(difference: float, step_error: float = 0.0, reason: str = "") -> A
     return Agreement(difference, step_error, 1e-6, 0, np.zeros(0), np.zeros((0, 1)), reason)
 
 
-def margin(factor: float) -> Margin:
-    return Margin(factor, f"C may shrink by {factor:g}")
+def margin(factor: float, uncertainty: float = 0.0, doubt: str = "") -> Margin:
+    return Margin(factor, uncertainty, f"C may shrink by {factor:g}", doubt)

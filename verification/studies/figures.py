@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
 from verification.measures.measurements import ChannelMeasure
-from verification.measures.readings import Reading
+from verification.measures.readings import Reading, latest
 from verification.verify import Verdict
 
 T = TypeVar("T")
@@ -50,6 +50,10 @@ FIGURES: dict[str, Figure[Verdict]] = {
 }
 """Figures of the whole board; the worst channel counts."""
 
+TRANSIENT_READINGS = ("settling_time", "rise_time", "overshoot", "steady_state_error")
+POLE_READINGS = ("growth_rate", "frequency", "damping_ratio", "margin")
+"""Figures that say how a board behaves; the others follow from the design or from the run."""
+
 CHANNEL_FIGURES: dict[str, Figure[ChannelMeasure]] = {
     "target": Figure("V", lambda c: c.target),
     "final": Figure("V", lambda c: c.final),
@@ -66,6 +70,25 @@ CHANNEL_FIGURES: dict[str, Figure[ChannelMeasure]] = {
 def figures_of(source: T, table: Mapping[str, Figure[T]]) -> dict[str, float | None]:
     """Return every figure of `table` that a verdict, or a channel, has."""
     return {name: figure.of(source) for name, figure in table.items()}
+
+
+def readings_of(verdict: Verdict) -> dict[str, Reading | None]:
+    """Return `TRANSIENT_READINGS` with their whole uncertainty; None for a missing reading."""
+    measured, error = verdict.measurements, verdict.error
+    rises = [r for channel in _channels(verdict) if (r := channel.rise_time) is not None]
+    overshoot, static = (FIGURES[name].of(verdict) for name in ("overshoot", "steady_state_error"))
+    return {
+        "settling_time": _widened(measured.settling_time, error.settling_time),
+        "rise_time": _widened(latest(rises) if rises else None, error.rise_time),
+        "overshoot": None if overshoot is None else Reading(overshoot, error.overshoot),
+        "steady_state_error": None
+        if static is None
+        else Reading(static, error.steady_state + verdict.ideal.error),
+    }
+
+
+def _widened(reading: Reading | None, error: float) -> Reading | None:
+    return reading and replace(reading, uncertainty=reading.uncertainty + error)
 
 
 def signed_errors(verdict: Verdict) -> tuple[float, ...]:

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from netlist_gen.board.scalings import make_scalings
 from netlist_gen.board.synthesis import synthesise
 from netlist_gen.overrides.axes import with_values
 from netlist_gen.overrides.keys import find_key, own_value
@@ -163,7 +162,7 @@ class _Search:
         self.original, self.paths = scene, paths
         self.overshoot, self.margin = overshoot, margin
         self.problem: InverseProblem = make_problem(scene)
-        self.lam = make_scalings(scene).lam
+        self.lam = ideal_network(self.problem, scene).lam
         self.candidates: list[Candidate] = []
         self._ideal: IdealAnswer | None = None
 
@@ -234,8 +233,10 @@ class _Search:
         scales = time_scales(board, initial=scene.analysis.initial)
         if not np.all(scales.poles.real < 0):
             return math.inf, math.inf, False
-        if self.margin > 1 and capacitance_margin(board, self.margin).factor < self.margin:
-            return math.inf, math.inf, False
+        if self.margin > 1:
+            found = capacitance_margin(board, self.margin)
+            if found.doubt or found.factor - found.uncertainty < self.margin:
+                return math.inf, math.inf, False
         plan = plan_transient(scene, board, scales, "statespace")
         transient, instants = plan.transient, plan.instants(board)
         if instants is None or len(instants) > MAX_RECORD:
@@ -250,6 +251,6 @@ class _Search:
     def _reference(self, scene: Scene) -> IdealAnswer:
         """Return the ideal answer, computed once where the tuned keys do not change it."""
         if self._ideal is None or not SAME_ANSWER.issuperset(self.paths):
-            network = ideal_network(self.problem, make_scalings(scene), scene)
+            network = ideal_network(self.problem, scene)
             self._ideal = ideal_answer(network, scene)
         return self._ideal

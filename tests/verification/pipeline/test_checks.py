@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from netlist_gen.quantities import show
 from tests.support.measured import (
     UNSTABLE,
     agreement,
@@ -132,6 +133,21 @@ def test_settling_time(
     assert check("settling_time", given).outcome is outcome
 
 
+def test_a_contradiction_fails_and_no_contradiction_is_no_check() -> None:
+    found = check("same_problem", evidence(contradiction="the board states lambda = 2.0"))
+    assert (found.outcome, found.reason) == (FAIL, "the board states lambda = 2.0")
+    assert "same_problem" not in {made.name for made in run_checks(evidence())}
+
+
+@pytest.mark.parametrize(("least", "outcome"), [(0.9e-3, PASS), (1e-3, UNDECIDED), (1.1e-3, FAIL)])
+def test_a_settling_time_below_its_lower_limit_fails(least: float, outcome: Outcome) -> None:
+    given = evidence(checks={"settling_time": {"min": least, "max": 2e-3}})
+    found = check("settling_time", given)
+    assert found.outcome is outcome
+    assert found.reason.endswith(f"at least {show(least, 's')}")
+    assert (found.expected, found.value) == (2e-3, 1e-3)
+
+
 @pytest.mark.parametrize(
     ("limits", "alternative", "outcome"),
     [
@@ -208,13 +224,26 @@ def test_stability_is_the_poles_word_and_the_transient_may_object() -> None:
 
 
 @pytest.mark.parametrize(
-    ("factor", "outcome"), [(2.5, PASS), (2.0, PASS), (1.9, FAIL), (0.0, FAIL)]
+    ("factor", "uncertainty", "doubt", "outcome"),
+    [
+        (2.5, 0.0, "", PASS),
+        (2.0, 0.0, "", PASS),
+        (1.9, 0.0, "", FAIL),
+        (0.0, 0.0, "", FAIL),
+        (2.0 + 1e-9, 2e-6, "", UNDECIDED),
+        (2.0 - 1e-9, 2e-6, "", UNDECIDED),
+        (2.5, 0.0, "a pole is on the axis", UNDECIDED),
+    ],
 )
-def test_a_stability_margin(factor: float, outcome: Outcome) -> None:
-    found = check("stability", evidence(checks={"stability": {"margin": 2}}, margin=margin(factor)))
+def test_a_stability_margin(
+    factor: float, uncertainty: float, doubt: str, outcome: Outcome
+) -> None:
+    wanted = margin(factor, uncertainty, doubt)
+    found = check("stability", evidence(checks={"stability": {"margin": 2}}, margin=wanted))
     assert (found.outcome, found.value, found.expected, found.unit) == (
         outcome, factor, 2.0, "ratio",
     )  # fmt: skip
+    assert found.reason.endswith(doubt)
 
 
 @pytest.mark.parametrize(

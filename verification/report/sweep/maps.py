@@ -75,7 +75,7 @@ def plot_sweep(plan: Plan, store: Store, path: str) -> None:
         See `check_sweep_plot`; or the file cannot be written.
     """
     check_sweep_plot(plan, path)
-    title = f"{plan.scene.name}: {plan.total} points, {' and '.join(plan.engines)}"
+    title = f"{plan.scene.name}: {plan.points} points, {' and '.join(plan.engines)}"
     with figure_file(path, 16.0, 8.2, title) as figure:
         data = grids(plan, store)
         for name in ("overshoot", "undershoot"):  # of a growing record: depends on its length
@@ -91,7 +91,7 @@ def _maps(figure: Figure, plan: Plan, data: dict[str, Any]) -> None:
     growth = data["growth_rate"][..., -1]
     for axes, quantity in zip(panels.flat, PANELS, strict=False):
         _map(figure, axes, quantity, data[quantity.name][..., -1], (across, down))
-    _outcomes(panels.flat[-1], plan, data["outcome"], (across, down))
+    _outcomes(panels.flat[-1], plan, data["outcome"], data["agreement"], (across, down))
     for axes in panels.flat:
         across.mark(axes, "x")
         down.mark(axes, "y")
@@ -132,7 +132,11 @@ def _map(
 
 
 def _outcomes(
-    axes: Axes, plan: Plan, outcome: np.ndarray[Any, Any], rulers: tuple[_Ruler, _Ruler]
+    axes: Axes,
+    plan: Plan,
+    outcome: np.ndarray[Any, Any],
+    agreement: np.ndarray[Any, Any],
+    rulers: tuple[_Ruler, _Ruler],
 ) -> None:
     """Fill the cells with the verdicts of the last engine; marks show those of the first engine."""
     from matplotlib.colors import ListedColormap
@@ -153,10 +157,13 @@ def _outcomes(
             marks = axes.scatter(x[cells], y[cells], size, c="k", marker=MARKERS[k], linewidths=0.8)
             marks.set_label(f"{plan.engines[0]}: {OUTCOMES[k]}")
             handles.append(marks)
-    differ = int(np.sum((outcome != outcome[..., :1]).any(axis=-1)))
-    text = f", {differ} points where the engines differ" if len(plan.engines) == 2 else ""
-    axes.set_title(f"outcome{text}")
+    axes.set_title(f"outcome{_disagreements(agreement)}" if len(plan.engines) == 2 else "outcome")
     axes.legend(handles=handles, fontsize="x-small", loc="upper left", bbox_to_anchor=(1.0, 1.0))
+
+
+def _disagreements(agreement: np.ndarray[Any, Any]) -> str:
+    count = int((agreement[..., 0] == OUTCOMES.index("fail")).sum())
+    return f", the engines disagree at {count} points" if count else ", the engines agree"
 
 
 def _curves(figure: Figure, plan: Plan, data: dict[str, Any]) -> None:
@@ -232,17 +239,17 @@ class _Ruler:
 
 
 def _tick(ruler: Any, unit: str, low: float, high: float) -> None:
-    """Write values with SI prefixes, on a short logarithmic axis at 1, 2 and 5 of each decade."""
+    """Write values with SI prefixes, at 1, 2 and 5 of each decade if there are few decades."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
     ruler.set_major_formatter(_prefixes(unit))
     if high > 0.0:
-        short = high < 2000.0 * low
+        short = high < 300.0 * low
         ruler.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if short else (1.0,)))
         ruler.set_minor_formatter(NullFormatter())
 
 
 def _prefixes(unit: str) -> Any:
-    from matplotlib.ticker import EngFormatter
+    from matplotlib.ticker import EngFormatter, StrMethodFormatter
 
-    return EngFormatter(unit.replace("ohm", "Ω"))
+    return EngFormatter(unit.replace("ohm", "Ω")) if unit else StrMethodFormatter("{x:g}")

@@ -12,7 +12,6 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
 
 from netlist_gen.board.circuit import Circuit
-from netlist_gen.board.scalings import make_scalings
 from netlist_gen.board.synthesis import synthesise
 from netlist_gen.board.variation import Parameter, parameters, vary
 from netlist_gen.problem.inverse_problem import InverseProblem, make_problem
@@ -115,7 +114,7 @@ def prepare(scene: Scene, *, full_margin: bool = False) -> VariedBoard:
     if not varied:
         text = "every tolerance is zero: nothing varies"
         raise InputError(scene.file, Complaint("tolerances", "", text))
-    ideal = ideal_answer(ideal_network(problem, make_scalings(scene), scene), scene)
+    ideal = ideal_answer(ideal_network(problem, scene), scene)
     versions = own_versions(choose_engine(scene) == "ngspice")
     return VariedBoard(scene, problem, nominal, varied, ideal, full_margin, versions)
 

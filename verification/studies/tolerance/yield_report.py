@@ -203,7 +203,7 @@ def _limits(scene: Scene, name: str) -> tuple[float | None, float | None]:
     checks = scene.checks
     rise, overshoot, undershoot = checks.rise_time, checks.overshoot, checks.undershoot
     table: dict[str, tuple[float | None, float | None]] = {
-        "settling_time": (None, checks.settling_time.max),
+        "settling_time": (checks.settling_time.min, checks.settling_time.max),
         "rise_time": (rise.min, rise.max) if rise else (None, None),
         "overshoot": (None, overshoot.max if overshoot else None),
         "undershoot": (None, undershoot.max if undershoot else None),

@@ -138,7 +138,7 @@ def _real_columns(poles: Complexes, vectors: Complexes) -> tuple[Complexes, Floa
 def _inverse(X: Floats) -> Floats:
     """Return the inverse; infinite elements for a singular matrix."""
     try:
-        inverse = np.linalg.inv(X)
+        inverse = np.asarray(np.linalg.inv(X), dtype=np.float64)
     except np.linalg.LinAlgError:
         return np.full_like(X, np.inf)
     return inverse if np.all(np.isfinite(inverse)) else np.full_like(X, np.inf)

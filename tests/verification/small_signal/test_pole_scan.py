@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from spice_models.errors import EngineError
+from verification.small_signal.pole_scan import scan
 from verification.small_signal.poles import Poles, summarise
-from verification.studies.onset.pole_scan import scan
-from verification.studies.onset.scan_result import Scan
+from verification.small_signal.scan_result import Scan
 
 GRID = np.geomspace(0.1, 10.0, 31).tolist()
 
@@ -123,3 +123,36 @@ def test_of_incomplete_poles_only_the_rightmost_one_counts() -> None:
     assert not found.complete
     assert (found.crossings[0].below, found.crossings[0].above) == (0, 1)
     assert found.stable_ranges == ((0.1, found.crossings[0].value),)
+
+
+def test_a_window_hidden_behind_a_slower_mode_is_found() -> None:
+    """Only between two samples the mode lies right of the mode that is the rightmost at both."""
+    window = poles_of(lambda x: 1e-4 - (x - 0.123) ** 2 + 2j, lambda x: -1e-4)
+    found = scan(window, GRID)
+    assert places(found) == pytest.approx([0.113, 0.133], rel=1e-6)
+    assert [(c.below, c.above) for c in found.crossings] == [(0, 2), (2, 0)]
+
+
+def test_a_pole_on_the_axis_to_within_rounding_is_no_crossing_and_no_stable_range(
+    rng: np.random.Generator,
+) -> None:
+    """A pole at 1e6 /s leaves 1.4e-8 /s of rounding to all others."""
+
+    def read(value: float) -> Poles:
+        noise = 1e-9 * float(rng.standard_normal())
+        drift = 0.0 if value < 1.0 else 1.0 - value
+        return summarise(np.array([noise + drift, -1e6], dtype=complex), complete=True)
+
+    found = scan(read, GRID)
+    assert found.crossings == ()
+    ((low, high),) = found.stable_ranges
+    assert low == pytest.approx(1.0, abs=0.1)
+    assert high == 10.0
+    ((low, high),) = found.unresolved
+    assert (low, high) == (0.1, pytest.approx(1.0, abs=0.1))
+
+
+def test_a_crossing_leaves_nothing_unresolved() -> None:
+    found = scan(poles_of(lambda x: 1e-3 * x + 1e6j), GRID)
+    assert places(found) == pytest.approx([0.0], abs=1e-6)
+    assert found.unresolved == ()

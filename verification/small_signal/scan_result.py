@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import groupby
 
@@ -18,6 +19,7 @@ class Sample:
     place: float  # on the axis of interpolation: the value, or its logarithm
     value: float
     poles: Complexes  # 1/s, rightmost first
+    resolution: float = 0.0  # rounding error of a pole's real part, 1/s
     complete: bool = True  # whether `poles` holds all poles; of an incomplete set the first counts
     failure: str = ""  # why there are no poles
 
@@ -35,6 +37,19 @@ class Sample:
     def stable(self) -> bool:
         """Whether all poles are left of the imaginary axis."""
         return not self.failure and self.unstable == 0
+
+    @property
+    def certain(self) -> bool:
+        """Whether all known poles are off the imaginary axis by more than rounding."""
+        distance = np.abs(self.poles.real[: self.known]).min(initial=math.inf)
+        return not self.failure and bool(distance > self.resolution)
+
+    def nearest(self, place: complex) -> complex:
+        """Return the known pole nearest to a place in the complex plane, 1/s."""
+        known = self.poles[: self.known]
+        return (
+            complex(known[np.argmin(np.abs(known - place))]) if len(known) else complex(-math.inf)
+        )
 
     def real(self, k: int) -> float:
         """Return the k-th largest real part (k from 0), 1/s; minus infinity beyond the last."""
@@ -77,17 +92,36 @@ class Scan:
 
     @property
     def stable_ranges(self) -> tuple[tuple[float, float], ...]:
-        """Parts of the scanned range in which every pole is left of the axis."""
-        ranges, end = [], len(self.samples)
-        for stable, group in groupby(range(end), key=lambda n: self.samples[n].stable):
-            if stable:
-                inside = list(group)
+        """Parts of the scanned range in which every pole is left of the axis.
+
+        A part without a sample whose poles are left of the axis by more than rounding is none.
+        """
+        ranges = []
+        for stable, inside in self._parts(lambda sample: sample.stable):
+            if stable and any(self.samples[n].certain for n in inside):
                 first, last = inside[0], inside[-1]
                 before = self.samples[first - 1] if first > 0 else None
-                after = self.samples[last + 1] if last + 1 < end else None
+                after = self.samples[last + 1] if last + 1 < len(self.samples) else None
                 low = self._edge(self.samples[first], before)
                 ranges.append((low, self._edge(self.samples[last], after)))
         return tuple(ranges)
+
+    @property
+    def unresolved(self) -> tuple[tuple[float, float], ...]:
+        """Parts in which rounding decides the side of a pole, except those at a crossing."""
+        ranges = []
+        for certain, inside in self._parts(lambda sample: sample.certain or bool(sample.failure)):
+            beside = self.samples[max(inside[0] - 1, 0) : inside[-1] + 2]
+            counts = {sample.unstable for sample in beside if sample.certain}
+            if not certain and len(counts) < 2:
+                ranges.append((self.samples[inside[0]].value, self.samples[inside[-1]].value))
+        return tuple(ranges)
+
+    def _parts(self, key: Callable[[Sample], bool]) -> Iterator[tuple[bool, list[int]]]:
+        """Yield runs of neighbouring samples with the same key."""
+        indices = range(len(self.samples))
+        for value, group in groupby(indices, key=lambda n: key(self.samples[n])):
+            yield value, list(group)
 
     def _edge(self, inside: Sample, outside: Sample | None) -> float:
         if outside is None:
