@@ -62,6 +62,7 @@ def measured(*channels: ChannelMeasure, **changes: Any) -> Measurements:
         channels=channels,
         settling_time=max(settled, key=lambda r: r.value) if every else None,
         reason="" if every else "channel 1: it oscillates",
+        excursion_error=0.0,
         modes=(),
     )
     return replace(made, **changes)

@@ -96,7 +96,8 @@ def measure(
         is_silent = not part.cut and silent(drift, ringing.amplitude, band * amplitude)
         modes = () if is_silent and not details else fit_modes(t, v, ringing=ringing)
     record = _Record(part, v, part.read(band), drift, band, ringing, modes)
-    return summary(amplitude, band, modes, [_channel(record, n) for n in range(target.size)])
+    channels = [_channel(record, n) for n in range(target.size)]
+    return summary(amplitude, band, modes, channels, record.readings.excursion_error)
 
 
 def read_record(
