@@ -26,7 +26,7 @@ from verification.small_signal.step_forecast import StepModel
 from verification.waveforms import Waveforms
 
 RELTOL = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
-PARTS = (50, 200, 500, 1000, 2000, 5000)  # of the record: the longest step
+PARTS = (50, 200, 500, 1000, 2000, 5000, 20_000)  # of the record: the longest step
 OWN = (".options reltol", ".options method", ".options chgtol", ".tran")  # cards of taction
 TOLERANCE, BETWEEN = 1e-9, 1e-9  # of the true solution of a board with amplifiers; interpolation
 Truth = Callable[[Floats], Floats]

@@ -205,10 +205,12 @@ def machine() -> str:
     from verification.engines.ngspice.executable import find_simulator
 
     simulator = find_simulator()
-    kernels = {str(each.get("architecture", "unnamed")) for each in threadpool_info()}
+    blas = [each for each in threadpool_info() if each["user_api"] == "blas"]
+    kernels = {f"{each.get('architecture', 'unnamed')}" for each in blas}
+    threads = max(each["num_threads"] for each in blas)
     packages = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy"))
     return (
         f"Python {platform.python_version()}, {packages}, ngspice {simulator.version}"
-        f"{' with KLU' if simulator.klu else ''}, BLAS kernel {' and '.join(sorted(kernels))},"
-        f" {len(os.sched_getaffinity(0))} cores"
+        f"{' with KLU' if simulator.klu else ''}, BLAS kernel {' and '.join(sorted(kernels))}"
+        f" on {threads} of {len(os.sched_getaffinity(0))} cores"
     )

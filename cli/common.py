@@ -10,7 +10,13 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
-from spice_models.errors import InputError, NoVerdictError, SimulationError, TactionError
+from spice_models.errors import (
+    INTERRUPTED,
+    InputError,
+    NoVerdictError,
+    SimulationError,
+    TactionError,
+)
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -96,7 +102,7 @@ def reports_errors(function: Callable[..., None]) -> Callable[..., None]:
             raise
         except KeyboardInterrupt:
             click.echo("taction: interrupted; no verdict was reached", err=True)
-            sys.exit(130)
+            sys.exit(INTERRUPTED)
         except BrokenPipeError:
             sys.stderr.close()
             sys.exit(141)

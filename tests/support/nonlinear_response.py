@@ -21,6 +21,8 @@ from scipy.integrate import solve_ivp
 from tests.support.deck_equations import StateEquations
 from tests.support.exact_modes import eigen
 
+FAR = 1e4  # times the largest state at the start and at rest: the transient never arrives
+LEFT = 1  # status of SciPy's integrators after an event
 NEWTON, HALVINGS = 200, 30
 STILL = 1e-40  # a tolerance for parts that do not move
 TINY = 1e-40  # of the inputs: the last step of Newton's method
@@ -123,6 +125,10 @@ def source_value(expression: str, volts: Number) -> Dual:
     return walk(_tree(expression))
 
 
+class DivergenceError(Exception):
+    """The transient leaves every bound."""
+
+
 @dataclass(frozen=True, eq=False)
 class Board:
     """One connected board with m behavioural sources."""
@@ -194,7 +200,13 @@ class Board:
     def transient(
         self, start: arb_mat, rest: arb_mat, stop: float, method: str, tolerance: float
     ) -> Transient:
-        """Integrate from `start` with the strain on; `rest` is the state at the equilibrium."""
+        """Integrate from `start` with the strain on; `rest` is the state at the equilibrium.
+
+        Raises
+        ------
+        DivergenceError
+            A state passes `FAR` times the largest state at the start and at rest.
+        """
         A, B, C, D, scale = self.doubles
         k, first, last = self.outputs, _array(start)[:, 0] / scale, _array(rest)[:, 0] / scale
         assert not D[k:, 2:].any(), "a source reads itself without delay"
@@ -213,7 +225,12 @@ class Board:
             slopes = [float(dual.slope) for dual in self.values(read @ z + constant)]
             return np.asarray(A + (by_source * slopes) @ read)
 
+        def leaves(_: float, z: Floats) -> float:
+            return far - float(np.abs(z).max())
+
+        leaves.terminal = True  # type: ignore[attr-defined]
         size = np.maximum(np.abs(last), np.abs(first))
+        far = FAR * max(float(size.max()), STILL)
         done = solve_ivp(
             rate,
             (0.0, stop),
@@ -223,8 +240,11 @@ class Board:
             rtol=tolerance,
             atol=tolerance * np.maximum(size, 1e-6 * size.max()) + STILL,
             dense_output=True,
+            events=leaves,
         )
         assert done.success, done.message
+        if done.status == LEFT:
+            raise DivergenceError(f"a state passes {FAR:g} times its largest value at rest")
 
         def outputs(t: Floats) -> Floats:
             states = done.sol(t).T
