@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from netlist_gen.scene.scene import Checks
+from netlist_gen.scene.scene import AGREE, Checks
 from verification.measures.measurements import ChannelMeasure, Measurements
 from verification.measures.readings import Reading
 from verification.measures.settling import ChannelState
@@ -64,7 +64,7 @@ def measured(*channels: ChannelMeasure, **changes: Any) -> Measurements:
         band=0.01,
         channels=channels,
         settling_time=max(settled, key=lambda r: r.value) if every else None,
-        reason="" if every else "channel 1: it oscillates",
+        reason="; ".join(f"channel {c.index + 1}: {c.reason}" for c in channels if c.reason),
         excursion_error=0.0,
         modes=(),
     )
@@ -105,7 +105,8 @@ def steady(
 
 
 def agreement(difference: float, step_error: float = 0.0, reason: str = "") -> Agreement:
-    return Agreement(difference, step_error, 1e-6, 0, np.zeros(0), np.zeros((0, 1)), reason)
+    instants, differences = np.zeros(0), np.zeros((0, 1))
+    return Agreement(difference, 0.0, step_error, AGREE, 1e-6, 0, instants, differences, reason)
 
 
 def margin(factor: float, uncertainty: float = 0.0, doubt: str = "") -> Margin:

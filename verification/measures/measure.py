@@ -54,6 +54,7 @@ def measure(
     band: float = SETTLING_BAND,
     bound: float | None = None,
     expected_stop: float | None = None,
+    error: float = 0.0,
     details: bool = True,
 ) -> Measurements:
     """Measure a transient against its reference steady state.
@@ -75,6 +76,9 @@ def measure(
         exceeds the bound has diverged.
     expected_stop : float, optional
         Expected end of the record, s; a shorter record proves no settling time.
+    error : float
+        Bound of the error of ``u - target``, in the unit of `u`; the uncertainties of the readings
+        include it.
     details : bool
         False: modes are not fitted if every channel is silent at its end, because no state
         depends on the modes then.
@@ -86,7 +90,7 @@ def measure(
         usable: mistakes of the caller, not properties of a waveform.
     """
     _check(time, u, target, band)
-    part = sound_part(time, u, target, start, bound, expected_stop)
+    part = sound_part(time, u, target, start, bound, expected_stop, error)
     t = part.signal.time
     v, drift = u[: t.size], Drift(t, part.signal.errors)
     ringing, modes = Envelope(t[:1], np.zeros((1, u.shape[1])), None), tuple[Mode, ...]()
@@ -109,6 +113,7 @@ def read_record(
     band: float = SETTLING_BAND,
     bound: float | None = None,
     expected_stop: float | None = None,
+    error: float = 0.0,
 ) -> Readings:
     """Read a transient without a proof that it settled; parameters and errors as `measure`.
 
@@ -116,7 +121,7 @@ def read_record(
     is cut short and for a transient without a step, as in `measure`.
     """
     _check(time, u, target, band)
-    part = sound_part(time, u, target, start, bound, expected_stop)
+    part = sound_part(time, u, target, start, bound, expected_stop, error)
     readings = part.read(band)
     if part.cut or part.step.amplitude == 0:
         readings = replace(readings, settling_times=(None,) * target.size)

@@ -145,7 +145,9 @@ def settling_times(signal: Signal, tolerance: float) -> tuple[Reading | None, ..
     at = np.where(np.isnan(at), 0.0, at)
     at[:3][ends > levels[:3, None]] = np.nan
     at[4, ends + signal.end_bounds > tolerance] = np.inf
-    width = np.nan_to_num(doubt[0]) + np.fmax(np.fmax(at[4] - at[0], at[0] - at[3]), 0.0)
+    # A crossing of the true signal lies between those of the shifted signals.
+    late, early = at[4] + doubt[4] - at[0], at[0] - at[3] + doubt[3]
+    width = np.fmax(np.fmax(late, early), doubt[0])
     readings: list[Reading | None] = []
     for (value, *others), doubted in zip(at[:3].T.tolist(), width.tolist(), strict=True):
         shifted = [None if math.isnan(other) else other for other in others]
@@ -166,9 +168,10 @@ def rise_times(signal: Signal, steps: Floats, selected: Bools) -> tuple[Reading 
     levels = [low, high, high - shift, high + shift, low - shift, low + shift, low, low, high, high]
     shifts = [0.0] * 6 + [1.0, -1.0] * 2  # the last four shift the signal by its bound
     at, doubt = signal.first_reached(rows, steps[rows], np.array(levels), np.array(shifts))
-    rise, (early_low, late_low, early_high, late_high) = at[1] - at[0], at[6:]
+    rise = at[1] - at[0]
+    (early_low, early_high), (late_low, late_high) = (at - doubt)[[6, 8]], (at + doubt)[[7, 9]]
     moved = np.maximum(late_high - early_low - rise, rise - (early_high - late_low))
-    width = doubt[0] + doubt[1] + np.where(np.isnan(moved), np.inf, np.maximum(moved, 0.0))
+    width = np.where(np.isnan(moved), np.inf, np.maximum(moved, doubt[0] + doubt[1]))
     for n, instants, doubted in zip(rows.tolist(), at[:6].T.tolist(), width.tolist(), strict=True):
         begin, end, *ends = instants[:4]
         if math.isnan(begin) or math.isnan(end):

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -23,7 +21,7 @@ class SampledSignal:
 
     time: Floats  # (P,), s, P at least 8
     errors: Floats  # distances from the targets (N, P)
-    bounds: Floats | None = None  # of the error of each sample (N, P), where known
+    error: float = 0.0  # bound of the error of every sample
 
     @property
     def ends(self) -> Floats:
@@ -33,84 +31,57 @@ class SampledSignal:
     @property
     def end_bounds(self) -> Floats:
         """Bounds (N,) at the last point."""
-        return np.zeros(len(self.errors)) if self.bounds is None else self.bounds[:, -1]
+        return np.full(len(self.errors), self.error)
 
     def last_outside(self, levels: Floats, shifts: Floats) -> Crossings:
-        """See `Signal`."""
-        return self._by_shift(levels, shifts, self._last_outside)
+        """See `Signal`; the levels are shifted instead of the samples."""
+        moved, place = np.unique(np.maximum(levels - shifts * self.error, 0.0), return_inverse=True)
+        time, errors, widest = self.time, self.errors, moved[-1]
+        channels = len(errors)
+        # Search only from the last point clearly outside, and the four points of a cubic before.
+        outside = (errors > widest) | (errors < -widest)
+        last = np.where(outside.any(axis=1), time.size - 1 - outside[:, ::-1].argmax(axis=1), 0)
+        first = np.minimum(np.maximum(last - 4, 0), time.size - FEWEST_POINTS)
+        begin = int(first.min())
+        every = np.repeat(moved[:, None], channels, axis=1)
+        at, doubt = last_crossings(
+            time[begin:], errors[:, begin:], every, first - begin, mirrored=True
+        )
+        later = np.fmax(at[:, :channels], at[:, channels:])
+        doubt = np.where(later == at[:, channels:], doubt[:, channels:], doubt[:, :channels])
+        return Crossings((later - time[0])[place], np.fmax(doubt, self._rounding)[place])
 
     def first_reached(
         self, rows: Indices, steps: Floats, levels: Floats, shifts: Floats
     ) -> Crossings:
-        """See `Signal`."""
-        return self._by_shift(levels, shifts, partial(self._first_reached, rows, steps))
-
-    def _by_shift(
-        self, levels: Floats, shifts: Floats, search: Callable[[Floats, float], Crossings]
-    ) -> Crossings:
-        """Search for each shift, and for equal levels once."""
-        shifts = np.zeros(len(levels)) if self.bounds is None else shifts
-        at, doubt = [np.empty(0)] * len(levels), [np.empty(0)] * len(levels)
-        for shift in np.unique(shifts).tolist():
-            chosen = np.flatnonzero(shifts == shift)
-            few, places = np.unique(levels[chosen], return_inverse=True)
-            found = search(few, shift)
-            for j, place in zip(chosen.tolist(), places.tolist(), strict=True):
-                at[j], doubt[j] = found.time[place], found.uncertainty[place]
-        return Crossings(np.array(at), np.array(doubt))
-
-    def _last_outside(self, levels: Floats, shift: float) -> Crossings:
-        time, widest, channels = self.time, levels.max(), len(self.errors)
-        rows = self.errors
-        if shift and self.bounds is not None:
-            rows = np.concatenate([rows, -rows]) + shift * np.tile(self.bounds, (2, 1))
-        mirrored = len(rows) == channels
-        # Search only from the last point clearly outside, and the four points of a cubic before.
-        outside = (rows > widest) | (rows < -widest) if mirrored else rows > widest
-        last = np.where(outside.any(axis=1), time.size - 1 - outside[:, ::-1].argmax(axis=1), 0)
-        first = np.minimum(np.maximum(last - 4, 0), time.size - FEWEST_POINTS)
-        begin = int(first.min())
-        every = np.repeat(levels[:, None], len(rows), axis=1)
-        at, doubt = last_crossings(
-            time[begin:], rows[:, begin:], every, first - begin, mirrored=mirrored
-        )
-        later = np.fmax(at[:, :channels], at[:, channels:])
-        doubt = np.where(later == at[:, channels:], doubt[:, channels:], doubt[:, :channels])
-        return Crossings(later - time[0], doubt)
-
-    def _first_reached(
-        self, rows: Indices, steps: Floats, levels: Floats, shift: float
-    ) -> Crossings:
-        time, errors = self.time, self.errors[rows]
-        if shift and self.bounds is not None:
-            errors = errors + shift * np.sign(steps)[:, None] * self.bounds[rows]
+        """See `Signal`; the levels are shifted instead of the samples."""
+        time, errors = self.time, self.errors
+        moved = levels[:, None] - shifts[:, None] * (self.error / np.abs(steps))
         # Search only up to the first point clearly above, and the points that a cubic needs.
-        clear, up = ((levels.max() - 1) * steps)[:, None], (steps > 0)[:, None]
+        clear, up = ((moved.max(axis=0) - 1) * steps)[:, None], (steps > 0)[:, None]
         size = 0
         while size < time.size:
             size = min(max(_FIRST_STRETCH, 8 * size), time.size)
-            above = (errors[:, :size] > clear) == up
+            above = (errors[:, :size][rows] > clear) == up
             reached = above.any(axis=1)
             if reached.all():
                 break
         stop = np.where(reached, np.maximum(above.argmax(axis=1) + 4, FEWEST_POINTS), time.size)
         stop = np.minimum(stop, time.size)
         head = int(stop.max())
-        progress = 1 + errors[:, :head] / steps[:, None]
-        return first_crossings(
-            time[:head], progress, np.repeat(levels[:, None], len(rows), axis=1), stop
-        )
+        progress = 1 + errors[:, :head][rows] / steps[:, None]
+        at, doubt = first_crossings(time[:head], progress, moved, stop)
+        return Crossings(at, np.fmax(doubt, self._rounding))
+
+    @property
+    def _rounding(self) -> float:
+        """Rounding of an instant, s."""
+        return float(np.spacing(np.abs(self.time[[0, -1]]).max()))
 
     def highest(self, sign: float) -> tuple[Floats, Floats]:
         """See `Signal`."""
         heights, doubt = highest(self.time, self.errors, sign)
-        if self.bounds is not None:
-            top = (sign * self.errors).max(axis=1)
-            high, low = (
-                (sign * self.errors + side * self.bounds).max(axis=1) for side in (1.0, -1.0)
-            )
-            doubt += np.maximum(high - top, top - low)
-        return heights, doubt
+        return heights, doubt + self.error
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,6 +119,7 @@ def sound_part(
     start: Floats | None,
     bound: float | None,
     expected_stop: float | None,
+    error: float = 0.0,
 ) -> SoundPart:
     """Cut a record where a channel leaves its physical range; parameters as `measures.measure`."""
     start = u[0] if start is None else start
@@ -161,7 +133,7 @@ def sound_part(
     cut = _cut(time, sound, lost, expected_stop)
     final = u[sound - 1] if sound else start
     errors = np.subtract(u[:sound].T, target[:, None], order="C")
-    signal = SampledSignal(np.ascontiguousarray(time[:sound]), errors)
+    signal = SampledSignal(np.ascontiguousarray(time[:sound]), errors, error)
     return SoundPart(signal, Step(start, target), final, lost, cut)
 
 

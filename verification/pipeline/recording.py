@@ -6,26 +6,22 @@ import math
 from dataclasses import dataclass, replace
 from typing import TypedDict
 
-import numpy as np
-
 from netlist_gen.analysis import Transient
 from netlist_gen.board.circuit import Circuit
 from netlist_gen.problem.inverse_problem import InverseProblem
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
+from spice_models.errors import EngineError
 from verification.engines.ngspice.process import PHYSICAL_BOUND
+from verification.engines.statespace.transients.exact import ENGINE
 from verification.ideal.ideal_answer import IdealAnswer, ideal_answer
 from verification.measures.measure import measure, read_record
 from verification.measures.measurements import Measurements
-from verification.measures.resampling import CUBIC, lagrange
-from verification.pipeline.agreement import (
-    Agreement,
-    Companion,
-    compare_engines,
-    exact_companion,
-)
+from verification.measures.readings import Readings
+from verification.pipeline.agreement import Agreement, compare_engines
 from verification.pipeline.attained_accuracy import Accuracy, attained, better_plan
 from verification.pipeline.clock import Clock, Progress
+from verification.pipeline.companion import Companion, find_companion
 from verification.pipeline.design import Design, design_board
 from verification.pipeline.effort import Effort
 from verification.pipeline.simulation import (
@@ -35,12 +31,15 @@ from verification.pipeline.simulation import (
     outputs,
     state_space_tolerance,
 )
-from verification.pipeline.step_error import StepError, simulation_error, undecided
-from verification.pipeline.transient_plan import coarser
+from verification.pipeline.state_space_error import (
+    StateSpaceError,
+    is_exact,
+    state_space_error,
+)
+from verification.pipeline.step_error import StepError, bounded, step_error, undecided
 from verification.small_signal.step_forecast import MOST_INSTANTS
 from verification.waveforms import Waveforms
 
-COARSER = 2.0  # times the step: the step of a second run
 REPEATS = 3  # largest number of repeated runs
 
 
@@ -146,103 +145,112 @@ def record_and_measure(
 def _record(
     design: Design, ideal: IdealAnswer, pending: Pending, clock: Clock, effort: Effort
 ) -> Recording:
-    scene, circuit, transient = design.scene, design.circuit, design.transient
-    stable = design.poles.stable
+    scene, stable = design.scene, design.poles.stable
     clock.begin("simulation", remark=design.plan.remark)
     simulation = pending.result()
+    wave = simulation.waveforms
     clock.begin("comparison")
-    companion = None
-    if stable and design.engine == "ngspice":
-        companion = _companion(design, simulation.waveforms)
+    companion, own = None, None
+    if wave.engine == ENGINE:
+        tolerance = state_space_tolerance(design.plan.wanted)
+        own = state_space_error(design.board, design.transient, wave, tolerance)
+    elif stable:
+        companion = find_companion(design, wave)
     clock.begin("measures")
-    measurements, u = measure_outputs(
-        scene, circuit, ideal, simulation.waveforms, transient, details=effort.details
+    error = _record_error(own, companion)
+    measured, u = measure_outputs(
+        scene, design.circuit, ideal, wave, design.transient, error=error, details=effort.details
     )
-    forever = effort.details or scene.analysis.stop != "auto" or len(u) >= MOST_INSTANTS
-    if forever := forever and stable and is_exact(design):
-        measurements = _on_the_solution(design, ideal, u[-1])
-    amplitude = measurements.amplitude
-    agreement = None
-    if companion is not None and (companion.share == 1.0 or companion.reason):
-        agreement = compare_engines(companion, design.plan.forecast.error * amplitude)
+    asked = effort.details or scene.analysis.stop != "auto" or len(u) >= MOST_INSTANTS
+    solution = None
+    if stable and is_exact(design.board) and (asked if companion is None else companion.exact):
+        solution = _on_the_solution(design, ideal)
+    forever = own is not None and solution is not None
+    other = None
+    if companion is not None and companion.exact:
+        other = _other_readings(design, ideal, measured, companion, solution, effort)
+        measured = bounded(measured, other)
+    elif forever and solution is not None:
+        measured = _ending(solution, u[-1])
+    elif not math.isfinite(error):
+        measured = bounded(measured, None)
+    amplitude, agreement = measured.amplitude, None
+    if companion is not None:
+        steps = design.plan.forecast.error * amplitude
+        agreement = compare_engines(companion, steps, scene.agreement_limit)
+    end_error = error if companion is None else companion.end_error
     return Recording(
         simulation=simulation,
-        measurements=measurements,
+        measurements=measured,
         u=u,
-        error=_readings_error(design, ideal, measurements, companion, simulation, effort),
+        error=step_error(measured, end_error, other),
         agreement=agreement,
-        accuracy=attained(design, simulation.waveforms, companion, amplitude),
+        accuracy=attained(design, wave, own, companion, amplitude),
         forever=forever,
     )
 
 
-def _companion(design: Design, waveforms: Waveforms) -> Companion:
-    """Return a second solution for ngspice's record: exact if possible, else at larger steps."""
-    tolerance = state_space_tolerance(design.plan.wanted)
-    exact = exact_companion(design.board, design.transient, waveforms, tolerance)
-    if not exact.reason:
-        return exact
-    plan = replace(design.plan, transient=coarser(design.transient, COARSER))
-    second = begin(design.scene, design.board, plan, design.engine).result().waveforms
-    inside = (second.time >= waveforms.time[0]) & (second.time <= waveforms.time[-1])
-    instants = np.array(second.time[inside])
-    u = lagrange(waveforms.time, outputs(design.circuit, waveforms), instants, CUBIC)
-    other, share = outputs(design.circuit, second)[inside], 1.0 / (COARSER**2 - 1.0)
-    how = "difference to a run at twice the step, extrapolated"
-    return Companion(instants, u, other, share, how, f"no state-space solution: {exact.reason}")
+def _record_error(own: StateSpaceError | None, companion: Companion | None) -> float:
+    """Return the bound of a record's error by which its readings are bounded, V.
+
+    0 for a record of ngspice whose readings are compared with those of a better solution; infinite
+    if nothing is known.
+    """
+    if companion is not None:
+        return 0.0 if companion.exact else companion.difference
+    return own.volts if own is not None and math.isfinite(own.volts) else math.inf
 
 
-def _readings_error(
+def _other_readings(
     design: Design,
     ideal: IdealAnswer,
-    measurements: Measurements,
-    companion: Companion | None,
-    simulation: Simulation,
+    measured: Measurements,
+    companion: Companion,
+    solution: Measurements | None,
     effort: Effort,
-) -> StepError:
-    """Return the error of the readings, from those of the second solution if it exists."""
-    rounding = simulation.waveforms.rounding
-    if companion is None and design.engine == "ngspice":
-        return simulation_error(measurements, None, math.inf, rounding)
-    if companion is None:
-        rounding += _rounding(design, measurements) if design.poles.stable else 0.0
-        return simulation_error(measurements, None, 0.0, rounding)
+) -> Readings:
+    """Return the readings of the state-space engine beside those of ngspice."""
+    if solution is not None:
+        return solution.readings
     terms = _terms(design.scene, design.circuit, design.transient)
-    time, u = companion.instants, companion.other
-    readings = read_record(time, u, ideal.target, ideal.start, **terms)
-    if undecided(measurements, readings):
-        second = measure(time, u, ideal.target, ideal.start, **terms, details=effort.details)
-        readings = second.readings
-    return simulation_error(measurements, readings, companion.share, rounding)
+    time, u, error = companion.time, companion.values, companion.doubt + _target_error(ideal)
+    readings = read_record(time, u, ideal.target, ideal.start, **terms, error=error)
+    if not undecided(measured, readings):
+        return readings
+    details = effort.details
+    second = measure(time, u, ideal.target, ideal.start, **terms, error=error, details=details)
+    return second.readings
 
 
-def _rounding(design: Design, measurements: Measurements) -> float:
-    """Return the effect of rounded matrix entries on the equilibrium and the modes, V."""
-    poles = design.poles
-    # A mode exp(p t) whose p moves by dp moves by dp t exp(p t), at most dp / (e |Re p|).
-    modes = measurements.amplitude * poles.resolution / (math.e * abs(poles.rightmost.real))
-    return modes + float(design.board.rounding.max(initial=0.0))
+def _target_error(ideal: IdealAnswer) -> float:
+    """Return the bound of the error of an output's distance from the reference, V.
+
+    The error of the reference moves the distance, and as step amplitude the band.
+    """
+    return 2.0 * ideal.solution.error_bound * ideal.network.U0
 
 
-def is_exact(design: Design) -> bool:
-    """Whether the engine has the exact solution, at any time."""
-    small = not (design.circuit.amplifiers or design.board.descriptor.is_large)
-    return design.engine == "statespace" and small
-
-
-def _on_the_solution(design: Design, ideal: IdealAnswer, final: Floats) -> Measurements:
-    """Measure the exact solution; `final` remains the end of the record, as for every engine."""
+def _on_the_solution(design: Design, ideal: IdealAnswer) -> Measurements | None:
+    """Measure the exact solution of a linear board; None if its modes are not all stable."""
     from verification.small_signal.exact_measures import measure_exact
 
-    measurements = measure_exact(
-        design.board,
-        ideal.target,
-        ideal.start,
-        initial=design.transient.initial,
-        band=design.scene.checks.settling_time.band,
-    )
-    ends = zip(measurements.channels, final.tolist(), strict=True)
-    return replace(measurements, channels=tuple(replace(c, final=end) for c, end in ends))
+    try:
+        return measure_exact(
+            design.board,
+            ideal.target,
+            ideal.start,
+            initial=design.transient.initial,
+            band=design.scene.checks.settling_time.band,
+            target_error=_target_error(ideal),
+        )
+    except EngineError:
+        return None
+
+
+def _ending(measured: Measurements, final: Floats) -> Measurements:
+    """Return measurements of a solution without an end, with the end of the record in them."""
+    ends = zip(measured.channels, final.tolist(), strict=True)
+    return replace(measured, channels=tuple(replace(c, final=end) for c, end in ends))
 
 
 def measure_outputs(
@@ -252,12 +260,17 @@ def measure_outputs(
     waveforms: Waveforms,
     transient: Transient,
     *,
+    error: float = 0.0,
     details: bool = True,
 ) -> tuple[Measurements, Floats]:
-    """Measure `waveforms` against the reference; return the measurements and u (P, N), V."""
+    """Measure `waveforms` against the reference; return the measurements and u (P, N), V.
+
+    `error` bounds the error of the waveforms, V; the readings have no bound if it is infinite.
+    """
     u, terms = outputs(circuit, waveforms), _terms(scene, circuit, transient)
-    time = waveforms.time
-    return measure(time, u, ideal.target, ideal.start, **terms, details=details), u
+    time, target, start = waveforms.time, ideal.target, ideal.start
+    error = error + _target_error(ideal) if math.isfinite(error) else 0.0
+    return measure(time, u, target, start, **terms, error=error, details=details), u
 
 
 class _Terms(TypedDict):

@@ -122,7 +122,8 @@ class ExactGrid:
     @property
     def reach(self) -> Floats:
         """Largest of the bounds at both ends of each interval, (P, N)."""
-        return np.maximum(self.bounds, np.concatenate([self.bounds[1:], self.bounds[-1:]]))
+        after = np.concatenate([self.bounds[1:], self.bounds[-1:]])
+        return np.asarray(np.maximum(self.bounds, after))
 
     def _bound(self, places: Ints) -> None:
         """Bound the intervals at `places`."""
