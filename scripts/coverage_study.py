@@ -56,7 +56,8 @@ def main() -> int:
     for (engine, kind, name), comparisons in sorted(found.items()):
         print(f"{engine:10} {kind:9} {name:13} {_summary(comparisons)}")
     for engine in asked.engine or ENGINES:
-        print(engine, _summary([c for key, each in found.items() if key[0] == engine for c in each]))
+        every = [c for key, each in found.items() if key[0] == engine for c in each]
+        print(engine, _summary(every))
     return 0
 
 
