@@ -65,7 +65,7 @@ def measured(*channels: ChannelMeasure, **changes: Any) -> Measurements:
         channels=channels,
         settling_time=max(settled, key=lambda r: r.value) if every else None,
         reason="; ".join(f"channel {c.index + 1}: {c.reason}" for c in channels if c.reason),
-        excursion_error=0.0,
+        excursion_errors=(0.0, 0.0),
         modes=(),
     )
     return replace(made, **changes)

@@ -101,7 +101,7 @@ def measure(
         modes = () if is_silent and not details else fit_modes(t, v, ringing=ringing)
     record = _Record(part, v, part.read(band), drift, band, ringing, modes)
     channels = [_channel(record, n) for n in range(target.size)]
-    return summary(amplitude, band, modes, channels, record.readings.excursion_error)
+    return summary(amplitude, band, modes, channels, record.readings.excursion_errors)
 
 
 def read_record(

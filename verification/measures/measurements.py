@@ -65,8 +65,8 @@ class Measurements:
         Settling time of the last channel; None unless every channel is settled.
     reason : str
         Why there is no settling time; empty if there is.
-    excursion_error : float
-        Bound of the error of overshoots and undershoots, fraction of A.
+    excursion_errors : tuple of float
+        Bounds of the errors of the largest overshoot and undershoot, fractions of A.
     modes : tuple of Mode
         Ringing fitted to the channels together, strongest first; empty if `measure` fits no modes.
     """
@@ -76,7 +76,7 @@ class Measurements:
     channels: tuple[ChannelMeasure, ...]
     settling_time: Reading | None
     reason: str
-    excursion_error: float
+    excursion_errors: tuple[float, float]
     modes: tuple[Mode, ...]
 
     @property
@@ -88,7 +88,7 @@ class Measurements:
             settling_times=tuple(c.settling_time for c in self.channels),
             overshoots=tuple(c.overshoot for c in self.channels),
             undershoots=tuple(c.undershoot for c in self.channels),
-            excursion_error=self.excursion_error,
+            excursion_errors=self.excursion_errors,
         )
 
 
@@ -141,7 +141,7 @@ def summary(
     band: float,
     modes: tuple[Mode, ...],
     channels: list[ChannelMeasure],
-    excursion_error: float,
+    excursion_errors: tuple[float, float],
 ) -> Measurements:
     """Return the measurements of the network, which settles with its last channel."""
     reason = next(
@@ -150,5 +150,5 @@ def summary(
     times = [c.settling_time for c in channels if c.settling_time is not None]
     settling_time = None if reason else latest(times)
     return Measurements(
-        amplitude, band, tuple(channels), settling_time, reason, excursion_error, modes
+        amplitude, band, tuple(channels), settling_time, reason, excursion_errors, modes
     )

@@ -85,7 +85,7 @@ class Readings:
     settling_times: tuple[Reading | None, ...]  # None for a channel that ends outside its band
     overshoots: tuple[float, ...]  # fractions of A
     undershoots: tuple[float, ...]  # fractions of A
-    excursion_error: float  # bound of the error of over- and undershoots, fraction of A
+    excursion_errors: tuple[float, float]  # of the largest over- and undershoot, fractions of A
 
     @property
     def settling_time(self) -> Reading | None:
@@ -123,14 +123,14 @@ def read(signal: Signal, step: Step, finals: Floats, tolerance: float, lost: Boo
     `tolerance` is half the width of the settling band, in the unit of the signal; `lost` (N,)
     marks channels whose rise time has no meaning.
     """
-    overshoots, undershoots, excursion_error = excursions(signal, step)
+    overshoots, undershoots, excursion_errors = excursions(signal, step)
     return Readings(
         finals=tuple(finals.tolist()),
         rise_times=rise_times(signal, step.sizes, step.rising() & ~lost),
         settling_times=settling_times(signal, tolerance),
         overshoots=overshoots,
         undershoots=undershoots,
-        excursion_error=excursion_error,
+        excursion_errors=excursion_errors,
     )
 
 
@@ -182,23 +182,32 @@ def rise_times(signal: Signal, steps: Floats, selected: Bools) -> tuple[Reading 
     return tuple(readings)
 
 
-def excursions(signal: Signal, step: Step) -> tuple[tuple[float, ...], tuple[float, ...], float]:
-    """Return overshoots, undershoots and the bound of their error, fractions of A.
+def excursions(
+    signal: Signal, step: Step
+) -> tuple[tuple[float, ...], tuple[float, ...], tuple[float, float]]:
+    """Return overshoots, undershoots and bounds of the errors of their maxima, fractions of A.
 
     They are 0 without a step.
     """
     amplitude, sizes = step.amplitude, step.sizes
     if amplitude == 0:
-        return (0.0,) * len(sizes), (0.0,) * len(sizes), 0.0
+        return (0.0,) * len(sizes), (0.0,) * len(sizes), (0.0, 0.0)
     (up, doubt_up), (down, doubt_down) = signal.highest(1.0), signal.highest(-1.0)
     ahead, behind = np.where(sizes < 0, (down, up), (up, down))
     away = behind - np.abs(sizes)  # beyond the start
     either = np.maximum(ahead, away)
-    over = np.where(step.rising(), ahead, either)
-    under = np.where(np.abs(sizes) > STILL * amplitude, away, either)
-    over, under = np.maximum((over, under), 0.0) / amplitude
-    error = float(np.maximum(doubt_up, doubt_down).max()) / amplitude
-    return tuple(over.tolist()), tuple(under.tolist()), error
+    over = np.where(step.rising(), ahead, either) / amplitude
+    under = np.where(np.abs(sizes) > STILL * amplitude, away, either) / amplitude
+    doubt = np.maximum(doubt_up, doubt_down) / amplitude
+    errors = _largest_error(over, doubt), _largest_error(under, doubt)
+    over, under = np.maximum((over, under), 0.0)
+    return tuple(over.tolist()), tuple(under.tolist()), errors
+
+
+def _largest_error(values: Floats, doubts: Floats) -> float:
+    """Return the bound of the error of the largest value, at least 0, and at least rounding."""
+    low, value, high = (max(float((values + s * doubts).max()), 0.0) for s in (-1.0, 0.0, 1.0))
+    return max(high - value, value - low, float(np.spacing(1.0 + value)))
 
 
 def latest(readings: list[Reading]) -> Reading:

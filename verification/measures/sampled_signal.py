@@ -12,6 +12,7 @@ from verification.measures.crossings import Crossings, first_crossings, highest,
 from verification.measures.readings import Readings, Step, read
 
 FEWEST_POINTS = 8
+UNKNOWN = (math.inf, math.inf)  # errors of the excursions of a record that cannot be read
 _FIRST_STRETCH = 1024  # points that are searched first for a rise
 
 
@@ -107,7 +108,7 @@ class SoundPart:
         """Read the record; without a step the band is in % of the largest excursion."""
         if not self.readable:
             nothing, zero = (None,) * len(self.final), (0.0,) * len(self.final)
-            return Readings(tuple(self.final.tolist()), nothing, nothing, zero, zero, math.inf)
+            return Readings(tuple(self.final.tolist()), nothing, nothing, zero, zero, UNKNOWN)
         tolerance = band * self.scale()
         return read(self.signal, self.step, self.final, tolerance, self.lost)
 

@@ -13,10 +13,11 @@ LATER = 0.05  # of a settling time: a second time later than this is measured in
 
 @dataclass(frozen=True, slots=True)
 class StepError:
-    """Bounds on the errors of the readings of a simulation; the largest of any channel.
+    """Bounds on the errors of the readings of a simulation.
 
     The times are in s, 0 where no channel has such a time; the others are fractions of the step
-    amplitude. All are infinite if nothing is known.
+    amplitude. All are infinite if nothing is known. Of the rise times, the largest error counts;
+    settling time and excursions are those of the network.
     """
 
     steady_state: float
@@ -56,8 +57,8 @@ def bounded(measured: Measurements, other: Readings | None) -> Measurements:
         replace(c, rise_time=_bounded(c.rise_time, a), settling_time=_bounded(c.settling_time, b))
         for c, a, b in zip(measured.channels, rises, settled, strict=True)
     ]
-    excursions = max(_excursion_errors(measured, other))
-    return summary(measured.amplitude, measured.band, measured.modes, channels, excursions)
+    errors = _excursion_errors(measured.readings, other)
+    return summary(measured.amplitude, measured.band, measured.modes, channels, errors)
 
 
 def _bounded(reading: Reading | None, other: Reading | None) -> Reading | None:
@@ -68,30 +69,27 @@ def _bounded(reading: Reading | None, other: Reading | None) -> Reading | None:
     return replace(reading, uncertainty=abs(reading.value - other.value) + other.uncertainty)
 
 
-def _excursion_errors(measured: Measurements, other: Readings | None) -> tuple[float, float]:
-    """Return bounds on the errors of overshoots and of undershoots, fractions of the step."""
+def _excursion_errors(readings: Readings, other: Readings | None) -> tuple[float, float]:
+    """Return bounds on the errors of the largest overshoot and undershoot."""
     if other is None:
         return math.inf, math.inf
-    readings, doubt = measured.readings, other.excursion_error
-    overshoot = _furthest(readings.overshoots, other.overshoots) + doubt
-    return overshoot, _furthest(readings.undershoots, other.undershoots) + doubt
+    overshoot, undershoot = other.excursion_errors
+    return (
+        abs(max(readings.overshoots) - max(other.overshoots)) + overshoot,
+        abs(max(readings.undershoots) - max(other.undershoots)) + undershoot,
+    )
 
 
-def step_error(measured: Measurements, end_error: float, other: Readings | None) -> StepError:
-    """Return the bounds of `bounded` measurements.
+def step_error(measured: Measurements, end_error: float) -> StepError:
+    """Return the errors of measurements whose uncertainties are bounds.
 
     Parameters
     ----------
-    measured : Measurements
-        Measurements whose uncertainties are bounds.
     end_error : float
         Bound of the error of the record's end, V.
-    other : Readings, optional
-        Those that bound the excursions; by default the measurements' own bound.
     """
     settling, rises = measured.settling_time, measured.readings.rise_times
-    own = measured.excursion_error
-    overshoot, undershoot = (own, own) if other is None else _excursion_errors(measured, other)
+    overshoot, undershoot = measured.excursion_errors
     return StepError(
         steady_state=end_error / (measured.amplitude or 1.0),
         settling_time=0.0 if settling is None else settling.uncertainty,
@@ -99,8 +97,3 @@ def step_error(measured: Measurements, end_error: float, other: Readings | None)
         overshoot=overshoot,
         undershoot=undershoot,
     )
-
-
-def _furthest(a: tuple[float, ...], b: tuple[float, ...]) -> float:
-    """Return the largest difference of any channel."""
-    return max(abs(x - y) for x, y in zip(a, b, strict=True))

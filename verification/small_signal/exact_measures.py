@@ -40,6 +40,7 @@ def measure_exact(
     start: Floats | None = None,
     *,
     initial: Literal["zero", "rest"] = "zero",
+    stop: float | None = None,
     band: float = SETTLING_BAND,
     target_error: float = 0.0,
 ) -> Measurements:
@@ -55,8 +56,10 @@ def measure_exact(
         u before the step, V; the default is the start of the solution.
     initial, band
         As in `netlist_gen.analysis.Transient` and `measures.measure`.
+    stop : float, optional
+        As in `exact_solution`.
     target_error : float
-        Bound of the error of `target`, V.
+        Bound of the error of a channel's distance from `target`, V.
 
     Raises
     ------
@@ -67,17 +70,17 @@ def measure_exact(
     -----
     The cost is that of `exact_solution`, of the solution at about 25 points per ringing period, at
     most `exact_grid.PER_OCTAVE` for each e-fold of the time, and of about six evaluations for every
-    crossing. The error of the target moves errors and bands, so it counts twice.
+    crossing.
     """
     board = LinearBoard.of(circuit)
-    solution = exact_solution(board, initial=initial)
+    solution = exact_solution(board, initial=initial, stop=stop)
     if not np.all(solution.poles.real < 0.0):
         raise EngineError("the board is not stable: its transient has no end to measure")
     signs = np.array([output.sign for output in board.circuit.outputs])
     step = Step(solution.start * signs if start is None else start, target)
     amplitude, final = step.amplitude, solution.final * signs
     tolerance = band * (amplitude or float(np.abs(final - target).max(initial=0.0)) or 1.0)
-    signal = ExactSignal(solution, signs, target, 2.0 * target_error, DETAIL * tolerance)
+    signal = ExactSignal(solution, signs, target, target_error, DETAIL * tolerance)
     readings = read(signal, step, final, tolerance, np.zeros(len(target), dtype=np.bool_))
     modes = _modes(solution, amplitude)
     short = "the channel never reaches the levels of its step"
@@ -87,7 +90,7 @@ def measure_exact(
         settlement = _settlement(off, tolerance, bound, reading) if amplitude else STILL
         mode = strongest(modes, n, amplitude)
         channels.append(channel_measure(n, step, readings, settlement, mode, short))
-    return summary(amplitude, band, modes, channels, readings.excursion_error)
+    return summary(amplitude, band, modes, channels, readings.excursion_errors)
 
 
 STILL = Settlement(ChannelState.SETTLED, None, NO_STEP)

@@ -25,7 +25,7 @@ from spice_models.errors import Complaint, EngineError, InputError
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.transients.exact import simulate
 from verification.ideal.ideal_answer import IdealAnswer, ideal_answer, ideal_network
-from verification.pipeline.recording import measure_outputs
+from verification.pipeline.bounded_measures import measure_outputs
 from verification.pipeline.transient_plan import plan_transient
 from verification.small_signal.margin import capacitance_margin
 from verification.small_signal.time_scales import time_scales

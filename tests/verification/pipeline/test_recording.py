@@ -14,7 +14,7 @@ from netlist_gen.scene.scene import parse_scene
 from tests.support.paths import SCENES
 from verification.engines.statespace.transients.exact import simulate
 from verification.ideal.ideal_answer import IdealAnswer, ideal_answer
-from verification.pipeline import recording
+from verification.pipeline import bounded_measures, recording
 from verification.pipeline.clock import Clock
 from verification.pipeline.companion import Companion
 from verification.pipeline.design import Design, design_board
@@ -53,7 +53,7 @@ def recorded(
     u, values = outputs(design.circuit, fine)[: len(other.time)], outputs(design.circuit, other)
     beside = Companion(other.time, u, values, other.time, values, DOUBT, "")
     monkeypatch.setattr(recording, "find_companion", lambda *_: beside)
-    monkeypatch.setattr(recording, "is_exact", lambda _: False)
+    monkeypatch.setattr(bounded_measures, "is_exact", lambda _: False)
     monkeypatch.setattr(recording, "better_plan", lambda *_: None)
     clock, effort = Clock(lambda stage: None), Effort(details=False)
     pending = Pending(lambda: replace(fine, engine="ngspice"))
@@ -69,8 +69,8 @@ def measured(monkeypatch: pytest.MonkeyPatch) -> list[float]:
         ends.append(float(time[-1]))
         return measure(time, *arguments, **terms)
 
-    measure = recording.measure
-    monkeypatch.setattr(recording, "measure", counted)
+    measure = bounded_measures.measure
+    monkeypatch.setattr(bounded_measures, "measure", counted)
     return ends
 
 

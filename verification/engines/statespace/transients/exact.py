@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import time as clock
 from collections.abc import Iterable, Mapping
@@ -119,7 +120,25 @@ def exact_solution(
     if board.circuit.amplifiers and not linearised:
         name, kind = board.circuit.name, board.circuit.amplifier
         raise EngineError(f"board {name!r} has {kind} amplifiers: the board is not linear")
-    space, reported = board.state_space, board.reported(nodes)
+    if not voltages and nodes is None:
+        return _outputs_solution(board, initial, stop)
+    return _solve(board, initial, voltages, board.reported(nodes), stop)
+
+
+@functools.lru_cache(maxsize=4)
+def _outputs_solution(board: LinearBoard, initial: Initial, stop: float | None) -> Exact:
+    """Return the solution of the outputs, which one verification uses several times."""
+    return _solve(board, initial, None, board.reported(None), stop)
+
+
+def _solve(
+    board: LinearBoard,
+    initial: Initial,
+    voltages: Mapping[str, float] | None,
+    reported: tuple[str, ...],
+    stop: float | None,
+) -> Exact:
+    space = board.state_space
     C, D = space.rows(reported)
     x0 = space.state_of(initial_unknowns(board, initial, voltages))
     deviation = x0 - space.state_of(board.equilibrium.values)
@@ -201,7 +220,7 @@ def simulate(
         initial=analysis.initial,
         voltages=analysis.voltages,
         nodes=nodes,
-        stop=analysis.stop if times is None else float(times[-1]),
+        stop=analysis.stop if times is None else max(analysis.stop, float(times[-1])),
     )
     if times is None:
         instants = amplified.record_times(analysis, analysis.stop)
