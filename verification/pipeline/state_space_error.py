@@ -18,7 +18,7 @@ from verification.engines.statespace.transients import amplified, reduced_order,
 from verification.waveforms import Waveforms
 
 INSTANTS = 2000  # at which two runs are compared
-LOOSER = 10.0  # the second run's tolerance over the first's
+LOOSER = 4.0  # the second run's tolerance over the first's: it then errs 2 to 7 times as much
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,7 +27,7 @@ CERTIFICATE = 1e-9  # largest residual accepted, relative to the terms that canc
 # An unknown below this share of the largest counts as if it had it: where only rounding is left
 # (a channel without strain), a residual of 64 units of rounding of the largest is accepted.
 QUIET = 64 * float(np.finfo(np.float64).eps) / CERTIFICATE
-PROBES, SPREAD = 4, 1.5  # draws of the rounding, and how much more than the largest counts
+PROBES, SPREAD = 4, 4.0  # draws of the rounding, and how much more than the largest counts
 
 
 @dataclass(frozen=True, slots=True, eq=False)
