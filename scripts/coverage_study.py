@@ -16,6 +16,7 @@ import argparse
 import json
 import sys
 from collections import defaultdict
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -99,9 +100,10 @@ def _fine_run(scene: Scene) -> TrueValues:
         return TrueValues(amplitude, (lead.real, lead.imag), 0.0, (), DOUBT, how)
     stop = LONGER * settled_after(scene.checks, design.scales)
     transient = Transient(stop, stop, initial=scene.analysis.initial)
+    design = replace(design, plan=replace(design.plan, transient=transient))
     times = StepModel.of(board, stop, transient.initial, stable=True).instants(SPACING)
     wave = amplified.simulate(board, transient, times=times, tolerance=TOLERANCE)
-    measured, _ = measure_outputs(scene, board.circuit, ideal, wave, transient)
+    measured, _ = measure_outputs(design, ideal, wave)
     finals = SteadyState.of(board, design.scales).values
     channels = []
     for channel, final in zip(measured.channels, finals.tolist(), strict=True):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,12 +17,25 @@ _FIRST_STRETCH = 1024  # points that are searched first for a rise
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Rest:
+    """Where channels come to rest after their record, by other knowledge than the record.
+
+    `values` (N,) are reached at the end of time; after the record no channel is further than `left`
+    from them.
+    """
+
+    values: Floats
+    left: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class SampledSignal:
     """Samples of errors as a `verification.measures.readings.Signal`."""
 
     time: Floats  # (P,), s, P at least 8
     errors: Floats  # distances from the targets (N, P)
     error: float = 0.0  # bound of the error of every sample
+    rest: Rest | None = None  # of the errors
 
     @property
     def ends(self) -> Floats:
@@ -82,7 +95,13 @@ class SampledSignal:
     def highest(self, sign: float) -> tuple[Floats, Floats]:
         """See `Signal`."""
         heights, doubt = highest(self.time, self.errors, sign)
-        return heights, doubt + self.error
+        doubt = doubt + self.error
+        if self.rest is None:
+            return heights, doubt
+        last = sign * self.rest.values
+        top = np.maximum(heights + doubt, last + self.rest.left + self.error)
+        heights = np.maximum(heights, last)
+        return heights, np.maximum(doubt, top - heights)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,6 +140,7 @@ def sound_part(
     bound: float | None,
     expected_stop: float | None,
     error: float = 0.0,
+    rest: Rest | None = None,
 ) -> SoundPart:
     """Cut a record where a channel leaves its physical range; parameters as `measures.measure`."""
     start = u[0] if start is None else start
@@ -134,7 +154,8 @@ def sound_part(
     cut = _cut(time, sound, lost, expected_stop)
     final = u[sound - 1] if sound else start
     errors = np.subtract(u[:sound].T, target[:, None], order="C")
-    signal = SampledSignal(np.ascontiguousarray(time[:sound]), errors, error)
+    ends = None if cut or rest is None else replace(rest, values=rest.values - target)
+    signal = SampledSignal(np.ascontiguousarray(time[:sound]), errors, error, ends)
     return SoundPart(signal, Step(start, target), final, lost, cut)
 
 

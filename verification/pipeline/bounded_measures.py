@@ -10,25 +10,26 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TypedDict
 
-from netlist_gen.analysis import Transient
-from netlist_gen.board.circuit import Circuit
-from netlist_gen.scene.scene import Scene
+import numpy as np
+
 from spice_models.array_types import Floats
 from spice_models.errors import EngineError
 from verification.engines.ngspice.process import PHYSICAL_BOUND
 from verification.ideal.ideal_answer import IdealAnswer
-from verification.measures.measure import measure, read_record
+from verification.measures.measure import measure
 from verification.measures.measurements import Measurements
-from verification.measures.readings import Readings
+from verification.measures.sampled_signal import Rest
 from verification.pipeline.companion import Companion
 from verification.pipeline.design import Design
 from verification.pipeline.simulation import outputs
 from verification.pipeline.state_space_error import StateSpaceError, is_exact
-from verification.pipeline.step_error import bounded, undecided
+from verification.pipeline.steady_state import SteadyState
+from verification.pipeline.step_error import bounded
 from verification.small_signal.step_forecast import MOST_INSTANTS
 from verification.waveforms import Waveforms
+
+LATE = 0.9  # of a record: after it the largest distance from the equilibrium will not be exceeded
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,60 +75,60 @@ def measure_with_bounds(
         Whether to read the exact solution in place of its record, and to fit modes to records that
         need no fit.
     """
-    board, error = design.board, _record_error(own, companion)
-    measured, u = measure_outputs(
-        design.scene, design.circuit, ideal, wave, design.transient, error=error, details=details
-    )
-    asked = details or design.scene.analysis.stop != "auto" or len(u) >= MOST_INSTANTS
+    asked = details or design.scene.analysis.stop != "auto" or len(wave.time) >= MOST_INSTANTS
     solution = None
-    if design.poles.stable and is_exact(board) and (companion.exact if companion else asked):
+    if design.poles.stable and is_exact(design.board) and (companion is not None or asked):
         solution = _on_the_solution(design, ideal)
-    if companion is not None and companion.exact:
-        if solution is None:
-            other = _other_readings(design, ideal, measured, companion, details=details)
-        else:
-            other = solution.readings
-        measured = bounded(measured, other)
-    elif solution is not None:
+    if companion is None:
+        measured, u = _own_measures(design, ideal, wave, own, details=details)
+        end_error = own.volts if own is not None and math.isfinite(own.volts) else math.inf
+    else:
+        measured, u = _measures_beside(design, ideal, wave, companion, solution, details=details)
+        end_error = companion.end_error
+    if forever := companion is None and solution is not None:
         # As for every engine, `final` is the end of the record.
         ends = zip(solution.channels, u[-1].tolist(), strict=True)
-        measured = replace(
-            solution, channels=tuple(replace(channel, final=end) for channel, end in ends)
-        )
-    elif not math.isfinite(error):
-        measured = bounded(measured, None)
-    end_error = error if companion is None else companion.end_error
-    forever = companion is None and solution is not None
+        channels = tuple(replace(channel, final=end) for channel, end in ends)
+        measured = replace(solution, channels=channels)
     return BoundedMeasures(measured, u, end_error, forever)
 
 
-def _record_error(own: StateSpaceError | None, companion: Companion | None) -> float:
-    """Return the bound of a record's error by which its readings are bounded, V.
-
-    0 for a record of ngspice whose readings are compared with those of a better solution; infinite
-    if nothing is known.
-    """
-    if companion is not None:
-        return 0.0 if companion.exact else companion.difference
-    return own.volts if own is not None and math.isfinite(own.volts) else math.inf
-
-
-def _other_readings(
+def _own_measures(
     design: Design,
     ideal: IdealAnswer,
-    measured: Measurements,
-    companion: Companion,
+    wave: Waveforms,
+    own: StateSpaceError | None,
     *,
     details: bool,
-) -> Readings:
-    """Return the readings of the state-space engine beside those of ngspice."""
-    terms = _terms(design.scene, design.circuit, design.transient)
-    time, u, error = companion.time, companion.values, companion.doubt + _target_error(ideal)
-    readings = read_record(time, u, ideal.target, ideal.start, **terms, error=error)
-    if not undecided(measured, readings):
-        return readings
-    second = measure(time, u, ideal.target, ideal.start, **terms, error=error, details=details)
-    return second.readings
+) -> tuple[Measurements, Floats]:
+    """Measure a record by its own error, or beside the second run that errs more."""
+    error = own.rounding if own is not None and math.isfinite(own.rounding) else 0.0
+    measured, u = measure_outputs(design, ideal, wave, error=error, details=details)
+    if own is None or not math.isfinite(own.volts):
+        return bounded(measured, None), u
+    if own.second is None:
+        return measured, u
+    second, _ = measure_outputs(design, ideal, own.second, error=error, details=False)
+    return bounded(measured, second.readings), u
+
+
+def _measures_beside(
+    design: Design,
+    ideal: IdealAnswer,
+    wave: Waveforms,
+    companion: Companion,
+    solution: Measurements | None,
+    *,
+    details: bool,
+) -> tuple[Measurements, Floats]:
+    """Measure a record of ngspice beside a second solution."""
+    if companion.error is None:
+        return measure_outputs(design, ideal, wave, error=companion.difference, details=details)
+    measured, u = measure_outputs(design, ideal, wave, details=details)
+    if solution is None:
+        other = companion.solution
+        solution, _ = _own_measures(design, ideal, other, companion.error, details=False)
+    return bounded(measured, solution.readings), u
 
 
 def _target_error(ideal: IdealAnswer) -> float:
@@ -157,36 +158,38 @@ def _on_the_solution(design: Design, ideal: IdealAnswer) -> Measurements | None:
 
 
 def measure_outputs(
-    scene: Scene,
-    circuit: Circuit,
+    design: Design,
     ideal: IdealAnswer,
     waveforms: Waveforms,
-    transient: Transient,
     *,
     error: float = 0.0,
     details: bool = True,
 ) -> tuple[Measurements, Floats]:
     """Measure `waveforms` against the reference; return the measurements and u (P, N), V.
 
-    `error` bounds the error of the waveforms, V; the readings have no bound if it is infinite.
+    `error` bounds the error of the waveforms, V.
     """
-    u, terms = outputs(circuit, waveforms), _terms(scene, circuit, transient)
-    time, target, start = waveforms.time, ideal.target, ideal.start
-    error = error + _target_error(ideal) if math.isfinite(error) else 0.0
-    return measure(time, u, target, start, **terms, error=error, details=details), u
+    u, time = outputs(design.circuit, waveforms), waveforms.time
+    measured = measure(
+        time,
+        u,
+        ideal.target,
+        ideal.start,
+        band=design.scene.checks.settling_time.band,
+        bound=PHYSICAL_BOUND * design.circuit.scalings.unit_voltage,
+        expected_stop=design.transient.stop,
+        error=error + _target_error(ideal),
+        rest=_rest(design, time, u),
+        details=details,
+    )
+    return measured, u
 
 
-class _Terms(TypedDict):
-    """Arguments of `measure` and `read_record` in addition to the record and its target."""
-
-    band: float
-    bound: float
-    expected_stop: float
-
-
-def _terms(scene: Scene, circuit: Circuit, transient: Transient) -> _Terms:
-    return {
-        "band": scene.checks.settling_time.band,
-        "bound": PHYSICAL_BOUND * circuit.scalings.unit_voltage,
-        "expected_stop": transient.stop,
-    }
+def _rest(design: Design, time: Floats, u: Floats) -> Rest | None:
+    """Return where the outputs of a stable board come to rest after a record."""
+    if not design.poles.stable:
+        return None
+    steady = SteadyState.of(design.board, design.scales)
+    late = u[int(np.searchsorted(time, LATE * time[-1])) :]
+    moving = float(np.abs(late - steady.values).max(initial=0.0))
+    return Rest(steady.values, max(steady.left(float(time[-1])), moving))

@@ -18,7 +18,7 @@ from verification.engines.statespace.linearised.board import LinearBoard
 from verification.measures.resampling import CUBIC, lagrange
 from verification.pipeline.design import Design
 from verification.pipeline.simulation import begin, outputs, state_space_tolerance
-from verification.pipeline.state_space_error import is_exact, state_space_error
+from verification.pipeline.state_space_error import StateSpaceError, is_exact, state_space_error
 from verification.pipeline.transient_plan import coarser
 from verification.waveforms import Waveforms
 
@@ -36,11 +36,11 @@ class Companion:
         Instants at which the record and the second solution are compared, s.
     u, other : ndarray (Q, N)
         Outputs of the record and of the second solution, V.
-    time, values : ndarray (P,) and (P, N)
-        The second solution at instants that resolve it, s and V.
-    doubt : float
-        Bound of the error of the second solution, V. It is 0 for a second run at larger steps,
-        whose error is larger than that of the record, so that the difference is a bound.
+    solution : Waveforms
+        The second solution at instants that resolve it.
+    error : StateSpaceError or None
+        The error of the second solution; None for a second run of ngspice at larger steps, whose
+        error is larger than that of the record, so that the difference is a bound.
     how : str
         Source of the second solution.
     reason : str
@@ -50,9 +50,8 @@ class Companion:
     instants: Floats
     u: Floats
     other: Floats
-    time: Floats
-    values: Floats
-    doubt: float
+    solution: Waveforms
+    error: StateSpaceError | None
     how: str
     reason: str = ""
 
@@ -60,6 +59,11 @@ class Companion:
     def exact(self) -> bool:
         """Whether the second solution is from the state-space engine, with a bound of its error."""
         return not self.reason
+
+    @property
+    def doubt(self) -> float:
+        """Bound of the error of the second solution where it counts, V."""
+        return 0.0 if self.error is None else self.error.volts
 
     @property
     def difference(self) -> float:
@@ -95,7 +99,7 @@ def find_companion(design: Design, record: Waveforms) -> Companion:
         outputs(design.circuit, second)[inside],
         "whole difference to a run at twice the step",
     )
-    return Companion(instants, u, other, instants, other, 0.0, how, reason)
+    return Companion(instants, u, other, second, None, how, reason)
 
 
 def state_space_companion(
@@ -133,7 +137,6 @@ def state_space_companion(
     error = state_space_error(board, transient, solution, tolerance)
     if not math.isfinite(error.volts):
         raise EngineError(error.how)
-    values = outputs(board.circuit, solution)
     how = "difference to the state-space engine, and the error of that engine"
-    other = values[np.searchsorted(times, instants)]
-    return Companion(instants, u, other, times, values, error.volts, how)
+    other = outputs(board.circuit, solution)[np.searchsorted(times, instants)]
+    return Companion(instants, u, other, solution, error, how)

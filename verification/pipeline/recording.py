@@ -98,9 +98,7 @@ def record_transient(
     ideal = ideal_answer(design.network, design.scene)
     waveforms = pending.result().waveforms
     clock.begin("measures")
-    measurements, _ = measure_outputs(
-        design.scene, design.circuit, ideal, waveforms, design.transient
-    )
+    measurements, _ = measure_outputs(design, ideal, waveforms)
     return Record(design.circuit, design.transient, waveforms, measurements)
 
 

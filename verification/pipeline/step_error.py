@@ -8,8 +8,6 @@ from dataclasses import dataclass, replace
 from verification.measures.measurements import Measurements, summary
 from verification.measures.readings import Reading, Readings
 
-LATER = 0.05  # of a settling time: a second time later than this is measured in full
-
 
 @dataclass(frozen=True, slots=True)
 class StepError:
@@ -25,21 +23,6 @@ class StepError:
     rise_time: float
     overshoot: float
     undershoot: float
-
-
-def undecided(fine: Measurements, coarse: Readings) -> bool:
-    """Return whether the second solution must be measured in full before its readings count.
-
-    That is so if only the second solution has a settling or rise time, or if its settling time is
-    much later: its readings alone do not show whether the channel has settled.
-    """
-    settled, second = fine.settling_time, coarse.settling_time
-    if settled is None or second is None:
-        later = second is not None
-    else:
-        later = second.value > (1 + LATER) * settled.value
-    rises = zip((c.rise_time for c in fine.channels), coarse.rise_times, strict=True)
-    return later or any(a is None and b is not None for a, b in rises)
 
 
 def bounded(measured: Measurements, other: Readings | None) -> Measurements:

@@ -9,7 +9,7 @@ import pytest
 
 from tests.support.measured import channel, measured
 from verification.measures.readings import Reading, Readings
-from verification.pipeline.step_error import LATER, bounded, step_error, undecided
+from verification.pipeline.step_error import bounded, step_error
 
 
 def better(error: float = 0.0, **changes: object) -> Readings:
@@ -65,23 +65,3 @@ def test_without_another_solution_nothing_is_known() -> None:
     record = bounded(measured(channel()), None)
     found = step_error(record, math.inf)
     assert set(astuple(found)) == {math.inf}
-
-
-def test_a_second_solution_is_judged_where_it_shows_more_than_the_record() -> None:
-    """A time that only the second solution has may be one that its record does not prove."""
-    full, empty = measured(channel()), measured(channel(rise_time=None, settling_time=None))
-    assert not undecided(full, full.readings)
-    assert not undecided(empty, empty.readings)
-    assert not undecided(full, empty.readings)
-    assert undecided(empty, full.readings)
-    assert undecided(measured(channel(rise_time=None)), full.readings)
-
-
-def test_a_second_solution_that_settles_clearly_later_is_judged() -> None:
-    fine = measured(channel(settling_time=Reading(1e-3, 0.0)))
-    near, far = (
-        measured(channel(settling_time=Reading(1e-3 * (1 + times * LATER), 0.0))).readings
-        for times in (0.9, 1.1)
-    )
-    assert not undecided(fine, near)
-    assert undecided(fine, far)
