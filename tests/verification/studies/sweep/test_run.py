@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import sqlite3
 from collections.abc import Iterator
 from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
 from pathlib import Path
@@ -86,6 +87,19 @@ def test_nothing_is_computed_twice(tmp_path: Path, workers: Workers) -> None:
     # The same value twice in one sweep.
     twice, rows = run(plan("C=70p,70p"), path, workers)
     assert (twice.ran, twice.done, len(rows)) == (1, 2, 2)
+
+
+def test_a_damaged_result_is_named_and_computed_again(tmp_path: Path, workers: Workers) -> None:
+    path, said = tmp_path / "a.sqlite", list[str]()
+    _, rows = run(plan("C=50p,100p"), path, workers)
+    with sqlite3.connect(path) as db:
+        db.execute("update points set record = replace(record, '1', '2')")
+    db.close()
+    count, again = run(plan("C=50p,100p"), path, workers, announce=said.append)
+    assert count.ran == 2
+    assert [row | {"seconds": 0.0} for row in again] == [row | {"seconds": 0.0} for row in rows]
+    assert sum("is damaged and is computed again" in text for text in said) == 2
+    assert any("C = 5e-11" in text for text in said)
 
 
 def test_a_resistance_and_its_lambda_are_the_same_point(tmp_path: Path, workers: Workers) -> None:
