@@ -47,6 +47,7 @@ TOLERANCE, SPACING = (
     1e-10,
 )  # of a run that counts as true; of interpolation between its points
 DOUBT, FACTOR = 1e-8, 10.0  # of its readings, fraction of the step or relative; times its rounding
+TIMEOUT = 5.0  # s: longer runs of ngspice are left out
 LONGER = 3.0  # times the record in which every check can be decided
 
 
@@ -64,7 +65,7 @@ def main() -> int:
     for seed in range(asked.first, asked.first + asked.scenes):
         kind = kinds[seed % len(kinds)]
         try:
-            scene = random_scene(seed, kind, **random_setting(seed))
+            scene = random_scene(seed, kind, timeout=TIMEOUT, **random_setting(seed))
             truth = _truth(scene, seed, kind, asked.cache)
         except (TactionError, AssertionError, ArithmeticError, ValueError) as error:
             print(f"{seed} {kind}: no truth: {str(error)[:100]!r}", flush=True)

@@ -13,7 +13,7 @@ from tests.support.true_values import true_values
 from verification.studies.stress.compare import compare
 from verification.verify import verify
 
-SEEDS = (0, 1, 2, 3, 5, 7, 8, 9, 10, 11, 13, 14, 18, 20, 30)  # stable boards
+SEEDS = (0, 1, 2, 3, 5, 7, 8, 9, 10, 14, 18, 20)  # stable boards whose runs are short
 READINGS = ("settling_time", "rise_time", "overshoot", "undershoot", "steady_state")
 
 
