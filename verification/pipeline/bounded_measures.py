@@ -29,6 +29,9 @@ from verification.pipeline.step_error import bounded
 from verification.small_signal.step_forecast import MOST_INSTANTS
 from verification.waveforms import Waveforms
 
+SAFETY = (
+    2.0  # times the difference of a reading to that of a second run: the two errors may be close
+)
 LATE = 0.9  # of a record: after it the largest distance from the equilibrium will not be exceeded
 
 
@@ -109,7 +112,7 @@ def _own_measures(
     if own.second is None:
         return measured, u
     second, _ = measure_outputs(design, ideal, own.second, error=error, details=False)
-    return bounded(measured, second.readings), u
+    return bounded(measured, second.readings, SAFETY), u
 
 
 def _measures_beside(

@@ -25,41 +25,49 @@ class StepError:
     undershoot: float
 
 
-def bounded(measured: Measurements, other: Readings | None) -> Measurements:
+def bounded(measured: Measurements, other: Readings | None, safety: float = 1.0) -> Measurements:
     """Return `measured` with uncertainties that hold for the true solution.
 
     The error of a reading is at most its difference to the `other` reading, and the uncertainty of
     that one. A reading that only one solution has is infinitely uncertain, and all readings are
     without another solution. A settling time jumps by half a ringing period when a peak moves
-    through the edge of the band, and this difference counts, too.
+    through the edge of the band, and this difference counts, too. The differences count `safety`
+    times.
     """
     nothing = (None,) * len(measured.channels)
     rises = nothing if other is None else other.rise_times
     settled = nothing if other is None else other.settling_times
     channels = [
-        replace(c, rise_time=_bounded(c.rise_time, a), settling_time=_bounded(c.settling_time, b))
+        replace(
+            c,
+            rise_time=_bounded(c.rise_time, a, safety),
+            settling_time=_bounded(c.settling_time, b, safety),
+        )
         for c, a, b in zip(measured.channels, rises, settled, strict=True)
     ]
-    errors = _excursion_errors(measured.readings, other)
+    errors = _excursion_errors(measured.readings, other, safety)
     return summary(measured.amplitude, measured.band, measured.modes, channels, errors)
 
 
-def _bounded(reading: Reading | None, other: Reading | None) -> Reading | None:
+def _bounded(reading: Reading | None, other: Reading | None, safety: float) -> Reading | None:
     if reading is None:
         return None
     if other is None:
         return replace(reading, uncertainty=math.inf)
-    return replace(reading, uncertainty=abs(reading.value - other.value) + other.uncertainty)
+    apart = safety * abs(reading.value - other.value)
+    return replace(reading, uncertainty=apart + other.uncertainty)
 
 
-def _excursion_errors(readings: Readings, other: Readings | None) -> tuple[float, float]:
+def _excursion_errors(
+    readings: Readings, other: Readings | None, safety: float
+) -> tuple[float, float]:
     """Return bounds on the errors of the largest overshoot and undershoot."""
     if other is None:
         return math.inf, math.inf
     overshoot, undershoot = other.excursion_errors
     return (
-        abs(max(readings.overshoots) - max(other.overshoots)) + overshoot,
-        abs(max(readings.undershoots) - max(other.undershoots)) + undershoot,
+        safety * abs(max(readings.overshoots) - max(other.overshoots)) + overshoot,
+        safety * abs(max(readings.undershoots) - max(other.undershoots)) + undershoot,
     )
 
 
