@@ -168,7 +168,7 @@ class StabilityCheck(Model):
 class EnginesAgreeCheck(Model):
     """Largest difference between ngspice and the state-space engine, over all time.
 
-    Without a tolerance, `AGREE` of the step amplitude.
+    Without a tolerance, `AGREE` of the step amplitude, or `analysis.error` if that is larger.
     """
 
     tolerance: Positive | None = None
@@ -263,6 +263,14 @@ class Scene(Model):
         if complaints := placed(cls, data, values):
             raise InputError(IN_MEMORY, *complaints)
         return parse_scene(data, IN_MEMORY)
+
+    @property
+    def agreement_limit(self) -> float:
+        """Largest accepted difference of the two engines, fraction of the step amplitude."""
+        check, error = self.checks.engines_agree, self.analysis.error
+        if check.tolerance is not None or error == "auto":
+            return check.limit
+        return max(check.limit, error)
 
     @property
     def file(self) -> Path:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from netlist_gen.scene.scene import Checks
+from netlist_gen.scene.scene import AGREE, Checks
 from verification.measures.measurements import ChannelMeasure, Measurements
 from verification.measures.readings import Reading
 from verification.measures.settling import ChannelState
@@ -65,6 +65,7 @@ def measured(*channels: ChannelMeasure, **changes: Any) -> Measurements:
         channels=channels,
         settling_time=max(settled, key=lambda r: r.value) if every else None,
         reason="; ".join(f"channel {c.index + 1}: {c.reason}" for c in channels if c.reason),
+        excursion_errors=(0.0, 0.0),
         modes=(),
     )
     return replace(made, **changes)
@@ -104,7 +105,8 @@ def steady(
 
 
 def agreement(difference: float, step_error: float = 0.0, reason: str = "") -> Agreement:
-    return Agreement(difference, step_error, 1e-6, 0, np.zeros(0), np.zeros((0, 1)), reason)
+    instants, differences = np.zeros(0), np.zeros((0, 1))
+    return Agreement(difference, 0.0, step_error, AGREE, 1e-6, 0, instants, differences, reason)
 
 
 def margin(factor: float, uncertainty: float = 0.0, doubt: str = "") -> Margin:

@@ -19,7 +19,7 @@ from verification.engines.statespace.transients import (
     reduced_order,
     structured_radau,
 )
-from verification.pipeline import recording
+from verification.pipeline import bounded_measures
 
 SIZE = 4e-16  # relative; standard deviation
 TRANSIENTS = (amplified, exact, reduced_order, structured_radau)
@@ -52,6 +52,10 @@ def rounded(seed: int) -> Iterator[None]:
     begins = [(room, "initial_unknowns") for room in TRANSIENTS]
     with ExitStack() as changed:
         changed.enter_context(patch.object(stamps, "Descriptor", stamped))
-        for owner, name in (*begins, (amplified_large.Wide, "start"), (recording, "outputs")):
+        for owner, name in (
+            *begins,
+            (amplified_large.Wide, "start"),
+            (bounded_measures, "outputs"),
+        ):
             changed.enter_context(patch.object(owner, name, after(getattr(owner, name))))
         yield

@@ -130,3 +130,38 @@ def test_an_automatic_record_is_long_enough(name: str, seconds: float, engine: s
     assert settling.value is not None
     assert settling.uncertainty is not None
     assert abs(settling.value - seconds) <= settling.uncertainty + 0.005e-6  # digits of the truth
+
+
+@ENGINES
+@pytest.mark.usefixtures("ngspice")
+@pytest.mark.parametrize(
+    ("name", "check", "value", "digits"),
+    [
+        ("loose-error-settling", "settling_time", 94.57504e-6, 1e-7),
+        ("coarse-points-rise", "rise_time", 39.945670443e-6, 1e-10),
+        ("overshoot-after-band", "overshoot", 0.0775271915419, 1e-12),
+        ("overshoot-zero", "overshoot", 0.0070709023014, 1e-10),
+        ("rise-wide-band", "rise_time", 29.368834181e-6, 1e-10),
+    ],
+)
+def test_a_reading_is_within_its_uncertainty_of_the_truth(
+    name: str, check: str, value: float, digits: float, engine: str
+) -> None:
+    found = named(verdict_of(name, engine), check)
+    assert found.value is not None
+    assert found.uncertainty is not None
+    assert abs(found.value - value) <= found.uncertainty + digits * value
+    assert found.uncertainty < (0.02 if engine == "ngspice" else 1e-8) * value
+    if found.expected is not None:
+        right = PASS if value <= found.expected else FAIL
+        assert found.outcome in ({right, INCONCLUSIVE} if engine == "ngspice" else {right})
+
+
+@ENGINES
+@pytest.mark.usefixtures("ngspice")
+def test_a_channel_rises_long_after_the_board_has_settled(engine: str) -> None:
+    """The band is wider than what the first channel has left to go."""
+    rise = verdict_of("rise-after-band", engine).measurements.channels[0].rise_time
+    assert rise is not None
+    assert abs(rise.value - 113.906e-6) <= rise.uncertainty + 1e-9
+    assert rise.uncertainty < 2e-3 * rise.value

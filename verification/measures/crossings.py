@@ -108,7 +108,7 @@ def peaks(time: Floats, y: Floats, row: Indices, k: Indices, sign: Floats) -> Pe
     return Peaks(point, at, np.maximum(sign[point] * value[:, 0], here), doubt[:, 0])
 
 
-def highest(time: Floats, y: Floats, sign: float) -> Floats:
+def highest(time: Floats, y: Floats, sign: float) -> tuple[Floats, Floats]:
     """Return the maximum of each row of ``sign * y``, a peak between points included.
 
     Parameters
@@ -117,14 +117,20 @@ def highest(time: Floats, y: Floats, sign: float) -> Floats:
         Record, P at least 4.
     sign : float
         1.0 or -1.0.
+
+    Returns
+    -------
+    ndarray (R,) and ndarray (R,)
+        The maxima and their uncertainty, in the unit of `y`.
     """
     row = np.arange(len(y))
     top = y.argmax(axis=1) if sign > 0 else y.argmin(axis=1)
-    heights = sign * y[row, top]
+    heights, doubts = sign * y[row, top], np.zeros(len(y))
     rows, five = np.repeat(row, 5), np.repeat(top, 5) + np.tile(np.arange(-2, 3), row.size)
     near = peaks(time, y, rows, five, np.full(rows.size, sign))
     np.maximum.at(heights, rows[near.point], near.height)
-    return np.asarray(heights)
+    np.maximum.at(doubts, rows[near.point], near.uncertainty)
+    return heights, doubts
 
 
 def _last_positive(f: Floats) -> Floats:

@@ -34,7 +34,7 @@ from verification.measures.measurements import (
 )
 from verification.measures.mode_fit import Mode, fit_modes
 from verification.measures.readings import Readings
-from verification.measures.sampled_signal import SoundPart, sound_part
+from verification.measures.sampled_signal import Rest, SoundPart, sound_part
 from verification.measures.settling import (
     ChannelRinging,
     ChannelState,
@@ -54,6 +54,8 @@ def measure(
     band: float = SETTLING_BAND,
     bound: float | None = None,
     expected_stop: float | None = None,
+    error: float = 0.0,
+    rest: Rest | None = None,
     details: bool = True,
 ) -> Measurements:
     """Measure a transient against its reference steady state.
@@ -75,6 +77,11 @@ def measure(
         exceeds the bound has diverged.
     expected_stop : float, optional
         Expected end of the record, s; a shorter record proves no settling time.
+    error : float
+        Bound of the error of ``u - target``, in the unit of `u`; the uncertainties of the readings
+        include it.
+    rest : Rest, optional
+        Where the channels come to rest, which over- and undershoots include.
     details : bool
         False: modes are not fitted if every channel is silent at its end, because no state
         depends on the modes then.
@@ -86,7 +93,7 @@ def measure(
         usable: mistakes of the caller, not properties of a waveform.
     """
     _check(time, u, target, band)
-    part = sound_part(time, u, target, start, bound, expected_stop)
+    part = sound_part(time, u, target, start, bound, expected_stop, error, rest)
     t = part.signal.time
     v, drift = u[: t.size], Drift(t, part.signal.errors)
     ringing, modes = Envelope(t[:1], np.zeros((1, u.shape[1])), None), tuple[Mode, ...]()
@@ -96,30 +103,8 @@ def measure(
         is_silent = not part.cut and silent(drift, ringing.amplitude, band * amplitude)
         modes = () if is_silent and not details else fit_modes(t, v, ringing=ringing)
     record = _Record(part, v, part.read(band), drift, band, ringing, modes)
-    return summary(amplitude, band, modes, [_channel(record, n) for n in range(target.size)])
-
-
-def read_record(
-    time: Floats,
-    u: Floats,
-    target: Floats,
-    start: Floats | None = None,
-    *,
-    band: float = SETTLING_BAND,
-    bound: float | None = None,
-    expected_stop: float | None = None,
-) -> Readings:
-    """Read a transient without a proof that it settled; parameters and errors as `measure`.
-
-    A settling time is the last instant of the channel outside its band, or None for a record that
-    is cut short and for a transient without a step, as in `measure`.
-    """
-    _check(time, u, target, band)
-    part = sound_part(time, u, target, start, bound, expected_stop)
-    readings = part.read(band)
-    if part.cut or part.step.amplitude == 0:
-        readings = replace(readings, settling_times=(None,) * target.size)
-    return readings
+    channels = [_channel(record, n) for n in range(target.size)]
+    return summary(amplitude, band, modes, channels, record.readings.excursion_errors)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

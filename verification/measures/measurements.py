@@ -65,6 +65,8 @@ class Measurements:
         Settling time of the last channel; None unless every channel is settled.
     reason : str
         Why there is no settling time; empty if there is.
+    excursion_errors : tuple of float
+        Bounds of the errors of the largest overshoot and undershoot, fractions of A.
     modes : tuple of Mode
         Ringing fitted to the channels together, strongest first; empty if `measure` fits no modes.
     """
@@ -74,6 +76,7 @@ class Measurements:
     channels: tuple[ChannelMeasure, ...]
     settling_time: Reading | None
     reason: str
+    excursion_errors: tuple[float, float]
     modes: tuple[Mode, ...]
 
     @property
@@ -85,6 +88,7 @@ class Measurements:
             settling_times=tuple(c.settling_time for c in self.channels),
             overshoots=tuple(c.overshoot for c in self.channels),
             undershoots=tuple(c.undershoot for c in self.channels),
+            excursion_errors=self.excursion_errors,
         )
 
 
@@ -133,7 +137,11 @@ def _no_rise(step: Step, n: int, state: ChannelState) -> str:
 
 
 def summary(
-    amplitude: float, band: float, modes: tuple[Mode, ...], channels: list[ChannelMeasure]
+    amplitude: float,
+    band: float,
+    modes: tuple[Mode, ...],
+    channels: list[ChannelMeasure],
+    excursion_errors: tuple[float, float],
 ) -> Measurements:
     """Return the measurements of the network, which settles with its last channel."""
     reason = next(
@@ -141,4 +149,6 @@ def summary(
     )
     times = [c.settling_time for c in channels if c.settling_time is not None]
     settling_time = None if reason else latest(times)
-    return Measurements(amplitude, band, tuple(channels), settling_time, reason, modes)
+    return Measurements(
+        amplitude, band, tuple(channels), settling_time, reason, excursion_errors, modes
+    )

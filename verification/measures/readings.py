@@ -21,26 +21,34 @@ STILL = 1e-6  # of A: a smaller step has no direction; both sides of it count as
 
 
 class Signal(Protocol):
-    """Errors of N channels over time: distances from the targets."""
+    """Errors of N channels over time: distances from the targets, themselves known to a bound."""
 
     @property
     def ends(self) -> Floats:
         """Errors (N,) where the signal ends or comes to rest."""
 
-    def last_outside(self, levels: Floats) -> Crossings:
+    @property
+    def end_bounds(self) -> Floats:
+        """Bounds (N,) of the uncertainty of `ends`; 0 for a signal whose bounds are not known."""
+
+    def last_outside(self, levels: Floats, shifts: Floats) -> Crossings:
         """Find the last instants (J, N), from the start, with ``|error|`` above `levels` (J,).
 
-        NaN for a channel that never is above.
+        For each level the signal is shifted outwards by `shifts` (J,) times its bound. NaN for a
+        channel that never is above.
         """
 
-    def first_reached(self, rows: Indices, steps: Floats, levels: Floats) -> Crossings:
+    def first_reached(
+        self, rows: Indices, steps: Floats, levels: Floats, shifts: Floats
+    ) -> Crossings:
         """Find when ``1 + error / step`` first exceeds `levels` (J,), in channels `rows` (R,).
 
-        Shape (J, R); NaN for a level that is never exceeded.
+        For each level the signal is shifted in the direction of the step by `shifts` (J,) times its
+        bound. Shape (J, R); NaN for a level that is never exceeded.
         """
 
-    def highest(self, sign: float) -> Floats:
-        """Return the maximum of ``sign * error`` of every channel, (N,)."""
+    def highest(self, sign: float) -> tuple[Floats, Floats]:
+        """Return the maximum of ``sign * error`` of every channel and its uncertainty, (N,)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +60,8 @@ class Reading:
     value : float
         s.
     uncertainty : float
-        Uncertainty of the crossings, s, without the error of the simulation.
+        Bound of the error of `value`, s: of the crossings between the points and, where the signal
+        has bounds, of the signal. Infinite if the true signal may have no such time.
     fragile : bool
         A small shift of the level or of the band changes the time: a peak just reaches, or just
         misses, the level.
@@ -76,6 +85,7 @@ class Readings:
     settling_times: tuple[Reading | None, ...]  # None for a channel that ends outside its band
     overshoots: tuple[float, ...]  # fractions of A
     undershoots: tuple[float, ...]  # fractions of A
+    excursion_errors: tuple[float, float]  # of the largest over- and undershoot, fractions of A
 
     @property
     def settling_time(self) -> Reading | None:
@@ -113,13 +123,14 @@ def read(signal: Signal, step: Step, finals: Floats, tolerance: float, lost: Boo
     `tolerance` is half the width of the settling band, in the unit of the signal; `lost` (N,)
     marks channels whose rise time has no meaning.
     """
-    overshoots, undershoots = excursions(signal, step)
+    overshoots, undershoots, excursion_errors = excursions(signal, step)
     return Readings(
         finals=tuple(finals.tolist()),
         rise_times=rise_times(signal, step.sizes, step.rising() & ~lost),
         settling_times=settling_times(signal, tolerance),
         overshoots=overshoots,
         undershoots=undershoots,
+        excursion_errors=excursion_errors,
     )
 
 
@@ -128,15 +139,19 @@ def settling_times(signal: Signal, tolerance: float) -> tuple[Reading | None, ..
     ends = np.abs(signal.ends)
     if ends.min() > tolerance:
         return (None,) * len(ends)
-    levels = tolerance * np.array([1.0, 1.0 - BAND_SHIFT, 1.0 + BAND_SHIFT])
-    at, doubt = signal.last_outside(levels)
-    never = np.isnan(at)
-    at, doubt = np.where(never, 0.0, at), np.where(never, 0.0, doubt)
-    at[ends > levels[:, None]] = np.nan
+    # The last two shift the signal by its bound.
+    levels = tolerance * np.array([1.0, 1.0 - BAND_SHIFT, 1.0 + BAND_SHIFT, 1.0, 1.0])
+    at, doubt = signal.last_outside(levels, np.array([0.0, 0.0, 0.0, -1.0, 1.0]))
+    at = np.where(np.isnan(at), 0.0, at)
+    at[:3][ends > levels[:3, None]] = np.nan
+    at[4, ends + signal.end_bounds > tolerance] = np.inf
+    # A crossing of the true signal lies between those of the shifted signals.
+    late, early = at[4] + doubt[4] - at[0], at[0] - at[3] + doubt[3]
+    width = np.fmax(np.fmax(late, early), doubt[0])
     readings: list[Reading | None] = []
-    for (value, *others), width in zip(at.T.tolist(), doubt[0].tolist(), strict=True):
+    for (value, *others), doubted in zip(at[:3].T.tolist(), width.tolist(), strict=True):
         shifted = [None if math.isnan(other) else other for other in others]
-        readings.append(None if math.isnan(value) else _reading(value, width, shifted))
+        readings.append(None if math.isnan(value) else _reading(value, doubted, shifted))
     return tuple(readings)
 
 
@@ -150,38 +165,56 @@ def rise_times(signal: Signal, steps: Floats, selected: Bools) -> tuple[Reading 
     if rows.size == 0:
         return tuple(readings)
     (low, high), shift = RISE_LEVELS, LEVEL_SHIFT
-    shifted = np.array([low, high, high - shift, high + shift, low - shift, low + shift])
-    at, doubt = signal.first_reached(rows, steps[rows], shifted)
-    widths = (doubt[0] + doubt[1]).tolist()
-    for n, instants, width in zip(rows.tolist(), at.T.tolist(), widths, strict=True):
+    levels = [low, high, high - shift, high + shift, low - shift, low + shift, low, low, high, high]
+    shifts = [0.0] * 6 + [1.0, -1.0] * 2  # the last four shift the signal by its bound
+    at, doubt = signal.first_reached(rows, steps[rows], np.array(levels), np.array(shifts))
+    rise = at[1] - at[0]
+    (early_low, early_high), (late_low, late_high) = (at - doubt)[[6, 8]], (at + doubt)[[7, 9]]
+    moved = np.maximum(late_high - early_low - rise, rise - (early_high - late_low))
+    width = np.where(np.isnan(moved), np.inf, np.maximum(moved, doubt[0] + doubt[1]))
+    for n, instants, doubted in zip(rows.tolist(), at[:6].T.tolist(), width.tolist(), strict=True):
         begin, end, *ends = instants[:4]
         if math.isnan(begin) or math.isnan(end):
             continue
         others = [None if math.isnan(e) else e - begin for e in ends]
         others += [end - b for b in instants[4:] if not math.isnan(b)]
-        readings[n] = _reading(end - begin, width, others)
+        readings[n] = _reading(end - begin, doubted, others)
     return tuple(readings)
 
 
-def excursions(signal: Signal, step: Step) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return overshoots and undershoots, fractions of A; 0 without a step."""
+def excursions(
+    signal: Signal, step: Step
+) -> tuple[tuple[float, ...], tuple[float, ...], tuple[float, float]]:
+    """Return overshoots, undershoots and bounds of the errors of their maxima, fractions of A.
+
+    They are 0 without a step.
+    """
     amplitude, sizes = step.amplitude, step.sizes
     if amplitude == 0:
-        return ((0.0,) * len(sizes),) * 2
-    up, down = signal.highest(1.0), signal.highest(-1.0)
+        return (0.0,) * len(sizes), (0.0,) * len(sizes), (0.0, 0.0)
+    (up, doubt_up), (down, doubt_down) = signal.highest(1.0), signal.highest(-1.0)
     ahead, behind = np.where(sizes < 0, (down, up), (up, down))
     away = behind - np.abs(sizes)  # beyond the start
     either = np.maximum(ahead, away)
-    over = np.where(step.rising(), ahead, either)
-    under = np.where(np.abs(sizes) > STILL * amplitude, away, either)
-    over, under = np.maximum((over, under), 0.0) / amplitude
-    return tuple(over.tolist()), tuple(under.tolist())
+    over = np.where(step.rising(), ahead, either) / amplitude
+    under = np.where(np.abs(sizes) > STILL * amplitude, away, either) / amplitude
+    doubt = np.maximum(doubt_up, doubt_down) / amplitude
+    errors = _largest_error(over, doubt), _largest_error(under, doubt)
+    over, under = np.maximum((over, under), 0.0)
+    return tuple(over.tolist()), tuple(under.tolist()), errors
+
+
+def _largest_error(values: Floats, doubts: Floats) -> float:
+    """Return the bound of the error of the largest value, at least 0, and at least rounding."""
+    low, value, high = (max(float((values + s * doubts).max()), 0.0) for s in (-1.0, 0.0, 1.0))
+    return max(high - value, value - low, float(np.spacing(1.0 + value)))
 
 
 def latest(readings: list[Reading]) -> Reading:
     """Return the latest of several readings, fragile where a fragile reading could change it."""
     value = max(r.value for r in readings)
-    doubt = max(r.value + r.uncertainty for r in readings) - value
+    highest, lowest = (max(r.value + s * r.uncertainty for r in readings) for s in (1.0, -1.0))
+    doubt = max(highest - value, value - lowest)
     rivals = [[r.value, r.value if r.alternative is None else r.alternative] for r in readings]
     others: list[float | None] = [max(map(max, rivals)), max(map(min, rivals))]
     if any(r.fragile and r.alternative is None for r in readings):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,7 +12,20 @@ from verification.measures.crossings import Crossings, first_crossings, highest,
 from verification.measures.readings import Readings, Step, read
 
 FEWEST_POINTS = 8
+UNKNOWN = (math.inf, math.inf)  # errors of the excursions of a record that cannot be read
 _FIRST_STRETCH = 1024  # points that are searched first for a rise
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rest:
+    """Where channels come to rest after their record, by other knowledge than the record.
+
+    `values` (N,) are reached at the end of time; after the record no channel is further than `left`
+    from them.
+    """
+
+    values: Floats
+    left: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -20,34 +34,45 @@ class SampledSignal:
 
     time: Floats  # (P,), s, P at least 8
     errors: Floats  # distances from the targets (N, P)
+    error: float = 0.0  # bound of the error of every sample
+    rest: Rest | None = None  # of the errors
 
     @property
     def ends(self) -> Floats:
         """Errors (N,) at the last point."""
         return np.asarray(self.errors[:, -1])
 
-    def last_outside(self, levels: Floats) -> Crossings:
-        """See `Signal`."""
-        time, errors, widest = self.time, self.errors, levels.max()
+    @property
+    def end_bounds(self) -> Floats:
+        """Bounds (N,) at the last point."""
+        return np.full(len(self.errors), self.error)
+
+    def last_outside(self, levels: Floats, shifts: Floats) -> Crossings:
+        """See `Signal`; the levels are shifted instead of the samples."""
+        moved, place = np.unique(np.maximum(levels - shifts * self.error, 0.0), return_inverse=True)
+        time, errors, widest = self.time, self.errors, moved[-1]
         channels = len(errors)
         # Search only from the last point clearly outside, and the four points of a cubic before.
         outside = (errors > widest) | (errors < -widest)
         last = np.where(outside.any(axis=1), time.size - 1 - outside[:, ::-1].argmax(axis=1), 0)
         first = np.minimum(np.maximum(last - 4, 0), time.size - FEWEST_POINTS)
         begin = int(first.min())
-        every = np.repeat(levels[:, None], channels, axis=1)
+        every = np.repeat(moved[:, None], channels, axis=1)
         at, doubt = last_crossings(
             time[begin:], errors[:, begin:], every, first - begin, mirrored=True
         )
         later = np.fmax(at[:, :channels], at[:, channels:])
         doubt = np.where(later == at[:, channels:], doubt[:, channels:], doubt[:, :channels])
-        return Crossings(later - time[0], doubt)
+        return Crossings((later - time[0])[place], np.fmax(doubt, self._rounding)[place])
 
-    def first_reached(self, rows: Indices, steps: Floats, levels: Floats) -> Crossings:
-        """See `Signal`."""
+    def first_reached(
+        self, rows: Indices, steps: Floats, levels: Floats, shifts: Floats
+    ) -> Crossings:
+        """See `Signal`; the levels are shifted instead of the samples."""
         time, errors = self.time, self.errors
+        moved = levels[:, None] - shifts[:, None] * (self.error / np.abs(steps))
         # Search only up to the first point clearly above, and the points that a cubic needs.
-        clear, up = ((levels.max() - 1) * steps)[:, None], (steps > 0)[:, None]
+        clear, up = ((moved.max(axis=0) - 1) * steps)[:, None], (steps > 0)[:, None]
         size = 0
         while size < time.size:
             size = min(max(_FIRST_STRETCH, 8 * size), time.size)
@@ -59,13 +84,24 @@ class SampledSignal:
         stop = np.minimum(stop, time.size)
         head = int(stop.max())
         progress = 1 + errors[:, :head][rows] / steps[:, None]
-        return first_crossings(
-            time[:head], progress, np.repeat(levels[:, None], len(rows), axis=1), stop
-        )
+        at, doubt = first_crossings(time[:head], progress, moved, stop)
+        return Crossings(at, np.fmax(doubt, self._rounding))
 
-    def highest(self, sign: float) -> Floats:
+    @property
+    def _rounding(self) -> float:
+        """Rounding of an instant, s."""
+        return float(np.spacing(np.abs(self.time[[0, -1]]).max()))
+
+    def highest(self, sign: float) -> tuple[Floats, Floats]:
         """See `Signal`."""
-        return highest(self.time, self.errors, sign)
+        heights, doubt = highest(self.time, self.errors, sign)
+        doubt = doubt + self.error
+        if self.rest is None:
+            return heights, doubt
+        last = sign * self.rest.values
+        top = np.maximum(heights + doubt, last + self.rest.left + self.error)
+        heights = np.maximum(heights, last)
+        return heights, np.maximum(doubt, top - heights)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,7 +127,7 @@ class SoundPart:
         """Read the record; without a step the band is in % of the largest excursion."""
         if not self.readable:
             nothing, zero = (None,) * len(self.final), (0.0,) * len(self.final)
-            return Readings(tuple(self.final.tolist()), nothing, nothing, zero, zero)
+            return Readings(tuple(self.final.tolist()), nothing, nothing, zero, zero, UNKNOWN)
         tolerance = band * self.scale()
         return read(self.signal, self.step, self.final, tolerance, self.lost)
 
@@ -103,6 +139,8 @@ def sound_part(
     start: Floats | None,
     bound: float | None,
     expected_stop: float | None,
+    error: float = 0.0,
+    rest: Rest | None = None,
 ) -> SoundPart:
     """Cut a record where a channel leaves its physical range; parameters as `measures.measure`."""
     start = u[0] if start is None else start
@@ -116,7 +154,8 @@ def sound_part(
     cut = _cut(time, sound, lost, expected_stop)
     final = u[sound - 1] if sound else start
     errors = np.subtract(u[:sound].T, target[:, None], order="C")
-    signal = SampledSignal(np.ascontiguousarray(time[:sound]), errors)
+    ends = None if cut or rest is None else replace(rest, values=rest.values - target)
+    signal = SampledSignal(np.ascontiguousarray(time[:sound]), errors, error, ends)
     return SoundPart(signal, Step(start, target), final, lost, cut)
 
 

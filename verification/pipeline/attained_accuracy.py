@@ -7,20 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from netlist_gen.analysis import Transient
-from spice_models.errors import EngineError
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.engines.statespace.transients import (
-    amplified,
-    exact,
-    reduced_order,
-    structured_radau,
-)
+from verification.engines.statespace.transients.exact import ENGINE
 from verification.ideal.ideal_answer import IdealAnswer
 from verification.measures.measurements import Measurements
-from verification.pipeline.agreement import Companion
+from verification.pipeline.companion import Companion
 from verification.pipeline.design import Design
-from verification.pipeline.simulation import state_space_tolerance
+from verification.pipeline.state_space_error import StateSpaceError
 from verification.pipeline.transient_plan import (
     AFTER_SETTLING,
     AIM,
@@ -30,8 +22,6 @@ from verification.pipeline.transient_plan import (
 )
 from verification.waveforms import Waveforms
 
-INSTANTS = 2000  # at which two runs of an adaptive engine are compared
-LOOSER = 10.0  # the second run's tolerance over the first's
 INSIDE = 0.5  # of the band minus the static error: remaining ringing at the end of a longer record
 LONGER = 2.0  # times the length of a record that was too short: least length of the next record
 FEWER = 1.05  # times as many steps: a finer plan has at least so many
@@ -46,7 +36,7 @@ class Accuracy:
     wanted : float
         Error that the checks allow, fraction of the step amplitude (`wanted_error`).
     achieved : float or None
-        The error measured after the run; None if it cannot be measured.
+        Bound of the error, measured after the run; None if it cannot be measured.
     seconds : float
         Wall time of the run (of all tries), s.
     points : int
@@ -84,28 +74,33 @@ class Accuracy:
 
 
 def attained(
-    design: Design, waveforms: Waveforms, companion: Companion | None, amplitude: float
+    design: Design,
+    waveforms: Waveforms,
+    own: StateSpaceError | None,
+    companion: Companion | None,
+    amplitude: float,
 ) -> Accuracy:
-    """Measure the error that a transient attained.
+    """Return the bound of the error that a transient attained.
 
     Parameters
     ----------
+    own : StateSpaceError or None
+        Of a record of the state-space engine.
     companion : Companion or None
-        Second solution for the record of ngspice; None for the state-space engine, and for an
-        unstable board.
+        Second solution for the record of ngspice; None for an unstable board.
     amplitude : float
         Step amplitude, V.
     """
-    transient, wanted = design.transient, design.plan.wanted
+    transient = design.transient
     method, volts = str(transient.method), math.nan
     how = "the board is unstable: the error grows with the voltages"
-    if waveforms.engine == exact.ENGINE:
-        method, volts, how = _state_space(design.board, transient, waveforms, wanted)
+    if own is not None:
+        method, volts, how = own.method, own.volts, own.how
     elif companion is not None:
-        volts, how = companion.error, companion.how
+        volts, how = companion.difference + companion.doubt, companion.how
     step = transient.stop / max(waveforms.cost.points, 1)
     return Accuracy(
-        wanted=wanted,
+        wanted=design.plan.wanted,
         achieved=volts / (amplitude or 1.0) if math.isfinite(volts) else None,
         seconds=waveforms.cost.seconds,
         points=waveforms.cost.points,
@@ -145,7 +140,7 @@ def _longer(design: Design, ideal: IdealAnswer, measured: Measurements) -> Plan 
 def _finer(design: Design, accuracy: Accuracy) -> Plan | None:
     """Plan smaller steps if a run of ngspice missed the wanted error."""
     even = design.scene.analysis.points_per_period is not None
-    if accuracy.reached or accuracy.achieved is None or even or accuracy.engine == exact.ENGINE:
+    if accuracy.reached or accuracy.achieved is None or even or accuracy.engine == ENGINE:
         return None
     forecast = design.plan.forecast
     aim = AIM * accuracy.wanted * min(forecast.error / accuracy.achieved, 1.0)
@@ -155,29 +150,3 @@ def _finer(design: Design, accuracy: Accuracy) -> Plan | None:
     scene = design.scene.model_copy(update={"analysis": analysis})
     plan = plan_transient(scene, design.board, design.scales, stable=True, aim=aim)
     return plan if plan.forecast.steps > FEWER * forecast.steps else None
-
-
-def _state_space(
-    board: LinearBoard, transient: Transient, fine: Waveforms, wanted: float
-) -> tuple[str, float, str]:
-    """Return the method, its error in V and how the error was measured."""
-    amplifiers = board.circuit.amplifiers
-    if not (amplifiers or board.descriptor.is_large):
-        bound = exact.exact_solution(board, initial=transient.initial, stop=transient.stop).error
-        return "exact", bound, "bound on the rounding of the exact solution"
-    run = amplified.simulate if amplifiers else structured_radau.simulate
-    stepped = any(flag.startswith(reduced_order.STEPPED) for flag in fine.flags)
-    linear = "implicit, structured" if stepped else "Krylov space, structured"
-    method = "implicit, adaptive" if amplifiers else linear
-    # A Krylov space takes no steps: steps of the same tolerance are a second method beside it.
-    tolerance = state_space_tolerance(wanted) * (LOOSER if amplifiers or stepped else 1.0)
-    times = fine.time[:: max(len(fine.time) // INSTANTS, 1)]
-    try:
-        other = run(board, transient, times=times, tolerance=tolerance)
-    except EngineError as error:
-        return method, math.nan, f"the second run failed: {error}"
-    if len(other.time) < len(times):
-        return method, math.nan, "the second run ends before the first"
-    apart = np.abs(other.values - fine.values[np.searchsorted(fine.time, times)]).max()
-    text = f"difference to a run with the tolerance {tolerance:g}, and rounding: an upper bound"
-    return method, float(apart) + fine.rounding, text

@@ -65,7 +65,7 @@ def _contradiction(evidence: Evidence) -> str:
 
 
 def _settling_time(evidence: Evidence) -> Check:
-    limits, error = evidence.checks.settling_time, evidence.error.settling_time
+    limits = evidence.checks.settling_time
     reading, maximum = evidence.measurements.settling_time, limits.max
     if evidence.growth:
         return _failed("settling_time", f"it never settles: the board {evidence.growth}", maximum)
@@ -79,7 +79,7 @@ def _settling_time(evidence: Evidence) -> Check:
         return _unsettled(evidence)
     if short := evidence.too_short(limits.band - evidence.static):
         return _undecided("settling_time", "s", short, maximum)
-    check = _timed("settling_time", reading, error, maximum, f"to {band}")
+    check = _timed("settling_time", reading, maximum, f"to {band}")
     return _not_below(limits.min, check, reading, f"to {band}")
 
 
@@ -114,7 +114,7 @@ def _rise_time(evidence: Evidence) -> Check | None:
         reason = _joined(f"channel {number}: {channel.rise_reason}", short)
         return _undecided("rise_time", "s", reason, limits.max)
     text = f"10-90 % of channel {number}"
-    check = _timed("rise_time", channel.rise_time, evidence.error.rise_time, limits.max, text)
+    check = _timed("rise_time", channel.rise_time, limits.max, text)
     return _not_below(limits.min, check, channel.rise_time, text)
 
 
@@ -181,21 +181,22 @@ def _engines_agree(evidence: Evidence) -> Check | None:
     agreement, m = evidence.agreement, evidence.measurements
     if agreement is None:
         return None
-    limit, amplitude = evidence.checks.engines_agree.limit, m.amplitude or 1.0
+    limit, amplitude = agreement.limit, m.amplitude or 1.0
     if evidence.no_step:
         return _undecided("engines_agree", "step", evidence.no_step, limit)
     if agreement.reason:
         reason = f"the state-space engine has no result: {agreement.reason}"
         return _undecided("engines_agree", "step", reason, limit)
     value, steps = agreement.difference / amplitude, agreement.step_error / amplitude
-    outcome = at_most(value, 0.0, limit)
+    doubt = agreement.doubt / amplitude
+    outcome = at_most(value, doubt, limit)
     reason = "largest difference to the state-space engine"
     if outcome is Outcome.FAIL and value <= EXPLAINED * steps:
         outcome = Outcome.INCONCLUSIVE
         reason += f"; the time steps explain it (expected error {steps:.2g}): use smaller steps"
     elif outcome is Outcome.FAIL:
         reason += f"; channel {agreement.channel + 1} at {show(agreement.time, 's')}"
-    return Check("engines_agree", outcome, value, None, limit, None, "step", reason)
+    return Check("engines_agree", outcome, value, doubt, limit, None, "step", reason)
 
 
 def _same_problem(evidence: Evidence) -> Check | None:
@@ -206,8 +207,8 @@ def _same_problem(evidence: Evidence) -> Check | None:
     return Check("same_problem", Outcome.FAIL, None, None, None, None, "step", reason)
 
 
-def _timed(name: str, reading: Reading, error: float, limit: float | None, text: str) -> Check:
-    uncertainty = reading.uncertainty + error
+def _timed(name: str, reading: Reading, limit: float | None, text: str) -> Check:
+    uncertainty = reading.uncertainty
     outcome, reason = Outcome.PASS, text
     if not math.isfinite(uncertainty):
         reason += "; no second solution confirms this time"

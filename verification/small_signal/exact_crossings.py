@@ -1,28 +1,23 @@
-"""Crossings and peaks of an exact transient, found by root finding on the solution itself.
+"""Crossings and peaks of an exact transient, by bounds and root finding on the solution itself.
 
-The grid resolves the modes that have not decayed (25 points on the period of the fastest). A peak
-between two points of the grid is lower than the point where their tangents meet, which shows every
-peak that may exceed a level; crossings and peaks are then refined on the continuous solution.
+A search starts with the intervals of a grid (see `exact_grid`) and their upper bounds. While the
+interval that may hold the crossing or the peak does not resolve the ringing, it is divided. Then
+the instant is refined on the continuous solution. No instant is left out, and no horizon has to be
+chosen: the interval after the last point counts like any other.
 """
 
 from __future__ import annotations
 
-import math
-import sys
-from collections.abc import Callable
-
 import numpy as np
 
-from spice_models.array_types import Floats, Indices
-from spice_models.errors import EngineError
+from spice_models.array_types import Floats, Ints
 from verification.engines.statespace.transients.exact import Exact
 from verification.measures.crossings import Crossings
-from verification.small_signal.time_scales import UNRESOLVED
+from verification.small_signal.exact_grid import ExactGrid
 
-FINENESS = 0.25  # step times |p| of the fastest mode that has not decayed: 25 points a period
-BLOCK = 2000  # points with the same step
-MAX_POINTS = 2_000_000
-ABOVE = 2.0  # times the height at which tangents meet: upper bound of a peak between points
+ROUNDS = 200  # largest number of rounds of one search
+TOGETHER = 32  # intervals that a search for a maximum divides in one round
+EPS = float(np.finfo(np.float64).eps)
 
 
 class ExactSignal:
@@ -31,145 +26,177 @@ class ExactSignal:
     Parameters
     ----------
     solution : Exact
-        Solution whose nodes are the channels.
+        Solution of a stable board, whose nodes are the channels.
     signs, target : ndarray (N,)
         Signs of the channels, and their reference steady state, V.
+    target_error : float
+        Error of the target, V, which adds to the bounds of the solution.
     detail : float
-        Smallest amplitude of a mode that the grid resolves, V.
-    horizon : float
-        Latest instant of interest, s.
+        Amplitude of a mode below which the first grid does not resolve it, V.
     """
 
     def __init__(
-        self, solution: Exact, signs: Floats, target: Floats, detail: float, horizon: float
+        self, solution: Exact, signs: Floats, target: Floats, target_error: float, detail: float
     ) -> None:
-        self.solution, self.signs, self.target = solution, signs, target
-        self.ends: Floats = solution.final * signs - target
-        self.weight = np.abs(solution.share).max(axis=1)
-        if solution.form != "modes":
-            step = float(np.abs(solution.final - solution.start).max(initial=detail))
-            self.weight = np.full(len(solution.poles), UNRESOLVED * step)
-        self.time = self._grid(detail, horizon)
-        self.errors: Floats = solution.at(self.time) * signs - target
-        self.slopes: Floats = solution.derivative(self.time) * signs
+        self.grid = ExactGrid(solution, signs, target, target_error, detail)
+        self.ends = self.grid.ends
+        # (instant, height) by side (0: of e, 1: of -e), channel, and instant before
+        self.peaks: dict[tuple[int, int, float], tuple[float, float]] = {}
 
-    def _grid(self, detail: float, horizon: float) -> Floats:
-        poles, times, t, count = self.solution.poles, [], 0.0, 0
-        log_weight = np.log(np.maximum(self.weight, 1e-300))
-        while t < horizon:
-            active = log_weight + poles.real * t > math.log(detail)
-            rate = float(np.abs(poles[active]).max(initial=0.0))
-            step = min(FINENESS / rate, horizon / 50) if rate > 0.0 else horizon / 50
-            # The step is chosen anew for every block, because the fast modes decay.
-            points = min(BLOCK, math.ceil((horizon - t) / step))
-            times.append(t + step * np.arange(points))
-            t, count = t + step * points, count + points
-            if count > MAX_POINTS:
-                message = f"{MAX_POINTS} points reach {t:.3g} s of {horizon:.3g} s: the time \
-scales are too far apart for a measurement"
-                raise EngineError(message)
-        return np.concatenate([*times, [max(t, horizon)]])
-
-    def last_outside(self, levels: Floats) -> Crossings:
+    @property
+    def end_bounds(self) -> Floats:
         """See `Signal`."""
-        channels = np.arange(len(self.target))
-        above, below = (
-            [[self._last(n, sign, level) for n in channels.tolist()] for level in levels.tolist()]
-            for sign in (1.0, -1.0)
-        )
-        return self._crossings(np.fmax(above, below), channels)
+        return np.asarray(self.grid.solution.rest_error + self.grid.target_error)
 
-    def first_reached(self, rows: Indices, steps: Floats, levels: Floats) -> Crossings:
+    def last_outside(self, levels: Floats, shifts: Floats) -> Crossings:
         """See `Signal`."""
-        sides = list(zip(rows.tolist(), np.sign(steps), np.abs(steps), strict=True))
-        at = [
-            [self._first(n, up, (level - 1.0) * size) for n, up, size in sides] for level in levels
-        ]
-        return self._crossings(np.array(at), rows)
+        shape = (2, len(levels), len(self.ends))
+        side, j, channel = (part.ravel() for part in np.indices(shape))
+        found = _Search(self, side, channel, levels[j], shifts[j], last=True).run()
+        (up, down), (doubt_up, doubt_down) = (part.reshape(shape) for part in found)
+        later = np.fmax(up, down)
+        return Crossings(later, np.where(later == down, doubt_down, doubt_up))
 
-    def highest(self, sign: float) -> Floats:
+    def first_reached(self, rows: Ints, steps: Floats, levels: Floats, shifts: Floats) -> Crossings:
         """See `Signal`."""
-        heights = []
-        for n in range(len(self.target)):
-            top = float((sign * self.errors[:, n]).max())
-            peaks = self._peaks(n, sign, 0, len(self.time) - 1, top)
-            heights.append(max([top, *(height for _, height in peaks)]))
-        return np.array(heights)
+        shape = (len(levels), len(rows))
+        j, r = (part.ravel() for part in np.indices(shape))
+        level, side = (levels[j] - 1.0) * np.abs(steps[r]), (steps[r] < 0.0).astype(np.int64)
+        found = _Search(self, side, rows[r], level, shifts[j], last=False).run()
+        return Crossings(*(part.reshape(shape) for part in found))
 
-    def _crossings(self, at: Floats, channels: Indices) -> Crossings:
-        """Return crossings of `channels` with the shift that the rounding error may cause."""
-        flat, column = np.nan_to_num(at).ravel(), np.tile(channels, len(at))
-        slope = np.abs(self.solution.derivative(flat)[np.arange(flat.size), column])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            moved = np.where(slope > 0.0, self.solution.error / slope, 0.0)
-        return Crossings(at, np.maximum(moved, np.spacing(flat)).reshape(at.shape))
+    def highest(self, sign: float) -> tuple[Floats, Floats]:
+        """See `Signal`."""
+        grid, side = self.grid, int(sign < 0.0)
+        best, every = sign * self.ends, np.arange(len(self.ends))
+        for _ in range(ROUNDS):
+            best = np.maximum(best, (sign * grid.errors).max(axis=0))
+            place, channel = np.nonzero(grid.caps[side] > best + grid.noise)
+            fine = grid.resolved[place]
+            if fine.any():
+                sides = np.full(np.count_nonzero(fine), side)
+                heights = self.peak(sides, place[fine], channel[fine])[1]
+                np.maximum.at(best, channel[fine], heights)
+            above = grid.caps[side][place, channel] - best[channel] - grid.noise
+            coarse = np.flatnonzero(~fine & (above > 0.0))
+            widest = coarse[np.argsort(-above[coarse])[:TOGETHER]]
+            if not (widest.size and self.refine(place[widest])):
+                break
+        reached = grid.caps[side] + grid.reach
+        lowest = grid.reach[grid.caps[side].argmax(axis=0), every]
+        return best, np.maximum(reached.max(axis=0) - best, lowest)
 
-    def _error(self, n: int, t: float) -> float:
-        return float(self.solution.at(np.array([t]))[0, n] * self.signs[n] - self.target[n])
+    def peak(self, side: Ints, k: Ints, n: Ints) -> tuple[Floats, Floats]:
+        """Return instants and heights of the peaks of channels n in the resolved intervals k.
 
-    def _slope(self, n: int, t: float) -> float:
-        return float(self.solution.derivative(np.array([t]))[0, n] * self.signs[n])
-
-    def _root(self, n: int, level: float, low: float, high: float) -> float:
-        """Return the instant at which the error of channel `n` crosses `level`, s."""
-        return _root(lambda t: self._error(n, t) - level, low, high)
-
-    def _peaks(
-        self, n: int, sign: float, first: int, last: int, level: float
-    ) -> list[tuple[float, float]]:
-        """Return peaks ``(instant, height)`` of ``sign * error`` between two points of the grid.
-
-        Peaks that cannot be higher than `level` are omitted.
+        The heights replace the bounds of the intervals.
         """
-        time, stretch = self.time[first : last + 1], slice(first, last + 1)
-        slope, y = sign * self.slopes[stretch, n], sign * self.errors[stretch, n]
-        tops = np.flatnonzero((slope[:-1] > 0.0) & (slope[1:] <= 0.0))
-        width, rise, fall = time[tops + 1] - time[tops], slope[tops], slope[tops + 1]
-        meet = np.clip((y[tops + 1] - y[tops] - fall * width) / (rise - fall), 0.0, width)
-        higher = np.maximum(y[tops], y[tops + 1])
-        tops = tops[higher + ABOVE * (y[tops] + rise * meet - higher) > level]
-        ends = zip(time[tops].tolist(), time[tops + 1].tolist(), strict=True)
-        at = [_root(lambda t: self._slope(n, t), low, high) for low, high in ends]
-        return [(t, sign * self._error(n, t)) for t in at]
+        grid = self.grid
+        keys = list(zip(side.tolist(), n.tolist(), grid.time[k].tolist(), strict=True))
+        new = np.array([i for i, key in enumerate(keys) if key not in self.peaks], dtype=np.int64)
+        if new.size:
+            place, channel, sign = k[new], n[new], 1.0 - 2.0 * side[new]
+            at = grid.roots(channel, np.zeros(len(new)), grid.time[place], grid.time[place + 1], 1)
+            height = sign * grid.value(channel, at)
+            for end in (place, place + 1):
+                height = np.maximum(height, sign * grid.errors[end, channel])
+            grid.caps[side[new], place, channel] = height
+            found = zip(at.tolist(), height.tolist(), strict=True)
+            self.peaks |= zip([keys[i] for i in new.tolist()], found, strict=True)
+        instants, heights = np.array([self.peaks[key] for key in keys]).T
+        return instants, heights
 
-    def _first(self, n: int, sign: float, level: float) -> float:
-        """Return the first instant at which ``sign * error`` rises through `level`, s, or NaN."""
-        y = sign * self.errors[:, n]
-        above = np.flatnonzero(y > level)
-        last = int(above[0]) if above.size else len(y) - 1
-        for t, height in self._peaks(n, sign, 0, last, level):
-            if height > level:
-                k = int(np.searchsorted(self.time, t)) - 1
-                return self._root(n, sign * level, float(self.time[k]), t)
-        if not above.size:
-            return math.nan
-        if last == 0:
-            return 0.0
-        return self._root(n, sign * level, float(self.time[last - 1]), float(self.time[last]))
-
-    def _last(self, n: int, sign: float, level: float) -> float:
-        """Return the last instant at which ``sign * error`` falls through `level`, s, or NaN."""
-        y = sign * self.errors[:, n]
-        above = np.flatnonzero(y > level)
-        last = int(above[-1]) if above.size else 0
-        peaks = self._peaks(n, sign, last, len(y) - 1, level)
-        higher = [t for t, height in peaks if height > level]
-        if higher:
-            k = int(np.searchsorted(self.time, higher[-1]))
-            return self._root(n, sign * level, higher[-1], float(self.time[k]))
-        if not above.size:
-            return math.nan
-        if last == len(y) - 1:
-            return float(self.time[-1])
-        return self._root(n, sign * level, float(self.time[last]), float(self.time[last + 1]))
+    def refine(self, places: Ints) -> bool:
+        """Divide intervals; return False if none of them can be divided further."""
+        last = len(self.grid.time) - 1
+        left = self.grid.remainder(float(self.grid.time[last])).max(initial=0.0)
+        places = np.unique(places if left > self.grid.noise else places[places < last])
+        return places.size > 0 and self.grid.refine(places)
 
 
-def _root(f: Callable[[float], float], low: float, high: float) -> float:
-    """Return the point at which `f` changes sign, or the nearer end if rounding hides it."""
-    from scipy.optimize import brentq
+class _Search:
+    """A search for the last, or the first, instants at which channels (Q,) are above levels (Q,).
 
-    ends = f(low), f(high)
-    if ends[0] * ends[1] >= 0.0:
-        return low if abs(ends[0]) <= abs(ends[1]) else high
-    precision = 4.0 * sys.float_info.epsilon
-    return float(brentq(f, low, high, xtol=float(np.spacing(high)), rtol=precision, maxiter=500))
+    They are searches of ``e`` (side 0) or ``-e`` (side 1), shifted up by `shift` times its bound.
+    """
+
+    def __init__(
+        self,
+        signal: ExactSignal,
+        side: Ints,
+        channel: Ints,
+        level: Floats,
+        shift: Floats,
+        *,
+        last: bool,
+    ) -> None:
+        self.signal, self.grid, self.side, self.last = signal, signal.grid, side, last
+        self.sign = 1.0 - 2.0 * side
+        self.channel, self.level, self.shift = channel, level, shift
+
+    def run(self) -> Crossings:
+        """Return the instants.
+
+        NaN for a channel that never is above; the last point for a channel that ends above and is
+        searched for its last instant; infinite uncertainty for an instant that the rounding of the
+        solution, or the size of the grid, leaves open.
+        """
+        grid = self.grid
+        above, below, doubt, moved = np.full((4, len(self.channel)), np.nan)
+        left = np.arange(len(self.channel))
+        for _ in range(ROUNDS):
+            left, k = self._candidates(left)
+            if not left.size:
+                break
+            n, tail = self.channel[left], k == len(grid.time) - 1
+            above[left] = self._above(left, k)
+            below[left] = grid.time[np.minimum(k + self.last, len(grid.time) - 1)]
+            moved[left] = self.shift[left] * grid.reach[k, n]
+            coarse, done = ~grid.resolved[k], ~np.isnan(above[left])
+            if self.last:
+                off = self.sign[left] * self.signal.ends[n] + moved[left]
+                ends = tail & (off > self.level[left])
+                above[left[ends]], coarse, done = grid.time[-1], coarse & ~ends, done | ends
+            if coarse.any() and not self.signal.refine(k[coarse]):
+                doubt[left[coarse]] = np.inf
+                above[left[coarse]] = grid.time[k[coarse]] if self.last else np.nan
+                done |= coarse
+            left = left[~done]
+        between = np.flatnonzero(~np.isnan(above) & (above != below))
+        low, high = np.sort([above[between], below[between]], axis=0)
+        level = (self.sign * (self.level - moved))[between]
+        above[between] = grid.roots(self.channel[between], level, low, high, 0)
+        rounding = np.fmax(np.spacing(np.abs(above)), EPS * grid.time[1])
+        return Crossings(above, np.fmax(doubt, rounding))
+
+    def _candidates(self, left: Ints) -> tuple[Ints, Ints]:
+        """Return the searches of `left` that have an interval above their level, and the interval.
+
+        It is the last, or the first, of all such intervals.
+        """
+        n = self.channel[left]
+        caps, reach = self.grid.caps, self.grid.reach
+        bound = caps[self.side[left], :, n].T + self.shift[left] * reach[:, n]
+        over = bound > self.level[left]
+        end = len(over) - 1
+        k = end - over[::-1].argmax(axis=0) if self.last else over.argmax(axis=0)
+        found = over[k, np.arange(len(left))]
+        return left[found], k[found]
+
+    def _above(self, left: Ints, k: Ints) -> Floats:
+        """Return instants in the resolved of intervals `k` at which the channels are above."""
+        grid, n, limit = self.grid, self.channel[left], self.level[left]
+        sign, shift = self.sign[left], self.shift[left]
+        at = np.full(len(k), np.nan)
+        points = (k,) if self.last else (np.minimum(k + 1, len(grid.time) - 1), k)
+        for point in points:
+            value = sign * grid.errors[point, n] + shift * grid.bounds[point, n]
+            at = np.where(value > limit, grid.time[point], at)
+        at[~grid.resolved[k]] = np.nan
+        hidden = np.flatnonzero(grid.resolved[k] & np.isnan(at))
+        if hidden.size:
+            place, channel = k[hidden], n[hidden]
+            instant, height = self.signal.peak(self.side[left[hidden]], place, channel)
+            height = height + shift[hidden] * grid.reach[place, channel]
+            at[hidden] = np.where(height > limit[hidden], instant, np.nan)
+        return at

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from spice_models.array_types import Floats
@@ -82,24 +82,20 @@ def figures_of(source: T, table: Mapping[str, Figure[T]]) -> dict[str, float | N
 
 def readings_of(verdict: Verdict) -> dict[str, Reading | None]:
     """Return `TRANSIENT_READINGS` with their whole uncertainty; None for a missing reading."""
-    measured, error = verdict.measurements, verdict.error
+    error = verdict.error
     rises = [r for channel in _channels(verdict) if (r := channel.rise_time) is not None]
-    parts = {
-        "settling_time": (measured.settling_time, error.settling_time),
-        "rise_time": (latest(rises) if rises else None, error.rise_time),
-        "overshoot": (_plain(verdict, "overshoot"), error.overshoot),
-        "undershoot": (_plain(verdict, "undershoot"), error.undershoot),
-        "end_error": (_plain(verdict, "end_error"), error.steady_state + verdict.ideal.error),
-    }
     return {
-        name: reading and replace(reading, uncertainty=reading.uncertainty + more)
-        for name, (reading, more) in parts.items()
+        "settling_time": verdict.measurements.settling_time,
+        "rise_time": latest(rises) if rises else None,
+        "overshoot": _plain(verdict, "overshoot", error.overshoot),
+        "undershoot": _plain(verdict, "undershoot", error.undershoot),
+        "end_error": _plain(verdict, "end_error", error.steady_state + verdict.ideal.error),
     }
 
 
-def _plain(verdict: Verdict, name: str) -> Reading | None:
+def _plain(verdict: Verdict, name: str, uncertainty: float) -> Reading | None:
     value = FIGURES[name].of(verdict)
-    return None if value is None else Reading(value, 0.0)
+    return None if value is None else Reading(value, uncertainty)
 
 
 def signed_errors(verdict: Verdict) -> tuple[float, ...]:

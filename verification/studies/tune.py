@@ -25,7 +25,8 @@ from spice_models.errors import Complaint, EngineError, InputError
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.transients.exact import simulate
 from verification.ideal.ideal_answer import IdealAnswer, ideal_answer, ideal_network
-from verification.pipeline.recording import measure_outputs
+from verification.measures.measure import measure
+from verification.pipeline.simulation import outputs
 from verification.pipeline.transient_plan import plan_transient
 from verification.small_signal.margin import capacitance_margin
 from verification.small_signal.time_scales import time_scales
@@ -242,7 +243,8 @@ class _Search:
         if instants is None or len(instants) > MAX_RECORD:
             return math.inf, math.inf, True
         waveforms, ideal = simulate(board, transient, times=instants), self._reference(scene)
-        measured, _ = measure_outputs(scene, board.circuit, ideal, waveforms, transient)
+        u, band = outputs(board.circuit, waveforms), scene.checks.settling_time.band
+        measured = measure(waveforms.time, u, ideal.target, ideal.start, band=band)
         settling, reading = math.inf, measured.settling_time
         if reading is not None:
             settling = max(reading.value, reading.alternative or 0.0)

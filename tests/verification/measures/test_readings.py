@@ -20,7 +20,7 @@ def swings(*channels: tuple[float, float, float]) -> tuple[SampledSignal, Step]:
 
 
 def read(*channels: tuple[float, float, float]) -> tuple[list[float], list[float]]:
-    over, under = excursions(*swings(*channels))
+    over, under, _ = excursions(*swings(*channels))
     return list(over), list(under)
 
 

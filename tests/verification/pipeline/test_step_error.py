@@ -1,89 +1,67 @@
-"""The simulation's own error from two runs."""
+"""Bounds on the errors of readings, from those of a better solution."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import astuple, replace
 
 import pytest
 
 from tests.support.measured import channel, measured
-from verification.measures.readings import Reading
-from verification.pipeline.step_error import LATER, simulation_error, undecided
-
-SHARE = 1 / 3  # second order, twice the step
+from verification.measures.readings import Reading, Readings
+from verification.pipeline.step_error import bounded, step_error
 
 
-def test_a_second_order_method_is_extrapolated() -> None:
-    """Errors h² and (2h)²: the difference is 3 h², and a third of it the finer run's error."""
-    fine = measured(
-        channel(final=1.0 + 1e-4, rise_time=Reading(10e-6 + 1e-9, 0.0), overshoot=0.101)
+def better(error: float = 0.0, **changes: object) -> Readings:
+    return replace(measured(channel(**changes)).readings, excursion_errors=(error, error))
+
+
+def test_an_error_is_the_difference_and_the_doubt_of_the_better_reading() -> None:
+    record = measured(channel(rise_time=Reading(10e-6, 5e-7), overshoot=0.101))
+    other = better(1e-4, rise_time=Reading(9e-6, 2e-8), overshoot=0.1)
+    found = bounded(record, other)
+    assert found.channels[0].rise_time.uncertainty == pytest.approx(1.02e-6)
+    error = step_error(found, 3e-4)
+    assert error.rise_time == pytest.approx(1.02e-6)
+    assert (error.overshoot, error.undershoot) == (pytest.approx(1.1e-3), pytest.approx(1e-4))
+    assert error.steady_state == pytest.approx(3e-4)
+
+
+def test_ends_are_fractions_of_the_step() -> None:
+    record = measured(channel(0), channel(1), amplitude=2.0)
+    assert step_error(record, 0.2).steady_state == pytest.approx(0.1)
+
+
+def test_the_network_settles_with_its_last_channel_within_the_bounds_of_all() -> None:
+    record = measured(
+        channel(0, settling_time=Reading(1.0e-3, 0.0)),
+        channel(1, settling_time=Reading(0.9e-3, 0.0)),
     )
-    coarse = measured(
-        channel(final=1.0 + 4e-4, rise_time=Reading(10e-6 + 4e-9, 0.0), overshoot=0.104)
+    other = measured(
+        channel(0, settling_time=Reading(1.01e-3, 1e-6)),
+        channel(1, settling_time=Reading(1.2e-3, 1e-6)),
     )
-    found = simulation_error(fine, coarse.readings, SHARE)
-    assert found.steady_state == pytest.approx(1e-4)
-    assert found.rise_time == pytest.approx(1e-9)
-    assert found.overshoot == pytest.approx(1e-3)
+    found = bounded(record, other.readings).settling_time
+    assert found.value == 1.0e-3
+    assert found.uncertainty == pytest.approx(2.01e-4)  # the true time is 1.2 ms
 
 
-def test_the_worst_channel_counts_and_levels_are_fractions_of_the_step() -> None:
-    fine = measured(channel(0), channel(1), amplitude=2.0)
-    coarse = measured(channel(0, final=1.3), channel(1, final=0.4), amplitude=2.0)
-    assert simulation_error(fine, coarse.readings, SHARE).steady_state == pytest.approx(0.1)
+def test_the_value_of_a_fragile_reading_counts_not_its_alternative() -> None:
+    record = measured(channel(rise_time=Reading(10e-6, 0.0)))
+    other = better(rise_time=Reading(4e-6, 0.0, True, 10.3e-6))
+    assert bounded(record, other).channels[0].rise_time.uncertainty == pytest.approx(6e-6)
 
 
-def test_a_settling_time_counts_in_full() -> None:
-    fine = measured(channel(settling_time=Reading(1.0e-3, 0.0)))
-    coarse = measured(channel(settling_time=Reading(1.2e-3, 0.0)))
-    assert simulation_error(fine, coarse.readings, SHARE).settling_time == pytest.approx(2e-4)
+def test_a_reading_that_only_one_solution_has_is_infinitely_uncertain() -> None:
+    record = bounded(measured(channel()), better(rise_time=None, settling_time=None))
+    assert record.channels[0].rise_time.uncertainty == math.inf
+    assert record.settling_time.uncertainty == math.inf
+    neither = bounded(measured(channel(rise_time=None)), better(rise_time=None))
+    assert neither.channels[0].rise_time is None
+    assert step_error(neither, 0.0).rise_time == 0.0
 
 
-def test_a_fragile_reading_may_fall_either_way() -> None:
-    fine = measured(channel(rise_time=Reading(10e-6, 0.0)))
-    coarse = measured(channel(rise_time=Reading(4e-6, 0.0, True, 10.3e-6)))
-    assert simulation_error(fine, coarse.readings, SHARE).rise_time == pytest.approx(1e-7)
-
-
-def test_a_reading_that_only_one_run_has_is_infinitely_uncertain() -> None:
-    fine, coarse = measured(channel()), measured(channel(rise_time=None, settling_time=None))
-    found = simulation_error(fine, coarse.readings, SHARE)
-    assert (found.rise_time, found.settling_time) == (math.inf, math.inf)
-    neither = measured(channel(rise_time=None))
-    assert simulation_error(neither, neither.readings, SHARE).rise_time == 0.0
-
-
-def test_without_a_step_there_is_no_error_and_without_a_second_run_no_knowledge() -> None:
-    assert simulation_error(measured(channel()), None, 0.0).steady_state == 0.0
-    assert simulation_error(measured(channel()), None, math.inf).steady_state == math.inf
-
-
-def test_a_second_run_is_judged_where_it_shows_more_than_the_first() -> None:
-    """A time that only the second run has may be one that its record does not prove."""
-    full, empty = measured(channel()), measured(channel(rise_time=None, settling_time=None))
-    assert not undecided(full, full.readings)
-    assert not undecided(empty, empty.readings)
-    assert not undecided(full, empty.readings)
-    assert undecided(empty, full.readings)
-    assert undecided(measured(channel(rise_time=None)), full.readings)
-
-
-def test_a_second_run_that_settles_clearly_later_is_judged() -> None:
-    fine = measured(channel(settling_time=Reading(1e-3, 0.0)))
-    near, far = (
-        measured(channel(settling_time=Reading(1e-3 * (1 + times * LATER), 0.0))).readings
-        for times in (0.9, 1.1)
-    )
-    assert not undecided(fine, near)
-    assert undecided(fine, far)
-
-
-def test_an_engine_without_steps_errs_by_its_rounding() -> None:
-    fine = measured(channel(rise_time=Reading(1e-5, 0.0), settling_time=Reading(1e-3, 0.0)))
-    found = simulation_error(fine, None, 0.0, rounding=1e-9)  # of a step of 1 V, a band of 1 %
-    assert found.steady_state == found.overshoot == 1e-9
-    assert found.settling_time == pytest.approx(1e-10)
-    assert found.rise_time == pytest.approx(2e-13)
-    none = simulation_error(measured(channel(rise_time=None)), None, 0.0, rounding=1e-9)
-    assert none.rise_time == 0.0
-    assert simulation_error(fine, None, math.inf).settling_time == math.inf
+def test_without_another_solution_nothing_is_known() -> None:
+    record = bounded(measured(channel()), None)
+    found = step_error(record, math.inf)
+    assert set(astuple(found)) == {math.inf}

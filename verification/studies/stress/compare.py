@@ -102,17 +102,16 @@ def _of_the_check(name: str, verdict: Verdict, truth: TrueValues) -> float:
 
 
 def _channels(verdict: Verdict, truth: TrueValues) -> Iterator[Comparison]:
-    """Compare the times of every channel, with the uncertainty that holds for the network."""
+    """Compare the times of every channel."""
     for channel, true in zip(verdict.measurements.channels, truth.channels, strict=True):
         for name in TIMES:
             reading: Reading | None = getattr(channel, name)
             if reading is None:
                 continue
-            uncertainty = reading.uncertainty + getattr(verdict.error, name)
             value = true.get(name, math.nan)
             label = f"{name} of u_{channel.index + 1}"
             doubt = _doubt(name, value, truth)
-            yield Comparison(label, reading.value, uncertainty, value, "s", doubt)
+            yield Comparison(label, reading.value, reading.uncertainty, value, "s", doubt)
 
 
 def _poles(verdict: Verdict, truth: TrueValues) -> Iterator[Comparison]:

@@ -13,9 +13,8 @@ from verification.studies.sweep.store import ERROR
 
 OPPOSITE = {Outcome.PASS.value, Outcome.FAIL.value}
 APART = 2.0
-"""Times both uncertainties: a larger difference of a reading is a disagreement. The uncertainty of
-a reading of ngspice is its difference to the state-space solution at the instants of ngspice, so
-the factor leaves room for the interpolation between instants."""
+"""Times both uncertainties: a larger difference of a reading is a disagreement. A bound holds for
+at least 99 % of readings; the factor keeps the others from being disagreements."""
 BOTH = "engines_agree"  # the check of ngspice's verdict that compares the waveforms
 
 Record = dict[str, Any]

@@ -111,20 +111,21 @@ def _polish(descriptor: Descriptor, z: Floats, drive: Floats) -> Floats:
         F = descriptor.stiffness_times(z) + drive
         F[devices.output] -= devices.u_scale * gain.value(y)
         slopes = -devices.u_scale / devices.v_scale * gain.slope(y)
-        z = z + _newton_step(descriptor, slopes, F, np.abs(z))
+        z = z + _newton_step(descriptor, slopes, F[:, None], np.abs(z))[:, 0]
     return z
 
 
 def _newton_step(descriptor: Descriptor, slopes: Floats, F: Floats, size: Floats) -> Floats:
-    """Solve ``(K + slopes) dz = -F``, the unknowns counted in their own `size`."""
+    """Solve ``(K + slopes) dz = -F``, F (size, Q), the unknowns counted in their own `size`."""
     if descriptor.is_large:
-        return np.asarray(Structure(descriptor, slopes).factor(0.0).solve(F))
+        solve = Structure(descriptor, slopes).factor(0.0).solve
+        return np.stack([np.asarray(solve(column)) for column in F.T], axis=1)
     devices, K = descriptor.devices, descriptor.dense.stiffness.copy()
     K[devices.output, devices.input] += slopes
     size = np.maximum(size, 1e-12 * (size.max() or 1.0))
     K *= size
     scale = np.abs(K).max(axis=1)
-    return np.asarray(size * np.linalg.solve(K / scale[:, None], -F / scale))
+    return np.asarray(size[:, None] * np.linalg.solve(K / scale[:, None], -F / scale[:, None]))
 
 
 def _residual(descriptor: Descriptor, z: Floats, drive: Floats) -> float:
@@ -138,10 +139,10 @@ def rounding(rest: Equilibrium) -> Floats:
     descriptor, z = rest.descriptor, rest.values
     terms = _cancelling(descriptor, z, descriptor.drive(sources_on=True))[1]
     # The rounding of every row, with signs drawn at random, through the linearised equations.
-    draws = np.random.default_rng(1992).standard_normal((PROBES, descriptor.size))
-    noise = float(np.finfo(np.float64).eps) * terms * draws
-    moved = [_newton_step(descriptor, rest.slopes, row, np.abs(z)) for row in noise]
-    return np.asarray(SPREAD * np.max(np.abs(moved), axis=0))
+    draws = np.random.default_rng(1992).standard_normal((descriptor.size, PROBES))
+    noise = float(np.finfo(np.float64).eps) * terms[:, None] * draws
+    moved = _newton_step(descriptor, rest.slopes, noise, np.abs(z))
+    return np.asarray(SPREAD * np.abs(moved).max(axis=1))
 
 
 def _cancelling(descriptor: Descriptor, z: Floats, drive: Floats) -> tuple[Floats, Floats]:

@@ -42,15 +42,6 @@ class Modes:
             parts = [self.halves.join(even * self.halves.share[:, None], 0.5 * odd)]
         return parts[0].T[self._order]
 
-    @functools.cached_property
-    def spread(self) -> Floats:
-        """First-order bound on the error of each pole from rounding of A's elements, (n,), 1/s.
-
-        ``eps (sum_jk |left_ij| |A_jk| |right_ki| + 2 |p_i|)``, plus the coupling to poles too close
-        to it.
-        """
-        return np.concatenate([block.spread() for block in self.blocks])[self._order]
-
     @property
     def defect(self) -> float:
         """Largest element of ``left right - 1``; infinite where the modes are defective."""
@@ -71,6 +62,13 @@ class Modes:
         parts = zip(self.blocks, rows, strict=True)
         terms = [block.terms(C, size[: len(block.right)]) for block, C in parts]
         return np.concatenate(terms, axis=1)[:, self._order]
+
+    def errors(self, C: Floats, deviation: Floats) -> tuple[Floats, Floats]:
+        """Return bounds on the error of each mode's part of ``C x``; see `Block.errors`."""
+        parts = zip(self.blocks, *self._split(C, deviation), strict=True)
+        pairs = zip(*(block.errors(rows, part) for block, rows, part in parts), strict=True)
+        lag, vague = (np.concatenate(pair, axis=1)[:, self._order] for pair in pairs)
+        return lag, vague
 
     def _split(self, C: Floats, x: Floats) -> tuple[Sequence[Floats], Sequence[Floats]]:
         """Return the rows and the vector for each block."""

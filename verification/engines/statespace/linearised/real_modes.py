@@ -20,7 +20,7 @@ from spice_models.array_types import Bools, Complexes, Floats, Ints
 EPS = float(np.finfo(np.float64).eps)
 SEPARABLE = 1e-2  # a step separates modes whose coupling is below this part of their distance
 STEPS = 6  # largest number of steps
-ROUNDED = 4 * EPS  # of its terms: a smaller coupling is rounding
+ROUNDED = 4.0  # times the rounding of A: a smaller coupling is rounding
 CONVERGED = 1e-6  # largest turn of a step: the next one would be its square
 STALLED = 0.1  # of the last turn: a larger one is rounding
 
@@ -76,19 +76,37 @@ class Block:
             off = np.abs(self.left @ self.right - np.eye(len(self.right))).max(initial=0.0)
         return float(off) if np.isfinite(off) else math.inf
 
-    def coupling_terms(self) -> Floats:
-        """Return the sizes of the sums in ``left A right`` for the kept rows, (k, n), 1/s."""
-        right = _sizes(self.right, self.real)
-        return np.asarray(self._left_sizes[: len(self.kept)] @ (self.size @ right))
+    def rounding(self) -> Floats:
+        """Return what the rounding of A's elements adds to ``left A right``, (n, n), 1/s.
 
-    def spread(self) -> Floats:
-        """Return `modes.Modes.spread` of this block, (n,), 1/s."""
+        Roundings are independent, so their squares add up: ``eps`` is three standard deviations of
+        an element's rounding.
+        """
+        right = _sizes(self.right, self.real) ** 2
+        return np.asarray(EPS * np.sqrt(self._left_sizes**2 @ (self.size**2 @ right)))
+
+    def errors(self, C: Floats, deviation: Floats) -> tuple[Floats, Floats]:
+        """Return bounds a, b (len(C), n) on the error of ``C x`` by mode i, to first order.
+
+        The error is at most ``sum_i (a_i t + b_i) exp(Re p_i t)``: a change D of A changes ``C x``
+        by ``sum_ij (C right)_j (left D right)_ji (left deviation)_i`` times the divided difference
+        of the exponentials, which is at most t, and at most 2 over the distance of the poles.
+        """
         if not math.isfinite(self.defect):
-            return np.full(len(self.right), np.inf)
-        right = _sizes(self.right, self.real)
-        terms = (self._left_sizes * (self.size @ right).T).sum(axis=1)
-        rounding = EPS * (terms + 2.0 * np.abs(self.poles))
-        return np.asarray(rounding + _both(self.coupled, self.real))
+            unknown = np.full((len(C), len(self.right)), np.inf)
+            return unknown, unknown
+        E, poles = self.rounding(), self.poles
+        E[np.diag_indices(len(E))] += 2.0 * EPS * np.abs(poles) + _both(self.coupled, self.real)
+        E[np.diag_indices(len(E))] *= 0.5  # it counts once
+        gap = np.abs(poles[:, None] - poles)
+        near = gap <= np.abs(poles.real)
+        wide = np.where(near, 0.0, 2.0 / np.where(near, 1.0, gap))
+        seen = np.abs(_columns(C @ self.right, self.real))
+        dual = np.abs(_both(_rows(self.left @ deviation, self.real, len(self.kept)), self.real))
+        lag, vague = (
+            (seen @ (E * part)) * dual + seen * ((E * part.T) @ dual) for part in (near, wide)
+        )
+        return lag, vague
 
     def columns(self) -> Complexes:
         """Return the eigenvectors, (n, n)."""
@@ -141,7 +159,7 @@ def _inverse(X: Floats) -> Floats:
         inverse = np.asarray(np.linalg.inv(X), dtype=np.float64)
     except np.linalg.LinAlgError:
         return np.full_like(X, np.inf)
-    return inverse if np.all(np.isfinite(inverse)) else np.full_like(X, np.inf)
+    return np.asarray(inverse) if np.all(np.isfinite(inverse)) else np.full_like(X, np.inf)
 
 
 def _refine(A: Floats, block: Block) -> tuple[Block, float]:
@@ -167,7 +185,7 @@ def _refine(A: Floats, block: Block) -> tuple[Block, float]:
     R, L = R + R @ turning, L + (rest - turning) @ L
     L = L + (one - L @ R) @ L
     refined = Block(kept, real, R, L, coupled.sum(axis=1), block.size)
-    if coupled.any() and (groups := _groups(coupled > ROUNDED * block.coupling_terms(), real)):
+    if coupled.any() and (groups := _groups(coupled > ROUNDED * block.rounding()[:count], real)):
         return _separated(refined, inner, groups), math.inf
     # The next step would correct a pole by products of two couplings.
     second = np.abs((turn[:, :count] * reduced[:, :count].T).sum(axis=1))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import time as clock
 from collections.abc import Iterable, Mapping
@@ -19,6 +20,7 @@ from verification.engines.statespace.linearised.initial_state import Initial, in
 from verification.engines.statespace.linearised.state_space import StateSpace
 from verification.engines.statespace.transients import amplified
 from verification.engines.statespace.transients.matrix_exponential import (
+    EPS,
     Flow,
     LadderFlow,
     ModalFlow,
@@ -41,8 +43,8 @@ class Exact:
         1/s, rightmost first.
     share : ndarray (n, K)
         Modal amplitudes, V; zero where the modes are not used.
-    error : float
-        Bound on the rounding error of any node at any time, V, to first order.
+    rest_error : ndarray (K,)
+        Bound on the rounding error of `final`, V.
     form : str
         ``"exponential"`` (of the matrix) where modes are defective or ill-conditioned.
     """
@@ -52,9 +54,18 @@ class Exact:
     final: Floats
     poles: Complexes
     share: Complexes
-    error: float
+    rest_error: Floats
     form: Literal["modes", "exponential"]
     flow: Flow
+
+    @property
+    def error(self) -> float:
+        """Bound on the rounding error of any node at any time, V, to first order."""
+        return self.flow.error + float(self.rest_error.max(initial=0.0))
+
+    def bounds(self, times: Floats) -> Floats:
+        """Return bounds on the rounding error at `times` (P,), V, to first order; shape (P, K)."""
+        return self.flow.bounds(np.asarray(times, dtype=np.float64)) + self.rest_error
 
     def at(self, times: Floats) -> Floats:
         """Return voltages at `times` (P,), s; shape (P, K)."""
@@ -109,7 +120,25 @@ def exact_solution(
     if board.circuit.amplifiers and not linearised:
         name, kind = board.circuit.name, board.circuit.amplifier
         raise EngineError(f"board {name!r} has {kind} amplifiers: the board is not linear")
-    space, reported = board.state_space, board.reported(nodes)
+    if not voltages and nodes is None:
+        return _outputs_solution(board, initial, stop)
+    return _solve(board, initial, voltages, board.reported(nodes), stop)
+
+
+@functools.lru_cache(maxsize=4)
+def _outputs_solution(board: LinearBoard, initial: Initial, stop: float | None) -> Exact:
+    """Return the solution of the outputs, which one verification uses several times."""
+    return _solve(board, initial, None, board.reported(None), stop)
+
+
+def _solve(
+    board: LinearBoard,
+    initial: Initial,
+    voltages: Mapping[str, float] | None,
+    reported: tuple[str, ...],
+    stop: float | None,
+) -> Exact:
+    space = board.state_space
     C, D = space.rows(reported)
     x0 = space.state_of(initial_unknowns(board, initial, voltages))
     deviation = x0 - space.state_of(board.equilibrium.values)
@@ -118,7 +147,11 @@ def exact_solution(
     if form == "modes":
         share += space.modes.amplitudes(C, deviation).T
     start, final = C @ x0 + D.sum(axis=1), np.array([board.equilibrium[node] for node in reported])
-    return Exact(reported, start, final, space.modes.poles, share, flow.error, form, flow)
+    off = [
+        0.0 if node == "0" else board.rounding[board.descriptor.place(node)] for node in reported
+    ]
+    poles, rest_error = space.modes.poles, np.array(off) + EPS * np.abs(final)
+    return Exact(reported, start, final, poles, share, rest_error, form, flow)
 
 
 def _choose_flow(
@@ -187,7 +220,7 @@ def simulate(
         initial=analysis.initial,
         voltages=analysis.voltages,
         nodes=nodes,
-        stop=analysis.stop if times is None else float(times[-1]),
+        stop=analysis.stop if times is None else max(analysis.stop, float(times[-1])),
     )
     if times is None:
         instants = amplified.record_times(analysis, analysis.stop)

@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from spice_models.array_types import Complexes, Floats
+from spice_models.array_types import Complexes, Floats, Ints
 from verification.engines.statespace.linearised.modes import Modes
 
 EPS = float(np.finfo(np.float64).eps)
@@ -20,16 +20,32 @@ TAYLOR = 20  # terms that give exp of a matrix of norm below 1/2 to rounding
 BLOCK = 512  # instants evaluated at a time
 FADED = -90.0  # exponent below which a mode is left out: 1e-39 of its first amplitude
 NEGLIGIBLE = 1e-18  # share of a mode, relative to the largest, below the rounding of any sum
+LARGEST = 700.0  # exponent of a growing mode whose bound is a float
 NOISE = 8 * EPS  # share of a mode, relative to the sum of its terms, that is only rounding
 
 
 class Flow(Protocol):
-    """A deviation from the final value, as a function of time."""
+    """A deviation from the final value, as a function of time.
+
+    `error` is the largest of the `bounds`.
+    """
 
     error: float
 
     def at(self, times: Floats, order: int = 0) -> Floats:
-        """Return the deviation (order 0) or its time derivative (order 1), shape (P, K)."""
+        """Return the deviation, or its time derivative of an `order`, shape (P, K)."""
+        ...
+
+    def pair(self, times: Floats) -> tuple[Floats, Floats]:
+        """Return the deviation and its time derivative, shape (P, K) each."""
+        ...
+
+    def chosen(self, times: Floats, columns: Ints, order: int) -> tuple[Floats, Floats]:
+        """Return the derivatives of two orders from `order`, of one column at each time, (P,)."""
+        ...
+
+    def bounds(self, times: Floats) -> Floats:
+        """Return bounds on the rounding error at `times` (P,), to first order, shape (P, K)."""
         ...
 
 
@@ -45,7 +61,15 @@ class Exponentials:
 
     def at(self, times: Floats, order: int = 0) -> Floats:
         """Return values, or their time derivatives, at `times` (P,), s; shape (P, K)."""
-        weight = self.share * self.poles[:, None] ** order
+        return self._sums(times, self.share * self.poles[:, None] ** order)
+
+    def pair(self, times: Floats) -> tuple[Floats, Floats]:
+        """See `Flow`."""
+        both = self._sums(times, np.hstack([self.share, self.share * self.poles[:, None]]))
+        return both[:, : self.share.shape[1]], both[:, self.share.shape[1] :]
+
+    def _sums(self, times: Floats, weight: Complexes) -> Floats:
+        """Return ``Re sum_i weight_i exp(p_i t)``, shape (P, columns of `weight`)."""
         values = np.empty((len(times), weight.shape[1]))
         for first in range(0, len(times), BLOCK):
             part = slice(first, first + BLOCK)
@@ -53,6 +77,13 @@ class Exponentials:
             shape = _exponentials(times[part], self.poles[:live])
             values[part] = _real_product(shape, weight[:live])
         return values
+
+    def chosen(self, times: Floats, columns: Ints, order: int) -> tuple[Floats, Floats]:
+        """See `Flow`."""
+        live = self._live(float(times.min(initial=math.inf)))
+        terms = _exponentials(times, self.poles[:live]) * self.share[:live, columns].T
+        terms *= self.poles[:live] ** order
+        return terms.real.sum(axis=1), (terms @ self.poles[:live]).real
 
     def uniform(self, step: float, count: int) -> Floats:
         """Return values at ``step * (0 .. count - 1)``, (count, K), by 2 √count exponentials."""
@@ -86,20 +117,33 @@ class ModalFlow(Exponentials):
         with np.errstate(invalid="ignore", over="ignore"):
             share = modes.amplitudes(C, deviation)
             terms = modes.terms(C, deviation)
+            lag, vague = modes.errors(C, deviation)
             # Rounding excites every growing mode, as noise does in a circuit.
             faint = (modes.poles.real > 0.0) & (np.abs(share) < EPS * terms)
             share = np.where(faint, EPS * terms, share)
         size = np.abs(share)
-        self.error = _modal_error(modes, size, terms)
         # One of each conjugate pair is enough.
         kept = modes.poles.imag >= 0.0
         large = size.max(axis=0, initial=0.0)
         kept &= large > NEGLIGIBLE * large.max(initial=0.0)
         noise = (modes.poles.real < 0.0) & np.all(size <= NOISE * terms, axis=0)
-        self.error += float(size[:, noise].sum(axis=1).max(initial=0.0))
         kept &= ~noise
         pair = np.where(modes.poles[kept].imag > 0.0, 2.0, 1.0)
         super().__init__(modes.poles[kept], (share[:, kept] * pair).T)
+        # Rounding of A and, by their condition number times eps, of the vectors.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            self._lag = (lag[:, kept] * pair).T
+            self._vague = ((vague + terms * (EPS + modes.defect))[:, kept] * pair).T
+            self._omitted = size[:, noise].sum(axis=1)
+            peak = self._lag / (math.e * np.abs(self.poles.real))[:, None]
+        peak = np.where(self._lag == 0.0, 0.0, peak)
+        most = (peak + self._vague).sum(axis=0) + self._omitted
+        self.error = float(np.nan_to_num(most, nan=math.inf).max(initial=0.0))
+
+    def bounds(self, times: Floats) -> Floats:
+        """See `Flow`."""
+        left = np.exp(np.minimum(np.outer(times, self.poles.real), LARGEST))
+        return np.asarray((times[:, None] * left) @ self._lag + left @ self._vague + self._omitted)
 
 
 def _exponentials(times: Floats, poles: Complexes) -> Complexes:
@@ -114,22 +158,6 @@ def _real_product(a: Complexes, b: Complexes) -> Floats:
     """Return the real part of a product at half the cost."""
     with np.errstate(over="ignore", invalid="ignore"):
         return np.asarray(a.real @ b.real - a.imag @ b.imag)
-
-
-def _modal_error(modes: Modes, size: Floats, terms: Floats) -> float:
-    """Bound the error of any output over all time to first order, in the unit of C x.
-
-    An error d of a pole contributes at most ``d t exp(Re p t) <= d / (e |Re p|)``; the rounding of
-    a vector contributes its condition number times eps. `size` are the sizes of the shares,
-    `terms` those of the terms that add up to them, (K, n).
-    """
-    if not math.isfinite(modes.defect):
-        return math.inf
-    with np.errstate(divide="ignore", invalid="ignore"):
-        lag = modes.spread / (math.e * np.abs(modes.poles.real))
-    lag = np.where(modes.spread == 0.0, 0.0, lag)
-    vectors = float(terms.sum(axis=1).max(initial=0.0)) * (EPS + modes.defect)
-    return float((size @ lag).max(initial=0.0)) + vectors
 
 
 class LadderFlow:
@@ -160,13 +188,26 @@ class LadderFlow:
         self.error = EPS * 2.0**levels * growth * reach
 
     def at(self, times: Floats, order: int = 0) -> Floats:
-        """Return the deviation or its derivative at `times`, shape (P, K)."""
-        rows = self.C @ self.A if order else self.C
+        """See `Flow`."""
+        rows = self.C @ np.linalg.matrix_power(self.A, order)
         values = np.empty((len(times), len(self.C)))
         for first in range(0, len(times), BLOCK):
             part = slice(first, first + BLOCK)
             values[part] = (rows @ self._states(times[part])).T
         return values
+
+    def bounds(self, times: Floats) -> Floats:
+        """See `Flow`."""
+        return np.full((len(times), len(self.C)), self.error)
+
+    def pair(self, times: Floats) -> tuple[Floats, Floats]:
+        """See `Flow`."""
+        return self.at(times), self.at(times, 1)
+
+    def chosen(self, times: Floats, columns: Ints, order: int) -> tuple[Floats, Floats]:
+        """See `Flow`."""
+        place = np.arange(len(times))
+        return self.at(times, order)[place, columns], self.at(times, order + 1)[place, columns]
 
     def _states(self, times: Floats) -> Floats:
         count = np.floor(times / self.step)

