@@ -8,7 +8,6 @@ peak that may exceed a level; crossings and peaks are then refined on the contin
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable
 
 import numpy as np
@@ -20,9 +19,11 @@ from verification.measures.crossings import Crossings
 from verification.small_signal.time_scales import UNRESOLVED
 
 FINENESS = 0.25  # step times |p| of the fastest mode that has not decayed: 25 points a period
-BLOCK = 2000  # points with the same step
+BLOCK = 25  # points with the same step
 MAX_POINTS = 2_000_000
 ABOVE = 2.0  # times the height at which tangents meet: upper bound of a peak between points
+MOST_STEPS = 60  # of a root search, each of which halves the bracket at least
+CLOSE = 4.0 * float(np.finfo(np.float64).eps)  # relative: a root search ends there
 
 
 class ExactSignal:
@@ -50,8 +51,8 @@ class ExactSignal:
             step = float(np.abs(solution.final - solution.start).max(initial=detail))
             self.weight = np.full(len(solution.poles), UNRESOLVED * step)
         self.time = self._grid(detail, horizon)
-        self.errors: Floats = solution.at(self.time) * signs - target
-        self.slopes: Floats = solution.derivative(self.time) * signs
+        self.errors = self._errors(self.time)
+        self.slopes: Floats = (solution.derivative(self.time) * signs).T
 
     def _grid(self, detail: float, horizon: float) -> Floats:
         poles, times, t, count = self.solution.poles, [], 0.0, 0
@@ -73,30 +74,87 @@ scales are too far apart for a measurement"
     def last_outside(self, levels: Floats) -> Crossings:
         """See `Signal`."""
         channels = np.arange(len(self.target))
-        above, below = (
-            [[self._last(n, sign, level) for n in channels.tolist()] for level in levels.tolist()]
-            for sign in (1.0, -1.0)
-        )
-        return self._crossings(np.fmax(above, below), channels)
+        rows, signs = np.tile(channels, 2), np.repeat([1.0, -1.0], channels.size)
+        at = self._crossings(rows, signs, np.repeat(levels[:, None], rows.size, axis=1), last=True)
+        return self._uncertain(np.fmax(*np.split(at, 2, axis=1)), channels)
 
     def first_reached(self, rows: Indices, steps: Floats, levels: Floats) -> Crossings:
         """See `Signal`."""
-        sides = list(zip(rows.tolist(), np.sign(steps), np.abs(steps), strict=True))
-        at = [
-            [self._first(n, up, (level - 1.0) * size) for n, up, size in sides] for level in levels
-        ]
-        return self._crossings(np.array(at), rows)
+        heights = np.multiply.outer(levels - 1.0, np.abs(steps))
+        return self._uncertain(self._crossings(rows, np.sign(steps), heights, last=False), rows)
 
     def highest(self, sign: Floats) -> Floats:
-        """See `Signal`."""
-        heights = []
-        for n, side in enumerate(sign):
-            top = float((side * self.errors[:, n]).max())
-            peaks = self._peaks(n, side, 0, len(self.time) - 1, top)
-            heights.append(max([top, *(height for _, height in peaks)]))
-        return np.array(heights)
+        """See `Signal`; the final values count as well."""
+        rows = np.arange(len(sign))
+        top = np.maximum((sign[:, None] * self.errors).max(axis=1), sign * self.ends)
+        column, point, _, bound = self._tops(rows, sign)
+        higher = bound > top[column]
+        column = column[higher]
+        at = self._extremes(column, point[higher])
+        np.maximum.at(top, column, sign[column] * self._errors(at)[column, np.arange(len(at))])
+        return top
 
-    def _crossings(self, at: Floats, channels: Indices) -> Crossings:
+    def _errors(self, times: Floats) -> Floats:
+        """Return the errors of all channels, (N, P)."""
+        return np.ascontiguousarray((self.solution.at(times) * self.signs - self.target).T)
+
+    def _crossings(self, rows: Indices, signs: Floats, levels: Floats, *, last: bool) -> Floats:
+        """Return when ``signs * errors[rows]`` (C,) is above `levels` (J, C) last or first, (J, C).
+
+        NaN for a level that is never exceeded.
+        """
+        time, errors = self._with_peaks(rows, signs, levels)
+        end, edge = (time.size - 1, 1) if last else (0, -1)
+        at, point = np.empty(levels.shape), np.empty(levels.shape, dtype=np.intp)
+        for each, k, level in zip(at, point, levels, strict=True):
+            above = signs[:, None] * errors[rows] > level[:, None]
+            k[:] = end - above[:, ::-1].argmax(axis=1) if last else above.argmax(axis=1)
+            each[:] = np.where(above.any(axis=1), time[k], np.nan)
+        inside = np.nonzero(~np.isnan(at) & (point != end))
+        k, column = point[inside], inside[1]
+        level, channel = (signs * levels)[inside], rows[column]
+        at[inside] = _roots(
+            lambda t: self._errors(t)[channel, np.arange(len(t))] - level, time[k], time[k + edge]
+        )
+        return at
+
+    def _with_peaks(
+        self, rows: Indices, signs: Floats, levels: Floats
+    ) -> tuple[Floats, Floats]:
+        """Return the grid and its errors, with the peaks that exceed a level between its points."""
+        column, point, top, bound = self._tops(rows, signs)
+        hidden = ((top <= levels[:, column]) & (bound > levels[:, column])).any(axis=0)
+        if not hidden.any():
+            return self.time, self.errors
+        at = self._extremes(rows[column[hidden]], point[hidden])
+        time = np.concatenate([self.time, at])
+        order = np.argsort(time, kind="stable")
+        return time[order], np.concatenate([self.errors, self._errors(at)], axis=1)[:, order]
+
+    def _tops(self, rows: Indices, signs: Floats) -> tuple[Indices, Indices, Floats, Floats]:
+        """Find the peaks of ``signs * errors[rows]`` (C,) between points of the grid, (M,) each.
+
+        Return column, point before the peak, the higher of the two points, and an upper bound of
+        the peak.
+        """
+        slope = signs[:, None] * self.slopes[rows]
+        column, k = np.nonzero((slope[:, :-1] > 0.0) & (slope[:, 1:] <= 0.0))
+        width, rise, fall = self.time[k + 1] - self.time[k], slope[column, k], slope[column, k + 1]
+        row, sign = rows[column], signs[column]
+        left, right = sign * self.errors[row, k], sign * self.errors[row, k + 1]
+        meet = np.clip((right - left - fall * width) / (rise - fall), 0.0, width)
+        top = np.maximum(left, right)
+        return column, k, top, top + ABOVE * (left + rise * meet - top)
+
+    def _extremes(self, channel: Indices, point: Indices) -> Floats:
+        """Return the instants after grid points at which the slopes of channels vanish, s."""
+        return _roots(
+            lambda t: self.solution.derivative(t)[np.arange(len(t)), channel],
+            self.time[point],
+            self.time[point + 1],
+        )
+
+    def _uncertain(self, at: Floats, channels: Indices) -> Crossings:
         """Return crossings of `channels` with the shift that the rounding error may cause."""
         flat, column = np.nan_to_num(at).ravel(), np.tile(channels, len(at))
         slope = np.abs(self.solution.derivative(flat)[np.arange(flat.size), column])
@@ -104,72 +162,30 @@ scales are too far apart for a measurement"
             moved = np.where(slope > 0.0, self.solution.error / slope, 0.0)
         return Crossings(at, np.maximum(moved, np.spacing(flat)).reshape(at.shape))
 
-    def _error(self, n: int, t: float) -> float:
-        return float(self.solution.at(np.array([t]))[0, n] * self.signs[n] - self.target[n])
 
-    def _slope(self, n: int, t: float) -> float:
-        return float(self.solution.derivative(np.array([t]))[0, n] * self.signs[n])
+def _roots(f: Callable[[Floats], Floats], low: Floats, high: Floats) -> Floats:
+    """Return the points (Q,) at which the values of `f` change sign, by Ridders' method.
 
-    def _root(self, n: int, level: float, low: float, high: float) -> float:
-        """Return the instant at which the error of channel `n` crosses `level`, s."""
-        return _root(lambda t: self._error(n, t) - level, low, high)
-
-    def _peaks(
-        self, n: int, sign: float, first: int, last: int, level: float
-    ) -> list[tuple[float, float]]:
-        """Return peaks ``(instant, height)`` of ``sign * error`` between two points of the grid.
-
-        Peaks that cannot be higher than `level` are omitted.
-        """
-        time, stretch = self.time[first : last + 1], slice(first, last + 1)
-        slope, y = sign * self.slopes[stretch, n], sign * self.errors[stretch, n]
-        tops = np.flatnonzero((slope[:-1] > 0.0) & (slope[1:] <= 0.0))
-        width, rise, fall = time[tops + 1] - time[tops], slope[tops], slope[tops + 1]
-        meet = np.clip((y[tops + 1] - y[tops] - fall * width) / (rise - fall), 0.0, width)
-        higher = np.maximum(y[tops], y[tops + 1])
-        tops = tops[higher + ABOVE * (y[tops] + rise * meet - higher) > level]
-        ends = zip(time[tops].tolist(), time[tops + 1].tolist(), strict=True)
-        at = [_root(lambda t: self._slope(n, t), low, high) for low, high in ends]
-        return [(t, sign * self._error(n, t)) for t in at]
-
-    def _first(self, n: int, sign: float, level: float) -> float:
-        """Return the first instant at which ``sign * error`` rises through `level`, s, or NaN."""
-        y = sign * self.errors[:, n]
-        above = np.flatnonzero(y > level)
-        last = int(above[0]) if above.size else len(y) - 1
-        for t, height in self._peaks(n, sign, 0, last, level):
-            if height > level:
-                k = int(np.searchsorted(self.time, t)) - 1
-                return self._root(n, sign * level, float(self.time[k]), t)
-        if not above.size:
-            return math.nan
-        if last == 0:
-            return 0.0
-        return self._root(n, sign * level, float(self.time[last - 1]), float(self.time[last]))
-
-    def _last(self, n: int, sign: float, level: float) -> float:
-        """Return the last instant at which ``sign * error`` falls through `level`, s, or NaN."""
-        y = sign * self.errors[:, n]
-        above = np.flatnonzero(y > level)
-        last = int(above[-1]) if above.size else 0
-        peaks = self._peaks(n, sign, last, len(y) - 1, level)
-        higher = [t for t, height in peaks if height > level]
-        if higher:
-            k = int(np.searchsorted(self.time, higher[-1]))
-            return self._root(n, sign * level, higher[-1], float(self.time[k]))
-        if not above.size:
-            return math.nan
-        if last == len(y) - 1:
-            return float(self.time[-1])
-        return self._root(n, sign * level, float(self.time[last]), float(self.time[last + 1]))
-
-
-def _root(f: Callable[[float], float], low: float, high: float) -> float:
-    """Return the point at which `f` changes sign, or the nearer end if rounding hides it."""
-    from scipy.optimize import brentq
-
-    ends = f(low), f(high)
-    if ends[0] * ends[1] >= 0.0:
-        return low if abs(ends[0]) <= abs(ends[1]) else high
-    precision = 4.0 * sys.float_info.epsilon
-    return float(brentq(f, low, high, xtol=float(np.spacing(high)), rtol=precision, maxiter=500))
+    Where rounding hides a change between `low` and `high`, the end with the smaller value.
+    """
+    at_low, at_high = f(low), f(high)
+    hidden = at_low * at_high >= 0.0
+    nearer = np.where(np.abs(at_low) <= np.abs(at_high), low, high)
+    root = nearer
+    for _ in range(MOST_STEPS):
+        middle = 0.5 * (low + high)
+        at_middle = f(middle)
+        curved = np.sqrt(np.maximum(at_middle**2 - at_low * at_high, 0.0))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = np.where(curved > 0.0, at_middle / curved, 0.0)
+        before, root = root, middle + (middle - low) * np.sign(at_low - at_high) * share
+        if np.all(hidden | (np.abs(root - before) <= CLOSE * np.abs(root))):
+            break
+        at_root = f(root)
+        left, right = at_low * at_root < 0.0, at_middle * at_root < 0.0
+        low, at_low = (
+            np.where(right, middle, np.where(left, low, high)),
+            np.where(right, at_middle, np.where(left, at_low, at_high)),
+        )
+        high, at_high = root, at_root
+    return np.where(hidden, nearer, root)
