@@ -108,10 +108,11 @@ def _design(rng: Generator, bent: bool) -> dict[str, Any]:
 
 
 def _analysis(rng: Generator, capacitance: float) -> dict[str, Any]:
+    error = {"error": _log(rng, 1e-6, 1e-2)}
     return {
         "initial": _pick(rng, ("zero", "zero", "rest")),
         **_some(rng, 0.25, stop=capacitance * _log(rng, 1e5, 1e8)),
-        **_pick(rng, ({}, {}, {"error": _log(rng, 1e-6, 1e-2)}, {"points_per_period": _log(rng, 8.0, 200.0)})),
+        **_pick(rng, ({}, {}, error, {"points_per_period": _log(rng, 8.0, 200.0)})),
     }
 
 

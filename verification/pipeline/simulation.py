@@ -28,7 +28,7 @@ from verification.engines.ngspice.executable import find_simulator
 from verification.engines.ngspice.process import PHYSICAL_BOUND, Run, start
 from verification.engines.ngspice.session import Turn
 from verification.engines.statespace.linearised.board import LinearBoard
-from verification.pipeline.transient_plan import Plan
+from verification.pipeline.transient_plan import GROWTH_ERROR, Plan
 from verification.waveforms import Waveforms
 
 # With KLU the tiny steps after a start from zero have more rounding than with the older solver;
@@ -186,7 +186,7 @@ def _at_the_start(error: StepTooSmall, analysis: Transient) -> bool:
 def _statespace(scene: Scene, board: LinearBoard, plan: Plan, session: bool) -> Pending:
     from verification.engines.statespace.transients.exact import simulate
 
-    tolerance = state_space_tolerance(plan.wanted)
+    tolerance = state_space_tolerance(GROWTH_ERROR if plan.growing else plan.wanted)
     instants, analysis = plan.instants(board), plan.transient
     if instants is None:
         analysis = replace(analysis, max_step=min(analysis.max_step, analysis.stop / GROWING))

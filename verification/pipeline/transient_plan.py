@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from netlist_gen.analysis import Transient
 from netlist_gen.scene.scene import Checks, Scene
 from spice_models.array_types import Floats
@@ -21,16 +23,21 @@ LEAST_ERROR = 1e-8  # of the step amplitude: the least error that ngspice is pla
 GROWTH_ERROR = 0.01  # of `GROWN`: the error that a growing transient is planned for
 FEWEST_PERIODS = 8  # of ringing in every record
 RECORD_ERROR = 2e-8  # of the step amplitude: error of interpolation between points of a record
+RECORD_BYTES = 100_000_000  # largest size of a record of the state-space engine
 UNSTABLE_SECONDS = 2.0  # of processor time: limit for a board that is known to be unstable
 LINEAR_STEP, MATRIX_STEP = 2.7e-6, 3.1e-9
 """Processor time of a step of ngspice 46 with KLU: ``LINEAR_STEP N + MATRIX_STEP N³``, s, measured
 for N = 7 to 128 on one machine; with behavioural amplifiers a step takes `NEWTON` times as long."""
 NEWTON = 2.5
+IMPLICIT_STEP, IMPLICIT_CHANNELS, IMPLICIT_MOST = 5e-4, 6e-5, 0.03
+"""Processor time of a step of the state-space engine on a board with behavioural amplifiers:
+``IMPLICIT_STEP + IMPLICIT_CHANNELS N²``, at most `IMPLICIT_MOST`, s, measured for N = 2 to 64."""
+IMPLICIT_STEPS = 6.0  # of the state-space engine in a period of growing ringing
 LONG = 10.0  # s: a longer run is announced
 SHORTER = "the state-space engine (--engine statespace) is usually faster"
 NO_STEPS = StepForecast(0.0, 0.0, 0.0, 0.0, steps=0.0, error=0.0)
 TOO_SLOW = (
-    "the record ends after {stop:.3g} s, before the instability has grown: ngspice needs"
+    "the record ends after {stop:.3g} s, before the instability has grown: the simulation needs"
     " {seconds:g} s up to there"
 )
 
@@ -73,12 +80,13 @@ class Plan:
         """Return the instants of a state-space record, s; None if the outputs grow.
 
         The instants are dense where the outputs bend, so that cubic interpolation errs by about
-        `RECORD_ERROR`.
+        `RECORD_ERROR`, if `RECORD_BYTES` suffice.
         """
         if self.growing:
             return None
         model = StepModel.of(board, self.transient.stop, self.transient.initial, stable=True)
-        return model.instants(RECORD_ERROR)
+        most = RECORD_BYTES // (8 * (1 + len(board.circuit.outputs)))
+        return model.instants(RECORD_ERROR, most)
 
 
 def wanted_error(scene: Scene) -> float:
@@ -137,14 +145,16 @@ def plan_transient(
     growing = math.isfinite(scales.growth_time) if stable is None else not stable
     stop, error = _stop(scene, scales, growing), wanted_error(scene)
     initial = scene.analysis.initial
+    notes: tuple[str, ...] = ()
     if engine == "statespace":
-        return Plan(Transient(stop, stop, initial=initial), error, NO_STEPS, 0.0, growing)
+        if growing and stop > (longest := _longest_growth(board, scales)):
+            stop, notes = longest, (TOO_SLOW.format(stop=longest, seconds=UNSTABLE_SECONDS),)
+        return Plan(Transient(stop, stop, initial=initial), error, NO_STEPS, 0.0, growing, notes)
     model, points = (
         StepModel.of(board, stop, initial, stable=not growing),
         scene.analysis.points_per_period,
     )
     step_seconds = seconds_per_step(board)
-    notes: tuple[str, ...] = ()
     if points is not None:
         forecast = model.even(scales.max_step_for(points))
     elif growing:
@@ -171,6 +181,16 @@ def seconds_per_step(board: LinearBoard) -> float:
     channels = len(board.circuit.signal_nodes)
     linear = LINEAR_STEP * channels + MATRIX_STEP * channels**3
     return NEWTON * linear if board.circuit.amplifiers else linear
+
+
+def _longest_growth(board: LinearBoard, scales: TimeScales) -> float:
+    """Estimate how far the state-space engine simulates growth in `UNSTABLE_SECONDS`, s."""
+    turns = float(np.abs(scales.poles[:1].imag).max(initial=0.0)) / (2.0 * math.pi)
+    if not board.circuit.amplifiers or not turns:
+        return math.inf
+    step = IMPLICIT_STEP + IMPLICIT_CHANNELS * len(board.circuit.signal_nodes) ** 2
+    steps = UNSTABLE_SECONDS / min(step, IMPLICIT_MOST)
+    return _six_digits(steps / IMPLICIT_STEPS / turns)
 
 
 def even_transient(scene: Scene, scales: TimeScales, points: float, stop: float) -> Transient:

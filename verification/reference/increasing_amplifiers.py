@@ -95,12 +95,14 @@ def _corrected(
     dr = p.f1 - s.product(D * y)
     # Newton's method is nearly linear in q but not in v: for an ill-conditioned T only the exact
     # step converges. Far from the solution the linearised step is sometimes better.
-    linear, exact_step = _steps_in_v(s, p.v.hi, p.f2 + s.transposed(dr) + s.h * D * y)
-    for dv, length in ((exact_step, 1.0), *((linear, share) for share in STEP_LENGTHS)):
-        v, r = p.v + DoubleDouble.of(length * dv), p.r + DoubleDouble.of(length * dr)
-        trial = _point(s, exact, v, r)
-        if trial.gap < p.gap:
-            return trial
+    dq = p.f2 + s.transposed(dr) + s.h * D * y
+    for length in STEP_LENGTHS:
+        linear, exact_step = _steps_in_v(s, p.v.hi, length * dq)
+        for dv in (exact_step, linear):
+            v, r = p.v + DoubleDouble.of(dv), p.r + DoubleDouble.of(length * dr)
+            trial = _point(s, exact, v, r)
+            if trial.gap < p.gap:
+                return trial
     return None
 
 

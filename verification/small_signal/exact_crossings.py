@@ -1,14 +1,19 @@
 """Crossings and peaks of an exact transient, found by root finding on the solution itself.
 
-The grid resolves the modes that have not decayed (25 points on the period of the fastest). A peak
+A grid resolves the modes that have not decayed (25 points on the period of the fastest). A peak
 between two points of the grid is lower than the point where their tangents meet, which shows every
-peak that may exceed a level; crossings and peaks are then refined on the continuous solution.
+peak that may exceed a level; crossings and peaks are then refined on the continuous solution, those
+of all channels and levels at once. The solution is evaluated stretch by stretch, and only where the
+sum of the modes can reach a level, so that ringing of a million periods needs little memory.
 """
 
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -19,11 +24,43 @@ from verification.measures.crossings import Crossings
 from verification.small_signal.time_scales import UNRESOLVED
 
 FINENESS = 0.25  # step times |p| of the fastest mode that has not decayed: 25 points a period
-BLOCK = 25  # points with the same step
-MAX_POINTS = 2_000_000
+FEWEST = 50.0  # points of a grid
+STRETCH = 4096  # intervals of the grid that are evaluated together
+KEPT = 8  # stretches that are kept for the next search
+MAX_POINTS = 2_000_000  # of a grid whose solution has no modes: all of the grid is evaluated
 ABOVE = 2.0  # times the height at which tangents meet: upper bound of a peak between points
 MOST_STEPS = 60  # of a root search, each of which halves the bracket at least
 CLOSE = 4.0 * float(np.finfo(np.float64).eps)  # relative: a root search ends there
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Tops:
+    """Peaks between points of a grid: column, point before, lower and upper bound, (M,) each."""
+
+    column: Indices
+    point: Indices
+    least: Floats
+    most: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Stretch:
+    """A part of the grid with the errors and slopes of all channels, (N, P)."""
+
+    time: Floats
+    errors: Floats
+    slopes: Floats
+
+    def tops(self, rows: Indices, signs: Floats) -> _Tops:
+        """Find the peaks of ``signs * errors[rows]`` (C,) between two points."""
+        slope = signs[:, None] * self.slopes[rows]
+        column, k = np.nonzero((slope[:, :-1] > 0.0) & (slope[:, 1:] <= 0.0))
+        width, rise, fall = self.time[k + 1] - self.time[k], slope[column, k], slope[column, k + 1]
+        row, sign = rows[column], signs[column]
+        left, right = sign * self.errors[row, k], sign * self.errors[row, k + 1]
+        meet = np.clip((right - left - fall * width) / (rise - fall), 0.0, width)
+        top = np.maximum(left, right)
+        return _Tops(column, k, top, top + ABOVE * (left + rise * meet - top))
 
 
 class ExactSignal:
@@ -39,6 +76,11 @@ class ExactSignal:
         Smallest amplitude of a mode that the grid resolves, V.
     horizon : float
         Latest instant of interest, s.
+
+    Raises
+    ------
+    EngineError
+        The solution has no modes, and its time scales are too far apart for a grid.
     """
 
     def __init__(
@@ -46,30 +88,52 @@ class ExactSignal:
     ) -> None:
         self.solution, self.signs, self.target = solution, signs, target
         self.ends: Floats = solution.final * signs - target
-        self.weight = np.abs(solution.share).max(axis=1)
+        self.share = np.abs(solution.share)
         if solution.form != "modes":
             step = float(np.abs(solution.final - solution.start).max(initial=detail))
-            self.weight = np.full(len(solution.poles), UNRESOLVED * step)
-        self.time = self._grid(detail, horizon)
-        self.errors = self._errors(self.time)
-        self.slopes: Floats = (solution.derivative(self.time) * signs).T
+            self.share = np.full(self.share.shape, UNRESOLVED * step)
+        self._points, self._instants = self._grid(detail, horizon)
+        total = self._points[-1]
+        if solution.form != "modes" and total > MAX_POINTS:
+            raise EngineError(
+                f"{total:.3g} points reach {horizon:.3g} s: the time scales are too far apart for a"
+                " measurement of a board with defective modes"
+            )
+        self._stretch = lru_cache(KEPT)(self._evaluate)
 
-    def _grid(self, detail: float, horizon: float) -> Floats:
-        poles, times, t, count = self.solution.poles, [], 0.0, 0
-        log_weight = np.log(np.maximum(self.weight, 1e-300))
-        while t < horizon:
-            active = log_weight + poles.real * t > math.log(detail)
-            rate = float(np.abs(poles[active]).max(initial=0.0))
-            step = min(FINENESS / rate, horizon / 50) if rate > 0.0 else horizon / 50
-            # The step is chosen anew for every block, because the fast modes decay.
-            points = min(BLOCK, math.ceil((horizon - t) / step))
-            times.append(t + step * np.arange(points))
-            t, count = t + step * points, count + points
-            if count > MAX_POINTS:
-                message = f"{MAX_POINTS} points reach {t:.3g} s of {horizon:.3g} s: the time \
-scales are too far apart for a measurement"
-                raise EngineError(message)
-        return np.concatenate([*times, [max(t, horizon)]])
+    def _grid(self, detail: float, horizon: float) -> tuple[Floats, Floats]:
+        """Return numbers of grid points and their instants; the grid is even between two of them.
+
+        Where a mode falls below `detail`, the step of the grid changes.
+        """
+        rate = self.solution.poles.real
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ends = np.log(self.share.max(axis=1, initial=0.0) / detail) / -rate
+        ends = np.where(rate < 0.0, np.clip(ends, 0.0, horizon), horizon)
+        order = np.argsort(-ends)
+        fastest = np.maximum.accumulate(np.abs(self.solution.poles[order]))
+        instants = np.concatenate([[horizon], ends[order], [0.0]])[::-1]
+        density = np.maximum(np.append(0.0, fastest)[::-1] / FINENESS, FEWEST / horizon)
+        points = np.append(0.0, np.cumsum(np.diff(instants) * density))
+        return points * (math.ceil(points[-1]) / points[-1]), instants
+
+    @property
+    def _stretches(self) -> range:
+        return range(math.ceil(self._points[-1] / STRETCH))
+
+    def _evaluate(self, number: int) -> _Stretch:
+        last = min((number + 1) * STRETCH, int(self._points[-1]))
+        time = np.interp(np.arange(number * STRETCH, last + 1), self._points, self._instants)
+        values, slopes = self.solution.with_slope(time)
+        return _Stretch(time, (values * self.signs - self.target).T, (slopes * self.signs).T)
+
+    def _reach(self, number: int) -> Floats:
+        """Bound ``|error - end|`` (N,) from the start of a stretch on, by the sum of the modes."""
+        rate = self.solution.poles.real
+        if np.any(rate >= 0.0):
+            return np.full(self.ends.shape, np.inf)
+        start = np.interp(number * STRETCH, self._points, self._instants)
+        return np.asarray(np.exp(rate * start) @ self.share) + self.solution.error
 
     def last_outside(self, levels: Floats) -> Crossings:
         """See `Signal`."""
@@ -85,25 +149,49 @@ scales are too far apart for a measurement"
 
     def highest(self, sign: Floats) -> Floats:
         """See `Signal`; the final values count as well."""
-        rows = np.arange(len(sign))
-        top = np.maximum((sign[:, None] * self.errors).max(axis=1), sign * self.ends)
-        column, point, _, bound = self._tops(rows, sign)
-        higher = bound > top[column]
-        column = column[higher]
-        at = self._extremes(column, point[higher])
-        np.maximum.at(top, column, sign[column] * self._errors(at)[column, np.arange(len(at))])
+        rows, ends = np.arange(len(sign)), sign * self.ends
+        top = ends.copy()
+        for number in self._stretches:
+            if np.all(ends + self._reach(number) <= top):
+                break
+            stretch = self._stretch(number)
+            np.maximum(top, (sign[:, None] * stretch.errors).max(axis=1), out=top)
+            tops = stretch.tops(rows, sign)
+            higher = tops.most > top[tops.column]
+            column = tops.column[higher]
+            at = self._extremes(stretch, column, tops.point[higher])
+            np.maximum.at(top, column, sign[column] * self._errors(at)[column, np.arange(len(at))])
         return top
 
     def _errors(self, times: Floats) -> Floats:
         """Return the errors of all channels, (N, P)."""
-        return np.ascontiguousarray((self.solution.at(times) * self.signs - self.target).T)
+        return (self.solution.at(times) * self.signs - self.target).T
 
     def _crossings(self, rows: Indices, signs: Floats, levels: Floats, *, last: bool) -> Floats:
         """Return when ``signs * errors[rows]`` (C,) is above `levels` (J, C) last or first, (J, C).
 
         NaN for a level that is never exceeded.
         """
-        time, errors = self._with_peaks(rows, signs, levels)
+        left = levels - signs * self.ends[rows]
+        at = np.full(levels.shape, np.nan)
+
+        def possible(number: int) -> bool:
+            return bool((np.isnan(at) & (self._reach(number)[rows] > left)).any())
+
+        numbers = self._stretches[
+            : bisect_left(self._stretches, True, key=lambda k: not possible(k))
+        ]
+        for number in reversed(numbers) if last else numbers:
+            if possible(number):
+                found = self._within(self._stretch(number), rows, signs, levels, last=last)
+                at = np.where(np.isnan(at), found, at)
+        return at
+
+    def _within(
+        self, stretch: _Stretch, rows: Indices, signs: Floats, levels: Floats, *, last: bool
+    ) -> Floats:
+        """Return `_crossings` of one stretch; its edge where the signal is above there."""
+        time, errors = self._with_peaks(stretch, rows, signs, levels)
         end, edge = (time.size - 1, 1) if last else (0, -1)
         at, point = np.empty(levels.shape), np.empty(levels.shape, dtype=np.intp)
         for each, k, level in zip(at, point, levels, strict=True):
@@ -119,39 +207,25 @@ scales are too far apart for a measurement"
         return at
 
     def _with_peaks(
-        self, rows: Indices, signs: Floats, levels: Floats
+        self, stretch: _Stretch, rows: Indices, signs: Floats, levels: Floats
     ) -> tuple[Floats, Floats]:
-        """Return the grid and its errors, with the peaks that exceed a level between its points."""
-        column, point, top, bound = self._tops(rows, signs)
-        hidden = ((top <= levels[:, column]) & (bound > levels[:, column])).any(axis=0)
+        """Return times and errors of a stretch, with peaks that pass a level between its points."""
+        tops = stretch.tops(rows, signs)
+        level = levels[:, tops.column]
+        hidden = ((tops.least <= level) & (tops.most > level)).any(axis=0)
         if not hidden.any():
-            return self.time, self.errors
-        at = self._extremes(rows[column[hidden]], point[hidden])
-        time = np.concatenate([self.time, at])
+            return stretch.time, stretch.errors
+        at = self._extremes(stretch, rows[tops.column[hidden]], tops.point[hidden])
+        time = np.concatenate([stretch.time, at])
         order = np.argsort(time, kind="stable")
-        return time[order], np.concatenate([self.errors, self._errors(at)], axis=1)[:, order]
+        return time[order], np.concatenate([stretch.errors, self._errors(at)], axis=1)[:, order]
 
-    def _tops(self, rows: Indices, signs: Floats) -> tuple[Indices, Indices, Floats, Floats]:
-        """Find the peaks of ``signs * errors[rows]`` (C,) between points of the grid, (M,) each.
-
-        Return column, point before the peak, the higher of the two points, and an upper bound of
-        the peak.
-        """
-        slope = signs[:, None] * self.slopes[rows]
-        column, k = np.nonzero((slope[:, :-1] > 0.0) & (slope[:, 1:] <= 0.0))
-        width, rise, fall = self.time[k + 1] - self.time[k], slope[column, k], slope[column, k + 1]
-        row, sign = rows[column], signs[column]
-        left, right = sign * self.errors[row, k], sign * self.errors[row, k + 1]
-        meet = np.clip((right - left - fall * width) / (rise - fall), 0.0, width)
-        top = np.maximum(left, right)
-        return column, k, top, top + ABOVE * (left + rise * meet - top)
-
-    def _extremes(self, channel: Indices, point: Indices) -> Floats:
-        """Return the instants after grid points at which the slopes of channels vanish, s."""
+    def _extremes(self, stretch: _Stretch, channel: Indices, point: Indices) -> Floats:
+        """Return the instants after points of a stretch at which slopes of channels vanish, s."""
         return _roots(
             lambda t: self.solution.derivative(t)[np.arange(len(t)), channel],
-            self.time[point],
-            self.time[point + 1],
+            stretch.time[point],
+            stretch.time[point + 1],
         )
 
     def _uncertain(self, at: Floats, channels: Indices) -> Crossings:

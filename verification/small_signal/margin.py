@@ -8,6 +8,8 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from netlist_gen.board.circuit import Circuit
 from netlist_gen.quantities import show
 from verification.engines.statespace.equations.stamps import stamp
@@ -67,7 +69,7 @@ def capacitance_margin(
     Parameters
     ----------
     reach : float
-        The scan ends at its first point beyond this factor; a smaller one costs less.
+        The largest factor of the scan; a smaller one costs less.
     found : Poles, optional
         Poles of the board, if they have been computed before.
 
@@ -134,9 +136,8 @@ def _first_crossing(growth: Callable[[float], float], reach: float) -> float:
     growth = functools.cache(growth)  # the root search evaluates both ends again
     if not growth(1.0) < 0.0:
         return 0.0
-    count = math.ceil(PER_DECADE * math.log10(reach))  # the same points for every reach
-    factors = [10.0 ** (k / PER_DECADE) for k in range(count + 1)]
-    for low, high in itertools.pairwise(factors):
+    factors = np.geomspace(1.0, reach, 1 + math.ceil(PER_DECADE * math.log10(reach)))
+    for low, high in itertools.pairwise(factors.tolist()):
         if not growth(high) < 0.0:
             from scipy.optimize import brentq
 

@@ -200,7 +200,7 @@ class StepModel:
         rate = 1.0 / self.step_lengths(forecast.truncation, forecast.max_step)
         return float(np.interp(steps, _integral(rate, self.time), self.time))
 
-    def instants(self, error: float) -> Floats:
+    def instants(self, error: float, most: int) -> Floats:
         """Return the instants of a record whose cubic interpolation errs by `error`, s.
 
         Parameters
@@ -208,6 +208,8 @@ class StepModel:
         error : float
             Interpolation error, in step amplitudes. The error of a cubic through four points h
             apart is ``h⁴ |d⁴u/dt⁴| 3/128``.
+        most : int
+            Largest number of instants; if the error needs more, all of them are further apart.
         """
         growth = _exp(self.exponents)
         rate = np.abs(growth @ (self.poles[:, None] * self.shares)).max(axis=1, initial=TINY)
@@ -216,7 +218,7 @@ class StepModel:
         longest = np.minimum(self.time[-1] / FEWEST_INSTANTS, MOVE / rate)
         spacing = np.minimum((128.0 / 3.0 * error / bend) ** 0.25, longest)
         count = _integral(1.0 / spacing, self.time)
-        places = np.linspace(0.0, count[-1], math.ceil(count[-1]) + 1)
+        places = np.linspace(0.0, count[-1], min(math.ceil(count[-1]) + 1, most))
         return np.asarray(np.interp(places, count, self.time))
 
     def cheapest(self, error: float) -> StepForecast:
