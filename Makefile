@@ -5,7 +5,7 @@
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help setup ready demo test test-processors regress lint format bench bench-engines bench-sweep lock build clean
+.PHONY: help setup ready demo test test-processors regress lint format bench lock build clean
 
 PYTHON_IN_VENV := .venv/bin/python
 JOBS ?= 2
@@ -45,16 +45,8 @@ format: ready ## rewrite the sources as ruff wants them
 	$(PYTHON_IN_VENV) -m ruff check --fix .
 	$(PYTHON_IN_VENV) -m ruff format .
 
-bench: ready ## speed against named baselines, as tables; ARGS=5 takes 5 rounds instead of 20
-	$(PYTHON_IN_VENV) benchmarks/emission.py $(ARGS)
-	$(PYTHON_IN_VENV) benchmarks/verify_overhead.py $(ARGS)
-	$(PYTHON_IN_VENV) benchmarks/startup.py $(ARGS)
-
-bench-sweep: ready ## sweeps beside the same decks run by others; ARGS=5 takes 5 rounds instead of 3
-	$(PYTHON_IN_VENV) benchmarks/sweep.py $(ARGS)
-
-bench-engines: ready ## state space beside ngspice, with what is required; ARGS=--quick in minutes
-	$(PYTHON_IN_VENV) benchmarks/engines.py $(ARGS)
+bench: ready ## docs/benchmarks.md in minutes; ARGS=--full measures everything, ARGS="--only startup" prints a section
+	$(PYTHON_IN_VENV) -m benchmarks $(ARGS)
 
 lock: ## write requirements/*.txt anew from pyproject.toml, newest versions
 	bash scripts/lock.sh

@@ -1,207 +1,167 @@
-"""The state-space engine beside ngspice at its best setting: ratios, with what is required of them.
+"""The state-space engine beside ngspice at equal error, and how both grow with the board.
 
-Run from the checkout: ``python benchmarks/engines.py [ROUNDS] [--quick]``. The baseline is ngspice
-at the cheapest setting that reaches the same error, found by a ladder in the same run (see
-`boards`); both then take turns. ``--quick`` takes a coarser map and no board over 128 channels.
-Ends with status 1 if a requirement was missed.
+ngspice runs with the step control that `verify` plans for an error of 1e-4. The time of the
+state-space engine is everything from the `Circuit` to as many points of the `Waveforms`.
 """
 
 from __future__ import annotations
 
-import argparse
+import gc
 import statistics
-import sys
 from dataclasses import dataclass, replace
-from pathlib import Path
+from functools import partial
+from typing import Any
 
 import numpy as np
-from boards import (
-    Board,
-    Ladder,
-    Reference,
-    run_ngspice,
-    run_statespace,
-    shipped,
-    wide,
-)
-from polemap import FREQUENCY, GROWTH, PLANNED, time_map
-from scaling import growth, in_own_process
-from timing import gathered, print_machine, print_table, ratio
 
-ROOT = Path(__file__).parents[1]
-sys.path[:0] = [str(ROOT)]
-
-from spice_models.array_types import Floats  # noqa: E402
-from tests.support.precise import precise_step  # noqa: E402 - after the path
-from verification.engines.statespace.equations.stamps import stamp  # noqa: E402
-from verification.engines.statespace.transients import exact, structured_radau  # noqa: E402
+from benchmarks.bare import process_seconds, solver
+from benchmarks.measuring import SCENES, Extent, Figure, Result, Table, in_turns, ratios, wall
+from netlist_gen.board.synthesis import synthesise
+from netlist_gen.deck.deck import write_deck
+from netlist_gen.overrides.axes import with_values
+from netlist_gen.overrides.keys import Value
+from netlist_gen.scene.file import load_scene
+from netlist_gen.scene.scene import Scene
+from tests.support.precise import precise_step
+from verification.engines.statespace.linearised.board import LinearBoard
+from verification.engines.statespace.transients import exact
+from verification.pipeline.transient_plan import Plan, plan_transient
+from verification.small_signal.poles import poles
+from verification.small_signal.time_scales import time_scales
 
 ERROR = 1e-4  # of the step amplitude
-TIGHT = 1e-10  # of the structured engine where it is a reference
+STEPS: dict[str, Value] = {"analysis.error": ERROR}
+POINTS = 2000  # of a record of the state-space engine
+SIZES = {
+    Extent.TINY: (2, 3),
+    Extent.QUICK: (7, 16, 32, 64),
+    Extent.FULL: (7, 16, 32, 64, 128, 256, 500),
+}
+BOTH = ("paper-breadboard", "tuned-breadboard")
+BOARDS = {Extent.TINY: BOTH[1:], Extent.QUICK: BOTH, Extent.FULL: BOTH}
+ROUNDS = {Extent.TINY: 1, Extent.QUICK: 5, Extent.FULL: 9}
+LARGEST_NGSPICE = 128  # channels
+WIDE: dict[str, Value] = {
+    "problem.span": 6.0,
+    "problem.quadrature": "rectangle",
+    "design.lambda": 0.1,
+}
 
 
-@dataclass(frozen=True)
-class Claim:
-    """One figure beside what is required of it."""
+@dataclass(frozen=True, eq=False)
+class Board:
+    """A board and its planned transient."""
 
-    what: str
-    found: str
-    required: str
-    holds: bool
+    linear: LinearBoard
+    plan: Plan
 
-    @staticmethod
-    def ratio(what: str, found: float, required: float, note: str = "") -> Claim:
-        """Return a ratio that must not be less than `required`."""
-        return Claim(what, f"{found:.3g}{note}", f"at least {required:g}", found >= required)
+    @classmethod
+    def of(cls, scene: Scene, steps: dict[str, Value] = STEPS) -> Board:
+        """Synthesise a scene and plan its transient, by default for `ERROR`."""
+        scene = with_values(scene, steps)
+        board = LinearBoard(synthesise(scene))
+        scales = time_scales(board)
+        return cls(board, plan_transient(scene, board, scales, stable=poles(board).stable))
 
+    def statespace(self, points: int) -> None:
+        """Simulate by the state-space engine, from the circuit on."""
+        transient = self.plan.transient
+        transient = replace(transient, max_step=transient.stop / points)
+        exact.simulate(self.linear.circuit, transient)
 
-def seven_channels(name: str, rounds: int) -> list[Claim]:
-    """One transient of a seven-channel board, at equal error and at each engine's own."""
-    board = shipped(name)
-    solution = exact.exact_solution(board.circuit, stop=board.transient.stop)
-    ladder = Ladder(board, solution.at, ERROR, timeout=120.0)
-    for kind in ("free", "even"):
-        ladder.climb(kind)
-        ladder.attempt(replace(ladder.trials[-1].setting, solver="noopiter"))
-    best = ladder.best
-    own = precise_error(board, solution)
-    found = race(board, ladder, rounds)
-    print(f"error of the state-space engine against 50 digits: {own:.1e} of the step amplitude\n")
-    faster = 1.0 / statistics.median(paired(found))
-    return [
-        Claim.ratio(f"{name}: times faster than ngspice at {ERROR:g}", faster, 10.0),
-        Claim.ratio("  and its error so many times smaller", best.error / own, 1e4),
-    ]
+    def ngspice(self) -> float:
+        """Return the wall time of the ngspice process, s."""
+        return process_seconds(
+            write_deck(self.linear.circuit, self.plan.transient, solver=solver())
+        )
 
 
-def precise_error(board: Board, solution: exact.Exact) -> float:
-    """Largest error at the signal nodes in step amplitudes, at 22 instants, against 50 digits."""
-    descriptor = stamp(board.circuit)
-    times, precise = precise_step(descriptor, board.transient.stop, 22)
+def wide(channels: int) -> Scene:
+    """Return a stable board of any size: the parts of the tuned breadboard, and a wider span.
+
+    Quadrature weights keep |T| the same for every number of channels; lambda is 0.1.
+    """
+    own: dict[str, Value] = {"name": f"wide-{channels}", "problem.channels": channels}
+    return with_values(load_scene(SCENES / "tuned-breadboard.toml"), WIDE | own)
+
+
+def measure(extent: Extent) -> Result:
+    """Measure two seven-channel boards, then boards of growing size."""
+    rounds = ROUNDS[extent]
+    figures: list[Figure] = []
+    for name in BOARDS[extent]:
+        board = Board.of(load_scene(SCENES / f"{name}.toml"))
+        figures.append(beside_ngspice(name, board, rounds, 10.0))
+        if extent is Extent.FULL:
+            figures.append(precision(name, board))
+    grown = growth(SIZES[extent], rounds)
+    if extent is Extent.FULL:
+        figures.append(beside_ngspice("128 channels", Board.of(wide(128)), 3, 100.0))
+    return replace(grown, figures=figures + grown.figures)
+
+
+def beside_ngspice(name: str, board: Board, rounds: int, wanted: float) -> Figure:
+    """Time one transient by both engines, with as many points each."""
+    points = int(board.plan.forecast.steps)
+    jobs = {"ngspice": board.ngspice, "statespace": wall(partial(board.statespace, points))}
+    found = in_turns(jobs, rounds)
+    what, base = f"ngspice at an error of {ERROR:g}, {name}", "state space, as many points"
+    return Figure(what, base, ratios(found["ngspice"], found["statespace"]), wanted, least=True)
+
+
+def precision(name: str, board: Board) -> Figure:
+    """Compare the exact solution with 50 digits, at 22 instants."""
+    descriptor, stop = board.linear.descriptor, board.plan.transient.stop
+    times, precise = precise_step(descriptor, stop, 22)
     charged = np.flatnonzero(descriptor.dense.mass.any(axis=1))
     names = [descriptor.names[place] for place in charged]
+    solution = exact.exact_solution(board.linear, stop=stop)
     columns = [names.index(node) for node in solution.nodes]
     off = np.abs(solution.at(np.array(times)) - precise[:, columns].astype(np.float64)).max()
-    return float(off / np.abs(solution.final - solution.start).max())
+    error = float(off / np.abs(solution.final - solution.start).max())
+    what = f"error of the state space against 50 digits, {name}"
+    return Figure(what, f"an error of {ERROR:g}", [error / ERROR], 1e-4)
 
 
-def race(board: Board, ladder: Ladder, rounds: int) -> dict[str, list[float]]:
-    """Time both engines in turns, print the ladder and the times."""
-    best = ladder.best
-
-    def baseline() -> float:
-        return run_ngspice(board, best.setting, ladder.timeout).cost.seconds
-
-    run_statespace(board, best.points)  # what is imported on first use
-    jobs = {"ngspice": baseline, "statespace": lambda: run_statespace(board, best.points)}
-    found = gathered(jobs, rounds)
-    columns = ("ngspice's ladder", "points", "error", "ms")
-    print_table(f"{board.scene.name}: {board.transient.stop:.4g} s", columns, ladder.rows())
+def growth(sizes: tuple[int, ...], rounds: int) -> Result:
+    """Time transient and rightmost poles of the state-space engine, and ngspice, over N."""
+    times: dict[str, list[float]] = {"transient": [], "rightmost poles": [], "ngspice": []}
+    for channels in sizes:
+        board = Board.of(wide(channels))
+        circuit = board.linear.circuit
+        jobs: dict[str, Any] = {
+            "transient": wall(partial(board.statespace, POINTS)),
+            "rightmost poles": wall(partial(poles, circuit)),
+        }
+        if channels <= LARGEST_NGSPICE:
+            jobs["ngspice"] = board.ngspice
+        found = in_turns(jobs, rounds if channels < 64 else min(rounds, 2))
+        for name, seconds in times.items():
+            seconds.append(statistics.median(found[name]) if name in found else np.nan)
+        gc.collect()
+    shown = [times["transient"][0], times["transient"][-1]]
+    pair = f"{sizes[0]} channels"
     rows = [
-        (who, f"{1e3 * statistics.median(s):.2f}", f"{1e3 * min(s):.2f}", f"{1e3 * max(s):.2f}")
-        for who, s in found.items()
+        (f"{channels}", *("" if np.isnan(t[k]) else f"{1e3 * t[k]:.1f}" for t in times.values()))
+        for k, channels in enumerate(sizes)
     ]
-    title = f"at {best.setting.text}; {best.points} points each, {rounds} rounds"
-    print_table(title, ("", "median, ms", "least", "greatest"), rows)
-    print(f"statespace over ngspice: {ratio(found['statespace'], found['ngspice'])}")
-    return found
-
-
-def paired(found: dict[str, list[float]]) -> list[float]:
-    """Return the rounds' ratios of state space to ngspice."""
-    return [a / b for a, b in zip(found["statespace"], found["ngspice"], strict=True)]
-
-
-def many_channels(rounds: int, quick: bool) -> list[Claim]:
-    """One transient of 128 channels at equal error; the reference is dense modes (or tight)."""
-    board = wide(128)
-    reference = tight(board) if quick else modes(board)
-    ladder = Ladder(board, reference, ERROR, timeout=180.0)
-    for kind in ("free", "even"):
-        ladder.climb(kind)
-    times = np.linspace(0.0, board.transient.stop, ladder.best.points)
-    own = exact.simulate(board.circuit, board.transient, times=times).values
-    error = float(np.abs(own - reference(times)).max()) / ladder.amplitude
-    found = race(board, ladder, rounds)
-    print(f"error of the state-space engine: {error:.1e} of the step amplitude\n")
-    faster = 1.0 / statistics.median(paired(found))
-    return [
-        Claim.ratio(f"128 channels: times faster than ngspice, KLU, at {ERROR:g}", faster, 100.0),
-        Claim("  and its error", f"{error:.1e}", f"at most {ERROR:g}", error <= ERROR),
-    ]
-
-
-def modes(board: Board) -> Reference:
-    """Exact solution by one dense eigenproblem of all states, however long that takes."""
-    return exact.exact_solution(board.circuit, stop=board.transient.stop).at
-
-
-def tight(board: Board) -> Reference:
-    """Return the structured engine at a tolerance of 1e-10."""
-
-    def at(times: Floats) -> Floats:
-        found = structured_radau.simulate(
-            board.circuit, board.transient, times=times, tolerance=TIGHT
-        )
-        return found.values
-
-    return at
-
-
-def largest(channels: int) -> list[Claim]:
-    """Measure a transient and the rightmost poles in a process of its own."""
-    told = in_own_process(channels)
-    rows = [(stage, f"{wall:.2f}", f"{cpu:.2f}") for stage, (wall, cpu) in told["stages"].items()]
-    title = f"{channels} channels in a process of its own, rightmost pole {told['pole']} /s"
-    print_table(title, ("", "wall, s", "processor, s"), rows)
-    wall, cpu = told["stages"]["all"]
-    memory = told["memory"] / 1e9
-    shown = f"{wall:.1f} ({cpu:.1f} of a processor)"
-    return [
-        Claim(f"{channels} channels: transient and poles, s", shown, "at most 15", wall <= 15.0),
-        Claim("  and their memory, GB", f"{memory:.2f}", "at most 1", memory <= 1.0),
-    ]
-
-
-def pole_map(quick: bool) -> list[Claim]:
-    """Measure the map of rightmost poles; ngspice is extrapolated from a sample of its points."""
-    side, samples = (16, 8) if quick else (64, 24)
-    found = time_map(side, samples)
-    mean, planned = statistics.mean(found.sample), statistics.mean(found.planned)
-    each = found.seconds / found.points
-    print(
-        f"map of {side} x {side} points: {found.seconds:.1f} s, {1.0 / each:.0f} points/s; ngspice,"
-        f" extrapolated from {samples} points at {found.setting.text}: {mean:.3g} s a point (median"
-        f" {statistics.median(found.sample):.3g}); {found.right} of {samples} records show the"
-        f" rightmost pole (growth rate within {GROWTH:.0%}, frequency within {FREQUENCY:.0%})\n"
+    columns = ("channels", *(f"{name}, ms" for name in times))
+    return Result(
+        [Figure(f"state space, transient of {sizes[-1]} channels", pair, [shown[1] / shown[0]])],
+        [Table("Growth with the number of channels", columns, rows)],
+        {"growth.png": partial(draw, sizes=sizes, times=times)},
     )
-    what = f"map of {side} x {side}: times faster than by ngspice transients"
-    note = f" ({planned / each:.3g} at {PLANNED:g} points a period)"
-    return [
-        Claim.ratio(what, mean / each, 50.0, note),
-        Claim("  points per second", f"{1.0 / each:.0f}", "stated", True),
-    ]
 
 
-def main() -> int:
-    """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("rounds", nargs="?", type=int, default=5)
-    parser.add_argument("--quick", action="store_true")
-    asked = parser.parse_args()
-    print_machine()
-    claims = [
-        *seven_channels("paper-breadboard", asked.rounds),
-        *seven_channels("tuned-breadboard", asked.rounds),
-        *many_channels(min(asked.rounds, 3), asked.quick),
-        *largest(128 if asked.quick else 500),
-        *pole_map(asked.quick),
-    ]
-    growth(min(asked.rounds, 3), asked.quick)
-    rows = [(c.what, c.found, c.required, "yes" if c.holds else "NO") for c in claims]
-    print_table("Required", ("", "found", "required", "holds"), rows)
-    return 0 if all(claim.holds for claim in claims) else 1
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+def draw(figure: Any, sizes: tuple[int, ...], times: dict[str, list[float]]) -> None:
+    """Draw the times over the number of channels, with the slopes 1 and 2 beside them."""
+    axes = figure.subplots()
+    for name, seconds in times.items():
+        axes.loglog(sizes, seconds, "o-", label=name)
+    x = np.array([sizes[0], sizes[-1]], dtype=float)
+    for power in (1, 2):
+        y = times["transient"][0] * (x / x[0]) ** power
+        axes.loglog(x, y, "k:", linewidth=0.8)
+        axes.annotate(f"slope {power}", (x[1], y[1]), ha="right")
+    axes.set(xlabel="channels N", ylabel="s", title="time of one transient; of the rightmost poles")
+    axes.legend()

@@ -1,38 +1,37 @@
-"""Speed of the reference solver against cvxpy with Clarabel and SciPy's trust-region methods.
+"""The reference solver beside cvxpy with Clarabel and SciPy's trust-region method, and at size.
 
-Run from the checkout: ``OMP_NUM_THREADS=1 python benchmarks/reference.py [LARGEST_N [LEAST_N]]``.
-Entropy regulariser, kernel (19) at depth 1 over [-3, 3], half a cylinder load with noise. Every
-solver is run several times in turn with the others; medians of the processor time are printed (one
-thread, so on an idle machine they are wall times), each with its own error in u relative to the
-largest entry. cvxpy's problem is compiled before the clock starts. SciPy minimises over v = log u
-with exact gradient and Hessian.
+Entropy regulariser, kernel (19) at depth 1 over [-3, 3], half a cylinder load with noise. cvxpy's
+problem is compiled before the clock starts. SciPy minimises over v = log u with exact gradient and
+Hessian.
 """
 
 from __future__ import annotations
 
 import statistics
-import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from importlib import import_module
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-ROOT = Path(__file__).parents[1]
-sys.path[:0] = [str(ROOT)]
+from benchmarks.measuring import Extent, Figure, Result, Table, in_turns, ratios
+from spice_models.array_types import Floats
+from tests.support.oracle import count_claims, kernel, random_problems
+from verification.reference import Problem, solve
+from verification.reference.problem import ToeplitzProblem
+from verification.reference.toeplitz import solve_toeplitz_problem
+from verification.reference.toeplitz_products import ToeplitzMatrix
 
-from tests.support.oracle import kernel  # noqa: E402 - after the path
-from verification.reference import Problem, solve  # noqa: E402 - after the path
-
-SIZES = (7, 25, 50, 100, 200, 500, 1000, 2000)
-LAMBDAS = (10.0, 1.0, 0.1, 0.01, 1e-4, 1e-8, 1e-12)
-LARGEST = {"clarabel": 200, "trust-exact": 100, "trust-constr": 100}
-PATIENCE = 2.0
-"""A solver that takes longer than this, s, is run once."""
-
-Solver = Callable[[], np.ndarray]
+OURS, CLARABEL, TRUST = "ours", "cvxpy with Clarabel", "SciPy's trust-exact"
+SIZES = {Extent.TINY: (3,), Extent.QUICK: (7, 50), Extent.FULL: (7, 25, 50, 100, 200)}
+LAMBDAS = (10.0, 0.1, 1e-4, 1e-12)
+ROUNDS = {Extent.TINY: 1, Extent.QUICK: 3, Extent.FULL: 7}
+LARGEST_TRUST = 100  # channels
+PROBLEMS, SEED = 1000, 1993
+CHANNELS, SPACING = 1_000_000, 0.25
+TOEPLITZ = {"linear": (10.0, 0.01, 1e-4), "exponential": (10.0, 0.1, 0.01)}
 
 
 def tactile(channels: int, lam: float) -> Problem:
@@ -44,7 +43,7 @@ def tactile(channels: int, lam: float) -> Problem:
     return Problem(T, T @ stress + noise, lam, "exponential", bias=True)
 
 
-def clarabel(problem: Problem) -> Solver:
+def clarabel(problem: Problem) -> Callable[[], Any]:
     """Compile with cvxpy."""
     cp: Any = import_module("cvxpy")
     u = cp.Variable(problem.T.shape[1])
@@ -52,91 +51,115 @@ def clarabel(problem: Problem) -> Solver:
     task = cp.Problem(cp.Minimize(loss - problem.lam * cp.sum(cp.entr(u))))
     task.get_problem_data(cp.CLARABEL)
 
-    def run() -> np.ndarray:
+    def run() -> Floats:
         task.solve(solver=cp.CLARABEL)
         return np.asarray(u.value)
 
     return run
 
 
-def trust(problem: Problem, method: str) -> Solver:
+def trust(problem: Problem) -> Callable[[], Any]:
     """Set up SciPy's minimiser in v."""
     minimize: Any = import_module("scipy.optimize").minimize
     T, eps, lam = problem.T, problem.eps, problem.lam
     gram = 2.0 * T.T @ T
 
-    def value(v: np.ndarray) -> float:
+    def value(v: Floats) -> float:
         u = np.exp(v)
         miss = T @ u - eps
         return float(miss @ miss + lam * u @ v)
 
-    def gradient(v: np.ndarray) -> np.ndarray:
+    def gradient(v: Floats) -> Floats:
         u = np.exp(v)
         return np.asarray(u * (2.0 * T.T @ (T @ u - eps) + lam * (v + 1.0)))
 
-    def hessian(v: np.ndarray) -> np.ndarray:
+    def hessian(v: Floats) -> Floats:
         u = np.exp(v)
         return np.asarray(gram * np.outer(u, u) + np.diag(gradient(v) + lam * u))
 
-    options = {"maxiter": 1000, "gtol": 1e-8}
+    options = {"method": "trust-exact", "options": {"maxiter": 1000, "gtol": 1e-8}}
 
-    def run() -> np.ndarray:
-        start = np.zeros(T.shape[1])
+    def run() -> Floats:
         with np.errstate(all="ignore"):
-            found = minimize(
-                value, start, jac=gradient, hess=hessian, method=method, options=options
-            )
+            found = minimize(value, np.zeros(T.shape[1]), jac=gradient, hess=hessian, **options)
         return np.asarray(np.exp(found.x))
 
     return run
 
 
-def timed(solvers: dict[str, Solver], repeats: int = 7) -> dict[str, tuple[float, np.ndarray]]:
-    """Return the median time, s, and the last answer of each, run in turn."""
-    times: dict[str, list[float]] = {name: [] for name in solvers}
-    answers: dict[str, np.ndarray] = {}
-    for _ in range(repeats):
-        for name, run in solvers.items():
-            if times[name] and times[name][0] > PATIENCE:
-                continue
-            start = time.process_time()
-            answers[name] = run()
-            times[name].append(time.process_time() - start)
-    return {name: (statistics.median(times[name]), answers[name]) for name in solvers}
-
-
-def row(channels: int, lam: float) -> str:
-    """Return a line of the table."""
-    problem = tactile(channels, lam)
-    certified = solve(problem)
-    solvers: dict[str, Solver] = {"ours": lambda: solve(problem).u}
-    if channels <= LARGEST["clarabel"]:
-        solvers["clarabel"] = clarabel(problem)
-    for method in ("trust-exact", "trust-constr"):
-        if channels <= LARGEST[method]:
-            solvers[method] = trust(problem, method)
-    results = timed(solvers)
-    ours, peak = results["ours"][0], float(np.max(certified.u))
-    claim = certified.error_bound / peak if certified.trusted else float("nan")
-    cells = [f"{channels:5d} {lam:8.0e} {1e3 * ours:10.2f} {claim:8.0e} {certified.iterations:5d}"]
-    for name in LARGEST:
-        if name in results:
-            seconds, u = results[name]
-            error = float(np.max(np.abs(u - certified.u))) / peak
-            cells.append(f"{1e3 * seconds:10.1f} {error:8.0e} {seconds / ours:6.1f}x")
-    return " | ".join(cells)
-
-
-def main(largest: int = SIZES[-1], least: int = 0) -> None:
-    """Print the table for the sizes from least to largest."""
-    heads = [f"{'N':>5} {'lam':>8} {'ours, ms':>10} {'bound':>8} {'steps':>5}"]
-    heads += [f"{name + ', ms':>10.10} {'error':>8} {'ratio':>7}" for name in LARGEST]
-    print(" | ".join(heads))
-    for channels in SIZES:
+def measure(extent: Extent) -> Result:
+    """Compare the solvers; in full also a million channels, and a thousand random problems."""
+    rows = []
+    beside: dict[str, list[float]] = {CLARABEL: [], TRUST: []}
+    for channels in SIZES[extent]:
         for lam in LAMBDAS:
-            if least <= channels <= largest:
-                print(row(channels, lam), flush=True)
+            problem = tactile(channels, lam)
+            jobs: dict[str, Callable[[], Any]] = {
+                OURS: partial(answer, problem),
+                CLARABEL: clarabel(problem),
+            }
+            if channels <= LARGEST_TRUST:
+                jobs[TRUST] = trust(problem)
+            found = in_turns({who: seconds(job) for who, job in jobs.items()}, ROUNDS[extent])
+            u, cells = jobs[OURS](), []
+            for who in [who for who in beside if who in jobs]:
+                times = ratios(found[who], found[OURS])
+                beside[who] += times
+                error = np.abs(jobs[who]() - u).max() / u.max()
+                cells.append(f"{statistics.median(times):.1f} ({error:.0e})")
+            ours = 1e3 * statistics.median(found[OURS])
+            rows.append((f"{channels}", f"{lam:g}", f"{ours:.2f}", *cells))
+    sizes = f"{SIZES[extent][0]} to {SIZES[extent][-1]} channels"
+    figures = [
+        Figure(f"{who}, {sizes}", "the reference solver", times) for who, times in beside.items()
+    ]
+    columns = ("channels", "lambda", "ours, ms", *(f"{who}, times (error)" for who in beside))
+    tables = [Table("Reference solver", columns, rows)]
+    return Result(figures, tables + ([claims(), large()] if extent is Extent.FULL else []))
 
 
-if __name__ == "__main__":
-    main(*(int(argument) for argument in sys.argv[1:]))
+def answer(problem: Problem) -> Floats:
+    """Return u."""
+    return solve(problem).u
+
+
+def seconds(job: Callable[[], Any]) -> Callable[[], float]:
+    """Return a function that runs `job` and returns its processor time, s."""
+
+    def timed() -> float:
+        begun = time.process_time()
+        job()
+        return time.process_time() - begun
+
+    return timed
+
+
+def claims() -> Table:
+    """Count wrong answers that the solver calls good, among random problems."""
+    found = count_claims(random_problems(SEED, PROBLEMS))
+    row = (
+        f"{found.asked}",
+        f"{len(found.inconclusive)}",
+        f"{len(found.false)}",
+        f"{found.worst:.1e}",
+    )
+    columns = ("random problems", "inconclusive", "false claims", "worst error that was claimed")
+    return Table("Answers that the reference solver certifies", columns, [row])
+
+
+def large() -> Table:
+    """Solve Toeplitz problems of a million channels."""
+    y = SPACING * np.arange(CHANNELS)
+    column = 1.5 / np.pi * (1.0 - y * y) / (1.0 + y * y) ** 2
+    load = np.maximum(0.0, np.sin(y / 7.3) + 0.5 * np.sin(y / 3.1 + 1.0) - 0.5)
+    noise = 0.1 * np.random.default_rng(0).standard_normal(CHANNELS)
+    eps = ToeplitzMatrix(column, column).product(load) + noise
+    rows = []
+    for regulariser, lams in TOEPLITZ.items():
+        for lam in lams:
+            answer = solve_toeplitz_problem(ToeplitzProblem(column, column, eps, lam, regulariser))
+            bound = f"{answer.error_bound / float(np.abs(answer.u).max()):.0e}"
+            cells = (f"{answer.seconds:.2f}", f"{answer.iterations}")
+            rows.append((regulariser, f"{lam:g}", *cells, bound if answer.trusted else "none"))
+    columns = ("regulariser", "lambda", "s", "steps", "error bound over the peak")
+    return Table(f"Toeplitz problems of {CHANNELS} channels", columns, rows)

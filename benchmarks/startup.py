@@ -1,72 +1,89 @@
-"""CPU time of starting the command, and of `verify` beyond the simulation.
-
-Run from the checkout: ``python benchmarks/startup.py [ROUNDS [SCENE]]``. A figure is the user and
-system time of a fresh process from its first instruction to its end, without the processes it
-starts: ngspice's are in a row of their own. The baseline is a Python that does nothing.
-"""
+"""What the command costs: its start, a whole `verify`, and `verify` beside a bare ngspice."""
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-from collections.abc import Callable
+import statistics
 from pathlib import Path
 
-from timing import gathered, print_machine, print_rounds
+from benchmarks.bare import process_seconds, solver
+from benchmarks.measuring import (
+    SCENES,
+    Cost,
+    Extent,
+    Figure,
+    Result,
+    Table,
+    in_turns,
+    python,
+    ratios,
+    taction,
+    wall,
+)
+from netlist_gen.deck.deck import write_deck
+from netlist_gen.problem.inverse_problem import make_problem
+from netlist_gen.scene.file import load_scene
+from verification.ideal.ideal_answer import ideal_answer, ideal_network
+from verification.verify import Verdict, verify
 
-SCENE = Path(__file__).parents[1] / "scenes" / "paper-breadboard.toml"
-
-# The command, which at its end says what the processes that it waited for have used.
-COMMAND = """
-import atexit, resource, sys
-def children():
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    print(used.ru_utime + used.ru_stime, file=sys.stderr)
-atexit.register(children)
-from cli.main import main
-main(sys.argv[1:], prog_name="taction")
-"""
-
-
-def cpu_time(*words: str) -> tuple[float, float]:
-    """Run Python with ``-c`` and `words`; return its CPU time and its children's, s."""
-    python = [sys.executable, "-c", *words]
-    with subprocess.Popen(
-        python, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
-    ) as run:
-        assert run.stderr is not None
-        said = run.stderr.read()
-        _, status, used = os.wait4(run.pid, 0)
-        run.returncode = os.waitstatus_to_exitcode(status)
-    assert run.returncode == 0, said
-    children = float(said) if said else 0.0
-    return used.ru_utime + used.ru_stime - children, children
+ROUNDS = {Extent.TINY: 1, Extent.QUICK: 7, Extent.FULL: 20}
+DAMPED, RINGING = SCENES / "tuned-breadboard.toml", SCENES / "paper-breadboard.toml"
+IMPORTS, NOTHING = "import of scipy.linalg and pydantic", "a Python that does nothing"
 
 
-def main(words: list[str]) -> None:
-    """Measure and print."""
-    rounds, scene = int(words[0]) if words else 20, words[1] if words[1:] else str(SCENE)
-    print_machine()
-    simulations: list[float] = []
+def measure(extent: Extent) -> Result:
+    """Measure whole commands, then `verify` inside this process."""
+    tiny, rounds = extent is Extent.TINY, ROUNDS[extent]
+    commands = whole_commands(rounds, warm=not tiny)
+    overhead = beside_ngspice(DAMPED if tiny else RINGING, rounds)
+    return Result(commands.figures + overhead.figures, commands.tables + overhead.tables)
 
-    def verify() -> float:
-        own, children = cpu_time(COMMAND, "verify", scene)
-        simulations.append(children)
-        return own
 
-    verify()  # so that nothing is compiled to bytecode while the clock runs
-    simulations.clear()
-    jobs: dict[str, Callable[[], float]] = {
-        "python": lambda: cpu_time("")[0],
-        "taction --help": lambda: cpu_time(COMMAND, "--help")[0],
-        "imports of verify": lambda: cpu_time("import cli.verify, verification.verify")[0],
-        "taction verify, without ngspice": verify,
+def whole_commands(rounds: int, *, warm: bool) -> Result:
+    """Time processes from their start to their end."""
+    jobs = {
+        NOTHING: lambda: python(""),
+        "taction --help": lambda: taction("--help"),
+        IMPORTS: lambda: python("import scipy.linalg, pydantic"),
+        "verify by ngspice": lambda: taction("verify", str(DAMPED), "--engine", "ngspice"),
+        "verify by state space": lambda: taction("verify", str(DAMPED), "--engine", "statespace"),
     }
-    found = gathered(jobs, rounds)
-    found["its ngspice processes"] = simulations
-    print_rounds(f"CPU time, {rounds} rounds", found, "python")
+    costs = in_turns(jobs, rounds, warm=warm)
+    clock = {name: [cost.wall for cost in found] for name, found in costs.items()}
+    figures = [
+        Figure("taction --help", NOTHING, ratios(clock["taction --help"], clock[NOTHING])),
+        *(
+            Figure(f"whole {job}, damped board", IMPORTS, ratios(clock[job], clock[IMPORTS]), 2.5)
+            for job in ("verify by ngspice", "verify by state space")
+        ),
+    ]
+    rows = [(name, *_medians(found)) for name, found in costs.items()]
+    return Result(figures, [Table("Whole commands", ("", "wall, s", "processor, s", "MB"), rows)])
 
 
-if __name__ == "__main__":
-    main(sys.argv[1:])
+def _medians(costs: list[Cost]) -> tuple[str, str, str]:
+    median = statistics.median
+    seconds = median(cost.wall for cost in costs), median(cost.processor for cost in costs)
+    return f"{seconds[0]:.2f}", f"{seconds[1]:.2f}", f"{max(cost.memory for cost in costs):.0f}"
+
+
+def beside_ngspice(file: Path, rounds: int) -> Result:
+    """Time `verify` and a bare ngspice on the same deck; the reference solution stands apart."""
+    scene = load_scene(file)
+    network = ideal_network(make_problem(scene), scene)
+    verdicts: list[Verdict] = [verify(scene)]
+    deck = write_deck(verdicts[0].circuit, verdicts[0].transient, solver=solver())
+    jobs = {
+        "ngspice": lambda: process_seconds(deck),
+        "verify": wall(lambda: verdicts.append(verify(scene))),
+        "reference": wall(lambda: ideal_answer(network, scene)),
+    }
+    found = in_turns(jobs, rounds)
+    beyond = [a - b for a, b in zip(found["verify"], found["reference"], strict=True)]
+    what, base = f"verify less the reference solution, {scene.name}", "bare ngspice, the same deck"
+    stages = {stage: [v.timing[stage] for v in verdicts] for stage in verdicts[0].timing}
+    rows = [(stage, f"{1e3 * statistics.median(each):.1f}") for stage, each in stages.items()]
+    title = f"Stages of verify, {scene.name}; simulation is the time of waiting"
+    return Result(
+        [Figure(what, base, ratios(beyond, found["ngspice"]), 1.25)],
+        [Table(title, ("stage", "median, ms"), rows)],
+    )

@@ -10,15 +10,35 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
-from spice_models.errors import InputError, NoVerdictError, SimulationError, TactionError
+from spice_models.errors import (
+    INTERRUPTED,
+    InputError,
+    NoVerdictError,
+    SimulationError,
+    TactionError,
+)
 
 if TYPE_CHECKING:
     from rich.console import Console
 
 STATUS = {"pass": 0, "fail": 1, "bad input": 2, "inconclusive": 3}
 ENGINES = ("auto", "ngspice", "statespace")
+GRID_ENGINES = ("both", "hybrid")
+
+
+class EngineChoice(click.Choice[str]):
+    """An engine; those that need a grid of points are refused with the command that has one."""
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Return the engine, or fail with the known engines."""
+        if value in GRID_ENGINES and value not in self.choices:
+            text = f"{value!r} runs two engines over a grid of points, for `taction sweep` only"
+            self.fail(f"{text}; expected one of {', '.join(map(repr, self.choices))}", param, ctx)
+        return super().convert(value, param, ctx)
+
+
 ENGINE = click.option(
-    "--engine", type=click.Choice(ENGINES), help="Engine in the place of the scene's own."
+    "--engine", type=EngineChoice(ENGINES), help="Engine in the place of the scene's own."
 )
 JOBS = click.option(
     "--jobs", type=click.IntRange(1, 4096), help="Number of processes; by default one per core."
@@ -82,7 +102,7 @@ def reports_errors(function: Callable[..., None]) -> Callable[..., None]:
             raise
         except KeyboardInterrupt:
             click.echo("taction: interrupted; no verdict was reached", err=True)
-            sys.exit(130)
+            sys.exit(INTERRUPTED)
         except BrokenPipeError:
             sys.stderr.close()
             sys.exit(141)

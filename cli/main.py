@@ -22,6 +22,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "onset": ("onset", "Find every stability crossing over a range."),
     "sweep": ("sweep", "Verify a grid of scenes, here or on a cluster; resumable."),
     "regress": ("regress", "Compare a folder of scenes with a stored baseline, for CI."),
+    "stress": ("stress", "Run stiff and extreme scenes whose results are known."),
     "accuracy": ("accuracy", "Compare error and run time of engines and methods."),
     "reproduce": ("reproduce", "Test the paper, claim by claim and figure by figure."),
     "models": ("doctor", "List the op-amp presets and their figures."),

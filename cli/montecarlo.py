@@ -14,6 +14,7 @@ from cli.common import (
     ENGINES,
     JOBS,
     STATUS,
+    EngineChoice,
     console,
     output_option,
     print_json,
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
 )
 @click.option("--min-yield", type=click.FloatRange(0, 1), help="Smallest yield that passes.")
 @click.option(
-    "--engine", type=click.Choice(ENGINES), default="statespace", help="Engine of all samples."
+    "--engine", type=EngineChoice(ENGINES), default="statespace", help="Engine of all samples."
 )
 @output_option("Database that stores every sample; a later run computes only the missing ones.")
 @JOBS

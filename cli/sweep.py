@@ -13,6 +13,7 @@ import click
 from cli.common import (
     CLUSTER,
     ENGINES,
+    GRID_ENGINES,
     JOBS,
     STATUS,
     console,
@@ -37,11 +38,19 @@ if TYPE_CHECKING:
     " C=1p,2p (values). Two axes in one option, with a blank between them, change together. Repeat"
     " the option for a grid.",
 )
+@click.option(
+    "--fix",
+    multiple=True,
+    metavar="KEY[=VALUE]",
+    help="Hold a key at every point, by default at the scene's own value: --fix lambda holds lambda"
+    " where the scene gives a resistance. Repeat the option for several keys.",
+)
 @output_option("Database of the results; by default the scene's name with the ending .sqlite.")
 @click.option(
     "--engine",
-    type=click.Choice([*ENGINES, "both"]),
-    help="Engine in the place of the scene's own, or both engines at every point.",
+    type=click.Choice([*ENGINES, *GRID_ENGINES]),
+    help="Engine in the place of the scene's own. both: both engines at every point; hybrid:"
+    " the state-space engine at every point, ngspice at the decisive points.",
 )
 @click.option(
     "--retry", type=click.Choice(["failed"]), help="Compute points without a verdict again."
@@ -57,21 +66,23 @@ def sweep(scene: str, over: tuple[str, ...], as_json: bool, **options: Any) -> N
     """Verify SCENE at every point of a grid and store the results.
 
     The same command continues an interrupted sweep. Exit status: 0 if every point is stored,
-    whatever its outcome; 3 if no point has a verdict.
+    whatever its outcome; 1 if two engines disagree at a point; 3 if no point has a verdict.
     """
     from taction.studies import plan_sweep
+    from verification.report.sweep.agreement import summarise
     from verification.studies.sweep.store import Store
 
     keep = options["keep_waveforms"]
-    plan = plan_sweep(scene, over, options["engine"], keep_waveforms=keep)
+    plan = plan_sweep(scene, over, options["engine"], fix=options["fix"], keep_waveforms=keep)
     _check_files(plan, options)
     start = time.perf_counter()
     with Store(options["output"] or f"{plan.scene.name}.sqlite") as store:
         count = _run(plan, store, options)
         _report(plan, store, count, time.perf_counter() - start, as_json=as_json)
         _write_files(plan, store, options)
+        disagree = len(plan.engines) > 1 and summarise(plan, store).disagree
     verdicts = count.outcomes["pass"] + count.outcomes["fail"]
-    sys.exit(0 if verdicts else STATUS["inconclusive"])
+    sys.exit(STATUS["fail" if disagree else "pass" if verdicts else "inconclusive"])
 
 
 def _check_files(plan: Plan, options: dict[str, Any]) -> None:
@@ -90,11 +101,18 @@ def _run(plan: Plan, store: Store, options: dict[str, Any]) -> SweepCounts:
     from verification.studies.running.executors import workers_at
     from verification.studies.sweep.run import sweep as run
 
-    with _display(plan.total) as progress:
+    with _display() as progress:
         try:
             with workers_at(options["cluster"], options["jobs"]) as workers:
                 retry = options["retry"] is not None
-                return run(plan, store, workers, retry_failed=retry, progress=progress)
+                return run(
+                    plan,
+                    store,
+                    workers,
+                    retry_failed=retry,
+                    progress=progress,
+                    announce=lambda text: click.echo(f"taction: {text}", err=True),
+                )
         except KeyboardInterrupt:
             stored = f"{store.count()} results are in {store.path}"
             click.echo(f"taction: interrupted; {stored}; the same command continues", err=True)
@@ -102,7 +120,7 @@ def _run(plan: Plan, store: Store, options: dict[str, Any]) -> SweepCounts:
 
 
 def _report(plan: Plan, store: Store, count: SweepCounts, seconds: float, *, as_json: bool) -> None:
-    from verification.report.sweep.records import document_parts, print_sweep
+    from verification.report.sweep.document import document_parts, print_sweep
 
     if as_json:
         for part in document_parts(plan, store, count, seconds):
@@ -125,7 +143,7 @@ def _write_files(plan: Plan, store: Store, options: dict[str, Any]) -> None:
 
 
 @contextmanager
-def _display(total: int) -> Iterator[Callable[[SweepCounts], None]]:
+def _display() -> Iterator[Callable[[SweepCounts], None]]:
     """Show progress, rate and remaining time on stderr if stderr is a terminal."""
     if not sys.stderr.isatty():
         yield lambda count: None
@@ -136,11 +154,11 @@ def _display(total: int) -> Iterator[Callable[[SweepCounts], None]]:
     columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[state]}"))
     start = time.perf_counter()
     with Progress(*columns, console=Console(stderr=True)) as display:
-        task = display.add_task("sweep", total=total, state="starting")
+        task = display.add_task("sweep", total=None, state="starting")
 
         def show(count: SweepCounts) -> None:
             state = _state(count, time.perf_counter() - start)
-            display.update(task, completed=count.done, state=state)
+            display.update(task, total=count.total, completed=count.done, state=state)
 
         yield show
 
@@ -148,9 +166,8 @@ def _display(total: int) -> Iterator[Callable[[SweepCounts], None]]:
 def _state(count: SweepCounts, seconds: float) -> str:
     """Return the rate of the computed (not the stored) points, the remaining time, the outcomes."""
     outcomes = ", ".join(f"{number} {name}" for name, number in sorted(count.outcomes.items()))
-    if not count.ran:
+    if not count.ran or count.remaining is None:
         return outcomes
-    rate = count.ran / seconds
-    left = round((count.total - count.done) / rate)
+    left = round(count.remaining)
     clock = f"{left // 3600}:{left // 60 % 60:02}:{left % 60:02}"
-    return f"{rate:.3g}/s, {clock} left; {outcomes}"
+    return f"{count.ran / seconds:.3g}/s, {clock} left; {outcomes}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import click
@@ -46,10 +47,12 @@ def verify(scene: str, engine: str | None, plot: str | None, margins: bool, as_j
 
 
 def _margins(verdict: taction.Verdict) -> dict[str, Margin]:
+    from verification.engines.statespace.linearised.board import LinearBoard
     from verification.small_signal.margin import capacitance_margin, gain_margin
 
-    board = verdict.circuit
-    return {"capacitance": capacitance_margin(board), "gain": gain_margin(board)}
+    board, poles = LinearBoard(verdict.circuit), verdict.poles
+    capacitance = capacitance_margin(board, found=poles)
+    return {"capacitance": capacitance, "gain": gain_margin(board, found=poles)}
 
 
 def _show(verdict: taction.Verdict, as_json: bool, margins: dict[str, Margin]) -> None:
@@ -58,12 +61,13 @@ def _show(verdict: taction.Verdict, as_json: bool, margins: dict[str, Margin]) -
 
         document = verdict_document(verdict)
         if margins:
-            factors = {name: {"factor": m.factor, "text": m.text} for name, m in margins.items()}
-            document["stability"]["margins"] = factors
+            found = {name: asdict(margin) for name, margin in margins.items()}
+            document["stability"]["margins"] = found
         print_json(document)
         return
     from verification.report.verdict.table import print_verdict
 
     print_verdict(verdict, console())
     for margin in margins.values():
-        click.echo(f"margin: {margin.text}")
+        doubt = f", but {margin.doubt}" if margin.doubt else ""
+        click.echo(f"margin: {margin.text}{doubt}")

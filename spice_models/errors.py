@@ -26,6 +26,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+INTERRUPTED = 130  # exit status of a process that Ctrl-C ended
+
 
 class TactionError(Exception):
     """Root of the tree; `exit_status` is the exit status of the command line."""

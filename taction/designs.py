@@ -92,7 +92,6 @@ def solve(
     >>> [solution.u.round(12).tolist() for solution in several]
     [[2.0, 0.0], [0.0, 1.0]]
     """
-    from netlist_gen.board.scalings import make_scalings
     from netlist_gen.problem.inverse_problem import make_problem, with_strains
     from verification.ideal.ideal_answer import ideal_network
     from verification.ideal.lambda_rule import read_scene
@@ -100,7 +99,7 @@ def solve(
     from verification.reference import solve_each
 
     scene = read_scene(scene)
-    problem = ideal_network(make_problem(scene), make_scalings(scene), scene).problem
+    problem = ideal_network(make_problem(scene), scene).problem
     if strains is None:
         return solve_one(problem)
     return solve_each(problem, [inverse.strain for inverse in with_strains(scene, strains)])

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from netlist_gen.overrides.axes import Over
+    from netlist_gen.overrides.fixed import Fixed
     from netlist_gen.scene.scene import Scene
     from verification.pipeline.clock import Progress
     from verification.report.sweep.result import SweepResult
@@ -71,6 +72,7 @@ def sweep(
     *,
     over: Over,
     engine: str | None = None,
+    fix: Fixed = (),
     keep_waveforms: bool = False,
     retry_failed: bool = False,
     output: str | Path | None = None,
@@ -92,8 +94,13 @@ def sweep(
         spacing (``("1pF", "1nF", 31, "lin")``: linear), a list holds the values. Strings are read
         as on the command line (``"C=1pF:1nF:31"``).
     engine : str, optional
-        ``"auto"``, ``"ngspice"`` or ``"statespace"`` in the place of the scene's own engine, or
-        ``"both"``.
+        ``"auto"``, ``"ngspice"`` or ``"statespace"`` in the place of the scene's own engine;
+        ``"both"`` engines at every point; or ``"hybrid"``: the state-space engine at every point,
+        and ngspice next to the stability boundary, at the extremes of every reading and at a
+        random sample of 5 %.
+    fix : mapping, str or iterable of str
+        Keys that keep one value at every point: ``"lambda"`` for the scene's own value, also where
+        the scene gives a resistance; ``{"lambda": 0.5}`` or ``"lambda=0.5"`` for another value.
     keep_waveforms : bool
         Store the outputs over time.
     retry_failed : bool
@@ -106,12 +113,14 @@ def sweep(
     cluster : str, optional
         Address of a Dask scheduler, ``"tcp://host:port"``, that runs the points.
     progress : callable, optional
-        Receives the number of finished points.
+        Receives a line with the estimated time before the first point is computed, then the
+        number of finished points with the remaining time.
 
     Returns
     -------
     SweepResult
-        `to_pandas`, `to_xarray`, `plot` and `records` give the points.
+        `to_pandas`, `to_xarray`, `plot` and `records` give the points, `agreement` how far two
+        engines agree.
 
     Raises
     ------
@@ -139,7 +148,7 @@ def sweep(
     from verification.studies.sweep.run import sweep as run
     from verification.studies.sweep.store import Store
 
-    plan = plan_sweep(scene, over, engine, keep_waveforms=keep_waveforms)
+    plan = plan_sweep(scene, over, engine, fix=fix, keep_waveforms=keep_waveforms)
     store = Store(":memory:" if output is None else str(output))
     with workers_at(cluster, jobs) as workers:
         count = run(
@@ -147,22 +156,33 @@ def sweep(
             store,
             workers,
             retry_failed=retry_failed,
-            progress=lambda count: progress(f"{count.done} of {count.total} points"),
+            progress=lambda count: progress(count.text),
+            announce=progress,
         )
     return SweepResult(plan, store, count)
 
 
 def plan_sweep(
-    scene: str | Path | Scene, over: Over, engine: str | None, *, keep_waveforms: bool
+    scene: str | Path | Scene,
+    over: Over,
+    engine: str | None,
+    *,
+    fix: Fixed = (),
+    keep_waveforms: bool,
 ) -> Plan:
     """Return the grid of a sweep; arguments and errors are those of `sweep`."""
-    from netlist_gen.overrides.axes import parse_axes
+    from netlist_gen.overrides.axes import parse_axes, with_values
+    from netlist_gen.overrides.fixed import check_axes, fixed_values
     from verification.ideal.lambda_rule import read_scene
     from verification.studies.sweep.plan import Plan, engines_of
 
     scene = read_scene(scene)
+    fixed = fixed_values(scene, fix)
+    scene = with_values(scene, fixed) if fixed else scene
     axes, engines = parse_axes(scene, over), engines_of(scene, engine)
-    return Plan(scene, axes, engines, keep_waveforms=keep_waveforms)
+    check_axes(axes, fixed)
+    hybrid = engine == "hybrid"
+    return Plan(scene, axes, engines, keep_waveforms=keep_waveforms, hybrid=hybrid)
 
 
 def montecarlo(

@@ -17,6 +17,7 @@ from verification.pipeline.agreement import Agreement
 from verification.pipeline.attained_accuracy import Accuracy
 from verification.pipeline.checks import Check, Evidence, Outcome, overall, run_checks
 from verification.pipeline.clock import Clock, Progress
+from verification.pipeline.contradictions import find_contradiction
 from verification.pipeline.design import Design, design_board
 from verification.pipeline.effort import FULL, Effort
 from verification.pipeline.error_budget import ErrorPart, error_budget
@@ -112,6 +113,7 @@ def verify(
         margin=margin,
         reference_error=ideal.error,
         reference_problem=ideal.problem,
+        contradiction=find_contradiction(design.circuit, ideal, recording.u[0]),
     )
     checks = run_checks(evidence)
     energy = energy_rise(design.network, wave.time, recording.u) if effort.details else None

@@ -25,7 +25,8 @@ def make_scalings(scene: Scene) -> Scalings:
     """
     design = scene.design
     slope = design.exponential_slope or 1.0
-    product = 1.0 / (design.gain * design.unit_conductance**2)
+    scale = design.gain * design.unit_conductance**2
+    product = 1.0 / scale if scale else np.inf
     if design.amplifier != "linear":
         product *= 2.0 * slope / design.unit_voltage
     if isinstance(design.lam, str):

@@ -17,7 +17,7 @@ SecondsOrZero = Annotated[float, Unit("s", zero=True)]
 
 
 class LevelTolerance(Model):
-    """Targets, final values and overshoot; `absolute` is a fraction of the step amplitude."""
+    """Targets, finals, over- and undershoot; `absolute` is a fraction of the step amplitude."""
 
     relative: NonNegative = 1e-3
     absolute: NonNegative = 1e-4

@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 AGREE = 1e-3  # of the step amplitude: how far the engines may differ where a scene says nothing
 NAME_PATTERN = r"^[A-Za-z0-9_.-]+$"
 DEFAULT_RESISTANCE = 1.786e6
+GRID_ENGINES = ("both", "hybrid")  # of a sweep, not of a scene
 IN_MEMORY = "Scene.from_arrays"  # instead of the name of a file
 
 
@@ -119,7 +120,7 @@ class AnalysisChoice(Model):
     error: Annotated[Positive, Field(lt=1)] | Literal["auto"] = Field(
         "auto",
         description="largest error of the transient, fraction of the step amplitude; auto: a"
-        " quarter of the tightest tolerance, band or overshoot limit of the checks",
+        " quarter of the tightest tolerance, band, overshoot or undershoot limit of the checks",
     )
     timeout: Seconds = 600.0
 
@@ -137,14 +138,15 @@ class SteadyStateCheck(Model):
 
 
 class SettlingTimeCheck(Model):
-    """Settling to ``±band`` (a fraction of the step amplitude) within `max`."""
+    """Settling to ``±band`` (a fraction of the step amplitude) within `max`, not before `min`."""
 
     band: Annotated[Positive, Field(lt=1)] = SETTLING_BAND
     max: Seconds | None = None
+    min: Seconds | None = None
 
 
-class OvershootCheck(Model):
-    """Overshoot as a fraction of the step amplitude."""
+class ExcursionCheck(Model):
+    """Overshoot or undershoot as a fraction of the step amplitude."""
 
     max: NonNegative = Field(description="fraction of the step amplitude")
 
@@ -182,7 +184,8 @@ class Checks(Model):
 
     steady_state: SteadyStateCheck = SteadyStateCheck()
     settling_time: SettlingTimeCheck = SettlingTimeCheck()
-    overshoot: OvershootCheck | None = None
+    overshoot: ExcursionCheck | None = None
+    undershoot: ExcursionCheck | None = None
     rise_time: RiseTimeCheck | None = None
     stability: StabilityCheck = StabilityCheck()
     engines_agree: EnginesAgreeCheck = EnginesAgreeCheck()
@@ -276,6 +279,8 @@ class Scene(Model):
         known = get_args(AnalysisChoice.model_fields["engine"].annotation)
         if engine not in known:
             text = f"expected one of {', '.join(map(repr, known))}"
+            if engine in GRID_ENGINES:
+                text += f"; {engine!r} runs two engines over a grid of points, for sweeps only"
             raise InputError(self.file, Complaint("analysis.engine", repr(engine), text))
         analysis = self.analysis.model_copy(update={"engine": engine})
         return self.model_copy(update={"analysis": analysis})

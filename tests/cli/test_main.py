@@ -46,7 +46,8 @@ def test_verify_json_has_the_promised_keys() -> None:
         assert {"name", "outcome", "value", "expected", "tolerance", "unit", "reason"} <= set(check)
     for number, channel in enumerate(found["channels"], 1):
         assert channel["index"] == number
-        wanted = {"reference", "final", "rise_time", "settling_time", "overshoot", "state"}
+        wanted = {"reference", "final", "rise_time", "settling_time", "overshoot", "undershoot"}
+        wanted |= {"state"}
         assert wanted <= set(channel)
     assert {"stable", "rightmost_pole", "damping_ratio"} <= set(found["stability"])
     real, imaginary = found["stability"]["rightmost_pole"]

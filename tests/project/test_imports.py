@@ -64,9 +64,8 @@ UNKNOWN = {
         "spice_models.subcircuits",
     ),
     "reference": (
-        "netlist_gen.board.circuit",
-        "netlist_gen.board.synthesis",
-        "netlist_gen.deck.deck",
+        "netlist_gen.board",
+        "netlist_gen.deck",
         "spice_models.opamp",
         "spice_models.subcircuits",
     ),
@@ -193,6 +192,15 @@ def test_a_witness_does_not_know_the_others(witness: str) -> None:
         if below(name, UNKNOWN[witness]) or witness_of(name) not in {witness, None}
     ]
     assert not known, "\n".join(known)
+
+
+def test_the_reference_of_a_scene_reads_no_number_of_the_synthesis() -> None:
+    """Lambda, units and bias come from the scene, not from the board that they judge."""
+    board = ("netlist_gen.board", "netlist_gen.deck", "spice_models.subcircuits")
+    own = [module for module in modules() if room_of(module) == "verification.ideal"]
+    assert own
+    known = {name for module in own for name in reached(module) if below(name, board)}
+    assert not known
 
 
 def test_help_loads_nothing_heavy() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -185,6 +186,22 @@ def single_mode(rc: float, tau: float = 0.455e-6, gain: float = 100.0) -> Circui
         outputs=(Output("v", 1.0),),
         omissions=(),
     )
+
+
+def lag_board(ratio: float, gain: float) -> Circuit:
+    """``(1 + p RC)(1 + p tau)^2 + gain = 0`` with ``RC = ratio tau``, of op-amps with gain 1e15."""
+    tau = 0.455e-6
+    made = single_mode(ratio * tau, tau, gain)
+    capacitors = tuple(
+        replace(part, name="c_v") if part.name == "C" else part for part in made.capacitors
+    )
+    return replace(made, capacitors=capacitors, models={"follow": OpAmp("follow", 1e15)})
+
+
+def window(gain: float) -> tuple[float, float]:
+    """Both ends of the unstable window in ``RC / tau``: ``2 a² + (4 - K) a + 2 = 0`` (Routh)."""
+    root = math.sqrt((gain - 4.0) ** 2 - 16.0)
+    return (gain - 4.0 - root) / 4.0, (gain - 4.0 + root) / 4.0
 
 
 def lags(count: int, tau: float) -> Circuit:

@@ -20,7 +20,12 @@ def entry(**changes: Any) -> Entry:
         "checks": {"stability": "pass"},
         "amplitude": 1.0,
         "speed": 1e6,
-        "levels": {"u_1.target": 1.0, "u_1.final": 1.0, "u_1.overshoot": 0.25},
+        "levels": {
+            "u_1.target": 1.0,
+            "u_1.final": 1.0,
+            "u_1.overshoot": 0.25,
+            "u_1.undershoot": 0.0,
+        },
         "times": {"settling_time": [5e-6], "u_1.rise_time": [2e-6]},
         "poles": {"growth_rate": -1e6, "frequency": 0.0},
         "states": {"u_1": "settled"},

@@ -17,7 +17,7 @@ from verification.pipeline.step_error import StepError
 from verification.small_signal.margin import Margin
 from verification.small_signal.poles import summarise
 
-EXACT = StepError(0.0, 0.0, 0.0, 0.0)
+EXACT = StepError(0.0, 0.0, 0.0, 0.0, 0.0)
 STABLE = summarise(np.array([-1e3 + 1e5j, -1e3 - 1e5j]), complete=True)
 UNSTABLE = summarise(np.array([1e3 + 1e5j, 1e3 - 1e5j]), complete=True)
 
@@ -31,6 +31,7 @@ def channel(index: int = 0, **changes: Any) -> ChannelMeasure:
         rise_time=Reading(10e-6, 1e-9),
         settling_time=Reading(1e-3, 1e-7),
         overshoot=0.1,
+        undershoot=0.02,
         state=ChannelState.SETTLED,
         frequency=None,
         growth_rate=None,
@@ -89,5 +90,5 @@ def agreement(difference: float, step_error: float = 0.0, reason: str = "") -> A
     return Agreement(difference, step_error, 1e-6, 0, np.zeros(0), np.zeros((0, 1)), reason)
 
 
-def margin(factor: float) -> Margin:
-    return Margin(factor, f"C may shrink by {factor:g}")
+def margin(factor: float, uncertainty: float = 0.0, doubt: str = "") -> Margin:
+    return Margin(factor, uncertainty, f"C may shrink by {factor:g}", doubt)

@@ -8,3 +8,4 @@ ROOT = Path(__file__).parents[2]
 SCENES = ROOT / "scenes"
 DATA = ROOT / "tests" / "data"
 GOLDEN = ROOT / "tests" / "golden"
+CASES = DATA / "cases"

@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from netlist_gen.board.circuit import Circuit, Scalings
-from netlist_gen.board.synthesis import realised_matrix
 from netlist_gen.problem.inverse_problem import InverseProblem
-from netlist_gen.scene.scene import Scene
+from netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene
 from spice_models.array_types import Floats
+from spice_models.errors import Complaint, InputError
 from verification.reference import (
     IdealNetwork,
     Problem,
     Solution,
     ideal_linear,
     ideal_transient,
+    lambda_times_resistance,
     solve,
 )
 from verification.reference.dynamics import ScaledNetwork, Trust
+from verification.reference.regularisers import REGULARISERS
 from verification.reference.step_response import Response
 
 ENERGY_STRIDE = 20  # every 20th instant of the response, whose instants are 1 % apart
@@ -74,28 +76,44 @@ class IdealAnswer:
         return TransientFigures(response.settling_time(self.band), residual)
 
 
-def ideal_network(problem: InverseProblem, scalings: Scalings, scene: Scene) -> IdealNetwork:
-    """Return the ideal network of `problem` with the scene's own numbers, not rounded."""
+def ideal_network(problem: InverseProblem, scene: Scene) -> IdealNetwork:
+    """Return the ideal network of `problem`, with lambda and the units that `scene` asks for.
+
+    It reads the scene alone, no number of the synthesis. Where the scene gives R, lambda follows
+    from the reference's own formula.
+
+    Raises
+    ------
+    InputError
+        Lambda would not be a finite positive number.
+    """
+    design = scene.design
+    kind, slope = design.amplifier, design.exponential_slope or 1.0
+    product = lambda_times_resistance(
+        kind, s=design.gain, G0=design.unit_conductance, U0=design.unit_voltage, Ve=slope
+    )
+    lam = design.lam
+    if lam is None:
+        lam = product / (design.resistance or DEFAULT_RESISTANCE)
+    if isinstance(lam, str) or not 0.0 < lam < math.inf:
+        text = "the problem needs a finite number above zero for lambda"
+        raise InputError(scene.file, Complaint("design.lambda", repr(lam), text))
     return IdealNetwork(
         T=problem.matrix,
         eps=problem.strain,
-        G0=scalings.unit_conductance,
-        U0=scalings.unit_voltage,
-        R=scalings.resistance,
-        C=scalings.capacitance,
-        s=scalings.gain,
-        amplifier=scene.design.amplifier,
-        Ve=scalings.exponential_slope,
-        bias=scene.design.biased,
+        lam=lam,
+        RC=product / lam * design.capacitance,
+        U0=design.unit_voltage,
+        amplifier=kind,
+        Ve=slope,
+        bias=is_biased(scene),
     )
 
 
-def rounded_network(network: IdealNetwork, circuit: Circuit) -> IdealNetwork:
-    """Return `network` with the resistor values of `circuit`."""
-    ohms = {resistor.name: resistor.ohms for resistor in circuit.resistors}
-    gains = [value for name, value in ohms.items() if name.startswith("s_")]
-    changed = replace(network, T=realised_matrix(circuit), s=gains[0] if gains else network.s)
-    return changed if circuit.topology == "passive" else replace(changed, R=ohms["r_1"])
+def is_biased(scene: Scene) -> bool:
+    """Whether Omega has the term of the bias current, by the scene or by the paper's Omega."""
+    bias = scene.design.bias
+    return REGULARISERS[scene.design.amplifier].biased if bias is None else bias
 
 
 def initial_voltages(scene: Scene, network: IdealNetwork) -> Floats:
@@ -163,7 +181,7 @@ def _solve_content(
 
 
 def _linear_residual(network: IdealNetwork, response: Response) -> float:
-    unit = network.R * network.C
+    unit = network.RC
 
     def dense(t: Floats) -> Floats:
         return response.outputs(t * unit).T / network.U0

@@ -24,6 +24,7 @@ def resolve_lambda(scene: Scene) -> Scene:
     rule = scene.design.lam
     if not isinstance(rule, str):
         return scene
+    from verification.ideal.ideal_answer import is_biased
     from verification.reference import Problem
     from verification.reference.lambda_choice import DECADES, RULES, RuleInputs, choose
 
@@ -35,9 +36,7 @@ def resolve_lambda(scene: Scene) -> Scene:
     if RULES[rule].needs_truth and inverse.stress is None:
         text = "the rule needs the true stress: problem.stress"
         raise InputError(scene.file, Complaint("design.lambda", repr(rule), text))
-    problem = Problem(
-        inverse.matrix, inverse.strain, 1.0, scene.design.amplifier, scene.design.biased
-    )
+    problem = Problem(inverse.matrix, inverse.strain, 1.0, scene.design.amplifier, is_biased(scene))
     choice = choose(problem, rule, RuleInputs(variance=variance, truth=inverse.stress))
     if choice.at_edge:
         raise SolverError(

@@ -108,22 +108,21 @@ def peaks(time: Floats, y: Floats, row: Indices, k: Indices, sign: Floats) -> Pe
     return Peaks(point, at, np.maximum(sign[point] * value[:, 0], here), doubt[:, 0])
 
 
-def highest(time: Floats, y: Floats, sign: Floats) -> Floats:
+def highest(time: Floats, y: Floats, sign: float) -> Floats:
     """Return the maximum of each row of ``sign * y``, a peak between points included.
 
     Parameters
     ----------
     time, y : ndarray (P,) and (R, P)
         Record, P at least 4.
-    sign : ndarray (R,)
-        Of each row, 1.0 or -1.0.
+    sign : float
+        1.0 or -1.0.
     """
     row = np.arange(len(y))
-    ups = zip(y, sign > 0, strict=True)
-    top = np.array([each.argmax() if up else each.argmin() for each, up in ups], dtype=np.intp)
+    top = y.argmax(axis=1) if sign > 0 else y.argmin(axis=1)
     heights = sign * y[row, top]
-    rows = np.repeat(row, 5)
-    near = peaks(time, y, rows, np.repeat(top, 5) + np.tile(np.arange(-2, 3), row.size), sign[rows])
+    rows, five = np.repeat(row, 5), np.repeat(top, 5) + np.tile(np.arange(-2, 3), row.size)
+    near = peaks(time, y, rows, five, np.full(rows.size, sign))
     np.maximum.at(heights, rows[near.point], near.height)
     return np.asarray(heights)
 

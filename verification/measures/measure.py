@@ -1,4 +1,4 @@
-"""Rise time, settling time, overshoot and state of every channel of a transient.
+"""Rise time, settling time, overshoot, undershoot and state of every channel of a transient.
 
 Definitions for the whole tool, with the network's step amplitude
 ``A = max_n |target_n - start_n|``:
@@ -6,7 +6,10 @@ Definitions for the whole tool, with the network's step amplitude
 - settling time to x %: the last instant at which any channel is outside ``±x % A`` of its target;
 - rise time: from 10 % to 90 % of a channel's own step, first crossings; undefined for a step under
   5 % of A;
-- overshoot: the largest excursion of a channel beyond its target, as a fraction of A.
+- overshoot: how far a channel goes beyond its target, away from its start, as a fraction of A; of a
+  channel whose own step is under 5 % of A, how far outside the interval between start and target on
+  either side;
+- undershoot: how far a channel goes beyond its start, away from its target, as a fraction of A.
 
 `spice_models.definitions` has the numbers. A settling time is given only if the record proves it:
 see `verification.measures.settling`. Times count from the first point of the record.

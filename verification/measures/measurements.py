@@ -24,8 +24,8 @@ class ChannelMeasure:
         Reference steady state and last finite value, in the unit of the signals.
     rise_time, settling_time : Reading or None
         s; None for the reason `rise_reason` or `reason`.
-    overshoot : float
-        Fraction of A, 0 or more, over the finite part of the record; 0 where A is 0.
+    overshoot, undershoot : float
+        Fractions of A, 0 or more, over the finite part of the record; 0 where A is 0.
     state : ChannelState
         State at the end of the record.
     frequency, growth_rate : float or None
@@ -41,6 +41,7 @@ class ChannelMeasure:
     rise_time: Reading | None
     settling_time: Reading | None
     overshoot: float
+    undershoot: float
     state: ChannelState
     frequency: float | None
     growth_rate: float | None
@@ -83,6 +84,7 @@ class Measurements:
             rise_times=tuple(c.rise_time for c in self.channels),
             settling_times=tuple(c.settling_time for c in self.channels),
             overshoots=tuple(c.overshoot for c in self.channels),
+            undershoots=tuple(c.undershoot for c in self.channels),
         )
 
 
@@ -111,6 +113,7 @@ def channel_measure(
         rise_time=None if rise_reason else readings.rise_times[n],
         settling_time=settlement.settling_time,
         overshoot=readings.overshoots[n],
+        undershoot=readings.undershoots[n],
         state=settlement.state,
         frequency=None if mode is None else mode.frequency,
         growth_rate=None if mode is None else mode.growth_rate,

@@ -1,4 +1,4 @@
-"""Rise time, settling time and overshoot of a signal: one implementation for all signals.
+"""Rise and settling time, overshoot and undershoot: one implementation for all signals.
 
 A `Signal` is either a sampled record (`verification.measures.sampled_signal`) or an exact solution
 (`verification.small_signal.exact_crossings`). `verification.measures.measure` has the definitions
@@ -17,7 +17,7 @@ from spice_models.array_types import Bools, Floats, Indices
 from spice_models.definitions import BAND_SHIFT, FRAGILE, LEVEL_SHIFT, RISE_LEVELS, SMALL_STEP
 from verification.measures.crossings import Crossings
 
-STILL = 1e-9  # of A: a channel with a smaller step of its own has no direction, only rounding
+STILL = 1e-6  # of A: a smaller step has no direction; both sides of it count as undershoot
 
 
 class Signal(Protocol):
@@ -39,7 +39,7 @@ class Signal(Protocol):
         Shape (J, R); NaN for a level that is never exceeded.
         """
 
-    def highest(self, sign: Floats) -> Floats:
+    def highest(self, sign: float) -> Floats:
         """Return the maximum of ``sign * error`` of every channel, (N,)."""
 
 
@@ -75,6 +75,7 @@ class Readings:
     rise_times: tuple[Reading | None, ...]  # None for a channel that does not reach both levels
     settling_times: tuple[Reading | None, ...]  # None for a channel that ends outside its band
     overshoots: tuple[float, ...]  # fractions of A
+    undershoots: tuple[float, ...]  # fractions of A
 
     @property
     def settling_time(self) -> Reading | None:
@@ -112,11 +113,13 @@ def read(signal: Signal, step: Step, finals: Floats, tolerance: float, lost: Boo
     `tolerance` is half the width of the settling band, in the unit of the signal; `lost` (N,)
     marks channels whose rise time has no meaning.
     """
+    overshoots, undershoots = excursions(signal, step)
     return Readings(
         finals=tuple(finals.tolist()),
         rise_times=rise_times(signal, step.sizes, step.rising() & ~lost),
         settling_times=settling_times(signal, tolerance),
-        overshoots=_overshoots(signal, step),
+        overshoots=overshoots,
+        undershoots=undershoots,
     )
 
 
@@ -160,16 +163,19 @@ def rise_times(signal: Signal, steps: Floats, selected: Bools) -> tuple[Reading 
     return tuple(readings)
 
 
-def _overshoots(signal: Signal, step: Step) -> tuple[float, ...]:
-    """Return the largest excursions beyond the targets, fractions of A; 0 without a step."""
+def excursions(signal: Signal, step: Step) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Return overshoots and undershoots, fractions of A; 0 without a step."""
     amplitude, sizes = step.amplitude, step.sizes
     if amplitude == 0:
-        return (0.0,) * len(sizes)
-    top = signal.highest(np.where(sizes < 0, -1.0, 1.0))
-    still = np.abs(sizes) <= STILL * amplitude
-    if still.any():  # without a step of its own a channel may leave its target either way
-        top = np.where(still, np.maximum(top, signal.highest(np.where(sizes < 0, 1.0, -1.0))), top)
-    return tuple((np.maximum(top, 0.0) / amplitude).tolist())
+        return ((0.0,) * len(sizes),) * 2
+    up, down = signal.highest(1.0), signal.highest(-1.0)
+    ahead, behind = np.where(sizes < 0, (down, up), (up, down))
+    away = behind - np.abs(sizes)  # beyond the start
+    either = np.maximum(ahead, away)
+    over = np.where(step.rising(), ahead, either)
+    under = np.where(np.abs(sizes) > STILL * amplitude, away, either)
+    over, under = np.maximum((over, under), 0.0) / amplitude
+    return tuple(over.tolist()), tuple(under.tolist())
 
 
 def latest(readings: list[Reading]) -> Reading:

@@ -63,7 +63,7 @@ class SampledSignal:
             time[:head], progress, np.repeat(levels[:, None], len(rows), axis=1), stop
         )
 
-    def highest(self, sign: Floats) -> Floats:
+    def highest(self, sign: float) -> Floats:
         """See `Signal`."""
         return highest(self.time, self.errors, sign)
 
@@ -90,8 +90,8 @@ class SoundPart:
     def read(self, band: float) -> Readings:
         """Read the record; without a step the band is in % of the largest excursion."""
         if not self.readable:
-            nothing = (None,) * len(self.final)
-            return Readings(tuple(self.final.tolist()), nothing, nothing, (0.0,) * len(self.final))
+            nothing, zero = (None,) * len(self.final), (0.0,) * len(self.final)
+            return Readings(tuple(self.final.tolist()), nothing, nothing, zero, zero)
         tolerance = band * self.scale()
         return read(self.signal, self.step, self.final, tolerance, self.lost)
 

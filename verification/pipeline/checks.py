@@ -8,7 +8,8 @@ from __future__ import annotations
 import enum
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 from netlist_gen.quantities import show
 from netlist_gen.scene.scene import Checks
@@ -60,7 +61,8 @@ class Evidence:
 
     `agreement` is None if only one engine ran, or if the board is unstable; `margin` is None if
     the scene asks for no stability margin; `reference_error` is a fraction of the step amplitude;
-    `reference_problem` says why the reference solution cannot be used, or is empty.
+    `reference_problem` says why the reference solution cannot be used, or is empty;
+    `contradiction` says which number of the board or the record differs from the reference's.
     """
 
     checks: Checks
@@ -71,6 +73,7 @@ class Evidence:
     margin: Margin | None
     reference_error: float
     reference_problem: str
+    contradiction: str = ""
 
 
 EXPLAINED = (
@@ -171,7 +174,8 @@ def _settling_time(evidence: Evidence) -> Check:
     if reading is None:
         reason = evidence.measurements.reason
         return Check("settling_time", Outcome.FAIL, None, None, limits.max, None, "s", reason)
-    return _timed("settling_time", reading, evidence.error.settling_time, limits.max, band)
+    check = _timed("settling_time", reading, evidence.error.settling_time, limits.max, band)
+    return _not_below(limits.min, check, reading, band)
 
 
 def _rise_time(evidence: Evidence) -> Check | None:
@@ -190,31 +194,25 @@ def _rise_time(evidence: Evidence) -> Check | None:
         return _undecided("rise_time", "s", f"channel {number}: {channel.rise_reason}", limits.max)
     text = f"10-90 % of channel {number}"
     check = _timed("rise_time", channel.rise_time, evidence.error.rise_time, limits.max, text)
-    if limits.min is None or check.outcome is not Outcome.PASS:
-        return check
-    values = [channel.rise_time.value, channel.rise_time.alternative or channel.rise_time.value]
-    uncertainty = check.uncertainty or 0.0
-    lower, other = (at_most(-value, uncertainty, -limits.min) for value in values)
-    lower = lower if lower is other else Outcome.INCONCLUSIVE  # fragile
-    reason = f"{text}; at least {show(limits.min, 's')}"
-    return Check("rise_time", lower, check.value, check.uncertainty, limits.max, None, "s", reason)
+    return _not_below(limits.min, check, channel.rise_time, text)
 
 
-def _overshoot(evidence: Evidence) -> Check | None:
-    limits = evidence.checks.overshoot
+def _excursion(name: str, evidence: Evidence) -> Check | None:
+    """Check the overshoot or the undershoot, by `name`."""
+    limits = getattr(evidence.checks, name)
     if limits is None:
         return None
     if evidence.reference_problem:
-        return _undecided("overshoot", "step", evidence.reference_problem, limits.max)
-    value = max(channel.overshoot or 0.0 for channel in evidence.measurements.channels)
-    error = evidence.error.overshoot
+        return _undecided(name, "step", evidence.reference_problem, limits.max)
+    value = max(getattr(channel, name) for channel in evidence.measurements.channels)
+    error = getattr(evidence.error, name)
     outcome = at_most(value, error, limits.max)
-    reason = "largest overshoot of any channel"
+    reason = f"largest {name} of any channel"
     if any(channel.state in UNSTEADY for channel in evidence.measurements.channels):
         outcome, reason = Outcome.FAIL, describe_states(evidence.measurements)
     elif outcome is Outcome.PASS and (ringing := _perhaps_ringing(evidence.measurements)):
         outcome, reason = Outcome.INCONCLUSIVE, ringing
-    return Check("overshoot", outcome, value, error, limits.max, None, "step", reason)
+    return Check(name, outcome, value, error, limits.max, None, "step", reason)
 
 
 def _stability(evidence: Evidence) -> Check:
@@ -225,7 +223,8 @@ def _stability(evidence: Evidence) -> Check:
     def check(outcome: Outcome, reason: str) -> Check:
         if margin is None:
             return Check("stability", outcome, pole.real, None, 0.0, None, "1/s", reason)
-        return Check("stability", outcome, margin.factor, None, required, None, "ratio", reason)
+        error = margin.uncertainty or None
+        return Check("stability", outcome, margin.factor, error, required, None, "ratio", reason)
 
     if abs(pole.real) <= (rounding := evidence.poles.resolution):
         text += f", known to ±{rounding:.1g} /s: the board may be stable or unstable"
@@ -240,7 +239,9 @@ def _stability(evidence: Evidence) -> Check:
         return check(Outcome.INCONCLUSIVE, reason)
     if margin is None:
         return check(Outcome.PASS, text)
-    outcome = Outcome.PASS if margin.factor >= required else Outcome.FAIL
+    if margin.doubt:
+        return check(Outcome.INCONCLUSIVE, f"{text}; {margin.text}, but {margin.doubt}")
+    outcome = at_most(-margin.factor, margin.uncertainty, -required)
     return check(outcome, f"{text}; {margin.text}")
 
 
@@ -263,6 +264,14 @@ def _engines_agree(evidence: Evidence) -> Check | None:
     return Check("engines_agree", outcome, value, None, limit, None, "step", reason)
 
 
+def _same_problem(evidence: Evidence) -> Check | None:
+    """Fail if the board and the record are of another problem than the reference; else no check."""
+    reason = evidence.contradiction
+    if not reason:
+        return None
+    return Check("same_problem", Outcome.FAIL, None, None, None, None, "step", reason)
+
+
 def _timed(name: str, reading: Reading, error: float, limit: float | None, text: str) -> Check:
     uncertainty = reading.uncertainty + error
     outcome, reason = Outcome.PASS, text
@@ -281,6 +290,16 @@ def _timed(name: str, reading: Reading, error: float, limit: float | None, text:
     return Check(name, outcome, reading.value, uncertainty, limit, None, "s", reason)
 
 
+def _not_below(least: float | None, check: Check, reading: Reading, text: str) -> Check:
+    """Return `check` with the lower limit `least`, if its upper limit is kept."""
+    if least is None or check.outcome is not Outcome.PASS:
+        return check
+    values = [reading.value, reading.alternative or reading.value]
+    lower, other = (at_most(-value, check.uncertainty or 0.0, -least) for value in values)
+    lower = lower if lower is other else Outcome.INCONCLUSIVE  # fragile
+    return replace(check, outcome=lower, reason=f"{text}; at least {show(least, 's')}")
+
+
 def _undecided(name: str, unit: str, reason: str, limit: float | None) -> Check:
     return Check(name, Outcome.INCONCLUSIVE, None, None, limit, None, unit, reason)
 
@@ -289,7 +308,9 @@ CHECKS: tuple[Callable[[Evidence], Check | None], ...] = (
     _steady_state,
     _settling_time,
     _rise_time,
-    _overshoot,
+    partial(_excursion, "overshoot"),
+    partial(_excursion, "undershoot"),
     _stability,
     _engines_agree,
+    _same_problem,
 )

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 from netlist_gen.analysis import Transient
 from netlist_gen.board.circuit import Circuit
-from netlist_gen.board.scalings import make_scalings
 from netlist_gen.board.synthesis import synthesise
 from netlist_gen.problem.inverse_problem import InverseProblem, make_problem
 from netlist_gen.scene.scene import Scene
@@ -81,7 +80,7 @@ def design_board(
     scene = resolve_lambda(scene)
     problem = make_problem(scene) if problem is None else problem
     board = LinearBoard.of(synthesise(scene, problem) if circuit is None else circuit)
-    network = ideal_network(problem, make_scalings(scene), scene)
+    network = ideal_network(problem, scene)
     clock.begin("poles")
     scales = time_scales(board, initial=scene.analysis.initial)
     poles = poles_behind(board, scales)

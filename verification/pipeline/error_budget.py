@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from netlist_gen.board.circuit import Circuit
+from netlist_gen.board.synthesis import realised_matrix
 from spice_models.array_types import Floats
 from verification.engines.statespace.linearised.equilibrium import Equilibrium
-from verification.ideal.ideal_answer import IdealAnswer, rounded_network
+from verification.ideal.ideal_answer import IdealAnswer
 from verification.pipeline.design import Design
-from verification.reference import solve
+from verification.reference import IdealNetwork, lambda_times_resistance, solve
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +73,23 @@ def error_budget(
             "simulator", simulator, "comparison with a second solution, or bound on the rounding"
         ),
     )
+
+
+def rounded_network(network: IdealNetwork, circuit: Circuit) -> IdealNetwork:
+    """Return `network` with T and lambda of the resistor values of `circuit`."""
+    scalings = circuit.scalings
+    ohms = {resistor.name: resistor.ohms for resistor in circuit.resistors}
+    gains = [value for name, value in ohms.items() if name.startswith("s_")]
+    product = lambda_times_resistance(
+        network.amplifier,
+        s=gains[0] if gains else scalings.gain,
+        G0=scalings.unit_conductance,
+        U0=network.U0,
+        Ve=network.Ve,
+    )
+    integrator = circuit.topology == "integrator"
+    R = ohms["r_1"] if integrator else scalings.resistance
+    return replace(network, T=realised_matrix(circuit), lam=product / R)
 
 
 def _largest(difference: Floats) -> float:

@@ -152,13 +152,11 @@ def _record(
     if stable and design.engine == "ngspice":
         companion = _companion(design, simulation.waveforms)
     clock.begin("measures")
-    if stable and _is_exact(design):
-        u = outputs(circuit, simulation.waveforms)
+    measurements, u = measure_outputs(
+        scene, circuit, ideal, simulation.waveforms, transient, details=effort.details
+    )
+    if effort.details and stable and _is_exact(design):
         measurements = _on_the_solution(design, ideal, u[-1])
-    else:
-        measurements, u = measure_outputs(
-            scene, circuit, ideal, simulation.waveforms, transient, details=effort.details
-        )
     amplitude = measurements.amplitude
     agreement = None
     if companion is not None and (companion.share == 1.0 or companion.reason):

@@ -16,13 +16,14 @@ LATER = 0.05  # of a settling time: a second time later than this is measured in
 class StepError:
     """The error of the readings of a simulation.
 
-    `steady_state` and `overshoot` are fractions of the step amplitude, the times are in s.
+    The times are in s, the others fractions of the step amplitude.
     """
 
     steady_state: float
     settling_time: float
     rise_time: float
     overshoot: float
+    undershoot: float
 
 
 def undecided(fine: Measurements, coarse: Readings) -> bool:
@@ -68,7 +69,7 @@ def simulation_error(
     if coarse is None:
         level = rounding / (fine.amplitude or 1.0) if share == 0 else math.inf
         rise = max(_moved(time, level / SMALL_STEP) for time in fine.readings.rise_times)
-        return StepError(level, _moved(fine.settling_time, level / fine.band), rise, level)
+        return StepError(level, _moved(fine.settling_time, level / fine.band), rise, level, level)
     readings = fine.readings
     rises = zip(readings.rise_times, coarse.rise_times, strict=True)
     return StepError(
@@ -76,6 +77,7 @@ def simulation_error(
         settling_time=_apart(fine.settling_time, coarse.settling_time),
         rise_time=share * max(_apart(a, b) for a, b in rises),
         overshoot=share * _furthest(readings.overshoots, coarse.overshoots),
+        undershoot=share * _furthest(readings.undershoots, coarse.undershoots),
     )
 
 

@@ -93,7 +93,8 @@ def wanted_error(scene: Scene) -> float:
     """Return the largest error of the transient that the scene allows, in step amplitudes.
 
     ``analysis.error``, or with ``"auto"`` the share `SHARE` of the tightest of: the tolerances of
-    the steady state and of the comparison of engines, the settling band, the overshoot limit.
+    the steady state and of the comparison of engines, the settling band, the limits of overshoot
+    and undershoot.
     """
     error = scene.analysis.error
     return SHARE * tightest(scene.checks) if error == "auto" else error
@@ -106,9 +107,8 @@ def tightest(checks: Checks) -> float:
         checks.engines_agree.limit,
         checks.settling_time.band,
     ]
-    if checks.overshoot is not None and checks.overshoot.max > 0.0:
-        limits.append(checks.overshoot.max)
-    return min(limits)
+    excursions = [check.max for check in (checks.overshoot, checks.undershoot) if check is not None]
+    return min(limits + [limit for limit in excursions if limit > 0.0])
 
 
 def plan_transient(

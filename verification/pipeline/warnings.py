@@ -24,11 +24,13 @@ def find_warnings(evidence: Evidence, notes: tuple[str, ...] = ()) -> tuple[str,
             f"steady_state: the tolerance {checks.steady_state.tolerance:g} is not well above the"
             f" error {error.steady_state:.2g} of the simulation; {remedy}"
         )
-    if checks.overshoot is not None and checks.overshoot.max < WELL_ABOVE * error.overshoot:
-        warnings.append(
-            f"overshoot: the limit {checks.overshoot.max:g} is not well above the error"
-            f" {error.overshoot:.2g} of the simulation; {remedy}"
-        )
+    for name in ("overshoot", "undershoot"):
+        check, off = getattr(checks, name), getattr(error, name)
+        if check is not None and check.max < WELL_ABOVE * off:
+            warnings.append(
+                f"{name}: the limit {check.max:g} is not well above the error {off:.2g} of the"
+                f" simulation; {remedy}"
+            )
     if evidence.poles.damping_ratio < 1e-3:
         warnings.append(
             f"damping ratio {evidence.poles.damping_ratio:.2g}: the board nearly oscillates;"

@@ -1,6 +1,7 @@
 """The first witness: it sees only the problem (T, eps, lam, regulariser)."""
 
-from verification.reference.dynamics import IdealNetwork, ideal_linear, ideal_transient
+from verification.reference.dynamics import ideal_linear, ideal_transient
+from verification.reference.network import IdealNetwork, lambda_times_resistance
 from verification.reference.problem import Problem, Solution
 from verification.reference.solve import solve, solve_each
 
@@ -10,6 +11,7 @@ __all__ = [
     "Solution",
     "ideal_linear",
     "ideal_transient",
+    "lambda_times_resistance",
     "solve",
     "solve_each",
 ]

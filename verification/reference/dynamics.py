@@ -1,8 +1,7 @@
 """Transient of the ideal network: exact modes for linear amplifiers, Radau for all others.
 
-``C dv/dt = -v/R - I_b - s G0 T^T (G0 T u - G0 U0 eps)``, ``u = U0 g(v/Ve)`` (eq 9 as corrected). In
-``x = v/Ve`` and ``t/(R C)`` this is ``dx = -(x + beta) - T^T (T g(x) - eps) / mu``, with mu the
-regularisation of the reference problem, so the network's rest state solves that problem.
+The equation in ``x = v/Ve`` and ``t/(R C)`` stands in `verification.reference.network`; the rest
+state of the network solves the reference problem.
 """
 
 from __future__ import annotations
@@ -14,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from spice_models.array_types import Floats
-from verification.reference.problem import Problem, Solution
+from verification.reference.network import IdealNetwork
+from verification.reference.problem import Solution
 from verification.reference.regularisers import REGULARISERS, Regulariser
 from verification.reference.solve import solve
 from verification.reference.step_response import Response
@@ -37,38 +37,6 @@ class Trust(Enum):
     DISAGREES = "the integrators or the energy balance disagree: inconclusive"
     NOT_FINITE = "a value overflowed: reduce the strain or the gain"
     FAILED = "the integrator stopped early: the network is too stiff for double precision"
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class IdealNetwork:
-    """The network with ideal op-amps; SI units, T and eps dimensionless."""
-
-    T: Floats  # (M, N)
-    eps: Floats  # (M,)
-    G0: float  # unit conductance, S
-    U0: float  # unit voltage, V
-    R: float  # feedback resistor, ohm
-    C: float  # feedback capacitor, F
-    s: float  # constraint-plane gain, ohm
-    amplifier: str = "linear"  # a key of `REGULARISERS`
-    Ve: float = 1.0  # slope of a nonlinear amplifier, V; unused by the linear amplifier
-    bias: bool = False  # whether ``I_b = Ve / R`` flows
-
-    @property
-    def unit(self) -> float:
-        """Voltage at which ``x = 1``: Ve, and U0 for a linear amplifier, V."""
-        return self.U0 if self.amplifier == "linear" else self.Ve
-
-    @property
-    def mu(self) -> float:
-        """``unit / (R s G0^2 U0)``: lam for linear amplifiers, half of lam for the others."""
-        return self.unit / (self.R * self.s * self.G0**2 * self.U0)
-
-    @property
-    def problem(self) -> Problem:
-        """Problem that the network's rest state solves."""
-        lam = self.mu / REGULARISERS[self.amplifier].weight
-        return Problem(self.T, self.eps, lam, self.amplifier, self.bias)
 
 
 def ideal_linear(network: IdealNetwork, v0: Floats, rest: Solution | None = None) -> Response:
@@ -99,7 +67,7 @@ def ideal_linear(network: IdealNetwork, v0: Floats, rest: Solution | None = None
     _, sigma, Vt = np.linalg.svd(network.T, full_matrices=M < N)
     rates = np.ones(N)
     rates[: len(sigma)] += sigma**2 / network.mu
-    rates /= network.R * network.C
+    rates /= network.RC
     target = (solve(network.problem) if rest is None else rest).u * network.U0
     start = np.asarray(v0, dtype=np.float64)
     amplitudes = Vt @ (start - target)
@@ -201,7 +169,7 @@ def ideal_transient(network: IdealNetwork, v0: Floats, stop: float | None = None
     SolverError
         The steady state cannot be computed.
     """
-    scaled, unit = ScaledNetwork(network), network.R * network.C
+    scaled, unit = ScaledNetwork(network), network.RC
     rest = solve(network.problem)
     x0 = np.asarray(v0, dtype=np.float64) / network.unit
     at_rest = rest.u if rest.v is None else rest.v

@@ -39,8 +39,8 @@ MEAN_SLOPE_STEPS = 4
 SMALL_STEP = 0.1
 _NODES = np.array([0.5 - 0.15**0.5, 0.5, 0.5 + 0.15**0.5])
 _WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
-MAX_REFINEMENTS = 20
-STALLED = 0.5
+MAX_REFINEMENTS = 60
+STALLED = 0.99
 """Refinement ends if the gap shrinks by less than this with a new factorisation."""
 STEP_LENGTHS = (1.0, 0.25, 0.0625, 0.015625)
 """Shares of a correction that are tried."""

@@ -35,6 +35,7 @@ class Regulariser:
         Function  # ``u ->`` a bound S on the slope at u; ``S + d`` bounds the slope at u + d
     )
     weight: float = 0.5  # ``mu = weight * lam``: 1 for linear, whose Omega is ``sum u^2``
+    biased: bool = False  # whether the paper's Omega needs the bias current: eq (8) has the entropy
 
     def energy(self, v: Floats) -> Floats:
         """Return the integral of the inverse at ``u = g(v)``, up to a constant."""
@@ -145,6 +146,7 @@ REGULARISERS: dict[str, Regulariser] = {
         v_from_q=_v_from_q_exponential,
         largest_slope=lambda v, d: np.exp(v + d),
         slope_bound=lambda u: u,
+        biased=True,
     ),
     "sinh": Regulariser(
         g=np.sinh,

@@ -52,6 +52,11 @@ class Poles:
         return share * float(np.abs(self.poles).max(initial=0.0))
 
     @property
+    def certain(self) -> bool:
+        """Whether the rightmost pole is off the imaginary axis by more than rounding."""
+        return abs(self.rightmost.real) > self.resolution
+
+    @property
     def unstable_count(self) -> int:
         """Number of poles on or right of the imaginary axis."""
         return int(np.sum(self.poles.real >= 0.0))

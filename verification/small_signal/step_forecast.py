@@ -154,33 +154,36 @@ class StepModel:
         return np.asarray(np.multiply.outer(self.time, self.poles))
 
     @cached_property
-    def limits(self) -> tuple[Floats, Floats]:
-        """The longest steps that the charges allow at a truncation error of 1, s.
+    def growth(self) -> Complexes:
+        """``exp(p t)`` of the modes that show, shape (T, n)."""
+        return _exp(self.exponents)
 
-        By `charge`, shape (T,), which grows with the third root of the truncation error, and by
-        the current of each charge, shape (T, Q), which grows with the second root.
+    @cached_property
+    def limits(self) -> tuple[Floats, Floats]:
+        """The longest steps that the charges allow at a truncation error of 1, s, shape (T,) each.
+
+        By `charge`, which grows with the third root of the truncation error, and by the currents,
+        which grows with the second root.
         """
         growth = _exp(np.multiply.outer(self.time, self.all_poles))
         third = _real(growth, self.all_poles[:, None] ** 3 * self.charges)
         third = np.maximum(third, TINY)
         by_charge = np.cbrt(CKTTERR * self.charge / third.max(axis=1, initial=TINY))
         current = _real(growth, self.all_poles[:, None] * self.charges)
-        return by_charge, np.sqrt(CKTTERR * current / third)
+        by_current = np.sqrt(CKTTERR * (current / third).min(axis=1, initial=math.inf))
+        return by_charge, by_current
 
     def step_lengths(self, truncation: float, max_step: float) -> Floats:
         """Return the step at every instant of `time`, s, shape (T,)."""
         by_charge, by_current = self.limits
-        allowed = by_current * truncation ** (1 / 2)
-        allowed = np.maximum(by_charge[:, None] * truncation ** (1 / 3), allowed)
-        return np.asarray(np.minimum(allowed.min(axis=1, initial=max_step), max_step))
+        allowed = np.maximum(by_charge * truncation ** (1 / 3), by_current * truncation ** (1 / 2))
+        return np.asarray(np.minimum(allowed, max_step))
 
     def forecast(self, truncation: float, max_step: float) -> StepForecast:
         """Forecast the run of ngspice with a truncation error and a maximum step, s."""
         step = self.step_lengths(truncation, max_step)[:, None]
-        z = 0.5 * step * self.poles
-        slip = (np.log((1.0 + z) / (1.0 - z)) - 2.0 * z) / step
-        drift = _integral(slip, self.time)
-        off = _exp(self.exponents + drift) - _exp(self.exponents)
+        drift = _integral(_slip(step, self.poles), self.time)
+        off = _exp(self.exponents + drift) - self.growth
         return StepForecast(
             truncation=truncation,
             charge=self.charge,
@@ -211,9 +214,8 @@ class StepModel:
         most : int
             Largest number of instants; if the error needs more, all of them are further apart.
         """
-        growth = _exp(self.exponents)
-        rate = np.abs(growth @ (self.poles[:, None] * self.shares)).max(axis=1, initial=TINY)
-        bend = np.abs(growth @ (self.poles[:, None] ** 4 * self.shares))
+        rate = np.abs(self.growth @ (self.poles[:, None] * self.shares)).max(axis=1, initial=TINY)
+        bend = np.abs(self.growth @ (self.poles[:, None] ** 4 * self.shares))
         bend = np.maximum(bend.max(axis=1, initial=0.0), TINY)
         longest = np.minimum(self.time[-1] / FEWEST_INSTANTS, MOVE / rate)
         spacing = np.minimum((128.0 / 3.0 * error / bend) ** 0.25, longest)
@@ -229,7 +231,7 @@ class StepModel:
         stop = float(self.time[-1])
         best = self._reach(error, stop / FEWEST_STEPS[0], 1e-6)
         for fewest in FEWEST_STEPS[1:]:
-            if best.error > error or best.steps > fewest:
+            if best.error > error or best.steps > 2.0 * fewest:
                 candidate = self._reach(error, stop / fewest, best.truncation)
                 best = min(best, candidate, key=lambda forecast: forecast.rank(error))
         return best
@@ -274,6 +276,20 @@ def _modes(space: StateSpace, C: Floats, deviation: Floats) -> tuple[Complexes, 
 def _instants(poles: Complexes, stop: float) -> Floats:
     earliest = min(EARLIEST / float(np.abs(poles).max(initial=1.0 / stop)), 0.5 * stop)
     return np.concatenate([[0.0], np.geomspace(earliest, stop, INSTANTS)])
+
+
+def _slip(step: Floats, poles: Complexes) -> Complexes:
+    """Return ``(log((1 + z) / (1 - z)) - 2 z) / step`` with ``z = step poles / 2``, Im z >= 0.
+
+    Functions of real numbers take a third of the time of a complex logarithm. A step of exactly
+    ``-2 / p`` removes a mode p; its logarithm is limited to that of `TINY`.
+    """
+    x, y = 0.5 * step * poles.real, 0.5 * step * poles.imag
+    square = y * y
+    before, after = (1.0 + x) ** 2 + square, (1.0 - x) ** 2 + square
+    decay = 0.5 * np.log(np.maximum(before / after, TINY)) - 2.0 * x
+    turn = np.arctan2(2.0 * y, 1.0 - x * x - square) - 2.0 * y
+    return np.asarray((decay + 1j * turn) / step)
 
 
 def _integral(rate: Array, time: Floats) -> Array:

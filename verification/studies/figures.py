@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
 from verification.measures.measurements import ChannelMeasure
-from verification.measures.readings import Reading
+from verification.measures.readings import Reading, latest
 from verification.verify import Verdict
 
 T = TypeVar("T")
@@ -36,6 +36,7 @@ FIGURES: dict[str, Figure[Verdict]] = {
         "s", lambda v: max((r.value for c in _channels(v) if (r := c.rise_time)), default=None)
     ),
     "overshoot": Figure("step", lambda v: max(c.overshoot for c in _channels(v))),
+    "undershoot": Figure("step", lambda v: max(c.undershoot for c in _channels(v))),
     "steady_state_error": Figure("step", lambda v: max(map(abs, signed_errors(v)))),
     "growth_rate": Figure("1/s", lambda v: v.poles.rightmost.real),
     "frequency": Figure("Hz", lambda v: abs(v.poles.rightmost.imag) / (2.0 * math.pi)),
@@ -49,12 +50,23 @@ FIGURES: dict[str, Figure[Verdict]] = {
 }
 """Figures of the whole board; the worst channel counts."""
 
+TRANSIENT_READINGS = (
+    "settling_time",
+    "rise_time",
+    "overshoot",
+    "undershoot",
+    "steady_state_error",
+)
+POLE_READINGS = ("growth_rate", "frequency", "damping_ratio", "margin")
+"""Figures that say how a board behaves; the others follow from the design or from the run."""
+
 CHANNEL_FIGURES: dict[str, Figure[ChannelMeasure]] = {
     "target": Figure("V", lambda c: c.target),
     "final": Figure("V", lambda c: c.final),
     "rise_time": Figure("s", lambda c: c.rise_time),
     "settling_time": Figure("s", lambda c: c.settling_time),
     "overshoot": Figure("step", lambda c: c.overshoot),
+    "undershoot": Figure("step", lambda c: c.undershoot),
     "frequency": Figure("Hz", lambda c: c.frequency),
     "growth_rate": Figure("1/s", lambda c: c.growth_rate),
 }
@@ -64,6 +76,31 @@ CHANNEL_FIGURES: dict[str, Figure[ChannelMeasure]] = {
 def figures_of(source: T, table: Mapping[str, Figure[T]]) -> dict[str, float | None]:
     """Return every figure of `table` that a verdict, or a channel, has."""
     return {name: figure.of(source) for name, figure in table.items()}
+
+
+def readings_of(verdict: Verdict) -> dict[str, Reading | None]:
+    """Return `TRANSIENT_READINGS` with their whole uncertainty; None for a missing reading."""
+    measured, error = verdict.measurements, verdict.error
+    rises = [r for channel in _channels(verdict) if (r := channel.rise_time) is not None]
+    parts = {
+        "settling_time": (measured.settling_time, error.settling_time),
+        "rise_time": (latest(rises) if rises else None, error.rise_time),
+        "overshoot": (_plain(verdict, "overshoot"), error.overshoot),
+        "undershoot": (_plain(verdict, "undershoot"), error.undershoot),
+        "steady_state_error": (
+            _plain(verdict, "steady_state_error"),
+            error.steady_state + verdict.ideal.error,
+        ),
+    }
+    return {
+        name: reading and replace(reading, uncertainty=reading.uncertainty + more)
+        for name, (reading, more) in parts.items()
+    }
+
+
+def _plain(verdict: Verdict, name: str) -> Reading | None:
+    value = FIGURES[name].of(verdict)
+    return None if value is None else Reading(value, 0.0)
 
 
 def signed_errors(verdict: Verdict) -> tuple[float, ...]:

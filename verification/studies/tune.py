@@ -15,12 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from netlist_gen.board.scalings import make_scalings
 from netlist_gen.board.synthesis import synthesise
 from netlist_gen.overrides.axes import with_values
 from netlist_gen.overrides.keys import find_key, own_value
 from netlist_gen.problem.inverse_problem import InverseProblem, make_problem
-from netlist_gen.scene.scene import OvershootCheck, Scene, StabilityCheck
+from netlist_gen.scene.scene import ExcursionCheck, Scene, StabilityCheck
 from spice_models.array_types import Floats
 from spice_models.errors import Complaint, EngineError, InputError
 from verification.engines.statespace.linearised.board import LinearBoard
@@ -163,7 +162,7 @@ class _Search:
         self.original, self.paths = scene, paths
         self.overshoot, self.margin = overshoot, margin
         self.problem: InverseProblem = make_problem(scene)
-        self.lam = make_scalings(scene).lam
+        self.lam = ideal_network(self.problem, scene).lam
         self.candidates: list[Candidate] = []
         self._ideal: IdealAnswer | None = None
 
@@ -174,7 +173,7 @@ class _Search:
 
     def tuned_scene(self, candidate: Candidate) -> Scene:
         """Return the original scene with the design of `candidate` and the limits as checks."""
-        limits: dict[str, Any] = {"overshoot": OvershootCheck(max=self.overshoot)}
+        limits: dict[str, Any] = {"overshoot": ExcursionCheck(max=self.overshoot)}
         limits |= {"stability": StabilityCheck(margin=self.margin)}
         checks = self.original.checks.model_copy(update=limits)
         return self.scene_at(candidate.values, self.original.model_copy(update={"checks": checks}))
@@ -234,8 +233,10 @@ class _Search:
         scales = time_scales(board, initial=scene.analysis.initial)
         if not np.all(scales.poles.real < 0):
             return math.inf, math.inf, False
-        if self.margin > 1 and capacitance_margin(board, self.margin).factor < self.margin:
-            return math.inf, math.inf, False
+        if self.margin > 1:
+            found = capacitance_margin(board, self.margin)
+            if found.doubt or found.factor - found.uncertainty < self.margin:
+                return math.inf, math.inf, False
         plan = plan_transient(scene, board, scales, "statespace")
         transient, instants = plan.transient, plan.instants(board)
         if instants is None or len(instants) > MAX_RECORD:
@@ -250,6 +251,6 @@ class _Search:
     def _reference(self, scene: Scene) -> IdealAnswer:
         """Return the ideal answer, computed once where the tuned keys do not change it."""
         if self._ideal is None or not SAME_ANSWER.issuperset(self.paths):
-            network = ideal_network(self.problem, make_scalings(scene), scene)
+            network = ideal_network(self.problem, scene)
             self._ideal = ideal_answer(network, scene)
         return self._ideal

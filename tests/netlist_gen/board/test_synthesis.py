@@ -17,7 +17,6 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import ArrayLike, NDArray
 
 from netlist_gen.board.circuit import Circuit
-from netlist_gen.board.scalings import make_scalings
 from netlist_gen.board.synthesis import realised_matrix, synthesise
 from netlist_gen.scene.scene import Scene
 from spice_models.errors import InputError
@@ -212,6 +211,6 @@ def test_any_near_ideal_board_rests_where_the_reference_says(
     changes = {"lambda": lam, "unit_conductance": G0, "gain": 1 / G0, "inverter_resistance": 1 / G0}
     scene = design(amplifier=amplifier, **changes)
     problem = matrix_problem(A, eps)
-    solution = solve(ideal_network(problem, make_scalings(scene), scene).problem)
+    solution = solve(ideal_network(problem, scene).problem)
     found = board_outputs(synthesise(scene, problem))
     assert np.max(np.abs(found - solution.u)) <= 1e-7 * max(1.0, np.max(np.abs(solution.u)))

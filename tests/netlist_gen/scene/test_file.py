@@ -64,6 +64,7 @@ def run(scene: Path, *options: str) -> Result:
             "design.opamp", "60.0", "one of the two",
         ),
         (TACTILE + "[design]\ngain = 1e200\nlambda = 1e200", "design", "1e+200", "out of range"),
+        (TACTILE + "[design]\nunit_conductance = 1e-200", "design", "1786000.0", "out of range"),
         (TACTILE + '[analysis]\nstop = "fast"', "analysis.stop", "'fast'", "or 'auto'"),
         (TACTILE + "[analysis]\nstop = -1", "analysis.stop", "-1", "above zero"),
         (TACTILE + '[analysis]\nengine = "spice"', "analysis.engine", "'spice'", "'ngspice'"),

@@ -8,7 +8,7 @@ import pytest
 from verification.ideal.energy_rise import energy_rise
 from verification.reference import IdealNetwork, ideal_linear
 
-SCALE = {"G0": 1e-6, "U0": 2.0, "R": 1e6, "C": 1e-11, "s": 1e6}
+SCALE = {"lam": 1.0, "RC": 1e-5, "U0": 2.0}
 NETWORK = IdealNetwork(T=np.array([[1.0, 0.3], [-0.2, 0.8]]), eps=np.array([0.6, 0.4]), **SCALE)
 
 

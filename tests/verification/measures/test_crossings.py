@@ -98,8 +98,8 @@ def test_a_peak_between_points_is_seen():
 def test_highest_finds_the_top_of_a_coarse_sine():
     time = np.linspace(0, 3, 31)
     rows = np.array([np.sin(time), np.cos(time), time])
-    found = highest(time, rows, np.array([1.0, -1.0, 1.0]))
-    np.testing.assert_allclose(found, [1.0, -np.cos(3.0), 3.0], atol=3e-6)
+    np.testing.assert_allclose(highest(time, rows, 1.0), [1.0, 1.0, 3.0], atol=3e-6)
+    np.testing.assert_allclose(highest(time, rows, -1.0), [0.0, -np.cos(3.0), 0.0], atol=3e-6)
 
 
 @given(

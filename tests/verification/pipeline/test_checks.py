@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from netlist_gen.quantities import show
 from tests.support.measured import (
     UNSTABLE,
     agreement,
@@ -87,7 +88,7 @@ def test_the_whole_is_its_worst_part(outcomes: tuple[Outcome, ...], whole: Outco
 def test_steady_state(final: float, error: float, reference_error: float, outcome: Outcome) -> None:
     given = evidence(
         channel(final=final),
-        error=StepError(error, 0.0, 0.0, 0.0),
+        error=StepError(error, 0.0, 0.0, 0.0, 0.0),
         reference_error=reference_error,
     )
     found = check("steady_state", given)
@@ -127,9 +128,24 @@ def test_settling_time(
     given = evidence(
         channel(settling_time=Reading(1e-3, uncertainty)),
         checks={"settling_time": {"max": limit} if limit else {}},
-        error=StepError(0.0, error, 0.0, 0.0),
+        error=StepError(0.0, error, 0.0, 0.0, 0.0),
     )
     assert check("settling_time", given).outcome is outcome
+
+
+def test_a_contradiction_fails_and_no_contradiction_is_no_check() -> None:
+    found = check("same_problem", evidence(contradiction="the board states lambda = 2.0"))
+    assert (found.outcome, found.reason) == (FAIL, "the board states lambda = 2.0")
+    assert "same_problem" not in {made.name for made in run_checks(evidence())}
+
+
+@pytest.mark.parametrize(("least", "outcome"), [(0.9e-3, PASS), (1e-3, UNDECIDED), (1.1e-3, FAIL)])
+def test_a_settling_time_below_its_lower_limit_fails(least: float, outcome: Outcome) -> None:
+    given = evidence(checks={"settling_time": {"min": least, "max": 2e-3}})
+    found = check("settling_time", given)
+    assert found.outcome is outcome
+    assert found.reason.endswith(f"at least {show(least, 's')}")
+    assert (found.expected, found.value) == (2e-3, 1e-3)
 
 
 @pytest.mark.parametrize(
@@ -172,11 +188,21 @@ def test_rise_time_of_the_channel_that_is_named_or_the_middle_one() -> None:
     ("limit", "error", "outcome"),
     [(0.11, 0.0, PASS), (0.09, 0.0, FAIL), (0.1, 1e-3, UNDECIDED)],
 )
-def test_overshoot(limit: float, error: float, outcome: Outcome) -> None:
-    checks = {"overshoot": {"max": limit}}
-    given = evidence(checks=checks, error=StepError(0.0, 0.0, 0.0, error))
-    assert check("overshoot", given).outcome is outcome
-    assert check("overshoot", evidence(oscillating(), checks=checks)).outcome is FAIL
+def test_overshoot_and_undershoot(limit: float, error: float, outcome: Outcome) -> None:
+    checks = {"overshoot": {"max": limit}, "undershoot": {"max": limit}}
+    both = channel(overshoot=0.1, undershoot=0.1)
+    given = evidence(both, checks=checks, error=StepError(0.0, 0.0, 0.0, error, error))
+    for name in checks:
+        assert check(name, given).outcome is outcome
+        assert check(name, evidence(oscillating(), checks=checks)).outcome is FAIL
+
+
+def test_overshoot_and_undershoot_have_their_own_limits() -> None:
+    checks = {"overshoot": {"max": 0.1}, "undershoot": {"max": 0.01}}
+    given = evidence(channel(0, overshoot=0.09), channel(1, undershoot=0.02), checks=checks)
+    assert check("overshoot", given).outcome is PASS
+    under = check("undershoot", given)
+    assert (under.outcome, under.value, under.expected) == (FAIL, 0.02, 0.01)
 
 
 def test_checks_that_nobody_asked_for_are_not_made() -> None:
@@ -198,13 +224,26 @@ def test_stability_is_the_poles_word_and_the_transient_may_object() -> None:
 
 
 @pytest.mark.parametrize(
-    ("factor", "outcome"), [(2.5, PASS), (2.0, PASS), (1.9, FAIL), (0.0, FAIL)]
+    ("factor", "uncertainty", "doubt", "outcome"),
+    [
+        (2.5, 0.0, "", PASS),
+        (2.0, 0.0, "", PASS),
+        (1.9, 0.0, "", FAIL),
+        (0.0, 0.0, "", FAIL),
+        (2.0 + 1e-9, 2e-6, "", UNDECIDED),
+        (2.0 - 1e-9, 2e-6, "", UNDECIDED),
+        (2.5, 0.0, "a pole is on the axis", UNDECIDED),
+    ],
 )
-def test_a_stability_margin(factor: float, outcome: Outcome) -> None:
-    found = check("stability", evidence(checks={"stability": {"margin": 2}}, margin=margin(factor)))
+def test_a_stability_margin(
+    factor: float, uncertainty: float, doubt: str, outcome: Outcome
+) -> None:
+    wanted = margin(factor, uncertainty, doubt)
+    found = check("stability", evidence(checks={"stability": {"margin": 2}}, margin=wanted))
     assert (found.outcome, found.value, found.expected, found.unit) == (
         outcome, factor, 2.0, "ratio",
     )  # fmt: skip
+    assert found.reason.endswith(doubt)
 
 
 @pytest.mark.parametrize(

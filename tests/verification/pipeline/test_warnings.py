@@ -19,8 +19,8 @@ def test_a_board_in_order_has_none() -> None:
 @pytest.mark.parametrize(
     ("error", "says"),
     [
-        (StepError(2e-4, 0.0, 0.0, 0.0), "steady_state: the tolerance 0.001 is not well"),
-        (StepError(0.0, 0.0, 0.0, 0.02), "overshoot: the limit 0.15 is not well above"),
+        (StepError(2e-4, 0.0, 0.0, 0.0, 0.0), "steady_state: the tolerance 0.001 is not well"),
+        (StepError(0.0, 0.0, 0.0, 0.02, 0.0), "overshoot: the limit 0.15 is not well above"),
     ],
 )
 def test_a_tolerance_close_to_the_simulations_error(error: StepError, says: str) -> None:
@@ -45,5 +45,5 @@ def test_a_fragile_reading_comes_with_both_values() -> None:
 
 def test_an_engines_own_doubts_come_first_and_always() -> None:
     assert find_warnings(evidence(), ("singular matrix",)) == ("singular matrix",)
-    worst = StepError(1.0, 1.0, 1.0, 1.0)
+    worst = StepError(1.0, 1.0, 1.0, 1.0, 1.0)
     assert find_warnings(evidence(error=worst, poles=UNSTABLE), ("note",)) == ("note",)

@@ -10,8 +10,8 @@ import numpy as np
 
 from spice_models.array_types import Floats
 from verification.report.verdict.plots import figure_file
+from verification.small_signal.scan_result import Sample
 from verification.studies.onset.onset import Onset
-from verification.studies.onset.scan_result import Sample
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -13,8 +13,8 @@ from rich.table import Table
 from netlist_gen.overrides.keys import own_value
 from netlist_gen.quantities import show
 from verification.report.tables import make_table
+from verification.small_signal.scan_result import AxisCrossing
 from verification.studies.onset.onset import Finding, Onset
-from verification.studies.onset.scan_result import AxisCrossing
 from verification.studies.onset.transient_trial import Side
 
 CONFIRMED = {True: "[green]yes[/green]", False: "[red]no[/red]", None: "[yellow]undecided[/yellow]"}
@@ -40,6 +40,7 @@ def onset_document(onset: Onset) -> dict[str, Any]:
         "crossings": [_finding(each, onset.scan.complete) for each in onset.findings],
         "unstable_counts": [asdict(count) for count in onset.counts],
         "stable_ranges": [list(pair) for pair in onset.scan.stable_ranges],
+        "unresolved": [list(pair) for pair in onset.scan.unresolved],
         "failures": [{"value": s.value, "reason": s.failure} for s in samples if s.failure],
     }
 
@@ -109,8 +110,13 @@ def print_onset(onset: Onset, console: Console) -> None:
             " begin or cease to grow while other modes grow"
         )
     console.print(_counts(onset))
-    ranges = ", ".join(f"{show(a, unit)} to {show(b, unit)}" for a, b in onset.scan.stable_ranges)
-    console.print(f"stable: {ranges or 'nowhere in this range'}")
+    console.print(f"stable: {_ranges(onset.scan.stable_ranges, unit) or 'nowhere in this range'}")
+    if unresolved := _ranges(onset.scan.unresolved, unit):
+        console.print(f"not resolved, a pole is on the axis to within rounding: {unresolved}")
+
+
+def _ranges(ranges: tuple[tuple[float, float], ...], unit: str) -> str:
+    return ", ".join(f"{show(low, unit)} to {show(high, unit)}" for low, high in ranges)
 
 
 def _counts(onset: Onset) -> str:

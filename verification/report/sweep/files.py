@@ -21,6 +21,7 @@ PACKAGES = {  # by ending: the package and how to install it
     ".nc": ("xarray", "netCDF needs xarray: pip install 'taction[netcdf]'"),
 }
 TEXT_COLUMNS = ("outcome", "failure", "state", "simulator", "reason")
+COMPARED = ("agreement", "chosen", "disagreement")  # columns of a sweep by two engines
 OUTCOMES = ("pass", "fail", "inconclusive", "error")
 BATCH = 5000  # rows in memory at a time
 UNITS = {"step": "1", "": "1"}  # the unit of a plain number in the conventions of netCDF
@@ -54,13 +55,19 @@ def export_sweep(plan: Plan, store: Store, path: str) -> None:
 
 
 def _numbers(plan: Plan) -> dict[str, str]:
-    """Return the units of `FIGURES` by name, without figures that are an axis, such as lambda."""
+    """Return the units of the numbers by name, without figures that are an axis, such as lambda."""
     names = {axis.name for axis in plan.axes}
-    return {name: figure.unit for name, figure in FIGURES.items() if name not in names}
+    units = {name: figure.unit for name, figure in FIGURES.items() if name not in names}
+    return units | ({"difference": ""} if len(plan.engines) > 1 else {})
+
+
+def _text_columns(plan: Plan) -> tuple[str, ...]:
+    return TEXT_COLUMNS + (COMPARED if len(plan.engines) > 1 else ())
 
 
 def _titles(plan: Plan) -> list[str]:
-    return [*(axis.name for axis in plan.axes), "engine", "stable", *_numbers(plan), *TEXT_COLUMNS]
+    names = (axis.name for axis in plan.axes)
+    return [*names, "engine", "stable", *_numbers(plan), *_text_columns(plan)]
 
 
 def _rows(plan: Plan, store: Store) -> Iterator[dict[str, Any]]:
@@ -94,7 +101,7 @@ def _parquet(plan: Plan, store: Store, path: Path) -> None:
             column("engine", pa.string(), ""),
             column("stable", pa.bool_(), ""),
             *(column(name, pa.float64(), unit) for name, unit in _numbers(plan).items()),
-            *(column(name, pa.string(), "") for name in TEXT_COLUMNS),
+            *(column(name, pa.string(), "") for name in _text_columns(plan)),
         ]
     )
     choices = [axis.name for axis in plan.axes if axis.key.kind == "choice"]
@@ -109,20 +116,23 @@ def _parquet(plan: Plan, store: Store, path: Path) -> None:
 def grids(plan: Plan, store: Store) -> dict[str, np.ndarray[Any, Any]]:
     """Return the numbers of a sweep as arrays over the grid, the engine last.
 
-    Every name of `FIGURES` (NaN for a missing number) and ``outcome``, the place in `OUTCOMES`
-    (-1 for a point that is not stored); shape ``(*plan.shape, len(plan.engines))``.
+    Every name of `FIGURES`, and ``difference`` for two engines (NaN for a missing number);
+    ``outcome`` and ``agreement``, places in `OUTCOMES` (-1 for a point without this engine, or
+    without both). Shape ``(*plan.shape, len(plan.engines))``.
     """
     shape = (*plan.shape, len(plan.engines))
-    arrays = {name: np.full(shape, np.nan) for name in FIGURES}
-    outcome = np.full(shape, -1, dtype=np.int8)
+    arrays = {name: np.full(shape, np.nan) for name in {**FIGURES, **_numbers(plan)}}
+    words = {name: np.full(shape, -1, dtype=np.int8) for name in ("outcome", "agreement")}
     for place, record in zip(np.ndindex(*shape), all_records(plan, store), strict=True):
         if record is None:
             continue
-        outcome[place] = OUTCOMES.index(record["outcome"])
+        for name, codes in words.items():
+            if record[name] is not None:
+                codes[place] = OUTCOMES.index(record[name])
         for name, array in arrays.items():
             if record[name] is not None:
                 array[place] = record[name]
-    return {**arrays, "outcome": outcome}
+    return arrays | words
 
 
 def frame(plan: Plan, store: Store) -> Any:
@@ -153,7 +163,8 @@ def dataset(plan: Plan, store: Store) -> Any:
         "flag_values": np.arange(len(OUTCOMES), dtype=np.int8),
         "flag_meanings": " ".join(OUTCOMES),
     }
-    variables["outcome"] = (everything, arrays["outcome"], flags)
+    for name in ("outcome", "agreement") if len(plan.engines) > 1 else ("outcome",):
+        variables[name] = (everything, arrays[name], flags)
     about = {"scene": plan.scene.name, "Conventions": "CF-1.8", "source": "taction sweep"}
     return xr.Dataset(variables, coordinates, about)
 

@@ -44,6 +44,8 @@ class Panel:
 PANELS = (
     Panel("settling_time", "settling time", 1.0, "log"),
     Panel("overshoot", "overshoot (% of the step)", 100.0, "linear"),
+    Panel("undershoot", "undershoot (% of the step)", 100.0, "linear"),
+    Panel("steady_state_error", "steady-state error (% of the step)", 100.0, "log"),
     Panel("growth_rate", "rightmost pole, real part (1/s)", 1.0, "symlog"),
 )
 
@@ -65,7 +67,7 @@ def check_sweep_plot(plan: Plan, path: str) -> None:
 
 
 def plot_sweep(plan: Plan, store: Store, path: str) -> None:
-    """Draw settling time, overshoot, rightmost pole and outcome over the grid.
+    """Draw the figures of `PANELS` and the outcome over the grid.
 
     Raises
     ------
@@ -73,22 +75,23 @@ def plot_sweep(plan: Plan, store: Store, path: str) -> None:
         See `check_sweep_plot`; or the file cannot be written.
     """
     check_sweep_plot(plan, path)
-    title = f"{plan.scene.name}: {plan.total} points, {' and '.join(plan.engines)}"
-    with figure_file(path, 11.5, 8.2, title) as figure:
+    title = f"{plan.scene.name}: {plan.points} points, {' and '.join(plan.engines)}"
+    with figure_file(path, 16.0, 8.2, title) as figure:
         data = grids(plan, store)
-        data["overshoot"][data["growth_rate"] > 0.0] = np.nan  # depends on the record's length
+        for name in ("overshoot", "undershoot"):  # of a growing record: depends on its length
+            data[name][data["growth_rate"] > 0.0] = np.nan
         draw = _maps if len(plan.groups) == 2 else _curves
         draw(figure, plan, data)
 
 
 def _maps(figure: Figure, plan: Plan, data: dict[str, Any]) -> None:
-    panels = figure.subplots(2, 2)
+    panels = figure.subplots(2, 3)
     across, down = (_Ruler(group[0]) for group in plan.groups)
     data = {name: array.swapaxes(0, 1) for name, array in data.items()}  # the first axis is x
     growth = data["growth_rate"][..., -1]
     for axes, quantity in zip(panels.flat, PANELS, strict=False):
         _map(figure, axes, quantity, data[quantity.name][..., -1], (across, down))
-    _outcomes(panels.flat[3], plan, data["outcome"], (across, down))
+    _outcomes(panels.flat[-1], plan, data["outcome"], data["agreement"], (across, down))
     for axes in panels.flat:
         across.mark(axes, "x")
         down.mark(axes, "y")
@@ -129,7 +132,11 @@ def _map(
 
 
 def _outcomes(
-    axes: Axes, plan: Plan, outcome: np.ndarray[Any, Any], rulers: tuple[_Ruler, _Ruler]
+    axes: Axes,
+    plan: Plan,
+    outcome: np.ndarray[Any, Any],
+    agreement: np.ndarray[Any, Any],
+    rulers: tuple[_Ruler, _Ruler],
 ) -> None:
     """Fill the cells with the verdicts of the last engine; marks show those of the first engine."""
     from matplotlib.colors import ListedColormap
@@ -150,14 +157,17 @@ def _outcomes(
             marks = axes.scatter(x[cells], y[cells], size, c="k", marker=MARKERS[k], linewidths=0.8)
             marks.set_label(f"{plan.engines[0]}: {OUTCOMES[k]}")
             handles.append(marks)
-    differ = int(np.sum((outcome != outcome[..., :1]).any(axis=-1)))
-    text = f", {differ} points where the engines differ" if len(plan.engines) == 2 else ""
-    axes.set_title(f"outcome{text}")
+    axes.set_title(f"outcome{_disagreements(agreement)}" if len(plan.engines) == 2 else "outcome")
     axes.legend(handles=handles, fontsize="x-small", loc="upper left", bbox_to_anchor=(1.0, 1.0))
 
 
+def _disagreements(agreement: np.ndarray[Any, Any]) -> str:
+    count = int((agreement[..., 0] == OUTCOMES.index("fail")).sum())
+    return f", the engines disagree at {count} points" if count else ", the engines agree"
+
+
 def _curves(figure: Figure, plan: Plan, data: dict[str, Any]) -> None:
-    panels = figure.subplots(2, 2, sharex=True)
+    panels = figure.subplots(2, 3, sharex=True)
     ruler = _Ruler(plan.groups[0][0])
     unstable = np.nanmax(data["growth_rate"], axis=-1, initial=-np.inf) > 0.0
     for axes, quantity in zip(panels.flat, PANELS, strict=False):
@@ -175,7 +185,7 @@ def _curves(figure: Figure, plan: Plan, data: dict[str, Any]) -> None:
             axes.set_yscale("log")
             ends = (float(limit(data[quantity.name])) for limit in (np.nanmin, np.nanmax))
             _tick(axes.yaxis, quantity.unit, *ends)
-    _strip(panels.flat[3], plan, data["outcome"], ruler)
+    _strip(panels.flat[-1], plan, data["outcome"], ruler)
     for axes in panels.flat:
         ruler.mark(axes, "x")
         for left, right in zip(ruler.edges[:-1][unstable], ruler.edges[1:][unstable], strict=True):
@@ -229,17 +239,17 @@ class _Ruler:
 
 
 def _tick(ruler: Any, unit: str, low: float, high: float) -> None:
-    """Write values with SI prefixes, on a short logarithmic axis at 1, 2 and 5 of each decade."""
+    """Write values with SI prefixes, at 1, 2 and 5 of each decade if there are few decades."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
     ruler.set_major_formatter(_prefixes(unit))
     if high > 0.0:
-        short = high < 2000.0 * low
+        short = high < 300.0 * low
         ruler.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if short else (1.0,)))
         ruler.set_minor_formatter(NullFormatter())
 
 
 def _prefixes(unit: str) -> Any:
-    from matplotlib.ticker import EngFormatter
+    from matplotlib.ticker import EngFormatter, StrMethodFormatter
 
-    return EngFormatter(unit.replace("ohm", "Ω"))
+    return EngFormatter(unit.replace("ohm", "Ω")) if unit else StrMethodFormatter("{x:g}")

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from spice_models.errors import Complaint, InputError
+from verification.report.sweep.agreement import AgreementSummary, summarise
 from verification.report.sweep.files import dataset, frame
 from verification.report.sweep.maps import plot_sweep
 from verification.report.sweep.records import records
@@ -38,8 +39,15 @@ class SweepResult:
     def __repr__(self) -> str:
         plan, counts = self.plan, sorted(self.count.outcomes.items())
         outcomes = ", ".join(f"{number} {name}" for name, number in counts)
+        if (found := self.agreement) is not None and found.disagree:
+            outcomes += f"; the engines disagree at {found.disagree}"
         names = " x ".join(axis.name for axis in plan.axes)
         return f"SweepResult({plan.scene.name!r}, {names}: {plan.total} points, {outcomes})"
+
+    @property
+    def agreement(self) -> AgreementSummary | None:
+        """How far two engines agree; None for a sweep by one engine."""
+        return summarise(self.plan, self.store) if len(self.plan.engines) > 1 else None
 
     def records(self) -> Iterator[dict[str, Any]]:
         """Yield every point as plain data in SI base units, in the order of the grid."""

@@ -10,7 +10,7 @@ from verification.pipeline.checks import Check
 from verification.studies.figures import CHANNEL_FIGURES, FIGURES, figures_of
 from verification.verify import Verdict
 
-ERRORS = ("steady_state", "settling_time", "rise_time", "overshoot")
+ERRORS = ("steady_state", "settling_time", "rise_time", "overshoot", "undershoot")
 
 
 def verdict_document(verdict: Verdict) -> dict[str, Any]:

@@ -81,7 +81,8 @@ def amount(value: float | None, unit: str) -> str:
 
 def channel_table(measurements: Measurements) -> Table:
     """Return the table of channels, numbered from 1."""
-    titles = ("u", "reference", "final", "rise time", "settling time", "overshoot", "state")
+    times, excursions = ("rise time", "settling time"), ("overshoot", "undershoot")
+    titles = ("u", "reference", "final", *times, *excursions, "state")
     rows = [
         (
             str(channel.index + 1),
@@ -90,6 +91,7 @@ def channel_table(measurements: Measurements) -> Table:
             _reading(channel.rise_time),
             _reading(channel.settling_time),
             value_text(channel.overshoot, "step"),
+            value_text(channel.undershoot, "step"),
             channel.state.value,
         )
         for channel in measurements.channels

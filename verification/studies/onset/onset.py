@@ -25,14 +25,18 @@ from spice_models.errors import (
 )
 from verification.engines.ngspice.executable import find_simulator
 from verification.engines.statespace.linearised.board import LinearBoard
+from verification.small_signal.margin import signal_capacitors
+from verification.small_signal.parameter_loci import trace_loci
+from verification.small_signal.pole_scan import scan
 from verification.small_signal.poles import count_unstable, poles
-from verification.studies.onset.pole_scan import scan
-from verification.studies.onset.scan_result import AxisCrossing, Scan
+from verification.small_signal.port_response import PortResponse
+from verification.small_signal.scan_result import AxisCrossing, Scan
 from verification.studies.onset.transient_trial import Confirmation, confirm
 
 AROUND = 30.0  # the default range is from the scene's value / 30 to its value * 30
 POINTS = 61  # of the first grid of a scan: 20 per decade in the default range
 TIMEOUT = 600.0  # of one transient, s
+BESIDE = 1e-6  # relative distance of values beside a crossing from the crossing
 
 Build = Callable[[float], Circuit]
 Progress = Callable[[str], None]
@@ -143,11 +147,33 @@ def onset(
     values = [float(value) for value in axis.values]
     logarithmic = axis.scale != "lin" and min(values) > 0.0
     timeout = scene.analysis.timeout
-    scanned = crossings(build, values, logarithmic=logarithmic, progress=progress)
+    located = beside_crossings(build, axis) if logarithmic else []
+    scanned = crossings(build, [*values, *located], logarithmic=logarithmic, progress=progress)
     findings = confirmations(
         build, scanned, transients=transients, timeout=timeout, progress=progress
     )
     return Onset(scene, axis, scanned, findings, counts(build, scanned, progress=progress))
+
+
+def beside_crossings(build: Build, axis: Axis) -> list[float]:
+    """Return values on both sides of the crossings that the loci of C show; empty for other keys.
+
+    With these values the scan of C is the search of a margin: no crossing is too narrow for it.
+    """
+    if axis.key.path != "design.capacitance":
+        return []
+    low, high = float(min(axis.values)), float(max(axis.values))
+    middle = math.sqrt(low * high)
+    try:
+        board = LinearBoard(build(middle))
+        ports = PortResponse(board, signal_capacitors(board.circuit))
+        loci = trace_loci(ports, low / middle, high / middle)
+    except (EngineError, InputError):
+        return []
+    shares = [*(crossing.share for crossing in loci.crossings), *loci.near]
+    sides = (1.0 - BESIDE, 1.0, 1.0 + BESIDE)
+    located = [middle * share * side for share in shares for side in sides]
+    return [value for value in located if low < value < high]
 
 
 def counts(

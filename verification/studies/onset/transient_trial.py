@@ -27,7 +27,7 @@ from verification.engines.statespace.linearised.state_space import StateSpace
 from verification.measures.mode_fit import Mode, fit_modes
 from verification.pipeline.transient_plan import truncation_for
 from verification.small_signal.poles import poles
-from verification.studies.onset.scan_result import AxisCrossing
+from verification.small_signal.scan_result import AxisCrossing
 from verification.waveforms import Waveforms
 
 DISTANCE = 0.03  # distance of a transient from the crossing, relative

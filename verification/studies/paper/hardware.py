@@ -8,7 +8,6 @@ import numpy as np
 
 from netlist_gen.analysis import OperatingPoint
 from netlist_gen.board.circuit import Circuit
-from netlist_gen.board.scalings import make_scalings
 from netlist_gen.board.synthesis import synthesise
 from netlist_gen.deck.deck import Deck, write_deck
 from netlist_gen.overrides.axes import with_values
@@ -65,7 +64,7 @@ def _two_chips() -> Finding:
     board = replace(thin_board, currents=thick_board.currents)
     record = simulate(_with_matrix_of(board, thick_board), find_simulator(), timeout=60.0)
     u = [out.sign * float(record[out.node][-1]) for out in board.outputs]
-    target = solve(ideal_network(problem, make_scalings(thick), thick).problem).u
+    target = solve(ideal_network(problem, thick).problem).u
     target = target * thick.design.unit_voltage
     difference = float(np.max(np.abs(u - target)) / np.max(np.abs(target)))
     stable = poles(thin_board).stable and poles(thick_board).stable

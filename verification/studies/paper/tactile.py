@@ -14,6 +14,7 @@ from netlist_gen.problem.inverse_problem import cylinder_stress, grid, kernel
 from netlist_gen.scene.problem import CylinderLoad
 from spice_models.array_types import Floats
 from verification.reference import IdealNetwork, Problem, solve
+from verification.reference.regularisers import REGULARISERS
 
 VARIANCE = 0.1
 
@@ -69,12 +70,13 @@ def entropy(T: Floats, strain: Floats, lam: float) -> Floats:
 def unit_network(
     T: Floats, strain: Floats, mu: float, amplifier: str = "exponential"
 ) -> IdealNetwork:
-    """Return the ideal network with unit G0, U0, Ve, R and C, so that times count in R C.
+    """Return the ideal network with unit U0 and Ve whose times count in R C.
 
     `mu` is ``1 / (s R)``: lambda for linear amplifiers, half of lambda for exponential ones.
     """
-    biased = amplifier == "exponential"
-    return IdealNetwork(T, strain, 1.0, 1.0, 1.0, 1.0, 1.0 / mu, amplifier, 1.0, biased)
+    regulariser = REGULARISERS[amplifier]
+    lam = mu / regulariser.weight
+    return IdealNetwork(T, strain, lam, RC=1.0, amplifier=amplifier, bias=regulariser.biased)
 
 
 def squared_error(u: Floats, truth: Floats) -> float:

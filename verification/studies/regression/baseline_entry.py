@@ -58,7 +58,7 @@ def observe(verdict: Verdict, revision: str) -> Observation:
         amplitude=m.amplitude,
         speed=abs(poles.rightmost),
         levels=_by_channel(m.channels, _number, "target")
-        | _by_channel(channels, _number, "final", "overshoot"),
+        | _by_channel(channels, _number, "final", "overshoot", "undershoot"),
         times=times,
         poles={name: value for name in POLES if (value := FIGURES[name].of(verdict)) is not None},
         states={f"u_{c.index + 1}": c.state.value for c in m.channels},

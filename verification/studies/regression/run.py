@@ -10,14 +10,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from netlist_gen.scene.file import load_scene
-from spice_models.errors import Complaint, InputError, NoVerdictError
+from spice_models.errors import INTERRUPTED, Complaint, InputError, NoVerdictError
 from verification.pipeline.checks import Check, Outcome
 from verification.studies.regression.baseline import Baseline, Entry, git_revision
 from verification.studies.regression.baseline_entry import observe
 from verification.studies.regression.compare import Difference, compare
 from verification.verify import Verdict, verify
-
-INTERRUPTED = 130  # exit status of a process that Ctrl-C ended
 
 
 class Status(enum.Enum):

@@ -27,6 +27,7 @@ T = TypeVar("T")
 
 ATTEMPTS = 3  # to compute a point whose worker is killed
 PATIENCE = 15.0  # s to wait for a scheduler
+START_UP = 0.7  # s of processor time to start the fork server and two processes
 INTERVAL = 1.0  # s between two counts of the workers of a cluster
 _ROOT = __name__.removesuffix(".studies.running.executors")
 PRELOAD = [f"{_ROOT}.studies.sweep.point", f"{_ROOT}.engines.statespace.transients.exact"]
@@ -40,6 +41,8 @@ class Workers:
     window: Callable[[], int]  # number of points to submit at a time, so that no worker waits
     lost: tuple[type[BaseException], ...]  # raised by a point that killed its workers
     closed: tuple[type[BaseException], ...] = (RuntimeError,)  # raised without workers
+    processes: Callable[[], int] = lambda: 1  # number of points that are computed at a time
+    start_up: float = 0.0  # s of processor time before the first point
 
 
 def cores() -> int:
@@ -57,7 +60,14 @@ def local(jobs: int | None = None) -> Iterator[Workers]:
     """Run points in `jobs` processes on this machine, by default one process a core."""
     pool = LocalPool(jobs or cores())
     try:
-        yield Workers(pool, lambda: pool.jobs + 2, (BrokenExecutor,))
+        busy = min(pool.jobs, cores())
+        yield Workers(
+            pool,
+            lambda: pool.jobs + 2,
+            (BrokenExecutor,),
+            processes=lambda: busy,
+            start_up=START_UP,
+        )
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
 
@@ -85,11 +95,14 @@ def cluster(address: str) -> Iterator[Workers]:
     with client:
         closed = (RuntimeError, OSError, distributed.client.ClosedClientError)
         lost = (distributed.KilledWorker,)
-        yield Workers(client.get_executor(), _ClusterWindow(client), lost, closed)
+        threads = _ClusterThreads(client)
+        yield Workers(
+            client.get_executor(), lambda: 2 * threads() + 2, lost, closed, processes=threads
+        )
 
 
-class _ClusterWindow:
-    """Twice the threads of a cluster, counted every `INTERVAL`, since workers join and leave."""
+class _ClusterThreads:
+    """The threads of a cluster, counted every `INTERVAL`, since workers join and leave."""
 
     def __init__(self, client: Any) -> None:
         self._client, self._counted, self._threads = client, -INTERVAL, 0
@@ -99,7 +112,7 @@ class _ClusterWindow:
             workers = self._client.scheduler_info(n_workers=-1)["workers"].values()
             self._threads = sum(worker["nthreads"] for worker in workers)
             self._counted = time.monotonic()
-        return 2 * self._threads + 2
+        return self._threads
 
 
 class LocalPool(ThreadPoolExecutor):

@@ -7,10 +7,12 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from netlist_gen.overrides.axes import Axis, points
 from netlist_gen.overrides.keys import Value
 from netlist_gen.scene.scene import Scene
-from spice_models.errors import Complaint, InputError
+from spice_models.errors import Complaint, InputError, SimulatorNotFound, SimulatorTooOld
 from verification.engines.ngspice.executable import find_simulator
 from verification.pipeline.simulation import choose_engine
 from verification.studies.running.digests import digest, files_of, own_code
@@ -34,6 +36,7 @@ class Plan:
     groups: Sequence[Sequence[Axis]]  # they span the grid; the axes of a group change together
     engines: tuple[str, ...]  # "ngspice", "statespace" or both
     keep_waveforms: bool = False  # store the outputs over time
+    hybrid: bool = False  # ngspice only at the points of `verification.studies.sweep.hybrid`
 
     def __post_init__(self) -> None:
         if any(axis.key.path == ENGINE for axis in self.axes):
@@ -53,28 +56,53 @@ class Plan:
         return tuple(len(group[0]) for group in self.groups)
 
     @property
+    def points(self) -> int:
+        """Number of points of the grid."""
+        return math.prod(self.shape)
+
+    @property
     def total(self) -> int:
-        """Number of points; each engine counts."""
-        return len(self.engines) * math.prod(self.shape)
+        """Number of verifications, each engine counts; a hybrid sweep adds those of ngspice."""
+        return self.points * (1 if self.hybrid else len(self.engines))
+
+    def values_at(self, place: int) -> dict[str, Value]:
+        """Return the values at a place of the grid, in its order from 0, by their paths."""
+        at = zip(self.groups, np.unravel_index(place, self.shape), strict=True)
+        return {axis.key.path: axis.values[k] for group, k in at for axis in group}
 
 
 def engines_of(scene: Scene, engine: str | None) -> tuple[str, ...]:
-    """Return the engines of a sweep: the requested engine, ``"both"``, or by default the scene's.
+    """Return the engines of a sweep: the requested engine, or by default the scene's.
+
+    ``"both"`` and ``"hybrid"`` stand for ngspice and the state-space engine.
 
     Raises
     ------
     InputError
         There is no such engine.
+    SimulatorNotFound, SimulatorTooOld
+        ``"hybrid"``, and no ngspice was found or the ngspice is too old.
     """
-    if engine == "both":
+    if engine == "hybrid":
+        _require_ngspice()
+    if engine in ("both", "hybrid"):
         return ("ngspice", "statespace")
     return (choose_engine(scene if engine is None else scene.with_engine(engine)),)
+
+
+def _require_ngspice() -> None:
+    try:
+        find_simulator()
+    except (SimulatorNotFound, SimulatorTooOld) as error:
+        text = "the hybrid engine confirms points by ngspice; without ngspice: --engine statespace"
+        raise type(error)(f"{text}. {error}") from None
 
 
 @dataclass(frozen=True, slots=True)
 class GridPoint:
     """One point of the grid for one engine; `request` is the digest of the scene at the point."""
 
+    place: int  # in the order of the grid, from 0
     values: dict[str, Value]
     engine: str
     request: bytes
@@ -83,28 +111,33 @@ class GridPoint:
 class Requests:
     """The points of a plan, in the order of the grid, each with its engines.
 
+    Parameters
+    ----------
+    engines : tuple of str, optional
+        By default all engines of the plan.
+
     Raises
     ------
     SimulatorNotFound, SimulatorTooOld
         The plan needs ngspice, and no ngspice was found or the ngspice is too old.
     """
 
-    def __init__(self, plan: Plan) -> None:
+    def __init__(self, plan: Plan, engines: tuple[str, ...] | None = None) -> None:
         self._plan = plan
         self._file_digests: dict[str, bytes] = {}
         scene = plan.scene.model_dump(by_alias=True, exclude={"name", "regression", "analysis"})
         analysis = plan.scene.analysis.model_dump(exclude={"engine", "timeout"})
         base = digest(own_code(), scene, analysis)
         self._bases = {
-            engine: digest(base, simulator_of(engine), engine) for engine in plan.engines
+            engine: digest(base, simulator_of(engine), engine) for engine in engines or plan.engines
         }
         self._files = files_of(plan.scene)
 
     def __iter__(self) -> Iterator[GridPoint]:
-        for values in points(self._plan.groups):
+        for place, values in enumerate(points(self._plan.groups)):
             files = [self._digest(values.get(path, name)) for path, name in self._files.items()]
             for engine, base in self._bases.items():
-                yield GridPoint(values, engine, digest(base, values, files))
+                yield GridPoint(place, values, engine, digest(base, values, files))
 
     def _digest(self, name: object) -> bytes:
         """Digest a file that a scene names; a missing file raises its error at the point."""

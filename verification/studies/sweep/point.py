@@ -15,9 +15,10 @@ import numpy as np
 from netlist_gen.problem.inverse_problem import InverseProblem
 from netlist_gen.scene.scene import Scene
 from spice_models.errors import TactionError
+from verification.measures.readings import Reading
 from verification.measures.settling import ChannelState
 from verification.pipeline.effort import Effort
-from verification.studies.figures import FIGURES, figures_of, finite
+from verification.studies.figures import FIGURES, figures_of, finite, readings_of
 from verification.studies.running.versions import Versions
 from verification.studies.sweep.store import ERROR, StoredResult
 from verification.verify import Verdict, verify
@@ -61,7 +62,13 @@ def failure(kind: str, reason: str, engine: str) -> StoredResult:
     """Return the result of a point that reached no verdict."""
     record: dict[str, Any] = {"outcome": ERROR, "failure": kind, "reason": reason[:MAX_REASON]}
     record |= {"engine": engine, "simulator": None, "state": None, "stable": None}
-    return StoredResult(ERROR, record | dict.fromkeys(FIGURES) | {"checks": []})
+    rest: dict[str, Any] = {
+        "readings": {},
+        "wanted_error": None,
+        "attained_error": None,
+        "checks": [],
+    }
+    return StoredResult(ERROR, record | dict.fromkeys(FIGURES) | rest)
 
 
 def verdict_record(verdict: Verdict) -> dict[str, Any]:
@@ -78,6 +85,9 @@ def verdict_record(verdict: Verdict) -> dict[str, Any]:
         "state": max((c.state for c in verdict.measurements.channels), key=STATES.index).value,
         "stable": verdict.poles.stable,
         **figures_of(verdict, FIGURES),
+        "readings": {name: _reading(value) for name, value in readings_of(verdict).items()},
+        "wanted_error": verdict.accuracy.wanted,
+        "attained_error": finite(verdict.accuracy.achieved),
         "checks": [
             {
                 "name": check.name,
@@ -88,6 +98,13 @@ def verdict_record(verdict: Verdict) -> dict[str, Any]:
             for check in verdict.checks
         ],
     }
+
+
+def _reading(reading: Reading | None) -> dict[str, float | None] | None:
+    if reading is None:
+        return None
+    names = ("value", "uncertainty", "alternative")
+    return {name: finite(getattr(reading, name)) for name in names}
 
 
 def _pack(verdict: Verdict) -> bytes:

@@ -1,37 +1,59 @@
 """Sweeps: verify every point of a grid, store each result at once, and compute no point twice.
 
-Memory does not grow with the number of points: the grid is generated lazily, only a few points are
-being computed at a time, and results live in the store.
+Memory hardly grows with the number of points: the grid is generated lazily, only a few points are
+being computed at a time, and results live in the store. The forecast of the cost takes some 100
+bytes a point.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
+
+import numpy as np
 
 from netlist_gen.board.synthesis import synthesise
 from netlist_gen.overrides.axes import with_values
 from netlist_gen.problem.inverse_problem import InverseProblem, make_problem
 from netlist_gen.scene.scene import Scene
+from spice_models.array_types import Bools
 from spice_models.errors import TactionError
 from verification.studies.running.collecting import collected
 from verification.studies.running.digests import digest, own_code
 from verification.studies.running.executors import Workers
 from verification.studies.running.versions import own_versions
+from verification.studies.sweep.announcement import announcement, duration, wall_time
+from verification.studies.sweep.cost_forecast import CostForecast, forecast_costs
+from verification.studies.sweep.hybrid import confirmed_points
 from verification.studies.sweep.plan import ENGINE, GridPoint, Plan, Requests, simulator_of
 from verification.studies.sweep.point import Job, compute, failure
+from verification.studies.sweep.remaining_time import RemainingTime
 from verification.studies.sweep.store import ERROR, Store, StoredResult
 
 
 @dataclass(slots=True)
 class SweepCounts:
-    """How many points a sweep has and how they ended."""
+    """How many points a sweep has, how they ended, and how long the sweep will take."""
 
     total: int
     done: int = 0  # computed now, or stored before
     ran: int = 0  # computed now
     outcomes: Counter[str] = field(default_factory=Counter)  # of the points that are done
+    estimate: float | None = None  # s for the whole sweep, before it started
+    time: RemainingTime | None = None
+
+    @property
+    def remaining(self) -> float | None:
+        """Estimated time until all points are computed, s; None if all are stored."""
+        return None if self.time is None else self.time.seconds()
+
+    @property
+    def text(self) -> str:
+        """The number of finished points, and the remaining time."""
+        left = self.remaining if self.done < self.total else None
+        text = f"{self.done} of {self.total} points"
+        return text if left is None else f"{text}, about {duration(left)} left"
 
     def add(self, outcome: str, *, ran: bool) -> None:
         """Count one point."""
@@ -47,6 +69,7 @@ def sweep(
     *,
     retry_failed: bool = False,
     progress: Callable[[SweepCounts], None] = lambda count: None,
+    announce: Callable[[str], None] = lambda text: None,
 ) -> SweepCounts:
     """Compute every point of `plan` that `store` does not have.
 
@@ -56,6 +79,8 @@ def sweep(
         Compute points again that reached no verdict.
     progress : callable, optional
         Receives the counts after every point.
+    announce : callable, optional
+        Receives a line with the estimated time before the first point is computed.
 
     Raises
     ------
@@ -68,9 +93,12 @@ def sweep(
     OutOfDisk
         The store cannot grow. After any of these errors the points stored before are intact.
     """
-    run = _Sweep(plan, store, retry_failed, progress)
-    for key, result in collected(workers, compute, run.missing()):
-        run.keep(key, result)
+    run = _Sweep(plan, store, workers, retry_failed, progress, announce)
+    if plan.hybrid:
+        run.compute(run.missing(("statespace",)))
+        run.confirm()
+    else:
+        run.compute(run.missing(plan.engines))
     return run.count
 
 
@@ -81,30 +109,75 @@ class _Sweep:
         self,
         plan: Plan,
         store: Store,
+        workers: Workers,
         retry_failed: bool,
         progress: Callable[[SweepCounts], None],
+        announce: Callable[[str], None],
     ) -> None:
-        self.plan, self.store, self.retry_failed = plan, store, retry_failed
-        self.count, self.progress = SweepCounts(plan.total), progress
-        self._requests: dict[bytes, list[bytes]] = {}  # by the key of a point that is computed now
+        self.plan, self.store, self.workers = plan, store, workers
+        self.retry_failed, self.progress, self.announce = retry_failed, progress, announce
+        self.count = SweepCounts(plan.total)
+        self._costs: CostForecast | None = None
+        self._points: dict[bytes, list[GridPoint]] = {}  # by the key of a point in a worker
         self._problems: dict[bytes, InverseProblem] = {}
 
-    def missing(self) -> Iterator[tuple[bytes, tuple[Job]]]:
-        """Yield key and job of every point that has to be computed; count the stored points."""
-        for point in Requests(self.plan):
-            yield from self._missing(point)
+    def missing(self, engines: tuple[str, ...], among: Bools | None = None) -> dict[str, Bools]:
+        """Mark the points that have to be computed, (P,), by engine; count the stored points."""
+        every = np.ones(self.plan.points, dtype=np.bool_) if among is None else among
+        missing = {engine: every.copy() for engine in engines}
+        if self.store.count():
+            for point in Requests(self.plan, engines):
+                if every[point.place] and self._is_known(point):
+                    missing[point.engine][point.place] = False
+        return missing
 
-    def keep(self, key: bytes, result: StoredResult | BaseException) -> None:
-        """Store the result of a job."""
-        if isinstance(result, BaseException):
-            text = f"the worker was killed several times (out of memory?): {result}"
-            result = failure(type(result).__name__, text, "")
-        self._store(key, self._requests.pop(key), result)
+    def compute(self, missing: dict[str, Bools]) -> None:
+        """Compute the points `missing`, by engine, in the order of the grid."""
+        if not any(places.any() for places in missing.values()):
+            return
+        self._forecast(missing)
+        requests = Requests(self.plan, tuple(missing))
+        self._run(point for point in requests if missing[point.engine][point.place])
 
-    def _missing(self, point: GridPoint) -> Iterator[tuple[bytes, tuple[Job]]]:
+    def confirm(self) -> None:
+        """Compute the points of a hybrid sweep that ngspice confirms, the dearest first."""
+        chosen = np.zeros(self.plan.points, dtype=np.bool_)
+        chosen[list(confirmed_points(self.plan, self.store))] = True
+        self.count.total += int(chosen.sum())
+        missing = self.missing(("ngspice",), chosen)
+        if not missing["ngspice"].any():
+            return
+        costs = self._forecast(missing).seconds["ngspice"]
+        requests = Requests(self.plan, ("ngspice",))
+        points = [point for point in requests if missing["ngspice"][point.place]]
+        self._run(sorted(points, key=lambda point: -costs[point.place]))
+
+    def _forecast(self, missing: dict[str, Bools]) -> CostForecast:
+        """Estimate the time for the `missing` points; announce it before the first of them."""
+        if self.count.time is not None and self._costs is not None:
+            for engine, places in missing.items():
+                self.count.time.replace(engine, places)
+            return self._costs
+        self._costs = costs = forecast_costs(self.plan)
+        left = missing
+        if self.plan.hybrid and "ngspice" not in missing:
+            left = missing | {"ngspice": costs.confirmed(self.plan)}
+        self.count.time = RemainingTime(costs, left, self.workers.processes)
+        self.count.estimate = wall_time(costs, left, self.workers)
+        self.announce(announcement(self.plan, costs, left, self.count.done, self.workers))
+        return costs
+
+    def _run(self, points: Iterable[GridPoint]) -> None:
+        jobs = (call for point in points for call in self._calls(point))
+        for key, result in collected(self.workers, compute, jobs):
+            if isinstance(result, BaseException):
+                text = f"the worker was killed several times (out of memory?): {result}"
+                result = failure(type(result).__name__, text, "")
+            self._store(key, self._points.pop(key), result)
+
+    def _calls(self, point: GridPoint) -> Iterator[tuple[bytes, tuple[Job]]]:
         """Yield key and job of a point unless the store or a running job has its result."""
-        key = self.store.key_of(point.request)
-        if key is not None and self._is_stored(key):
+        if self._is_known(point):
             return
         try:
             scene = with_values(self.plan.scene, point.values | {ENGINE: point.engine})
@@ -112,37 +185,45 @@ class _Sweep:
             key = self._key(scene, problem, point.engine)
         except TactionError as error:
             result = failure(type(error).__name__, str(error), point.engine)
-            self._store(point.request, [point.request], result)
+            self._store(point.request, [point], result)
             return
-        if key in self._requests:
-            self._requests[key].append(point.request)
-        elif self._is_stored(key):
+        if key in self._points:
+            self._points[key].append(point)
+        elif self._is_stored(key, point):
             self.store.link(point.request, key)
         else:
-            self._requests[key] = [point.request]
+            self._points[key] = [point]
+            if self.count.time is not None:
+                self.count.time.submit(point.engine, point.place)
             versions = own_versions(point.engine == "ngspice")
-            plan = self.plan
-            yield key, (Job(scene, problem, plan.keep_waveforms, versions),)
+            yield key, (Job(scene, problem, self.plan.keep_waveforms, versions),)
 
-    def _is_stored(self, key: bytes) -> bool:
-        """Whether a stored result can be used; count it if so."""
+    def _is_known(self, point: GridPoint) -> bool:
+        """Whether the store has a result for the request of a point; count the point if so."""
+        key = self.store.key_of(point.request)
+        return key is not None and self._is_stored(key, point)
+
+    def _is_stored(self, key: bytes, point: GridPoint) -> bool:
+        """Whether a stored result can be used for a point; count the point if so."""
         outcome = self.store.outcome_of(key)
         if outcome is None or (outcome == ERROR and self.retry_failed):
             return False
         if self.plan.keep_waveforms and outcome != ERROR and not self.store.has_waveforms(key):
             return False
-        self._count(outcome, ran=False)
+        self._count(point, outcome, ran=False)
         return True
 
-    def _store(self, key: bytes, requests: list[bytes], result: StoredResult) -> None:
-        self.store.put(key, result, requests[0])
-        for other in requests[1:]:
-            self.store.link(other, key)
-            self.count.add(result.outcome, ran=False)
-        self._count(result.outcome, ran=True)
+    def _store(self, key: bytes, points: list[GridPoint], result: StoredResult) -> None:
+        self.store.put(key, result, points[0].request)
+        for other in points[1:]:
+            self.store.link(other.request, key)
+            self._count(other, result.outcome, ran=False)
+        self._count(points[0], result.outcome, ran=True)
 
-    def _count(self, outcome: str, *, ran: bool) -> None:
+    def _count(self, point: GridPoint, outcome: str, *, ran: bool) -> None:
         self.count.add(outcome, ran=ran)
+        if self.count.time is not None:
+            self.count.time.finish(point.engine, point.place)
         self.progress(self.count)
 
     def _problem(self, scene: Scene) -> InverseProblem:

@@ -12,7 +12,6 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
 
 from netlist_gen.board.circuit import Circuit
-from netlist_gen.board.scalings import make_scalings
 from netlist_gen.board.synthesis import synthesise
 from netlist_gen.board.variation import Parameter, parameters, vary
 from netlist_gen.problem.inverse_problem import InverseProblem, make_problem
@@ -41,6 +40,7 @@ class BoardSample:
     settling_time: float | None = None  # s
     rise_time: float | None = None  # s; only where the scene checks it
     overshoot: float | None = None  # fraction of the step amplitude
+    undershoot: float | None = None  # fraction of the step amplitude
     steady_state: float | None = None  # largest magnitude in `errors`
     growth_rate: float | None = None  # real part of the rightmost pole, 1/s
     margin: float | None = None  # factor by which C may shrink, within the range of the scan
@@ -60,7 +60,8 @@ class Quantity:
 def quantities(scene: Scene) -> tuple[Quantity, ...]:
     """Return the quantities that are reported of the samples of `scene`."""
     reported = [Quantity("settling_time", "s"), Quantity("overshoot", "step")]
-    reported += [Quantity("steady_state", "step"), Quantity("growth_rate", "1/s")]
+    reported += [Quantity("undershoot", "step"), Quantity("steady_state", "step")]
+    reported.append(Quantity("growth_rate", "1/s"))
     if scene.checks.rise_time is not None:
         reported.append(Quantity("rise_time", "s"))
     if scene.checks.stability.margin > 1:
@@ -113,7 +114,7 @@ def prepare(scene: Scene, *, full_margin: bool = False) -> VariedBoard:
     if not varied:
         text = "every tolerance is zero: nothing varies"
         raise InputError(scene.file, Complaint("tolerances", "", text))
-    ideal = ideal_answer(ideal_network(problem, make_scalings(scene), scene), scene)
+    ideal = ideal_answer(ideal_network(problem, scene), scene)
     versions = own_versions(choose_engine(scene) == "ngspice")
     return VariedBoard(scene, problem, nominal, varied, ideal, full_margin, versions)
 
@@ -153,6 +154,7 @@ def sample_of(verdict: Verdict, number: int) -> BoardSample:
         settling_time=figures["settling_time"],
         rise_time=next((finite(c.value) for c in verdict.checks if c.name == "rise_time"), None),
         overshoot=figures["overshoot"],
+        undershoot=figures["undershoot"],
         steady_state=figures["steady_state_error"],
         growth_rate=figures["growth_rate"],
         margin=figures["margin"],

@@ -201,11 +201,12 @@ def _spread(scene: Scene, quantity: Quantity, samples: list[BoardSample]) -> Spr
 def _limits(scene: Scene, name: str) -> tuple[float | None, float | None]:
     """Return the least and the largest value that the scene's check of a quantity accepts."""
     checks = scene.checks
-    rise, overshoot = checks.rise_time, checks.overshoot
+    rise, overshoot, undershoot = checks.rise_time, checks.overshoot, checks.undershoot
     table: dict[str, tuple[float | None, float | None]] = {
-        "settling_time": (None, checks.settling_time.max),
+        "settling_time": (checks.settling_time.min, checks.settling_time.max),
         "rise_time": (rise.min, rise.max) if rise else (None, None),
         "overshoot": (None, overshoot.max if overshoot else None),
+        "undershoot": (None, undershoot.max if undershoot else None),
         "steady_state": (None, checks.steady_state.tolerance),
         "growth_rate": (None, 0.0),
         "margin": (checks.stability.margin, None),

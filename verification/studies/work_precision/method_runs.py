@@ -53,7 +53,7 @@ class Task:
     @property
     def ideal_stop(self) -> float:
         """Stop time of the ideal network, s."""
-        return IDEAL_STOP * self.network.R * self.network.C
+        return IDEAL_STOP * self.network.RC
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -172,7 +172,7 @@ def integrate_ideal(
     from scipy.integrate import solve_ivp
 
     network, scaled = task.network, ScaledNetwork(task.network)
-    unit, stop = network.R * network.C, task.ideal_stop
+    unit, stop = network.RC, task.ideal_stop
     options: dict[str, Any] = {"jac": scaled.jacobian}
     if times is not None:
         stop, options = float(times[-1]), {"t_eval": times / unit}

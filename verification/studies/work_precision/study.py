@@ -12,7 +12,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from netlist_gen.board.circuit import Circuit
-from netlist_gen.board.scalings import make_scalings
 from netlist_gen.board.synthesis import synthesise
 from netlist_gen.problem.inverse_problem import make_problem
 from netlist_gen.scene.scene import Scene
@@ -122,7 +121,7 @@ def run_study(
     progress("synthesis")
     problem = make_problem(scene)
     circuit = synthesise(scene, problem)
-    network = ideal_network(problem, make_scalings(scene), scene)
+    network = ideal_network(problem, scene)
     applicable, omissions = _applicable(methods, circuit)
     progress("time of an ngspice point")
     extent = study_extent(scene, circuit, network, applicable, LADDERS * budget)

@@ -32,6 +32,7 @@ from tests.support.paths import SCENES
 from verification.engines.ngspice.executable import find_simulator
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.small_signal.poles import poles
+from verification.small_signal.scan_result import AxisCrossing
 from verification.studies.onset import transient_trial as confirm_module
 from verification.studies.onset.onset import (
     board_over,
@@ -40,7 +41,6 @@ from verification.studies.onset.onset import (
     onset,
     parse_onset_axis,
 )
-from verification.studies.onset.scan_result import AxisCrossing
 from verification.studies.onset.transient_trial import Confirmation, along, confirm
 
 TUNED = SCENES / "tuned-breadboard.toml"

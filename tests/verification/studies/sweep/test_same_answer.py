@@ -21,8 +21,7 @@ from verification.verify import verify
 COUNT, BLOCK = 200, 10
 SHORT = 0.02  # s: estimated processor time of the runs of ngspice that are compared
 DECISIONS = ("outcome", "failure", "engine", "simulator", "state", "stable")
-CHECK_OF = {"settling_time": "settling_time", "rise_time": "rise_time", "overshoot": "overshoot"}
-CHECK_OF |= {"steady_state_error": "steady_state"}
+CHECK_OF = {name: name for name in FIGURES} | {"steady_state_error": "steady_state"}
 blocks = pytest.mark.parametrize("first", range(0, COUNT, BLOCK))
 
 
@@ -62,7 +61,7 @@ def assert_same(a: dict[str, Any], b: dict[str, Any]) -> None:
         assert close(one["value"], two["value"], doubt[name]), name
         assert close(one["uncertainty"], two["uncertainty"], 0.1 * uncertainty + 1e-12), name
     for name in FIGURES.keys() - {"seconds", "simulation_error"}:
-        assert close(a[name], b[name], doubt.get(CHECK_OF.get(name, ""), 0.0)), name
+        assert close(a[name], b[name], doubt.get(CHECK_OF[name], 0.0)), name
 
 
 @blocks

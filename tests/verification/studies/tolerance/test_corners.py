@@ -21,7 +21,7 @@ from verification.studies.tolerance.yield_report import SampleCollection, run_sa
 WORN = {"resistor": 0.05, "capacitor": 0.1, "distribution": "uniform"}
 FEW = QUIET | {"capacitor": 0.1, "temperature": 30.0}
 CHECKS = {"steady_state": {"tolerance": 0.05}, "settling_time": {"band": 0.3}}
-QUANTITIES = ("settling_time", "overshoot", "steady_state", "growth_rate")
+QUANTITIES = ("settling_time", "overshoot", "undershoot", "steady_state", "growth_rate")
 
 
 def worst(found: tuple[Corner, ...], quantity: str) -> float:

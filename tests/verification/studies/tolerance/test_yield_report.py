@@ -229,8 +229,8 @@ def test_the_command_reports_and_json_has_everything(tmp_path: Path) -> None:
     assert (document["scene"], document["seed"], document["samples"]) == ("two", 1, 12)
     assert document["complete"] is True
     names = [each["name"] for each in document["quantities"]]
-    assert names == ["settling_time", "overshoot", "steady_state", "growth_rate"]
-    assert document["quantities"][2]["at_most"] == 0.005
+    assert names == ["settling_time", "overshoot", "undershoot", "steady_state", "growth_rate"]
+    assert document["quantities"][3]["at_most"] == 0.005
 
 
 def test_one_sample_alone_is_the_one_of_the_batch(tmp_path: Path) -> None:

@@ -39,7 +39,7 @@ class Factor:
     """One factorised shift: the Schur complement on the summing nodes, and ``r -> x``."""
 
     schur: Complexes
-    solve: Callable[[Any], Any]
+    solve: Callable[[Any], Any]  # of a vector, or of the columns of an array
 
 
 class Structure:
@@ -180,11 +180,11 @@ class Structure:
             right = r[o] - oi @ y
             for sinks, drivers, G, _ in couplings:
                 right[sinks] += _real_times(G, y[drivers])
-            x_o = triangular(right / scale)
+            x_o = triangular((right.T / scale).T)
             back = io @ x_o
             for sinks, drivers, _, load in couplings:
                 back[drivers] -= _real_times(load.T, x_o[sinks])
-            x = np.empty(len(r), dtype=x_o.dtype)
+            x = np.empty(r.shape, dtype=x_o.dtype)
             x[o] = x_o
             x[i] = y - Z @ back
             return x

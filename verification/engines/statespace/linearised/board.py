@@ -72,14 +72,14 @@ class LinearBoard:
         return Structure(self.descriptor)
 
     @property
-    def _operating_point(self) -> Equilibrium | None:
+    def operating_point(self) -> Equilibrium | None:
         """The equilibrium if the linearisation depends on it, else None."""
         return self.equilibrium if self.descriptor.devices.count else None
 
     @functools.cached_property
     def state_space(self) -> StateSpace:
         """``x' = A x + B [on, 1]``, with its modes; dense."""
-        return linearise(self.descriptor, self._operating_point)
+        return linearise(self.descriptor, self.operating_point)
 
     @functools.cached_property
     def open_loop(self) -> StateSpace:
@@ -89,7 +89,7 @@ class LinearBoard:
     @functools.cached_property
     def structure(self) -> Structure:
         """The equations of a large board, for solves without a dense matrix of all unknowns."""
-        point = self._operating_point
+        point = self.operating_point
         return self._bare if point is None else Structure(self.descriptor, point.slopes)
 
     @functools.cached_property

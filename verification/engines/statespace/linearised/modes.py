@@ -46,7 +46,8 @@ class Modes:
     def spread(self) -> Floats:
         """First-order bound on the error of each pole from rounding of A's elements, (n,), 1/s.
 
-        ``eps sum_jk |left_ij| |A_jk| |right_ki|``, plus the coupling to poles too close to it.
+        ``eps (sum_jk |left_ij| |A_jk| |right_ki| + 2 |p_i|)``, plus the coupling to poles too close
+        to it.
         """
         return np.concatenate([block.spread() for block in self.blocks])[self._order]
 

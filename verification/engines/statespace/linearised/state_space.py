@@ -139,15 +139,33 @@ def linearise(descriptor: Descriptor, point: Equilibrium | None) -> StateSpace:
         free, such as a loop of capacitors and voltage sources).
     """
     b, devices = np.stack([descriptor.switched, descriptor.constant], axis=1), descriptor.devices
+    board = linear_matrices(descriptor, point)
+    if point is not None:
+        v = point.values[devices.input]
+        value = gain_of(devices.kind).value(v / devices.v_scale)
+        slopes = board.stiffness[devices.output, devices.input]
+        b[devices.output, 1] += -devices.u_scale * value - slopes * v
+    return _state_space(descriptor, board, b)
+
+
+def linear_matrices(descriptor: Descriptor, point: Equilibrium | None) -> Dense:
+    """Return M and K, with the slopes of the amplifiers at a point if there is one."""
     if point is None:
-        return _state_space(descriptor, descriptor.dense, b)
-    v = point.values[devices.input]
-    slopes = evened(point.slopes, devices.output, descriptor.mirror)
-    K = descriptor.dense.stiffness.copy()
-    K[devices.output, devices.input] += slopes
-    value = gain_of(devices.kind).value(v / devices.v_scale)
-    b[devices.output, 1] += -devices.u_scale * value - slopes * v
-    return _state_space(descriptor, descriptor.dense.with_stiffness(K), b)
+        return descriptor.dense
+    devices, K = descriptor.devices, descriptor.dense.stiffness.copy()
+    K[devices.output, devices.input] += evened(point.slopes, devices.output, descriptor.mirror)
+    return descriptor.dense.with_stiffness(K)
+
+
+def driven(descriptor: Descriptor, point: Equilibrium | None, inputs: Floats) -> StateSpace:
+    """Return the state space with other inputs: currents (or voltages) into rows, (size, k).
+
+    Raises
+    ------
+    EngineError
+        As `linearise`.
+    """
+    return _state_space(descriptor, linear_matrices(descriptor, point), inputs)
 
 
 def open_loop(descriptor: Descriptor) -> StateSpace:

@@ -64,11 +64,6 @@ class Exact:
         """Return time derivatives at `times` (P,), V/s; shape (P, K)."""
         return self.flow.at(np.asarray(times, dtype=np.float64), order=1)
 
-    def with_slope(self, times: Floats) -> tuple[Floats, Floats]:
-        """Return `at` and `derivative` together, for half the cost."""
-        deviation, slope = self.flow.with_slope(np.asarray(times, dtype=np.float64))
-        return self.final + deviation, slope
-
     def uniform(self, step: float, count: int) -> Floats:
         """Return voltages at ``step * (0 .. count - 1)``; shape (count, K)."""
         if isinstance(self.flow, ModalFlow):

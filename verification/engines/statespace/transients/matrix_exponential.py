@@ -32,10 +32,6 @@ class Flow(Protocol):
         """Return the deviation (order 0) or its time derivative (order 1), shape (P, K)."""
         ...
 
-    def with_slope(self, times: Floats) -> tuple[Floats, Floats]:
-        """Return the deviation and its time derivative together, for half the cost."""
-        ...
-
 
 class Exponentials:
     """``Re sum_i share_i exp(p_i t)``: P m K multiplications for P instants and m poles.
@@ -49,14 +45,7 @@ class Exponentials:
 
     def at(self, times: Floats, order: int = 0) -> Floats:
         """Return values, or their time derivatives, at `times` (P,), s; shape (P, K)."""
-        return self._sums(times, self.share * self.poles[:, None] ** order)
-
-    def with_slope(self, times: Floats) -> tuple[Floats, Floats]:
-        """See `Flow`."""
-        both = self._sums(times, np.hstack([self.share, self.share * self.poles[:, None]]))
-        return both[:, : self.share.shape[1]], both[:, self.share.shape[1] :]
-
-    def _sums(self, times: Floats, weight: Complexes) -> Floats:
+        weight = self.share * self.poles[:, None] ** order
         values = np.empty((len(times), weight.shape[1]))
         for first in range(0, len(times), BLOCK):
             part = slice(first, first + BLOCK)
@@ -172,15 +161,8 @@ class LadderFlow:
 
     def at(self, times: Floats, order: int = 0) -> Floats:
         """Return the deviation or its derivative at `times`, shape (P, K)."""
-        return self._products(times, self.C @ self.A if order else self.C)
-
-    def with_slope(self, times: Floats) -> tuple[Floats, Floats]:
-        """See `Flow`."""
-        both = self._products(times, np.vstack([self.C, self.C @ self.A]))
-        return both[:, : len(self.C)], both[:, len(self.C) :]
-
-    def _products(self, times: Floats, rows: Floats) -> Floats:
-        values = np.empty((len(times), len(rows)))
+        rows = self.C @ self.A if order else self.C
+        values = np.empty((len(times), len(self.C)))
         for first in range(0, len(times), BLOCK):
             part = slice(first, first + BLOCK)
             values[part] = (rows @ self._states(times[part])).T

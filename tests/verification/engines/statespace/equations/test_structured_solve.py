@@ -60,6 +60,9 @@ def test_a_structured_solve_is_the_dense_one(circuit: Circuit, shift: complex) -
     found = structure.factor(shift).solve(r.astype(np.complex128) if np.imag(shift) else r)
     assert found == pytest.approx(wanted, abs=1e-9 * np.abs(wanted).max())
     assert max(group.places.shape[1] for group in structure.groups) <= 16
+    columns = np.stack([r, np.roll(r, 1)], axis=1).astype(np.complex128)
+    both = structure.factor(shift).solve(columns)
+    assert both[:, 0] == pytest.approx(wanted, abs=1e-9 * np.abs(wanted).max())
 
 
 def test_a_factorisation_without_a_solver_does_not_solve() -> None:

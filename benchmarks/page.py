@@ -1,0 +1,89 @@
+"""The page of the benchmarks: Markdown with plots, and the README's table."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from types import ModuleType
+
+from benchmarks.measuring import Figure, Result, Table
+from verification.report.atomic_files import write_atomically
+from verification.report.verdict.plots import figure_file
+
+BEGIN, END = "<!-- `make bench` writes this table -->\n", "<!-- end of the table -->\n"
+COLUMNS = ("what", "over", "median (quartiles)", "pairs", "wanted", "measured")
+NOTES = """\
+Every row is a ratio to a baseline that ran in turns with it; `pairs` is their number. `measured` is
+the value that has to keep the limit `wanted`: the median of the ratios, unless the row says mean or
+largest, or has a unit. A value that misses its limit is in bold.
+"""
+SIZE = (11.0, 4.5)  # of a plot, in inches
+
+
+def number(value: float) -> str:
+    """Write a value with three digits, without an exponent if it is short."""
+    return f"{value:.3g}" if value == 0.0 or 1e-3 <= abs(value) < 1e3 else f"{value:.2g}"
+
+
+def cells(figure: Figure) -> tuple[str, ...]:
+    """Return the row of a figure."""
+    low, median, high = map(number, figure.quartiles)
+    value, wanted = f"{number(figure.measured)} {figure.unit}".strip(), ""
+    if figure.wanted is not None:
+        limit = "at least" if figure.least else "at most"
+        wanted = f"{limit} {number(figure.wanted)} {figure.unit}".strip()
+    value = value if figure.kept else f"**{value}**"
+    spread, pairs = f"{median} ({low} to {high})", f"{len(figure.ratios)}"
+    return figure.what, figure.baseline, spread, pairs, wanted, value
+
+
+def markdown(table: Table) -> str:
+    """Return a table with its title, its columns aligned."""
+    lines = [table.columns, *table.rows]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    ruled = [table.columns, ["-" * width for width in widths], *table.rows]
+    padded = ([cell.ljust(w) for cell, w in zip(line, widths, strict=True)] for line in ruled)
+    text = "".join(f"| {' | '.join(line)} |\n" for line in padded)
+    return f"{table.title}:\n\n{text}" if table.title else text
+
+
+def figures_table(figures: Iterable[Figure]) -> str:
+    """Return the figures as a table."""
+    return markdown(Table("", COLUMNS, [cells(figure) for figure in figures]))
+
+
+def section(name: str, module: ModuleType, result: Result) -> str:
+    """Return one section: what it measures, its figures, its plots and its details."""
+    pictures = [f"![{name}](benchmarks-{plot})\n" for plot in result.plots]
+    parts = [f"{inspect.getdoc(module)}\n", figures_table(result.figures)]
+    return "\n".join([f"## {name}\n", *parts, *pictures, *map(markdown, result.tables)])
+
+
+def page(title: str, sections: Iterable[str]) -> str:
+    """Return the whole page."""
+    return "\n".join(["# Benchmarks\n", f"{title}\n", NOTES, *sections])
+
+
+def write_page(root: Path, title: str, sections: Iterable[str]) -> None:
+    """Write ``docs/benchmarks.md``."""
+    write_atomically(root / "docs" / "benchmarks.md", page(title, sections))
+
+
+def write_plots(root: Path, results: Mapping[str, Result]) -> None:
+    """Draw the plots into ``docs/``."""
+    for result in results.values():
+        for name, draw in result.plots.items():
+            with figure_file(f"{root}/docs/benchmarks-{name}", *SIZE) as figure:
+                draw(figure)
+
+
+def write_table(root: Path, title: str, results: Mapping[str, Result]) -> None:
+    """Put every figure that has a limit between the markers of the README."""
+    readme = root / "README.md"
+    before, _, rest = readme.read_text("utf-8").partition(BEGIN)
+    _, end, after = rest.partition(END)
+    assert end, f"{readme} has no markers {BEGIN!r} and {END!r}"
+    figures = [each for result in results.values() for each in result.figures]
+    table = figures_table(each for each in figures if each.wanted is not None)
+    write_atomically(readme, f"{before}{BEGIN}{title}\n\n{table}{END}{after}")

@@ -1,0 +1,1 @@
+"""Planted faults, each caught by a verdict of a shipped scene."""

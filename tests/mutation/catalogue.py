@@ -1,0 +1,240 @@
+"""The catalogue of planted faults: where each is planted, and the checks that fail.
+
+A verdict must not pass with any of them. `caught_by` names checks that fail in that verdict; other
+checks may fail, too.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from netlist_gen.board.circuit import Scalings
+from netlist_gen.overrides.axes import with_value
+from netlist_gen.scene.scene import Scene
+from tests.mutation import faults, planting
+from tests.mutation.faults import (
+    CircuitChange,
+    ProblemChange,
+    WaveformsChange,
+    figures,
+    scaled,
+)
+from tests.mutation.planting import Plant
+from verification.engines.statespace.linearised.board import LinearBoard
+from verification.engines.statespace.linearised.modes import Modes
+from verification.ideal.ideal_answer import IdealAnswer, ideal_answer
+from verification.measures.readings import Step
+from verification.reference import IdealNetwork
+
+MATRIX, ELEVEN, TUNED = "custom-matrix", "eleven-channel", "tuned-breadboard"
+PAPER, ENTROPY, SKEW = "paper-breadboard", "paper-exponential", "tangential-exponential"
+STATE_SPACE, NGSPICE = "statespace", "ngspice"
+STEADY, SETTLES, RISES = "steady_state", "settling_time", "rise_time"
+OVERSHOOTS, STABLE, AGREE, SAME = "overshoot", "stability", "engines_agree", "same_problem"
+
+
+@dataclass(frozen=True)
+class Mutation:
+    """One planted fault."""
+
+    fault: str  # what is wrong, in words
+    where: str  # the station of the pipeline that hands on the wrong value
+    plant: Plant
+    scene: str  # shipped scene that is verified
+    engine: str
+    caught_by: tuple[str, ...]  # checks that fail
+
+
+def of_problem(fault: str, change: ProblemChange, scene: str) -> Mutation:
+    """Build a board of another problem than the reference's."""
+    plant = planting.in_the_problem_of_the_board(change)
+    return Mutation(fault, "synthesis", plant, scene, STATE_SPACE, (STEADY,))
+
+
+def of_scalings(
+    fault: str, change: Callable[[Scalings], dict[str, float]], scene: str, *caught_by: str
+) -> Mutation:
+    """Give the synthesis other numbers of the design."""
+    plant = planting.in_the_scalings(lambda s: replace(s, **change(s)))
+    engine = NGSPICE if scene == ENTROPY else STATE_SPACE  # the faster one
+    return Mutation(fault, "scalings of the synthesis", plant, scene, engine, caught_by)
+
+
+def of_board(fault: str, change: CircuitChange, scene: str, caught_by: str) -> Mutation:
+    """Give both engines another circuit."""
+    plant = planting.in_the_circuit(change)
+    return Mutation(fault, "circuit (both engines)", plant, scene, STATE_SPACE, (caught_by,))
+
+
+def of_deck(fault: str, change: CircuitChange, scene: str) -> Mutation:
+    """Give ngspice alone another circuit."""
+    return Mutation(fault, "deck", planting.in_the_deck(change), scene, NGSPICE, (AGREE,))
+
+
+def of_text(fault: str, old: str, new: str, *caught_by: str) -> Mutation:
+    """Replace a text in the deck."""
+    plant = planting.in_the_text_of_the_deck(lambda text: text.replace(old, new))
+    return Mutation(fault, "text of the deck", plant, MATRIX, NGSPICE, caught_by)
+
+
+def of_run(fault: str, changes: dict[str, float | str], scene: str, *caught_by: str) -> Mutation:
+    """Let ngspice run another transient."""
+    plant = planting.in_the_run(changes)
+    return Mutation(fault, "plan of ngspice", plant, scene, NGSPICE, caught_by)
+
+
+def of_record(fault: str, change: WaveformsChange) -> Mutation:
+    """Change what ngspice returns."""
+    plant = planting.in_the_record(change)
+    return Mutation(fault, "record of ngspice", plant, MATRIX, NGSPICE, (AGREE,))
+
+
+def of_reference(
+    fault: str, change: Callable[[IdealNetwork], IdealNetwork], scene: str, *caught_by: str
+) -> Mutation:
+    """Let the reference solve another problem."""
+    plant = planting.in_the_reference(change)
+    return Mutation(fault, "reference", plant, scene, STATE_SPACE, caught_by)
+
+
+def of_answer(
+    fault: str, change: Callable[[IdealAnswer, Scene], IdealAnswer], scene: str, caught_by: str
+) -> Mutation:
+    """Change the answer of the reference."""
+    plant = planting.in_the_answer(change)
+    return Mutation(fault, "answer of the reference", plant, scene, STATE_SPACE, (caught_by,))
+
+
+def of_equations(fault: str, change: CircuitChange, scene: str) -> Mutation:
+    """Give the state-space engine alone another circuit."""
+    plant = planting.in_the_equations(change)
+    return Mutation(fault, "equations of the state space", plant, scene, NGSPICE, (AGREE,))
+
+
+def of_readings(fault: str, plant: Plant) -> Mutation:
+    """Change what the measures read with."""
+    return Mutation(fault, "measures", plant, MATRIX, STATE_SPACE, (SETTLES,))
+
+
+def at_rest(board: LinearBoard) -> LinearBoard:
+    """Return the board with its equilibrium without strain as the equilibrium with strain."""
+    return replace(board, point=board.rest)
+
+
+def stale_target(answer: IdealAnswer, scene: Scene) -> IdealAnswer:
+    """Return the answer with the target of twice the lambda, as a wrong cache would."""
+    other = ideal_answer(replace(answer.network, lam=2.0 * answer.network.lam), scene)
+    return replace(answer, solution=other.solution, target=other.target)
+
+
+def other_start(answer: IdealAnswer, scene: Scene) -> IdealAnswer:
+    """Return the answer for a start from v = 0."""
+    return ideal_answer(answer.network, with_value(scene, "analysis.initial", "zero"))
+
+
+def half_resistance(scalings: Scalings) -> dict[str, float]:
+    """Return the R of twice the lambda."""
+    return {"resistance": scalings.resistance / 2.0}
+
+
+def half_lambda(scalings: Scalings) -> dict[str, float]:
+    """Return half of the lambda, with the right R."""
+    return {"lam": scalings.lam / 2.0}
+
+
+CAPACITORS, STRAYS = ("capacitors", "c_"), ("capacitors", "stray_")
+NO_SECOND_POLE = figures(second_pole=math.inf)
+OTHER_OPAMP = faults.other_model("c_1", "ua741")
+OTHER_STAGE = scaled("amplifiers", "a_", u_scale=1.01)
+
+SYNTHESIS = (
+    of_problem("sign of one entry of T", faults.matrix_entry(0, 0, -1.0), MATRIX),
+    of_problem("one entry of T off by 1 %", faults.matrix_entry(0, 0, 1.01), MATRIX),
+    of_problem("T taken for its transpose", faults.transposed, SKEW),
+    of_problem("one strain off by 0.2 %", faults.strain_entry(1, 1.002), ELEVEN),
+    of_scalings("R for twice the lambda; linear, lambda given", half_resistance, MATRIX, STEADY),
+    of_scalings("R for twice the lambda; linear, R given", half_resistance, TUNED, STEADY),
+    of_scalings("R for twice the lambda; exponential", half_resistance, SKEW, STEADY),
+    of_scalings("half the lambda is stated; linear, lambda given", half_lambda, MATRIX, SAME),
+    of_scalings("half the lambda is stated; linear, R given", half_lambda, TUNED, SAME),
+    of_scalings("half the lambda is stated; exponential, R given", half_lambda, ENTROPY, SAME),
+    of_scalings(
+        "U0 off by 1 %", lambda s: {"unit_voltage": 1.01 * s.unit_voltage}, SKEW, STEADY, SAME
+    ),
+    of_scalings("Ve off by 1 %", lambda s: {"exponential_slope": 0.101}, SKEW, SAME),
+    of_scalings("G0 off by 1 %", lambda s: {"unit_conductance": 20.2e-6}, MATRIX, STEADY),
+)
+CIRCUIT = (
+    of_board("R in kohm", scaled("resistors", "r_", ohms=1e-3), MATRIX, STEADY),
+    of_board("C in nF", scaled(*CAPACITORS, farads=1e3), MATRIX, SETTLES),
+    of_board("s off by 0.5 %", scaled("resistors", "s_", ohms=1.005), PAPER, STEADY),
+    of_board("C off by 8 %", scaled(*CAPACITORS, farads=1.08), PAPER, RISES),
+    of_board("C off by -5 %", scaled(*CAPACITORS, farads=0.95), PAPER, OVERSHOOTS),
+    of_board("wrong op-amp model on one cell", OTHER_OPAMP, MATRIX, SETTLES),
+    of_board("swapped op-amp inputs", faults.swapped_inputs("c_1"), MATRIX, STABLE),
+    of_board("dropped inverters of w", faults.without_inverters, MATRIX, STEADY),
+    of_board("one feedback resistor missing", faults.without_feedback_resistor, MATRIX, STEADY),
+    of_board("missing bias", faults.without_bias, SKEW, STEADY),
+    of_board("Ve of the stages off by 1 %", scaled("amplifiers", "a_", v_scale=1.01), SKEW, STEADY),
+    of_board("U0 of the stages off by 1 %", OTHER_STAGE, SKEW, STEADY),
+    of_board("sign of the strain currents", scaled("currents", "eps_", amps=-1.0), MATRIX, STEADY),
+    of_board("one strain current missing", faults.without_current, MATRIX, STEADY),
+    of_board("two outputs swapped", faults.swapped_outputs, MATRIX, STEADY),
+    of_board("sign of one output", faults.negated_output, MATRIX, STEADY),
+)
+THIRD_WITNESS = (
+    of_deck("C off by 1 %", scaled(*CAPACITORS, farads=1.01), MATRIX),
+    of_deck("stray capacitance off by 5 %", scaled(*STRAYS, farads=1.05), MATRIX),
+    of_deck("dropped second pole", NO_SECOND_POLE, TUNED),
+    of_deck("wrong op-amp model on one cell", OTHER_OPAMP, MATRIX),
+    of_deck("dropped inverters of w", faults.without_inverters, MATRIX),
+    of_deck("U0 of the stages off by 1 %", OTHER_STAGE, SKEW),
+    of_text("Gear's method for the trapezoidal rule", "method=trap", "method=gear", AGREE),
+    of_text("start from the operating point in place of 0 V", " uic", "", AGREE, SAME),
+    of_run("start from 0 V in place of rest", {"initial": "zero"}, SKEW, AGREE, SAME),
+    of_run("step ten times too large", {"max_step": 10.0, "truncation": 1e3}, MATRIX, AGREE),
+    of_record("one stale waveform: of a strain larger by 1 %", faults.stale_column(1.01)),
+    of_record("two channels permuted", faults.columns([1, 0])),
+    of_record("time axis longer by 1 %", faults.stretched_time(1.01)),
+)
+FIRST_WITNESS = (
+    of_reference("wrong regulariser", lambda n: replace(n, amplifier="tanh"), MATRIX, STEADY),
+    of_reference("no bias in the regulariser", lambda n: replace(n, bias=False), SKEW, STEADY),
+    of_reference("lambda twice", lambda n: replace(n, lam=2.0 * n.lam), MATRIX, STEADY, SAME),
+    of_reference("transposed matrix", lambda n: replace(n, T=n.T.T), SKEW, STEADY),
+    of_answer("target of another lambda, from a cache", stale_target, MATRIX, STEADY),
+    of_answer("start of another initial state", other_start, SKEW, SAME),
+)
+SECOND_WITNESS = (
+    of_equations("C off by 1 %", scaled(*CAPACITORS, farads=1.01), MATRIX),
+    of_equations("gain-bandwidth product off by 20 %", figures(gbw=4e6), SKEW),
+    Mutation(
+        "the strongest mode left out of the exact solution",
+        "modes of the state space",
+        planting.in_a_method(Modes, "amplitudes", faults.without_strongest),
+        MATRIX,
+        NGSPICE,
+        (AGREE,),
+    ),
+    Mutation(
+        "an equilibrium of the wrong branch: without strain",
+        "equilibrium of the state space",
+        planting.in_the_linearisation(at_rest),
+        MATRIX,
+        STATE_SPACE,
+        (STEADY,),
+    ),
+)
+READINGS = (
+    of_readings(
+        "settling band twice as wide",
+        planting.in_the_scene(lambda s: with_value(s, "checks.settling_time.band", 0.02)),
+    ),
+    of_readings(
+        "step amplitude A twice as large",
+        planting.in_a_method(Step, "amplitude", lambda amplitude: 2.0 * amplitude),
+    ),
+)
+MUTATIONS = (*SYNTHESIS, *CIRCUIT, *THIRD_WITNESS, *FIRST_WITNESS, *SECOND_WITNESS, *READINGS)

@@ -1,0 +1,176 @@
+"""Ways to plant a fault: in the board, in one witness, in a record, in the readings.
+
+Each function returns a `Plant`, which verifies a scene with the fault. It changes what one station
+of the pipeline hands on; the rest of the verification runs as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from netlist_gen.analysis import Transient
+from netlist_gen.board import synthesis
+from netlist_gen.board.circuit import Circuit, Scalings
+from netlist_gen.board.scalings import make_scalings
+from netlist_gen.board.synthesis import synthesise
+from netlist_gen.deck.deck import Deck, write_deck
+from netlist_gen.problem.inverse_problem import InverseProblem, make_problem
+from netlist_gen.scene.scene import Scene
+from verification.engines.statespace.equations.stamps import stamp
+from verification.engines.statespace.linearised.board import LinearBoard
+from verification.ideal.ideal_answer import IdealAnswer, ideal_answer, ideal_network
+from verification.pipeline import simulation
+from verification.pipeline.simulation import Pending
+from verification.reference import IdealNetwork
+from verification.verify import Verdict, verify
+from verification.waveforms import Waveforms
+
+Plant = Callable[[Scene, pytest.MonkeyPatch], Verdict]
+
+
+def nothing(scene: Scene, patch: pytest.MonkeyPatch) -> Verdict:
+    """Verify the scene without a fault."""
+    return verify(scene)
+
+
+def in_the_circuit(change: Callable[[Circuit], Circuit]) -> Plant:
+    """Both engines get the changed circuit."""
+    return lambda scene, patch: verify(scene, circuit=change(synthesise(scene)))
+
+
+def in_the_problem_of_the_board(change: Callable[[InverseProblem], InverseProblem]) -> Plant:
+    """The synthesis builds a board for the changed problem; the reference has the right one."""
+    return in_the_synthesis(lambda scene: synthesise(scene, change(make_problem(scene))))
+
+
+def in_the_synthesis(build: Callable[[Scene], Circuit]) -> Plant:
+    """Both engines get the circuit that `build` makes of the scene."""
+    return lambda scene, patch: verify(scene, circuit=build(scene))
+
+
+def in_the_scalings(change: Callable[[Scalings], Scalings]) -> Plant:
+    """The synthesis gets changed numbers of the design."""
+
+    def plant(scene: Scene, patch: pytest.MonkeyPatch) -> Verdict:
+        patch.setattr(synthesis, "make_scalings", lambda scene: change(make_scalings(scene)))
+        return verify(scene)
+
+    return plant
+
+
+def in_the_deck(change: Callable[[Circuit], Circuit]) -> Plant:
+    """The deck is written from the changed circuit; the state-space engine has the right one."""
+    return _writing(lambda circuit, *rest, **given: write_deck(change(circuit), *rest, **given))
+
+
+def in_the_text_of_the_deck(change: Callable[[str], str]) -> Plant:
+    """The text of the deck is changed."""
+
+    def write(*given: Any, **options: Any) -> Deck:
+        deck = write_deck(*given, **options)
+        text = change(deck.text)
+        assert text != deck.text
+        return replace(deck, text=text)
+
+    return _writing(write)
+
+
+def _writing(write: Callable[..., Deck]) -> Plant:
+    def plant(scene: Scene, patch: pytest.MonkeyPatch) -> Verdict:
+        patch.setattr(simulation, "write_deck", write)
+        return verify(scene)
+
+    return plant
+
+
+def in_the_run(changes: Mapping[str, float | str]) -> Plant:
+    """Ngspice runs another transient than the planned one: numbers are factors, texts values."""
+
+    def change(transient: Transient) -> Transient:
+        fields = {
+            name: value if isinstance(value, str) else value * getattr(transient, name)
+            for name, value in changes.items()
+        }
+        return replace(transient, **fields)
+
+    def plant(scene: Scene, patch: pytest.MonkeyPatch) -> Verdict:
+        run = simulation.ENGINES["ngspice"]
+
+        def begin(scene: Scene, board: LinearBoard, plan: Any, *rest: Any) -> Pending:
+            return run(scene, board, replace(plan, transient=change(plan.transient)), *rest)
+
+        patch.setitem(simulation.ENGINES, "ngspice", begin)
+        return verify(scene)
+
+    return plant
+
+
+def in_the_record(change: Callable[[Waveforms], Waveforms]) -> Plant:
+    """The waveforms that ngspice returns are changed."""
+
+    def plant(scene: Scene, patch: pytest.MonkeyPatch) -> Verdict:
+        run = simulation.ENGINES["ngspice"]
+
+        def begin(*given: Any) -> Pending:
+            pending = run(*given)
+            return Pending(lambda: change(pending.wait()))
+
+        patch.setitem(simulation.ENGINES, "ngspice", begin)
+        return verify(scene)
+
+    return plant
+
+
+def in_the_reference(change: Callable[[IdealNetwork], IdealNetwork]) -> Plant:
+    """The reference solves the changed problem."""
+    return in_the_answer(lambda answer, scene: ideal_answer(change(answer.network), scene))
+
+
+def in_the_answer(change: Callable[[IdealAnswer, Scene], IdealAnswer]) -> Plant:
+    """The answer of the reference is changed."""
+
+    def plant(scene: Scene, patch: pytest.MonkeyPatch) -> Verdict:
+        answer = ideal_answer(ideal_network(make_problem(scene), scene), scene)
+        return verify(scene, ideal=change(answer, scene))
+
+    return plant
+
+
+def in_the_equations(change: Callable[[Circuit], Circuit]) -> Plant:
+    """The state-space engine stamps the changed circuit; the deck has the right one."""
+
+    def plant(scene: Scene, patch: pytest.MonkeyPatch) -> Verdict:
+        circuit = synthesise(scene)
+        return verify(scene, circuit=LinearBoard(circuit, stamp(change(circuit))))
+
+    return plant
+
+
+def in_the_linearisation(change: Callable[[LinearBoard], LinearBoard]) -> Plant:
+    """The state-space engine has a changed linearisation."""
+    return lambda scene, patch: verify(scene, circuit=change(LinearBoard(synthesise(scene))))
+
+
+def in_a_method(owner: type, name: str, change: Callable[[Any], Any]) -> Plant:
+    """A method or a property of a class returns a changed value."""
+    original = getattr(owner, name)
+
+    def changed(self: Any, *given: Any) -> Any:
+        get = original.fget if isinstance(original, property) else original
+        return change(get(self, *given))
+
+    def plant(scene: Scene, patch: pytest.MonkeyPatch) -> Verdict:
+        value = property(changed) if isinstance(original, property) else changed
+        patch.setattr(owner, name, value)
+        return verify(scene)
+
+    return plant
+
+
+def in_the_scene(change: Callable[[Scene], Scene]) -> Plant:
+    """The measures read a changed key of the scene; the limits are those of the right scene."""
+    return lambda scene, patch: verify(change(scene))

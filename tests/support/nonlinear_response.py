@@ -1,0 +1,272 @@
+"""Boards with behavioural sources: equilibrium and poles in Arb, transients by SciPy.
+
+The equations are those of the deck's text (`deck_equations`), and the functions of its B cards are
+evaluated as they are printed there.
+"""
+
+from __future__ import annotations
+
+import ast
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+from flint import acb, arb, arb_mat
+from scipy.integrate import solve_ivp
+
+from tests.support.deck_equations import StateEquations
+from tests.support.exact_modes import eigen
+
+FAR = 1e4  # times the largest state at the start and at rest: the transient never arrives
+LEFT = 1  # status of SciPy's integrators after an event
+NEWTON, HALVINGS = 200, 30
+STILL = 1e-40  # a tolerance for parts that do not move
+TINY = 1e-40  # of the inputs: the last step of Newton's method
+Floats = np.ndarray
+Number = Any  # float or arb
+FUNCTIONS: dict[str, Callable[..., float]] = {
+    "exp": math.exp,
+    "ln": math.log,
+    "sinh": math.sinh,
+    "tanh": math.tanh,
+    "abs": abs,
+    "min": min,
+    "max": max,
+}
+
+
+@dataclass(frozen=True)
+class Dual:
+    """A number and its derivative by the voltage that a source reads."""
+
+    value: Number
+    slope: Number
+
+    def __add__(self, other: Dual) -> Dual:
+        return Dual(self.value + other.value, self.slope + other.slope)
+
+    def __sub__(self, other: Dual) -> Dual:
+        return Dual(self.value - other.value, self.slope - other.slope)
+
+    def __mul__(self, other: Dual) -> Dual:
+        product = self.slope * other.value + self.value * other.slope
+        return Dual(self.value * other.value, product)
+
+    def __neg__(self) -> Dual:
+        return Dual(-self.value, -self.slope)
+
+
+def _call(name: str, x: Dual, *others: Dual) -> Dual:
+    """Return a function of ngspice with its derivative."""
+    if name in ("min", "max"):
+        (other,) = others
+        first = x.value < other.value if name == "min" else x.value > other.value
+        return x if first else other
+    if name == "abs":
+        return -x if x.value < 0 else x
+    value = _function("log" if name == "ln" else name, x.value)
+    slopes: dict[str, Callable[[], Number]] = {
+        "exp": lambda: value,
+        "ln": lambda: 1 / x.value,
+        "sinh": lambda: _function("cosh", x.value),
+        "tanh": lambda: 1 - value * value,
+    }
+    return Dual(value, slopes[name]() * x.slope)
+
+
+def _function(name: str, x: Number) -> Number:
+    return getattr(x, name)() if isinstance(x, arb) else getattr(np, name)(x)
+
+
+@lru_cache
+def compiled(expression: str) -> Callable[[float], float]:
+    """Return a B card's voltage as a function of the voltage that the source reads."""
+
+    class Reads(ast.NodeTransformer):
+        def visit_Call(self, node: ast.Call) -> ast.expr:
+            self.generic_visit(node)
+            reads = isinstance(node.func, ast.Name) and node.func.id == "V"
+            return ast.Name("x", ast.Load()) if reads else node
+
+    body = Reads().visit(ast.parse(f"lambda x: {expression}", mode="eval"))
+    code = compile(ast.fix_missing_locations(body), "<B card>", "eval")
+    found: Callable[[float], float] = eval(code, {**FUNCTIONS, "__builtins__": {}})  # noqa: S307
+    return found
+
+
+@lru_cache
+def _tree(expression: str) -> ast.expr:
+    return ast.parse(expression, mode="eval").body
+
+
+def source_value(expression: str, volts: Number) -> Dual:
+    """Return a B card's voltage and its derivative where the source reads `volts`."""
+    one = volts * 0 + 1
+
+    def walk(node: ast.expr) -> Dual:
+        if isinstance(node, ast.Constant):
+            return Dual(one * node.value, one * 0)
+        if isinstance(node, ast.UnaryOp):
+            return -walk(node.operand)
+        if isinstance(node, ast.BinOp):
+            left, right = walk(node.left), walk(node.right)
+            operators = {ast.Add: left.__add__, ast.Sub: left.__sub__, ast.Mult: left.__mul__}
+            return operators[type(node.op)](right)
+        assert isinstance(node, ast.Call)
+        assert isinstance(node.func, ast.Name)
+        if node.func.id == "V":
+            return Dual(volts, one)
+        return _call(node.func.id, *map(walk, node.args))
+
+    return walk(_tree(expression))
+
+
+class DivergenceError(Exception):
+    """The transient leaves every bound."""
+
+
+@dataclass(frozen=True, eq=False)
+class Board:
+    """One connected board with m behavioural sources."""
+
+    equations: StateEquations
+
+    @cached_property
+    def doubles(self) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+        """A, B, C, D in double precision for balanced states x, and z / x (n,)."""
+        e = self.equations
+        A, B, C, D = (_array(matrix) for matrix in (e.A, e.B, e.C, e.D))
+        balanced, scale = scipy.linalg.matrix_balance(A, permute=False, separate=True)
+        return balanced, B / scale[0][:, None], C * scale[0], D, scale[0]
+
+    @property
+    def outputs(self) -> int:
+        return len(self.equations.outputs)
+
+    def equilibrium(self, strain: int, inputs: list[float]) -> tuple[arb_mat, arb_mat, list[arb]]:
+        """Return state, outputs, and slopes of the sources at rest: Newton's method from `inputs`.
+
+        A step that makes the residual larger is halved.
+        """
+        e, m = self.equations, len(self.equations.sources)
+        static = e.D - e.C * e.A.solve(e.B)  # from signals to outputs and inputs, at rest
+        x, found, off = [arb(v) for v in inputs], [], arb_mat(m, 1)
+
+        def residual(x: list[arb]) -> tuple[list[Dual], arb_mat, arb_mat]:
+            found = self.values(x)
+            signals = arb_mat([[1], [strain], *([dual.value] for dual in found)])
+            ends = static * signals
+            return found, signals, arb_mat([[x[i] - ends[self.outputs + i, 0]] for i in range(m)])
+
+        found, signals, off = residual(x)
+        for _ in range(NEWTON):
+            slopes = arb_mat(m, m)
+            for i in range(m):
+                for j in range(m):
+                    slopes[i, j] = -static[self.outputs + i, 2 + j] * found[j].slope
+                slopes[i, i] += 1
+            step = slopes.solve(off).mid()
+            for _ in range(HALVINGS):
+                tried = [(x[i] - step[i, 0]).mid() for i in range(m)]
+                found, signals, after = residual(tried)
+                if _size(after) < _size(off) or _size(step) <= TINY * _size(tried):
+                    break
+                step = step * arb(0.5)
+            x, off = tried, after
+            if _size(step) <= TINY * _size(x):
+                rest = e.A.solve(-(e.B * signals))
+                return rest, e.C * rest + e.D * signals, [dual.slope for dual in found]
+        raise AssertionError("Newton's method finds no equilibrium")
+
+    def values(self, inputs: Iterable[Number]) -> list[Dual]:
+        """Return the voltages of the sources where they read `inputs`."""
+        sources = self.equations.sources
+        return [source_value(str(p.value), x) for p, x in zip(sources, inputs, strict=True)]
+
+    def poles(self, slopes: list[arb]) -> list[acb]:
+        """Return the poles where the sources have these slopes."""
+        e, k = self.equations, self.outputs
+        A = arb_mat(e.A.tolist())
+        for i in range(A.nrows()):
+            for j in range(A.nrows()):
+                terms = (e.B[i, 2 + p] * slope * e.C[k + p, j] for p, slope in enumerate(slopes))
+                A[i, j] += sum(terms, arb(0))
+        return eigen(A)[0]
+
+    def transient(
+        self, start: arb_mat, rest: arb_mat, stop: float, method: str, tolerance: float
+    ) -> Transient:
+        """Integrate from `start` with the strain on; `rest` is the state at the equilibrium.
+
+        Raises
+        ------
+        DivergenceError
+            A state passes `FAR` times the largest state at the start and at rest.
+        """
+        A, B, C, D, scale = self.doubles
+        k, first, last = self.outputs, _array(start)[:, 0] / scale, _array(rest)[:, 0] / scale
+        assert not D[k:, 2:].any(), "a source reads itself without delay"
+
+        read, constant = C[k:], D[k:, :2].sum(axis=1)
+        sources = [compiled(str(part.value)) for part in self.equations.sources]
+        drive, by_source = B[:, :2].sum(axis=1), B[:, 2:]
+
+        def voltages(z: Floats) -> list[float]:
+            return [g(x) for g, x in zip(sources, (read @ z + constant).tolist(), strict=True)]
+
+        def rate(_: float, z: Floats) -> Floats:
+            return np.asarray(A @ z + by_source @ voltages(z) + drive)
+
+        def jacobian(_: float, z: Floats) -> Floats:
+            slopes = [float(dual.slope) for dual in self.values(read @ z + constant)]
+            return np.asarray(A + (by_source * slopes) @ read)
+
+        def leaves(_: float, z: Floats) -> float:
+            return far - float(np.abs(z).max())
+
+        leaves.terminal = True  # type: ignore[attr-defined]
+        size = np.maximum(np.abs(last), np.abs(first))
+        far = FAR * max(float(size.max()), STILL)
+        done = solve_ivp(
+            rate,
+            (0.0, stop),
+            first,
+            method=method,
+            jac=jacobian,
+            rtol=tolerance,
+            atol=tolerance * np.maximum(size, 1e-6 * size.max()) + STILL,
+            dense_output=True,
+            events=leaves,
+        )
+        assert done.success, done.message
+        if done.status == LEFT:
+            raise DivergenceError(f"a state passes {FAR:g} times its largest value at rest")
+
+        def outputs(t: Floats) -> Floats:
+            states = done.sol(t).T
+            return np.array([C[:k] @ z + D[:k] @ [1.0, 1.0, *voltages(z)] for z in states])
+
+        return Transient(done.t, outputs)
+
+
+@dataclass(frozen=True, eq=False)
+class Transient:
+    """Integrated outputs: the instants of the steps, s, and a function from (P,) to (P, k), V."""
+
+    steps: Floats
+    outputs: Callable[[Floats], Floats]
+
+
+def _array(matrix: arb_mat) -> Floats:
+    return np.array([[float(x) for x in row] for row in matrix.tolist()]).reshape(
+        matrix.nrows(), matrix.ncols()
+    )
+
+
+def _size(values: arb_mat | list[arb]) -> float:
+    entries = values.entries() if isinstance(values, arb_mat) else values
+    return max((float(abs(x.mid())) for x in entries), default=0.0)

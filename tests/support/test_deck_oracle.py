@@ -1,0 +1,165 @@
+"""The oracle of the stress cases against closed forms and against figures found elsewhere."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from flint import acb, arb, arb_mat, ctx
+
+from tests.support.deck_equations import state_equations
+from tests.support.deck_text import parse_deck
+from tests.support.exact_modes import Modes, eigen, exact_modes
+from tests.support.exact_readings import Signal
+from tests.support.nonlinear_response import Board, source_value
+from tests.support.sampled_readings import Samples
+
+HEAD = ".title taction board\n* outputs: u_1 = -v(y)\n"
+TAIL = ".options klu\n.save v(y)\n.op\n.end\n"
+# A current of -2 A into 3 ohm and 5 F, a copy of the voltage at gain 10, a divider without state.
+LAG = """R1 x 0 3.0
+C1 x 0 5.0
+I1 0 x -2.0
+Eb z 0 x 0 10.0
+Ra z y 1.0
+Rb y 0 4.0
+"""
+# A follower of finite gain; the capacitor at its output closes a loop of capacitors and sources.
+FOLLOWER = """.subckt op inp inn out
+Eo out 0 inp inn 9.0
+.ends op
+V1 in 0 1.0
+R1 in p 2.0
+C1 p 0 1.0
+C2 p y 1.0
+Xf p y y op
+"""
+
+
+@pytest.fixture(autouse=True)
+def precision() -> object:
+    before, ctx.prec = ctx.prec, 300
+    yield
+    ctx.prec = before
+
+
+def modes_of(board: str) -> Modes:
+    return exact_modes(state_equations(parse_deck(HEAD + board + TAIL)), 1)
+
+
+def ringing(zeta: float) -> Signal:
+    """The step response of ``1 / (s^2 + 2 zeta s + 1)``, channel by channel with target 1."""
+    root = (1 - arb(zeta) ** 2).sqrt()
+    pole = acb(-arb(zeta), root)
+    share = -(1 + acb(0, 1) * (-arb(zeta)) / root) / 2
+    pairs = ((pole, share), (pole.conjugate(), share.conjugate()))
+    return Signal(Modes((pole,), (arb(1),), (pairs,)), 0, arb(1), arb(1))
+
+
+def test_a_lag_behind_a_divider() -> None:
+    modes = modes_of(LAG)
+    final = 10.0 * 0.8 * 6.0  # -v(y)
+    assert float(modes.final[0]) == pytest.approx(final, rel=1e-15)
+    assert complex(modes.poles[0]) == pytest.approx(-1 / 15, rel=1e-15)
+    at = float(modes.at(0, arb(7.0)))
+    assert at == pytest.approx(final * -math.expm1(-7 / 15), rel=1e-15)
+
+
+def test_capacitors_and_a_source_in_a_loop() -> None:
+    # y = 0.9 p, so the charge at p is (1 + 0.1) p
+    modes = modes_of(FOLLOWER)
+    assert complex(modes.poles[0]) == pytest.approx(-1 / 2.2, rel=1e-15)
+    assert float(modes.final[0]) == pytest.approx(-0.9, rel=1e-15)
+
+
+def test_two_boards_in_one_deck_are_solved_alone() -> None:
+    parts = state_equations(parse_deck(HEAD + LAG + "R9 q 0 1.0\nC9 q 0 1.0\n" + TAIL))
+    assert sorted(part.A.nrows() for part in parts) == [1, 1]
+    assert [part.outputs for part in parts if part.outputs] == [(0,)]
+
+
+def test_eigenvalues_of_a_badly_scaled_matrix_and_of_equal_ones() -> None:
+    rng = np.random.default_rng(3)
+    basis = arb_mat(rng.normal(size=(16, 16)).tolist())
+    wanted = [-(10.0**k) for k in range(-6, 6)] + [-2.5, -2.5, -2.5, -7.0]
+    diagonal = arb_mat(16, 16)
+    for k, value in enumerate(wanted):
+        diagonal[k, k] = arb(value)
+    values, V = eigen(basis * diagonal * basis.inv())
+    found = sorted(float(value.real) for value in values)
+    assert found == pytest.approx(sorted(wanted), rel=1e-25)
+    assert max(abs(float(x.imag)) for x in values) < 1e-25
+    assert V.nrows() == 16
+
+
+@pytest.mark.parametrize("zeta", [0.001, 0.1, 0.5, 0.9])
+def test_the_overshoot_of_a_second_order_system(zeta: float) -> None:
+    expected = math.exp(-math.pi * zeta / math.sqrt(1 - zeta**2))
+    assert float(ringing(zeta).highest(1)) == pytest.approx(expected, rel=1e-14)
+    assert float(ringing(zeta).highest(-1)) == 1.0  # at the start
+
+
+def test_times_of_a_lag() -> None:
+    pole = (acb(-1), acb(-1))
+    signal = Signal(Modes((acb(-1),), (arb(1),), ((pole,),)), 0, arb(1), arb(1))
+    low, high = (signal.first_above(1, arb(k) / 10 - 1) for k in (1, 9))
+    assert low is not None
+    assert high is not None
+    assert float(high - low) == pytest.approx(math.log(9), rel=1e-15)
+    settled = signal.last_outside(arb(0.01))
+    assert settled is not None
+    assert float(settled) == pytest.approx(-math.log(0.01), rel=1e-15)
+    assert signal.last_outside(arb(1.5)) == 0
+    assert signal.first_above(1, arb(0.5)) is None
+
+
+def test_settling_of_slow_ringing_is_found_on_the_right_peak() -> None:
+    signal, level = ringing(0.001), 0.01
+    settled = signal.last_outside(arb(level))
+    assert settled is not None
+    t = float(settled)
+    assert abs(abs(float(signal.error(settled))) - level) < 1e-25
+    later = t + np.linspace(1e-6, 20.0, 4001)
+    assert max(abs(float(signal.error(arb(x)))) for x in later) < level
+    assert -math.log(level) / 0.001 - 2 * math.pi < t < -math.log(level) / 0.001
+
+
+def test_a_final_value_outside_the_band_never_settles() -> None:
+    signal = Signal(ringing(0.5).modes, 0, arb(0.9), arb(0.9))
+    assert signal.last_outside(arb(0.05)) is None
+    assert float(signal.highest(-1)) == pytest.approx(0.9)
+
+
+def test_a_source_as_the_deck_prints_it() -> None:
+    text = "-exp(min(V(a_1_x),30))*(1+max(V(a_1_x)-30,0))"
+    for volts in (-3.0, 2.0, 31.5):
+        low, high = min(volts, 30.0), max(volts - 30.0, 0.0)
+        found = source_value(text, arb(volts))
+        assert float(found.value) == pytest.approx(-math.exp(low) * (1 + high), rel=1e-15)
+        slope = -math.exp(low) * ((volts < 30) * (1 + high) + (volts > 30))
+        assert float(found.slope) == pytest.approx(slope, rel=1e-15)
+
+
+@pytest.mark.parametrize("method", ["Radau", "LSODA"])
+def test_a_transient_with_a_closed_form(method: str) -> None:
+    # x' = exp(-x) from 0: x = ln(1 + t); the second source gives -y = x
+    board = "Ba a 0 V=exp(-V(x))\nG1 0 x a 0 1.0\nC1 x 0 1.0\nEy y 0 x 0 -1.0\n"
+    (part,) = state_equations(parse_deck(HEAD + board + TAIL))
+    run = Board(part).transient(arb_mat(1, 1), arb_mat([[2.0]]), 5.0, method, 1e-10)
+    times = np.array([0.3, 1.0, 4.0])
+    assert run.outputs(times)[:, 0] == pytest.approx(np.log1p(times), rel=1e-8)
+    (samples,) = Samples.of(run, [(math.log(6.0), 0.0)])
+    settled = samples.last_outside(arb(0.5))
+    assert settled == pytest.approx(6.0 * math.exp(-0.5) - 1.0, rel=1e-8)
+
+
+def test_an_equilibrium_of_a_source_that_reads_itself_through_a_lag() -> None:
+    # x = tanh(x) + 0.5 at rest, slope of the source 1 - tanh^2
+    board = "Ba a 0 V=tanh(V(x))\nR1 a x 1.0\nC1 x 0 1.0\nI1 0 x 0.5\nEy y 0 x 0 -1.0\n"
+    (part,) = state_equations(parse_deck(HEAD + board + TAIL))
+    _, outputs, slopes = Board(part).equilibrium(1, [1.0])
+    x = float(outputs[0, 0])
+    assert x == pytest.approx(math.tanh(x) + 0.5, rel=1e-15)
+    (pole,) = Board(part).poles(slopes)
+    assert float(pole.real) == pytest.approx(-(math.tanh(x) ** 2), rel=1e-14)

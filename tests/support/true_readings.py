@@ -1,0 +1,246 @@
+"""The true readings of a scene, from its deck's text and its problem.
+
+Linear boards: modes in Arb (`exact_modes`, `exact_readings`). Boards with behavioural sources:
+equilibrium and poles in Arb, times and peaks from two integrators of SciPy, whose difference is the
+error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from flint import acb, arb, arb_mat, ctx
+
+from netlist_gen.analysis import OperatingPoint
+from netlist_gen.board.synthesis import synthesise
+from netlist_gen.deck.deck import write_deck
+from netlist_gen.problem.inverse_problem import InverseProblem, make_problem
+from netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene
+from tests.support.deck_equations import StateEquations, state_equations
+from tests.support.deck_text import DeckText, parse_deck
+from tests.support.exact_modes import exact_modes
+from tests.support.exact_readings import Signal
+from tests.support.nonlinear_response import Board, DivergenceError
+from tests.support.oracle import AMPLIFIERS, exact_solution
+from tests.support.sampled_readings import Samples
+from verification.reference import Problem, solve
+
+BITS = 320
+SMALL_STEP = 0.05  # of A
+EXACT = 1e-13  # error of a reading in Arb, whose modes are right to 30 digits
+INTEGRATORS = (("Radau", 1e-7), ("LSODA", 1e-8))  # with their relative tolerances
+LAST = 1e-5  # of A: what is left of the slowest mode at the end of an integration
+
+
+class AnySignal(Protocol):
+    """A channel's ``e = u - target``: a sum of modes or samples."""
+
+    def highest(self, sign: int) -> arb | float:
+        """Return the supremum of ``sign * e``."""
+
+    def last_outside(self, level: arb) -> arb | float | None:
+        """Return the last instant with ``|e| > level``; None if it stays so."""
+
+    def first_above(self, sign: int, level: arb) -> arb | float | None:
+        """Return the first instant with ``sign * e > level``."""
+
+
+@dataclass(frozen=True)
+class TrueChannel:
+    """Readings of one channel in V, s and fractions of A; None: there is no such reading."""
+
+    target: float
+    final: float  # at the equilibrium, V
+    settling_time: float | None = None
+    rise_time: float | None = None
+    overshoot: float | None = None
+    undershoot: float | None = None
+
+
+@dataclass(frozen=True)
+class TrueReadings:
+    """Readings of a board; `error` is relative for times, and a fraction of A for the others."""
+
+    amplitude: float
+    channels: tuple[TrueChannel, ...]
+    rightmost: complex  # 1/s
+    error: float
+    arrives: bool = True  # the transient ends at the equilibrium; False: it leaves every bound
+
+    @property
+    def stable(self) -> bool:
+        return self.rightmost.real < 0
+
+    @property
+    def steady_state(self) -> float:
+        """Largest distance of an equilibrium value from its target, of A."""
+        return max(abs(c.final - c.target) for c in self.channels) / self.amplitude
+
+    @property
+    def settling_time(self) -> float | None:
+        """The last channel's settling time; None unless every channel has one."""
+        times = [c.settling_time for c in self.channels]
+        return None if None in times else max(t for t in times if t is not None)
+
+
+def true_readings(scene: Scene) -> TrueReadings:
+    """Return the readings of the board that `scene` describes."""
+    problem = make_problem(scene)
+    with _precision(BITS):
+        deck = parse_deck(write_deck(synthesise(scene, problem), OperatingPoint()).text)
+        parts = state_equations(deck)
+        if scene.design.amplifier == "linear":
+            return _linear(scene, problem, parts)
+        return _nonlinear(scene, problem, deck, parts)
+
+
+@contextmanager
+def _precision(bits: int) -> Iterator[None]:
+    before = ctx.prec
+    ctx.prec = bits
+    try:
+        yield
+    finally:
+        ctx.prec = before
+
+
+def true_lambda(scene: Scene) -> arb:
+    """Return lambda: given, or ``1/(R s G0^2)``, with amplifiers ``2 Ve / (R s G0^2 U0)``."""
+    design = scene.design
+    if isinstance(design.lam, float):
+        return arb(design.lam)
+    R = DEFAULT_RESISTANCE if design.resistance is None else design.resistance
+    lam = 1 / (arb(R) * arb(design.gain) * arb(design.unit_conductance) ** 2)
+    if design.amplifier == "linear":
+        return lam
+    return lam * 2 * arb(design.exponential_slope or 1.0) / arb(design.unit_voltage)
+
+
+def _linear(scene: Scene, problem: InverseProblem, parts: list[StateEquations]) -> TrueReadings:
+    T, eps = arb_mat(problem.matrix.tolist()), arb_mat([[e] for e in problem.strain.tolist()])
+    left = T.transpose() * T
+    for n in range(left.nrows()):
+        left[n, n] += true_lambda(scene)
+    u = left.solve(T.transpose() * eps)
+    targets = [arb(scene.design.unit_voltage) * u[n, 0] for n in range(left.nrows())]
+    amplitude = max(map(abs, targets), key=float)
+    modes = exact_modes(parts, len(targets))
+    signals = [Signal(modes, n, target, amplitude) for n, target in enumerate(targets)]
+    moves = bool(amplitude > 0) and all(bool(p.real < 0) for p in modes.poles)
+    steps = [(arb(0), target) for target in targets]
+    channels = _channels(scene, steps, modes.final, amplitude, signals if moves else [])
+    return TrueReadings(float(amplitude), channels, _rightmost(modes.poles), EXACT)
+
+
+def _nonlinear(
+    scene: Scene, problem: InverseProblem, deck: DeckText, parts: list[StateEquations]
+) -> TrueReadings:
+    unit, count = arb(scene.design.unit_voltage), len(deck.outputs)
+    v, targets = _amplified_solution(scene, problem.matrix, problem.strain)
+    v0, start = [0.0] * count, [AMPLIFIERS[scene.design.amplifier][0](0)] * count
+    rests = scene.analysis.initial == "rest"
+    if rests:
+        v0, start = _amplified_solution(scene, problem.matrix, 0.0 * problem.strain)
+    steps = [(unit * arb(str(a)), unit * arb(str(b))) for a, b in zip(start, targets, strict=True)]
+    amplitude = max((abs(b - a) for a, b in steps), key=float)
+    final, poles = [arb(0)] * count, list[acb]()
+    begun = []
+    for board in map(Board, parts):
+        places = [deck.of("B").index(source) for source in board.equations.sources]
+        rest, outputs, slopes = board.equilibrium(1, [v[k] for k in places])
+        first = arb_mat(rest.nrows(), 1)
+        if rests:
+            first = board.equilibrium(0, [v0[k] for k in places])[0]
+        begun.append((board, first, rest))
+        poles += board.poles(slopes)
+        for row, k in enumerate(board.equations.outputs):
+            final[k] = outputs[row, 0]
+    lead = _rightmost(poles)
+    still = _channels(scene, steps, final, amplitude, [])
+    if lead.real >= 0.0:
+        return TrueReadings(float(amplitude), still, lead, EXACT)
+
+    def read(method: str, tolerance: float) -> tuple[TrueChannel, ...]:
+        signals: list[Samples | None] = [None] * count
+        for board, first, rest in begun:
+            run = board.transient(first, rest, np.log(LAST) / lead.real, method, tolerance)
+            own = board.equations.outputs
+            ends = [(float(steps[k][1]), float(final[k] - steps[k][1])) for k in own]
+            for k, samples in zip(own, Samples.of(run, ends), strict=True):
+                signals[k] = samples
+        return _channels(scene, steps, final, amplitude, signals)
+
+    try:
+        channels, others = (read(*integrator) for integrator in INTEGRATORS)
+    except DivergenceError:
+        return TrueReadings(float(amplitude), still, lead, EXACT, arrives=False)
+    return TrueReadings(float(amplitude), channels, lead, _apart(channels, others))
+
+
+def _amplified_solution(scene: Scene, T: np.ndarray, eps: np.ndarray) -> tuple[list, list]:
+    """Return the reference solution's v and u, dimensionless; u as mpmath's numbers."""
+    design = scene.design
+    problem = Problem(T, eps, float(true_lambda(scene)), design.amplifier, design.biased)
+    guess = solve(problem).v
+    assert guess is not None
+    found = exact_solution(problem, guess)
+    assert found is not None
+    return [float(v) for v in found[1]], found[0]
+
+
+def _rightmost(poles: list[acb] | tuple[acb, ...]) -> complex:
+    return max(map(complex, poles), key=lambda p: (p.real, p.imag))
+
+
+def _apart(a: tuple[TrueChannel, ...], b: tuple[TrueChannel, ...]) -> float:
+    """Return the largest difference of two sets of readings: relative, or of A."""
+    worst = EXACT
+    for one, other in zip(a, b, strict=True):
+        for name in ("settling_time", "rise_time", "overshoot", "undershoot"):
+            x, y = getattr(one, name), getattr(other, name)
+            assert (x is None) == (y is None), f"the integrators disagree on {name}"
+            if x is not None:
+                worst = max(worst, abs(x - y) / (max(x, 1e-300) if "time" in name else 1.0))
+    return worst
+
+
+def _channels(
+    scene: Scene,
+    steps: list[tuple[arb, arb]],
+    final: list[arb] | tuple[arb, ...],
+    amplitude: arb,
+    signals: Sequence[AnySignal | None],
+) -> tuple[TrueChannel, ...]:
+    """Read every channel, which steps from its start to its target; none without `signals`."""
+    ends = [
+        {"target": float(b), "final": float(end)} for (_, b), end in zip(steps, final, strict=True)
+    ]
+    if not signals:
+        return tuple(TrueChannel(**end) for end in ends)
+    band = amplitude * arb(scene.checks.settling_time.band)
+    return tuple(
+        TrueChannel(**end, **_read(signal, target - start, amplitude, band))
+        for end, (start, target), signal in zip(ends, steps, signals, strict=True)
+    )
+
+
+def _read(signal: AnySignal, step: arb, amplitude: arb, band: arb) -> dict[str, float | None]:
+    """Read one channel; a small step overshoots on either side of start and target."""
+    sign, small = (-1 if bool(step < 0) else 1), bool(abs(step) < SMALL_STEP * amplitude)
+    beyond = arb(signal.highest(sign)) / amplitude
+    behind = (arb(signal.highest(-sign)) - abs(step)) / amplitude
+    settled = signal.last_outside(band)
+    rise = None
+    if not small:
+        low, high = (signal.first_above(sign, (arb(k) / 10 - 1) * abs(step)) for k in (1, 9))
+        rise = None if low is None or high is None else float(high - low)
+    return {
+        "settling_time": None if settled is None else float(settled),
+        "rise_time": rise,
+        "overshoot": max(0.0, float(beyond), float(behind) if small else 0.0),
+        "undershoot": max(0.0, float(behind)),
+    }

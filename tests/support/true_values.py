@@ -1,0 +1,35 @@
+"""The oracle's readings in the form that the catalogue of stress cases stores."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+from netlist_gen.scene.scene import Scene
+from tests.support.true_margin import true_margin
+from tests.support.true_readings import true_readings
+from verification.ideal.lambda_rule import resolve_lambda
+from verification.studies.stress.true_values import READINGS, TrueValues
+
+LINEAR = "modes of the deck in Arb, 320 bits; suprema and crossings by interval bounds"
+NONLINEAR = "equilibrium and poles in Arb; transient by SciPy's Radau and LSODA, which differ by"
+
+
+def true_values(scene: Scene) -> TrueValues:
+    """Return the true readings of the board that `scene` describes."""
+    found = true_readings(resolve_lambda(scene))
+    channels = [
+        {name: value for name in READINGS if (value := asdict(channel)[name]) is not None}
+        for channel in found.channels
+    ]
+    asked = scene.checks.stability.margin > 1.0
+    linear = scene.design.amplifier == "linear"
+    return TrueValues(
+        amplitude=found.amplitude,
+        rightmost=(found.rightmost.real, found.rightmost.imag),
+        steady_state=found.steady_state if found.amplitude else 0.0,
+        channels=tuple(channels),
+        error=found.error,
+        arrives=found.arrives,
+        margin=true_margin(scene) if asked and len(channels) == 1 else None,
+        by=LINEAR if linear else f"{NONLINEAR} {found.error:.1g}",
+    )

@@ -1,0 +1,123 @@
+"""A run of the stress cases for people and programs: one row per case and engine."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from rich.console import Console, RenderableType
+from rich.markup import escape
+from rich.text import Text
+
+from verification.report.junit import JUnitSuite, JUnitTest, junit_text
+from verification.report.tables import make_table, spaced, value_text
+from verification.report.verdict.json_document import check_record
+from verification.studies.stress.catalogue import FOLDER
+from verification.studies.stress.run import CaseRun, Judgement, StressReport
+
+TITLES = ("case", "engine", "outcome", "worst quantity", "true error", "stated error", "time")
+COLOUR = {
+    Judgement.RIGHT: "green",
+    Judgement.WRONG_OUTCOME: "red",
+    Judgement.WRONG_NUMBER: "red",
+    Judgement.NOT_RUN: "yellow",
+}
+
+
+def case_row(run: CaseRun) -> tuple[str, ...]:
+    """Return the row of one run under the titles `TITLES`.
+
+    The worst quantity is the stated number whose true error is largest in its stated error.
+    """
+    worst, seconds = run.worst, value_text(run.seconds, "s", 2)
+    if worst is None:
+        return run.case.name, run.engine, run.outcome, "-", "-", "-", seconds
+    errors = (error_text(error, worst.unit) for error in (worst.error, worst.uncertainty))
+    return run.case.name, run.engine, run.outcome, spaced(worst.name), *errors, seconds
+
+
+def error_text(error: float, unit: str) -> str:
+    """Return an error with its unit and two digits."""
+    return "-" if math.isnan(error) else value_text(error, unit, 2)
+
+
+def print_stress(report: StressReport, console: Console) -> None:
+    """Print the table, what is wrong, and the counts."""
+    rows: list[list[RenderableType]] = []
+    for run in report.runs:
+        name, engine, outcome, *others = case_row(run)
+        coloured = Text(outcome, style=COLOUR[run.judgement])
+        rows.append([name, engine, coloured, *others])
+    console.print(make_table(TITLES, rows))
+    for run in report.wrong:
+        line = f"{run.case.name}, {run.engine}: {run.judgement.value}: {run.reason}"
+        console.print(f"[red]wrong[/red] {escape(line)}")
+    console.print(headline(report))
+
+
+def headline(report: StressReport) -> str:
+    """Return the counts, the time and the versions as one line of text."""
+    counts = ", ".join(f"{count} {kind}" for kind, count in report.count().items())
+    cases = len({run.case.name for run in report.runs})
+    seconds = sum(run.seconds for run in report.runs)
+    return f"{cases} cases, {len(report.runs)} runs: {counts}; {seconds:.0f} s; " + ", ".join(
+        f"{name} {version}" for name, version in report.versions
+    )
+
+
+def stress_document(report: StressReport) -> dict[str, Any]:
+    """Return a run as plain data: every case, every stated number and its true value."""
+    return {
+        "runs": [_record(run) for run in report.runs],
+        "count": report.count(),
+        "versions": dict(report.versions),
+    }
+
+
+def _record(run: CaseRun) -> dict[str, Any]:
+    return {
+        "case": run.case.name,
+        "family": run.case.family,
+        "engine": run.engine,
+        "why": run.case.why,
+        "known": run.case.known,
+        "judgement": run.judgement.value,
+        "outcome": run.outcome,
+        "right_outcome": run.case.outcome[run.engine],
+        "reason": run.reason,
+        "seconds": run.seconds,
+        "checks": [check_record(check) for check in run.checks],
+        "numbers": [
+            {
+                "name": c.name,
+                "value": c.value,
+                "uncertainty": c.uncertainty,
+                "truth": c.truth,
+                "error": c.error,
+                "unit": c.unit,
+                "right": not c.wrong,
+            }
+            for c in run.comparisons
+        ],
+    }
+
+
+def stress_junit(report: StressReport) -> str:
+    """Return a run as JUnit XML: a suite per family, a test per case and engine."""
+    families = dict.fromkeys(run.case.family for run in report.runs)
+    suites = []
+    for family in families:
+        tests = [_test(run) for run in report.runs if run.case.family == family]
+        file = str(FOLDER / f"{family}.toml")
+        suites.append(JUnitSuite(f"stress.{family}", file, tests, dict(report.versions)))
+    return junit_text("taction stress", suites)
+
+
+def _test(run: CaseRun) -> JUnitTest:
+    name = f"{run.case.name} {run.engine}"
+    if run.judgement is Judgement.RIGHT:
+        return JUnitTest(name, seconds=run.seconds)
+    if run.judgement is Judgement.NOT_RUN:
+        return JUnitTest(name, "skipped", run.reason or run.judgement.value)
+    message = f"{run.judgement.value}: {run.reason}"
+    return JUnitTest(name, "failure", message, f"{message}\nhard because {run.case.why}")

@@ -1,0 +1,95 @@
+"""A sweep as a JSON document and as a table."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Iterator
+from dataclasses import asdict
+from typing import Any
+
+from rich.console import Console, RenderableType
+from rich.markup import escape
+from rich.text import Text
+
+from netlist_gen.overrides.axes import Axis
+from verification.report.sweep.agreement import print_summary, summarise
+from verification.report.sweep.records import records
+from verification.report.tables import make_table, spaced, value_text
+from verification.studies.figures import FIGURES
+from verification.studies.sweep.plan import Plan
+from verification.studies.sweep.run import SweepCounts
+from verification.studies.sweep.store import Store
+
+LINES = 40  # points in the table; of a larger sweep only those without a verdict
+COLOUR = {"pass": "green", "fail": "red", "inconclusive": "yellow", "error": "magenta"}
+COLUMNS = ("settling_time", "overshoot", "undershoot", "growth_rate", "frequency")
+
+
+def document_parts(plan: Plan, store: Store, count: SweepCounts, seconds: float) -> Iterator[str]:
+    """Yield the JSON document in pieces, since it may be larger than the memory."""
+    head = {
+        "scene": plan.scene.name,
+        "file": str(plan.scene.file),
+        "database": store.path,
+        "axes": [axis_record(axis, k) for k, group in enumerate(plan.groups) for axis in group],
+        "engines": list(plan.engines),
+        "total": count.total,
+        "done": count.done,
+        "ran": count.ran,
+        "outcomes": dict(count.outcomes),
+        "agreement": asdict(summarise(plan, store)) if len(plan.engines) > 1 else None,
+        "seconds": seconds,
+        "estimated_seconds": count.estimate,
+    }
+    yield json.dumps(head, indent=2, ensure_ascii=False, allow_nan=False)[:-2]
+    yield ',\n  "points": ['
+    between = "\n    "
+    for record in records(plan, store):
+        yield between + json.dumps(record, ensure_ascii=False, allow_nan=False)
+        between = ",\n    "
+    yield "\n  ]\n}\n"
+
+
+def axis_record(axis: Axis, group: int) -> dict[str, Any]:
+    """Return an axis as plain data; axes of the same `group` change together."""
+    return {
+        "name": axis.name,
+        "key": axis.key.path,
+        "unit": axis.key.unit,
+        "scale": axis.scale,
+        "group": group,
+        "values": list(axis.values),
+    }
+
+
+def print_sweep(plan: Plan, store: Store, count: SweepCounts, console: Console) -> None:
+    """Print the outcomes, and the points if they are few, else the points without a verdict."""
+    whole = count.total <= LINES
+    listed = (r for r in records(plan, store) if whole or r["outcome"] == "error")
+    if rows := [_row(plan, record) for record in itertools.islice(listed, LINES)]:
+        titles = map(spaced, COLUMNS)
+        names = [axis.name for axis in plan.axes]
+        console.print(make_table((*names, "engine", "outcome", *titles, "why"), rows))
+    outcomes = ", ".join(
+        f"[{COLOUR[name]}]{count.outcomes[name]} {name}[/{COLOUR[name]}]"
+        for name in COLOUR
+        if name in count.outcomes
+    )
+    console.print(f"{count.done} points: {outcomes}")
+    stored = count.done - count.ran
+    console.print(f"{count.ran} computed now, {stored} from {escape(store.path)}")
+    if len(plan.engines) > 1:
+        print_summary(plan, summarise(plan, store), console)
+    if count.outcomes["error"]:
+        console.print("--retry failed computes the points without a verdict (error) again")
+
+
+def _row(plan: Plan, record: dict[str, Any]) -> list[RenderableType]:
+    return [
+        *(value_text(record["values"][axis.name], axis.key.unit) for axis in plan.axes),
+        record["engine"],
+        Text(record["outcome"], style=COLOUR[record["outcome"]]),
+        *(value_text(record[name], FIGURES[name].unit) for name in COLUMNS),
+        escape(record["reason"].split("\n")[0][:160]),
+    ]

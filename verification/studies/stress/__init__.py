@@ -1,0 +1,1 @@
+"""Stiff and extreme scenes with their right outcomes and true readings."""

@@ -1,0 +1,178 @@
+"""Run the catalogue of stress cases and judge outcomes and numbers."""
+
+from __future__ import annotations
+
+import enum
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from spice_models.errors import INTERRUPTED
+from verification.pipeline.checks import Check
+from verification.studies.running.machine import describe_machine
+from verification.studies.stress.catalogue import Case
+from verification.studies.stress.compare import Comparison, compare, worst
+from verification.verify import Verdict, verify
+
+Progress = Callable[[str], None]
+TYPICAL = 0.5  # s: a run of unknown length
+VERSIONS = ("taction", "numpy", "scipy", "ngspice")
+STOPPED = "interrupted"
+NO_NGSPICE = "ngspice was not found, or it is too old; `taction doctor` says more"
+
+
+class Judgement(enum.Enum):
+    """Whether taction was right on a case."""
+
+    RIGHT = "right"
+    WRONG_OUTCOME = "wrong outcome"
+    WRONG_NUMBER = "wrong number"
+    NOT_RUN = "not run"
+
+
+@dataclass(frozen=True, slots=True)
+class CaseRun:
+    """One case on one engine.
+
+    Attributes
+    ----------
+    case : Case
+    engine : str
+    outcome : str
+        Outcome of the verdict, or the name of the exception.
+    judgement : Judgement
+    checks : tuple of Check
+        Empty for a refused scene.
+    comparisons : tuple of Comparison
+        Every stated number with its true value.
+    reason : str
+        What is wrong, or why the scene was refused.
+    seconds : float
+        Wall time.
+    """
+
+    case: Case
+    engine: str
+    outcome: str
+    judgement: Judgement
+    checks: tuple[Check, ...] = ()
+    comparisons: tuple[Comparison, ...] = ()
+    reason: str = ""
+    seconds: float = 0.0
+
+    @property
+    def worst(self) -> Comparison | None:
+        """The stated number with the largest true error over its stated error."""
+        return worst(self.comparisons)
+
+
+@dataclass(frozen=True, slots=True)
+class StressReport:
+    """The runs of all cases; `versions` are those of the programs that were used."""
+
+    runs: tuple[CaseRun, ...]
+    versions: tuple[tuple[str, str], ...]
+
+    @property
+    def wrong(self) -> tuple[CaseRun, ...]:
+        """Runs with a wrong outcome or a wrong number."""
+        fine = (Judgement.RIGHT, Judgement.NOT_RUN)
+        return tuple(run for run in self.runs if run.judgement not in fine)
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether Ctrl-C ended the run before its last case."""
+        return any(run.reason == STOPPED for run in self.runs)
+
+    @property
+    def exit_status(self) -> int:
+        """0 all right, 1 an outcome or a number is wrong, 3 a case was not run."""
+        if self.interrupted:
+            return INTERRUPTED
+        if self.wrong:
+            return 1
+        return 3 if any(run.judgement is Judgement.NOT_RUN for run in self.runs) else 0
+
+    def count(self) -> dict[str, int]:
+        """Return the number of runs by judgement, without zeros."""
+        found = [run.judgement for run in self.runs]
+        return {kind.value: found.count(kind) for kind in Judgement if kind in found}
+
+
+def run_catalogue(cases: Sequence[Case], progress: Progress = lambda stage: None) -> StressReport:
+    """Run every case on every one of its engines, and announce the time that is left.
+
+    Without ngspice its runs are `Judgement.NOT_RUN`, and after Ctrl-C all remaining runs are.
+    """
+    machine = describe_machine()
+    versions = tuple((name, str(machine[name])) for name in VERSIONS)
+    todo = [(case, engine) for case in cases for engine in case.engines]
+    usual = [case.seconds.get(engine, TYPICAL) for case, engine in todo]
+    began, runs = time.perf_counter(), list[CaseRun]()
+    try:
+        for number, (case, engine) in enumerate(todo):
+            pace = (time.perf_counter() - began) / max(sum(usual[:number]), TYPICAL)
+            left = max(pace, 1.0) * sum(usual[number:])
+            progress(f"{number + 1} of {len(todo)}: {case.name}, {engine}; {left:.0f} s left")
+            if engine == "ngspice" and machine["ngspice"] is None:
+                runs.append(CaseRun(case, engine, "-", Judgement.NOT_RUN, reason=NO_NGSPICE))
+            else:
+                runs.append(run_case(case, engine))
+    except KeyboardInterrupt:
+        left_out = todo[len(runs) :]
+        runs += [CaseRun(c, e, "-", Judgement.NOT_RUN, reason=STOPPED) for c, e in left_out]
+    return StressReport(tuple(runs), versions)
+
+
+def expected_seconds(cases: Sequence[Case]) -> float:
+    """Return the time that the runs of `cases` took where the true values were computed, s."""
+    return sum(case.seconds.get(engine, TYPICAL) for case in cases for engine in case.engines)
+
+
+def run_case(case: Case, engine: str) -> CaseRun:
+    """Verify one case with one engine and judge the verdict, or the exception."""
+    began = time.perf_counter()
+    try:
+        verdict = verify(case.scene(engine))
+    except Exception as error:
+        # Also an exception that taction does not raise on purpose is an outcome, a wrong one.
+        seconds, name = time.perf_counter() - began, type(error).__name__
+        right = name == case.outcome[engine]
+        judgement = Judgement.RIGHT if right else Judgement.WRONG_OUTCOME
+        return CaseRun(case, engine, name, judgement, reason=str(error), seconds=seconds)
+    return _judged(case, engine, verdict, time.perf_counter() - began)
+
+
+def _judged(case: Case, engine: str, verdict: Verdict, seconds: float) -> CaseRun:
+    comparisons = () if case.truth is None else compare(verdict, case.truth)
+    mistakes = list(_wrong_outcomes(case, engine, verdict))
+    judgement = Judgement.WRONG_OUTCOME if mistakes else Judgement.RIGHT
+    wrong = [c.name for c in comparisons if c.wrong]
+    if wrong:
+        judgement = Judgement.WRONG_NUMBER
+        mistakes.append(f"outside their uncertainty: {', '.join(wrong)}")
+    return CaseRun(
+        case=case,
+        engine=engine,
+        outcome=verdict.outcome.value,
+        judgement=judgement,
+        checks=verdict.checks,
+        comparisons=comparisons,
+        reason="; ".join(mistakes),
+        seconds=seconds,
+    )
+
+
+def _wrong_outcomes(case: Case, engine: str, verdict: Verdict) -> list[str]:
+    """Return what differs from the right outcomes, with the reasons of the checks."""
+    found = {check.name: check for check in verdict.checks}
+    wrong = []
+    if verdict.outcome.value != case.outcome[engine]:
+        reasons = [f"{c.name} {c.outcome.value}: {c.reason}" for c in verdict.checks]
+        wrong.append(f"{verdict.outcome.value} instead of {case.outcome[engine]} ({reasons})")
+    for name, right in case.decided.items():
+        check = found.get(name)
+        if check is None or check.outcome.value != right:
+            now = "missing" if check is None else f"{check.outcome.value}: {check.reason}"
+            wrong.append(f"{name} must be {right}, is {now}")
+    return wrong

@@ -1,0 +1,93 @@
+"""The points of a hybrid sweep that ngspice confirms.
+
+A hybrid sweep computes every point of the grid by the state-space engine, and in addition by
+ngspice:
+
+- the points next to the stability boundary: of two neighbours on an axis of numbers, one is stable
+  and the other is not;
+- the points with the least and the greatest value of every reading (`POLE_READINGS` of all points,
+  `TRANSIENT_READINGS` of the stable points: those of a growing record depend on its length);
+- a random sample of `SHARE` of all points, with the seed `SEED`.
+
+The choice depends only on the stored results of the state-space engine, so an interrupted sweep
+continues with the same points.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import numpy as np
+
+from netlist_gen.overrides.axes import Axis
+from spice_models.array_types import Bools
+from verification.studies.figures import POLE_READINGS, TRANSIENT_READINGS
+from verification.studies.sweep.plan import Plan, Requests
+from verification.studies.sweep.store import Store
+
+SHARE = 0.05  # of all points
+SEED = 1
+DIGITS = 6  # readings that agree to so many digits are equal; the first point counts
+BOUNDARY, EXTREME, SAMPLE = "boundary", "extreme", "sample"
+
+
+def confirmed_points(plan: Plan, store: Store) -> dict[int, str]:
+    """Return the places of the points for ngspice, in the order of the grid, with the reason.
+
+    The reason is `BOUNDARY`, `EXTREME` or `SAMPLE`; if several apply, the first of them.
+    """
+    stable = np.zeros(plan.points, dtype=np.int8)  # 1 stable, -1 unstable, 0 not known
+    extremes: dict[tuple[str, float], tuple[float, int]] = {}
+    for point in Requests(plan, ("statespace",)):
+        record = store.record_of(point.request)
+        if record is None or record["stable"] is None:
+            continue
+        stable[point.place] = 1 if record["stable"] else -1
+        for name, value in _readings(record):
+            for sign in (1.0, -1.0):
+                best, _ = extremes.get((name, sign), (math.inf, 0))
+                if sign * value < best:
+                    extremes[name, sign] = (sign * value, point.place)
+    reasons = dict.fromkeys(sample(plan.points), SAMPLE)
+    reasons |= dict.fromkeys((place for _, place in extremes.values()), EXTREME)
+    boundary = next_to_the_boundary(stable.reshape(plan.shape), plan)
+    reasons |= dict.fromkeys(np.flatnonzero(boundary).tolist(), BOUNDARY)
+    return dict(sorted(reasons.items()))
+
+
+def sample(points: int) -> list[int]:
+    """Return the places of the random sample of a grid of `points` points."""
+    count = math.ceil(SHARE * points)
+    return sorted(np.random.default_rng(SEED).permutation(points)[:count].tolist())
+
+
+def next_to_the_boundary(stable: np.ndarray[Any, Any], plan: Plan) -> Bools:
+    """Mark the points with a neighbour of the opposite sign.
+
+    Parameters
+    ----------
+    stable : ndarray of plan.shape
+        Positive for stable, negative for unstable, 0 for unknown points.
+    """
+    marked = np.zeros(stable.shape, dtype=np.bool_)
+    for k, group in enumerate(plan.groups):
+        if has_order(group):
+            signs, marks = np.moveaxis(stable, k, 0), np.moveaxis(marked, k, 0)  # views
+            crossing = np.sign(signs[1:]) * np.sign(signs[:-1]) < 0
+            marks[1:] |= crossing
+            marks[:-1] |= crossing
+    return marked
+
+
+def has_order(group: Iterable[Axis]) -> bool:
+    """Whether neighbouring values of axes that change together are close to each other."""
+    return all(axis.key.kind != "choice" for axis in group)
+
+
+def _readings(record: dict[str, Any]) -> Iterator[tuple[str, float]]:
+    names = POLE_READINGS + (TRANSIENT_READINGS if record["stable"] else ())
+    for name in names:
+        if record[name] is not None:
+            yield name, float(f"{record[name]:.{DIGITS}g}")
