@@ -5,17 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from netlist_gen.analysis import Transient
 from netlist_gen.scene.scene import Checks, Scene
 from spice_models.array_types import Floats
-from spice_models.errors import Complaint, EngineError, InputError
+from spice_models.errors import EngineError
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.small_signal.step_forecast import StepForecast, StepModel
 from verification.small_signal.time_scales import GROWN, TimeScales
 
-REMAINDER = 0.1  # of the steady-state tolerance: remaining ringing at the end of the record
+REMAINDER = 0.1  # of the steady-state tolerance and the band: remaining ringing at the end
 AFTER_SETTLING = 1.2  # times the settling time: the record must show that outputs remain settled
 SHARE = 0.25  # of the tightest tolerance of the checks: the error wanted by ``error = "auto"``
 AIM = 0.8  # of the wanted error: the error that a transient is planned for
@@ -23,21 +21,18 @@ LEAST_ERROR = 1e-8  # of the step amplitude: the least error that ngspice is pla
 GROWTH_ERROR = 0.01  # of `GROWN`: the error that a growing transient is planned for
 FEWEST_PERIODS = 8  # of ringing in every record
 RECORD_ERROR = 2e-8  # of the step amplitude: error of interpolation between points of a record
-RECORD_BYTES = 100_000_000  # largest size of a record of the state-space engine
 UNSTABLE_SECONDS = 2.0  # of processor time: limit for a board that is known to be unstable
 LINEAR_STEP, MATRIX_STEP = 2.7e-6, 3.1e-9
 """Processor time of a step of ngspice 46 with KLU: ``LINEAR_STEP N + MATRIX_STEP N³``, s, measured
 for N = 7 to 128 on one machine; with behavioural amplifiers a step takes `NEWTON` times as long."""
 NEWTON = 2.5
-IMPLICIT_STEP, IMPLICIT_CHANNELS, IMPLICIT_MOST = 5e-4, 6e-5, 0.03
-"""Processor time of a step of the state-space engine on a board with behavioural amplifiers:
-``IMPLICIT_STEP + IMPLICIT_CHANNELS N²``, at most `IMPLICIT_MOST`, s, measured for N = 2 to 64."""
-IMPLICIT_STEPS = 6.0  # of the state-space engine in a period of growing ringing
 LONG = 10.0  # s: a longer run is announced
 SHORTER = "the state-space engine (--engine statespace) is usually faster"
 NO_STEPS = StepForecast(0.0, 0.0, 0.0, 0.0, steps=0.0, error=0.0)
+UNSTABLE_PERIODS = 100.0  # of ringing: the same for the state-space engine, where it needs steps
+TOO_LONG = "the record ends after {stop:.3g} s, before the instability has grown"
 TOO_SLOW = (
-    "the record ends after {stop:.3g} s, before the instability has grown: the simulation needs"
+    "the record ends after {stop:.3g} s, before the instability has grown: ngspice needs"
     " {seconds:g} s up to there"
 )
 
@@ -58,6 +53,8 @@ class Plan:
         Estimated processor time of ngspice, s.
     growing : bool
         Whether the board is unstable and its outputs grow.
+    grown : float
+        Length of the shortest record that shows a growing instability, s.
     notes : tuple of str
         What the plan omits, for the user.
     """
@@ -67,6 +64,7 @@ class Plan:
     forecast: StepForecast
     seconds: float
     growing: bool
+    grown: float
     notes: tuple[str, ...] = ()
 
     @property
@@ -80,13 +78,12 @@ class Plan:
         """Return the instants of a state-space record, s; None if the outputs grow.
 
         The instants are dense where the outputs bend, so that cubic interpolation errs by about
-        `RECORD_ERROR`, if `RECORD_BYTES` suffice.
+        `RECORD_ERROR`.
         """
         if self.growing:
             return None
         model = StepModel.of(board, self.transient.stop, self.transient.initial, stable=True)
-        most = RECORD_BYTES // (8 * (1 + len(board.circuit.outputs)))
-        return model.instants(RECORD_ERROR, most)
+        return model.instants(RECORD_ERROR)
 
 
 def wanted_error(scene: Scene) -> float:
@@ -118,6 +115,7 @@ def plan_transient(
     engine: str = "ngspice",
     *,
     stable: bool | None = None,
+    resolution: float = 0.0,
     aim: float | None = None,
 ) -> Plan:
     """Choose the length of the record and the cheapest step control for the wanted error.
@@ -132,6 +130,9 @@ def plan_transient(
     stable : bool, optional
         Whether the board is stable, by its own poles; by default as `scales` say, which for a
         large board are those of its coarse image.
+    resolution : float, optional
+        Rounding error of the poles, 1/s: a record does not wait for a mode that decays, or grows,
+        more slowly.
     aim : float, optional
         Error to plan for, in step amplitudes; the default is `AIM` times the wanted error.
 
@@ -139,17 +140,13 @@ def plan_transient(
     ------
     EngineError
         No mode of the board is visible at its outputs.
-    InputError
-        ``analysis.stop`` is shorter than the fastest visible time scale.
     """
     growing = math.isfinite(scales.growth_time) if stable is None else not stable
-    stop, error = _stop(scene, scales, growing), wanted_error(scene)
+    stop, error = _stop(scene, scales, resolution, growing=growing), wanted_error(scene)
     initial = scene.analysis.initial
-    notes: tuple[str, ...] = ()
     if engine == "statespace":
-        if growing and stop > (longest := _longest_growth(board, scales)):
-            stop, notes = longest, (TOO_SLOW.format(stop=longest, seconds=UNSTABLE_SECONDS),)
-        return Plan(Transient(stop, stop, initial=initial), error, NO_STEPS, 0.0, growing, notes)
+        return _without_steps(scene, board, scales, stop, growing=growing)
+    notes: tuple[str, ...] = ()
     model, points = (
         StepModel.of(board, stop, initial, stable=not growing),
         scene.analysis.points_per_period,
@@ -173,7 +170,22 @@ def plan_transient(
         first_step=_six_digits(forecast.first_step),
         initial=initial,
     )
-    return Plan(transient, error, forecast, forecast.steps * step_seconds, growing, notes)
+    seconds, grown = forecast.steps * step_seconds, min(scales.growth_time, stop)
+    return Plan(transient, error, forecast, seconds, growing, grown, notes)
+
+
+def _without_steps(
+    scene: Scene, board: LinearBoard, scales: TimeScales, stop: float, *, growing: bool
+) -> Plan:
+    """Plan a run of the state-space engine; a growing run that needs time steps is kept short."""
+    notes: tuple[str, ...] = ()
+    stepped = bool(board.circuit.amplifiers) or board.descriptor.is_large
+    longest = UNSTABLE_PERIODS * scales.max_step_for(1.0)
+    if growing and stepped and stop > longest:
+        stop, notes = longest, (TOO_LONG.format(stop=longest),)
+    transient = Transient(stop, stop, initial=scene.analysis.initial)
+    grown = min(scales.growth_time, stop)
+    return Plan(transient, wanted_error(scene), NO_STEPS, 0.0, growing, grown, notes)
 
 
 def seconds_per_step(board: LinearBoard) -> float:
@@ -181,16 +193,6 @@ def seconds_per_step(board: LinearBoard) -> float:
     channels = len(board.circuit.signal_nodes)
     linear = LINEAR_STEP * channels + MATRIX_STEP * channels**3
     return NEWTON * linear if board.circuit.amplifiers else linear
-
-
-def _longest_growth(board: LinearBoard, scales: TimeScales) -> float:
-    """Estimate how far the state-space engine simulates growth in `UNSTABLE_SECONDS`, s."""
-    turns = float(np.abs(scales.poles[:1].imag).max(initial=0.0)) / (2.0 * math.pi)
-    if not board.circuit.amplifiers or not turns:
-        return math.inf
-    step = IMPLICIT_STEP + IMPLICIT_CHANNELS * len(board.circuit.signal_nodes) ** 2
-    steps = UNSTABLE_SECONDS / min(step, IMPLICIT_MOST)
-    return _six_digits(steps / IMPLICIT_STEPS / turns)
 
 
 def even_transient(scene: Scene, scales: TimeScales, points: float, stop: float) -> Transient:
@@ -218,20 +220,24 @@ def coarser(transient: Transient, ratio: float) -> Transient:
     )
 
 
-def _stop(scene: Scene, scales: TimeScales, growing: bool) -> float:
-    stop = scene.analysis.stop
-    if stop != "auto":
-        fastest = scales.max_step_for(2.0 * math.pi)
-        if stop < fastest < math.inf:
-            text = (
-                f"shorter than {fastest:.3g} s, in which the outputs move;"
-                " expected a longer time, or 'auto'"
-            )
-            raise InputError(scene.file, Complaint("analysis.stop", f"{stop!r} s", text))
-        return stop
+def _stop(scene: Scene, scales: TimeScales, resolution: float, *, growing: bool) -> float:
+    if scene.analysis.stop != "auto":
+        return scene.analysis.stop
     if growing and math.isfinite(scales.growth_time):
         return _six_digits(scales.growth_time)
-    settled = AFTER_SETTLING * scales.stop_for(REMAINDER * scene.checks.steady_state.tolerance)
+    return settled_after(scene.checks, scales, resolution)
+
+
+def settled_after(checks: Checks, scales: TimeScales, resolution: float = 0.0) -> float:
+    """Return the length of a record in which every check of a stable board can be decided, s.
+
+    Raises
+    ------
+    EngineError
+        No mode of the board is visible at its outputs.
+    """
+    remainder = REMAINDER * min(checks.steady_state.tolerance, checks.settling_time.band)
+    settled = AFTER_SETTLING * scales.stop_for(remainder, slowest=resolution)
     longest = max(settled, FEWEST_PERIODS * scales.max_step_for(1.0))
     if not (math.isfinite(longest) and longest > 0.0):
         raise EngineError(

@@ -116,7 +116,7 @@ def test_a_cubic_through_the_instants_of_a_record_errs_as_little_as_asked(
     circuit: Circuit, error: float
 ) -> None:
     model, stop = model_of(circuit)
-    times = model.instants(error, 1_000_000)
+    times = model.instants(error)
     assert times[0] == 0.0
     assert times[-1] == pytest.approx(stop)
     assert np.all(np.diff(times) > 0.0)

@@ -34,7 +34,7 @@ READINGS = {
     "rise_time",
     "overshoot",
     "undershoot",
-    "steady_state_error",
+    "end_error",
     "growth_rate",
     "frequency",
     "damping_ratio",
