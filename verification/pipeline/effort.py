@@ -9,7 +9,7 @@ from dataclasses import dataclass
 class Effort:
     """Results that a verification computes in addition to the checks.
 
-    No outcome and no reading depends on these choices, but for the margin (`full_margin`).
+    No outcome and no reading of a check depends on these choices.
 
     Attributes
     ----------

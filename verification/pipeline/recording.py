@@ -37,7 +37,6 @@ from verification.pipeline.simulation import (
 )
 from verification.pipeline.step_error import StepError, simulation_error, undecided
 from verification.pipeline.transient_plan import coarser
-from verification.small_signal.step_forecast import MOST_INSTANTS
 from verification.waveforms import Waveforms
 
 COARSER = 2.0  # times the step: the step of a second run
@@ -155,12 +154,13 @@ def _record(
     if stable and design.engine == "ngspice":
         companion = _companion(design, simulation.waveforms)
     clock.begin("measures")
-    measurements, u = measure_outputs(
-        scene, circuit, ideal, simulation.waveforms, transient, details=effort.details
-    )
-    forever = effort.details or scene.analysis.stop != "auto" or len(u) >= MOST_INSTANTS
-    if forever := forever and stable and is_exact(design):
+    if forever := stable and is_exact(design):
+        u = outputs(circuit, simulation.waveforms)
         measurements = _on_the_solution(design, ideal, u[-1])
+    else:
+        measurements, u = measure_outputs(
+            scene, circuit, ideal, simulation.waveforms, transient, details=effort.details
+        )
     amplitude = measurements.amplitude
     agreement = None
     if companion is not None and (companion.share == 1.0 or companion.reason):
