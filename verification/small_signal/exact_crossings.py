@@ -91,7 +91,7 @@ scales are too far apart for a measurement"
         """See `Signal`."""
         heights = []
         for n in range(len(self.target)):
-            top = float((sign * self.errors[:, n]).max())
+            top = float(max((sign * self.errors[:, n]).max(), sign * self.ends[n]))
             peaks = self._peaks(n, sign, 0, len(self.time) - 1, top)
             heights.append(max([top, *(height for _, height in peaks)]))
         return np.array(heights)
