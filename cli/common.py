@@ -158,13 +158,13 @@ def console() -> Console:
 
 
 @contextmanager
-def stage_display() -> Iterator[Callable[[str], None]]:
-    """Show the current stage on stderr; without a terminal only the stages that take long."""
+def stage_display(*, every: bool = False) -> Iterator[Callable[[str], None]]:
+    """Show the current stage on stderr; without a terminal only long stages, or `every` one."""
     if not sys.stderr.isatty():
         shown: set[str] = set()
 
         def announce(stage: str) -> None:
-            if stage.startswith("simulation (about") and stage not in shown:
+            if (every or stage.startswith("simulation (about")) and stage not in shown:
                 shown.add(stage)
                 click.echo(f"taction: {stage}", err=True)
 
