@@ -39,8 +39,8 @@ MEAN_SLOPE_STEPS = 4
 SMALL_STEP = 0.1
 _NODES = np.array([0.5 - 0.15**0.5, 0.5, 0.5 + 0.15**0.5])
 _WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
-MAX_REFINEMENTS = 60
-STALLED = 0.99
+MAX_REFINEMENTS = 20
+STALLED = 0.5
 """Refinement ends if the gap shrinks by less than this with a new factorisation."""
 STEP_LENGTHS = (1.0, 0.25, 0.0625, 0.015625)
 """Shares of a correction that are tried."""
@@ -95,14 +95,12 @@ def _corrected(
     dr = p.f1 - s.product(D * y)
     # Newton's method is nearly linear in q but not in v: for an ill-conditioned T only the exact
     # step converges. Far from the solution the linearised step is sometimes better.
-    dq = p.f2 + s.transposed(dr) + s.h * D * y
-    for length in STEP_LENGTHS:
-        linear, exact_step = _steps_in_v(s, p.v.hi, length * dq)
-        for dv in (exact_step, linear):
-            v, r = p.v + DoubleDouble.of(dv), p.r + DoubleDouble.of(length * dr)
-            trial = _point(s, exact, v, r)
-            if trial.gap < p.gap:
-                return trial
+    linear, exact_step = _steps_in_v(s, p.v.hi, p.f2 + s.transposed(dr) + s.h * D * y)
+    for dv, length in ((exact_step, 1.0), *((linear, share) for share in STEP_LENGTHS)):
+        v, r = p.v + DoubleDouble.of(length * dv), p.r + DoubleDouble.of(length * dr)
+        trial = _point(s, exact, v, r)
+        if trial.gap < p.gap:
+            return trial
     return None
 
 
