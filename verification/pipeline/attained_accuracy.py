@@ -13,7 +13,6 @@ from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.transients import (
     amplified,
     exact,
-    reduced_order,
     structured_radau,
 )
 from verification.ideal.ideal_answer import IdealAnswer
@@ -166,11 +165,8 @@ def _state_space(
         bound = exact.exact_solution(board, initial=transient.initial, stop=transient.stop).error
         return "exact", bound, "bound on the rounding of the exact solution"
     run = amplified.simulate if amplifiers else structured_radau.simulate
-    stepped = any(flag.startswith(reduced_order.STEPPED) for flag in fine.flags)
-    linear = "implicit, structured" if stepped else "Krylov space, structured"
-    method = "implicit, adaptive" if amplifiers else linear
-    # A Krylov space takes no steps: steps of the same tolerance are a second method beside it.
-    tolerance = state_space_tolerance(wanted) * (LOOSER if amplifiers or stepped else 1.0)
+    method = "implicit, adaptive" if amplifiers else "implicit, structured"
+    tolerance = LOOSER * state_space_tolerance(wanted)
     times = fine.time[:: max(len(fine.time) // INSTANTS, 1)]
     try:
         other = run(board, transient, times=times, tolerance=tolerance)
