@@ -19,7 +19,7 @@ from netlist_gen.scene.scene import Scene
 from spice_models.errors import TactionError
 from taction.studies import plan_sweep
 from tests.support.paths import SCENES
-from tests.support.random_scenes import random_scene
+from tests.support.scenes_of_all_kinds import random_scene
 from verification.pipeline.clock import Clock
 from verification.pipeline.design import design_board
 from verification.report.sweep.records import records
