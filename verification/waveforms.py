@@ -36,8 +36,7 @@ class Waveforms:
         Warnings of the engine that did not stop the run (a singular matrix that the solver got
         over, say); to be shown beside any verdict.
     rounding : float
-        What the engine's own rounding left (of a Krylov space all that it misses), V; 0 where the
-        engine does not say.
+        What the engine's own rounding left, V; 0 where the engine does not say.
     """
 
     time: Floats

@@ -16,13 +16,12 @@ from verification.engines.statespace.transients import (
     amplified,
     amplified_large,
     exact,
-    reduced_order,
     structured_radau,
 )
 from verification.pipeline import bounded_measures
 
 SIZE = 4e-16  # relative; standard deviation
-TRANSIENTS = (amplified, exact, reduced_order, structured_radau)
+TRANSIENTS = (amplified, exact, structured_radau)
 
 
 @contextmanager

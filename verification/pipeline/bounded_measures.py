@@ -26,7 +26,6 @@ from verification.pipeline.simulation import outputs
 from verification.pipeline.state_space_error import StateSpaceError, is_exact
 from verification.pipeline.steady_state import SteadyState
 from verification.pipeline.step_error import bounded
-from verification.small_signal.step_forecast import MOST_INSTANTS
 from verification.waveforms import Waveforms
 
 SAFETY = (
@@ -75,25 +74,23 @@ def measure_with_bounds(
     companion : Companion or None
         A second solution beside a record of ngspice.
     details : bool
-        Whether to read the exact solution in place of its record, and to fit modes to records that
-        need no fit.
+        Whether to fit modes to records that need no fit.
     """
-    asked = details or design.scene.analysis.stop != "auto" or len(wave.time) >= MOST_INSTANTS
     solution = None
-    if design.poles.stable and is_exact(design.board) and (companion is not None or asked):
+    if design.poles.stable and is_exact(design.board) and (companion or own):
         solution = _on_the_solution(design, ideal)
-    if companion is None:
-        measured, u = _own_measures(design, ideal, wave, own, details=details)
-        end_error = own.volts if own is not None and math.isfinite(own.volts) else math.inf
-    else:
+    if companion is not None:
         measured, u = _measures_beside(design, ideal, wave, companion, solution, details=details)
-        end_error = companion.end_error
-    if forever := companion is None and solution is not None:
-        # As for every engine, `final` is the end of the record.
-        ends = zip(solution.channels, u[-1].tolist(), strict=True)
-        channels = tuple(replace(channel, final=end) for channel, end in ends)
-        measured = replace(solution, channels=channels)
-    return BoundedMeasures(measured, u, end_error, forever)
+        return BoundedMeasures(measured, u, companion.end_error, forever=False)
+    end_error = own.volts if own is not None and math.isfinite(own.volts) else math.inf
+    if solution is None:
+        measured, u = _own_measures(design, ideal, wave, own, details=details)
+        return BoundedMeasures(measured, u, end_error, forever=False)
+    u = outputs(design.circuit, wave)
+    # As for every engine, `final` is the end of the record.
+    ends = zip(solution.channels, u[-1].tolist(), strict=True)
+    channels = tuple(replace(channel, final=end) for channel, end in ends)
+    return BoundedMeasures(replace(solution, channels=channels), u, end_error, forever=True)
 
 
 def _own_measures(

@@ -9,11 +9,13 @@ from dataclasses import dataclass
 class Effort:
     """Results that a verification computes in addition to the checks.
 
+    No outcome and no reading of a check depends on these choices.
+
     Attributes
     ----------
     details : bool
-        Whether to compute the figures of the constraint plane, the error budget, times on the
-        continuous solution and the ringing of settled channels.
+        Whether to compute the figures of the constraint plane, the error budget, the energy and
+        the ringing of settled channels.
     full_margin : bool
         Whether to scan the stability margin up to `REACH`, not only up to the limit of the scene.
     session : bool

@@ -14,7 +14,7 @@ import numpy as np
 from netlist_gen.analysis import Transient
 from spice_models.errors import EngineError
 from verification.engines.statespace.linearised.board import LinearBoard
-from verification.engines.statespace.transients import amplified, reduced_order, structured_radau
+from verification.engines.statespace.transients import amplified, structured_radau
 from verification.waveforms import Waveforms
 
 LOOSER = 4.0  # the second run's tolerance over the first's: it then errs 2 to 7 times as much
@@ -58,11 +58,8 @@ def state_space_error(
         return StateSpaceError(record.rounding, record.rounding, "exact", how)
     amplifiers = bool(board.circuit.amplifiers)
     run = amplified.simulate if amplifiers else structured_radau.simulate
-    stepped = any(flag.startswith(reduced_order.STEPPED) for flag in record.flags)
-    linear = "implicit, structured" if stepped else "Krylov space, structured"
-    method = "implicit, adaptive" if amplifiers else linear
-    # A Krylov space takes no steps: steps of the same tolerance are a second method beside it.
-    second = tolerance * (LOOSER if amplifiers or stepped else 1.0)
+    method = "implicit, adaptive" if amplifiers else "implicit, structured"
+    second = LOOSER * tolerance
     nodes, times, rounding = record.nodes, record.time, record.rounding
     try:
         other = run(board, transient, nodes=nodes, times=times, tolerance=second)

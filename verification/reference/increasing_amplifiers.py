@@ -39,9 +39,11 @@ MEAN_SLOPE_STEPS = 4
 SMALL_STEP = 0.1
 _NODES = np.array([0.5 - 0.15**0.5, 0.5, 0.5 + 0.15**0.5])
 _WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
-MAX_REFINEMENTS = 20
+MAX_REFINEMENTS = 60
 STALLED = 0.5
-"""Refinement ends if the gap shrinks by less than this with a new factorisation."""
+PATIENCE = 8
+"""Refinement ends if the gap shrinks by less than `STALLED` in so many steps in turn. A step that
+increases the gap can lead to where Newton's method converges; the best point is kept."""
 STEP_LENGTHS = (1.0, 0.25, 0.0625, 0.015625)
 """Shares of a correction that are tried."""
 FAST = 1e-6
@@ -87,21 +89,24 @@ def _steps_in_v(s: Scaled, v: Floats, dq: Floats) -> tuple[Floats, Floats]:
     return linear, np.where(np.abs(linear) < SMALL_STEP, dv, linear)
 
 
-def _corrected(
-    s: Scaled, exact: ExactMatrix, p: _Point, D: Floats, factor: Factor
-) -> _Point | None:
-    """Take one Newton step for v and r together, shortened until the gap falls, or return None."""
+def _corrected(s: Scaled, exact: ExactMatrix, p: _Point, D: Floats, factor: Factor) -> _Point:
+    """Take one Newton step for v and r together, shortened until the gap falls.
+
+    Where the gap does not fall, the step with the least gap is taken.
+    """
     y = factor.solve(p.f1, D * p.f2)
     dr = p.f1 - s.product(D * y)
     # Newton's method is nearly linear in q but not in v: for an ill-conditioned T only the exact
     # step converges. Far from the solution the linearised step is sometimes better.
-    linear, exact_step = _steps_in_v(s, p.v.hi, p.f2 + s.transposed(dr) + s.h * D * y)
-    for dv, length in ((exact_step, 1.0), *((linear, share) for share in STEP_LENGTHS)):
-        v, r = p.v + DoubleDouble.of(length * dv), p.r + DoubleDouble.of(length * dr)
-        trial = _point(s, exact, v, r)
-        if trial.gap < p.gap:
-            return trial
-    return None
+    dq, trials = p.f2 + s.transposed(dr) + s.h * D * y, []
+    for length in STEP_LENGTHS:
+        linear, exact_step = _steps_in_v(s, p.v.hi, length * dq)
+        for dv in (exact_step, linear):
+            v, r = p.v + DoubleDouble.of(dv), p.r + DoubleDouble.of(length * dr)
+            trials.append(_point(s, exact, v, r))
+            if trials[-1].gap < p.gap:
+                return trials[-1]
+    return min(trials, key=lambda trial: trial.gap)
 
 
 def _first_point(s: Scaled, exact: ExactMatrix, result: NewtonResult) -> _Point:
@@ -121,24 +126,25 @@ def _first_point(s: Scaled, exact: ExactMatrix, result: NewtonResult) -> _Point:
 def _refine(s: Scaled, result: NewtonResult) -> tuple[_Point, int]:
     """Improve until the gap stops shrinking or the error is far below double precision."""
     exact = ExactMatrix(s.T)
-    best = _first_point(s, exact, result)
-    outdated = True  # the factorisation
+    best = point = _first_point(s, exact, result)
+    outdated, idle = True, 0  # the factorisation; steps without progress
     for step in range(MAX_REFINEMENTS):
         peak = float(np.max(np.abs(best.u.hi)))
         slope_bound = float(np.max(s.regulariser.slope_bound(best.u.hi)))
-        if best.gap * slope_bound <= REFINED_ERROR * s.mu * peak * peak:
+        if best.gap * slope_bound <= REFINED_ERROR * s.mu * peak * peak or idle == PATIENCE:
             return best, step
         fresh = outdated
         if fresh:
-            D = np.sqrt(s.regulariser.slope(best.v.hi))
+            D = np.sqrt(s.regulariser.slope(point.v.hi))
             factor = s.factor(D, s.mu)
         with np.errstate(all="ignore"):
-            trial = _corrected(s, exact, best, D, factor)
-        shrunk = trial.gap / best.gap if trial is not None else 1.0
-        if fresh and shrunk > STALLED:
-            return trial or best, step + 1
+            point = _corrected(s, exact, point, D, factor)
+        if not np.isfinite(point.gap):
+            return best, step + 1
+        shrunk = point.gap / best.gap
         outdated = shrunk > FAST  # the curvature has changed
-        best = trial or best
+        idle = idle + 1 if fresh and shrunk > STALLED else 0
+        best = point if shrunk < 1.0 else best
     return best, MAX_REFINEMENTS
 
 

@@ -118,6 +118,14 @@ def test_two_hundred_channels(regulariser: str, lam: float) -> None:
     assert solution.trusted, solution.reason
 
 
+@pytest.mark.parametrize("seed", [5, 9])
+def test_rounding_of_the_strain_does_not_end_the_refinement(seed: int) -> None:
+    problem = replace(tactile(200, 1.0), regulariser="sinh", lam=1e-12)
+    noise = 4e-16 * np.random.default_rng(seed).standard_normal(200)
+    solution = solve(replace(problem, eps=problem.eps * (1.0 + noise)))
+    assert solution.trusted, solution.reason
+
+
 def test_objective_is_the_printed_one() -> None:
     problem = replace(tactile(7, 1.0), regulariser="exponential", bias=True, lam=0.3)
     solution = solve(problem)

@@ -23,7 +23,7 @@ from verification.studies.running.versions import Versions
 from verification.studies.sweep.store import ERROR, StoredResult
 from verification.verify import Verdict, verify
 
-POINT_EFFORT = Effort(details=False, full_margin=False, session=True)
+POINT_EFFORT = Effort(details=False, session=True)
 MAX_REASON = 4000  # characters
 STATES = tuple(ChannelState)  # the best first; of several channels the worst state counts
 

@@ -1,1 +1,1 @@
-"""Transients of a board: exact, by a reduced order, and by implicit steps."""
+"""Transients of a board: exact, and by implicit steps."""

@@ -182,7 +182,7 @@ def simulate(
 ) -> Waveforms:
     """Simulate a transient: exactly if the board is linear, else by `amplified.simulate`.
 
-    A large linear board is simulated by `reduced_order.simulate`.
+    A large linear board is simulated by `structured_radau.simulate`.
 
     Parameters
     ----------
@@ -195,7 +195,7 @@ def simulate(
     times : ndarray (P,), optional
         Requested instants, strictly increasing, s; by default uniform from 0 to `stop`.
     tolerance : float, optional
-        Of one step in `amplified`, of the outputs in `reduced_order`; by default theirs.
+        Of one step in `amplified` and `structured_radau`; by default theirs.
 
     Returns
     -------
@@ -210,9 +210,9 @@ def simulate(
     """
     began, board = clock.perf_counter(), LinearBoard.of(circuit)
     if board.circuit.amplifiers or board.descriptor.is_large:
-        from verification.engines.statespace.transients import reduced_order
+        from verification.engines.statespace.transients import structured_radau
 
-        run = amplified.simulate if board.circuit.amplifiers else reduced_order.simulate
+        run = amplified.simulate if board.circuit.amplifiers else structured_radau.simulate
         given = {} if tolerance is None else {"tolerance": tolerance}
         return run(board, analysis, nodes=nodes, times=times, **given)
     solution = exact_solution(

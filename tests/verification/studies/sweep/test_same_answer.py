@@ -1,0 +1,148 @@
+"""`verify` and a point of a sweep: the same outcomes and readings, in 200 random scenes.
+
+A tenth of the scenes is verified by default, all with ``TACTION_RANDOM_SCENES=200``.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
+from typing import Any
+
+import pytest
+
+from netlist_gen.overrides.axes import with_values
+from netlist_gen.problem.inverse_problem import make_problem
+from netlist_gen.scene.file import load_scene
+from netlist_gen.scene.scene import Scene
+from spice_models.errors import TactionError
+from taction.studies import plan_sweep
+from tests.support.paths import SCENES
+from tests.support.scenes_of_all_kinds import random_scene
+from verification.pipeline.clock import Clock
+from verification.pipeline.design import design_board
+from verification.report.sweep.records import records
+from verification.studies.figures import FIGURES
+from verification.studies.running.executors import Workers
+from verification.studies.running.versions import own_versions
+from verification.studies.sweep.point import Job, compute, failure, verdict_record
+from verification.studies.sweep.run import sweep
+from verification.studies.sweep.store import Store
+from verification.verify import verify
+
+PAPER = SCENES / "paper-breadboard.toml"
+COUNT, BLOCKS = 200, 4
+STRIDE = COUNT // int(os.environ.get("TACTION_RANDOM_SCENES", "20"))
+SEEDS = range(3 % STRIDE, COUNT, STRIDE)
+SHORT = 0.02  # s: estimated processor time of the runs of ngspice that are compared
+DECISIONS = ("outcome", "failure", "engine", "simulator", "state", "stable")
+RUN = {"seconds", "simulation_error"}  # figures of the run, not of the board
+blocks = pytest.mark.parametrize("seeds", [SEEDS[k::BLOCKS] for k in range(BLOCKS)], ids=str)
+
+
+def of_verify(scene: Scene) -> dict[str, Any]:
+    """Return the record of the verdict that the command `verify` shows."""
+    try:
+        return verdict_record(verify(scene))
+    except TactionError as error:
+        return failure(type(error).__name__, str(error), scene.analysis.engine).record
+
+
+def of_sweep(scene: Scene) -> dict[str, Any]:
+    """Return the record that a sweep stores."""
+    engine = scene.analysis.engine
+    try:
+        problem = make_problem(scene)
+    except TactionError as error:
+        return failure(type(error).__name__, str(error), engine).record
+    return compute(Job(scene, problem, False, own_versions(engine == "ngspice"))).record
+
+
+def close(a: float | None, b: float | None, apart: float = 0.0) -> bool:
+    """Whether two figures are both missing, or not further `apart`, but for rounding."""
+    if a is None or b is None:
+        return a is b
+    return abs(a - b) <= apart + 1e-9 * abs(a)
+
+
+def assert_same(a: dict[str, Any], b: dict[str, Any]) -> None:
+    """Assert equal decisions, and readings that differ by no more than their uncertainties."""
+    for name in DECISIONS:
+        assert a[name] == b[name], (name, a["reason"], b["reason"])
+    pairs = [(c["name"], c, d) for c, d in zip(a["checks"], b["checks"], strict=True)]
+    for name, one, two in pairs:
+        assert (name, one["outcome"]) == (two["name"], two["outcome"])
+    pairs += [(name, one, b["readings"][name]) for name, one in a["readings"].items()]
+    for name, one, two in pairs:
+        assert (one is None) is (two is None), name
+        if one is not None and two is not None:
+            apart = (one["uncertainty"] or 0.0) + (two["uncertainty"] or 0.0)
+            assert close(one["value"], two["value"], apart), (name, one, two)
+    for name in FIGURES.keys() - RUN - a["readings"].keys():
+        assert close(a[name], b[name]), (name, a[name], b[name])
+
+
+@blocks
+def test_the_state_space_engine_says_the_same(seeds: range) -> None:
+    for seed in seeds:
+        scene = random_scene(seed).with_engine("statespace")
+        assert_same(of_verify(scene), of_sweep(scene))
+
+
+@blocks
+def test_ngspice_says_the_same(ngspice: str, seeds: range) -> None:
+    compared = 0
+    for seed in seeds:
+        scene = random_scene(seed).with_engine("ngspice")
+        try:
+            short = design_board(scene, Clock(lambda stage: None)).plan.seconds <= SHORT
+        except TactionError:
+            continue
+        if short:
+            compared += 1
+            assert_same(of_verify(scene), of_sweep(scene))
+    assert compared
+
+
+@pytest.mark.parametrize("engine", ["statespace", "ngspice"])
+def test_no_point_of_a_sweep_depends_on_the_points_before(ngspice: str, engine: str) -> None:
+    # Unstable, damped, ringing for long and for a few periods.
+    forward = swept("C=8pF,1nF,12pF,100pF", engine)
+    assert swept("C=100pF,12pF,1nF,8pF", engine) == forward
+    assert len(forward) == 4
+    base = load_scene(PAPER).with_engine(engine)
+    for capacitance, record in forward.items():
+        scene = with_values(base, {"design.capacitance": capacitance, "design.gain": 1e6})
+        assert_same(of_verify(scene), record)
+
+
+def swept(over: str, engine: str) -> dict[float, dict[str, Any]]:
+    """Return the records of a sweep of one worker by capacitance, without the time they took."""
+    plan = plan_sweep(PAPER, over, engine, fix="gain=1M", keep_waveforms=False)
+    with Store(":memory:") as store, ThreadPoolExecutor(1) as executor:
+        sweep(plan, store, Workers(executor, lambda: 1, (BrokenExecutor,)))
+        found = list(records(plan, store))
+    return {record.pop("values")["C"]: record | {"seconds": 0.0} for record in found}
+
+
+def test_the_scenes_are_of_every_kind() -> None:
+    scenes = [random_scene(seed) for seed in range(COUNT)]
+    designs = [scene.design for scene in scenes]
+    kinds = Counter(scene.problem.kind for scene in scenes)
+    kinds += Counter(getattr(scene.problem, "kernel", "matrix") for scene in scenes)
+    kinds += Counter(design.topology for design in designs)
+    kinds += Counter(design.amplifier for design in designs)
+    kinds += Counter(design.resistor_series for design in designs)
+    kinds += Counter(scene.analysis.initial for scene in scenes)
+    kinds += Counter(f"{d.opamp.base} of {d.amplifier == 'linear'}" for d in designs)
+    for kind in (
+        *("tactile", "tangential", "normal", "matrix", "integrator", "passive", "zero", "rest"),
+        *("exact", "E24", "E96", "linear", "exponential", "sinh", "softplus", "tanh"),
+    ):
+        assert kinds[kind] >= 3, kind
+    assert {design.opamp.base for design in designs} >= {"ua741", "tl084", "ne5534", "ideal"}
+    for given in ("rise_time", "overshoot"):
+        assert sum(getattr(scene.checks, given) is not None for scene in scenes) >= 50
+    assert sum(scene.checks.stability.margin > 1.0 for scene in scenes) >= 50
+    assert sum(scene.analysis.stop != "auto" for scene in scenes) >= 30
