@@ -1,8 +1,9 @@
 """Compute the true values of the stress cases and the times of their runs.
 
-    python scripts/stress_truth.py [NAME ...] [--all]
+    python scripts/stress_truth.py [NAME ...] [--again]
 
-Without names, the cases whose tables have changed since their values were stored. The oracle is
+Names are those of cases or families; without names, all cases. Only cases whose tables have changed
+since their values were stored are computed, with --again the others, too. The oracle is
 that of the tests (`tests/support/true_readings.py`); it needs the packages of the extra ``dev``.
 """
 
@@ -24,6 +25,7 @@ from verification.studies.stress.catalogue import (  # noqa: E402
     TRUE_VALUES,
     Case,
     load_catalogue,
+    select,
 )
 from verification.studies.stress.run import run_case  # noqa: E402
 
@@ -32,13 +34,12 @@ def main() -> int:
     """Compute what is asked for and write the file after every case."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="NAME")
-    parser.add_argument("--all", action="store_true", help="compute all cases again")
+    parser.add_argument("--again", action="store_true", help="compute stored values, too")
     asked = parser.parse_args()
     path, cases = FOLDER / TRUE_VALUES, load_catalogue()
     stored: dict[str, Any] = json.loads(path.read_text("utf-8")) if path.exists() else {}
-    stored = {case.name: stored[case.name] for case in cases if case.name in stored}
-    for case in cases:
-        if case.name in asked.names or asked.all or (not asked.names and _stale(case, stored)):
+    for case in select(cases, tuple(asked.names)):
+        if asked.again or _stale(case, stored):
             stored[case.name] = _record(case)
             print(f"{case.name}: {stored[case.name]}"[:200], flush=True)
             ordered = {c.name: stored[c.name] for c in cases if c.name in stored}

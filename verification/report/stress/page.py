@@ -1,0 +1,68 @@
+"""The page of the documentation on the stress cases, from a run of all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from verification.report.stress.report import TITLES, case_row, headline
+from verification.report.tables import markdown_line, markdown_table
+from verification.studies.stress.catalogue import Case
+from verification.studies.stress.run import StressReport
+
+INTRODUCTION = """\
+# Stiff and extreme cases
+
+`taction stress` verifies a catalogue of scenes that are hard for a simulator or for a verdict. The right outcome and
+the true readings of every case are known. A run compares every outcome with the right one, and every stated number
+with the true number: the true error must not exceed the stated one. So a run also shows whether ngspice and the
+numerical libraries of a machine give right answers.
+
+```sh
+taction stress                        # all cases, on ngspice and on the state-space engine
+taction stress --only onset           # one family, or one case
+taction stress --junit stress.xml --json > stress.json
+```
+
+The exit status is 0 if all is right, 1 if an outcome or a number is wrong, and 3 if ngspice is missing.
+
+The cases are data: `scenes/stress/*.toml`, one file per family. Each case has the keys of a scene, why the scene is
+hard, its right outcome, and how this outcome is known. `scenes/stress/true-values.json` holds the true readings; the
+tests compute them again and `scripts/stress_truth.py` writes them. Boards with linear amplifiers: the deck's text is
+read, its poles and modes are computed with 320 bits, and crossings and peaks are found by bounds over intervals.
+Boards with other amplifiers: equilibrium and poles with 320 bits, the transient by two integrators of SciPy. The
+reference solution is computed from the problem alone, with 320 bits or 60 digits.
+
+A right outcome may be a refusal: the table then has the name of the exception. "Worst quantity" is the stated number
+whose true error is largest beside its stated error.
+"""
+
+
+def stress_page(report: StressReport) -> str:
+    """Return a run as a page in Markdown: the table, then every case in words."""
+    lines = [INTRODUCTION, "## Results", "", headline(report), ""]
+    lines += markdown_table(TITLES, map(case_row, report.runs))
+    lines += ["", "## Cases"]
+    cases = list(dict.fromkeys(run.case.name for run in report.runs))
+    by_name = {run.case.name: run.case for run in report.runs}
+    family = ""
+    for case in map(by_name.__getitem__, cases):
+        if case.family != family:
+            family = case.family
+            lines += ["", f"### {family}", "", "| case | hard because | right outcome | known from |"]
+            lines.append("| --- | --- | --- | --- |")
+        lines.append(_case_line(case))
+    return "\n".join(lines) + "\n"
+
+
+def _case_line(case: Case) -> str:
+    cells = (case.name, case.why, ", ".join(_outcomes(case)), case.known)
+    return f"| {' | '.join(map(markdown_line, cells))} |"
+
+
+def _outcomes(case: Case) -> Iterator[str]:
+    """Yield the one outcome of all engines, or the outcome of each."""
+    if len(set(case.outcome.values())) == 1:
+        yield next(iter(case.outcome.values()))
+    else:
+        yield from (f"{engine}: {outcome}" for engine, outcome in case.outcome.items())
+    yield from (f"{name} {outcome}" for name, outcome in case.decided.items())
