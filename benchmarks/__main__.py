@@ -7,11 +7,15 @@ run writes ``docs/benchmarks.md`` with its plots, and the table of the README.
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import traceback
 
+from threadpoolctl import threadpool_limits
+
 from benchmarks import boards, deck, engines, grid, page, polemap, reference, startup, sweeps
 from benchmarks.measuring import ROOT, Extent, Result, machine
+from verification.studies.running.threads import THREADS
 
 SECTIONS = {
     "startup": startup,
@@ -31,6 +35,8 @@ def main() -> int:
     parser.add_argument("--full", action="store_true", help="everything; takes about an hour")
     parser.add_argument("--only", choices=SECTIONS, nargs="+", help="some sections; only printed")
     asked = parser.parse_args()
+    threadpool_limits(1)  # threads that wait for a core that ngspice uses would spin
+    os.environ.update(dict.fromkeys(THREADS, "1"))
     extent = Extent.FULL if asked.full else Extent.QUICK
     title = f"`make bench{' ARGS=--full' if asked.full else ''}`: {machine()}."
     results, sections = dict[str, Result](), list[str]()

@@ -30,6 +30,7 @@ from verification.small_signal.poles import poles
 from verification.small_signal.time_scales import time_scales
 
 ERROR = 1e-4  # of the step amplitude
+STEPS: dict[str, Value] = {"analysis.error": ERROR}
 POINTS = 2000  # of a record of the state-space engine
 SIZES = {
     Extent.TINY: (2, 3),
@@ -55,9 +56,9 @@ class Board:
     plan: Plan
 
     @classmethod
-    def of(cls, scene: Scene) -> Board:
-        """Synthesise a scene and plan its transient at `ERROR`."""
-        scene = with_values(scene, {"analysis.error": ERROR})
+    def of(cls, scene: Scene, steps: dict[str, Value] = STEPS) -> Board:
+        """Synthesise a scene and plan its transient, by default for `ERROR`."""
+        scene = with_values(scene, steps)
         board = LinearBoard(synthesise(scene))
         scales = time_scales(board)
         return cls(board, plan_transient(scene, board, scales, stable=poles(board).stable))

@@ -30,6 +30,7 @@ from benchmarks.rivals import by_xargs, rivals
 from netlist_gen.deck.deck import write_deck
 from netlist_gen.overrides.axes import parse_axes, points, with_values
 from netlist_gen.scene.file import load_scene
+from taction.studies import plan_sweep
 from verification.pipeline.clock import Clock
 from verification.pipeline.design import design_board
 from verification.studies.figures import FIGURES
@@ -39,7 +40,7 @@ from verification.studies.sweep.run import sweep
 from verification.studies.sweep.store import Store, StoredResult
 
 SIZES = {Extent.TINY: (2, 2, 20), Extent.QUICK: (31, 21, 1000), Extent.FULL: (31, 21, 10_000)}
-ENGINES = {"ngspice": 180.0, "statespace": 12.0}  # wanted seconds on two cores
+ENGINES = {"ngspice": 180.0, "hybrid": 30.0, "statespace": 12.0}  # wanted seconds on two cores
 TWO, ONE = "ngspice", "ngspice, one process"
 OTHERS = {"xargs": (TWO, 0.9), "spicelib": (TWO, 7.0), "PySpice": (ONE, 1.0)}
 """Who is compared with which sweep, and the wanted ratio of their time to that of the sweep."""
@@ -51,7 +52,7 @@ RESUME = "from benchmarks.sweeps import store; store(int(sys.argv[1]), sys.argv[
 def measure(extent: Extent) -> Result:
     """Sweep by each engine and by others; then store and resume without any simulation."""
     rows, columns, stored = SIZES[extent]
-    over = (f"C=1pF:1nF:{rows}", f"gain=1M:20M:{columns}", "lambda=0.82")
+    over = (f"C=1pF:1nF:{rows}", f"gain=1M:20M:{columns}")
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         scene = folder / "board.toml"
@@ -86,15 +87,16 @@ def by_command(scene: Path, over: tuple[str, ...], engine: str, jobs: int = 2) -
     with tempfile.TemporaryDirectory() as folder:
         words = [word for axis in over for word in ("--over", axis)]
         database = f"{folder}/sweep.sqlite"
-        more = ("--engine", engine, "--jobs", f"{jobs}", "-o", database)
+        more = ("--fix", "lambda", "--engine", engine, "--jobs", f"{jobs}", "-o", database)
         return taction("sweep", str(scene), *words, *more)
 
 
 def write_decks(file: Path, over: tuple[str, ...], folder: Path) -> None:
     """Write the deck of every point of the sweep into a folder of its own."""
-    scene = load_scene(file).with_engine("ngspice")
-    for k, values in enumerate(points(parse_axes(scene, over))):
-        design = design_board(with_values(scene, values), Clock(lambda stage: None))
+    plan = plan_sweep(file, over, "ngspice", fix=("lambda",), keep_waveforms=False)
+    for k, values in enumerate(points(plan.groups)):
+        scene = with_values(plan.scene, values).with_engine("ngspice")
+        design = design_board(scene, Clock(lambda stage: None))
         place = folder / f"{k:04}"
         place.mkdir(parents=True)
         deck = write_deck(design.circuit, design.transient, solver=solver())

@@ -15,14 +15,16 @@ from verification.ideal.ideal_answer import IdealAnswer, ideal_answer
 from verification.measures.measurements import Measurements
 from verification.pipeline.agreement import Agreement
 from verification.pipeline.attained_accuracy import Accuracy
-from verification.pipeline.checks import Check, Evidence, Outcome, overall, run_checks
+from verification.pipeline.checks import Check, Evidence, Outcome, overall
 from verification.pipeline.clock import Clock, Progress
 from verification.pipeline.contradictions import find_contradiction
 from verification.pipeline.design import Design, design_board
 from verification.pipeline.effort import FULL, Effort
 from verification.pipeline.error_budget import ErrorPart, error_budget
 from verification.pipeline.recording import record_and_measure
+from verification.pipeline.run_checks import run_checks
 from verification.pipeline.simulation import begin
+from verification.pipeline.steady_state import SteadyState
 from verification.pipeline.step_error import StepError
 from verification.pipeline.warnings import find_warnings
 from verification.small_signal.constraint_stage import ConstraintPlane, constraint_plane
@@ -41,6 +43,7 @@ class Verdict:
     transient: Transient
     ideal: IdealAnswer
     poles: Poles
+    steady: SteadyState
     margin: Margin | None
     constraint: ConstraintPlane | None
     waveforms: Waveforms
@@ -100,6 +103,7 @@ def verify(
     clock.begin("reference", beside="simulation", remark=design.plan.remark)
     ideal = ideal_answer(design.network, design.scene) if ideal is None else ideal
     margin = _margin(design, effort.full_margin)
+    steady = SteadyState.of(design.board, design.scales)
     equilibrium = design.board.equilibrium if effort.details else None
     constraint = constraint_plane(design.circuit) if effort.details else None
     design, recording = record_and_measure(design, ideal, pending, clock, effort)
@@ -108,6 +112,10 @@ def verify(
         checks=design.scene.checks,
         measurements=recording.measurements,
         error=recording.error,
+        steady=steady,
+        end=float(wave.time[-1]),
+        forever=recording.forever,
+        wanted=design.plan.wanted,
         agreement=recording.agreement,
         poles=design.poles,
         margin=margin,
@@ -129,6 +137,7 @@ def verify(
         transient=design.transient,
         ideal=ideal,
         poles=design.poles,
+        steady=steady,
         margin=margin,
         constraint=constraint,
         waveforms=wave,

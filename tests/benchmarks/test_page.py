@@ -11,6 +11,7 @@ from benchmarks import deck, grid
 from benchmarks.__main__ import main
 from benchmarks.measuring import Extent, Figure, Result, Table
 from benchmarks.page import BEGIN, END, page, section, write_table
+from verification.studies.running.threads import THREADS
 
 RESULT = Result(
     [
@@ -62,6 +63,8 @@ def test_a_section_that_fails_leaves_the_others(
     def fail(extent: Extent) -> Result:
         raise RuntimeError("out of order")
 
+    for name in THREADS:
+        monkeypatch.setenv(name, "1")
     monkeypatch.setattr(deck, "measure", fail)
     monkeypatch.setattr(grid, "measure", lambda extent: RESULT)
     monkeypatch.setattr("sys.argv", ["bench", "--only", "deck", "grid"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -13,9 +14,11 @@ from verification.measures.readings import Reading
 from verification.measures.settling import ChannelState
 from verification.pipeline.agreement import Agreement
 from verification.pipeline.checks import Evidence
+from verification.pipeline.steady_state import SteadyState
 from verification.pipeline.step_error import StepError
 from verification.small_signal.margin import Margin
 from verification.small_signal.poles import summarise
+from verification.small_signal.time_scales import TimeScales
 
 EXACT = StepError(0.0, 0.0, 0.0, 0.0, 0.0)
 STABLE = summarise(np.array([-1e3 + 1e5j, -1e3 - 1e5j]), complete=True)
@@ -73,10 +76,15 @@ def evidence(
     error: StepError = EXACT,
     **changes: Any,
 ) -> Evidence:
+    measurements = changes.pop("measurements", None) or measured(*(channels or (channel(),)))
     made = Evidence(
         checks=Checks.model_validate(checks or {}),
-        measurements=measured(*(channels or (channel(),))),
+        measurements=measurements,
         error=error,
+        steady=steady(*(c.final for c in measurements.channels)),
+        end=1.0,
+        forever=False,
+        wanted=2.5e-4,
         agreement=None,
         poles=STABLE,
         margin=None,
@@ -84,6 +92,15 @@ def evidence(
         reference_problem="",
     )
     return replace(made, **changes)
+
+
+def steady(
+    *volts: float, error: float = 0.0, left: float = 0.0, linear: bool = True
+) -> SteadyState:
+    """Equilibrium outputs; a mode with a time constant of 1 s leaves `left` V at 1 s."""
+    amplitudes, poles = np.array([left * math.e]), np.array([-1.0 + 0j])
+    scales = TimeScales(poles, amplitudes, 1.0, (), math.inf, 0.0, 0.0, step=1.0)
+    return SteadyState(np.array(volts), error, scales, linear)
 
 
 def agreement(difference: float, step_error: float = 0.0, reason: str = "") -> Agreement:

@@ -1,24 +1,26 @@
-"""Checks and their outcomes: each with its value, its uncertainty, its limit and a reason.
+"""Checks, their outcomes, and the evidence that decides them.
 
-An undecided check is never a pass. A new check needs one function and one entry in `CHECKS`.
+An undecided check is never a pass. `run_checks` has the functions that decide.
 """
 
 from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from netlist_gen.quantities import show
 from netlist_gen.scene.scene import Checks
-from spice_models.definitions import SHIFTED
 from verification.measures.measurements import ChannelMeasure, Measurements
-from verification.measures.readings import Reading
 from verification.measures.settling import ChannelState
 from verification.pipeline.agreement import Agreement
+from verification.pipeline.steady_state import SteadyState
 from verification.pipeline.step_error import StepError
+from verification.pipeline.transient_plan import AFTER_SETTLING
 from verification.small_signal.margin import Margin
 from verification.small_signal.poles import Poles
 
@@ -59,15 +61,35 @@ class Check:
 class Evidence:
     """The input of the checks.
 
-    `agreement` is None if only one engine ran, or if the board is unstable; `margin` is None if
-    the scene asks for no stability margin; `reference_error` is a fraction of the step amplitude;
-    `reference_problem` says why the reference solution cannot be used, or is empty;
-    `contradiction` says which number of the board or the record differs from the reference's.
+    Attributes
+    ----------
+    steady : SteadyState
+        The equilibrium of the board, and what its modes leave at an instant.
+    end : float
+        Last instant of the record, s.
+    forever : bool
+        Whether the measurements hold for all time, since they are those of an exact solution.
+    wanted : float
+        Error of the transient that the scene allows, fraction of the step amplitude.
+    agreement : Agreement or None
+        None if only one engine ran, or if the board is unstable.
+    margin : Margin or None
+        None if the scene asks for no stability margin.
+    reference_error : float
+        Bound on the error of the reference solution, fraction of the step amplitude.
+    reference_problem : str
+        Why the reference solution cannot be used, or empty.
+    contradiction : str
+        Which number of the board or the record differs from the reference's, or empty.
     """
 
     checks: Checks
     measurements: Measurements
     error: StepError
+    steady: SteadyState
+    end: float
+    forever: bool
+    wanted: float
     agreement: Agreement | None
     poles: Poles
     margin: Margin | None
@@ -75,18 +97,89 @@ class Evidence:
     reference_problem: str
     contradiction: str = ""
 
+    @property
+    def no_step(self) -> str:
+        """Why the step has no height to compare with, or an empty text."""
+        rounding = ROUNDING if self.reference_error >= 1.0 else ""
+        return rounding if self.measurements.amplitude else NO_STEP
 
-EXPLAINED = (
-    3.0  # times the expected error of the steps: the steps do not explain a larger difference
-)
-NO_STEP = "nothing to check: with this strain and initial state no output has to move"
-ROUNDING = "nothing to check: the step amplitude is below the error of the reference solution"
+    @property
+    def obstacle(self) -> str:
+        """Why nothing can be judged against the reference, or an empty text."""
+        doubt = "" if self.poles.certain else MAYBE.format(self.poles.resolution)
+        return self.reference_problem or self.no_step or doubt
+
+    @property
+    def growth(self) -> str:
+        """How an unstable board behaves, by its poles; empty if it is not known to be unstable."""
+        pole = self.poles.rightmost
+        if self.poles.stable or not self.poles.certain:
+            return ""
+        frequency = show(abs(pole.imag) / math.tau, "Hz")
+        verb = f"oscillates at {frequency}" if pole.imag else "runs away"
+        return f"{verb}, growth rate {pole.real:+.4g} /s"
+
+    @property
+    def unsteady(self) -> str:
+        """The states of the channels if one of them does not come to rest, or an empty text."""
+        states = {channel.state for channel in self.measurements.channels}
+        return describe_states(self.measurements) if states.intersection(UNSTEADY) else ""
+
+    @property
+    def perhaps_ringing(self) -> str:
+        """Both readings of an undecided channel, if all other channels have settled."""
+        states = {channel.state: channel for channel in self.measurements.channels}
+        if not states.keys() <= {ChannelState.SETTLED, ChannelState.UNDECIDED}:
+            return ""
+        unclear = states.get(ChannelState.UNDECIDED)
+        return f"channel {unclear.index + 1}: {unclear.reason}" if unclear else ""
+
+    @property
+    def static(self) -> float:
+        """Largest distance of the equilibrium from the reference, fraction of the step."""
+        targets = [channel.target for channel in self.measurements.channels]
+        return self._share(np.abs(self.steady.values - targets))
+
+    @property
+    def static_error(self) -> float:
+        """Bound on the error of `static`."""
+        return self._share(self.steady.error) + self.reference_error
+
+    @property
+    def at_end(self) -> float:
+        """Largest distance of the end of the record from the reference, fraction of the step."""
+        return self._share([each.final - each.target for each in self.measurements.channels])
+
+    @property
+    def apart(self) -> float:
+        """Largest distance of the end of the record from the equilibrium, fraction of the step."""
+        finals = np.array([channel.final for channel in self.measurements.channels])
+        return self._share(finals - self.steady.values)
+
+    @property
+    def left(self) -> float:
+        """What the modes leave after the record, fraction of the step."""
+        return 0.0 if self.forever else self._share(self.steady.left(self.end))
+
+    def too_short(self, share: float) -> str:
+        """Return how long a record must be that leaves at most `share` of the step; else empty."""
+        if self.forever or self.left <= share:
+            return ""
+        text = f"the record ends after {show(self.end, 's')}"
+        if share <= 0.0:
+            return f"{text} and moves on, and the limit leaves no room"
+        needed = AFTER_SETTLING * self.steady.stop_for(share * self.measurements.amplitude)
+        return f"{text}: analysis.stop = {show(needed, 's')} is needed"
+
+    def _share(self, volts: ArrayLike) -> float:
+        largest = float(np.abs(volts).max(initial=0.0))
+        return largest / (self.measurements.amplitude or 1.0)
+
+
+NO_STEP = "nothing to judge: with this strain and initial state no output has to move"
+ROUNDING = "nothing to judge: the step amplitude is below the error of the reference solution"
+MAYBE = "the rightmost pole is known to ±{:.1g} /s: the board may be stable or unstable"
 UNSTEADY = (ChannelState.OSCILLATING, ChannelState.CLIPPED, ChannelState.DIVERGED)
-
-
-def run_checks(evidence: Evidence) -> tuple[Check, ...]:
-    """Run every check of `CHECKS` that the scene asks for."""
-    return tuple(check for make in CHECKS if (check := make(evidence)) is not None)
 
 
 def overall(checks: Iterable[Check]) -> Outcome:
@@ -127,190 +220,3 @@ def describe_states(measurements: Measurements) -> str:
             text += f", growth rate {first.growth_rate:+.4g} /s"
         parts.append(text)
     return "; ".join(parts)
-
-
-def _nothing_moves(evidence: Evidence) -> str:
-    """Return the reason why there is no step to check, or an empty text."""
-    rounding = ROUNDING if evidence.reference_error >= 1.0 else ""
-    return rounding if evidence.measurements.amplitude else NO_STEP
-
-
-def _perhaps_ringing(measurements: Measurements) -> str:
-    """Return both readings of an undecided channel, if all other channels have settled."""
-    states = {channel.state: channel for channel in measurements.channels}
-    if not states.keys() <= {ChannelState.SETTLED, ChannelState.UNDECIDED}:
-        return ""
-    unclear = states.get(ChannelState.UNDECIDED)
-    return f"channel {unclear.index + 1}: {unclear.reason}" if unclear else ""
-
-
-def _steady_state(evidence: Evidence) -> Check:
-    limit = evidence.checks.steady_state.tolerance
-    m = evidence.measurements
-    value = max(abs(c.final - c.target) for c in m.channels) / m.amplitude if m.amplitude else 0.0
-    uncertainty = evidence.error.steady_state + evidence.reference_error
-    outcome, reason = at_most(value, uncertainty, limit), "largest |final - reference|"
-    states = describe_states(m)
-    if evidence.reference_problem:
-        outcome, reason = Outcome.INCONCLUSIVE, evidence.reference_problem
-    elif no_step := _nothing_moves(evidence):
-        return _undecided("steady_state", "step", no_step, limit)
-    elif any(c.state in UNSTEADY for c in m.channels):
-        outcome, reason = Outcome.FAIL, f"no steady state: {states}"
-    elif ringing := _perhaps_ringing(m):
-        outcome, reason = Outcome.INCONCLUSIVE, ringing
-    elif states:
-        reason += f"; {states}"
-    return Check("steady_state", outcome, value, uncertainty, 0.0, limit, "step", reason)
-
-
-def _settling_time(evidence: Evidence) -> Check:
-    limits = evidence.checks.settling_time
-    reading = evidence.measurements.settling_time
-    band = f"to ±{100 * limits.band:g} % of the step amplitude"
-    obstacle = evidence.reference_problem or _nothing_moves(evidence)
-    if obstacle := obstacle or _perhaps_ringing(evidence.measurements):
-        return _undecided("settling_time", "s", obstacle, limits.max)
-    if reading is None:
-        reason = evidence.measurements.reason
-        return Check("settling_time", Outcome.FAIL, None, None, limits.max, None, "s", reason)
-    check = _timed("settling_time", reading, evidence.error.settling_time, limits.max, band)
-    return _not_below(limits.min, check, reading, band)
-
-
-def _rise_time(evidence: Evidence) -> Check | None:
-    limits = evidence.checks.rise_time
-    if limits is None:
-        return None
-    if evidence.reference_problem:
-        return _undecided("rise_time", "s", evidence.reference_problem, limits.max)
-    channels = evidence.measurements.channels
-    number = limits.channel or (len(channels) + 1) // 2
-    if number > len(channels):
-        reason = f"the scene has no channel {number}; it has {len(channels)} channels"
-        return _undecided("rise_time", "s", reason, limits.max)
-    channel = channels[number - 1]
-    if channel.rise_time is None:
-        return _undecided("rise_time", "s", f"channel {number}: {channel.rise_reason}", limits.max)
-    text = f"10-90 % of channel {number}"
-    check = _timed("rise_time", channel.rise_time, evidence.error.rise_time, limits.max, text)
-    return _not_below(limits.min, check, channel.rise_time, text)
-
-
-def _excursion(name: str, evidence: Evidence) -> Check | None:
-    """Check the overshoot or the undershoot, by `name`."""
-    limits = getattr(evidence.checks, name)
-    if limits is None:
-        return None
-    if evidence.reference_problem:
-        return _undecided(name, "step", evidence.reference_problem, limits.max)
-    value = max(getattr(channel, name) for channel in evidence.measurements.channels)
-    error = getattr(evidence.error, name)
-    outcome = at_most(value, error, limits.max)
-    reason = f"largest {name} of any channel"
-    if any(channel.state in UNSTEADY for channel in evidence.measurements.channels):
-        outcome, reason = Outcome.FAIL, describe_states(evidence.measurements)
-    elif outcome is Outcome.PASS and (ringing := _perhaps_ringing(evidence.measurements)):
-        outcome, reason = Outcome.INCONCLUSIVE, ringing
-    return Check(name, outcome, value, error, limits.max, None, "step", reason)
-
-
-def _stability(evidence: Evidence) -> Check:
-    pole, required = evidence.poles.rightmost, evidence.checks.stability.margin
-    text = f"rightmost pole {pole.real:+.4g} {pole.imag:+.4g}j /s"
-    margin = evidence.margin
-
-    def check(outcome: Outcome, reason: str) -> Check:
-        if margin is None:
-            return Check("stability", outcome, pole.real, None, 0.0, None, "1/s", reason)
-        error = margin.uncertainty or None
-        return Check("stability", outcome, margin.factor, error, required, None, "ratio", reason)
-
-    if abs(pole.real) <= (rounding := evidence.poles.resolution):
-        text += f", known to ±{rounding:.1g} /s: the board may be stable or unstable"
-        return check(Outcome.INCONCLUSIVE, text)
-    if not evidence.poles.stable:
-        ringing = show(abs(pole.imag) / (2 * math.pi), "Hz")
-        verb = f"oscillates at {ringing}" if pole.imag else "runs away"
-        return check(Outcome.FAIL, f"{verb}, growth rate {pole.real:+.4g} /s: {text}")
-    if any(channel.state in UNSTEADY for channel in evidence.measurements.channels):
-        states = describe_states(evidence.measurements)
-        reason = f"the poles are stable ({text}), the transient is not: {states}"
-        return check(Outcome.INCONCLUSIVE, reason)
-    if margin is None:
-        return check(Outcome.PASS, text)
-    if margin.doubt:
-        return check(Outcome.INCONCLUSIVE, f"{text}; {margin.text}, but {margin.doubt}")
-    outcome = at_most(-margin.factor, margin.uncertainty, -required)
-    return check(outcome, f"{text}; {margin.text}")
-
-
-def _engines_agree(evidence: Evidence) -> Check | None:
-    agreement, m = evidence.agreement, evidence.measurements
-    if agreement is None:
-        return None
-    limit, amplitude = evidence.checks.engines_agree.limit, m.amplitude or 1.0
-    if agreement.reason:
-        reason = f"the state-space engine has no result: {agreement.reason}"
-        return _undecided("engines_agree", "step", reason, limit)
-    value, steps = agreement.difference / amplitude, agreement.step_error / amplitude
-    outcome = at_most(value, 0.0, limit)
-    reason = "largest difference to the state-space engine"
-    if outcome is Outcome.FAIL and value <= EXPLAINED * steps:
-        outcome = Outcome.INCONCLUSIVE
-        reason += f"; the time steps explain it (expected error {steps:.2g}): use smaller steps"
-    elif outcome is Outcome.FAIL:
-        reason += f"; channel {agreement.channel + 1} at {show(agreement.time, 's')}"
-    return Check("engines_agree", outcome, value, None, limit, None, "step", reason)
-
-
-def _same_problem(evidence: Evidence) -> Check | None:
-    """Fail if the board and the record are of another problem than the reference; else no check."""
-    reason = evidence.contradiction
-    if not reason:
-        return None
-    return Check("same_problem", Outcome.FAIL, None, None, None, None, "step", reason)
-
-
-def _timed(name: str, reading: Reading, error: float, limit: float | None, text: str) -> Check:
-    uncertainty = reading.uncertainty + error
-    outcome, reason = Outcome.PASS, text
-    if not math.isfinite(uncertainty):
-        reason += "; no second solution confirms this time"
-        return Check(name, Outcome.INCONCLUSIVE, reading.value, None, limit, None, "s", reason)
-    if limit is not None:
-        outcome = at_most(reading.value, uncertainty, limit)
-        if outcome is Outcome.INCONCLUSIVE:
-            reason += "; the limit is within the uncertainty"
-    if reading.fragile and reading.alternative is not None:
-        other = show(reading.alternative, "s")
-        reason += f"; fragile: {other} with {SHIFTED[name.removesuffix('_time')]}"
-        if limit is not None and at_most(reading.alternative, uncertainty, limit) is not outcome:
-            outcome = Outcome.INCONCLUSIVE
-    return Check(name, outcome, reading.value, uncertainty, limit, None, "s", reason)
-
-
-def _not_below(least: float | None, check: Check, reading: Reading, text: str) -> Check:
-    """Return `check` with the lower limit `least`, if its upper limit is kept."""
-    if least is None or check.outcome is not Outcome.PASS:
-        return check
-    values = [reading.value, reading.alternative or reading.value]
-    lower, other = (at_most(-value, check.uncertainty or 0.0, -least) for value in values)
-    lower = lower if lower is other else Outcome.INCONCLUSIVE  # fragile
-    return replace(check, outcome=lower, reason=f"{text}; at least {show(least, 's')}")
-
-
-def _undecided(name: str, unit: str, reason: str, limit: float | None) -> Check:
-    return Check(name, Outcome.INCONCLUSIVE, None, None, limit, None, unit, reason)
-
-
-CHECKS: tuple[Callable[[Evidence], Check | None], ...] = (
-    _steady_state,
-    _settling_time,
-    _rise_time,
-    partial(_excursion, "overshoot"),
-    partial(_excursion, "undershoot"),
-    _stability,
-    _engines_agree,
-    _same_problem,
-)

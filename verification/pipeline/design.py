@@ -85,5 +85,8 @@ def design_board(
     scales = time_scales(board, initial=scene.analysis.initial)
     poles = poles_behind(board, scales)
     engine = choose_engine(scene)
-    plan = plan_transient(scene, board, scales, engine, stable=poles.stable)
+    unstable = poles.certain and not poles.stable
+    plan = plan_transient(
+        scene, board, scales, engine, stable=not unstable, resolution=poles.resolution
+    )
     return Design(scene, problem, board, network, scales, poles, engine, plan)

@@ -14,7 +14,6 @@ from netlist_gen.problem.inverse_problem import InverseProblem
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from verification.engines.ngspice.process import PHYSICAL_BOUND
-from verification.engines.statespace.linearised.equilibrium import rounding as rounding_at_rest
 from verification.ideal.ideal_answer import IdealAnswer, ideal_answer
 from verification.measures.measure import measure, read_record
 from verification.measures.measurements import Measurements
@@ -38,6 +37,7 @@ from verification.pipeline.simulation import (
 )
 from verification.pipeline.step_error import StepError, simulation_error, undecided
 from verification.pipeline.transient_plan import coarser
+from verification.small_signal.step_forecast import MOST_INSTANTS
 from verification.waveforms import Waveforms
 
 COARSER = 2.0  # times the step: the step of a second run
@@ -75,6 +75,8 @@ class Recording:
         Comparison with the other engine; None if only one engine ran.
     accuracy : Accuracy
         The error over all time.
+    forever : bool
+        Whether the measurements are those of the exact solution, which has no end.
     """
 
     simulation: Simulation
@@ -83,6 +85,7 @@ class Recording:
     error: StepError
     agreement: Agreement | None
     accuracy: Accuracy
+    forever: bool
 
 
 def record_transient(
@@ -105,7 +108,7 @@ def record_transient(
     clock.begin("simulation")
     pending = begin(design.scene, design.board, design.plan, design.engine)
     ideal = ideal_answer(design.network, design.scene)
-    waveforms = pending.result(unstable=not design.poles.stable).waveforms
+    waveforms = pending.result().waveforms
     clock.begin("measures")
     measurements, _ = measure_outputs(
         design.scene, design.circuit, ideal, waveforms, design.transient
@@ -146,7 +149,7 @@ def _record(
     scene, circuit, transient = design.scene, design.circuit, design.transient
     stable = design.poles.stable
     clock.begin("simulation", remark=design.plan.remark)
-    simulation = pending.result(unstable=not stable)
+    simulation = pending.result()
     clock.begin("comparison")
     companion = None
     if stable and design.engine == "ngspice":
@@ -155,7 +158,8 @@ def _record(
     measurements, u = measure_outputs(
         scene, circuit, ideal, simulation.waveforms, transient, details=effort.details
     )
-    if effort.details and stable and _is_exact(design):
+    forever = effort.details or scene.analysis.stop != "auto" or len(u) >= MOST_INSTANTS
+    if forever := forever and stable and is_exact(design):
         measurements = _on_the_solution(design, ideal, u[-1])
     amplitude = measurements.amplitude
     agreement = None
@@ -168,6 +172,7 @@ def _record(
         error=_readings_error(design, ideal, measurements, companion, simulation, effort),
         agreement=agreement,
         accuracy=attained(design, simulation.waveforms, companion, amplitude),
+        forever=forever,
     )
 
 
@@ -216,12 +221,13 @@ def _rounding(design: Design, measurements: Measurements) -> float:
     poles = design.poles
     # A mode exp(p t) whose p moves by dp moves by dp t exp(p t), at most dp / (e |Re p|).
     modes = measurements.amplitude * poles.resolution / (math.e * abs(poles.rightmost.real))
-    return modes + float(rounding_at_rest(design.board.equilibrium).max(initial=0.0))
+    return modes + float(design.board.rounding.max(initial=0.0))
 
 
-def _is_exact(design: Design) -> bool:
+def is_exact(design: Design) -> bool:
+    """Whether the engine has the exact solution, at any time."""
     small = not (design.circuit.amplifiers or design.board.descriptor.is_large)
-    return design.engine == "statespace" and design.scene.analysis.stop == "auto" and small
+    return design.engine == "statespace" and small
 
 
 def _on_the_solution(design: Design, ideal: IdealAnswer, final: Floats) -> Measurements:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -18,6 +19,8 @@ from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from spice_models.errors import (
     BadEvidence,
+    EngineError,
+    NoVerdictError,
     SimulatorNotFound,
     SimulatorTooOld,
     StepTooSmall,
@@ -29,7 +32,7 @@ from verification.engines.ngspice.process import PHYSICAL_BOUND, Run, start
 from verification.engines.ngspice.session import Turn
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.pipeline.transient_plan import Plan
-from verification.waveforms import Waveforms
+from verification.waveforms import Cost, Waveforms
 
 # With KLU the tiny steps after a start from zero have more rounding than with the older solver;
 # a few boards with nonlinear amplifiers fail there with KLU but not with the older solver.
@@ -67,25 +70,33 @@ class Pending:
     ----------
     wait : callable
         Waits for the run and returns its waveforms.
+    instead : callable or None
+        Simulates a board that is known to be unstable by the state-space engine, if the run fails.
     """
 
     wait: Callable[[], Waveforms]
+    instead: Callable[[], Waveforms] | None = None
 
-    def result(self, *, unstable: bool = False) -> Simulation:
+    def result(self) -> Simulation:
         """Wait and return the simulation, or raise the error of the failed run.
 
-        For an `unstable` board the result may be a partial record: up to the instant at which the
-        voltages left every bound or the step fell below its limit.
+        For an unstable board the result may be a partial record: up to the instant at which the
+        voltages left every bound or the step fell below its limit. A run without any record has
+        the one of `instead`.
         """
         try:
             waveforms = self.wait()
             return Simulation(waveforms, waveforms.flags)
-        except (StepTooSmall, BadEvidence) as error:
-            partial = error.partial
-            if not (unstable and isinstance(partial, Waveforms) and len(partial.time) > 1):
+        except NoVerdictError as error:
+            if self.instead is None:
                 raise
-            note = f"the record ends early: {str(error).splitlines()[0]}"
-            return Simulation(partial, (note,))
+            reason = str(error).splitlines()[0]
+            found = error.partial if isinstance(error, StepTooSmall | BadEvidence) else None
+            if isinstance(found, Waveforms) and len(found.time) > 1:
+                return Simulation(found, (f"the record ends early: {reason}",))
+            waveforms = self.instead()
+            note = f"this record is from the state-space engine: {reason}"
+            return Simulation(waveforms, (note, *waveforms.flags))
 
 
 def choose_engine(scene: Scene) -> str:
@@ -126,10 +137,48 @@ def begin(
 
     Raises
     ------
-    SimulationError
-        From this function or from `Pending.result`.
+    NoVerdictError
+        From this function or from `Pending.result`. A board that the plan knows to be unstable has
+        a short record by the state-space engine instead.
     """
-    return ENGINES[engine](scene, board, plan, session)
+    if not plan.growing:
+        return ENGINES[engine](scene, board, plan, session)
+    instead = partial(growing_record, board, plan)
+    try:
+        return replace(ENGINES[engine](scene, board, plan, session), instead=instead)
+    except NoVerdictError as error:
+        return Pending(partial(_raise, error), instead)
+
+
+def _raise(error: NoVerdictError) -> Waveforms:
+    raise error
+
+
+def growing_record(board: LinearBoard, plan: Plan) -> Waveforms:
+    """Return the start of the transient of an unstable board, by the state-space engine.
+
+    If the amplifiers of a small board stop the engine, too, the record is that of the board
+    linearised at its equilibrium.
+
+    Raises
+    ------
+    EngineError
+        A large board has no such record.
+    """
+    from verification.engines.statespace.transients.exact import ENGINE, exact_solution, simulate
+
+    stop, initial = plan.grown, plan.transient.initial
+    try:
+        return simulate(board, Transient(stop, stop / GROWING, initial=initial))
+    except EngineError:
+        if board.descriptor.is_large:
+            raise
+    solution = exact_solution(board, initial=initial, stop=stop, linearised=True)
+    times = np.linspace(0.0, stop, GROWING + 1)
+    cost, flag = Cost(0.0, len(times), 1), "the record is that of the linearised board"
+    return Waveforms(
+        times, solution.nodes, solution.at(times), ENGINE, cost, (flag,), solution.error
+    )
 
 
 def outputs(circuit: Circuit, waveforms: Waveforms) -> Floats:

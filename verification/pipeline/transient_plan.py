@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 from netlist_gen.analysis import Transient
 from netlist_gen.scene.scene import Checks, Scene
 from spice_models.array_types import Floats
-from spice_models.errors import Complaint, EngineError, InputError
+from spice_models.errors import EngineError
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.small_signal.step_forecast import StepForecast, StepModel
 from verification.small_signal.time_scales import GROWN, TimeScales
 
-REMAINDER = 0.1  # of the steady-state tolerance: remaining ringing at the end of the record
+REMAINDER = 0.1  # of the steady-state tolerance and the band: remaining ringing at the end
 AFTER_SETTLING = 1.2  # times the settling time: the record must show that outputs remain settled
 SHARE = 0.25  # of the tightest tolerance of the checks: the error wanted by ``error = "auto"``
 AIM = 0.8  # of the wanted error: the error that a transient is planned for
@@ -29,6 +29,8 @@ NEWTON = 2.5
 LONG = 10.0  # s: a longer run is announced
 SHORTER = "the state-space engine (--engine statespace) is usually faster"
 NO_STEPS = StepForecast(0.0, 0.0, 0.0, 0.0, steps=0.0, error=0.0)
+UNSTABLE_PERIODS = 100.0  # of ringing: the same for the state-space engine, where it needs steps
+TOO_LONG = "the record ends after {stop:.3g} s, before the instability has grown"
 TOO_SLOW = (
     "the record ends after {stop:.3g} s, before the instability has grown: ngspice needs"
     " {seconds:g} s up to there"
@@ -51,6 +53,8 @@ class Plan:
         Estimated processor time of ngspice, s.
     growing : bool
         Whether the board is unstable and its outputs grow.
+    grown : float
+        Length of the shortest record that shows a growing instability, s.
     notes : tuple of str
         What the plan omits, for the user.
     """
@@ -60,6 +64,7 @@ class Plan:
     forecast: StepForecast
     seconds: float
     growing: bool
+    grown: float
     notes: tuple[str, ...] = ()
 
     @property
@@ -110,6 +115,7 @@ def plan_transient(
     engine: str = "ngspice",
     *,
     stable: bool | None = None,
+    resolution: float = 0.0,
     aim: float | None = None,
 ) -> Plan:
     """Choose the length of the record and the cheapest step control for the wanted error.
@@ -124,6 +130,9 @@ def plan_transient(
     stable : bool, optional
         Whether the board is stable, by its own poles; by default as `scales` say, which for a
         large board are those of its coarse image.
+    resolution : float, optional
+        Rounding error of the poles, 1/s: a record does not wait for a mode that decays, or grows,
+        more slowly.
     aim : float, optional
         Error to plan for, in step amplitudes; the default is `AIM` times the wanted error.
 
@@ -131,20 +140,18 @@ def plan_transient(
     ------
     EngineError
         No mode of the board is visible at its outputs.
-    InputError
-        ``analysis.stop`` is shorter than the fastest visible time scale.
     """
     growing = math.isfinite(scales.growth_time) if stable is None else not stable
-    stop, error = _stop(scene, scales, growing), wanted_error(scene)
+    stop, error = _stop(scene, scales, resolution, growing=growing), wanted_error(scene)
     initial = scene.analysis.initial
     if engine == "statespace":
-        return Plan(Transient(stop, stop, initial=initial), error, NO_STEPS, 0.0, growing)
+        return _without_steps(scene, board, scales, stop, growing=growing)
+    notes: tuple[str, ...] = ()
     model, points = (
         StepModel.of(board, stop, initial, stable=not growing),
         scene.analysis.points_per_period,
     )
     step_seconds = seconds_per_step(board)
-    notes: tuple[str, ...] = ()
     if points is not None:
         forecast = model.even(scales.max_step_for(points))
     elif growing:
@@ -163,7 +170,22 @@ def plan_transient(
         first_step=_six_digits(forecast.first_step),
         initial=initial,
     )
-    return Plan(transient, error, forecast, forecast.steps * step_seconds, growing, notes)
+    seconds, grown = forecast.steps * step_seconds, min(scales.growth_time, stop)
+    return Plan(transient, error, forecast, seconds, growing, grown, notes)
+
+
+def _without_steps(
+    scene: Scene, board: LinearBoard, scales: TimeScales, stop: float, *, growing: bool
+) -> Plan:
+    """Plan a run of the state-space engine; a growing run that needs time steps is kept short."""
+    notes: tuple[str, ...] = ()
+    stepped = bool(board.circuit.amplifiers) or board.descriptor.is_large
+    longest = UNSTABLE_PERIODS * scales.max_step_for(1.0)
+    if growing and stepped and stop > longest:
+        stop, notes = longest, (TOO_LONG.format(stop=longest),)
+    transient = Transient(stop, stop, initial=scene.analysis.initial)
+    grown = min(scales.growth_time, stop)
+    return Plan(transient, wanted_error(scene), NO_STEPS, 0.0, growing, grown, notes)
 
 
 def seconds_per_step(board: LinearBoard) -> float:
@@ -198,20 +220,24 @@ def coarser(transient: Transient, ratio: float) -> Transient:
     )
 
 
-def _stop(scene: Scene, scales: TimeScales, growing: bool) -> float:
-    stop = scene.analysis.stop
-    if stop != "auto":
-        fastest = scales.max_step_for(2.0 * math.pi)
-        if stop < fastest < math.inf:
-            text = (
-                f"shorter than {fastest:.3g} s, in which the outputs move;"
-                " expected a longer time, or 'auto'"
-            )
-            raise InputError(scene.file, Complaint("analysis.stop", f"{stop!r} s", text))
-        return stop
+def _stop(scene: Scene, scales: TimeScales, resolution: float, *, growing: bool) -> float:
+    if scene.analysis.stop != "auto":
+        return scene.analysis.stop
     if growing and math.isfinite(scales.growth_time):
         return _six_digits(scales.growth_time)
-    settled = AFTER_SETTLING * scales.stop_for(REMAINDER * scene.checks.steady_state.tolerance)
+    return settled_after(scene.checks, scales, resolution)
+
+
+def settled_after(checks: Checks, scales: TimeScales, resolution: float = 0.0) -> float:
+    """Return the length of a record in which every check of a stable board can be decided, s.
+
+    Raises
+    ------
+    EngineError
+        No mode of the board is visible at its outputs.
+    """
+    remainder = REMAINDER * min(checks.steady_state.tolerance, checks.settling_time.band)
+    settled = AFTER_SETTLING * scales.stop_for(remainder, slowest=resolution)
     longest = max(settled, FEWEST_PERIODS * scales.max_step_for(1.0))
     if not (math.isfinite(longest) and longest > 0.0):
         raise EngineError(

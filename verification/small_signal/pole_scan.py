@@ -85,7 +85,7 @@ class _Search:
             value = math.exp(place) if self.logarithmic else place
         try:
             poles = self.read(value)
-            sample = Sample(place, value, poles.poles, poles.resolution, poles.complete)
+            sample = Sample(place, value, poles.poles, poles.errors, poles.complete)
         except (InputError, EngineError) as error:
             self._error = self._error or error
             sample = Sample(place, value, np.zeros(0, complex), failure=str(error))

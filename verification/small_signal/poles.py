@@ -8,13 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from netlist_gen.board.circuit import Circuit
-from spice_models.array_types import Complexes
+from spice_models.array_types import Complexes, Floats
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.linearised.count_unstable import count_right
 from verification.engines.statespace.linearised.rightmost_poles import rightmost_poles
+from verification.engines.statespace.linearised.slow_poles import slow_poles
 from verification.small_signal.time_scales import TimeScales
 
+EPS = float(np.finfo(np.float64).eps)
 UNITS = 64  # times rounding times the fastest pole: error of an eigenvalue
+CLOSE = 1e3  # times that error: poles so close to the axis are computed by two eigenproblems
 SEARCHED = 1e-9  # times the fastest pole: the same, if only the rightmost poles are computed
 
 
@@ -36,6 +39,8 @@ class Poles:
         ``|Im p| / 2 pi`` of the rightmost oscillating pole, Hz; 0 if no pole oscillates.
     complete : bool
         Whether `poles` are all poles.
+    errors : ndarray
+        Rounding error of each pole, 1/s.
     """
 
     poles: Complexes
@@ -44,17 +49,18 @@ class Poles:
     damping_ratio: float
     frequency: float
     complete: bool
+    errors: Floats
 
     @property
     def resolution(self) -> float:
-        """Rounding error of the real part of the rightmost pole, 1/s."""
-        share = UNITS * float(np.finfo(np.float64).eps) if self.complete else SEARCHED
-        return share * float(np.abs(self.poles).max(initial=0.0))
+        """Rounding error of the rightmost pole, 1/s."""
+        return float(self.errors[0]) if len(self.errors) else 0.0
 
     @property
     def certain(self) -> bool:
-        """Whether the rightmost pole is off the imaginary axis by more than rounding."""
-        return abs(self.rightmost.real) > self.resolution
+        """Whether rounding leaves no doubt that the board is stable, or that it is unstable."""
+        real = self.poles.real
+        return bool(np.any(real > self.errors) or np.all(real < -self.errors))
 
     @property
     def unstable_count(self) -> int:
@@ -79,7 +85,7 @@ def poles(circuit: Circuit | LinearBoard) -> Poles:
     board = LinearBoard.of(circuit)
     if board.descriptor.is_large:
         return summarise(rightmost_poles(board), complete=False)
-    return summarise(board.state_space.eigenvalues, complete=True)
+    return _resolved(board, summarise(board.state_space.eigenvalues, complete=True))
 
 
 def poles_behind(board: LinearBoard, scales: TimeScales) -> Poles:
@@ -90,7 +96,26 @@ def poles_behind(board: LinearBoard, scales: TimeScales) -> Poles:
     EngineError
         As `poles`.
     """
-    return summarise(scales.poles, complete=True) if scales.complete else poles(board)
+    if not scales.complete:
+        return poles(board)
+    return _resolved(board, summarise(scales.poles, complete=True))
+
+
+def _resolved(board: LinearBoard, found: Poles) -> Poles:
+    """Compute the slow poles anew if a pole is so close to the axis that rounding may matter."""
+    if not np.any(np.abs(found.poles.real) <= CLOSE * found.errors):
+        return found
+    try:
+        slow = slow_poles(board)
+    except np.linalg.LinAlgError:
+        return found
+    fastest, slowest = float(np.abs(found.poles).max()), float(np.abs(slow).min())
+    limit = math.sqrt(fastest * slowest)  # where both errors are the same
+    values = np.concatenate([found.poles[np.abs(found.poles) > limit], slow[np.abs(slow) <= limit]])
+    if len(values) != len(found.poles):
+        return found
+    errors = UNITS * EPS * np.minimum(fastest, np.abs(values) ** 2 / slowest)
+    return summarise(values, complete=True, errors=errors)
 
 
 def count_unstable(circuit: Circuit | LinearBoard) -> int:
@@ -111,9 +136,16 @@ def count_unstable(circuit: Circuit | LinearBoard) -> int:
     return count_right(LinearBoard.of(circuit).structure)
 
 
-def summarise(values: Complexes, *, complete: bool) -> Poles:
-    """Sort poles and name the rightmost ones; a board without states is stable."""
-    values = values[np.lexsort((-values.imag, -values.real))]
+def summarise(values: Complexes, *, complete: bool, errors: Floats | None = None) -> Poles:
+    """Sort poles and name the rightmost ones; a board without states is stable.
+
+    `errors` are those of the values, by default the rounding of the fastest pole.
+    """
+    if errors is None:
+        share = UNITS * EPS if complete else SEARCHED
+        errors = np.full(len(values), share * float(np.abs(values).max(initial=0.0)))
+    order = np.lexsort((-values.imag, -values.real))
+    values, errors = values[order], errors[order]
     rightmost = complex(values[0].real, abs(values[0].imag)) if len(values) else complex(-math.inf)
     oscillating = values[values.imag > 0.0]
     lead = complex(oscillating[0]) if len(oscillating) else complex(-1.0, 0.0)
@@ -124,4 +156,5 @@ def summarise(values: Complexes, *, complete: bool) -> Poles:
         damping_ratio=-lead.real / abs(lead),
         frequency=lead.imag / (2.0 * math.pi),
         complete=complete,
+        errors=errors,
     )

@@ -9,7 +9,7 @@ from itertools import groupby
 
 import numpy as np
 
-from spice_models.array_types import Complexes
+from spice_models.array_types import Complexes, Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -19,7 +19,7 @@ class Sample:
     place: float  # on the axis of interpolation: the value, or its logarithm
     value: float
     poles: Complexes  # 1/s, rightmost first
-    resolution: float = 0.0  # rounding error of a pole's real part, 1/s
+    errors: Floats | float = 0.0  # rounding errors of the poles' real parts, 1/s
     complete: bool = True  # whether `poles` holds all poles; of an incomplete set the first counts
     failure: str = ""  # why there are no poles
 
@@ -41,8 +41,8 @@ class Sample:
     @property
     def certain(self) -> bool:
         """Whether all known poles are off the imaginary axis by more than rounding."""
-        distance = np.abs(self.poles.real[: self.known]).min(initial=math.inf)
-        return not self.failure and bool(distance > self.resolution)
+        off = np.abs(self.poles.real) > self.errors
+        return not self.failure and bool(np.all(off[: self.known]))
 
     def nearest(self, place: complex) -> complex:
         """Return the known pole nearest to a place in the complex plane, 1/s."""

@@ -42,6 +42,7 @@ stiff mode decays more slowly the longer the step is: if this limits the error, 
 step is cheaper than a smaller truncation error."""
 FIRST = 0.1  # of the step that the charges allow at t = 0: the first step
 FEWEST_INSTANTS = 200.0  # least number of instants of a record
+MOST_INSTANTS = 500_000  # and the largest
 MOVE = 0.02  # of the step amplitude: largest change of an output between two instants
 CHARGE = 10.0  # times C times the step amplitude: above the charges of usual boards
 EXPONENT = 1.5  # the truncation error is proportional to this power of the error
@@ -211,6 +212,7 @@ class StepModel:
         error : float
             Interpolation error, in step amplitudes. The error of a cubic through four points h
             apart is ``h⁴ |d⁴u/dt⁴| 3/128``.
+            The record errs more where `MOST_INSTANTS` do not suffice.
         """
         rate = np.abs(self.growth @ (self.poles[:, None] * self.shares)).max(axis=1, initial=TINY)
         bend = np.abs(self.growth @ (self.poles[:, None] ** 4 * self.shares))
@@ -218,7 +220,7 @@ class StepModel:
         longest = np.minimum(self.time[-1] / FEWEST_INSTANTS, MOVE / rate)
         spacing = np.minimum((128.0 / 3.0 * error / bend) ** 0.25, longest)
         count = _integral(1.0 / spacing, self.time)
-        places = np.linspace(0.0, count[-1], math.ceil(count[-1]) + 1)
+        places = np.linspace(0.0, count[-1], min(math.ceil(count[-1]) + 1, MOST_INSTANTS))
         return np.asarray(np.interp(places, count, self.time))
 
     def cheapest(self, error: float) -> StepForecast:

@@ -61,6 +61,9 @@ class TimeScales:
         Suggested stop time, s.
     max_step : float
         Suggested maximum step, s.
+    step : float
+        Step amplitude of the board: the largest distance of an output from the equilibrium at
+        t = 0, V.
     complete : bool
         Whether `poles` are those of the board; False for a large board, whose `poles` are those of
         the coarse board (`coarse_board`) and do not show its stability.
@@ -73,18 +76,29 @@ class TimeScales:
     growth_time: float
     stop: float
     max_step: float
+    step: float = 0.0
     complete: bool = True
 
-    def stop_for(self, error: float) -> float:
+    def left(self, time: float) -> float:
+        """Return the sum of the decaying modes at an instant, s, in step amplitudes."""
+        weight, rate = self._decaying(0.0)
+        return float(weight @ np.exp(rate * time))
+
+    def stop_for(self, error: float, *, slowest: float = 0.0) -> float:
         """Return the time after which the sum of decaying modes stays below `error`, s.
 
         `error` is in step amplitudes. For an unstable board the time is at least `growth_time`.
-        The time has no upper bound: a pole close to the imaginary axis makes it very long.
+        The time has no upper bound: a pole close to the imaginary axis makes it very long. With
+        `slowest`, 1/s, only modes that decay faster count.
         """
-        decaying = self.poles.real < 0.0
-        weight, rate = self.amplitudes[decaying], self.poles.real[decaying]
-        settled = last_crossing(weight, rate, error)
-        return max(settled, self.growth_time) if math.isfinite(self.growth_time) else settled
+        settled = last_crossing(*self._decaying(slowest), error)
+        growing = slowest == 0.0 and math.isfinite(self.growth_time)
+        return max(settled, self.growth_time) if growing else settled
+
+    def _decaying(self, slowest: float) -> tuple[Floats, Floats]:
+        """Return amplitudes and rates, 1/s, of the modes that decay faster than `slowest`."""
+        decaying = self.poles.real < -slowest
+        return self.amplitudes[decaying], self.poles.real[decaying]
 
     def max_step_for(self, points: float) -> float:
         """Return the step that puts `points` points on the period of the fastest ringing, s.
@@ -159,12 +173,11 @@ def time_scales(
             weight = np.abs(modes.amplitudes(C, deviation)).max(axis=0, initial=0.0) / step
         if not weight.sum() < RESOLVED:
             weight = np.full(space.n, UNRESOLVED)
-    return _scales(modes.poles, weight, error, points, complete=not large)
+    scales = _scales(modes.poles, weight, error, points)
+    return replace(scales, step=step, complete=not large)
 
 
-def _scales(
-    p: Complexes, weight: Floats, error: float, points: float, *, complete: bool
-) -> TimeScales:
+def _scales(p: Complexes, weight: Floats, error: float, points: float) -> TimeScales:
     relevant = weight >= error
     decay = -1.0 / p.real[relevant & (p.real < 0.0)]
     rings = relevant & (p.imag > 0.0) & (-p.real < RINGS * np.abs(p))
@@ -178,7 +191,6 @@ def _scales(
         growth_time=float(np.maximum(growth, 0.0).min(initial=math.inf)),
         stop=0.0,
         max_step=0.0,
-        complete=complete,
     )
     return replace(scales, stop=scales.stop_for(error), max_step=scales.max_step_for(points))
 

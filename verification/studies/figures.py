@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
+from spice_models.array_types import Floats
 from verification.measures.measurements import ChannelMeasure
 from verification.measures.readings import Reading, latest
 from verification.verify import Verdict
@@ -38,6 +39,7 @@ FIGURES: dict[str, Figure[Verdict]] = {
     "overshoot": Figure("step", lambda v: max(c.overshoot for c in _channels(v))),
     "undershoot": Figure("step", lambda v: max(c.undershoot for c in _channels(v))),
     "steady_state_error": Figure("step", lambda v: max(map(abs, signed_errors(v)))),
+    "end_error": Figure("step", lambda v: max(map(abs, _relative(v, v.u[-1])))),
     "growth_rate": Figure("1/s", lambda v: v.poles.rightmost.real),
     "frequency": Figure("Hz", lambda v: abs(v.poles.rightmost.imag) / (2.0 * math.pi)),
     "damping_ratio": Figure("", lambda v: v.poles.damping_ratio),
@@ -50,7 +52,13 @@ FIGURES: dict[str, Figure[Verdict]] = {
 }
 """Figures of the whole board; the worst channel counts."""
 
-TRANSIENT_READINGS = ("settling_time", "rise_time", "overshoot", "steady_state_error")
+TRANSIENT_READINGS = (
+    "settling_time",
+    "rise_time",
+    "overshoot",
+    "undershoot",
+    "end_error",
+)
 POLE_READINGS = ("growth_rate", "frequency", "damping_ratio", "margin")
 """Figures that say how a board behaves; the others follow from the design or from the run."""
 
@@ -76,25 +84,33 @@ def readings_of(verdict: Verdict) -> dict[str, Reading | None]:
     """Return `TRANSIENT_READINGS` with their whole uncertainty; None for a missing reading."""
     measured, error = verdict.measurements, verdict.error
     rises = [r for channel in _channels(verdict) if (r := channel.rise_time) is not None]
-    overshoot, static = (FIGURES[name].of(verdict) for name in ("overshoot", "steady_state_error"))
+    parts = {
+        "settling_time": (measured.settling_time, error.settling_time),
+        "rise_time": (latest(rises) if rises else None, error.rise_time),
+        "overshoot": (_plain(verdict, "overshoot"), error.overshoot),
+        "undershoot": (_plain(verdict, "undershoot"), error.undershoot),
+        "end_error": (_plain(verdict, "end_error"), error.steady_state + verdict.ideal.error),
+    }
     return {
-        "settling_time": _widened(measured.settling_time, error.settling_time),
-        "rise_time": _widened(latest(rises) if rises else None, error.rise_time),
-        "overshoot": None if overshoot is None else Reading(overshoot, error.overshoot),
-        "steady_state_error": None
-        if static is None
-        else Reading(static, error.steady_state + verdict.ideal.error),
+        name: reading and replace(reading, uncertainty=reading.uncertainty + more)
+        for name, (reading, more) in parts.items()
     }
 
 
-def _widened(reading: Reading | None, error: float) -> Reading | None:
-    return reading and replace(reading, uncertainty=reading.uncertainty + error)
+def _plain(verdict: Verdict, name: str) -> Reading | None:
+    value = FIGURES[name].of(verdict)
+    return None if value is None else Reading(value, 0.0)
 
 
 def signed_errors(verdict: Verdict) -> tuple[float, ...]:
-    """Return final value minus reference of every channel, fractions of the step amplitude."""
+    """Return equilibrium minus reference of every channel, fractions of the step amplitude."""
+    return tuple(_relative(verdict, verdict.steady.values))
+
+
+def _relative(verdict: Verdict, u: Floats) -> list[float]:
+    """Return outputs (N,), V, minus the reference, fractions of the step amplitude."""
     amplitude = verdict.measurements.amplitude or math.nan
-    return tuple((c.final - c.target) / amplitude for c in _channels(verdict))
+    return [float(off) / amplitude for off in u - verdict.ideal.target]
 
 
 def finite(value: Reading | float | None) -> float | None:

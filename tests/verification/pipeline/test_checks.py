@@ -17,6 +17,7 @@ from tests.support.measured import (
     margin,
     measured,
     oscillating,
+    steady,
 )
 from verification.measures.readings import Reading
 from verification.measures.settling import ChannelState
@@ -27,8 +28,8 @@ from verification.pipeline.checks import (
     at_most,
     describe_states,
     overall,
-    run_checks,
 )
+from verification.pipeline.run_checks import run_checks
 from verification.pipeline.step_error import StepError
 from verification.small_signal.poles import summarise
 
@@ -75,7 +76,7 @@ def test_the_whole_is_its_worst_part(outcomes: tuple[Outcome, ...], whole: Outco
 
 
 @pytest.mark.parametrize(
-    ("final", "error", "reference_error", "outcome"),
+    ("rest", "error", "reference_error", "outcome"),
     [
         (1.0009, 0.0, 0.0, PASS),
         (1.0011, 0.0, 0.0, FAIL),
@@ -85,16 +86,43 @@ def test_the_whole_is_its_worst_part(outcomes: tuple[Outcome, ...], whole: Outco
         (1.0, math.inf, 0.0, UNDECIDED),
     ],
 )
-def test_steady_state(final: float, error: float, reference_error: float, outcome: Outcome) -> None:
+def test_a_steady_state_is_judged_at_the_equilibrium(
+    rest: float, error: float, reference_error: float, outcome: Outcome
+) -> None:
     given = evidence(
-        channel(final=final),
-        error=StepError(error, 0.0, 0.0, 0.0, 0.0),
+        channel(final=rest),
+        steady=steady(rest, error=error),
         reference_error=reference_error,
     )
     found = check("steady_state", given)
     assert found.outcome is outcome
-    assert found.value == pytest.approx(abs(final - 1.0))
+    assert found.value == pytest.approx(abs(rest - 1.0))
     assert found.tolerance == 1e-3
+
+
+def test_the_end_of_a_record_confirms_the_equilibrium_and_decides_nothing() -> None:
+    """A record that ends on target does not save a board that comes to rest beside it."""
+    beside = check("steady_state", evidence(channel(final=1.0), steady=steady(1.002, left=0.01)))
+    assert beside.outcome is FAIL
+    assert beside.value == pytest.approx(2e-3)
+    assert beside.reason.endswith("0 % at the record's end")
+    off = check("steady_state", evidence(channel(final=1.0005), steady=steady(1.0)))
+    assert off.outcome is UNDECIDED  # the end differs by more than the wanted error of 2.5e-4
+    assert "the record ends 0.05 % from the equilibrium" in off.reason
+    explained = evidence(channel(final=1.0005), steady=steady(1.0, left=3e-4))
+    assert check("steady_state", explained).outcome is PASS
+
+
+def test_a_record_that_is_too_short_decides_nothing_and_says_what_would() -> None:
+    given = evidence(channel(final=1.0), steady=steady(1.0, left=0.1), forever=False)
+    found = check("steady_state", given)
+    assert found.outcome is UNDECIDED
+    needed = 1.2 * (1.0 + math.log(100.0))  # a mode of 1 s from 0.1 to 1e-3 of the step
+    assert found.reason.endswith(f"ends after 1 s: analysis.stop = {needed:.4g} s is needed")
+    assert check("settling_time", given).outcome is UNDECIDED
+    assert check("stability", given).outcome is PASS
+    known = evidence(channel(final=1.0), steady=steady(1.0, left=0.1), forever=True)
+    assert {found.outcome for found in run_checks(known)} == {PASS}
 
 
 def test_a_steady_state_is_a_fraction_of_the_step_amplitude() -> None:
@@ -103,12 +131,67 @@ def test_a_steady_state_is_a_fraction_of_the_step_amplitude() -> None:
 
 
 def test_an_oscillating_board_has_no_steady_state_even_on_target() -> None:
-    given = evidence(oscillating())
+    """Behavioural amplifiers may sustain an oscillation about a stable equilibrium."""
+    given = evidence(oscillating(), steady=steady(1.0, linear=False))
     found = check("steady_state", given)
     assert found.outcome is FAIL
     assert "no steady state: channel 1 oscillating at 40 kHz, growth rate +1000 /s" in found.reason
     assert check("settling_time", given).outcome is FAIL
     assert check("settling_time", given).value is None
+
+
+def test_a_linear_board_that_oscillates_contradicts_its_stable_poles() -> None:
+    given = evidence(oscillating(), checks={"overshoot": {"max": 0.5}})
+    for name in ("steady_state", "settling_time", "overshoot", "stability"):
+        assert check(name, given).outcome is UNDECIDED
+    assert "the poles are stable, the transient is not" in check("steady_state", given).reason
+
+
+def test_an_unstable_board_fails_whatever_its_transient_shows() -> None:
+    wanted = {"overshoot": {"max": 0.5}, "undershoot": {"max": 0.5}, "rise_time": {"max": 1.0}}
+    given = evidence(poles=UNSTABLE, checks=wanted, reference_problem="the gap is too wide")
+    for name in ("steady_state", "settling_time", "overshoot", "undershoot", "stability"):
+        assert check(name, given).outcome is FAIL
+        assert "oscillates at 15.92 kHz, growth rate +1000 /s" in check(name, given).reason
+    assert check("rise_time", given).outcome is UNDECIDED
+
+
+def test_a_pole_within_rounding_of_the_axis_decides_nothing() -> None:
+    given = evidence(
+        poles=summarise(np.array([1e-9, -1e6], dtype=np.complex128), complete=True),
+        checks={"overshoot": {"max": 0.5}, "rise_time": {"max": 1.0}},
+    )
+    for name in ("steady_state", "settling_time", "rise_time", "overshoot", "stability"):
+        assert check(name, given).outcome is UNDECIDED
+        assert "the board may be stable or unstable" in check(name, given).reason
+
+
+def test_an_equilibrium_outside_the_band_never_settles() -> None:
+    given = evidence(channel(settling_time=Reading(1e-3, 0.0)), steady=steady(1.02))
+    found = check("settling_time", given)
+    assert found.outcome is FAIL
+    assert found.reason == (
+        "the equilibrium is 2 % off the reference, outside ±1 % of the step amplitude"
+    )
+
+
+def test_a_board_that_is_outside_its_band_after_the_limit_settles_too_late() -> None:
+    late = channel(final=1.05, settling_time=None, state=ChannelState.NOT_SETTLED)
+    for limit, outcome in ((0.5, FAIL), (2.0, UNDECIDED), (None, UNDECIDED)):
+        wanted = {"settling_time": {"max": limit} if limit else {}}
+        given = evidence(late, steady=steady(1.0, left=0.05), checks=wanted)
+        found = check("settling_time", given)
+        assert found.outcome is outcome
+    assert "analysis.stop = " in found.reason
+
+
+def test_an_outputs_later_excursion_may_exceed_the_limit() -> None:
+    wanted = {"overshoot": {"max": 0.15}}
+    for left, outcome in ((0.04, PASS), (0.2, UNDECIDED)):
+        given = evidence(channel(), steady=steady(1.0, left=left), checks=wanted)
+        assert check("overshoot", given).outcome is outcome
+    high = evidence(channel(overshoot=0.3), steady=steady(1.0, left=0.2), checks=wanted)
+    assert check("overshoot", high).outcome is FAIL
 
 
 @pytest.mark.parametrize(
@@ -194,7 +277,8 @@ def test_overshoot_and_undershoot(limit: float, error: float, outcome: Outcome) 
     given = evidence(both, checks=checks, error=StepError(0.0, 0.0, 0.0, error, error))
     for name in checks:
         assert check(name, given).outcome is outcome
-        assert check(name, evidence(oscillating(), checks=checks)).outcome is FAIL
+        cycle = evidence(oscillating(), checks=checks, steady=steady(1.0, linear=False))
+        assert check(name, cycle).outcome is FAIL
 
 
 def test_overshoot_and_undershoot_have_their_own_limits() -> None:
@@ -292,7 +376,7 @@ def test_a_ringing_that_may_persist_leaves_its_checks_undecided() -> None:
     both = "if it decays, the settling time is 1 ms; if it does not, it never settles"
     unclear = channel(state=ChannelState.UNDECIDED, settling_time=None, reason=both)
     wanted = {"overshoot": {"max": 0.5}}
-    given = evidence(unclear, channel(1), checks=wanted)
+    given = evidence(unclear, channel(1), checks=wanted, steady=steady(1.0, 1.0, linear=False))
     for name in ("steady_state", "settling_time", "overshoot"):
         assert check(name, given).outcome is UNDECIDED
         assert both in check(name, given).reason
@@ -311,4 +395,4 @@ def test_a_step_below_the_references_error_is_nothing_to_judge() -> None:
     given = evidence(channel(final=3.0, settling_time=None), reference_error=1.5)
     for name in ("steady_state", "settling_time"):
         assert check(name, given).outcome is UNDECIDED
-        assert "nothing to check" in check(name, given).reason
+        assert "nothing to judge" in check(name, given).reason

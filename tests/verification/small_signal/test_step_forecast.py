@@ -21,7 +21,7 @@ from verification.engines.ngspice.executable import find_simulator
 from verification.engines.ngspice.process import start
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.transients.exact import exact_solution
-from verification.small_signal.step_forecast import StepForecast, StepModel
+from verification.small_signal.step_forecast import StepForecast, StepModel, _slip
 from verification.small_signal.time_scales import time_scales
 
 
@@ -126,6 +126,22 @@ def test_a_cubic_through_the_instants_of_a_record_errs_as_little_as_asked(
     amplitude = np.abs(exact.final - exact.start).max()
     assert np.abs(cubic - exact.at(between)).max() <= 3.0 * error * amplitude
     assert len(times) < 400 + stop * np.abs(exact.poles).max() / error**0.25
+
+
+def test_a_step_multiplies_a_mode_as_the_trapezoidal_rule_does() -> None:
+    rng = np.random.default_rng(3)
+    poles = -(10.0 ** rng.uniform(2, 8, 40)) + 1j * 10.0 ** rng.uniform(2, 8, 40)
+    poles[:10] = poles[:10].real
+    step = 10.0 ** rng.uniform(-10, -3, (50, 1))
+    z = 0.5 * step * poles
+    exact = np.log((1.0 + z) / (1.0 - z)) - 2.0 * z
+    assert np.all(np.abs(_slip(step, poles) * step - exact) <= 1e-12 * (1.0 + np.abs(z)))
+
+
+def test_a_step_that_removes_a_mode_has_a_finite_slip() -> None:
+    slip = _slip(np.array([[2.0]]), np.array([-1.0 + 0.0j]))  # (1 + z) / (1 - z) = 0
+    assert np.isfinite(slip).all()
+    assert np.exp(2.0 * slip.real) < 1e-100
 
 
 def test_a_run_ends_where_its_steps_are_used_up() -> None:

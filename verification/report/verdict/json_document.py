@@ -21,7 +21,16 @@ def verdict_document(verdict: Verdict) -> dict[str, Any]:
         "file": str(verdict.scene.file),
         "outcome": verdict.outcome.value,
         "checks": [check_record(check) for check in verdict.checks],
-        "channels": [channel_record(channel) for channel in verdict.measurements.channels],
+        "channels": [
+            channel_record(channel) | {"equilibrium": volts}
+            for channel, volts in zip(
+                verdict.measurements.channels, verdict.steady.values.tolist(), strict=True
+            )
+        ],
+        "steady_state": {
+            "equilibrium": figures["steady_state_error"],
+            "record_end": figures["end_error"],
+        },
         "step_amplitude": figures["step_amplitude"],
         "settling_time": figures["settling_time"],
         "settling_time_ideal": verdict.ideal.transient.settling_time,

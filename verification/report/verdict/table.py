@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from netlist_gen.quantities import show
+from spice_models.array_types import Floats
 from verification.measures.measurements import Measurements
 from verification.measures.readings import Reading
 from verification.pipeline.attained_accuracy import Accuracy
@@ -25,7 +26,7 @@ def print_verdict(verdict: Verdict, console: Console) -> None:
     """Print the checks, the channels, the error budget and the cost."""
     console.print(_head(verdict))
     console.print(_checks(verdict))
-    console.print(channel_table(verdict.measurements))
+    console.print(channel_table(verdict.measurements, verdict.steady.values))
     console.print(_budget(verdict))
     for warning in verdict.warnings:
         console.print(f"[yellow]warning[/yellow] {escape(warning)}")
@@ -79,14 +80,16 @@ def amount(value: float | None, unit: str) -> str:
     return value_text(value, unit, 3 if unit == "ratio" else 4)
 
 
-def channel_table(measurements: Measurements) -> Table:
-    """Return the table of channels, numbered from 1."""
+def channel_table(measurements: Measurements, equilibrium: Floats | None = None) -> Table:
+    """Return the table of channels, numbered from 1; `equilibrium` (N,) in V, if it is known."""
     times, excursions = ("rise time", "settling time"), ("overshoot", "undershoot")
-    titles = ("u", "reference", "final", *times, *excursions, "state")
+    known = () if equilibrium is None else ("equilibrium",)
+    titles = ("u", "reference", *known, "record's end", *times, *excursions, "state")
     rows = [
         (
             str(channel.index + 1),
             show(channel.target, "V", 5),
+            *(() if equilibrium is None else (show(float(equilibrium[channel.index]), "V", 5),)),
             show(channel.final, "V", 5),
             _reading(channel.rise_time),
             _reading(channel.settling_time),

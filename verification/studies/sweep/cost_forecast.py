@@ -3,7 +3,7 @@
 The number of steps of ngspice grows without limit towards the stability boundary, since the longer
 a mode rings, the longer is the record. So two smooth quantities are interpolated over the grid: the
 growth rate of the rightmost pole, and the time of the steps times this rate. The points of a coarse
-grid are planned, then the points that are the dearest according to the interpolation.
+grid are planned, then those that are dear according to the interpolation.
 """
 
 from __future__ import annotations
@@ -25,9 +25,10 @@ from verification.pipeline.transient_plan import plan_transient
 from verification.studies.sweep.hybrid import has_order, next_to_the_boundary, sample
 from verification.studies.sweep.plan import ENGINE, Plan
 
-COARSE = 0.08  # of the points form the coarse grid
-FEWEST, MOST = 4, 49  # points of the coarse grid
-DEAREST = 0.6  # times as many of the dearest points are planned after the coarse grid
+COARSE = 0.06  # of the points form the coarse grid
+FEWEST, MOST = 4, 42  # points of the coarse grid
+DEAR = 20.0  # times the time of a plan: a longer run of ngspice is planned
+MOST_DEAR = 60  # further points that are planned
 START = 0.008  # s: a run of ngspice without its steps
 STATE_SPACE = {"small": 3.5, "large": 6.0, "nonlinear": 60.0}
 NGSPICE = {"small": 4.0, "large": 2.0, "nonlinear": 45.0}
@@ -67,21 +68,14 @@ def forecast_costs(plan: Plan) -> CostForecast:
     """Forecast the cost of every point of `plan` by either engine."""
     simulated = "ngspice" in plan.engines
     nodes = min(max(int(COARSE * plan.points), FEWEST), MOST) if simulated else FEWEST
-    places, weights = _coarse_grid(plan, nodes)
+    places, weights, cells = _coarse_grid(plan, nodes)
     _Planner(plan).add(int(places.flat[0]))  # loads modules
     planner = _Planner(plan)
     for place in places.ravel().tolist():
         planner.add(place)
     grid = _interpolated(planner.rows_at(places), weights)
-    rank = _steps(grid)
-    rank[[*planner.rows, *planner.failed]] = -1.0
-    further = math.ceil(DEAREST * places.size) if simulated else 0
-    for _ in range(min(further, plan.points - places.size)):
-        place = int(np.argmax(rank))
-        rank[place] = -1.0
-        planner.add(place)
-    for place, row in planner.rows.items():
-        grid[place] = row
+    if simulated:
+        _plan_dear_points(plan, planner, grid, cells)
     steps, timeout = _steps(grid), plan.scene.analysis.timeout
     steps = np.where(steps > SLOWER * timeout, 0.0, np.minimum(steps, timeout))
     seconds = {"ngspice": np.exp(grid[:, 1]) + steps, "statespace": np.exp(grid[:, 0])}
@@ -113,6 +107,11 @@ class _Planner:
         """Wall time over processor time."""
         return max(self._wall / self._processor, 1.0)
 
+    @property
+    def seconds_per_plan(self) -> float:
+        """Processor time of a plan, s."""
+        return self._processor / max(len(self.rows) + len(self.failed), 1)
+
     def add(self, place: int) -> None:
         """Plan the point at `place`."""
         wall, processor = time.perf_counter(), time.process_time()
@@ -128,6 +127,11 @@ class _Planner:
         mean = np.mean([*self.rows.values()] or [np.full(4, math.log(TINY))], axis=0)
         rows = [self.rows.get(place, mean) for place in places.ravel().tolist()]
         return np.array(rows).reshape(*places.shape, 4)
+
+    def enter(self, grid: Floats) -> None:
+        """Write the rows into `grid` (P, 4)."""
+        for place, row in self.rows.items():
+            grid[place] = row
 
     def _row(self, place: int) -> Floats:
         scene = with_values(self._plan.scene, self._plan.values_at(place) | {ENGINE: "statespace"})
@@ -147,11 +151,36 @@ class _Planner:
         return np.array([*np.log(times), growth])
 
 
-def _coarse_grid(plan: Plan, nodes: int) -> tuple[Indices, list[Floats]]:
-    """Return the places of about `nodes` points, and the weights of the interpolation by axis.
+def _plan_dear_points(plan: Plan, planner: _Planner, grid: Floats, cells: Sequence[float]) -> None:
+    """Plan the points with a long run of ngspice and those next to the stability boundary.
 
-    Weights have the shape (values of the axis, nodes on the axis). An axis of words has all its
-    values as nodes if that is possible, since nothing can be interpolated between words.
+    Each of them corrects `grid` (P, 4) around itself; the correction fades out over a cell of the
+    coarse grid. `cells` are the sizes of a cell.
+    """
+    for _ in range(MOST_DEAR):
+        steps, signs = _steps(grid), np.sign(grid[:, 3]).reshape(plan.shape)
+        steps[next_to_the_boundary(signs, plan).ravel()] += DEAR * planner.seconds_per_plan
+        steps[[*planner.rows, *planner.failed]] = 0.0
+        dearest = int(np.argmax(steps))
+        if steps[dearest] < DEAR * planner.seconds_per_plan:
+            return
+        planner.add(dearest)
+        if dearest in planner.rows:
+            at = np.unravel_index(dearest, plan.shape)
+            weight = np.ones(1)
+            for size, place, cell in zip(plan.shape, at, cells, strict=True):
+                fading = np.clip(1.0 - np.abs(np.arange(size) - place) / cell, 0.0, 1.0)
+                weight = np.multiply.outer(weight, fading)
+            grid += weight.reshape(-1, 1) * (planner.rows[dearest] - grid[dearest])
+            planner.enter(grid)
+
+
+def _coarse_grid(plan: Plan, nodes: int) -> tuple[Indices, list[Floats], list[float]]:
+    """Return the places of at most `nodes` points, and the weights and cells of the interpolation.
+
+    An axis has weights of the shape (its values, its nodes), and its cell is the distance of two
+    nodes. An axis of words has all its values as nodes if that is possible, since nothing can be
+    interpolated between words.
     """
     counts = [1] * len(plan.shape)
     ordered = [has_order(group) for group in plan.groups]
@@ -161,11 +190,12 @@ def _coarse_grid(plan: Plan, nodes: int) -> tuple[Indices, list[Floats]]:
         if not free:
             break
         counts[max(free, key=lambda k: (not ordered[k], plan.shape[k] / counts[k]))] += 1
-    axes, weights = [], []
+    axes, weights, cells = [], [], []
     for size, count, numbers in zip(plan.shape, counts, ordered, strict=True):
         ends = (0, size - 1) if count > 1 else ((size - 1) // 2,) * 2
         places = np.unique(np.round(np.linspace(*ends, count)).astype(np.intp))
         axes.append(places)
+        cells.append((size - 1) / (count - 1) if count > 1 else float(size))
         every = np.arange(size)
         if numbers:
             columns = [np.interp(every, places, unit) for unit in np.eye(len(places))]
@@ -174,7 +204,7 @@ def _coarse_grid(plan: Plan, nodes: int) -> tuple[Indices, list[Floats]]:
             nearest = np.abs(every[:, None] - places).argmin(axis=1)
             weights.append(np.eye(len(places))[nearest])
     grid = np.meshgrid(*axes, indexing="ij")
-    return np.asarray(np.ravel_multi_index(grid, plan.shape)), weights
+    return np.asarray(np.ravel_multi_index(grid, plan.shape)), weights, cells
 
 
 def _interpolated(rows: Floats, weights: Sequence[Floats]) -> Floats:

@@ -23,7 +23,9 @@ from verification.report.sweep import files
 from verification.report.sweep.maps import plot_sweep
 from verification.studies.running import executors
 from verification.studies.running.executors import Workers
+from verification.studies.sweep.cost_forecast import CostForecast
 from verification.studies.sweep.plan import Plan
+from verification.studies.sweep.remaining_time import RemainingTime
 from verification.studies.sweep.run import SweepCounts
 from verification.studies.sweep.store import Store
 
@@ -159,7 +161,8 @@ def test_a_map_with_both_engines_and_a_boundary(
     growth = np.linspace(-1e4, 1e4, 40).reshape(shape)
     fake: dict[str, Any] = {name: np.full(shape, 0.5) for name in files.FIGURES}
     fake["settling_time"][growth > 0] = np.nan
-    fake |= {"growth_rate": growth, "outcome": (np.arange(40).reshape(shape) % 4).astype(np.int8)}
+    outcome = (np.arange(40).reshape(shape) % 4).astype(np.int8)
+    fake |= {"growth_rate": growth, "outcome": outcome, "agreement": outcome // 2}
     monkeypatch.setattr("verification.report.sweep.maps.grids", lambda plan, store: fake)
     with Store(str(folder / "a.sqlite")) as store:
         plot_sweep(plan, store, str(folder / "a.png"))
@@ -187,6 +190,13 @@ def test_a_database_that_is_none(folder: Path) -> None:
 
 
 def test_rate_and_remaining_time_count_what_was_computed_only() -> None:
-    count = SweepCounts(total=100, done=60, ran=20, outcomes=Counter({"pass": 55, "fail": 5}))
-    assert _state(count, 10.0) == "2/s, 0:00:20 left; 5 fail, 55 pass"
+    every = np.ones(100, dtype=np.bool_)
+    costs = CostForecast({"statespace": np.full(100, 40.0)}, every, slowness=1.0)
+    time = RemainingTime(costs, {"statespace": every}, lambda: 2)
+    ended = Counter({"pass": 55, "fail": 5})
+    count = SweepCounts(total=100, done=60, ran=20, outcomes=ended, time=time)
+    assert _state(count, 10.0) == "2/s, 0:33:20 left; 5 fail, 55 pass"
+    assert count.text == "60 of 100 points, about 33 min left"
+    count.done = 100
+    assert count.text == "100 of 100 points"
     assert _state(SweepCounts(total=9, done=2, outcomes=Counter({"pass": 2})), 1.0) == "2 pass"

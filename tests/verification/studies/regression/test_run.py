@@ -198,7 +198,8 @@ def test_another_engine_stays_within_the_tolerances(ngspice: str, tmp_path: Path
     (tmp_path / "a.toml").write_text(text)
     stored = entries(tmp_path)
     assert stored["a.toml"].simulator.startswith("ngspice")
-    (tmp_path / "a.toml").write_text(text + '[analysis]\nengine = "statespace"\n')
+    by_state_space = text.replace("[analysis]\n", '[analysis]\nengine = "statespace"\n')
+    (tmp_path / "a.toml").write_text(by_state_space)
     result = only(run(tmp_path, stored))
     assert result.status is Status.SAME
     assert result.notes[1].startswith("simulator was ngspice")

@@ -22,7 +22,7 @@ from netlist_gen.overrides.axes import parse_axes
 from spice_models.errors import InputError
 from tests.support.making import NEAR_IDEAL, make_scene
 from tests.support.paths import ROOT
-from tests.support.studying import scene_file
+from tests.support.studying import one_thread, scene_file
 from verification.report.sweep.records import records
 from verification.studies.running.executors import cluster
 from verification.studies.sweep.plan import Plan
@@ -97,6 +97,22 @@ def test_a_killed_worker_costs_nothing_but_time(tmp_path: Path) -> None:
         rows = list(records(plan, store))
     assert count.outcomes == {"pass": POINTS}
     assert len(rows) == count.ran == POINTS
+
+
+def test_a_hybrid_sweep_is_that_of_one_process(tmp_path: Path, ngspice: str) -> None:
+    asked = make_scene({"channels": 2, "span": 1.2}, design=DESIGN)
+    both = ("ngspice", "statespace")
+    plan = Plan(asked, parse_axes(asked, ["C=50p:500p:8"]), both, hybrid=True)
+    with ExitStack() as stack:
+        file = stack.enter_context(scheduler(tmp_path))
+        worker(stack, file)
+        store = stack.enter_context(Store(str(tmp_path / "a.sqlite")))
+        there = sweep(plan, store, stack.enter_context(cluster(address(file))))
+        here = sweep(plan, Store(":memory:"), stack.enter_context(one_thread()))
+        rows = list(records(plan, store))
+    assert there.total == there.ran == here.ran > 8
+    assert there.outcomes == here.outcomes == {"pass": there.total}
+    assert {row["agreement"] for row in rows if row["engine"] == "ngspice"} == {"pass"}
 
 
 def test_a_yield_and_the_corners_are_those_of_one_process(tmp_path: Path) -> None:

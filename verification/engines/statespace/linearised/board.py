@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from netlist_gen.board.circuit import Circuit
+from spice_models.array_types import Floats
 from verification.engines.statespace.equations.coarse_board import coarsen
 from verification.engines.statespace.equations.dc_solve import (
     Response,
@@ -16,7 +17,11 @@ from verification.engines.statespace.equations.dc_solve import (
 from verification.engines.statespace.equations.descriptor import Descriptor
 from verification.engines.statespace.equations.stamps import stamp
 from verification.engines.statespace.equations.structured_solve import Structure
-from verification.engines.statespace.linearised.equilibrium import Equilibrium, solve_equilibrium
+from verification.engines.statespace.linearised.equilibrium import (
+    Equilibrium,
+    rounding,
+    solve_equilibrium,
+)
 from verification.engines.statespace.linearised.state_space import (
     StateSpace,
     linearise,
@@ -54,6 +59,11 @@ class LinearBoard:
     def equilibrium(self) -> Equilibrium:
         """The equilibrium with the strain applied."""
         return self.point or solve_equilibrium(self.descriptor, self._response)
+
+    @functools.cached_property
+    def rounding(self) -> Floats:
+        """Bound on the rounding error of the equilibrium with the strain applied, V, (size,)."""
+        return rounding(self.equilibrium)
 
     @functools.cached_property
     def rest(self) -> Equilibrium:

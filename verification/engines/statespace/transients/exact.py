@@ -78,6 +78,7 @@ def exact_solution(
     voltages: Mapping[str, float] | None = None,
     nodes: Iterable[str] | None = None,
     stop: float | None = None,
+    linearised: bool = False,
 ) -> Exact:
     """Solve a linear board exactly.
 
@@ -92,6 +93,8 @@ def exact_solution(
     stop : float, optional
         Latest instant of interest, s; needed only where modes cannot be used. By default ten
         time constants of the slowest mode.
+    linearised : bool
+        Whether a board with behavioural amplifiers may stand for its linearisation.
 
     Raises
     ------
@@ -103,7 +106,7 @@ def exact_solution(
     Costs one dense eigenproblem (25 n³ flops), and n multiplications for each node and instant.
     """
     board = LinearBoard.of(circuit)
-    if board.circuit.amplifiers:
+    if board.circuit.amplifiers and not linearised:
         name, kind = board.circuit.name, board.circuit.amplifier
         raise EngineError(f"board {name!r} has {kind} amplifiers: the board is not linear")
     space, reported = board.state_space, board.reported(nodes)

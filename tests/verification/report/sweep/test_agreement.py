@@ -1,0 +1,147 @@
+"""The summary of a sweep by two engines, its records and its files, from stored records."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from tests.support.sweeping import grid_plan, make_record, reading, store_records
+from verification.report.sweep.agreement import print_summary, summarise
+from verification.report.sweep.document import document_parts, print_sweep
+from verification.report.sweep.files import dataset, export_sweep, frame, grids
+from verification.report.sweep.maps import plot_sweep
+from verification.report.sweep.records import records
+from verification.report.sweep.result import SweepResult
+from verification.studies.sweep.hybrid import sample
+from verification.studies.sweep.plan import Plan
+from verification.studies.sweep.run import SweepCounts
+from verification.studies.sweep.store import Store
+
+POINTS = 20  # of which 4 and 5 are next to the boundary
+SAMPLE = sample(POINTS)[0]
+
+
+def hybrid_plan() -> Plan:
+    return grid_plan(f"C=1p:1n:{POINTS}", hybrid=True)
+
+
+def hybrid_store(plan: Plan, **ngspice_at_4: Any) -> Store:
+    """A store with both engines at every point; a hybrid sweep shows ngspice at some of them."""
+    store, found = Store(":memory:"), {}
+    for place in range(POINTS):
+        stable = place > 4
+        found["statespace", place] = make_record(stable=stable)
+        attained = 1e-5 * (place + 1) if stable else None
+        changes = {"stable": stable, "attained_error": attained}
+        found["ngspice", place] = make_record("ngspice", **changes)
+    found["ngspice", 5] |= ngspice_at_4
+    store_records(plan, store, found)
+    return store
+
+
+def text_of(plan: Plan, store: Store) -> str:
+    console = Console(file=io.StringIO(), width=200, highlight=False)
+    print_summary(plan, summarise(plan, store), console)
+    assert isinstance(console.file, io.StringIO)
+    return console.file.getvalue()
+
+
+def test_the_summary_counts_and_names_the_largest_difference() -> None:
+    plan = hybrid_plan()
+    with hybrid_store(plan) as store:
+        found = summarise(plan, store)
+        rows = list(records(plan, store))
+    # The first point has the least and greatest pole figures, 5 those of the stable points.
+    chosen = {0: "extreme", SAMPLE: "sample"} | dict.fromkeys((4, 5), "boundary")
+    assert found.points == found.agree == len(chosen)
+    assert (found.disagree, found.undecided, found.listed) == (0, 0, [])
+    assert found.chosen == {why: list(chosen.values()).count(why) for why in chosen.values()}
+    last = max(place for place in chosen if place > 4)
+    assert found.largest_difference == pytest.approx(1e-5 * (last + 1) / 2.5e-4)
+    assert found.at == rows[-POINTS + last]["values"] or found.at is not None
+    assert [row["engine"] for row in rows].count("ngspice") == len(chosen)
+    assert {row["chosen"] for row in rows} == {None, *chosen.values()}
+    assert all((row["agreement"] is None) == (row["chosen"] is None) for row in rows)
+
+
+def test_a_disagreement_is_shown_everywhere() -> None:
+    plan = hybrid_plan()
+    readings = make_record()["readings"] | {"overshoot": reading(2.0, 1e-3)}
+    with hybrid_store(plan, readings=readings) as store:
+        text = text_of(plan, store)
+        count = SweepCounts(POINTS)
+        document = json.loads("".join(document_parts(plan, store, count, 1.0)))
+        result = SweepResult(plan, store, count)
+        assert "the engines disagree at 1" in repr(result)
+        console = Console(file=io.StringIO(), width=200)
+        print_sweep(plan, store, count, console)
+        assert isinstance(console.file, io.StringIO)
+        assert "THE ENGINES DISAGREE at 1 point" in console.file.getvalue()
+    assert "ngspice confirms 3 of 4 points (2 next to the stability boundary, 1 with an" in text
+    assert "THE ENGINES DISAGREE at 1 point" in text
+    assert "overshoot (step): 2 by ngspice, 1 by the state-space engine" in text
+    assert document["agreement"]["disagree"] == 1
+    listed = document["agreement"]["listed"]
+    assert [point["disagreement"].partition(" ")[0] for point in listed] == ["overshoot"]
+
+
+def test_a_point_without_a_verdict_is_not_confirmed() -> None:
+    plan = hybrid_plan()
+    with hybrid_store(plan, outcome="error", reason="timed out", readings={}) as store:
+        text = text_of(plan, store)
+    assert "ngspice confirms 3 of 4 points" in text
+    assert "1 not decided" in text
+    assert "no verdict by ngspice: timed out" in text
+
+
+def test_exports_have_ngspice_only_at_the_chosen_points(tmp_path: Path) -> None:
+    pytest.importorskip("pandas")
+    pytest.importorskip("xarray")
+    plan = hybrid_plan()
+    with hybrid_store(plan) as store:
+        table, grid, arrays = frame(plan, store), dataset(plan, store), grids(plan, store)
+        export_sweep(plan, store, str(tmp_path / "a.csv"))
+        plot_sweep(plan, store, str(tmp_path / "a.png"))
+    assert (table["engine"] == "statespace").sum() == POINTS
+    assert (table["engine"] == "ngspice").sum() == 4
+    assert table["agreement"].notna().sum() == 8  # both rows of a confirmed point say so
+    with (tmp_path / "a.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == POINTS + 4
+    assert [row["chosen"] for row in rows if row["engine"] == "ngspice"].count("boundary") == 2
+    assert [float(row["difference"]) for row in rows if row["difference"]] == pytest.approx(
+        [value for value in table["difference"] if not np.isnan(value)]
+    )
+    assert dict(grid.sizes) == {"C": POINTS, "engine": 2}
+    confirmed = grid["outcome"].sel(engine="ngspice").values >= 0
+    assert confirmed.sum() == np.isfinite(arrays["settling_time"][:, 0]).sum() == 4
+    assert np.isfinite(grid["settling_time"].sel(engine="statespace").values).all()
+    assert set(grid["agreement"].sel(engine="ngspice").values[confirmed].tolist()) == {0}
+
+
+def test_a_sweep_by_one_engine_has_no_comparison() -> None:
+    plan = grid_plan("C=1p:1n:3", engines=("statespace",))
+    with Store(":memory:") as store:
+        found = {("statespace", place): make_record() for place in range(3)}
+        store_records(plan, store, found)
+        assert [row["agreement"] for row in records(plan, store)] == [None] * 3
+        assert SweepResult(plan, store, SweepCounts(3)).agreement is None
+        document = json.loads("".join(document_parts(plan, store, SweepCounts(3), 1.0)))
+        assert document["agreement"] is None
+
+
+def test_both_engines_at_every_point_are_compared() -> None:
+    plan = grid_plan("C=1p:1n:3")
+    with Store(":memory:") as store:
+        found = {("statespace", place): make_record() for place in range(3)}
+        found["ngspice", 1] = make_record("ngspice")
+        store_records(plan, store, found)
+        assert summarise(plan, store).points == 1
+        assert "ngspice confirms 1 of 1 points\n" in text_of(plan, store)
