@@ -1,9 +1,9 @@
-"""Compute the true values of the stress cases and the times of their runs.
+"""Compute the true values of the stress cases, or measure how long their runs take.
 
-    python scripts/stress_truth.py [NAME ...] [--again]
+    python scripts/stress_truth.py [NAME ...] [--again | --times]
 
-Names are those of cases or families; without names, all cases. Only cases whose tables have changed
-since their values were stored are computed, with --again the others, too. The oracle is
+Names are those of cases or families; without names, all cases. Only cases whose tables or deck have
+changed since their values were stored are computed, with --again the others, too. The oracle is
 that of the tests (`tests/support/true_readings.py`); it needs the packages of the extra ``dev``.
 """
 
@@ -18,8 +18,8 @@ from typing import Any
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
-from spice_models.errors import TactionError  # noqa: E402
-from tests.support.true_values import true_values  # noqa: E402
+from spice_models.errors import InputError  # noqa: E402
+from tests.support.true_values import deck_digest, true_values  # noqa: E402
 from verification.studies.stress.catalogue import (  # noqa: E402
     FOLDER,
     TRUE_VALUES,
@@ -31,33 +31,44 @@ from verification.studies.stress.run import run_case  # noqa: E402
 
 
 def main() -> int:
-    """Compute what is asked for and write the file after every case."""
+    """Compute or measure, and write the file after every case."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--again", action="store_true", help="compute stored values, too")
+    parser.add_argument("--times", action="store_true", help="measure the times of the runs")
     asked = parser.parse_args()
     path, cases = FOLDER / TRUE_VALUES, load_catalogue()
     stored: dict[str, Any] = json.loads(path.read_text("utf-8")) if path.exists() else {}
     for case in select(cases, tuple(asked.names)):
-        if asked.again or _stale(case, stored):
+        if asked.times and case.name in stored:
+            stored[case.name]["seconds"] = _seconds(case)
+        elif asked.again or _stale(case, stored):
             stored[case.name] = _record(case)
-            print(f"{case.name}: {stored[case.name]}"[:200], flush=True)
-            ordered = {c.name: stored[c.name] for c in cases if c.name in stored}
-            path.write_text(json.dumps(ordered, indent=1) + "\n", encoding="utf-8")
+        else:
+            continue
+        print(f"{case.name}: {stored[case.name]}"[:200], flush=True)
+        ordered = {c.name: stored[c.name] for c in cases if c.name in stored}
+        path.write_text(json.dumps(ordered, indent=1) + "\n", encoding="utf-8")
     return 0
 
 
 def _stale(case: Case, stored: dict[str, Any]) -> bool:
-    return case.name not in stored or stored[case.name]["tables"] != case.digest
+    """Whether the stored values are missing, or those of other tables or of another deck."""
+    record = stored.get(case.name)
+    return (
+        record is None or record["tables"] != case.digest or record["deck"] != deck_digest(case)
+    )
 
 
 def _record(case: Case) -> dict[str, Any]:
-    try:
+    truth = None
+    if not case.no_truth and InputError.__name__ not in case.outcome.values():
         truth = true_values(case.scene()).record()
-    except TactionError:
-        truth = None
-    seconds = {engine: round(run_case(case, engine).seconds, 2) for engine in case.engines}
-    return {"tables": case.digest, "truth": truth, "seconds": seconds}
+    return {"tables": case.digest, "deck": deck_digest(case), "truth": truth, "seconds": {}}
+
+
+def _seconds(case: Case) -> dict[str, float]:
+    return {engine: round(run_case(case, engine).seconds, 2) for engine in case.engines}
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
 """The catalogue of stress cases: TOML files of one family each, and their true values.
 
 A file has a table ``[base]`` with the tables of a scene, and tables ``[case.NAME]`` whose tables of
-a scene are laid over the base. Beside them a case has `CASE_KEYS`.
+a scene are laid over the base. Beside them a case has the fields of
+`Case` from `why` to `decided`, and `no_truth`.
 """
 
 from __future__ import annotations
@@ -53,8 +54,10 @@ class Case:
         Outcomes of single checks, on every engine.
     tables : dict
         The tables of the scene.
+    no_truth : str
+        Why no true values are computed, of a board that is not refused; else empty.
     truth : TrueValues or None
-        None where the scene is refused.
+        None where the scene is refused, and with `no_truth`.
     seconds : dict of str to float
         By engine: the time that a run took where the true values were computed, s.
     """
@@ -66,6 +69,7 @@ class Case:
     outcome: Mapping[str, str]
     decided: Mapping[str, str]
     tables: Mapping[str, Any]
+    no_truth: str
     truth: TrueValues | None
     seconds: Mapping[str, float]
 
@@ -151,7 +155,7 @@ def _cases(path: Path) -> Iterator[Case]:
         except KeyError as error:
             text = "every case needs why, known and outcome"
             raise InputError(path, Complaint(f"case.{name}", str(error), text)) from None
-        decided = own.pop("decided", {})
+        decided, no_truth = own.pop("decided", {}), own.pop("no_truth", "")
         engines = ENGINES[-1:] if outcome == InputError.__name__ else ENGINES
         by_engine = dict.fromkeys(engines, outcome) if isinstance(outcome, str) else outcome
         for word in by_engine.values():
@@ -160,7 +164,9 @@ def _cases(path: Path) -> Iterator[Case]:
                 raise InputError(path, Complaint(f"case.{name}.outcome", repr(word), text))
         tables = _laid_over(document.get("base", {}), own)
         truth, seconds = read_true_values(path.parent).get(name, (None, {}))
-        yield Case(name, path.stem, why, known, by_engine, decided, tables, truth, seconds)
+        yield Case(
+            name, path.stem, why, known, by_engine, decided, tables, no_truth, truth, seconds
+        )
 
 
 def _laid_over(base: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
