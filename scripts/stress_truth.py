@@ -29,6 +29,8 @@ from verification.studies.stress.catalogue import (  # noqa: E402
 )
 from verification.studies.stress.run import run_case  # noqa: E402
 
+FILE = FOLDER / TRUE_VALUES
+
 
 def main() -> int:
     """Compute or measure, and write the file after every case."""
@@ -37,32 +39,38 @@ def main() -> int:
     parser.add_argument("--again", action="store_true", help="compute stored values, too")
     parser.add_argument("--times", action="store_true", help="measure the times of the runs")
     asked = parser.parse_args()
-    path, cases = FOLDER / TRUE_VALUES, load_catalogue()
-    stored: dict[str, Any] = json.loads(path.read_text("utf-8")) if path.exists() else {}
+    cases = load_catalogue()
     for case in select(cases, tuple(asked.names)):
-        if asked.times and case.name in stored:
-            stored[case.name]["seconds"] = _seconds(case)
-        elif asked.again or _stale(case, stored):
-            stored[case.name] = _record(case)
+        record = _stored().get(case.name)
+        if asked.times and record is not None:
+            record["seconds"] = _seconds(case)
+        elif asked.again or _stale(case, record):
+            record = _record(case)
         else:
             continue
-        print(f"{case.name}: {stored[case.name]}"[:200], flush=True)
+        print(f"{case.name}: {record}"[:200], flush=True)
+        stored = _stored() | {case.name: record}  # another process may have written, too
         ordered = {c.name: stored[c.name] for c in cases if c.name in stored}
-        path.write_text(json.dumps(ordered, indent=1) + "\n", encoding="utf-8")
+        FILE.write_text(json.dumps(ordered, indent=1) + "\n", encoding="utf-8")
     return 0
 
 
-def _stale(case: Case, stored: dict[str, Any]) -> bool:
+def _stored() -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(FILE.read_text("utf-8")) if FILE.exists() else {}
+    return found
+
+
+def _stale(case: Case, record: dict[str, Any] | None) -> bool:
     """Whether the stored values are missing, or those of other tables or of another deck."""
-    record = stored.get(case.name)
-    return (
-        record is None or record["tables"] != case.digest or record["deck"] != deck_digest(case)
-    )
+    if record is None or record["tables"] != case.digest:
+        return True
+    return bool(record["deck"] != deck_digest(case))
 
 
 def _record(case: Case) -> dict[str, Any]:
     truth = None
-    if not case.no_truth and InputError.__name__ not in case.outcome.values():
+    refused = any(InputError.__name__ in words for words in case.outcome.values())
+    if not (case.no_truth or refused):
         truth = true_values(case.scene()).record()
     return {"tables": case.digest, "deck": deck_digest(case), "truth": truth, "seconds": {}}
 

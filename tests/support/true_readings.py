@@ -31,6 +31,7 @@ from verification.reference import Problem, solve
 
 BITS = 320
 SMALL_STEP = 0.05  # of A
+STILL = 1e-6  # of A: a smaller step has no direction; both sides of it count as undershoot
 EXACT = 1e-13  # error of a reading in Arb, whose modes are right to 30 digits
 INTEGRATORS = (("Radau", 1e-7), ("LSODA", 1e-8))  # with their relative tolerances
 LAST = 1e-5  # of A: what is left of the slowest mode at the end of an integration
@@ -235,10 +236,15 @@ def _channels(
 
 
 def _read(signal: AnySignal, step: arb, amplitude: arb, band: arb) -> dict[str, float | None]:
-    """Read one channel; a small step overshoots on either side of start and target."""
+    """Read one channel; a small step overshoots on either side of start and target.
+
+    The sign of a step of at most `STILL` decides nothing.
+    """
     sign, small = (-1 if bool(step < 0) else 1), bool(abs(step) < SMALL_STEP * amplitude)
     beyond = arb(signal.highest(sign)) / amplitude
     behind = (arb(signal.highest(-sign)) - abs(step)) / amplitude
+    over = max(0.0, float(beyond), float(behind) if small else 0.0)
+    under = over if bool(abs(step) <= STILL * amplitude) else max(0.0, float(behind))
     settled = signal.last_outside(band)
     rise = None
     if not small:
@@ -247,6 +253,6 @@ def _read(signal: AnySignal, step: arb, amplitude: arb, band: arb) -> dict[str, 
     return {
         "settling_time": None if settled is None else float(settled),
         "rise_time": rise,
-        "overshoot": max(0.0, float(beyond), float(behind) if small else 0.0),
-        "undershoot": max(0.0, float(behind)),
+        "overshoot": over,
+        "undershoot": under,
     }

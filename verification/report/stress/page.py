@@ -14,8 +14,7 @@ INTRODUCTION = """\
 
 `taction stress` verifies a catalogue of scenes that are hard for a simulator or for a verdict. The right outcome and
 the true readings of every case are known. A run compares every outcome with the right one, and every stated number
-with the true number: the true error must not exceed the stated one. So a run also shows whether ngspice and the
-numerical libraries of a machine give right answers.
+with the true number. So a run also shows whether ngspice and the numerical libraries of a machine give right answers.
 
 ```sh
 taction stress                        # all cases, on ngspice and on the state-space engine
@@ -33,7 +32,10 @@ Boards with other amplifiers: equilibrium and poles with 320 bits, the transient
 reference solution is computed from the problem alone, with 320 bits or 60 digits.
 
 A right outcome may be a refusal: the table then has the name of the exception. "Worst quantity" is the stated number
-whose true error is largest beside its stated error.
+whose true error is largest beside its stated error. "Outside" counts the numbers whose true error is larger than the
+stated one. A number is wrong, and the exit status 1, if it exceeds its stated error by more than the accuracy that the
+scene asks for: the tolerance of the steady state or `analysis.error`, of the step amplitude, and for times relative.
+A check that passes or fails against its true value is wrong, too.
 """
 
 
@@ -41,6 +43,9 @@ def stress_page(report: StressReport) -> str:
     """Return a run as a page in Markdown: the table, then every case in words."""
     lines = [INTRODUCTION, "## Results", "", headline(report), ""]
     lines += markdown_table(TITLES, map(case_row, report.runs))
+    if report.wrong:
+        lines += ["", "## Wrong", ""]
+        lines += [f"- {run.case.name}, {run.engine}: {markdown_line(run.reason)}" for run in report.wrong]
     lines += ["", "## Cases"]
     cases = list(dict.fromkeys(run.case.name for run in report.runs))
     by_name = {run.case.name: run.case for run in report.runs}
@@ -61,8 +66,9 @@ def _case_line(case: Case) -> str:
 
 def _outcomes(case: Case) -> Iterator[str]:
     """Yield the one outcome of all engines, or the outcome of each."""
-    if len(set(case.outcome.values())) == 1:
-        yield next(iter(case.outcome.values()))
+    words = {engine: " or ".join(outcomes) for engine, outcomes in case.outcome.items()}
+    if len(set(words.values())) == 1:
+        yield next(iter(words.values()))
     else:
-        yield from (f"{engine}: {outcome}" for engine, outcome in case.outcome.items())
+        yield from (f"{engine}: {outcome}" for engine, outcome in words.items())
     yield from (f"{name} {outcome}" for name, outcome in case.decided.items())

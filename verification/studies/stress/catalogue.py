@@ -47,9 +47,11 @@ class Case:
         Why the scene is hard.
     known : str
         How the right outcome is known.
-    outcome : dict of str to str
-        By engine: pass, fail, inconclusive, or the exception that refuses the scene. Bad input is
-        refused before an engine is chosen, so it has one engine.
+    outcome : dict of str to tuple of str
+        By engine: pass, fail, inconclusive, or the exception that refuses the scene. The first is
+        the right outcome; others are accepted where the accuracy of the engine decides, and none
+        of them contradicts the first. Bad input is refused before an engine is chosen, so it has
+        one engine.
     decided : dict of str to str
         Outcomes of single checks, on every engine.
     tables : dict
@@ -66,7 +68,7 @@ class Case:
     family: str
     why: str
     known: str
-    outcome: Mapping[str, str]
+    outcome: Mapping[str, tuple[str, ...]]
     decided: Mapping[str, str]
     tables: Mapping[str, Any]
     no_truth: str
@@ -157,11 +159,11 @@ def _cases(path: Path) -> Iterator[Case]:
             raise InputError(path, Complaint(f"case.{name}", str(error), text)) from None
         decided, no_truth = own.pop("decided", {}), own.pop("no_truth", "")
         engines = ENGINES[-1:] if outcome == InputError.__name__ else ENGINES
-        by_engine = dict.fromkeys(engines, outcome) if isinstance(outcome, str) else outcome
-        for word in by_engine.values():
-            if word not in OUTCOMES:
-                text = f"expected one of {', '.join(sorted(OUTCOMES))}"
-                raise InputError(path, Complaint(f"case.{name}.outcome", repr(word), text))
+        listed = dict.fromkeys(engines, outcome) if isinstance(outcome, str) else outcome
+        by_engine = {e: (x,) if isinstance(x, str) else tuple(x) for e, x in listed.items()}
+        for word in {word for words in by_engine.values() for word in words} - OUTCOMES:
+            text = f"expected one of {', '.join(sorted(OUTCOMES))}"
+            raise InputError(path, Complaint(f"case.{name}.outcome", repr(word), text))
         tables = _laid_over(document.get("base", {}), own)
         truth, seconds = read_true_values(path.parent).get(name, (None, {}))
         yield Case(
