@@ -18,7 +18,6 @@ from typing import Any
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
-from spice_models.errors import InputError  # noqa: E402
 from tests.support.true_values import deck_digest, true_values  # noqa: E402
 from verification.studies.stress.catalogue import (  # noqa: E402
     FOLDER,
@@ -64,13 +63,18 @@ def _stale(case: Case, record: dict[str, Any] | None) -> bool:
     """Whether the stored values are missing, or those of other tables or of another deck."""
     if record is None or record["tables"] != case.digest:
         return True
+    if (record["truth"] is not None) != _has_truth(case):
+        return True
     return bool(record["deck"] != deck_digest(case))
+
+
+def _has_truth(case: Case) -> bool:
+    return not (case.no_truth or case.refused)
 
 
 def _record(case: Case) -> dict[str, Any]:
     truth = None
-    refused = any(InputError.__name__ in words for words in case.outcome.values())
-    if not (case.no_truth or refused):
+    if _has_truth(case):
         truth = true_values(case.scene()).record()
     return {"tables": case.digest, "deck": deck_digest(case), "truth": truth, "seconds": {}}
 

@@ -81,6 +81,11 @@ class Case:
         return tuple(self.outcome)
 
     @property
+    def refused(self) -> bool:
+        """Whether the scene is bad input, of which no board can be made."""
+        return any(InputError.__name__ in words for words in self.outcome.values())
+
+    @property
     def digest(self) -> str:
         """Digest of the tables: the true values hold for the tables of which they have it."""
         text = json.dumps(self.tables, sort_keys=True)
@@ -159,7 +164,7 @@ def _cases(path: Path) -> Iterator[Case]:
             raise InputError(path, Complaint(f"case.{name}", str(error), text)) from None
         decided, no_truth = own.pop("decided", {}), own.pop("no_truth", "")
         engines = ENGINES[-1:] if outcome == InputError.__name__ else ENGINES
-        listed = dict.fromkeys(engines, outcome) if isinstance(outcome, str) else outcome
+        listed = outcome if isinstance(outcome, Mapping) else dict.fromkeys(engines, outcome)
         by_engine = {e: (x,) if isinstance(x, str) else tuple(x) for e, x in listed.items()}
         for word in {word for words in by_engine.values() for word in words} - OUTCOMES:
             text = f"expected one of {', '.join(sorted(OUTCOMES))}"
