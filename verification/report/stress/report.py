@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.text import Text
 
 from verification.report.junit import JUnitSuite, JUnitTest, junit_text
-from verification.report.tables import make_table, spaced, value_text
+from verification.report.tables import make_table, value_text
 from verification.report.verdict.json_document import check_record
 from verification.studies.stress.catalogue import FOLDER
 from verification.studies.stress.run import CaseRun, Judgement, StressReport
@@ -38,7 +38,7 @@ def case_row(run: CaseRun) -> tuple[str, ...]:
         return run.case.name, run.engine, run.outcome, "-", "-", "-", "-", seconds
     errors = (error_text(error, worst.unit) for error in (worst.error, worst.uncertainty))
     outside = f"{run.outside} of {len(run.comparisons)}"
-    return run.case.name, run.engine, run.outcome, spaced(worst.name), *errors, outside, seconds
+    return run.case.name, run.engine, run.outcome, worst.name, *errors, outside, seconds
 
 
 def error_text(error: float, unit: str) -> str:

@@ -60,7 +60,7 @@ def test_junit_is_valid_and_holds_every_run() -> None:
 
 def test_a_row_has_the_worst_number_with_both_errors() -> None:
     row = dict(zip(TITLES, case_row(REPORT.runs[2]), strict=True))
-    assert row["worst quantity"] == "settling time of u_2"
+    assert row["worst quantity"] == "settling_time of u_2"
     assert (row["true error"], row["stated error"]) == ("3 us", "1 us")
     assert (row["outside"], row["time"]) == ("1 of 2", "500 ms")
     assert case_row(REPORT.runs[0])[3:7] == ("-",) * 4
@@ -90,7 +90,7 @@ def test_the_document_has_every_number() -> None:
 def test_a_number_without_a_true_value_is_the_worst() -> None:
     none = Comparison("rise_time of u_1", 1e-3, 1e-6, math.nan, "s", 0.0, 1e-5)
     run = CaseRun(OTHER, "ngspice", "pass", Judgement.WRONG_NUMBER, (), (OUTSIDE, none))
-    assert case_row(run)[3:5] == ("rise time of u_1", "-")
+    assert case_row(run)[3:5] == ("rise_time of u_1", "-")
 
 
 def test_the_page_lists_what_is_wrong_and_every_case_once() -> None:
