@@ -237,9 +237,17 @@ def _statespace(scene: Scene, board: LinearBoard, plan: Plan, session: bool) -> 
 
     tolerance = state_space_tolerance(plan.wanted)
     instants, analysis = plan.instants(board), plan.transient
+    even = replace(analysis, max_step=min(analysis.max_step, analysis.stop / GROWING))
     if instants is None:
-        analysis = replace(analysis, max_step=min(analysis.max_step, analysis.stop / GROWING))
-    waveforms = simulate(board, analysis, times=instants, tolerance=tolerance)
+        waveforms = simulate(board, even, tolerance=tolerance)
+    else:
+        try:
+            waveforms = simulate(board, analysis, times=instants, tolerance=tolerance)
+        except EngineError:
+            if not board.circuit.amplifiers:
+                raise
+            # A transient may diverge beside a stable equilibrium: its record ends early.
+            waveforms = simulate(board, even, tolerance=tolerance)
     return Pending(lambda: waveforms)
 
 

@@ -30,6 +30,8 @@ LONG = 10.0  # s: a longer run is announced
 SHORTER = "the state-space engine (--engine statespace) is usually faster"
 NO_STEPS = StepForecast(0.0, 0.0, 0.0, 0.0, steps=0.0, error=0.0)
 UNSTABLE_PERIODS = 100.0  # of ringing: the same for the state-space engine, where it needs steps
+EXACT_PERIODS = 20_000.0  # the same where it needs none: the record has `GROWING_POINTS` on each
+GROWING_POINTS = 10.0  # on a period: fewer would show ringing at another frequency
 TOO_LONG = "the record ends after {stop:.3g} s, before the instability has grown"
 TOO_SLOW = (
     "the record ends after {stop:.3g} s, before the instability has grown: ngspice needs"
@@ -177,13 +179,14 @@ def plan_transient(
 def _without_steps(
     scene: Scene, board: LinearBoard, scales: TimeScales, stop: float, *, growing: bool
 ) -> Plan:
-    """Plan a run of the state-space engine; a growing run that needs time steps is kept short."""
+    """Plan a run of the state-space engine; a growing run shows every period and is kept short."""
     notes: tuple[str, ...] = ()
     stepped = bool(board.circuit.amplifiers) or board.descriptor.is_large
-    longest = UNSTABLE_PERIODS * scales.max_step_for(1.0)
-    if growing and stepped and stop > longest:
+    longest = (UNSTABLE_PERIODS if stepped else EXACT_PERIODS) * scales.max_step_for(1.0)
+    if growing and stop > longest:
         stop, notes = longest, (TOO_LONG.format(stop=longest),)
-    transient = Transient(stop, stop, initial=scene.analysis.initial)
+    spacing = min(stop, scales.max_step_for(GROWING_POINTS)) if growing else stop
+    transient = Transient(stop, spacing, initial=scene.analysis.initial)
     grown = min(scales.growth_time, stop)
     return Plan(transient, wanted_error(scene), NO_STEPS, 0.0, growing, grown, notes)
 

@@ -47,17 +47,23 @@ def rightmost_poles(board: LinearBoard) -> Complexes:
     for place in [*_distinct(coarse_poles)[:PLACES], ORIGIN]:
         if len(poles) and place.real < poles[0].real - FAR_LEFT * abs(poles[0].real):
             continue
-        poles = _merge(poles, _poles_around(board.structure, place))
+        found = _poles_around(board.structure, place)
+        if not len(found) and place != ORIGIN:  # no slow pole may be near the origin
+            message = f"no pole near {place!r} converged in {RESTARTS} restarts of {NEAREST}"
+            raise EngineError(message)
+        poles = _merge(poles, found)
     return poles
 
 
 def _poles_around(structure: Structure, place: complex) -> Complexes:
-    """Find the poles around a place; repeat with new shifts until the rightmost pole converges."""
+    """Find the poles around a place; repeat with new shifts until the rightmost pole converges.
+
+    None where a cluster is too tight for any of its poles to converge.
+    """
     lead = place
     poles = nearest_poles(structure, place + FIRST_OFFSET * abs(place), NEAREST, ROUGH)
     if not len(poles):
-        message = f"no pole near {place!r} converged in {RESTARTS} restarts of {NEAREST}"
-        raise EngineError(message)
+        return poles
     for _ in range(ROUNDS - 1):
         previous, lead = lead, complex(poles[0])
         if abs(lead - previous) <= 1e-8 * abs(lead):
