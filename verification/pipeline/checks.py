@@ -178,8 +178,8 @@ class Evidence:
 
 NO_STEP = "nothing to judge: with this strain and initial state no output has to move"
 ROUNDING = (
-    "nothing to judge: the step amplitude is below the rounding of the board's equilibrium, or below"
-    " the error of the reference solution"
+    "nothing to judge: the step amplitude is below the rounding of the board's equilibrium,"
+    " or below the error of the reference solution"
 )
 MAYBE = "the rightmost pole is known to ±{:.1g} /s: the board may be stable or unstable"
 UNSTEADY = (ChannelState.OSCILLATING, ChannelState.CLIPPED, ChannelState.DIVERGED)

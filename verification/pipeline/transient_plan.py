@@ -24,7 +24,8 @@ RECORD_ERROR = 2e-8  # of the step amplitude: error of interpolation between poi
 UNSTABLE_SECONDS = 2.0  # of processor time: limit for a board that is known to be unstable
 LINEAR_STEP, MATRIX_STEP = 2.7e-6, 3.1e-9
 """Processor time of a step of ngspice 46 with KLU: ``LINEAR_STEP N + MATRIX_STEP N³``, s, measured
-for N = 7 to 128 on one machine; with behavioural amplifiers a step takes `NEWTON` times as long."""
+for N = M = 7 to 128 on one machine (else N is the larger of the two); with behavioural amplifiers a
+step takes `NEWTON` times as long."""
 NEWTON = 2.5
 LONG = 10.0  # s: a longer run is announced
 SHORTER = "the state-space engine (--engine statespace) is usually faster"
@@ -193,8 +194,8 @@ def _without_steps(
 
 def seconds_per_step(board: LinearBoard) -> float:
     """Estimate the processor time of one step of ngspice, s."""
-    channels = len(board.circuit.signal_nodes)
-    linear = LINEAR_STEP * channels + MATRIX_STEP * channels**3
+    size = max(len(board.circuit.signal_nodes), len(board.circuit.constraint_nodes))
+    linear = LINEAR_STEP * size + MATRIX_STEP * size**3
     return NEWTON * linear if board.circuit.amplifiers else linear
 
 

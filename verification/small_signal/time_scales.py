@@ -102,12 +102,13 @@ class TimeScales:
         return self.amplitudes[decaying], self.poles.real[decaying]
 
     def with_slower(self, pole: complex) -> TimeScales:
-        """Return scales of a large board with its rightmost pole, 1/s, if they lack such a slow one.
+        """Return scales of a large board with its rightmost pole, 1/s, if it is slower than theirs.
 
         The coarse board does not show its amplitude, which is taken as one step amplitude.
         """
-        rate = -pole.real
-        if self.complete or rate <= 0.0 or rate > SLOWER * -float(self._decaying(0.0)[1].max(initial=-math.inf)):
+        rate, (_, rates) = -pole.real, self._decaying(0.0)
+        slowest = -float(rates.max(initial=-math.inf))
+        if self.complete or not 0.0 < rate <= SLOWER * slowest:
             return self
         poles, amplitudes = np.append(self.poles, pole), np.append(self.amplitudes, 1.0)
         return replace(self, poles=poles, amplitudes=amplitudes, slowest=1.0 / rate)

@@ -164,7 +164,9 @@ def _cases(path: Path) -> Iterator[Case]:
             raise InputError(path, Complaint(f"case.{name}", str(error), text)) from None
         decided, no_truth = own.pop("decided", {}), own.pop("no_truth", "")
         engines = ENGINES[-1:] if outcome == InputError.__name__ else ENGINES
-        listed = outcome if isinstance(outcome, Mapping) else dict.fromkeys(engines, outcome)
+        listed: Mapping[str, Any] = (
+            outcome if isinstance(outcome, Mapping) else dict.fromkeys(engines, outcome)
+        )
         by_engine = {e: (x,) if isinstance(x, str) else tuple(x) for e, x in listed.items()}
         for word in {word for words in by_engine.values() for word in words} - OUTCOMES:
             text = f"expected one of {', '.join(sorted(OUTCOMES))}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 from verification.measures.readings import Reading
 from verification.pipeline.checks import Check, Outcome
@@ -106,7 +107,7 @@ def wrong_checks(verdict: Verdict, truth: TrueValues) -> Iterator[str]:
 
 def _right_outcome(check: Check, verdict: Verdict, truth: TrueValues) -> Outcome | None:
     """Return the outcome of a check by the true values; None if they do not decide it."""
-    limits = getattr(verdict.scene.checks, check.name, None)
+    limits: Any = getattr(verdict.scene.checks, check.name, None)
     if check.name == "stability":
         stable = truth.rightmost[0] < 0.0
         if limits.margin > 1.0 and stable:

@@ -54,6 +54,13 @@ def test_stored_true_values_are_those_of_the_oracle(case: Case) -> None:
         assert found == pytest.approx(stored, rel=1e-9, abs=1e-12)
 
 
+def test_a_transient_that_diverges_beside_a_stable_equilibrium_fails() -> None:
+    run = run_case(one("avx512-equilibrium"), "statespace")
+    assert (run.outcome, run.judgement) == ("fail", Judgement.RIGHT)
+    steady = next(check for check in run.checks if check.name == "steady_state")
+    assert "diverged" in steady.reason
+
+
 def test_a_refusal_is_a_right_outcome() -> None:
     run = run_case(one("wrong-shape"), "statespace")
     assert (run.outcome, run.judgement) == ("InputError", Judgement.RIGHT)
@@ -152,6 +159,7 @@ def test_exit_status(judgements: tuple[Judgement, ...], status: int) -> None:
 
 
 def test_the_expected_time_is_that_of_the_jobs_but_no_less_than_the_longest_run() -> None:
-    cases = [replace(one("two-channels"), seconds={"ngspice": s, "statespace": 1.0}) for s in (1, 5)]
+    case = one("two-channels")
+    cases = [replace(case, seconds={"ngspice": s, "statespace": 1.0}) for s in (1.0, 5.0)]
     assert expected_seconds(cases, 1) == pytest.approx(8.0)
     assert expected_seconds(cases, 2) == pytest.approx(5.0)
