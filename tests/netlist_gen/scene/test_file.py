@@ -66,7 +66,7 @@ def run(scene: Path, *options: str) -> Result:
         (TACTILE + "[design]\ngain = 1e200\nlambda = 1e200", "design", "1e+200", "out of range"),
         (TACTILE + "[design]\nunit_conductance = 1e-200", "design", "1786000.0", "out of range"),
         (TACTILE + "[design]\nunit_conductance = 1e200", "design", "1786000.0", "out of range"),
-        (TACTILE + "[design]\nunit_voltage = 1e-305", "unit_voltage", "1e-305", "out of range"),
+        (TACTILE + "[design]\nunit_voltage = 1e-305", "design.unit_voltage", "1e-305", "range"),
         (TACTILE + '[analysis]\nstop = "fast"', "analysis.stop", "'fast'", "or 'auto'"),
         (TACTILE + "[analysis]\nstop = -1", "analysis.stop", "-1", "above zero"),
         (TACTILE + '[analysis]\nengine = "spice"', "analysis.engine", "'spice'", "'ngspice'"),

@@ -158,7 +158,7 @@ def test_what_has_no_state_space_is_refused_by_name(parts: dict[str, Any], telli
 def test_a_large_capacitor_between_small_ones_keeps_its_slow_pole(ratio: float) -> None:
     """C between two nodes with R and a small c each: sum and difference of the voltages decay.
 
-    The sum C + c has lost digits of c before any pole is computed: the fast pole has lost them, too.
+    The sum C + c has lost digits of c before any pole is computed, and so has the fast pole.
     """
     c, C, R = 1e-12, 1e-12 * ratio, 1e6
     poles = poles_of(
