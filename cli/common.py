@@ -1,22 +1,14 @@
-"""The parts that commands share: ``--json``, common options, errors and exit statuses."""
+"""The parts that commands share: ``--json``, common options, the console and exit statuses."""
 
 from __future__ import annotations
 
-import functools
+import errno
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
-
-from spice_models.errors import (
-    INTERRUPTED,
-    InputError,
-    NoVerdictError,
-    SimulationError,
-    TactionError,
-)
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -68,9 +60,9 @@ def check_plot(plot: str | None) -> None:
 
 
 def command(function: Callable[..., None]) -> click.Command:
-    """Return `function` as a command with the option ``--json`` and an exit status per error."""
+    """Return `function` as a command with the option ``--json``."""
     text = "Print one JSON document on stdout and everything else on stderr."
-    made = click.command()(reports_errors(function))
+    made = click.command()(function)
     made.params.append(click.Option(["--json", "as_json"], is_flag=True, help=text))
     return made
 
@@ -80,47 +72,6 @@ def scene_command(function: Callable[..., None]) -> click.Command:
     made = command(function)
     made.params.insert(0, click.Argument(["scene"], type=click.Path()))
     return made
-
-
-def reports_errors(function: Callable[..., None]) -> Callable[..., None]:
-    """Turn every error into a message and an exit status.
-
-    An unexpected exception ends with 3, no verdict. Python's own status would be 1, which means
-    here that a check failed.
-    """
-
-    @functools.wraps(function)
-    def wrapper(*args: Any, **kwargs: Any) -> None:
-        as_json = bool(kwargs.get("as_json"))
-        try:
-            function(*args, **kwargs)
-        except TactionError as error:
-            _report(error, as_json)
-        except MemoryError:
-            _report(NoVerdictError("out of memory: the scene is too large"), as_json)
-        except (click.exceptions.Exit, click.ClickException, click.Abort):
-            raise
-        except KeyboardInterrupt:
-            click.echo("taction: interrupted; no verdict was reached", err=True)
-            sys.exit(INTERRUPTED)
-        except BrokenPipeError:
-            sys.stderr.close()
-            sys.exit(141)
-        except Exception:
-            import traceback
-
-            traceback.print_exc()
-            click.echo("taction: this is a bug in taction; no verdict was reached", err=True)
-            sys.exit(3)
-
-    return wrapper
-
-
-def _report(error: TactionError, as_json: bool) -> NoReturn:
-    if as_json:
-        print_json(_error_document(error))
-    click.echo(f"taction: {error}", err=True)
-    sys.exit(error.exit_status)
 
 
 def print_json(document: Any) -> None:
@@ -150,44 +101,29 @@ def plain(value: Any) -> Any:
     return value
 
 
-def console() -> Console:
-    """Return a console on stdout that prints numbers without colours."""
+def console(*, stderr: bool = False) -> Console:
+    """Return a console that prints numbers without colours; a closed pipe is BrokenPipeError."""
     from rich.console import Console
 
-    return Console(highlight=False)
+    class Page(Console):
+        def on_broken_pipe(self) -> NoReturn:  # rich would end with 1, a failed check
+            raise BrokenPipeError(errno.EPIPE, "closed pipe")
+
+    return Page(highlight=False, stderr=stderr)
 
 
 @contextmanager
-def stage_display() -> Iterator[Callable[[str], None]]:
-    """Show the current stage on stderr; without a terminal only the stages that take long."""
+def stage_display(*, every: bool = False) -> Iterator[Callable[[str], None]]:
+    """Show the current stage on stderr; without a terminal only long stages, or `every` one."""
     if not sys.stderr.isatty():
         shown: set[str] = set()
 
         def announce(stage: str) -> None:
-            if stage.startswith("simulation (about") and stage not in shown:
+            if (every or stage.startswith("simulation (about")) and stage not in shown:
                 shown.add(stage)
                 click.echo(f"taction: {stage}", err=True)
 
         yield announce
         return
-    from rich.console import Console
-
-    with Console(stderr=True).status("starting") as status:
+    with console(stderr=True).status("starting") as status:
         yield lambda stage: status.update(stage)
-
-
-def _error_document(error: TactionError) -> dict[str, Any]:
-    outcome = "bad input" if error.exit_status == STATUS["bad input"] else "inconclusive"
-    document: dict[str, Any] = {
-        "outcome": outcome,
-        "error": {"kind": type(error).__name__, "message": str(error)},
-    }
-    if isinstance(error, InputError):
-        document["error"]["file"] = error.file
-        document["error"]["complaints"] = [
-            {"key": c.key, "value": c.value, "accepted": c.accepted} for c in error.complaints
-        ]
-    if isinstance(error, SimulationError):
-        document["error"]["log"] = error.log
-        document["error"]["folder"] = str(error.folder) if error.folder else None
-    return document

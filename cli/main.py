@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import importlib
 import os
-from typing import Any
+import sys
+from collections.abc import Sequence
+from typing import Any, NoReturn
 
 import click
 
+from cli.ending import run_command
 from verification.studies.running.threads import THREADS
 
+PROGRAM = "taction"
 # name: (module of this package, line of --help); the modules are imported later: a short start-up
 COMMANDS: dict[str, tuple[str, str]] = {
     "verify": ("verify", "Simulate a board and check it against the solution."),
@@ -33,6 +37,21 @@ COMMANDS: dict[str, tuple[str, str]] = {
 
 class LazyGroup(click.Group):
     """A click group whose commands are imported when they are used."""
+
+    def main(self, args: Sequence[str] | None = None, *_: Any, **more: Any) -> NoReturn:
+        """Run the command of `args` and end the process with the command's exit status.
+
+        click's own `main` ends with 1 where a pipe is closed.
+        """
+        words = list(sys.argv[1:] if args is None else args)
+        more.pop("prog_name", None)
+
+        def run() -> None:
+            self._main_shell_completion({}, PROGRAM)
+            with self.make_context(PROGRAM, words.copy(), **more) as context:
+                self.invoke(context)
+
+        sys.exit(run_command(run, as_json="--json" in words))
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the commands in the order of `COMMANDS`."""
@@ -66,7 +85,7 @@ class LazyGroup(click.Group):
     cls=LazyGroup,
     context_settings={"help_option_names": ["-h", "--help"], "show_default": True},
 )
-@click.version_option(package_name="taction", prog_name="taction")
+@click.version_option(package_name="taction", prog_name=PROGRAM)
 def main() -> None:
     """Design and verify regularising op-amp and resistor networks with SPICE.
 

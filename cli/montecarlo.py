@@ -69,6 +69,9 @@ def montecarlo(scene: str, count: int, seed: int, as_json: bool, **options: Any)
     except KeyboardInterrupt:
         click.echo("taction: interrupted; the report holds the finished samples", err=True)
         interrupted = True
+    if tally.damaged:
+        numbers = ", ".join(map(str, tally.damaged))
+        click.echo(f"taction: damaged in the database, computed again: samples {numbers}", err=True)
     result = summarise_samples(study, tally.samples, seed)
     if as_json:
         document = {"scene": study.scene.name, "engine": study.scene.analysis.engine, "seed": seed}

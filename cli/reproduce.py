@@ -36,7 +36,7 @@ def reproduce(output: str | None, quick: bool, as_json: bool) -> None:
 
     if output is not None:
         check_report_folder(output)
-    with stage_display() as progress:
+    with stage_display(every=True) as progress:
         result = run(quick=quick, progress=progress)
     if as_json:
         print_json(paper_document(result))

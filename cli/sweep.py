@@ -148,12 +148,11 @@ def _display() -> Iterator[Callable[[SweepCounts], None]]:
     if not sys.stderr.isatty():
         yield lambda count: None
         return
-    from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
     columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[state]}"))
     start = time.perf_counter()
-    with Progress(*columns, console=Console(stderr=True)) as display:
+    with Progress(*columns, console=console(stderr=True)) as display:
         task = display.add_task("sweep", total=None, state="starting")
 
         def show(count: SweepCounts) -> None:

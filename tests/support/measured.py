@@ -64,7 +64,7 @@ def measured(*channels: ChannelMeasure, **changes: Any) -> Measurements:
         band=0.01,
         channels=channels,
         settling_time=max(settled, key=lambda r: r.value) if every else None,
-        reason="" if every else "channel 1: it oscillates",
+        reason="; ".join(f"channel {c.index + 1}: {c.reason}" for c in channels if c.reason),
         modes=(),
     )
     return replace(made, **changes)

@@ -2,26 +2,71 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from netlist_gen.scene.file import load_scene
-from tests.support.paths import DATA
+from netlist_gen.scene.scene import Scene
+from netlist_gen.scene.tolerances import Tolerances
+from tests.support.paths import CASES
 from verification.pipeline.checks import Check, Outcome
+from verification.studies.tolerance.varied_board import evaluate, prepare
+from verification.studies.tune import tune
 from verification.verify import Verdict, verify
 
-ENGINES = ("ngspice", "statespace")
+PASS, FAIL, INCONCLUSIVE = Outcome.PASS, Outcome.FAIL, Outcome.INCONCLUSIVE
+ENGINES = pytest.mark.parametrize("engine", ["ngspice", "statespace"])
+LOW, HIGH = 1.1153e-9, 1.2547e-9  # F: between them the board of `margin-window` is unstable
+
+
+def case(name: str) -> Scene:
+    return load_scene(CASES / f"{name}.toml")
 
 
 def verdict_of(name: str, engine: str) -> Verdict:
-    return verify(load_scene(DATA / "cases" / f"{name}.toml").with_engine(engine))
+    return verify(case(name).with_engine(engine))
 
 
 def named(verdict: Verdict, name: str) -> Check:
     return next(check for check in verdict.checks if check.name == name)
 
 
+@ENGINES
 @pytest.mark.usefixtures("ngspice")
-@pytest.mark.parametrize("engine", ENGINES)
+def test_an_unstable_window_below_c_fails_the_margin(engine: str) -> None:
+    verdict = verdict_of("margin-window", engine)
+    check = named(verdict, "stability")
+    assert (verdict.outcome, check.outcome) == (FAIL, FAIL)
+    assert check.value == pytest.approx(1.53e-9 / HIGH, rel=1e-4)
+    assert check.uncertainty == pytest.approx(1e-6 * 1.2194, rel=1e-4)
+
+
+@ENGINES
+@pytest.mark.usefixtures("ngspice")
+def test_a_board_inside_the_window_is_unstable(engine: str) -> None:
+    verdict = verdict_of("margin-window-inside", engine)
+    assert verdict.outcome is FAIL
+    assert named(verdict, "stability").value == pytest.approx(160.9, rel=1e-3)
+
+
+def test_a_sample_of_a_tolerance_study_finds_the_window() -> None:
+    scene = case("margin-window").model_copy(update={"tolerances": Tolerances(resistor=0.01)})
+    board = prepare(scene)
+    sample = evaluate(board, 0, np.zeros(len(board.varied)))
+    assert sample.outcome == "fail"
+    assert sample.margin == pytest.approx(1.53e-9 / HIGH, rel=1e-4)
+
+
+def test_tuning_keeps_away_from_the_window() -> None:
+    tuning = tune(case("margin-window"), ("C",), overshoot=0.9, margin=2.0)
+    assert not tuning.before.stable
+    for candidate in tuning.frontier:
+        farads = candidate.values["design.capacitance"]
+        assert farads / 2.0 > HIGH or farads < LOW
+
+
+@ENGINES
+@pytest.mark.usefixtures("ngspice")
 @pytest.mark.parametrize(
     ("name", "swing"),
     [("wrong-way-minus", 0.393), ("wrong-way-plus", 0.393), ("wrong-way-small-step", 0.354)],
@@ -31,5 +76,57 @@ def test_a_swing_counts_on_either_side_of_a_small_step(
 ) -> None:
     """One waveform: the sign of a target of 1e-9 decides nothing."""
     over = named(verdict_of(name, engine), "overshoot")
-    assert over.outcome is Outcome.FAIL
+    assert over.outcome is FAIL
     assert over.value == pytest.approx(swing, rel=2e-3)
+
+
+@ENGINES
+@pytest.mark.usefixtures("ngspice")
+@pytest.mark.parametrize("name", ["stop-on-a-zero", "stop-on-a-zero-long"])
+def test_the_equilibrium_decides_wherever_the_record_ends(name: str, engine: str) -> None:
+    check = named(verdict_of(name, engine), "steady_state")
+    assert check.outcome is FAIL
+    assert check.value == pytest.approx(2.92e-4, rel=2e-3)
+
+
+@ENGINES
+@pytest.mark.usefixtures("ngspice")
+@pytest.mark.parametrize(
+    ("name", "growth"), [("unstable-by-1e-4", 69.9), ("unstable-ten-minutes", 2144.0)]
+)
+def test_the_poles_decide_before_the_instability_has_grown(
+    name: str, growth: float, engine: str
+) -> None:
+    verdict = verdict_of(name, engine)
+    assert {check.outcome for check in verdict.checks} == {FAIL}
+    assert named(verdict, "stability").value == pytest.approx(growth, rel=1e-3)
+
+
+@ENGINES
+@pytest.mark.usefixtures("ngspice")
+def test_a_step_of_rounding_is_nothing_to_judge(engine: str) -> None:
+    verdict = verdict_of("nothing-moves", engine)
+    assert verdict.outcome is INCONCLUSIVE
+    for name in ("steady_state", "settling_time", "overshoot"):
+        assert named(verdict, name).reason.startswith("nothing to judge")
+
+
+def test_the_exact_solution_needs_no_points() -> None:
+    """Equal steps over this record would be more than 2 million points."""
+    verdict = verdict_of("point-cap", "statespace")
+    assert verdict.outcome is PASS
+    assert named(verdict, "settling_time").value == pytest.approx(0.06969216823, rel=1e-8)
+
+
+@ENGINES
+@pytest.mark.usefixtures("ngspice")
+@pytest.mark.parametrize(
+    ("name", "seconds"), [("auto-stop-offset", 84.28e-6), ("auto-stop-too-short", 15.03e-6)]
+)
+def test_an_automatic_record_is_long_enough(name: str, seconds: float, engine: str) -> None:
+    verdict = verdict_of(name, engine)
+    settling = named(verdict, "settling_time")
+    assert verdict.outcome is PASS
+    assert settling.value is not None
+    assert settling.uncertainty is not None
+    assert abs(settling.value - seconds) <= settling.uncertainty + 0.005e-6  # digits of the truth

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spice_models.array_types import Floats
+from spice_models.array_types import Floats, Indices
 from spice_models.definitions import RISE_LEVELS, SETTLING_BAND, SMALL_STEP
 
 SECTIONS, ROUNDS = 64, 9  # 64^9 is 2^54: an interval is divided down to its rounding
@@ -53,21 +53,27 @@ class Response:
 
         return _root(excess, float(self.time[last]), float(self.time[last + 1]))
 
-    def rise_times(self) -> Floats:
-        """Return every channel's time from 10 to 90 % of its own step, first crossings.
+    def rise_times(self, *channels: int) -> Floats:
+        """Return the time from 10 to 90 % of a channel's own step, first crossings.
+
+        Parameters
+        ----------
+        *channels : int
+            From 0; without them every channel.
 
         Returns
         -------
-        ndarray (N,)
-            s; not a number where the step is under 5 % of the step amplitude or the record ends
-            before 90 %.
+        ndarray (K,)
+            One time for each of the K channels, s; not a number where the step is under 5 % of the
+            step amplitude or the record ends before 90 %.
         """
         low, high = RISE_LEVELS
-        return self._crossings(high) - self._crossings(low)
+        asked: Indices = np.array(channels or range(len(self.target)), dtype=np.intp)
+        return (self._crossings(high, asked) - self._crossings(low, asked))[asked]
 
-    def _crossings(self, level: float) -> Floats:
+    def _crossings(self, level: float, asked: Indices) -> Floats:
         step = self.target - self.start
-        moving = np.flatnonzero(np.abs(step) >= SMALL_STEP * self.amplitude)
+        moving = asked[np.abs(step[asked]) >= SMALL_STEP * self.amplitude]
         times = np.full(len(step), np.nan)
         if self.amplitude == 0.0:
             return times

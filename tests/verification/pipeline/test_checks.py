@@ -386,7 +386,7 @@ def test_a_ringing_that_may_persist_leaves_its_checks_undecided() -> None:
     for name in ("steady_state", "settling_time", "overshoot"):
         assert check(name, given).outcome is UNDECIDED
         assert both in check(name, given).reason
-    worse = evidence(unclear, oscillating(1), checks=wanted)
+    worse = evidence(unclear, oscillating(1), checks=wanted, steady=steady(1.0, 1.0, linear=False))
     assert check("settling_time", worse).outcome is FAIL
     assert check("steady_state", worse).outcome is FAIL
 

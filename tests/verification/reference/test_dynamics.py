@@ -143,6 +143,7 @@ def test_settling_is_the_last_crossing_and_rise_the_first() -> None:
     assert np.all(np.abs(after - 1.0) <= 0.05 + 1e-9)
     rise = response.rise_times()
     assert np.isnan(rise[1])  # 1 % of the amplitude
+    assert np.array_equal(response.rise_times(1, 0), rise[::-1], equal_nan=True)
     t = np.linspace(0.0, 1.0, 1_000_001)
     first = [t[np.argmax(outputs(t)[:, 0] >= level)] for level in (0.1, 0.9)]
     assert rise[0] == pytest.approx(first[1] - first[0], abs=3e-6)

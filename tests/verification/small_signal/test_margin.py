@@ -18,7 +18,8 @@ from spice_models.errors import EngineError
 from tests.support.boards import lag_board, window
 from tests.support.measured import evidence
 from tests.support.paths import CASES, SCENES
-from verification.pipeline.checks import Outcome, run_checks
+from verification.pipeline.checks import Outcome
+from verification.pipeline.run_checks import run_checks
 from verification.small_signal import margin as module
 from verification.small_signal.margin import (
     REACH,

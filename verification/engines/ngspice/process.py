@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import _thread
 import contextlib
+import errno
 import functools
 import os
 import shlex
@@ -23,6 +24,7 @@ from pathlib import Path
 from spice_models.errors import SimulationError, SimulatorNotFound
 from verification.engines.ngspice.evidence import Ending, accepted_waveforms
 from verification.engines.ngspice.executable import Simulator, environment, find_simulator
+from verification.engines.ngspice.parent_death import guard_of_process
 from verification.engines.ngspice.run_folder import make_folder, remove_folder
 from verification.engines.ngspice.screening import Deck, screen
 from verification.waveforms import Waveforms
@@ -37,9 +39,9 @@ _ARGUMENTS = ("-b", "-n", "-r", "out.raw", "deck.cir")
 
 
 class _Process:
-    """The process of a run, and a thread that notes when it ended.
+    """The process of a run, and a thread that notes when it ended and ends what it left behind.
 
-    A thread that blocks in wait(2) wakes with the process; ``Popen.wait(timeout)`` would poll.
+    A thread that blocks in waitid(2) wakes with the process; ``Popen.wait(timeout)`` would poll.
     """
 
     def __init__(self, simulator: Simulator, folder: Path) -> None:
@@ -61,9 +63,12 @@ class _Process:
     def kill(self) -> None:
         """End the process group, and wait for its end."""
         if not self._over.is_set():
-            with contextlib.suppress(ProcessLookupError):  # the group may end in the meantime
-                os.killpg(self._popen.pid, signal.SIGKILL)
+            self._kill_group()
             self._over.wait()
+
+    def _kill_group(self) -> None:
+        with contextlib.suppress(ProcessLookupError):  # the group may end in the meantime
+            os.killpg(self._popen.pid, signal.SIGKILL)
 
     def discard(self, keep: bool) -> None:
         """End the process and, unless `keep`, remove its folder."""
@@ -73,8 +78,11 @@ class _Process:
 
     def _watch(self) -> None:
         try:
-            self._popen.wait()
+            # The ended process keeps its number until `Popen.wait`, so the group is still its own.
+            os.waitid(os.P_PID, self._popen.pid, os.WEXITED | os.WNOWAIT)
             self.ended = time.perf_counter()
+            self._kill_group()
+            self._popen.wait()
         finally:
             self._over.set()
 
@@ -186,6 +194,8 @@ def start(
     screen(deck)
     place = make_folder(deck, _command(simulator), folder)
     try:
+        if not os.access(simulator.executable, os.X_OK):
+            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
         return Run(deck, simulator, place, timeout=timeout, keep=keep, bound=bound)
     except OSError as error:
         remove_folder(place)
@@ -224,7 +234,7 @@ def _launch(simulator: Simulator, folder: Path) -> subprocess.Popen[bytes]:
         open(f"{folder}/stderr.txt", "wb", buffering=0) as err,  # noqa: PTH123
     ):
         return subprocess.Popen(
-            [simulator.executable, *_ARGUMENTS],
+            [*guard_of_process(), simulator.executable, *_ARGUMENTS],
             cwd=folder,
             env=environment(folder),
             stdin=subprocess.DEVNULL,

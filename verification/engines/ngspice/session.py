@@ -11,10 +11,6 @@ No state of a deck reaches the next deck: a deck gives the same bytes at every p
 
 from __future__ import annotations
 
-import functools
-import shutil
-import subprocess
-import sys
 import threading
 import time
 from collections import deque
@@ -23,9 +19,10 @@ from netlist_gen.analysis import Transient
 from spice_models.errors import SimulationError
 from verification.engines.ngspice.evidence import Ending, accepted_waveforms
 from verification.engines.ngspice.executable import Simulator
+from verification.engines.ngspice.parent_death import guard
 from verification.engines.ngspice.process import Run, start
 from verification.engines.ngspice.screening import Deck, screen
-from verification.engines.ngspice.session_process import DEATH, LARGEST, Loop, LostError
+from verification.engines.ngspice.session_process import LARGEST, Loop, LostError
 from verification.waveforms import Waveforms
 
 LONGEST_DECK = 60_000  # bytes; a pipe holds 65536, so writing a deck never blocks
@@ -72,7 +69,7 @@ class Turn:
 class Session:
     """One ngspice process and its queue of decks."""
 
-    def __init__(self, simulator: Simulator, guard: str) -> None:
+    def __init__(self, simulator: Simulator, guard: tuple[str, ...]) -> None:
         self.simulator = simulator
         self._guard = guard
         self._process: Loop | None = None
@@ -178,9 +175,9 @@ def submit(deck: Deck, simulator: Simulator, *, timeout: float, bound: float) ->
     SimulationError
         As `ngspice.start`.
     """
-    guard = _guard()
-    if guard is not None and fits_session(deck):
-        session = _sessions.open.setdefault(simulator, Session(simulator, guard))
+    words = guard()
+    if words and fits_session(deck):
+        session = _sessions.open.setdefault(simulator, Session(simulator, words))
         if not session.unreliable:
             return session.submit(deck, timeout=timeout, bound=bound)
     return start(deck, simulator, timeout=timeout, bound=bound)
@@ -201,13 +198,3 @@ def end_session() -> None:
     for session in _sessions.open.values():
         session.close()
     _sessions.open.clear()
-
-
-@functools.cache
-def _guard() -> str | None:
-    """Return the command that ends a process with its parent, on Linux; None without one."""
-    setpriv = shutil.which("setpriv") if sys.platform == "linux" else None
-    if setpriv is None:
-        return None
-    trial = subprocess.run([setpriv, *DEATH, "true"], capture_output=True, check=False)
-    return setpriv if trial.returncode == 0 else None

@@ -29,7 +29,6 @@ end
 .endc
 .end
 """  # without no_mem_check ngspice keeps reading /proc/meminfo: a quarter of the run time
-DEATH = ("--pdeathsig", "KILL")  # options of `setpriv`: the signal for a process whose parent ends
 LARGEST = 1e7  # bytes of a result in a folder in memory
 ALIVE_INTERVAL = 0.1  # s between two checks that the process still runs
 SEND_INTERVAL = 2e-4  # s between two attempts to send a deck
@@ -42,7 +41,7 @@ class LostError(Exception):
 class Loop:
     """The looping ngspice in its own folder; the process ends with the thread that started it."""
 
-    def __init__(self, simulator: Simulator, guard: str) -> None:
+    def __init__(self, simulator: Simulator, guard: tuple[str, ...]) -> None:
         self.folder = fast_folder(LARGEST)
         self._errors_read = 0
         with contextlib.ExitStack() as undo:
@@ -100,10 +99,10 @@ class Loop:
         return text.decode(errors="replace")
 
 
-def _launch(simulator: Simulator, guard: str, folder: Path) -> subprocess.Popen[bytes]:
+def _launch(simulator: Simulator, guard: tuple[str, ...], folder: Path) -> subprocess.Popen[bytes]:
     with (folder / "stderr.txt").open("wb") as errors:
         return subprocess.Popen(
-            [guard, *DEATH, simulator.executable, "-b", "-n", "loop.cir"],
+            [*guard, simulator.executable, "-b", "-n", "loop.cir"],
             cwd=folder,
             env=environment(folder),
             stdin=subprocess.DEVNULL,

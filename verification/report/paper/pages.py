@@ -19,6 +19,7 @@ SOURCE = (
 COLUMNS = ("claim", "place", "what was run", "printed", "ours", "verdict")
 CLASSES = {
     ClaimOutcome.HOLDS: "holds",
+    ClaimOutcome.FITTED: "fitted",
     ClaimOutcome.CONDITION: "condition",
     ClaimOutcome.FAILS: "fails",
     ClaimOutcome.NOT_RUN: "missing",
@@ -33,6 +34,7 @@ th { border-bottom: 2px solid #888; }
 td:nth-child(1) { width: 22%; } td:nth-child(3) { width: 22%; } td:nth-child(5) { width: 28%; }
 td:nth-child(6) { font-weight: 600; width: 9em; }
 tr.holds td:nth-child(6) { color: #176b2c; } tr.condition td:nth-child(6) { color: #8a5a00; }
+tr.fitted td:nth-child(6) { color: #1f4e8a; }
 tr.fails td:nth-child(6) { color: #a51d1d; } tr.missing td:nth-child(6) { color: #7a1f8a; }
 tr.unexpected { background: #fdecec; }
 figure { margin: 1.5em 0; } img { max-width: 100%; height: auto; }

@@ -20,6 +20,7 @@ from verification.studies.running.machine import describe_machine
 
 COLOURS = {
     ClaimOutcome.HOLDS: "green",
+    ClaimOutcome.FITTED: "blue",
     ClaimOutcome.CONDITION: "yellow",
     ClaimOutcome.FAILS: "red",
     ClaimOutcome.NOT_RUN: "magenta",

@@ -115,7 +115,7 @@ def _budget(verdict: Verdict) -> Table:
     amplitude, rows = verdict.measurements.amplitude, []
     for part in verdict.budget:
         value, share = "unknown", ""
-        if part.value is not None:
+        if part.value is not None and math.isfinite(part.value):
             value = show(part.value, "V", 3)
             share = f"{100 * part.value / amplitude:.2g} %" if amplitude else "-"
         rows.append((spaced(part.name), value, share, part.how))
@@ -123,11 +123,12 @@ def _budget(verdict: Verdict) -> Table:
 
 
 def _accuracy(accuracy: Accuracy) -> str:
-    achieved = "unknown" if accuracy.achieved is None else f"{accuracy.achieved:.2g}"
-    verb = "reached" if accuracy.reached else "NOT reached"
+    reached = "reached error unknown"
+    if accuracy.achieved is not None:
+        reached = f"{accuracy.achieved:.2g} {'reached' if accuracy.reached else 'NOT reached'}"
     tries = ", at the second try" if accuracy.tries > 1 else ""
     return (
-        f"requested error {accuracy.wanted:g} of the step, {achieved} {verb}{tries}, in"
+        f"requested error {accuracy.wanted:g} of the step, {reached}{tries}, in"
         f" {show(accuracy.seconds, 's', 3)}: {accuracy.method} ({accuracy.how})"
     )
 

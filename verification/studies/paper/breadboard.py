@@ -64,8 +64,8 @@ def _constraint(circuit: Circuit) -> tuple[Finding, Finding]:
     plane = constraint_plane(circuit)
     amplifier = plane.amplifier_rise_time if plane else 0.0
     stage = plane.stage_rise_time if plane else 0.0
-    about_1us = weigh(abs(amplifier - 1e-6) <= ABOUT * 1e-6)
-    slower = weigh(stage > amplifier)
+    about_1us = weigh(abs(amplifier - 1e-6) <= ABOUT * 1e-6, fitted=True)
+    slower = weigh(stage > amplifier, fitted=True)
     return (
         finding("constraint-rise", {"rise_time": amplifier}, about_1us),
         finding("constraint-loaded", {"rise_time": stage}, slower, ratio=stage / amplifier),
@@ -76,7 +76,7 @@ def _rise(verdict: Verdict) -> Finding:
     centre = verdict.measurements.channels[CENTRE]
     rise_time = seconds(centre.rise_time)
     values = {"rise_time": rise_time, "overshoot": centre.overshoot}
-    outcome = weigh(abs(rise_time - 10e-6) <= ABOUT * 10e-6)
+    outcome = weigh(abs(rise_time - 10e-6) <= ABOUT * 10e-6, fitted=True)
     return finding("figure-10", values, outcome, simulator=verdict.waveforms.engine)
 
 
@@ -92,7 +92,7 @@ def _oscillation(scene: Scene, unstable: Waveforms) -> Finding:
     return finding(
         "oscillation",
         {"onset": highest, "first_height": heights[0], "last_height": heights[-1]},
-        weigh(NEXT_E12 < highest < 10e-12 and confirmed and grows),
+        weigh(NEXT_E12 < highest < 10e-12 and confirmed and grows, fitted=True),
         confirmed="confirmed" if confirmed else "not confirmed",
         heights=heights,
         simulator=unstable.engine,

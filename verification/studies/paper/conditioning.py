@@ -10,7 +10,7 @@ from verification.studies.paper.pictures import Panel, Picture, curve
 from verification.studies.paper.tactile import Geometry
 
 RATIOS = (2.0, 4.0, 8.0, 10.0, 20.0)  # depth / spacing
-QUICK = 3  # of `RATIOS` in a quick run
+QUICK = 2  # of `RATIOS` in a quick run
 WIDE = 20.0  # depths: wide enough that the ends of the range matter little
 NARROW = 6.0  # depths
 CLOSE = 0.1

@@ -25,6 +25,7 @@ class ClaimOutcome(enum.Enum):
     """The verdict on a claim; the value is the printed text."""
 
     HOLDS = "holds"
+    FITTED = "consistent with a fitted board"
     CONDITION = "holds under a stated condition"
     FAILS = "does not hold"
     NOT_RUN = "could not be run"
@@ -95,10 +96,14 @@ def finding(id_: str, values: dict[str, float], outcome: ClaimOutcome, **others:
     return Finding(id_, run, ours, outcome, values)
 
 
-def weigh(always: bool, condition: bool = False) -> ClaimOutcome:
-    """Return the verdict on a claim that holds `always`, or only under its `condition`."""
+def weigh(always: bool, condition: bool = False, *, fitted: bool = False) -> ClaimOutcome:
+    """Return the verdict on a claim that holds `always`, or only under its `condition`.
+
+    A claim on a board whose parts were chosen so that the claim holds is `fitted`: the run shows
+    that such a board exists, not that the paper's board was like that.
+    """
     if always:
-        return ClaimOutcome.HOLDS
+        return ClaimOutcome.FITTED if fitted else ClaimOutcome.HOLDS
     return ClaimOutcome.CONDITION if condition else ClaimOutcome.FAILS
 
 

@@ -20,17 +20,32 @@ from verification.studies.paper.reconstruction import reconstruction
 from verification.studies.paper.simnon import simnon
 from verification.studies.paper.speed import speed
 
-CHAPTERS: dict[str, tuple[str, Callable[[bool], Chapter]]] = {
-    "reconstruction": ("Stress from noisy strain", reconstruction),
-    "breadboard": ("The seven-channel breadboard", breadboard),
-    "console": ("The design step", console),
-    "hardware": ("Other hardware", hardware),
-    "speed": ("Analog against digital", speed),
-    "simnon": ("Simulation", simnon),
-    "energy": ("Energy and stability", energy),
-    "conditioning": ("Ill-posedness", conditioning),
-    "kernels": ("Kernel and load as printed", kernels),
-    "equations": ("The network's equations as printed", equations),
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """One chapter: what runs, and its processor time on one core of 2.5 GHz, s."""
+
+    title: str
+    run: Callable[[bool], Chapter]
+    seconds: float
+    quick_seconds: float
+
+    def expected(self, *, quick: bool) -> float:
+        """Return the expected time of the chapter, s."""
+        return self.quick_seconds if quick else self.seconds
+
+
+CHAPTERS: dict[str, Task] = {
+    "reconstruction": Task("Stress from noisy strain", reconstruction, 43.0, 3.1),
+    "breadboard": Task("The seven-channel breadboard", breadboard, 5.9, 5.1),
+    "console": Task("The design step", console, 3.2, 0.2),
+    "hardware": Task("Other hardware", hardware, 2.2, 2.0),
+    "speed": Task("Analog against digital", speed, 3.3, 2.5),
+    "simnon": Task("Simulation", simnon, 10.0, 2.5),
+    "energy": Task("Energy and stability", energy, 6.9, 5.2),
+    "conditioning": Task("Ill-posedness", conditioning, 25.0, 1.5),
+    "kernels": Task("Kernel and load as printed", kernels, 0.1, 0.1),
+    "equations": Task("The network's equations as printed", equations, 0.1, 0.1),
 }
 
 
@@ -83,28 +98,49 @@ class Reproduction:
 def reproduce(
     *, quick: bool = False, progress: Callable[[str], None] = lambda stage: None
 ) -> Reproduction:
-    """Run every claim; `progress` receives the title of each chapter before the chapter runs.
+    """Run every claim; `progress` receives a line before the run and before each chapter.
 
-    A quick run uses fewer seeds and sizes, and leaves out the claims that are not `quick`.
+    The first line says how long the run takes, the others which chapter runs and what is left. A
+    quick run uses fewer seeds and sizes, and leaves out the claims that are not `quick`.
     """
     began = time.perf_counter()
     claims = load_claims()
     selected = [claim for claim in claims if claim.quick or not quick]
-    sections = []
-    for name, (title, function) in CHAPTERS.items():
-        progress(title)
+    expected = {name: task.expected(quick=quick) for name, task in CHAPTERS.items()}
+    total = sum(expected.values())
+    progress(f"{len(selected)} claims in {len(CHAPTERS)} chapters: about {total:.0f} s")
+    sections: list[Section] = []
+    for name, task in CHAPTERS.items():
         start = time.perf_counter()
+        left = remaining(list(expected.values()), start - began, len(sections))
+        progress(f"{task.title} ({len(sections) + 1} of {len(CHAPTERS)}), about {left:.0f} s left")
         of_chapter = [claim for claim in selected if claim.chapter == name]
-        chapter = _run(function, of_chapter, quick=quick)
+        chapter = _run(task.run, of_chapter, quick=quick)
         findings = {finding.id: finding for finding in chapter.findings}
         judged = tuple(Judged(claim, findings[claim.id]) for claim in of_chapter)
-        sections.append(Section(title, judged, chapter.pictures, time.perf_counter() - start))
+        sections.append(Section(task.title, judged, chapter.pictures, time.perf_counter() - start))
     return Reproduction(
         tuple(sections),
         tuple(claim for claim in claims if claim not in selected),
         quick,
         time.perf_counter() - began,
     )
+
+
+def remaining(expected: list[float], elapsed: float, done: int) -> float:
+    """Return the time that is left after the first `done` chapters took `elapsed`, s.
+
+    The chapters that are left are as slow, compared with the expected times, as those done.
+
+    Examples
+    --------
+    >>> remaining([10.0, 30.0, 5.0], 20.0, 1)
+    70.0
+    >>> remaining([10.0, 30.0, 5.0], 0.0, 0)
+    45.0
+    """
+    slower = elapsed / sum(expected[:done]) if done else 1.0
+    return slower * sum(expected[done:])
 
 
 def _run(function: Callable[[bool], Chapter], claims: list[Claim], *, quick: bool) -> Chapter:

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 from spice_models.errors import Complaint, InputError, NoVerdictError
 from verification.studies.running.executors import Workers
 from verification.studies.running.versions import OtherVersionsError
+from verification.studies.running.worker import NotStartedError
 
 K = TypeVar("K")
 R = TypeVar("R")
@@ -69,13 +70,17 @@ def _ask(workers: Workers, method: Callable[..., T], *arguments: Any) -> T:
     try:
         return method(*arguments)
     except closed as error:
-        text = "the workers are gone; the stored results are intact, the same command continues"
+        text = f"the workers are gone ({error}). The stored results are intact"
+        text = f"{text}, the same command continues"
         raise NoVerdictError(text) from error
 
 
 def _error(future: Future[R], workers: Workers) -> BaseException | None:
     """Return the error of a call that killed its workers; raise any other error."""
     error = _ask(workers, future.exception)
+    if isinstance(error, NotStartedError):
+        text = f"{error}. The stored results are intact, the same command continues"
+        raise NoVerdictError(text) from error
     if error is None or isinstance(error, workers.lost):
         return error
     if isinstance(error, OtherVersionsError):

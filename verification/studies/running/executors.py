@@ -21,7 +21,7 @@ from typing import Any, TypeVar
 
 from spice_models.errors import Complaint, InputError
 from verification.studies.running.threads import THREADS
-from verification.studies.running.worker import Worker, WorkerDiedError
+from verification.studies.running.worker import NotStartedError, Worker, WorkerDiedError
 
 T = TypeVar("T")
 
@@ -162,8 +162,8 @@ class LocalPool(ThreadPoolExecutor):
             for _ in range(ATTEMPTS - 1):
                 try:
                     return worker.call(None, fn, *args, **kwargs)
-                except WorkerDiedError:
-                    if self._closed:
+                except WorkerDiedError as error:
+                    if self._closed or isinstance(error, NotStartedError):
                         raise
             return worker.call(None, fn, *args, **kwargs)
         finally:

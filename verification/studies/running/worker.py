@@ -6,35 +6,39 @@ integration in the study's own process cannot be interrupted when its time is up
 
 from __future__ import annotations
 
-import gc
+import math
 import multiprocessing
 import os
-import pickle
 import signal
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager, suppress
-from multiprocessing import connection, util
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any, TypeVar
 
 from spice_models.errors import NoVerdictError
-from verification.engines.ngspice.session import end_session
+from verification.studies.running.worker_process import GRACE, serve
 
 T = TypeVar("T")
 
 START_UP = 60.0  # s to start Python and load SciPy on a busy machine
 STARTS = 5  # attempts to start a process
+WATCH, STOPPED = 5.0, 6  # s between two looks at a busy process; looks at a stopped process
 PAUSE = 0.05  # s after the first failed attempt, then twice as long each time
-GRACE = 2.0  # s between SIGTERM and SIGKILL
+SAFE_PATH = {"PYTHONSAFEPATH": "1"}
+"""Without this variable the new Python imports modules from the working folder first."""
 _STARTING = threading.Lock()  # all threads share the environment
 
 
 class WorkerDiedError(BrokenExecutor):
     """The process ended before the call was complete."""
+
+
+class NotStartedError(WorkerDiedError):
+    """No process starts: the next call would fail, too."""
 
 
 # Errors of one computation or its process; the next computation may succeed.
@@ -53,7 +57,7 @@ class Worker:
     """
 
     def __init__(self, context: Any = None, variables: Mapping[str, str] | None = None) -> None:
-        self._variables = variables or {}
+        self._variables = {**SAFE_PATH, **(variables or {})}
         self._context = context or multiprocessing.get_context("spawn")
         self._ended = False
         self._process: multiprocessing.process.BaseProcess | None = None
@@ -85,7 +89,9 @@ class Worker:
         TimeoutError
             The call took longer; the process was stopped.
         WorkerDiedError
-            The process ended, or did not start.
+            The process ended, or was stopped for half a minute.
+        NotStartedError
+            No process starts.
         """
         pipe = self.start()
         if self._ended:  # by another thread while the process started
@@ -93,7 +99,7 @@ class Worker:
             raise WorkerDiedError("the process was ended")
         try:
             pipe.send((function, args, kw))
-            in_time = pipe.poll(None if timeout is None else max(timeout, 0.0))
+            in_time = self._wait(pipe, math.inf if timeout is None else max(timeout, 0.0))
             answer: tuple[bool, Any] = pipe.recv() if in_time else (False, None)
         except (EOFError, OSError):
             self.stop()
@@ -107,8 +113,19 @@ class Worker:
         result: T = value
         return result
 
+    def _wait(self, pipe: Connection, timeout: float) -> bool:
+        """Wait for an answer; a process that somebody has stopped (SIGSTOP) counts as ended."""
+        end, stopped = time.monotonic() + timeout, 0
+        while (left := end - time.monotonic()) > 0.0:
+            if pipe.poll(min(left, WATCH)):
+                return True
+            stopped = stopped + 1 if self.pid is not None and is_stopped(self.pid) else 0
+            if stopped > STOPPED:
+                raise EOFError(f"the process was stopped for {STOPPED * WATCH:g} s")
+        return pipe.poll(0.0)
+
     def start(self) -> Connection:
-        """Start the process, unless it is running; raise WorkerDiedError if it does not start."""
+        """Start the process, unless it is running; raise NotStartedError if it does not start."""
         if self._pipe is not None and self._process is not None and self._process.is_alive():
             return self._pipe
         failure: Exception | None = None
@@ -122,14 +139,16 @@ class Worker:
                     break
                 # A killed fork server refuses connections until the kernel has ended the server.
                 time.sleep(PAUSE * 2**attempt)
-        raise WorkerDiedError(f"a second Python process did not start: {failure}") from failure
+        raise NotStartedError(f"a second Python process did not start: {failure}") from failure
 
     def _start(self) -> Connection:
         self.stop()
         self._pipe, theirs = self._context.Pipe()
         with theirs, _STARTING, _environment(self._variables):
-            process = self._context.Process(target=_serve, args=(theirs,), daemon=True)
-            process.start()
+            process = self._context.Process(target=serve, args=(theirs,), daemon=True)
+            # A fork server that does not answer would keep `start` waiting for ever.
+            with _limited(START_UP, _kill_fork_server):
+                process.start()
         self._process = process
         if not self._pipe.poll(START_UP):
             raise EOFError(f"no answer within {START_UP:g} s")
@@ -145,8 +164,12 @@ class Worker:
         if self._process is not None:
             self._process.join(GRACE)
             self._process.kill()
-            self._process.join()
-            self._process.close()
+            self._process.join(GRACE)
+            if self._process.is_alive():  # as far as a fork server says, which does not answer
+                _kill_fork_server()
+                self._process.join(GRACE)
+            with suppress(ValueError):  # its end is still unknown
+                self._process.close()
         self._process = self._pipe = None
 
     def end(self) -> None:
@@ -168,44 +191,31 @@ def _environment(variables: Mapping[str, str]) -> Iterator[None]:
         os.environ.update(before)
 
 
-def _serve(pipe: Connection) -> None:
-    """Answer calls until the other end closes; the parent handles Ctrl-C."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, _unwind)
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_end_after, args=(parent.sentinel,), daemon=True).start()
-    util.Finalize(None, end_session, exitpriority=0)  # atexit does not run in workers
-    gc.freeze()  # no collection needs to visit the imported modules again
-    with suppress(EOFError, OSError):
-        pipe.send("ready")
-        while True:
-            _answer(pipe, pipe.recv_bytes())
+@contextmanager
+def _limited(seconds: float, end: Callable[[], None]) -> Iterator[None]:
+    """Call `end` in a thread if the block takes longer than `seconds`."""
+    timer = threading.Timer(seconds, end)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
-def _answer(pipe: Connection, request: bytes) -> None:
+def _kill_fork_server() -> None:
+    from multiprocessing import forkserver  # not on every system
+
+    pid: int | None = getattr(forkserver._forkserver, "_forkserver_pid", None)
+    if pid is not None:
+        with suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGKILL)
+
+
+def is_stopped(pid: int) -> bool:
+    """Return whether a signal has stopped a process; false where the system does not say."""
     try:
-        function, args, kw = pickle.loads(request)  # noqa: S301 - from the parent
-        answer = (True, function(*args, **kw))
-    except Exception as error:
-        answer = (False, error)
-    try:
-        pipe.send(answer)
+        text = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8", errors="replace")
     except OSError:
-        raise
-    except Exception as error:
-        pipe.send((False, TypeError(f"{answer[1]!r:.200} cannot be sent: {error}")))
-
-
-def _unwind(number: int, frame: object) -> None:
-    """End this process through all its `finally` clauses."""
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # a second signal must not stop the clean-up
-    sys.exit(128 + number)
-
-
-def _end_after(sentinel: int) -> None:
-    """End this process when its parent ends, also during a computation."""
-    connection.wait([sentinel])
-    os.kill(os.getpid(), signal.SIGTERM)
-    threading.Event().wait(GRACE)
-    os._exit(128 + signal.SIGTERM)
+        return False
+    return text.rpartition(")")[2].split()[0] in "Tt"

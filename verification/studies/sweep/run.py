@@ -119,6 +119,7 @@ class _Sweep:
         self.count = SweepCounts(plan.total)
         self._costs: CostForecast | None = None
         self._points: dict[bytes, list[GridPoint]] = {}  # by the key of a point in a worker
+        self._named: set[bytes] = set()  # keys of damaged results that were announced
         self._problems: dict[bytes, InverseProblem] = {}
 
     def missing(self, engines: tuple[str, ...], among: Bools | None = None) -> dict[str, Bools]:
@@ -206,6 +207,11 @@ class _Sweep:
     def _is_stored(self, key: bytes, point: GridPoint) -> bool:
         """Whether a stored result can be used for a point; count the point if so."""
         outcome = self.store.outcome_of(key)
+        if outcome is None and key in self.store.damaged - self._named:
+            self._named.add(key)
+            names = {axis.key.path: axis.name for axis in self.plan.axes}
+            values = ", ".join(f"{names[path]} = {each}" for path, each in point.values.items())
+            self.announce(f"the stored result at {values} is damaged and is computed again")
         if outcome is None or (outcome == ERROR and self.retry_failed):
             return False
         if self.plan.keep_waveforms and outcome != ERROR and not self.store.has_waveforms(key):

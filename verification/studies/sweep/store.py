@@ -15,14 +15,19 @@ import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-from spice_models.errors import Complaint, InputError, OutOfDisk
+from verification.studies.running.digests import digest
+from verification.studies.sweep.database_errors import (
+    ACCEPTED,
+    CORRUPT,
+    PATIENCE,
+    explained,
+    unusable,
+)
 
 APPLICATION = 0x7461_6374  # "tact", in the file's header
-FORMAT = 1  # of the results; a change in what a record means gets a new number
-PATIENCE = 60.0  # s to wait for another process that has locked the file
+FORMAT = 2  # of the results; a change in what a record means gets a new number
 ERROR = "error"  # outcome of a point that reached no verdict
 
 SCHEMA = """
@@ -30,6 +35,7 @@ create table points (
     key blob primary key,       -- digest of circuit, problem, analysis, checks, engine, simulator
     outcome text not null,      -- pass, fail, inconclusive, error
     record text not null,       -- JSON, SI base units
+    seal blob not null,         -- digest of key, outcome and record
     stored text not null default current_timestamp
 ) without rowid;
 create table requests (
@@ -38,32 +44,10 @@ create table requests (
 ) without rowid;
 create table waveforms (
     key blob primary key,
-    data blob not null          -- a compressed .npz: time (s), u (V)
+    data blob not null,         -- a compressed .npz: time (s), u (V)
+    seal blob not null          -- digest of key and data
 );
 """
-
-_ACCEPTED = "expected a database of `taction sweep` or `montecarlo`, or the name of a new file"
-_LINES = b'{"kind": "taction samples'  # beginning of a file of samples by older versions
-_OLD_SAMPLES = (
-    "the samples are lines of JSON, written by an older taction; this taction cannot read them."
-    " Give another name to draw the samples again, or use the taction that wrote them"
-)
-_CORRUPT = (
-    "the database is damaged and was not changed; `sqlite3 FILE .recover` may save its points;"
-    " start anew with another name"
-)
-_NOT_A_DATABASE = "SQLITE_NOTADB"
-_MESSAGES = {  # by the beginnings of SQLite's error names
-    (_NOT_A_DATABASE,): f"the file is no SQLite database; {_ACCEPTED}. It was not changed",
-    ("SQLITE_CORRUPT",): _CORRUPT,
-    ("SQLITE_READONLY", "SQLITE_PERM"): "the file cannot be written; give it write permission, or"
-    " give another name",
-    ("SQLITE_CANTOPEN",): "the file cannot be opened or made; does the folder exist, and may you"
-    " write to it?",
-    ("SQLITE_BUSY", "SQLITE_LOCKED"): f"another process has locked the file for {PATIENCE:g} s;"
-    " is that process suspended?",
-}
-_FULL = ("SQLITE_FULL", "SQLITE_IOERR")
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,10 +62,17 @@ class StoredResult:
 class Store:
     """A database of results; a context manager that closes the database.
 
+    A row whose digest is not that of its content is damaged: it counts as not stored.
+
     Parameters
     ----------
     path : str
         The file, made if missing; ``":memory:"`` for a database in memory.
+
+    Attributes
+    ----------
+    damaged : set of bytes
+        Keys of the damaged rows that were read and not replaced since.
 
     Raises
     ------
@@ -93,7 +84,8 @@ class Store:
 
     def __init__(self, path: str) -> None:
         self.path = path
-        with self._explained():
+        self.damaged: set[bytes] = set()
+        with explained(self.path):
             self._db = sqlite3.connect(
                 path, timeout=PATIENCE, isolation_level=None, check_same_thread=False
             )  # the garbage collector may close it in another thread
@@ -112,29 +104,33 @@ class Store:
 
     def key_of(self, request: bytes) -> bytes | None:
         """Return the key of the point that belongs to `request`, if it is stored."""
-        key: bytes | None = self._value("select key from requests where request = ?", request)
-        return key
+        key = self._value("select key from requests where request = ?", request)
+        return key if isinstance(key, bytes) else None
 
     def outcome_of(self, key: bytes) -> str | None:
         """Return the outcome of a point, if it is stored."""
-        outcome: str | None = self._value("select outcome from points where key = ?", key)
-        return outcome
+        row = self._row(key)
+        return None if row is None else row[0]
 
     def has_waveforms(self, key: bytes) -> bool:
         """Whether the waveforms of a point are stored."""
-        return self._value("select 1 from waveforms where key = ?", key) is not None
+        return self.waveforms(key) is not None
 
     def record_of(self, request: bytes) -> dict[str, Any] | None:
         """Return the record of the point that belongs to `request`, if it is stored."""
-        query = "select record from points join requests using (key) where request = ?"
-        text = self._value(query, request)
-        record: dict[str, Any] | None = None if text is None else json.loads(text)
+        key = self.key_of(request)
+        row = None if key is None else self._row(key)
+        record: dict[str, Any] | None = None if row is None else json.loads(row[1])
         return record
 
     def waveforms(self, key: bytes) -> bytes | None:
         """Return the waveforms of a point as a compressed ``.npz``."""
-        data: bytes | None = self._value("select data from waveforms where key = ?", key)
-        return data
+        found = self._fetch("select data, seal from waveforms where key = ?", key)
+        if found is None or found[1] == digest(key, found[0]):
+            data: bytes | None = None if found is None else found[0]
+            return data
+        self.damaged.add(key)
+        return None
 
     def count(self) -> int:
         """Return the number of stored points."""
@@ -152,40 +148,60 @@ class Store:
         """
         text = json.dumps(result.record, allow_nan=False, separators=(",", ":"))
         with self._transaction():
-            self._db.execute(
-                "insert into points (key, outcome, record) values (?, ?, ?)"
-                " on conflict (key) do update set outcome = excluded.outcome,"
-                " record = excluded.record, stored = current_timestamp where outcome = ?",
-                (key, result.outcome, text, ERROR),
-            )
-            if result.waveforms is not None:
-                query = "insert or ignore into waveforms (key, data) values (?, ?)"
-                self._db.execute(query, (key, result.waveforms))
+            if self.outcome_of(key) in (None, ERROR):
+                seal = digest(key, result.outcome.encode(), text.encode())
+                query = "insert or replace into points (key, outcome, record, seal)"
+                self._db.execute(f"{query} values (?, ?, ?, ?)", (key, result.outcome, text, seal))
+            if (data := result.waveforms) is not None and not self.has_waveforms(key):
+                query = "insert or replace into waveforms (key, data, seal) values (?, ?, ?)"
+                self._db.execute(query, (key, data, digest(key, data)))
             self._link(request, key)
+        self.damaged.discard(key)
 
     def _link(self, request: bytes, key: bytes) -> None:
         self._db.execute("insert or replace into requests values (?, ?)", (request, key))
 
+    def _row(self, key: bytes) -> tuple[str, bytes] | None:
+        """Return outcome and record of a point; None if it is not stored, or damaged."""
+        # As bytes: damaged text may be no text at all.
+        query = "select cast(outcome as blob), cast(record as blob), seal from points where key = ?"
+        row = self._fetch(query, key)
+        if row is None:
+            return None
+        outcome, record, seal = row
+        if seal != digest(key, outcome, record):
+            self.damaged.add(key)
+            return None
+        return outcome.decode(), record
+
     def _value(self, query: str, *parameters: object) -> Any:
         """Return the first column of the first row, or None without a row."""
-        with self._explained():
-            row = self._db.execute(query, parameters).fetchone()
+        row = self._fetch(query, *parameters)
         return None if row is None else row[0]
+
+    def _fetch(self, query: str, *parameters: object) -> tuple[Any, ...] | None:
+        """Return the first row, or None without a row."""
+        with explained(self.path):
+            row: tuple[Any, ...] | None = self._db.execute(query, parameters).fetchone()
+        return row
 
     def _prepare(self) -> None:
         """Check the database, or make its tables; two processes may do so at once."""
         if not self._value("select count(*) from sqlite_master"):
             self._create()
         if self._value("pragma application_id") != APPLICATION:
-            raise self._error(f"a database of another program; {_ACCEPTED}. It was not changed")
+            raise unusable(
+                self.path, f"a database of another program; {ACCEPTED}. It was not changed"
+            )
         if (other := self._value("pragma user_version")) != FORMAT:
-            raise self._error(
+            raise unusable(
+                self.path,
                 f"results of format {other}, this taction has {FORMAT}; the two cannot be mixed."
-                " The file was not changed; start anew with another name"
+                " The file was not changed; start anew with another name",
             )
         problem = self._value("pragma quick_check(1)")
         if problem != "ok":
-            raise self._error(f"{_CORRUPT} ({problem})")
+            raise unusable(self.path, f"{CORRUPT} ({problem})")
         if self._value("pragma journal_mode") != "wal":
             self._db.execute("pragma journal_mode = wal")
         self._db.execute("pragma synchronous = normal")
@@ -200,7 +216,7 @@ class Store:
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:
-        with self._explained():
+        with explained(self.path):
             self._db.execute("begin immediate")
             try:
                 yield
@@ -209,24 +225,3 @@ class Store:
                 if self._db.in_transaction:
                     self._db.execute("rollback")
                 raise
-
-    @contextmanager
-    def _explained(self) -> Iterator[None]:
-        """Turn an error of SQLite into an error that says what to do."""
-        try:
-            yield
-        except sqlite3.Error as error:
-            name = getattr(error, "sqlite_errorname", "")
-            if name.startswith(_FULL):
-                raise OutOfDisk(
-                    f"{self.path}: {error}. All earlier points are stored; make room on the disk"
-                    " and run the same command again to continue"
-                ) from error
-            texts = (text for names, text in _MESSAGES.items() if name.startswith(names))
-            text = next(texts, f"{error}; {_ACCEPTED}")
-            if name == _NOT_A_DATABASE and Path(self.path).read_bytes().startswith(_LINES):
-                text = _OLD_SAMPLES
-            raise self._error(text) from error
-
-    def _error(self, text: str) -> InputError:
-        return InputError(self.path, Complaint("database", "", text))

@@ -27,7 +27,7 @@ class SampleStore:
         self._base = digest(board.versions, board.scene, *problem, board.nominal, seed)
 
     def get(self, number: int) -> BoardSample | None:
-        """Return a sample, if it is stored.
+        """Return a sample, if it is stored and not damaged.
 
         Raises
         ------
@@ -40,6 +40,10 @@ class SampleStore:
         except ValidationError:
             text = f"sample {number} is damaged; start anew with another name"
             raise InputError(self._store.path, Complaint("database", "", text)) from None
+
+    def is_damaged(self, number: int) -> bool:
+        """Whether `get` found a sample that is damaged."""
+        return self._key(number) in self._store.damaged
 
     def put(self, sample: BoardSample) -> None:
         """Store a sample; errors as `verification.studies.sweep.store.Store.put`."""

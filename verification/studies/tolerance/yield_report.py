@@ -101,6 +101,7 @@ class SampleCollection:
     samples: list[BoardSample] = field(default_factory=list)  # numbers 0, 1, 2 ... without a gap
     passed: int = 0
     enough: bool = False
+    damaged: list[int] = field(default_factory=list)  # stored, could not be read, computed again
     _waiting: dict[int, BoardSample] = field(default_factory=dict)  # a lower number is missing
 
     def add(self, sample: BoardSample) -> None:
@@ -143,6 +144,8 @@ def run_samples(
             if store is not None and (stored := store.get(number)) is not None:
                 collection.add(stored)
             else:
+                if store is not None and store.is_damaged(number):
+                    collection.damaged.append(number)
                 yield number, draw(board.scene.tolerances, len(board.varied), seed, number)
 
     for sample in evaluate_all(board, missing(), workers, lambda: collection.enough):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import subprocess
-import time
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +20,7 @@ from spice_models.errors import (
     StepTooSmall,
     TimedOut,
 )
+from tests.support.processes import is_running, process_id
 from tests.support.small_decks import TAU, SmallDeck, divider, endless, transient, wrapped
 from verification.engines.ngspice.process import Simulator, find_simulator, simulate, start
 from verification.waveforms import Waveforms
@@ -233,26 +233,12 @@ def test_timeout_ends_the_whole_group_and_keeps_what_was_written(
     assert not is_running(int((folder / "child").read_text()))
 
 
-def process_id(path: Path) -> int:
-    """Wait until a wrapper has written its process id."""
-    for _ in range(500):
-        if path.exists() and (text := path.read_text()).endswith("\n"):
-            return int(text)
-        time.sleep(0.01)
-    raise AssertionError(f"{path} was not written")
-
-
-def is_running(pid: int) -> bool:
-    """Whether the process is neither gone nor a zombie within a second."""
-    status = Path(f"/proc/{pid}/status")
-    for _ in range(100):
-        try:
-            if "\nState:\tZ" in status.read_text():
-                return False
-        except (FileNotFoundError, ProcessLookupError):
-            return False
-        time.sleep(0.01)
-    return True
+def test_a_child_that_outlives_its_simulator_is_ended(simulator: Simulator, tmp_path: Path) -> None:
+    fake = wrapped(simulator, tmp_path, "sleep 1000 & echo $! > child")
+    folder = tmp_path / "run"
+    waveforms = simulate(transient(), fake, timeout=30.0, folder=folder, keep=True)
+    assert largest_error(waveforms) < 1e-3
+    assert not is_running(int((folder / "child").read_text()))
 
 
 def test_killed_by_a_signal(simulator: Simulator, tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ from verification.waveforms import Waveforms
 def simulator(ngspice: str) -> Iterator[Simulator]:
     if sys.platform != "linux":
         pytest.skip("nothing here ends a process with its parent")
-    assert session._guard()
+    assert session.guard()
     yield find_simulator(ngspice)
     end_session()
 

@@ -87,7 +87,7 @@ def test_the_table_and_the_default_database(folder: Path) -> None:
 
 
 def test_no_verdict_at_any_point_ends_with_3(folder: Path) -> None:
-    done = taction("--over", "stop=1p,2p")
+    done = taction("--over", "R=100M,200M", "--fix", "topology=passive")
     assert done.exit_code == 3, done.output
     assert "--retry failed" in done.stdout
 

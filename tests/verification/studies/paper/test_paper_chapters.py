@@ -20,7 +20,7 @@ BY_CLOCK = {"digital-impossible", "digital-quadratic"}  # as fast as the machine
 def test_the_verdicts_are_the_expected_ones(name: str, request: pytest.FixtureRequest) -> None:
     if name in WITH_NGSPICE:
         request.getfixturevalue("ngspice")
-    found = {finding.id: finding for finding in CHAPTERS[name][1](True).findings}
+    found = {finding.id: finding for finding in CHAPTERS[name].run(True).findings}
     wanted = {c.id: c.expected for c in load_claims() if c.chapter == name and c.quick}
     assert found.keys() == wanted.keys()
     judged = found.keys() - BY_CLOCK
@@ -28,6 +28,7 @@ def test_the_verdicts_are_the_expected_ones(name: str, request: pytest.FixtureRe
     for finding in found.values():
         assert finding.run
         assert ("Condition:" in finding.ours) is (finding.outcome is ClaimOutcome.CONDITION)
+        assert ("Fitted:" in finding.ours) is (finding.outcome is ClaimOutcome.FITTED)
         assert all(np.isfinite(list(finding.values.values())))
 
 

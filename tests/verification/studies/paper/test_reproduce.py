@@ -11,6 +11,7 @@ from netlist_gen.scene.file import load_scene
 from spice_models.errors import SimulatorNotFound
 from tests.support.paths import SCENES
 from verification.studies.paper import findings
+from verification.studies.paper import reproduce as module
 from verification.studies.paper.findings import (
     Chapter,
     ClaimOutcome,
@@ -19,7 +20,14 @@ from verification.studies.paper.findings import (
     load_claims,
     weigh,
 )
-from verification.studies.paper.reproduce import CHAPTERS, Judged, Reproduction, Section, _run
+from verification.studies.paper.reproduce import (
+    CHAPTERS,
+    Judged,
+    Reproduction,
+    Section,
+    Task,
+    _run,
+)
 from verification.studies.paper.tactile import FINE, GradientFlow, by_transform
 
 
@@ -42,6 +50,8 @@ def test_a_claim_that_holds_only_under_its_condition_says_so() -> None:
     assert weigh(True) is ClaimOutcome.HOLDS
     assert weigh(False, True) is ClaimOutcome.CONDITION
     assert weigh(False) is ClaimOutcome.FAILS
+    assert weigh(True, fitted=True) is ClaimOutcome.FITTED
+    assert weigh(False, fitted=True) is ClaimOutcome.FAILS
 
 
 @pytest.mark.parametrize(
@@ -89,6 +99,25 @@ def test_what_could_not_be_run_is_said_for_each_of_its_claims() -> None:
     assert [finding.id for finding in chapter.findings] == [claim.id for claim in claims]
     assert {finding.outcome for finding in chapter.findings} == {ClaimOutcome.NOT_RUN}
     assert "no executable" in chapter.findings[0].ours
+
+
+def test_a_run_says_how_long_it_takes_and_what_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    def chapter(quick: bool) -> Chapter:
+        return Chapter(
+            tuple(Finding(c.id, "", "", c.expected) for c in load_claims() if c.quick or not quick)
+        )
+
+    names = sorted({claim.chapter for claim in load_claims()})
+    tasks = {name: Task(name, chapter, 30.0, 3.0) for name in names}
+    monkeypatch.setattr(module, "CHAPTERS", tasks)
+    for quick, seconds in ((False, 30.0), (True, 3.0)):
+        lines: list[str] = []
+        result = module.reproduce(quick=quick, progress=lines.append)
+        assert result.outcome == "pass"
+        claims, chapters = len(result.judged), len(names)
+        assert lines[0] == f"{claims} claims in {chapters} chapters: about {chapters * seconds:g} s"
+        assert lines[1] == f"{names[0]} (1 of {chapters}), about {chapters * seconds:g} s left"
+        assert [line.split(" (")[0] for line in lines[1:]] == names
 
 
 def test_the_gradient_flow_obeys_its_equation() -> None:

@@ -13,8 +13,10 @@ from pathlib import Path
 
 import pytest
 
-from spice_models.errors import InputError
+from spice_models.errors import InputError, NoVerdictError
 from tests.support.paths import ROOT
+from verification.studies.running import worker
+from verification.studies.running.collecting import collected
 from verification.studies.running.executors import ATTEMPTS, LocalPool, cluster, local
 
 
@@ -30,6 +32,10 @@ def gone(pid: int) -> bool:
         return Path(f"/proc/{pid}/stat").read_text().split()[2] == "Z"
     except FileNotFoundError:
         return True
+
+
+def parent_of(pid: int | None) -> int:
+    return int(Path(f"/proc/{pid}/stat").read_text().rsplit(")")[1].split()[1])
 
 
 def test_results_and_exceptions_come_back(pool: LocalPool) -> None:
@@ -79,14 +85,79 @@ def test_a_task_that_kills_every_worker_is_given_up(pool: LocalPool) -> None:
 
 
 def test_a_killed_fork_server_is_replaced(pool: LocalPool) -> None:
-    server = Path(f"/proc/{pool.pids()[0]}/stat").read_text().rsplit(")")[1].split()[1]
+    server = parent_of(pool.pids()[0])
     running = [pool.submit(time.sleep, 0.2) for _ in range(4)]
-    os.kill(int(server), signal.SIGKILL)
+    os.kill(server, signal.SIGKILL)
     os.kill(pool.pids()[0], signal.SIGKILL)
     assert [future.result(60) for future in running] == [None] * 4
     threads = [pool.submit(os.getenv, "OMP_NUM_THREADS") for _ in range(4)]
     assert {future.result(60) for future in threads} == {"1"}
     assert pool.submit(pow, 2, 5).result(60) == 32
+
+
+def test_a_fork_server_that_does_not_answer_is_replaced(
+    pool: LocalPool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    server, limited, first = parent_of(pool.pids()[0]), worker._limited, iter([1.0])
+    monkeypatch.setattr(worker, "_limited", lambda s, end: limited(next(first, s), end))
+    os.kill(server, signal.SIGSTOP)
+    os.kill(pool.pids()[0], signal.SIGKILL)
+    assert [pool.submit(pow, 2, k).result(60) for k in range(4)] == [1, 2, 4, 8]
+    assert gone(server)
+
+
+def test_a_stopped_worker_is_replaced(pool: LocalPool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(worker, "WATCH", 0.05)
+    stopped = pool.pids()[0]
+    os.kill(stopped, signal.SIGSTOP)
+    assert [pool.submit(pow, 2, k).result(60) for k in range(4)] == [1, 2, 4, 8]
+    assert stopped not in pool.pids()
+
+
+def test_a_slow_worker_is_not_a_stopped_worker(
+    pool: LocalPool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(worker, "WATCH", 0.01)
+    before = pool.pids()
+    pool.submit(time.sleep, 0.5).result(60)
+    assert pool.pids() == before
+
+
+def test_a_study_without_processes_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The 1st failure to start is the end: no point can be computed."""
+    monkeypatch.setattr(worker, "PAUSE", 1e-3)
+
+    def refuse(self: worker.Worker) -> None:
+        raise OSError("no process")
+
+    monkeypatch.setattr(worker.Worker, "_start", refuse)
+    with local(2) as workers, pytest.raises(NoVerdictError, match="did not start: no process"):
+        list(collected(workers, pow, [(k, (2, k)) for k in range(4)]))
+
+
+HOSTILE = ("random", "platform", "socket", "pickle", "multiprocessing", "verification", "numpy")
+
+
+def test_no_module_of_the_working_folder_is_imported(tmp_path: Path) -> None:
+    for name in HOSTILE:
+        (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / 'ran')!r}, 'w').close()\n")
+    code = """
+import sys
+sys.path[:] = [each for each in sys.path if each]
+from verification.studies.running import worker
+from verification.studies.running.collecting import collected
+from verification.studies.running.executors import LocalPool
+pool = LocalPool(1)
+print(pool.submit(pow, 2, 5).result(60))
+pool.shutdown()
+"""
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", code],
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    assert done.stdout == "32\n", done.stderr
+    assert not (tmp_path / "ran").exists()
 
 
 def test_no_result_is_lost_where_workers_are_killed_while_they_send_it(pool: LocalPool) -> None:
@@ -115,6 +186,8 @@ def test_shutdown_ends_what_runs(pool: LocalPool) -> None:
 
 PARENT = """
 import sys, time
+from verification.studies.running import worker
+from verification.studies.running.collecting import collected
 from verification.studies.running.executors import LocalPool
 if __name__ == "__main__":
     pool = LocalPool(2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import sqlite3
 from collections.abc import Iterator
 from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
 from pathlib import Path
@@ -88,6 +89,19 @@ def test_nothing_is_computed_twice(tmp_path: Path, workers: Workers) -> None:
     assert (twice.ran, twice.done, len(rows)) == (1, 2, 2)
 
 
+def test_a_damaged_result_is_named_and_computed_again(tmp_path: Path, workers: Workers) -> None:
+    path, said = tmp_path / "a.sqlite", list[str]()
+    _, rows = run(plan("C=50p,100p"), path, workers)
+    with sqlite3.connect(path) as db:
+        db.execute("update points set record = replace(record, '1', '2')")
+    db.close()
+    count, again = run(plan("C=50p,100p"), path, workers, announce=said.append)
+    assert count.ran == 2
+    assert [row | {"seconds": 0.0} for row in again] == [row | {"seconds": 0.0} for row in rows]
+    assert sum("is damaged and is computed again" in text for text in said) == 2
+    assert any("C = 5e-11" in text for text in said)
+
+
 def test_a_resistance_and_its_lambda_are_the_same_point(tmp_path: Path, workers: Workers) -> None:
     path = tmp_path / "a.sqlite"
     _, rows = run(plan("R=1M"), path, workers)
@@ -107,26 +121,18 @@ def test_zipped_keys_change_together(tmp_path: Path, workers: Workers) -> None:
 
 
 def test_a_point_without_verdict_is_a_row(tmp_path: Path, workers: Workers) -> None:
-    # A settled record in fewer than 50 steps is refused by the plan of the transient.
-    asked, path = plan("stop=1p,1m"), tmp_path / "a.sqlite"
+    board = make_scene({"channels": 2, "span": 1.2}, design=DAMPED | {"resistance": "100Mohm"})
+    asked = Plan(board, parse_axes(board, ["topology=passive,integrator"]), ("statespace",))
+    path = tmp_path / "a.sqlite"
     count, rows = run(asked, path, workers)
-    assert [row["outcome"] for row in rows] == ["error", "fail"]  # not settled after 1 ms
+    assert [row["outcome"] for row in rows] == ["error", "pass"]
     assert rows[0]["failure"] == "InputError"
-    assert "in which the outputs move" in rows[0]["reason"]
-    assert count.outcomes == {"error": 1, "fail": 1}
+    assert "of the passive topology" in rows[0]["reason"]
+    assert count.outcomes == {"error": 1, "pass": 1}
     again, _ = run(asked, path, workers)
     assert again.ran == 0
     retried, _ = run(asked, path, workers, retry_failed=True)
     assert retried.ran == 1
-
-
-def test_a_point_that_cannot_be_built_is_a_row(tmp_path: Path, workers: Workers) -> None:
-    asked = make_scene({"channels": 2, "span": 1.2}, design=DAMPED | {"resistance": "100Mohm"})
-    both = Plan(asked, parse_axes(asked, ["topology=integrator,passive"]), ("statespace",))
-    count, rows = run(both, tmp_path / "a.sqlite", workers)
-    assert [row["outcome"] for row in rows] == ["pass", "error"]
-    assert "of the passive topology" in rows[1]["reason"]
-    assert count.done == 2
 
 
 def test_an_unforeseen_error_is_a_row_and_is_retried(

@@ -124,6 +124,58 @@ def test_a_spoilt_database_is_named_and_left_alone(
     assert path.read_bytes() == before
 
 
+def _flip(path: Path, table: str, column: str, byte: int) -> None:
+    """Change one byte of a stored value."""
+    with sqlite3.connect(path) as db:
+        rows = db.execute(f"select key, cast({column} as blob) from {table}").fetchall()  # noqa: S608
+        for name, content in rows:
+            data = bytearray(content)
+            data[byte % len(data)] ^= 0x11
+            query = f"update {table} set {column} = ? where key = ?"  # noqa: S608
+            db.execute(query, (bytes(data), name))
+    db.close()
+
+
+@pytest.mark.parametrize("column", ["outcome", "record", "seal"])
+@pytest.mark.parametrize("byte", [0, 3, -2])
+def test_a_damaged_row_is_not_stored_and_can_be_replaced(
+    tmp_path: Path, column: str, byte: int
+) -> None:
+    path = tmp_path / "a.sqlite"
+    with Store(str(path)) as store:
+        put(store, 1, b"asked")
+    _flip(path, "points", column, byte)
+    with Store(str(path)) as store:
+        assert store.record_of(b"asked") is None
+        assert store.outcome_of(key(1)) is None
+        assert store.damaged == {key(1)}
+        put(store, 1, b"asked")
+        assert store.record_of(b"asked") == record(1)
+        assert not store.damaged
+
+
+def test_damaged_waveforms_are_not_stored(tmp_path: Path) -> None:
+    path = tmp_path / "a.sqlite"
+    with Store(str(path)) as store:
+        store.put(b"k", StoredResult("pass", {}, b"data"), b"asked")
+    _flip(path, "waveforms", "data", 1)
+    with Store(str(path)) as store:
+        assert not store.has_waveforms(b"k")
+        store.put(b"k", StoredResult("pass", {}, b"data"), b"asked")
+        assert store.waveforms(b"k") == b"data"
+
+
+def test_a_request_without_a_usable_key_is_not_stored(tmp_path: Path) -> None:
+    path = tmp_path / "a.sqlite"
+    with Store(str(path)) as store:
+        put(store, 1, b"asked")
+    with sqlite3.connect(path) as db:
+        db.execute("update requests set key = 'text'")
+    db.close()
+    with Store(str(path)) as store:
+        assert store.record_of(b"asked") is None
+
+
 def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be opened"):
         Store(str(tmp_path / "missing" / "a.sqlite"))

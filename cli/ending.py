@@ -1,0 +1,170 @@
+"""How a command ends: messages, JSON for errors, exit statuses, streams and signals.
+
+Python itself ends with 1 for an unexpected exception, and libraries end with 1 where a pipe is
+closed. Here 1 means that a check failed, so every end passes through `run_command`.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from types import FrameType
+from typing import Any
+
+import click
+
+from cli.common import STATUS, print_json
+from spice_models.errors import (
+    INTERRUPTED,
+    InputError,
+    NoVerdictError,
+    SimulationError,
+    TactionError,
+)
+
+CLOSED_PIPE = 141  # as a shell says of a program that SIGPIPE ended
+ENDING = ("SIGTERM", "SIGHUP")  # signals that end a command as Ctrl-C does
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # of a stream that takes no more
+
+
+def run_command(function: Callable[[], object], *, as_json: bool) -> int:
+    """Run a command, report its error, and return its exit status.
+
+    Parameters
+    ----------
+    function : callable
+        Runs the command. Its `SystemExit` has the exit status.
+    as_json : bool
+        Whether an error is also a JSON document on stdout.
+
+    Returns
+    -------
+    int
+        The status of the command; that of its error; 3 after an unexpected exception or if stdout
+        takes no more; 141 if the reader of stdout has gone; 128 and the number of the signal after
+        SIGINT, SIGTERM or SIGHUP, which run all clean-up first.
+    """
+    _prepare_streams()
+    with _signals() as received:
+        try:
+            status = _status(function, as_json)
+            sys.stdout.flush()
+        except BrokenPipeError:
+            _leave_stdout()
+            return CLOSED_PIPE
+        except OSError as error:
+            if error.errno not in FULL:
+                raise
+            _leave_stdout()
+            click.echo(f"taction: stdout cannot be written: {error.strerror}", err=True)
+            return STATUS["inconclusive"]
+    return 128 + received[0] if received and status == INTERRUPTED else status
+
+
+def _status(function: Callable[[], object], as_json: bool) -> int:
+    try:
+        function()
+    except SystemExit as end:
+        return end.code if isinstance(end.code, int) else 0
+    except click.exceptions.Exit as end:
+        return end.exit_code
+    except TactionError as error:
+        return _report(error, as_json)
+    except MemoryError:
+        return _report(NoVerdictError("out of memory: the scene is too large"), as_json)
+    except click.ClickException as error:
+        if as_json:
+            print_json(_document("bad input", error, error.format_message()))
+        error.show()
+        return error.exit_code
+    except (KeyboardInterrupt, click.Abort):
+        click.echo("taction: interrupted; no verdict was reached", err=True)
+        return INTERRUPTED
+    except OSError as error:
+        if error.errno in (errno.EPIPE, *FULL):
+            raise
+        return _bug(error, as_json)
+    except Exception as error:
+        return _bug(error, as_json)
+    return 0
+
+
+def _bug(error: Exception, as_json: bool) -> int:
+    import traceback
+
+    text = "this is a bug in taction; no verdict was reached"
+    if as_json:
+        print_json(_document("inconclusive", error, f"{text}: {error}"))
+    traceback.print_exception(error)
+    click.echo(f"taction: {text}", err=True)
+    return STATUS["inconclusive"]
+
+
+def _report(error: TactionError, as_json: bool) -> int:
+    if as_json:
+        print_json(_error_document(error))
+    click.echo(f"taction: {error}", err=True)
+    return error.exit_status
+
+
+def _error_document(error: TactionError) -> dict[str, Any]:
+    outcome = "bad input" if error.exit_status == STATUS["bad input"] else "inconclusive"
+    document = _document(outcome, error, str(error))
+    if isinstance(error, InputError):
+        document["error"]["file"] = error.file
+        document["error"]["complaints"] = [
+            {"key": c.key, "value": c.value, "accepted": c.accepted} for c in error.complaints
+        ]
+    if isinstance(error, SimulationError):
+        document["error"]["log"] = error.log
+        document["error"]["folder"] = str(error.folder) if error.folder else None
+    return document
+
+
+def _document(outcome: str, error: Exception, message: str) -> dict[str, Any]:
+    return {"outcome": outcome, "error": {"kind": type(error).__name__, "message": message}}
+
+
+def _prepare_streams() -> None:
+    """Replace closed streams, and let every stream write what its encoding lacks as ``?``."""
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:  # closed by the shell: `2>&-`
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: PTH123, SIM115
+        elif hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")
+
+
+def _leave_stdout() -> None:
+    """Discard what stdout still holds, so that Python's end does not try to write again."""
+    with suppress(OSError, ValueError):
+        null = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null, sys.stdout.fileno())
+        os.close(null)
+
+
+@contextmanager
+def _signals() -> Iterator[list[int]]:
+    """Treat the signals `ENDING` as Ctrl-C, once; the list receives the number of the signal."""
+    received: list[int] = []
+
+    def end(number: int, frame: FrameType | None) -> None:
+        signal.signal(number, signal.SIG_IGN)  # a second signal must not stop the clean-up
+        received.append(number)
+        raise KeyboardInterrupt
+
+    before: dict[int, Any] = {}
+    for name in ENDING:
+        number = getattr(signal, name, None)  # SIGHUP is unknown on some systems
+        if number is not None and signal.getsignal(number) is signal.SIG_DFL:  # else: nohup
+            with suppress(ValueError):  # not the main thread
+                before[number] = signal.signal(number, end)
+    try:
+        yield received
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

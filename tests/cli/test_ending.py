@@ -1,0 +1,127 @@
+"""How a command ends: closed pipes, full disks, ASCII terminals and signals."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.support.paths import SCENES
+from tests.support.processes import is_running, process_id
+
+TUNED = str(SCENES / "tuned-breadboard.toml")
+CODE = "from cli.main import main; main()"
+VERIFY = ("verify", TUNED, "--engine", "statespace")
+FULL = Path("/dev/full")  # of Linux
+
+
+def command(*words: str, redirect: str = "", **variables: str) -> subprocess.CompletedProcess[str]:
+    """Run taction as a process; `redirect` is added to the line of the shell."""
+    line = f'exec "$0" "$@" {redirect}'
+    return subprocess.run(
+        ["sh", "-c", line, sys.executable, "-c", CODE, *words],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120.0,
+        env={**os.environ, "PYTHONPATH": str(SCENES.parent), **variables},
+    )
+
+
+@pytest.mark.parametrize("words", [VERIFY, (*VERIFY, "--json"), ("netlist", TUNED), ("--help",)])
+def test_a_closed_pipe_is_141(words: tuple[str, ...]) -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run(
+        [sys.executable, "-c", CODE, *words],
+        stdout=writer,
+        stderr=subprocess.PIPE,
+        text=True,
+        check=False,
+        env={**os.environ, "PYTHONPATH": str(SCENES.parent)},
+    )
+    os.close(writer)
+    assert done.returncode == 141
+    assert "Traceback" not in done.stderr
+    assert "Exception ignored" not in done.stderr
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="needs /dev/full")
+@pytest.mark.parametrize("words", [VERIFY, (*VERIFY, "--json"), ("--help",)])
+def test_a_full_stdout_says_so(words: tuple[str, ...]) -> None:
+    done = command(*words, redirect=f"> {FULL}")
+    assert done.returncode == 3
+    assert done.stderr.startswith("taction: stdout cannot be written: No space left")
+    assert "Traceback" not in done.stderr
+
+
+def test_a_closed_stderr_changes_no_verdict() -> None:
+    done = command(*VERIFY, redirect="2>&-")
+    assert done.returncode == 0
+    assert done.stdout.rstrip().endswith("PASS")
+
+
+@pytest.mark.parametrize(
+    "variables", [{"PYTHONIOENCODING": "ascii"}, {"LC_ALL": "C", "PYTHONUTF8": "0"}]
+)
+def test_a_terminal_without_unicode_gets_a_verdict(variables: dict[str, str]) -> None:
+    done = command(*VERIFY, **variables)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.rstrip().endswith("PASS")
+
+
+def test_a_usage_error_is_a_document_too() -> None:
+    done = command("verify", "--json")
+    assert done.returncode == 2
+    assert json.loads(done.stdout)["outcome"] == "bad input"
+    assert "SCENE" in json.loads(done.stdout)["error"]["message"]
+    assert "Missing argument" in done.stderr
+
+
+SIMULATOR = """#!/bin/sh
+[ "$1" = -v ] && echo "ngspice-46 with KLU" && exit
+sleep 1000 &
+echo $! > "{folder}/child"
+echo $$ > "{folder}/process"
+wait
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="ends with its parent on Linux only")
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP", "SIGINT", "SIGKILL"])
+def test_a_signal_ends_the_simulator(name: str, tmp_path: Path) -> None:
+    number = getattr(signal, name)
+    simulator, temporary = tmp_path / "ngspice", tmp_path / "temporary"
+    simulator.write_text(SIMULATOR.format(folder=tmp_path))
+    simulator.chmod(0o755)
+    temporary.mkdir()
+    parent = subprocess.Popen(
+        [sys.executable, "-c", CODE, "verify", TUNED, "--engine", "ngspice"],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={
+            **os.environ,
+            "PYTHONPATH": str(SCENES.parent),
+            "TACTION_NGSPICE": str(simulator),
+            "TMPDIR": str(temporary),
+        },
+    )
+    child, leader = (process_id(tmp_path / file) for file in ("child", "process"))
+    time.sleep(0.2)  # until the command waits
+    parent.send_signal(number)
+    _, errors = parent.communicate(timeout=60.0)
+    assert not is_running(leader)
+    if number == signal.SIGKILL:  # nobody is left to end the simulator's own children
+        os.kill(child, signal.SIGKILL)
+        return
+    assert parent.returncode == 128 + number
+    assert "interrupted; no verdict was reached" in errors
+    assert not is_running(child)
+    assert list(temporary.iterdir()) == []
