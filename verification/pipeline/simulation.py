@@ -19,6 +19,7 @@ from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from spice_models.errors import (
     BadEvidence,
+    DivergesError,
     EngineError,
     NoVerdictError,
     SimulatorNotFound,
@@ -237,17 +238,15 @@ def _statespace(scene: Scene, board: LinearBoard, plan: Plan, session: bool) -> 
 
     tolerance = state_space_tolerance(plan.wanted)
     instants, analysis = plan.instants(board), plan.transient
-    even = replace(analysis, max_step=min(analysis.max_step, analysis.stop / GROWING))
     if instants is None:
-        waveforms = simulate(board, even, tolerance=tolerance)
-    else:
-        try:
-            waveforms = simulate(board, analysis, times=instants, tolerance=tolerance)
-        except EngineError:
-            if not board.circuit.amplifiers:
-                raise
-            # A transient may diverge beside a stable equilibrium: its record ends early.
-            waveforms = simulate(board, even, tolerance=tolerance)
+        analysis = replace(analysis, max_step=min(analysis.max_step, analysis.stop / GROWING))
+    try:
+        waveforms = simulate(board, analysis, times=instants, tolerance=tolerance)
+    except DivergesError as error:
+        # A transient may diverge beside a stable equilibrium: its record ends early.
+        if not isinstance(error.partial, Waveforms):
+            raise
+        waveforms = error.partial
     return Pending(lambda: waveforms)
 
 
