@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import csv
+import io
 import math
 from pathlib import Path
 
 import numpy as np
+from numpy.lib import format as npy
 
 from netlist_gen.scene.arrays import fitted
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from spice_models.errors import Complaint, InputError
+from spice_models.foreign_files import LARGEST, read_bounded
+
+HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 
 
 def read_array(scene: Scene, key: str, name: str | Floats, shape: tuple[int | None, ...]) -> Floats:
@@ -52,14 +57,26 @@ def read_profile(scene: Scene, key: str, name: str) -> tuple[Floats, Floats]:
 
 
 def _read_npy(path: Path, key: str) -> Floats:
-    accepted = "a .npy file of real numbers"
     try:
-        values = np.load(path, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        text = f"{_reason(error)}; expected {accepted}"
+        return _real_numbers(io.BytesIO(read_bounded(path, LARGEST)))
+    except ValueError as error:
+        text = f"{error}; expected a .npy file of real numbers"
         raise InputError(path, Complaint(key, repr(path.name), text)) from None
-    if not isinstance(values, np.ndarray) or values.dtype.kind not in "iuf":
-        raise InputError(path, Complaint(key, repr(path.name), f"expected {accepted}"))
+
+
+def _real_numbers(file: io.BytesIO) -> Floats:
+    """Read a .npy file; its header is compared with its length before any array is made."""
+    version = npy.read_magic(file)
+    if version not in HEADERS:
+        raise ValueError(f"its format is {version[0]}.{version[1]}")
+    shape, in_columns, dtype = HEADERS[version](file)
+    if dtype.kind not in "iuf":
+        raise ValueError(f"its type is {dtype}")
+    content = file.getbuffer()[file.tell() :]
+    announced = math.prod(shape) * dtype.itemsize
+    if announced != len(content):
+        raise ValueError(f"it has {len(content)} bytes of values, its header says {announced}")
+    values = np.frombuffer(content, dtype).reshape(shape, order="F" if in_columns else "C")
     return values.astype(np.float64)
 
 
@@ -67,26 +84,18 @@ def _read_csv(path: Path, key: str) -> Floats:
     """Read numbers separated by commas; empty lines and lines that start with # are skipped."""
     rows: list[list[float]] = []
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            for number, cells in enumerate(csv.reader(file), start=1):
-                if not cells or not "".join(cells).strip() or cells[0].lstrip().startswith("#"):
-                    continue
-                rows.append(_numbers(cells, path, key, number))
-                if len(rows[-1]) != len(rows[0]):
-                    text = f"line {number} has {len(rows[-1])} values, the first {len(rows[0])}"
-                    raise InputError(path, Complaint(key, repr(path.name), text))
-    except (
-        OSError,
-        ValueError,
-        csv.Error,
-    ) as error:  # ValueError: binary data, wrong name
-        text = f"{_reason(error)}; expected numbers separated by commas"
+        text = read_bounded(path, LARGEST).decode("utf-8-sig")
+        for number, cells in enumerate(csv.reader(io.StringIO(text, newline="")), start=1):
+            if not cells or not "".join(cells).strip() or cells[0].lstrip().startswith("#"):
+                continue
+            rows.append(_numbers(cells, path, key, number))
+            if len(rows[-1]) != len(rows[0]):
+                text = f"line {number} has {len(rows[-1])} values, the first {len(rows[0])}"
+                raise InputError(path, Complaint(key, repr(path.name), text))
+    except (ValueError, csv.Error) as error:  # ValueError: no such file, or binary data
+        text = f"{error}; expected numbers separated by commas"
         raise InputError(path, Complaint(key, repr(path.name), text)) from None
     return np.array(rows, dtype=np.float64).reshape(len(rows), len(rows[0]) if rows else 0)
-
-
-def _reason(error: Exception) -> str:
-    return (error.strerror if isinstance(error, OSError) else None) or str(error)
 
 
 def _numbers(cells: list[str], path: Path, key: str, line: int) -> list[float]:

@@ -8,8 +8,9 @@ from typing import Any
 
 from netlist_gen.scene.scene import Scene, parse_scene
 from spice_models.errors import Complaint, InputError
+from spice_models.foreign_files import MEGABYTE, UnusableFileError, read_bounded
 
-MAX_BYTES = 1_000_000
+MAX_BYTES = MEGABYTE
 
 
 def load_scene(path: str | Path) -> Scene:
@@ -34,15 +35,9 @@ def load_scene(path: str | Path) -> Scene:
 def _read_toml(path: Path) -> dict[str, Any]:
     accepted = "a scene file in TOML; `taction new` writes one"
     try:
-        if path.exists() and not path.is_file():
-            text = f"not a regular file; expected {accepted}"
-            raise InputError(path, Complaint("file", "", text))
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(path, Complaint("file", "", f"over {MAX_BYTES} bytes; {accepted}"))
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise InputError(path, Complaint("file", "", f"{reason}; expected {accepted}")) from None
+        return tomllib.loads(read_bounded(path, MAX_BYTES).decode("utf-8-sig"))
+    except UnusableFileError as error:
+        raise InputError(path, Complaint("file", "", f"{error}; expected {accepted}")) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(path, Complaint("TOML", "", f"{error}; expected {accepted}")) from None
     except RecursionError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -44,7 +45,7 @@ def test_a_vector_may_stand_as_a_row_or_a_column(scene: Scene, tmp_path: Path, t
         (np.array([[True]]), "real numbers"),
         (np.zeros((2, 2, 2)), "shape 2 x 2 x 2; expected any x any"),
         (np.zeros((0, 3)), "shape 0 x 3"),
-        (np.array([[object()]]), "pickle"),
+        (np.array([[object()]]), "its type is object"),
     ],
 )
 def test_a_numpy_file_that_holds_no_matrix(
@@ -68,3 +69,26 @@ def test_a_profile_has_two_columns(scene: Scene, tmp_path: Path) -> None:
     (tmp_path / "p.csv").write_text("0,1,2\n1,2,3\n")
     with pytest.raises(InputError, match="shape 2 x 3; expected any x 2"):
         read_profile(scene, "problem.load.file", "p.csv")
+
+
+def test_a_numpy_header_that_lies_takes_no_memory(scene: Scene, tmp_path: Path) -> None:
+    file = tmp_path / "T.npy"
+    np.save(file, np.eye(3))
+    lie, truth = b"(9999, 9999), }", b"(3, 3), }      "
+    assert truth in file.read_bytes()
+    file.write_bytes(file.read_bytes().replace(truth, lie))
+    with pytest.raises(InputError, match="72 bytes of values, its header says 799840008"):
+        read_array(scene, "problem.matrix", "T.npy", (None, None))
+
+
+def test_a_numpy_file_in_columns(scene: Scene, tmp_path: Path) -> None:
+    values = np.arange(6.0).reshape(2, 3)
+    np.save(tmp_path / "T.npy", np.asfortranarray(values))
+    assert np.array_equal(read_array(scene, "problem.matrix", "T.npy", (None, None)), values)
+
+
+def test_a_pipe_is_no_matrix(scene: Scene, tmp_path: Path) -> None:
+    for name in ("T.csv", "T.npy"):
+        os.mkfifo(tmp_path / name)
+        with pytest.raises(InputError, match="not a regular file"):
+            read_array(scene, "problem.matrix", name, (None, None))

@@ -126,7 +126,7 @@ def test_files_that_are_no_scene(tmp_path: Path) -> None:
         (tmp_path / "missing.toml", "No such file"),
         (tmp_path, "not a regular file"),
         (Path("/dev/zero"), "not a regular file"),
-        (huge, "over 1000000 bytes"),
+        (huge, "over 1 MB"),
         (binary, "utf-8"),
     ):
         result = run(path, "--json")

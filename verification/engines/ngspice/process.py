@@ -22,6 +22,7 @@ import weakref
 from pathlib import Path
 
 from spice_models.errors import SimulationError, SimulatorNotFound
+from spice_models.foreign_files import MEGABYTE, read_ends
 from verification.engines.ngspice.evidence import Ending, accepted_waveforms
 from verification.engines.ngspice.executable import Simulator, environment, find_simulator
 from verification.engines.ngspice.parent_death import guard_of_process
@@ -33,6 +34,9 @@ __all__ = ["PHYSICAL_BOUND", "Run", "Simulator", "find_simulator", "simulate", "
 
 PHYSICAL_BOUND = 1e6
 """No node of a working board is above this voltage, V, with a unit voltage of 1 V."""
+
+LONGEST_LOG = MEGABYTE
+"""Bytes of an error stream that are read; of a longer stream only the beginning and the end."""
 
 _HERE = Path("$PWD")
 _ARGUMENTS = ("-b", "-n", "-r", "out.raw", "deck.cir")
@@ -133,14 +137,12 @@ class Run:
         finally:  # also on Ctrl-C, which reaches no other process group
             process.kill()
         self._discard.detach()
-        with open(f"{self.folder}/stderr.txt", encoding="utf-8", errors="replace") as file:  # noqa: PTH123
-            errors = file.read()
         ending = Ending(
             status=process.status,
             timed_out=not in_time,
             timeout=self._timeout,
             seconds=process.ended - process.started,
-            errors=errors,
+            errors=read_ends(f"{self.folder}/stderr.txt", LONGEST_LOG),
             folder=self.folder,
         )
         waveforms = accepted_waveforms(self._deck, ending, engine=self._engine, bound=self._bound)

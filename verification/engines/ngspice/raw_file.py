@@ -16,6 +16,7 @@ import numpy as np
 
 from spice_models.array_types import Floats
 from spice_models.errors import BadEvidence, OutOfDisk
+from spice_models.foreign_files import UnusableFileError, open_regular
 from verification.waveforms import Waveforms
 
 DOUBLE = np.dtype("<f8")
@@ -105,16 +106,13 @@ def write_raw(path: Path, waveforms: Waveforms, title: str = "taction") -> None:
 
 
 def _map(path: Path) -> mmap.mmap | bytes:
-    """Map the file's content; an empty or special file cannot be mapped and has no content."""
+    """Map the file's content; an empty file cannot be mapped and has no content."""
     try:
-        file = os.open(path, os.O_RDONLY)
-    except FileNotFoundError:
-        raise BadEvidence(f"{path.name} was never written") from None
-    try:
-        size = os.fstat(file).st_size
-        return mmap.mmap(file, size, access=mmap.ACCESS_READ) if size else b""
-    finally:
-        os.close(file)
+        with open_regular(path) as file:
+            size = os.fstat(file.fileno()).st_size
+            return mmap.mmap(file.fileno(), size, access=mmap.ACCESS_READ) if size else b""
+    except UnusableFileError as error:
+        raise BadEvidence(f"{path.name} was never written: {error}") from None
 
 
 def _read_header(content: mmap.mmap | bytes, path: Path) -> _Header:

@@ -94,6 +94,8 @@ class Loop:
     def errors(self) -> str:
         """Return the new text in the error stream since the last call."""
         length = os.fstat(self._errors).st_size - self._errors_read
+        if length > LARGEST:
+            raise LostError
         text = os.pread(self._errors, length, self._errors_read) if length else b""
         self._errors_read += len(text)
         return text.decode(errors="replace")

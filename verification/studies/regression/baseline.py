@@ -16,6 +16,7 @@ import pydantic_core
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from spice_models.errors import Complaint, InputError
+from spice_models.foreign_files import LARGEST, UnusableFileError, read_bounded
 
 FORMAT = 1
 MARK = "taction_baseline"
@@ -81,12 +82,10 @@ def load_baseline(path: str | Path) -> dict[str, Entry]:
     """
     path = Path(path)
     try:
-        text = path.read_bytes()
-    except FileNotFoundError:
-        reason = "there is no such file; `--update` writes it"
+        text = read_bounded(path, LARGEST)
+    except UnusableFileError as error:
+        reason = f"{error}; `--update` writes a baseline"
         raise InputError(path, Complaint("baseline", "", reason)) from None
-    except OSError as error:
-        raise InputError(path, Complaint("baseline", "", str(error.strerror))) from None
     try:
         data = pydantic_core.from_json(text)
     except ValueError as error:

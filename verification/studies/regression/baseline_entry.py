@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
+from spice_models.foreign_files import LARGEST, read_bounded
 from verification.measures.measurements import ChannelMeasure
 from verification.measures.readings import Reading
 from verification.studies.figures import CHANNEL_FIGURES, FIGURES, finite
@@ -76,7 +77,7 @@ def fingerprint(scene: Scene) -> str:
     digest = hashlib.sha256(json.dumps(written, sort_keys=True).encode())
     for name in files_of(scene).values():
         if name is not None:
-            digest.update((scene.folder / str(name)).read_bytes())
+            digest.update(read_bounded(scene.folder / str(name), LARGEST))
     return digest.hexdigest()
 
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 from spice_models.errors import Complaint, InputError, OutOfDisk
+from spice_models.foreign_files import read_ends
 
 PATIENCE = 60.0  # s to wait for another process that has locked the file
 
 ACCEPTED = "expected a database of `taction sweep` or `montecarlo`, or the name of a new file"
-_LINES = b'{"kind": "taction samples'  # beginning of a file of samples by older versions
+_LINES = '{"kind": "taction samples'  # beginning of a file of samples by older versions
 _OLD_SAMPLES = (
     "the samples are lines of JSON, written by an older taction; this taction cannot read them."
     " Give another name to draw the samples again, or use the taction that wrote them"
@@ -49,7 +49,7 @@ def explained(path: str) -> Iterator[None]:
             ) from error
         texts = (text for names, text in _MESSAGES.items() if name.startswith(names))
         text = next(texts, f"{error}; {ACCEPTED}")
-        if name == _NOT_A_DATABASE and Path(path).read_bytes().startswith(_LINES):
+        if name == _NOT_A_DATABASE and read_ends(path, 100).startswith(_LINES):
             text = _OLD_SAMPLES
         raise unusable(path, text) from error
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,7 @@ from netlist_gen.overrides.axes import Axis, points
 from netlist_gen.overrides.keys import Value
 from netlist_gen.scene.scene import Scene
 from spice_models.errors import Complaint, InputError, SimulatorNotFound, SimulatorTooOld
+from spice_models.foreign_files import LARGEST, UnusableFileError, read_bounded
 from verification.engines.ngspice.executable import find_simulator
 from verification.pipeline.simulation import choose_engine
 from verification.studies.running.digests import digest, files_of, own_code
@@ -145,7 +147,9 @@ class Requests:
             return b""
         if name not in self._file_digests:
             file = self._plan.scene.folder / name
-            content = hashlib.sha256(file.read_bytes()).digest() if file.is_file() else b""
+            content = b""
+            with suppress(UnusableFileError):
+                content = hashlib.sha256(read_bounded(file, LARGEST)).digest()
             self._file_digests[name] = content
         return self._file_digests[name]
 

@@ -15,6 +15,7 @@ import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from verification.studies.running.digests import digest
@@ -85,6 +86,8 @@ class Store:
     def __init__(self, path: str) -> None:
         self.path = path
         self.damaged: set[bytes] = set()
+        if Path(path).exists() and not Path(path).is_file():
+            raise unusable(path, f"not a regular file; {ACCEPTED}")
         with explained(self.path):
             self._db = sqlite3.connect(
                 path, timeout=PATIENCE, isolation_level=None, check_same_thread=False

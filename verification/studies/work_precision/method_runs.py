@@ -17,9 +17,10 @@ from netlist_gen.board.circuit import Circuit
 from netlist_gen.deck.deck import write_deck
 from spice_models.array_types import Floats
 from spice_models.errors import EngineError, TimedOut
+from spice_models.foreign_files import read_ends
 from verification.engines.ngspice import process
 from verification.engines.ngspice.executable import find_simulator
-from verification.engines.ngspice.process import PHYSICAL_BOUND
+from verification.engines.ngspice.process import LONGEST_LOG, PHYSICAL_BOUND
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.transients import amplified, structured_radau
 from verification.engines.statespace.transients.exact import ENGINE, exact_solution
@@ -111,7 +112,7 @@ def ngspice(
             waveforms = process.simulate(deck, simulator, folder=Path(folder), keep=True, **limits)
         except TimedOut as error:
             raise TimeoutError(str(error).splitlines()[0]) from None
-        log = (Path(folder) / "stdout.txt").read_text(encoding="utf-8", errors="replace")
+        log = read_ends(f"{folder}/stdout.txt", LONGEST_LOG)
     counts = {name: pattern.search(log) for name, pattern in _COUNT.items()}
     steps, factorisations = counts["steps"], counts["factorisations"]
     return replace(

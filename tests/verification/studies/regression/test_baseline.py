@@ -69,9 +69,9 @@ def test_what_is_wrong_with_a_file_is_said_and_what_to_do(tmp_path: Path, text: 
 
 
 def test_a_missing_file_names_the_option_that_makes_it(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="`--update` writes it"):
+    with pytest.raises(InputError, match="`--update` writes a baseline"):
         load_baseline(tmp_path / "none.json")
-    with pytest.raises(InputError, match="directory"):
+    with pytest.raises(InputError, match="not a regular file"):
         load_baseline(tmp_path)
 
 

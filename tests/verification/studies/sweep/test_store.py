@@ -176,6 +176,12 @@ def test_a_request_without_a_usable_key_is_not_stored(tmp_path: Path) -> None:
         assert store.record_of(b"asked") is None
 
 
+def test_a_pipe_is_no_database(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "a.sqlite")
+    with pytest.raises(InputError, match="not a regular file"):
+        Store(str(tmp_path / "a.sqlite"))
+
+
 def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be opened"):
         Store(str(tmp_path / "missing" / "a.sqlite"))

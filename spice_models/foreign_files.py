@@ -1,0 +1,87 @@
+"""Read files that another program or the user wrote.
+
+Such a file may be anything: a pipe without a writer, a device without an end, a folder, or larger
+than the memory.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+MEGABYTE = 1_000_000
+LARGEST = 64 * MEGABYTE  # of a table of numbers: 2,800 x 2,800 in binary
+
+
+class UnusableFileError(ValueError):
+    """A file that cannot be read; the text is the reason."""
+
+
+@contextmanager
+def open_regular(path: str | Path) -> Iterator[BinaryIO]:
+    """Open a regular file to read bytes, and never wait for another process.
+
+    Raises
+    ------
+    UnusableFileError
+        There is no such file, the file is no regular file, or it may not be read.
+    """
+    try:
+        number = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        if not stat.S_ISREG(os.fstat(number).st_mode):
+            os.close(number)
+            raise UnusableFileError("not a regular file")
+        with open(number, "rb", buffering=0) as file:  # noqa: PTH123 - of a number
+            yield file
+    except OSError as error:
+        raise UnusableFileError(error.strerror or str(error)) from None
+    except ValueError as error:  # a name with a zero byte, or that is no text of the file system
+        raise UnusableFileError(str(error)) from None
+
+
+def read_bounded(path: str | Path, limit: int) -> bytes:
+    """Return the content of a regular file of at most `limit` bytes.
+
+    Raises
+    ------
+    UnusableFileError
+        See `open_regular`; or the file is larger.
+    """
+    with open_regular(path) as file:
+        size = os.fstat(file.fileno()).st_size
+        content = b"" if size > limit else _read(file, limit + 1)
+        if size > limit or len(content) > limit:
+            raise UnusableFileError(f"over {limit / MEGABYTE:g} MB, the largest size that is read")
+        return content
+
+
+def read_ends(path: str | Path, limit: int) -> str:
+    """Return the text of a regular file; of a file over `limit` bytes only beginning and end.
+
+    Raises
+    ------
+    UnusableFileError
+        See `open_regular`.
+    """
+    with open_regular(path) as file:
+        size = os.fstat(file.fileno()).st_size
+        if size <= limit:
+            return _read(file, limit).decode(errors="replace")
+        half = limit // 2
+        head = _read(file, half)
+        file.seek(size - half)
+        left_out = f"\n... {size - 2 * half} bytes\n".encode()
+        return (head + left_out + _read(file, half)).decode(errors="replace")
+
+
+def _read(file: BinaryIO, limit: int) -> bytes:
+    """Read up to `limit` bytes; a single `read` of a raw file may return fewer."""
+    parts, left = [], limit
+    while left and (part := file.read(min(left, MEGABYTE))):
+        parts.append(part)
+        left -= len(part)
+    return b"".join(parts)
