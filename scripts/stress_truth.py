@@ -63,18 +63,14 @@ def _stale(case: Case, record: dict[str, Any] | None) -> bool:
     """Whether the stored values are missing, or those of other tables or of another deck."""
     if record is None or record["tables"] != case.digest:
         return True
-    if (record["truth"] is not None) != _has_truth(case):
+    if (record["truth"] is None) != case.refused:
         return True
     return bool(record["deck"] != deck_digest(case))
 
 
-def _has_truth(case: Case) -> bool:
-    return not (case.no_truth or case.refused)
-
-
 def _record(case: Case) -> dict[str, Any]:
     truth = None
-    if _has_truth(case):
+    if not case.refused:
         truth = true_values(case.scene()).record()
     return {"tables": case.digest, "deck": deck_digest(case), "truth": truth, "seconds": {}}
 

@@ -2,7 +2,7 @@
 
 A file has a table ``[base]`` with the tables of a scene, and tables ``[case.NAME]`` whose tables of
 a scene are laid over the base. Beside them a case has the fields of
-`Case` from `why` to `decided`, and `no_truth`.
+`Case` from `why` to `decided`.
 """
 
 from __future__ import annotations
@@ -56,10 +56,8 @@ class Case:
         Outcomes of single checks, on every engine.
     tables : dict
         The tables of the scene.
-    no_truth : str
-        Why no true values are computed, of a board that is not refused; else empty.
     truth : TrueValues or None
-        None where the scene is refused, and with `no_truth`.
+        None where the scene is refused.
     seconds : dict of str to float
         By engine: the time that a run took where the true values were computed, s.
     """
@@ -71,7 +69,6 @@ class Case:
     outcome: Mapping[str, tuple[str, ...]]
     decided: Mapping[str, str]
     tables: Mapping[str, Any]
-    no_truth: str
     truth: TrueValues | None
     seconds: Mapping[str, float]
 
@@ -162,7 +159,7 @@ def _cases(path: Path) -> Iterator[Case]:
         except KeyError as error:
             text = "every case needs why, known and outcome"
             raise InputError(path, Complaint(f"case.{name}", str(error), text)) from None
-        decided, no_truth = own.pop("decided", {}), own.pop("no_truth", "")
+        decided = own.pop("decided", {})
         engines = ENGINES[-1:] if outcome == InputError.__name__ else ENGINES
         listed: Mapping[str, Any] = (
             outcome if isinstance(outcome, Mapping) else dict.fromkeys(engines, outcome)
@@ -173,9 +170,7 @@ def _cases(path: Path) -> Iterator[Case]:
             raise InputError(path, Complaint(f"case.{name}.outcome", repr(word), text))
         tables = _laid_over(document.get("base", {}), own)
         truth, seconds = read_true_values(path.parent).get(name, (None, {}))
-        yield Case(
-            name, path.stem, why, known, by_engine, decided, tables, no_truth, truth, seconds
-        )
+        yield Case(name, path.stem, why, known, by_engine, decided, tables, truth, seconds)
 
 
 def _laid_over(base: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
