@@ -5,7 +5,7 @@
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help setup ready demo test test-processors regress lint format bench lock build clean
+.PHONY: help setup ready demo test test-processors regress stress lint format bench lock build clean
 
 PYTHON_IN_VENV := .venv/bin/python
 JOBS ?= 2
@@ -35,6 +35,9 @@ test-processors: ready ## the numerical tests with every BLAS kernel that this p
 
 regress: ready ## verify scenes/ against scenes/baseline.json; ARGS=--update accepts what changed
 	.venv/bin/taction regress scenes/ --baseline scenes/baseline.json $(ARGS)
+
+stress: ready ## the stiff and extreme cases as a table; ARGS="--page docs/stress.md" writes the page
+	.venv/bin/taction stress --jobs $(JOBS) $(ARGS)
 
 lint: ready ## ruff (rules and format) and mypy --strict
 	$(PYTHON_IN_VENV) -m ruff check .

@@ -6,9 +6,9 @@ import sys
 
 import click
 
-from cli.common import command, console, print_json, stage_display
+from cli.common import JOBS, command, console, print_json, stage_display
 
-WIDTH = 140  # columns of a table in a file or a pipe
+WIDTH = 150  # columns of a table in a file or a pipe
 
 
 @command
@@ -16,37 +16,45 @@ WIDTH = 140  # columns of a table in a file or a pipe
     "--only", multiple=True, metavar="NAME", help="Run one case, or one family; repeatable."
 )
 @click.option("--junit", type=click.Path(), metavar="FILE", help="Write a JUnit XML report.")
-def stress(only: tuple[str, ...], junit: str | None, as_json: bool) -> None:
+@click.option("--page", type=click.Path(), metavar="FILE", help="Write a page in Markdown.")
+@JOBS
+def stress(
+    only: tuple[str, ...], junit: str | None, page: str | None, jobs: int | None, as_json: bool
+) -> None:
     """Verify the catalogue of stiff and extreme scenes, whose right results are known.
 
-    Every outcome is compared with the right outcome, and every number with its true value, which
-    must be within the stated uncertainty. So a run shows whether ngspice and the numerical
-    libraries of this machine give right answers.
+    Every outcome is compared with the right outcome, and every number with its true value. So a run
+    shows whether ngspice and the numerical libraries of this machine give right answers. Numbers
+    outside their stated uncertainty are counted; a number is wrong that misses its true value by
+    more than the uncertainty and the accuracy that the scene asks for.
 
     Exit status: 1 if an outcome or a number is wrong, 3 if ngspice is missing.
     """
     from verification.report.atomic_files import check_folder, write_atomically
+    from verification.report.stress.page import stress_page
     from verification.report.stress.report import print_stress, stress_document, stress_junit
     from verification.studies.stress.catalogue import load_catalogue, select
     from verification.studies.stress.run import expected_seconds, run_catalogue
 
-    if junit is not None:
-        check_folder(junit, "--junit")
+    for file, option in ((junit, "--junit"), (page, "--page")):
+        if file is not None:
+            check_folder(file, option)
     cases = select(load_catalogue(), only)
-    seconds = expected_seconds(cases)
+    seconds = expected_seconds(cases, jobs)
     click.echo(f"taction: {len(cases)} cases, about {seconds:.0f} s", err=True)
     with stage_display() as progress:
-        report = run_catalogue(cases, progress)
-    if junit is not None:
-        write_atomically(junit, stress_junit(report))
-        click.echo(f"wrote {junit}", err=True)
+        report = run_catalogue(cases, progress, jobs)
+    for file, text in ((junit, stress_junit), (page, stress_page)):
+        if file is not None:
+            write_atomically(file, text(report))
+            click.echo(f"wrote {file}", err=True)
     if as_json:
         print_json(stress_document(report))
     else:
-        page = console()
-        if not page.is_terminal:
-            page.width = WIDTH
-        print_stress(report, page)
+        terminal = console()
+        if not terminal.is_terminal:
+            terminal.width = WIDTH
+        print_stress(report, terminal)
     if report.interrupted:
         click.echo("taction: interrupted; the finished cases are in the report", err=True)
     sys.exit(report.exit_status)

@@ -1,8 +1,9 @@
-"""Compute the true values of the stress cases and the times of their runs.
+"""Compute the true values of the stress cases, or measure how long their runs take.
 
-    python scripts/stress_truth.py [NAME ...] [--all]
+    python scripts/stress_truth.py [NAME ...] [--again | --times]
 
-Without names, the cases whose tables have changed since their values were stored. The oracle is
+Names are those of cases or families; without names, all cases. Only cases whose tables or deck have
+changed since their values were stored are computed, with --again the others, too. The oracle is
 that of the tests (`tests/support/true_readings.py`); it needs the packages of the extra ``dev``.
 """
 
@@ -17,46 +18,65 @@ from typing import Any
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
-from spice_models.errors import TactionError  # noqa: E402
-from tests.support.true_values import true_values  # noqa: E402
+from tests.support.true_values import deck_digest, true_values  # noqa: E402
 from verification.studies.stress.catalogue import (  # noqa: E402
     FOLDER,
     TRUE_VALUES,
     Case,
     load_catalogue,
+    select,
 )
 from verification.studies.stress.run import run_case  # noqa: E402
 
+FILE = FOLDER / TRUE_VALUES
+
 
 def main() -> int:
-    """Compute what is asked for and write the file after every case."""
+    """Compute or measure, and write the file after every case."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="NAME")
-    parser.add_argument("--all", action="store_true", help="compute all cases again")
+    parser.add_argument("--again", action="store_true", help="compute stored values, too")
+    parser.add_argument("--times", action="store_true", help="measure the times of the runs")
     asked = parser.parse_args()
-    path, cases = FOLDER / TRUE_VALUES, load_catalogue()
-    stored: dict[str, Any] = json.loads(path.read_text("utf-8")) if path.exists() else {}
-    stored = {case.name: stored[case.name] for case in cases if case.name in stored}
-    for case in cases:
-        if case.name in asked.names or asked.all or (not asked.names and _stale(case, stored)):
-            stored[case.name] = _record(case)
-            print(f"{case.name}: {stored[case.name]}"[:200], flush=True)
-            ordered = {c.name: stored[c.name] for c in cases if c.name in stored}
-            path.write_text(json.dumps(ordered, indent=1) + "\n", encoding="utf-8")
+    cases = load_catalogue()
+    for case in select(cases, tuple(asked.names)):
+        record = _stored().get(case.name)
+        if asked.times and record is not None:
+            record["seconds"] = _seconds(case)
+        elif asked.again or _stale(case, record):
+            record = _record(case)
+        else:
+            continue
+        print(f"{case.name}: {record}"[:200], flush=True)
+        stored = _stored() | {case.name: record}  # another process may have written, too
+        ordered = {c.name: stored[c.name] for c in cases if c.name in stored}
+        FILE.write_text(json.dumps(ordered, indent=1) + "\n", encoding="utf-8")
     return 0
 
 
-def _stale(case: Case, stored: dict[str, Any]) -> bool:
-    return case.name not in stored or stored[case.name]["tables"] != case.digest
+def _stored() -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(FILE.read_text("utf-8")) if FILE.exists() else {}
+    return found
+
+
+def _stale(case: Case, record: dict[str, Any] | None) -> bool:
+    """Whether the stored values are missing, or those of other tables or of another deck."""
+    if record is None or record["tables"] != case.digest:
+        return True
+    if (record["truth"] is None) != case.refused:
+        return True
+    return bool(record["deck"] != deck_digest(case))
 
 
 def _record(case: Case) -> dict[str, Any]:
-    try:
+    truth = None
+    if not case.refused:
         truth = true_values(case.scene()).record()
-    except TactionError:
-        truth = None
-    seconds = {engine: round(run_case(case, engine).seconds, 2) for engine in case.engines}
-    return {"tables": case.digest, "truth": truth, "seconds": seconds}
+    return {"tables": case.digest, "deck": deck_digest(case), "truth": truth, "seconds": {}}
+
+
+def _seconds(case: Case) -> dict[str, float]:
+    return {engine: round(run_case(case, engine).seconds, 2) for engine in case.engines}
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@
     └── NoVerdictError               3   the input is right, but there is no result to trust
         ├── SolverError                  a reference solution has no certificate
         ├── EngineError                  the state-space engine has no result
+        │   └── DivergesError            the outputs leave every bound
         └── SimulationError              an ngspice run gave no result to trust
             ├── SimulatorNotFound
             ├── SimulatorTooOld
@@ -69,6 +70,21 @@ class SolverError(NoVerdictError):
 
 class EngineError(NoVerdictError):
     """The state-space engine has no result for this circuit."""
+
+
+class DivergesError(EngineError):
+    """A transient with given instants leaves every bound before the last one.
+
+    Attributes
+    ----------
+    partial : object or None
+        A `verification.waveforms.Waveforms` up to that instant (`object`, because this module must
+        not import that class).
+    """
+
+    def __init__(self, message: str, partial: object | None = None) -> None:
+        super().__init__(message)
+        self.partial = partial
 
 
 class SimulationError(NoVerdictError):

@@ -103,13 +103,16 @@ def check_request(
 def tolerances(circuit: Circuit, relative: float) -> Tolerances:
     """Return tolerances that follow from the scales of `circuit`, for 1e-12 S as for 1e-3 S.
 
-    ngspice's own defaults (1 pA, 1 µV, 1e-14 C, 1e-12 S) are too coarse for 1e-12 S.
+    ngspice's own defaults (1 pA, 1 µV, 1e-14 C, 1e-12 S) are too coarse for 1e-12 S. The step
+    control takes the tolerance of currents for the error of a capacitor's current, so it follows
+    from the strain currents, whatever the units of matrix and strain are.
     """
     scalings = circuit.scalings
     volts, siemens = scalings.unit_voltage, scalings.unit_conductance
+    amps = max((abs(source.amps) for source in circuit.currents), default=0.0) or siemens * volts
     return Tolerances(
         relative=relative,
-        current=1e-3 * relative * siemens * volts,
+        current=1e-3 * relative * amps,
         voltage=1e-3 * relative * volts,
         charge=1e-3 * relative * scalings.capacitance * volts,
         gmin=1e-6 * relative * siemens,

@@ -24,7 +24,11 @@ ALIVE = 1e-6  # of the envelope
 ROUNDING = 1e-14  # of the sum of all amplitudes: error of double precision
 SOON = 1e-18  # s: no mode moves in this time
 TOLERANCE = 1e-14  # of the step amplitude: of a supremum
-MOST = 2_000_000  # intervals at once; then the question is given up
+MOST = 2_000_000  # intervals at once
+
+
+class UnreadableError(Exception):
+    """A reading takes more than `MOST` intervals: the board rings for too many periods."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +129,8 @@ class Signal:
 
 
 def _cut(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    assert len(a) < MOST, "the reading cannot be found"
+    if len(a) > MOST:
+        raise UnreadableError
     edges = a[:, None] + (b - a)[:, None] * np.linspace(0.0, 1.0, PIECES + 1)
     return edges[:, :-1].ravel(), edges[:, 1:].ravel()
 

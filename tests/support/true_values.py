@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import asdict
 
+from netlist_gen.analysis import OperatingPoint
+from netlist_gen.board.synthesis import synthesise
+from netlist_gen.deck.deck import write_deck
 from netlist_gen.scene.scene import Scene
+from spice_models.errors import InputError
+from tests.support.deck_text import parse_deck
 from tests.support.true_margin import true_margin
 from tests.support.true_readings import true_readings
 from verification.ideal.lambda_rule import resolve_lambda
+from verification.studies.stress.catalogue import Case
 from verification.studies.stress.true_values import READINGS, TrueValues
 
 LINEAR = "modes of the deck in Arb, 320 bits; suprema and crossings by interval bounds"
@@ -30,6 +37,25 @@ def true_values(scene: Scene) -> TrueValues:
         channels=tuple(channels),
         error=found.error,
         arrives=found.arrives,
+        readable=found.readable,
         margin=true_margin(scene) if asked and len(channels) == 1 else None,
         by=LINEAR if linear else f"{NONLINEAR} {found.error:.1g}",
     )
+
+
+def deck_digest(case: Case) -> str | None:
+    """Return a digest of the deck's parts, for which the true values hold; None: no deck.
+
+    The last digits of the values are left out: they differ between processors.
+    """
+    try:
+        text = write_deck(synthesise(resolve_lambda(case.scene())), OperatingPoint()).text
+    except InputError:
+        return None
+    deck = parse_deck(text)
+    lines = [f"{part.kind} {part.nodes} {_rounded(part.value)}" for part in deck.parts]
+    return hashlib.sha256("\n".join([*lines, str(deck.outputs)]).encode()).hexdigest()[:16]
+
+
+def _rounded(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:.11g}"

@@ -100,7 +100,7 @@ class Evidence:
     @property
     def no_step(self) -> str:
         """Why the step has no height to compare with, or an empty text."""
-        rounding = ROUNDING if self.reference_error >= 1.0 else ""
+        rounding = ROUNDING if self.static_error >= 1.0 else ""
         return rounding if self.measurements.amplitude else NO_STEP
 
     @property
@@ -177,7 +177,10 @@ class Evidence:
 
 
 NO_STEP = "nothing to judge: with this strain and initial state no output has to move"
-ROUNDING = "nothing to judge: the step amplitude is below the error of the reference solution"
+ROUNDING = (
+    "nothing to judge: the step amplitude is below the rounding of the board's equilibrium,"
+    " or below the error of the reference solution"
+)
 MAYBE = "the rightmost pole is known to ±{:.1g} /s: the board may be stable or unstable"
 UNSTEADY = (ChannelState.OSCILLATING, ChannelState.CLIPPED, ChannelState.DIVERGED)
 

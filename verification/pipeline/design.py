@@ -84,6 +84,7 @@ def design_board(
     clock.begin("poles")
     scales = time_scales(board, initial=scene.analysis.initial)
     poles = poles_behind(board, scales)
+    scales = scales.with_slower(poles.rightmost)
     engine = choose_engine(scene)
     unstable = poles.certain and not poles.stable
     plan = plan_transient(

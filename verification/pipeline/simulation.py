@@ -19,6 +19,7 @@ from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from spice_models.errors import (
     BadEvidence,
+    DivergesError,
     EngineError,
     NoVerdictError,
     SimulatorNotFound,
@@ -239,7 +240,13 @@ def _statespace(scene: Scene, board: LinearBoard, plan: Plan, session: bool) -> 
     instants, analysis = plan.instants(board), plan.transient
     if instants is None:
         analysis = replace(analysis, max_step=min(analysis.max_step, analysis.stop / GROWING))
-    waveforms = simulate(board, analysis, times=instants, tolerance=tolerance)
+    try:
+        waveforms = simulate(board, analysis, times=instants, tolerance=tolerance)
+    except DivergesError as error:
+        # A transient may diverge beside a stable equilibrium: its record ends early.
+        if not isinstance(error.partial, Waveforms):
+            raise
+        waveforms = error.partial
     return Pending(lambda: waveforms)
 
 

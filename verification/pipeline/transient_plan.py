@@ -24,12 +24,15 @@ RECORD_ERROR = 2e-8  # of the step amplitude: error of interpolation between poi
 UNSTABLE_SECONDS = 2.0  # of processor time: limit for a board that is known to be unstable
 LINEAR_STEP, MATRIX_STEP = 2.7e-6, 3.1e-9
 """Processor time of a step of ngspice 46 with KLU: ``LINEAR_STEP N + MATRIX_STEP N³``, s, measured
-for N = 7 to 128 on one machine; with behavioural amplifiers a step takes `NEWTON` times as long."""
+for N = M = 7 to 128 on one machine (else N is the larger of the two); with behavioural amplifiers a
+step takes `NEWTON` times as long."""
 NEWTON = 2.5
 LONG = 10.0  # s: a longer run is announced
 SHORTER = "the state-space engine (--engine statespace) is usually faster"
 NO_STEPS = StepForecast(0.0, 0.0, 0.0, 0.0, steps=0.0, error=0.0)
 UNSTABLE_PERIODS = 100.0  # of ringing: the same for the state-space engine, where it needs steps
+EXACT_PERIODS = 20_000.0  # the same where it needs none: the record has `GROWING_POINTS` on each
+GROWING_POINTS = 10.0  # on a period: fewer would show ringing at another frequency
 TOO_LONG = "the record ends after {stop:.3g} s, before the instability has grown"
 TOO_SLOW = (
     "the record ends after {stop:.3g} s, before the instability has grown: ngspice needs"
@@ -177,21 +180,22 @@ def plan_transient(
 def _without_steps(
     scene: Scene, board: LinearBoard, scales: TimeScales, stop: float, *, growing: bool
 ) -> Plan:
-    """Plan a run of the state-space engine; a growing run that needs time steps is kept short."""
+    """Plan a run of the state-space engine; a growing run shows every period and is kept short."""
     notes: tuple[str, ...] = ()
     stepped = bool(board.circuit.amplifiers) or board.descriptor.is_large
-    longest = UNSTABLE_PERIODS * scales.max_step_for(1.0)
-    if growing and stepped and stop > longest:
+    longest = (UNSTABLE_PERIODS if stepped else EXACT_PERIODS) * scales.max_step_for(1.0)
+    if growing and stop > longest:
         stop, notes = longest, (TOO_LONG.format(stop=longest),)
-    transient = Transient(stop, stop, initial=scene.analysis.initial)
+    spacing = min(stop, scales.max_step_for(GROWING_POINTS)) if growing else stop
+    transient = Transient(stop, spacing, initial=scene.analysis.initial)
     grown = min(scales.growth_time, stop)
     return Plan(transient, wanted_error(scene), NO_STEPS, 0.0, growing, grown, notes)
 
 
 def seconds_per_step(board: LinearBoard) -> float:
     """Estimate the processor time of one step of ngspice, s."""
-    channels = len(board.circuit.signal_nodes)
-    linear = LINEAR_STEP * channels + MATRIX_STEP * channels**3
+    size = max(len(board.circuit.signal_nodes), len(board.circuit.constraint_nodes))
+    linear = LINEAR_STEP * size + MATRIX_STEP * size**3
     return NEWTON * linear if board.circuit.amplifiers else linear
 
 

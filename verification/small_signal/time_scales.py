@@ -18,6 +18,7 @@ GROWN = 10.0  # step amplitudes: an instability of this height counts as shown
 INVISIBLE = 1e-12  # amplitude of a mode that only rounding and asymmetry excite
 RESOLVED = 1e6  # step amplitudes: modes with a larger sum of amplitudes are defective
 UNRESOLVED = 1e6  # amplitude assumed for defective modes: t^k exp(-t) peaks higher than exp(-t)
+SLOWER = 0.5  # times the slowest rate of a coarse board: the board has a mode that it lacks
 RINGS = 1.0 / math.sqrt(2.0)  # a mode rings if its damping ratio is below this
 
 
@@ -99,6 +100,18 @@ class TimeScales:
         """Return amplitudes and rates, 1/s, of the modes that decay faster than `slowest`."""
         decaying = self.poles.real < -slowest
         return self.amplitudes[decaying], self.poles.real[decaying]
+
+    def with_slower(self, pole: complex) -> TimeScales:
+        """Return scales of a large board with its rightmost pole, 1/s, if it is slower than theirs.
+
+        The coarse board does not show its amplitude, which is taken as one step amplitude.
+        """
+        rate, (_, rates) = -pole.real, self._decaying(0.0)
+        slowest = -float(rates.max(initial=-math.inf))
+        if self.complete or not 0.0 < rate <= SLOWER * slowest:
+            return self
+        poles, amplitudes = np.append(self.poles, pole), np.append(self.amplitudes, 1.0)
+        return replace(self, poles=poles, amplitudes=amplitudes, slowest=1.0 / rate)
 
     def max_step_for(self, points: float) -> float:
         """Return the step that puts `points` points on the period of the fastest ringing, s.

@@ -137,3 +137,16 @@ def test_tolerances_follow_the_scales_of_the_board(G0: float) -> None:
     assert limits.charge == pytest.approx(1e-9 * 1e-9 * 2.0)
     assert limits.gmin == pytest.approx(1e-12 * G0)
     assert ".op\n" in write_deck(small(unit_conductance=G0), OperatingPoint()).text
+
+
+@pytest.mark.parametrize("scale", [1e-12, 1.0, 1e6])
+def test_the_tolerance_of_currents_follows_from_the_largest_strain_current(scale: float) -> None:
+    scene = make_scene(design={"unit_conductance": 1e-5, "unit_voltage": 2.0})
+    circuit = synthesise(scene, matrix_problem([[1.0], [1.0]], [scale, -3.0 * scale]))
+    assert tolerances(circuit, 1e-6).current == pytest.approx(1e-9 * 6e-5 * scale)
+
+
+def test_without_strain_it_follows_from_the_units() -> None:
+    scene = make_scene(design={"unit_conductance": 1e-5, "unit_voltage": 2.0})
+    circuit = synthesise(scene, matrix_problem([[1.0]], [0.0]))
+    assert tolerances(circuit, 1e-6).current == pytest.approx(1e-9 * 2e-5)

@@ -65,6 +65,8 @@ def run(scene: Path, *options: str) -> Result:
         ),
         (TACTILE + "[design]\ngain = 1e30\nlambda = 1e100", "design", "1e+100", "out of range"),
         (TACTILE + "[design]\nunit_conductance = 1e-200", "design.unit_conductance", "1e-200", "S"),
+        (TACTILE + "[design]\nunit_conductance = 1e200", "design.unit_conductance", "1e+200", "S"),
+        (TACTILE + "[design]\nunit_voltage = 1e-305", "design.unit_voltage", "1e-305", "range"),
         (TACTILE + '[analysis]\nstop = "fast"', "analysis.stop", "'fast'", "or 'auto'"),
         (TACTILE + "[analysis]\nstop = -1", "analysis.stop", "-1", "above zero"),
         (TACTILE + '[analysis]\nengine = "spice"', "analysis.engine", "'spice'", "'ngspice'"),

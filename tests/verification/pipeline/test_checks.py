@@ -83,7 +83,6 @@ def test_the_whole_is_its_worst_part(outcomes: tuple[Outcome, ...], whole: Outco
         (0.9989, 0.0, 0.0, FAIL),
         (1.0009, 2e-4, 0.0, UNDECIDED),
         (1.0009, 0.0, 2e-4, UNDECIDED),
-        (1.0, math.inf, 0.0, UNDECIDED),
     ],
 )
 def test_a_steady_state_is_judged_at_the_equilibrium(
@@ -98,6 +97,13 @@ def test_a_steady_state_is_judged_at_the_equilibrium(
     assert found.outcome is outcome
     assert found.value == pytest.approx(abs(rest - 1.0))
     assert found.tolerance == 1e-3
+
+
+@pytest.mark.parametrize("error", [1.5, math.inf])
+def test_a_step_below_the_rounding_of_the_equilibrium_is_nothing_to_judge(error: float) -> None:
+    found = check("steady_state", evidence(channel(final=1.0), steady=steady(1.0, error=error)))
+    assert (found.outcome, found.value) == (UNDECIDED, None)
+    assert found.reason.startswith("nothing to judge: the step amplitude is below the rounding")
 
 
 def test_the_end_of_a_record_confirms_the_equilibrium_and_decides_nothing() -> None:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from netlist_gen.board.synthesis import synthesise
@@ -12,7 +14,7 @@ from netlist_gen.overrides.axes import with_values
 from netlist_gen.scene.file import load_scene
 from netlist_gen.scene.scene import Scene
 from spice_models.errors import EngineError
-from tests.support.boards import paper_board
+from tests.support.boards import board, paper_board, two_pole
 from tests.support.making import make_scene
 from tests.support.paths import SCENES
 from verification.engines.statespace.linearised.board import LinearBoard
@@ -23,6 +25,7 @@ from verification.pipeline.transient_plan import (
     Plan,
     coarser,
     plan_transient,
+    seconds_per_step,
     wanted_error,
 )
 from verification.small_signal.time_scales import TimeScales, time_scales
@@ -105,6 +108,25 @@ def test_an_instability_too_slow_to_be_seen_is_not_waited_for() -> None:
     assert plan.transient.stop < scales.growth_time
 
 
+@pytest.mark.parametrize("share", [1e-2, 1e-5])
+def test_a_growing_record_of_the_exact_engine_shows_every_period(share: float) -> None:
+    scene = breadboard(design__capacitance=9.0224e-12 * (1 - share))
+    plan, scales = planned(scene, engine="statespace")
+    period = scales.max_step_for(1.0)
+    assert plan.growing
+    assert plan.transient.max_step <= period / 8
+    assert plan.transient.stop <= 20_001 * period
+    assert bool(plan.notes) == (plan.transient.stop < 0.999 * scales.growth_time)
+
+
+def test_the_larger_side_of_a_matrix_decides_the_cost_of_a_step() -> None:
+    boards = [
+        LinearBoard(board(np.ones((rows, columns)), np.ones(rows), two_pole(1e6, 5e-12)))
+        for rows, columns in ((6, 1), (1, 6), (6, 6))
+    ]
+    assert len({seconds_per_step(each) for each in boards}) == 1
+
+
 def test_a_given_stop_is_kept_however_short() -> None:
     assert planned(make_scene(analysis={"stop": 1e-12}))[0].transient.stop == 1e-12
 
@@ -158,3 +180,14 @@ def test_the_coarse_image_of_a_large_board_does_not_decide_whether_the_outputs_g
     assert found.plan.notes == ()
     slowest = -1.0 / found.poles.rightmost.real
     assert found.transient.stop > 4.0 * slowest
+
+
+def test_a_slower_pole_of_a_large_board_makes_its_record_longer() -> None:
+    coarse = replace(time_scales(paper_board()), complete=False)
+    rate = 0.1 / coarse.slowest
+    slower = coarse.with_slower(complex(-rate))
+    assert slower.stop_for(1e-4) == pytest.approx(math.log(1e4) / rate, rel=1e-2)
+    assert coarse.with_slower(complex(-0.9 / coarse.slowest)) is coarse
+    assert coarse.with_slower(complex(rate)) is coarse
+    whole = time_scales(paper_board())
+    assert whole.with_slower(complex(-rate)) is whole

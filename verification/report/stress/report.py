@@ -10,12 +10,15 @@ from rich.markup import escape
 from rich.text import Text
 
 from verification.report.junit import JUnitSuite, JUnitTest, junit_text
-from verification.report.tables import make_table, spaced, value_text
+from verification.report.tables import make_table, value_text
 from verification.report.verdict.json_document import check_record
 from verification.studies.stress.catalogue import FOLDER
 from verification.studies.stress.run import CaseRun, Judgement, StressReport
 
-TITLES = ("case", "engine", "outcome", "worst quantity", "true error", "stated error", "time")
+TITLES = (
+    *("case", "engine", "outcome", "worst quantity", "true error", "stated error"),
+    *("outside", "time"),
+)
 COLOUR = {
     Judgement.RIGHT: "green",
     Judgement.WRONG_OUTCOME: "red",
@@ -27,13 +30,15 @@ COLOUR = {
 def case_row(run: CaseRun) -> tuple[str, ...]:
     """Return the row of one run under the titles `TITLES`.
 
-    The worst quantity is the stated number whose true error is largest in its stated error.
+    The worst quantity is the stated number whose true error is largest in its stated error;
+    "outside" counts the numbers whose true error is larger than the stated one.
     """
     worst, seconds = run.worst, value_text(run.seconds, "s", 2)
     if worst is None:
-        return run.case.name, run.engine, run.outcome, "-", "-", "-", seconds
+        return run.case.name, run.engine, run.outcome, "-", "-", "-", "-", seconds
     errors = (error_text(error, worst.unit) for error in (worst.error, worst.uncertainty))
-    return run.case.name, run.engine, run.outcome, spaced(worst.name), *errors, seconds
+    outside = f"{run.outside} of {len(run.comparisons)}"
+    return run.case.name, run.engine, run.outcome, worst.name, *errors, outside, seconds
 
 
 def error_text(error: float, unit: str) -> str:
@@ -59,9 +64,11 @@ def headline(report: StressReport) -> str:
     """Return the counts, the time and the versions as one line of text."""
     counts = ", ".join(f"{count} {kind}" for kind, count in report.count().items())
     cases = len({run.case.name for run in report.runs})
-    seconds = sum(run.seconds for run in report.runs)
-    return f"{cases} cases, {len(report.runs)} runs: {counts}; {seconds:.0f} s; " + ", ".join(
-        f"{name} {version}" for name, version in report.versions
+    numbers, seconds = report.numbers, sum(run.seconds for run in report.runs)
+    versions = ", ".join(f"{name} {version}" for name, version in report.versions)
+    return (
+        f"{cases} cases, {len(report.runs)} runs: {counts}; {report.outside} of {numbers} numbers"
+        f" outside their stated error; {seconds:.0f} s; {versions}"
     )
 
 
@@ -70,6 +77,8 @@ def stress_document(report: StressReport) -> dict[str, Any]:
     return {
         "runs": [_record(run) for run in report.runs],
         "count": report.count(),
+        "numbers": report.numbers,
+        "outside": report.outside,
         "versions": dict(report.versions),
     }
 
@@ -83,7 +92,7 @@ def _record(run: CaseRun) -> dict[str, Any]:
         "known": run.case.known,
         "judgement": run.judgement.value,
         "outcome": run.outcome,
-        "right_outcome": run.case.outcome[run.engine],
+        "right_outcomes": list(run.case.outcome[run.engine]),
         "reason": run.reason,
         "seconds": run.seconds,
         "checks": [check_record(check) for check in run.checks],
@@ -95,7 +104,8 @@ def _record(run: CaseRun) -> dict[str, Any]:
                 "truth": c.truth,
                 "error": c.error,
                 "unit": c.unit,
-                "right": not c.wrong,
+                "outside": c.outside,
+                "wrong": c.wrong,
             }
             for c in run.comparisons
         ],

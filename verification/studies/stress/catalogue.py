@@ -1,7 +1,8 @@
 """The catalogue of stress cases: TOML files of one family each, and their true values.
 
 A file has a table ``[base]`` with the tables of a scene, and tables ``[case.NAME]`` whose tables of
-a scene are laid over the base. Beside them a case has `CASE_KEYS`.
+a scene are laid over the base. Beside them a case has the fields of
+`Case` from `why` to `decided`.
 """
 
 from __future__ import annotations
@@ -46,9 +47,11 @@ class Case:
         Why the scene is hard.
     known : str
         How the right outcome is known.
-    outcome : dict of str to str
-        By engine: pass, fail, inconclusive, or the exception that refuses the scene. Bad input is
-        refused before an engine is chosen, so it has one engine.
+    outcome : dict of str to tuple of str
+        By engine: pass, fail, inconclusive, or the exception that refuses the scene. The first is
+        the right outcome; others are accepted where the accuracy of the engine decides, and none
+        of them contradicts the first. Bad input is refused before an engine is chosen, so it has
+        one engine.
     decided : dict of str to str
         Outcomes of single checks, on every engine.
     tables : dict
@@ -63,7 +66,7 @@ class Case:
     family: str
     why: str
     known: str
-    outcome: Mapping[str, str]
+    outcome: Mapping[str, tuple[str, ...]]
     decided: Mapping[str, str]
     tables: Mapping[str, Any]
     truth: TrueValues | None
@@ -73,6 +76,11 @@ class Case:
     def engines(self) -> tuple[str, ...]:
         """The engines that the case runs on."""
         return tuple(self.outcome)
+
+    @property
+    def refused(self) -> bool:
+        """Whether the scene is bad input, of which no board can be made."""
+        return any(InputError.__name__ in words for words in self.outcome.values())
 
     @property
     def digest(self) -> str:
@@ -153,11 +161,13 @@ def _cases(path: Path) -> Iterator[Case]:
             raise InputError(path, Complaint(f"case.{name}", str(error), text)) from None
         decided = own.pop("decided", {})
         engines = ENGINES[-1:] if outcome == InputError.__name__ else ENGINES
-        by_engine = dict.fromkeys(engines, outcome) if isinstance(outcome, str) else outcome
-        for word in by_engine.values():
-            if word not in OUTCOMES:
-                text = f"expected one of {', '.join(sorted(OUTCOMES))}"
-                raise InputError(path, Complaint(f"case.{name}.outcome", repr(word), text))
+        listed: Mapping[str, Any] = (
+            outcome if isinstance(outcome, Mapping) else dict.fromkeys(engines, outcome)
+        )
+        by_engine = {e: (x,) if isinstance(x, str) else tuple(x) for e, x in listed.items()}
+        for word in {word for words in by_engine.values() for word in words} - OUTCOMES:
+            text = f"expected one of {', '.join(sorted(OUTCOMES))}"
+            raise InputError(path, Complaint(f"case.{name}.outcome", repr(word), text))
         tables = _laid_over(document.get("base", {}), own)
         truth, seconds = read_true_values(path.parent).get(name, (None, {}))
         yield Case(name, path.stem, why, known, by_engine, decided, tables, truth, seconds)

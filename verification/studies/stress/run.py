@@ -5,17 +5,21 @@ from __future__ import annotations
 import enum
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 from spice_models.errors import INTERRUPTED
 from verification.pipeline.checks import Check
+from verification.studies.running.collecting import collected
+from verification.studies.running.executors import cores, local
 from verification.studies.running.machine import describe_machine
 from verification.studies.stress.catalogue import Case
-from verification.studies.stress.compare import Comparison, compare, worst
+from verification.studies.stress.compare import Comparison, compare, worst, wrong_checks
 from verification.verify import Verdict, verify
 
 Progress = Callable[[str], None]
 TYPICAL = 0.5  # s: a run of unknown length
+SHORT = 0.01  # s: no run is shorter
 VERSIONS = ("taction", "numpy", "scipy", "ngspice")
 STOPPED = "interrupted"
 NO_NGSPICE = "ngspice was not found, or it is too old; `taction doctor` says more"
@@ -39,7 +43,7 @@ class CaseRun:
     case : Case
     engine : str
     outcome : str
-        Outcome of the verdict, or the name of the exception.
+        Outcome of the verdict, or the name of the exception; "-" without either.
     judgement : Judgement
     checks : tuple of Check
         Empty for a refused scene.
@@ -64,6 +68,11 @@ class CaseRun:
     def worst(self) -> Comparison | None:
         """The stated number with the largest true error over its stated error."""
         return worst(self.comparisons)
+
+    @property
+    def outside(self) -> int:
+        """How many true values are outside the stated uncertainty."""
+        return sum(comparison.outside for comparison in self.comparisons)
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,40 +102,68 @@ class StressReport:
             return 1
         return 3 if any(run.judgement is Judgement.NOT_RUN for run in self.runs) else 0
 
+    @property
+    def numbers(self) -> int:
+        """How many stated numbers have a true value."""
+        return sum(len(run.comparisons) for run in self.runs)
+
+    @property
+    def outside(self) -> int:
+        """How many of them differ from it by more than their stated error."""
+        return sum(run.outside for run in self.runs)
+
     def count(self) -> dict[str, int]:
         """Return the number of runs by judgement, without zeros."""
         found = [run.judgement for run in self.runs]
         return {kind.value: found.count(kind) for kind in Judgement if kind in found}
 
 
-def run_catalogue(cases: Sequence[Case], progress: Progress = lambda stage: None) -> StressReport:
+def run_catalogue(
+    cases: Sequence[Case], progress: Progress = lambda stage: None, jobs: int | None = None
+) -> StressReport:
     """Run every case on every one of its engines, and announce the time that is left.
 
     Without ngspice its runs are `Judgement.NOT_RUN`, and after Ctrl-C all remaining runs are.
+    `jobs` runs are computed at a time, by default one per core, the longest first.
     """
     machine = describe_machine()
     versions = tuple((name, str(machine[name])) for name in VERSIONS)
     todo = [(case, engine) for case in cases for engine in case.engines]
-    usual = [case.seconds.get(engine, TYPICAL) for case, engine in todo]
-    began, runs = time.perf_counter(), list[CaseRun]()
-    try:
-        for number, (case, engine) in enumerate(todo):
-            pace = (time.perf_counter() - began) / max(sum(usual[:number]), TYPICAL)
-            left = max(pace, 1.0) * sum(usual[number:])
-            progress(f"{number + 1} of {len(todo)}: {case.name}, {engine}; {left:.0f} s left")
-            if engine == "ngspice" and machine["ngspice"] is None:
-                runs.append(CaseRun(case, engine, "-", Judgement.NOT_RUN, reason=NO_NGSPICE))
-            else:
-                runs.append(run_case(case, engine))
-    except KeyboardInterrupt:
-        left_out = todo[len(runs) :]
-        runs += [CaseRun(c, e, "-", Judgement.NOT_RUN, reason=STOPPED) for c, e in left_out]
-    return StressReport(tuple(runs), versions)
+    runs = {(case.name, engine): _not_run(case, engine, STOPPED) for case, engine in todo}
+    if machine["ngspice"] is None:
+        runs |= {(c.name, e): _not_run(c, e, NO_NGSPICE) for c, e in todo if e == "ngspice"}
+        todo = [(case, engine) for case, engine in todo if engine != "ngspice"]
+    todo.sort(key=lambda key: -usual_seconds(*key))
+    left, done = sum(usual_seconds(*key) for key in todo), 0.0
+    began = time.perf_counter()
+    with local(jobs) as workers, suppress(KeyboardInterrupt):
+        calls = ((key, key) for key in todo)
+        for number, ((case, engine), run) in enumerate(collected(workers, run_case, calls)):
+            runs[case.name, engine] = run if isinstance(run, CaseRun) else _killed(case, engine)
+            done += usual_seconds(case, engine)
+            seconds = (time.perf_counter() - began) * (left / done - 1.0)
+            name = f"{number + 1} of {len(todo)}: {case.name}, {engine}"
+            progress(f"{name}; {seconds:.0f} s left")
+    return StressReport(tuple(runs.values()), versions)
 
 
-def expected_seconds(cases: Sequence[Case]) -> float:
-    """Return the time that the runs of `cases` took where the true values were computed, s."""
-    return sum(case.seconds.get(engine, TYPICAL) for case in cases for engine in case.engines)
+def _not_run(case: Case, engine: str, reason: str) -> CaseRun:
+    return CaseRun(case, engine, "-", Judgement.NOT_RUN, reason=reason)
+
+
+def _killed(case: Case, engine: str) -> CaseRun:
+    return CaseRun(case, engine, "-", Judgement.WRONG_OUTCOME, reason="its process was killed")
+
+
+def usual_seconds(case: Case, engine: str) -> float:
+    """Return the time of a run where the times were measured, s."""
+    return max(case.seconds.get(engine, TYPICAL), SHORT)
+
+
+def expected_seconds(cases: Sequence[Case], jobs: int | None = None) -> float:
+    """Return about how long `run_catalogue` takes, s."""
+    runs = [usual_seconds(case, engine) for case in cases for engine in case.engines]
+    return max(sum(runs) / (jobs or cores()), max(runs, default=0.0))
 
 
 def run_case(case: Case, engine: str) -> CaseRun:
@@ -137,7 +174,7 @@ def run_case(case: Case, engine: str) -> CaseRun:
     except Exception as error:
         # Also an exception that taction does not raise on purpose is an outcome, a wrong one.
         seconds, name = time.perf_counter() - began, type(error).__name__
-        right = name == case.outcome[engine]
+        right = name in case.outcome[engine]
         judgement = Judgement.RIGHT if right else Judgement.WRONG_OUTCOME
         return CaseRun(case, engine, name, judgement, reason=str(error), seconds=seconds)
     return _judged(case, engine, verdict, time.perf_counter() - began)
@@ -147,10 +184,9 @@ def _judged(case: Case, engine: str, verdict: Verdict, seconds: float) -> CaseRu
     comparisons = () if case.truth is None else compare(verdict, case.truth)
     mistakes = list(_wrong_outcomes(case, engine, verdict))
     judgement = Judgement.WRONG_OUTCOME if mistakes else Judgement.RIGHT
-    wrong = [c.name for c in comparisons if c.wrong]
-    if wrong:
+    if wrong := [c.name for c in comparisons if c.wrong]:
         judgement = Judgement.WRONG_NUMBER
-        mistakes.append(f"outside their uncertainty: {', '.join(wrong)}")
+        mistakes.append(f"wrong: {', '.join(wrong)}")
     return CaseRun(
         case=case,
         engine=engine,
@@ -167,12 +203,13 @@ def _wrong_outcomes(case: Case, engine: str, verdict: Verdict) -> list[str]:
     """Return what differs from the right outcomes, with the reasons of the checks."""
     found = {check.name: check for check in verdict.checks}
     wrong = []
-    if verdict.outcome.value != case.outcome[engine]:
+    if verdict.outcome.value not in case.outcome[engine]:
         reasons = [f"{c.name} {c.outcome.value}: {c.reason}" for c in verdict.checks]
-        wrong.append(f"{verdict.outcome.value} instead of {case.outcome[engine]} ({reasons})")
+        words = " or ".join(case.outcome[engine])
+        wrong.append(f"{verdict.outcome.value} instead of {words} ({'; '.join(reasons)})")
     for name, right in case.decided.items():
         check = found.get(name)
         if check is None or check.outcome.value != right:
             now = "missing" if check is None else f"{check.outcome.value}: {check.reason}"
             wrong.append(f"{name} must be {right}, is {now}")
-    return wrong
+    return wrong + ([] if case.truth is None else list(wrong_checks(verdict, case.truth)))

@@ -31,6 +31,8 @@ class TrueValues:
         How the numbers were computed.
     arrives : bool
         False where the equilibrium is stable, but the transient leaves every bound.
+    readable : bool
+        False where the board rings for so many periods that times and peaks were not computed.
     margin : float or None
         The least factor by which C shrinks until the board oscillates; None if not computed.
     """
@@ -42,6 +44,7 @@ class TrueValues:
     error: float
     by: str
     arrives: bool = True
+    readable: bool = True
     margin: float | None = None
 
     @classmethod

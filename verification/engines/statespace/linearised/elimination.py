@@ -11,6 +11,7 @@ from spice_models.array_types import Bools, Floats, Ints
 from spice_models.errors import EngineError
 
 SINGULAR = 1e13  # condition number of an equilibrated matrix above which it counts as singular
+GRADED = 1e6  # condition number of the capacitances from which states are combinations of voltages
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -155,7 +156,8 @@ Split = tuple[Ints, Ints, Floats | None, _Factor, Floats, Floats, Floats]
 def _separate(M: Floats, K: Floats, b: Floats, charge: Floats) -> Split:
     """Find the unknowns that carry charge.
 
-    Usually they are the nodes with a capacitor. Where capacitors float, or an ideal amplifier joins
+    Usually they are the nodes with a capacitor. See `_graded` for capacitances of very different
+    sizes. Where capacitors float, or an ideal amplifier joins
     both ends of a capacitor, they are combinations of nodes, found by a singular value
     decomposition of the equilibrated M. Returns the places d of the charged unknowns and a of the
     others, the basis if it changed, the solver of M on d, and K, b and `charge` in that basis.
@@ -165,8 +167,10 @@ def _separate(M: Floats, K: Floats, b: Floats, charge: Floats) -> Split:
     d, a = np.flatnonzero(rows), np.flatnonzero(~rows)
     if np.array_equal(rows, columns):
         mass = _Factor(M.take(d, axis=0).take(d, axis=1))
-        if mass.condition < SINGULAR:
+        if mass.condition < GRADED:
             return d, a, None, mass, K, b, charge
+        if mass.condition < SINGULAR:
+            return _graded(M, K, b, charge, d, a)
     weight, pull = np.abs(M).max(axis=1), np.abs(K).max(axis=1)
     rate = np.median(pull[rows] / weight[rows])
     scale = np.where(rows, weight, np.maximum(pull, 1e-300) / rate)[:, None]
@@ -177,3 +181,30 @@ def _separate(M: Floats, K: Floats, b: Floats, charge: Floats) -> Split:
     d, a = places[:rank], places[rank:]
     mass = _Factor(np.diag(S[:rank]))
     return d, a, Vt.T, mass, turned, U.T @ (b / scale), U.T @ (charge / scale)
+
+
+def _graded(M: Floats, K: Floats, b: Floats, charge: Floats, d: Ints, a: Ints) -> Split:
+    """Change to unknowns in which M is diagonal, by elimination with complete pivoting.
+
+    A large capacitor between two nodes with small ones moves both nodes at nearly the same rate.
+    In node voltages its own slow rate is the difference of two fast rates, and lost in their
+    rounding. In the new unknowns every capacitance has its own equation, the fastest first.
+    """
+    n, size = len(d), len(M)
+    left, D, basis = np.eye(n), M[np.ix_(d, d)], np.eye(n)
+    for k in range(n):
+        i, j = (place + k for place in divmod(int(np.abs(D[k:, k:]).argmax()), n - k))
+        for matrix in (D, left):
+            matrix[[k, i]] = matrix[[i, k]]
+        for matrix in (D, basis):
+            matrix[:, [k, j]] = matrix[:, [j, k]]
+        down, right = D[k + 1 :, k] / D[k, k], D[k, k + 1 :] / D[k, k]
+        D[k + 1 :] -= np.outer(down, D[k])
+        left[k + 1 :] -= np.outer(down, left[k])
+        basis[:, k + 1 :] -= np.outer(basis[:, k], right)
+        D[k, k + 1 :] = 0.0
+    order = np.arange(n)[::-1]
+    outer, inner = np.eye(size), np.eye(size)
+    outer[np.ix_(d, d)], inner[np.ix_(d, d)] = left[order], basis[:, order]
+    mass = _Factor(np.diag(D.diagonal()[order]))
+    return d, a, inner, mass, outer @ K @ inner, outer @ b, outer @ charge

@@ -2,7 +2,7 @@
 
 Arnoldi's method on ``(sigma M - K)^-1 M`` finds the poles nearest to a shift; one iteration costs
 one structured solve (see `structured_solve`). The poles of a coarse board (see `coarse_board`)
-select the shifts.
+select the shifts. A shift at the origin finds the slowest poles, which a coarse board may lack.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ FIRST_OFFSET = 0.01  # of the first shift to the right of a coarse pole, over th
 NEXT_OFFSET = 0.002  # of the next shift, right of the pole found; closer shifts converge faster
 ROUNDS = 4  # shifts at one coarse pole
 PLACES = 3  # coarse poles used
+ORIGIN = complex(0.0)
 FAR_LEFT = 10.0  # a coarse pole more times further left than the rightmost pole is skipped
 ROUGH, FINE = 1e-4, 1e-8  # tolerance over the distance, at the first and the following shifts
 RESTARTS = 20
@@ -43,20 +44,26 @@ def rightmost_poles(board: LinearBoard) -> Complexes:
     """
     poles = np.zeros(0, dtype=np.complex128)
     coarse_poles = _merge(poles, board.coarse.state_space.modes.poles)
-    for place in _distinct(coarse_poles)[:PLACES]:
+    for place in [*_distinct(coarse_poles)[:PLACES], ORIGIN]:
         if len(poles) and place.real < poles[0].real - FAR_LEFT * abs(poles[0].real):
             continue
-        poles = _merge(poles, _poles_around(board.structure, place))
+        found = _poles_around(board.structure, place)
+        if not len(found) and place != ORIGIN:  # no slow pole may be near the origin
+            message = f"no pole near {place!r} converged in {RESTARTS} restarts of {NEAREST}"
+            raise EngineError(message)
+        poles = _merge(poles, found)
     return poles
 
 
 def _poles_around(structure: Structure, place: complex) -> Complexes:
-    """Find the poles around a place; repeat with new shifts until the rightmost pole converges."""
+    """Find the poles around a place; repeat with new shifts until the rightmost pole converges.
+
+    None where a cluster is too tight for any of its poles to converge.
+    """
     lead = place
     poles = nearest_poles(structure, place + FIRST_OFFSET * abs(place), NEAREST, ROUGH)
     if not len(poles):
-        message = f"no pole near {place!r} converged in {RESTARTS} restarts of {NEAREST}"
-        raise EngineError(message)
+        return poles
     for _ in range(ROUNDS - 1):
         previous, lead = lead, complex(poles[0])
         if abs(lead - previous) <= 1e-8 * abs(lead):

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from netlist_gen.analysis import Transient
 from netlist_gen.board.circuit import Circuit
 from spice_models.array_types import Complexes, Floats
-from spice_models.errors import EngineError
+from spice_models.errors import DivergesError, EngineError
 from verification.engines.statespace.equations.amplifier_gains import gain_of
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.linearised.equilibrium import Equilibrium, solve_loop
@@ -151,11 +151,12 @@ def simulate(
     Returns
     -------
     Waveforms
-        The record of a board that diverges ends early, beyond any physical bound (with given
-        `times`, an `EngineError` is raised).
+        The record of a board that diverges ends early, beyond any physical bound.
 
     Raises
     ------
+    DivergesError
+        The board diverges before the last of `times`; the exception has the record.
     EngineError
         No equilibrium, no state space, or the solution leaves the range of floats.
 
@@ -180,17 +181,21 @@ def simulate(
     first = min(FIRST / speed if speed > 0.0 else stop, stop)
     dense = Radau(system, z, tolerance, floor, first, limit).run(stop)
     diverges = f"the board diverges: it passes {limit:.3g} V at {dense.ends[-1]!r} s"
-    if times is not None and dense.escaped:
-        raise EngineError(diverges)
+    given = times is not None
     if times is None:
         times = record_times(analysis, dense.ends[-1])
+    elif dense.escaped:
+        times = np.append(times[times < dense.ends[-1]], dense.ends[-1])
     values = system.report(dense.at(times))
     if not np.all(np.isfinite(values)):
         raise EngineError("an amplifier left the range of floats between two steps")
     cost = Cost(clock.perf_counter() - began, dense.steps, dense.factorisations)
     blurred = f"rounding leaves up to {dense.rounding:.3g} V, in a step more than its tolerance"
     flags = (diverges,) * dense.escaped + (blurred,) * dense.coarse
-    return Waveforms(times, wanted, values, "statespace", cost, flags, dense.rounding)
+    waveforms = Waveforms(times, wanted, values, "statespace", cost, flags, dense.rounding)
+    if given and dense.escaped:
+        raise DivergesError(diverges, waveforms)
+    return waveforms
 
 
 def record_times(analysis: Transient, end: float) -> Floats:

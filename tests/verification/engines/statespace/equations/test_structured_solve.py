@@ -135,6 +135,16 @@ def test_a_coarse_board_is_a_guide_to_the_whole() -> None:
     )
 
 
+def test_slow_poles_that_no_coarse_board_has_are_found() -> None:
+    """Pairs of channels that do not touch: every k-th channel shows no slow mode of a pair."""
+    T = np.zeros((30, 30))
+    for k in range(0, 30, 2):
+        T[k : k + 2, k : k + 2] = [[1.0, 0.999 - 0.01 * k], [0.9, 1.0 + 0.01 * k]]
+    whole = LinearBoard(board(T, np.ones(30), two_pole(1e7, 5e-12), G0=1e-5, R=1e6, s=1e5, C=1e-9))
+    exact = np.linalg.eigvals(whole.state_space.A)
+    assert rightmost_poles(whole)[0] == pytest.approx(exact[np.argmax(exact.real)], rel=1e-6)
+
+
 def test_time_scales_of_a_wide_board_come_from_its_coarse_image() -> None:
     circuit = wide_board(40)
     scales = time_scales(circuit)

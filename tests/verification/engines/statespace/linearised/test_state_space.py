@@ -152,3 +152,22 @@ def test_the_state_space_rests_where_the_regularised_problem_has_its_solution() 
 def test_what_has_no_state_space_is_refused_by_name(parts: dict[str, Any], telling: str) -> None:
     with pytest.raises(EngineError, match=telling):
         _ = LinearBoard(replace(EMPTY, **parts)).state_space
+
+
+@pytest.mark.parametrize("ratio", [1e3, 1e7, 1e9, 1e11])
+def test_a_large_capacitor_between_small_ones_keeps_its_slow_pole(ratio: float) -> None:
+    """C between two nodes with R and a small c each: sum and difference of the voltages decay.
+
+    The sum C + c has lost digits of c before any pole is computed, and so has the fast pole.
+    """
+    c, C, R = 1e-12, 1e-12 * ratio, 1e6
+    poles = poles_of(
+        resistors=(Resistor("a", "x", "0", R), Resistor("b", "y", "0", R)),
+        capacitors=(
+            Capacitor("a", "x", "0", c),
+            Capacitor("b", "y", "0", c),
+            Capacitor("c", "x", "y", C),
+        ),
+    )
+    assert poles[0] == pytest.approx(-1 / (R * c), rel=1e-15 * ratio + 1e-12)
+    assert poles[1] == pytest.approx(-1 / (R * (c + 2 * C)), rel=1e-12)
