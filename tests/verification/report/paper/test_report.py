@@ -15,6 +15,7 @@ from verification.report.paper.report import paper_document, write_paper
 from verification.studies.paper import reproduce
 from verification.studies.paper.findings import Chapter, ClaimOutcome, Finding, load_claims
 from verification.studies.paper.pictures import Panel, Picture, curve
+from verification.studies.paper.reproduce import Task
 
 PNG = b"\x89PNG\r\n"
 PICTURE = Picture(
@@ -33,7 +34,9 @@ def chapter(quick: bool) -> Chapter:
 @pytest.fixture
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
     """One chapter that costs nothing."""
-    monkeypatch.setattr(reproduce, "CHAPTERS", {"reconstruction": ("A <title>", chapter)})
+    monkeypatch.setattr(
+        reproduce, "CHAPTERS", {"reconstruction": Task("A <title>", chapter, 1.0, 1.0)}
+    )
 
 
 @pytest.mark.usefixtures("short")
@@ -86,7 +89,7 @@ def test_the_exit_status_tells_a_wrong_verdict_from_a_missing_one(
         first, *rest = chapter(quick).findings
         return Chapter((Finding(first.id, "run", "ours", outcome), *rest))
 
-    monkeypatch.setattr(reproduce, "CHAPTERS", {"reconstruction": ("title", one)})
+    monkeypatch.setattr(reproduce, "CHAPTERS", {"reconstruction": Task("title", one, 1.0, 1.0)})
     result = taction("reproduce")
     assert result.exit_code == status
     assert "figure-5" in result.stdout
