@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import functools
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,6 +17,14 @@ if TYPE_CHECKING:
 STATUS = {"pass": 0, "fail": 1, "bad input": 2, "inconclusive": 3}
 ENGINES = ("auto", "ngspice", "statespace")
 GRID_ENGINES = ("both", "hybrid")
+INPUTS = ("scene", "folder", "baseline")  # parameters of commands that are read
+OUTPUTS = {  # parameters of commands that are files to write, and their options
+    "output": "-o",
+    "plot": "--plot",
+    "export_file": "--export",
+    "junit": "--junit",
+    "markdown": "--markdown",
+}
 
 
 class EngineChoice(click.Choice[str]):
@@ -62,9 +71,24 @@ def check_plot(plot: str | None) -> None:
 def command(function: Callable[..., None]) -> click.Command:
     """Return `function` as a command with the option ``--json``."""
     text = "Print one JSON document on stdout and everything else on stderr."
-    made = click.command()(function)
+    made = click.command()(_with_separate_files(function))
     made.params.append(click.Option(["--json", "as_json"], is_flag=True, help=text))
     return made
+
+
+def _with_separate_files(function: Callable[..., None]) -> Callable[..., None]:
+    """Refuse an output file that is also an input, or another output, before any work is done."""
+
+    @functools.wraps(function)
+    def checked(*args: Any, **kwargs: Any) -> None:
+        outputs = {OUTPUTS[key]: file for key, file in kwargs.items() if key in OUTPUTS and file}
+        if outputs:
+            from verification.report.atomic_files import check_separate
+
+            check_separate([kwargs.get(name) for name in INPUTS], outputs)
+        function(*args, **kwargs)
+
+    return checked
 
 
 def scene_command(function: Callable[..., None]) -> click.Command:

@@ -24,6 +24,7 @@ UNITS: dict[str, tuple[str, ...]] = {
 _QUANTITY = re.compile(
     r"\s*([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)\s*([^\W\d_]*)\s*"
 )
+LONGEST = 100  # characters of a quantity
 EXAMPLES = {
     "F": "10pF",
     "ohm": "1.8Mohm",
@@ -61,6 +62,8 @@ def parse(value: object, unit: str) -> float:
 
 
 def _read(text: str, unit: str, expected: str) -> tuple[float, str]:
+    if len(text) > LONGEST:  # quantiphy takes seconds for thousands of digits
+        raise ValueError(f"over {LONGEST} characters; {expected}")
     if "," in text:  # quantiphy reads "1,5pF" as 15 pF
         raise ValueError(f"write the decimal point as '.', not as a comma; {expected}")
     match = _QUANTITY.fullmatch(text)

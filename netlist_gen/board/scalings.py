@@ -6,12 +6,11 @@ import numpy as np
 
 from netlist_gen.board.circuit import Scalings
 from netlist_gen.board.preferred_values import nearest
+from netlist_gen.scene.fields import LARGE, LEAST, MOST, SMALL
 from netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene
 from spice_models.errors import Complaint, InputError
 from spice_models.opamp import OpAmp
 from spice_models.presets import derive, load_presets
-
-LEAST_CURRENT = 1e-280  # A: a tolerance of 1e-9 of a smaller current has few digits, or none
 
 
 def make_scalings(scene: Scene) -> Scalings:
@@ -23,17 +22,11 @@ def make_scalings(scene: Scene) -> Scalings:
     Raises
     ------
     InputError
-        R or lam would not be a finite positive number, or currents have too few digits.
+        R or lam would not be a finite positive number.
     """
     design = scene.design
-    unit = design.unit_conductance * design.unit_voltage
-    if not LEAST_CURRENT <= unit <= 1.0 / LEAST_CURRENT:
-        text = f"with unit_conductance the unit of current is {unit!r} A, out of range"
-        complaint = Complaint("design.unit_voltage", repr(design.unit_voltage), text)
-        raise InputError(scene.file, complaint)
     slope = design.exponential_slope or 1.0
-    # A product that overflows is infinite; a power would raise.
-    scale = design.gain * (design.unit_conductance * design.unit_conductance)
+    scale = design.gain * design.unit_conductance**2
     product = 1.0 / scale if scale else np.inf
     if design.amplifier != "linear":
         product *= 2.0 * slope / design.unit_voltage
@@ -42,10 +35,14 @@ def make_scalings(scene: Scene) -> Scalings:
         raise InputError(scene.file, Complaint("design.lambda", repr(design.lam), text))
     given = design.lam or design.resistance or DEFAULT_RESISTANCE
     other = product / given
-    if not (np.isfinite(other) and other > 0):
-        text = f"gain and unit_conductance give lambda times R = {product!r}, out of range"
-        raise InputError(scene.file, Complaint("design", repr(given), text))
     resistance, lam = (other, given) if design.lam is not None else (given, other)
+    if not (LEAST <= resistance <= MOST and SMALL <= lam <= LARGE):
+        text = (
+            f"gain and unit_conductance give lambda times R = {product!r}, so R = {resistance:g}"
+            f" ohm and lambda = {lam:g}: out of range; expected R between {LEAST:g} and {MOST:g}"
+            f" ohm, lambda between {SMALL:g} and {LARGE:g}"
+        )
+        raise InputError(scene.file, Complaint("design", repr(given), text))
     return Scalings(
         unit_conductance=design.unit_conductance,
         unit_voltage=design.unit_voltage,

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from netlist_gen.problem.array_files import read_array, read_profile
 from netlist_gen.scene.arrays import fitted
+from netlist_gen.scene.fields import LARGE, SMALL
 from netlist_gen.scene.problem import (
     CsvLoad,
     CylinderLoad,
@@ -39,16 +40,32 @@ def make_problem(scene: Scene) -> InverseProblem:
     Raises
     ------
     InputError
-        A file has a missing value, a wrong shape or a value that is not finite; or T is all zeros.
+        A file has a missing value, a wrong shape or a value that is not finite; T is all zeros; or
+        T, the strain or the stress leave the range of numbers in which products stay finite.
     """
-    if isinstance(scene.problem, MatrixProblem):
-        problem = _from_files(scene, scene.problem)
-    else:
-        problem = _tactile(scene, scene.problem)
+    with np.errstate(all="ignore"):  # what is not finite is refused
+        if isinstance(scene.problem, MatrixProblem):
+            problem = _from_files(scene, scene.problem)
+        else:
+            problem = _tactile(scene, scene.problem)
+    _check_range(scene, problem)
     if not problem.matrix.any():
         text = "T is all zeros; expected an entry that is not zero"
         raise InputError(scene.file, Complaint("problem", "", text))
     return problem
+
+
+def _check_range(scene: Scene, problem: InverseProblem) -> None:
+    """Refuse arrays whose largest entry is out of range, or that have an entry without a value."""
+    arrays = {"T": problem.matrix, "the strain": problem.strain, "the stress": problem.stress}
+    for name, array in arrays.items():
+        largest = 0.0 if array is None else float(np.abs(array).max(initial=0.0))
+        if largest and not SMALL <= largest <= LARGE:  # also NaN
+            text = (
+                f"the largest entry of {name} is {largest:g}; expected 0, or a size between"
+                f" {SMALL:g} and {LARGE:g}"
+            )
+            raise InputError(scene.file, Complaint("problem", "", text))
 
 
 def with_strains(scene: Scene, strains: ArrayLike) -> list[InverseProblem]:
@@ -97,7 +114,7 @@ def grid(points: int, span: float) -> Floats:
 def cylinder_stress(y: Floats, load: CylinderLoad) -> Floats:
     """Return the stress under a cylinder at `y` (N,), eq (18); twice that if normalised (Hertz)."""
     a = load.half_width
-    scale = load.force / (np.pi * a**2) * (2.0 if load.normalised else 1.0)
+    scale = np.float64(load.force) / (np.pi * a**2) * (2.0 if load.normalised else 1.0)
     return scale * np.sqrt(np.maximum(a**2 - (y - load.centre) ** 2, 0.0))
 
 

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from pydantic_core import CoreSchema, core_schema
 
 from netlist_gen.quantities import EXAMPLES, parse
+
+LEAST, MOST = 1e-30, 1e30  # of a quantity in base units: no product of a few leaves the floats
+SMALL, LARGE = 1e-100, 1e100  # of a number without a unit
+MOST_CHANNELS = 5000  # T has 0.2 GB, and the analysis of the board takes many times that
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +31,8 @@ class Unit:
             number = parse(value, self.unit)
         except ValueError as error:
             raise ValueError(f"{error}, or {self.word!r}" if self.word else str(error)) from None
+        if number and not LEAST <= abs(number) <= MOST:
+            raise ValueError(f"out of range; expected between {LEAST:g} and {MOST:g} {self.unit}")
         if number < 0 or (number == 0 and not self.zero):
             raise ValueError(f"must be {'zero or more' if self.zero else 'above zero'}")
         return number
@@ -52,10 +57,11 @@ class Rule:
         """Return the number or the name; ValueError has the accepted values."""
         if isinstance(value, str) and value in self.names:
             return value
-        if isinstance(value, int | float) and value is not True and 0 < value < math.inf:
+        if isinstance(value, int | float) and value is not True and SMALL <= value <= LARGE:
             return float(value)
         known = ", ".join(repr(name) for name in self.names)
-        raise ValueError(f"expected a number above zero, or one of the rules {known}")
+        numbers = f"a number between {SMALL:g} and {LARGE:g}"
+        raise ValueError(f"expected {numbers}, or one of the rules {known}")
 
     def __get_pydantic_core_schema__(self, source: object, handler: object) -> CoreSchema:
         return core_schema.no_info_plain_validator_function(self.check)
@@ -77,11 +83,18 @@ LambdaOrRule = Annotated[
     float | str, Rule(("discrepancy", "gcv", "l-curve", "quasi-optimality", "mse"))
 ]
 
+
+def _in_range(value: float) -> float:
+    if value and not SMALL <= abs(value) <= LARGE:
+        raise ValueError(f"out of range; expected 0, or a size between {SMALL:g} and {LARGE:g}")
+    return value
+
+
 # Strict: "7" and true are mistakes, not numbers.
-Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Real = Annotated[float, Field(strict=True, allow_inf_nan=False), AfterValidator(_in_range)]
 Positive = Annotated[Real, Field(gt=0)]
 NonNegative = Annotated[Real, Field(ge=0)]
-Count = Annotated[int, Field(strict=True, ge=1, le=100_000)]
+Count = Annotated[int, Field(strict=True, ge=1, le=MOST_CHANNELS)]
 Seed = Annotated[int, Field(strict=True, ge=0)]
 FileName = Annotated[str, Field(min_length=1)]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,9 @@ from spice_models.errors import Complaint, InputError
 from spice_models.foreign_files import MEGABYTE, UnusableFileError, read_bounded
 
 MAX_BYTES = MEGABYTE
+DEEPEST = 50  # parts of a dotted key
+_PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+"""
+_DEEP = re.compile(rf"(?<![\w-])(?:{_PART}\.[ \t]*+){{{DEEPEST}}}")
 
 
 def load_scene(path: str | Path) -> Scene:
@@ -35,10 +39,13 @@ def load_scene(path: str | Path) -> Scene:
 def _read_toml(path: Path) -> dict[str, Any]:
     accepted = "a scene file in TOML; `taction new` writes one"
     try:
-        return tomllib.loads(read_bounded(path, MAX_BYTES).decode("utf-8-sig"))
+        text = read_bounded(path, MAX_BYTES).decode("utf-8-sig")
+        if _DEEP.search(text):  # tomllib takes quadratic time
+            raise ValueError(f"a key of over {DEEPEST} parts")
+        return tomllib.loads(text)
     except UnusableFileError as error:
         raise InputError(path, Complaint("file", "", f"{error}; expected {accepted}")) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except ValueError as error:  # no TOML, no UTF-8, or an integer of over 4300 digits
         raise InputError(path, Complaint("TOML", "", f"{error}; expected {accepted}")) from None
     except RecursionError:
         text = f"nested too deeply; expected {accepted}"

@@ -274,3 +274,26 @@ def test_as_a_process(tmp_path: Path) -> None:
 def test_plain_values() -> None:
     given = {"a": np.float64(1.5), "b": np.array([1.0, np.inf]), "c": 1 + 2j, 4: (True, None)}
     assert common.plain(given) == {"a": 1.5, "b": [1.0, None], "c": [1.0, 2.0], "4": [True, None]}
+
+
+def test_an_output_does_not_overwrite_an_input(tmp_path: Path) -> None:
+    scene = write_matrix_scene(tmp_path, [[1.0, 0.2], [0.2, 1.0]], [1.0, 0.5])
+    baseline = tmp_path / "baseline.json"
+    baseline.write_text("{}")
+    (tmp_path / "link.toml").symlink_to(scene)
+    before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
+    regress = ("regress", str(tmp_path), "--baseline", str(baseline))
+    for words in (
+        ("netlist", str(scene), "-o", str(scene)),
+        ("netlist", str(scene), "-o", str(tmp_path / "T.csv")),
+        ("netlist", str(scene), "-o", str(tmp_path / "link.toml")),
+        (*regress, "--junit", str(baseline)),
+        (*regress, "--junit", str(scene)),
+        (*regress, "--junit", str(tmp_path / "a"), "--markdown", str(tmp_path / "a")),
+    ):
+        refused = taction(*words)
+        assert refused.exit_code == 2
+        assert "of the same command; expected another file" in refused.stderr or (
+            "the file of --junit" in refused.stderr
+        )
+        assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before

@@ -6,10 +6,12 @@ import contextlib
 import importlib.util
 import os
 import tempfile
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 
+from netlist_gen.scene.file import load_scene
 from spice_models.errors import Complaint, InputError
+from verification.studies.running.digests import files_of
 
 
 def check_folder(path: str | Path, option: str) -> None:
@@ -25,6 +27,44 @@ def check_folder(path: str | Path, option: str) -> None:
         raise InputError(option, Complaint("FILE", repr(str(path)), "its folder does not exist"))
     if file.is_dir():
         raise InputError(option, Complaint("FILE", repr(str(path)), "a folder; expected a file"))
+
+
+def check_separate(inputs: Iterable[str | None], outputs: Mapping[str, str]) -> None:
+    """Refuse an output that would overwrite an input, or another output.
+
+    Parameters
+    ----------
+    inputs : iterable of str or None
+        Files that are read: a scene, whose files count, too, a folder of scenes, a baseline.
+    outputs : mapping of str to str
+        Files to write, by option.
+
+    Raises
+    ------
+    InputError
+        Two of the files are the same, also by another name.
+    """
+    taken = {os.path.realpath(file): "an input" for name in inputs if name for file in _read(name)}
+    for option, name in outputs.items():
+        place = os.path.realpath(name)
+        if place in taken:
+            text = f"{taken[place]} of the same command; expected another file"
+            raise InputError(option, Complaint("FILE", repr(name), text))
+        taken[place] = f"the file of {option}"
+
+
+def _read(name: str) -> list[str | Path]:
+    """Return the files that a command reads for its argument `name`."""
+    path = Path(name)
+    if path.is_dir():
+        return [name, *path.glob("*.toml")]
+    if path.suffix != ".toml":
+        return [name]
+    try:
+        scene = load_scene(path)
+    except InputError:  # the command itself will report the mistakes
+        return [name]
+    return [name, *(scene.folder / str(file) for file in files_of(scene).values() if file)]
 
 
 def check_file(

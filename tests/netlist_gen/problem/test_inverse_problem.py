@@ -148,15 +148,15 @@ def test_the_grid_is_symmetric_to_the_last_bit(points: int) -> None:
 
 def test_noise_has_its_variance_and_its_seed() -> None:
     def noise(seed: int, variance: float) -> NDArray[np.float64]:
-        table = {"channels": 2, "sensors": 20_000, "noise": {"variance": variance, "seed": seed}}
+        table = {"channels": 2, "sensors": 5_000, "noise": {"variance": variance, "seed": seed}}
         quiet = make_problem(make_scene({**table, "noise": {}}))
         return make_problem(make_scene(table)).strain - quiet.strain
 
     found = noise(1, 0.1)
     assert np.array_equal(found, noise(1, 0.1))
     assert not np.array_equal(found, noise(2, 0.1))
-    assert np.mean(found) == pytest.approx(0.0, abs=4 * np.sqrt(0.1 / 20_000))
-    assert np.var(found) == pytest.approx(0.1, rel=4 * np.sqrt(2 / 20_000))
+    assert np.mean(found) == pytest.approx(0.0, abs=4 * np.sqrt(0.1 / 5_000))
+    assert np.var(found) == pytest.approx(0.1, rel=4 * np.sqrt(2 / 5_000))
 
 
 def test_a_load_from_a_table_is_interpolated_and_zero_outside(tmp_path: Path) -> None:
