@@ -110,7 +110,7 @@ def test_a_baseline_that_cannot_be_read_ends_the_collection(session: pytest.Pyte
     write_fast(session.path / "a.scene.toml")
     result = run(session, "--taction-baseline=none.json")
     result.assert_outcomes(errors=1)
-    result.stdout.fnmatch_lines(["*none.json*there is no such file*"])
+    result.stdout.fnmatch_lines(["*none.json*No such file*"])
     result.stdout.no_fnmatch_line("*Traceback*")
 
 
