@@ -14,6 +14,7 @@ from verification.studies.stress.compare import compare
 from verification.verify import verify
 
 SEEDS = (0, 1, 2, 3, 5, 7, 8, 9, 10, 14, 18, 20)  # stable boards whose runs are short
+TIMES = ("settling_time", "rise_time")
 READINGS = ("settling_time", "rise_time", "overshoot", "undershoot", "steady_state")
 
 
@@ -28,8 +29,8 @@ def test_the_uncertainties_of_linear_boards_cover_their_errors() -> None:
             for check in verdict.checks:
                 assert check.value is None or check.uncertainty is None or check.uncertainty > 0.0
             compared = compare(verdict, truth)
-            assert "overshoot" in {c.name for c in compared}
             assert not [c for c in compared if c.wrong]
+            assert not [c for c in compared if c.outside and c.name.startswith(TIMES)]
             if engine == "ngspice":
                 known = [c for c in compared if c.error > 2.0 * c.doubt]
                 ratios += [c.uncertainty / c.error for c in known if c.name.startswith(READINGS)]

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import functools
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from netlist_gen.problem.inverse_problem import InverseProblem
+from netlist_gen.scene.fields import LARGE, SMALL
 from netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene
 from spice_models.array_types import Floats
 from spice_models.errors import Complaint, InputError
@@ -85,7 +85,7 @@ def ideal_network(problem: InverseProblem, scene: Scene) -> IdealNetwork:
     Raises
     ------
     InputError
-        Lambda would not be a finite positive number.
+        Lambda is no number, or out of range.
     """
     design = scene.design
     kind, slope = design.amplifier, design.exponential_slope or 1.0
@@ -95,8 +95,8 @@ def ideal_network(problem: InverseProblem, scene: Scene) -> IdealNetwork:
     lam = design.lam
     if lam is None:
         lam = product / (design.resistance or DEFAULT_RESISTANCE)
-    if isinstance(lam, str) or not 0.0 < lam < math.inf:
-        text = "the problem needs a finite number above zero for lambda"
+    if isinstance(lam, str) or not SMALL <= lam <= LARGE:
+        text = f"the problem needs a number between {SMALL:g} and {LARGE:g} for lambda"
         raise InputError(scene.file, Complaint("design.lambda", repr(lam), text))
     return IdealNetwork(
         T=problem.matrix,
