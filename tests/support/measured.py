@@ -38,6 +38,7 @@ def channel(index: int = 0, **changes: Any) -> ChannelMeasure:
         state=ChannelState.SETTLED,
         frequency=None,
         growth_rate=None,
+        rises=True,
         reason="",
         rise_reason="",
     )

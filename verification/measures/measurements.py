@@ -31,6 +31,8 @@ class ChannelMeasure:
     frequency, growth_rate : float or None
         Of the strongest ringing in this channel, Hz and 1/s; for a clipped channel, the growth
         before it clipped. None if the channel does not ring, or if no modes were fitted.
+    rises : bool
+        Whether the channel's own step is large enough for a rise time.
     reason, rise_reason : str
         Why the settling time, or the rise time, is missing; empty if it is given.
     """
@@ -45,6 +47,7 @@ class ChannelMeasure:
     state: ChannelState
     frequency: float | None
     growth_rate: float | None
+    rises: bool
     reason: str
     rise_reason: str
 
@@ -78,6 +81,13 @@ class Measurements:
     reason: str
     excursion_errors: tuple[float, float]
     modes: tuple[Mode, ...]
+
+    @property
+    def rise_time(self) -> Reading | None:
+        """Rise time of the slowest channel; None if a channel that rises has none."""
+        found = [channel.rise_time for channel in self.channels if channel.rises]
+        known = [reading for reading in found if reading is not None]
+        return latest(known) if known and len(known) == len(found) else None
 
     @property
     def readings(self) -> Readings:
@@ -121,6 +131,7 @@ def channel_measure(
         state=settlement.state,
         frequency=None if mode is None else mode.frequency,
         growth_rate=None if mode is None else mode.growth_rate,
+        rises=bool(step.rising()[n]),
         reason=settlement.reason,
         rise_reason=rise_reason,
     )

@@ -13,7 +13,7 @@ from typing import Generic, TypeVar
 
 from spice_models.array_types import Floats
 from verification.measures.measurements import ChannelMeasure
-from verification.measures.readings import Reading, latest
+from verification.measures.readings import Reading
 from verification.verify import Verdict
 
 T = TypeVar("T")
@@ -33,9 +33,7 @@ class Figure(Generic[T]):
 
 FIGURES: dict[str, Figure[Verdict]] = {
     "settling_time": Figure("s", lambda v: v.measurements.settling_time),
-    "rise_time": Figure(
-        "s", lambda v: max((r.value for c in _channels(v) if (r := c.rise_time)), default=None)
-    ),
+    "rise_time": Figure("s", lambda v: v.measurements.rise_time),
     "overshoot": Figure("step", lambda v: max(c.overshoot for c in _channels(v))),
     "undershoot": Figure("step", lambda v: max(c.undershoot for c in _channels(v))),
     "steady_state_error": Figure("step", lambda v: max(map(abs, signed_errors(v)))),
@@ -83,10 +81,9 @@ def figures_of(source: T, table: Mapping[str, Figure[T]]) -> dict[str, float | N
 def readings_of(verdict: Verdict) -> dict[str, Reading | None]:
     """Return `TRANSIENT_READINGS` with their whole uncertainty; None for a missing reading."""
     error = verdict.error
-    rises = [r for channel in _channels(verdict) if (r := channel.rise_time) is not None]
     return {
         "settling_time": verdict.measurements.settling_time,
-        "rise_time": latest(rises) if rises else None,
+        "rise_time": verdict.measurements.rise_time,
         "overshoot": _plain(verdict, "overshoot", error.overshoot),
         "undershoot": _plain(verdict, "undershoot", error.undershoot),
         "end_error": _plain(verdict, "end_error", error.steady_state + verdict.ideal.error),

@@ -1,0 +1,22 @@
+"""Measurements of the network, from those of its channels."""
+
+from __future__ import annotations
+
+from tests.support.measured import channel, measured
+from verification.measures.readings import Reading
+
+
+def test_the_network_rises_with_its_slowest_channel() -> None:
+    fast, slow = channel(rise_time=Reading(1e-6, 1e-9)), channel(1, rise_time=Reading(2e-6, 1e-9))
+    assert measured(fast, slow).rise_time == Reading(2e-6, 1e-9)
+
+
+def test_a_channel_of_small_step_does_not_count() -> None:
+    still = channel(1, rise_time=None, rises=False)
+    assert measured(channel(), still).rise_time == channel().rise_time
+    assert measured(still).rise_time is None
+
+
+def test_a_network_whose_record_ends_before_a_rise_has_no_rise_time() -> None:
+    missing = channel(1, rise_time=None, rise_reason="the record ends before 90 %")
+    assert measured(channel(), missing).rise_time is None
