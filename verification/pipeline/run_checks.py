@@ -52,6 +52,8 @@ def _unconfirmed(evidence: Evidence) -> str:
     if obstacle := _contradiction(evidence) or evidence.too_short(limit):
         return obstacle
     allowed = evidence.left + min(evidence.wanted, limit) + evidence.static_error
+    if evidence.steady.estimated:  # what is left may be more; a record within the limit confirms
+        allowed = max(allowed, limit - evidence.static)
     if evidence.apart > allowed:
         apart, expected = _share(evidence.apart), _share(allowed)
         return f"the record ends {apart} from the equilibrium, modes and steps leave {expected}"

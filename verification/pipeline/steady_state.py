@@ -27,16 +27,19 @@ class SteadyState:
     error : float
         Bound on the rounding error of `values`, V.
     scales : TimeScales
-        Modes of the board. For a board with behavioural amplifiers, and for the coarse image of a
-        large board, what they leave is an estimate.
+        Modes of the board.
     linear : bool
         Whether the board has no behavioural amplifiers.
+    estimated : bool
+        Whether `left` is an estimate: for a board with behavioural amplifiers, and for the coarse
+        image of a large board.
     """
 
     values: Floats
     error: float
     scales: TimeScales
     linear: bool
+    estimated: bool = False
 
     @classmethod
     def of(cls, board: LinearBoard, scales: TimeScales) -> SteadyState:
@@ -51,7 +54,9 @@ class SteadyState:
         places = [board.descriptor.place(output.node) for output in outputs]
         signs = np.array([output.sign for output in outputs])
         error = float(board.rounding[places].max(initial=0.0))
-        return cls(signs * rest.values[places], error, scales, not board.circuit.amplifiers)
+        linear = not board.circuit.amplifiers
+        estimated = not linear or board.descriptor.is_large
+        return cls(signs * rest.values[places], error, scales, linear, estimated)
 
     def left(self, time: float) -> float:
         """Return the largest distance of an output from `values` at an instant, s; V."""

@@ -8,12 +8,14 @@ from verification.measures.readings import Reading
 
 def test_the_network_rises_with_its_slowest_channel() -> None:
     fast, slow = channel(rise_time=Reading(1e-6, 1e-9)), channel(1, rise_time=Reading(2e-6, 1e-9))
-    assert measured(fast, slow).rise_time == Reading(2e-6, 1e-9)
+    assert (found := measured(fast, slow).rise_time) is not None
+    assert found.value == 2e-6
 
 
 def test_a_channel_of_small_step_does_not_count() -> None:
     still = channel(1, rise_time=None, rises=False)
-    assert measured(channel(), still).rise_time == channel().rise_time
+    assert (found := measured(channel(), still).rise_time) is not None
+    assert found.value == 10e-6
     assert measured(still).rise_time is None
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -399,3 +400,13 @@ def test_a_step_below_the_references_error_is_nothing_to_judge() -> None:
     for name in ("steady_state", "settling_time"):
         assert check(name, given).outcome is UNDECIDED
         assert "nothing to judge" in check(name, given).reason
+
+
+def test_a_record_within_the_limit_confirms_where_the_remainder_is_an_estimate() -> None:
+    for end, estimated, outcome in (
+        (1.0005, False, UNDECIDED),
+        (1.0005, True, PASS),
+        (1.002, True, UNDECIDED),
+    ):
+        rest = replace(steady(1.0), estimated=estimated)
+        assert check("steady_state", evidence(channel(final=end), steady=rest)).outcome is outcome

@@ -24,6 +24,8 @@ from spice_models.array_types import Complexes, Floats, Ints
 from spice_models.errors import EngineError
 from verification.engines.statespace.equations.descriptor import Descriptor
 
+KEPT, COMPLEX = 3e8, 16  # bytes of all solvers that are kept, and of a number in them
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Group:
@@ -70,6 +72,7 @@ class Structure:
         inner = np.ones(size, dtype=np.bool_)
         inner[self.outer] = False
         self.inner: Ints = np.flatnonzero(inner)
+        self._solvers: dict[complex, Callable[[Any], Any]] = {}
         self._split()
         self.groups = self._cells()
 
@@ -114,6 +117,18 @@ class Structure:
     def settled_voltages(self, charge: Floats, rate: float) -> Floats:
         """Return the voltages for charges ``M z``, at a `rate` (1/s) far above all poles."""
         return np.asarray(rate * self.factor(rate).solve(charge))
+
+    def solver(self, shift: complex) -> Callable[[Any], Any]:
+        """Return ``r -> x`` at a shift; a second transient of the board finds it ready.
+
+        Solvers are kept up to `KEPT` bytes together: they are dense on the summing nodes.
+        """
+        if shift in self._solvers:
+            return self._solvers[shift]
+        solve = self.factor(shift).solve
+        if (len(self._solvers) + 1) * len(self.outer) ** 2 * COMPLEX <= KEPT:
+            self._solvers[shift] = solve
+        return solve
 
     def factor(self, shift: complex, *, solver: bool = True) -> Factor:
         """Factorise ``shift M - K``; without `solver`, stop at the Schur complement.

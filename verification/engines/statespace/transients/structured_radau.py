@@ -56,9 +56,9 @@ class Stepper:
             return
         self.solvers = {k: v for k, v in self.solvers.items() if abs(k - level) <= 1}
         h = self.step_of(level)
-        factors = [self.structure.factor(shift / h) for shift in self.table.shifts.tolist()]
-        self.solvers[level] = [factor.solve for factor in factors]
-        self.factorisations += len(factors)
+        shifts = self.table.shifts.tolist()
+        self.solvers[level] = [self.structure.solver(shift / h) for shift in shifts]
+        self.factorisations += len(shifts)
 
     def step(self, charge: Floats, level: int) -> tuple[Floats, Floats]:
         """Take one step from the charge ``M e`` (size,).
