@@ -113,10 +113,13 @@ def test_a_signal_ends_the_simulator(name: str, tmp_path: Path) -> None:
             "TMPDIR": str(temporary),
         },
     )
-    child, leader = (process_id(tmp_path / file) for file in ("child", "process"))
-    time.sleep(0.2)  # until the command waits
-    parent.send_signal(number)
-    _, errors = parent.communicate(timeout=60.0)
+    try:
+        child, leader = (process_id(tmp_path / file) for file in ("child", "process"))
+        time.sleep(0.2)  # until the command waits
+        parent.send_signal(number)
+        _, errors = parent.communicate(timeout=60.0)
+    finally:
+        parent.kill()
     assert not is_running(leader)
     if number == signal.SIGKILL:  # nobody is left to end the simulator's own children
         os.kill(child, signal.SIGKILL)
