@@ -55,7 +55,7 @@ def interrupted(folder: Path, number: signal.Signals) -> tuple[int, str, int]:
     while stored(folder / "a.sqlite") < 5 and time.monotonic() < end and process.poll() is None:
         time.sleep(0.01)
     os.kill(process.pid, number)
-    _, text = process.communicate(timeout=60)
+    _, text = streams(process)
     return process.returncode, text, stored(folder / "a.sqlite")
 
 
@@ -87,7 +87,7 @@ def test_two_sweeps_on_one_database(tmp_path: Path) -> None:
         for _ in range(2)
     ]
     for process in both:
-        out, text = process.communicate(timeout=120)
+        out, text = streams(process)
         assert process.returncode == 0, text
         assert len(json.loads(out)["points"]) == 40
     assert stored(tmp_path / "a.sqlite") == 40
@@ -100,6 +100,14 @@ def test_ctrl_c_says_how_to_go_on(tmp_path: Path) -> None:
     assert "Traceback" not in text
     assert 5 <= before < 40
     assert resumed(tmp_path)["ran"] == 40 - before
+
+
+def streams(process: subprocess.Popen[str]) -> tuple[str, str]:
+    """Wait for the end of a process; one that does not end is killed, and the test fails."""
+    try:
+        return process.communicate(timeout=120)
+    finally:
+        process.kill()
 
 
 def started(scene: str, file: Path, *more: str) -> subprocess.Popen[str]:
@@ -124,7 +132,7 @@ def test_samples_that_are_killed_go_on_from_where_they_were(tmp_path: Path) -> N
     process = started(scene, file)
     wait_for_samples(file, process)
     os.kill(process.pid, signal.SIGKILL)
-    process.communicate()
+    streams(process)
     kept = stored_samples(file)
     total = len(kept) + 3
     words = ("montecarlo", scene, "-n", str(total), "--json")
@@ -142,7 +150,7 @@ def test_ctrl_c_keeps_the_samples_and_says_so(tmp_path: Path) -> None:
     process = started(scene, file, "--json")
     wait_for_samples(file, process)
     process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=60)
+    out, err = streams(process)
     assert process.returncode == 130, err
     assert "interrupted; the report holds the finished samples" in err
     document = json.loads(out)
