@@ -5,7 +5,7 @@
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help setup ready demo test test-processors regress stress lint format bench lock build clean
+.PHONY: help setup ready demo test test-processors test-pythons test-simulators regress stress fuzz torture lint format bench lock build clean
 
 PYTHON_IN_VENV := .venv/bin/python
 JOBS ?= 2
@@ -33,11 +33,22 @@ test: ready ## set up, then all tests; ARGS="-k deck -x" goes to pytest
 test-processors: ready ## the numerical tests with every BLAS kernel that this processor executes
 	$(PYTHON_IN_VENV) scripts/processors.py $(ARGS) -- -n $(JOBS)
 
+test-pythons: ready ## many tests with the newest other Python of this machine, in .venv-VERSION
+	bash scripts/pythons.sh -n $(JOBS) $(ARGS)
+
+test-simulators: ready ## all shipped scenes with ngspice 39 (of Debian 12) and the installed one: every solver and method
+	$(PYTHON_IN_VENV) scripts/simulators.py --jobs $(JOBS) $$(bash scripts/older_ngspice.sh) $(ARGS)
+
 regress: ready ## verify scenes/ against scenes/baseline.json; ARGS=--update accepts what changed
 	.venv/bin/taction regress scenes/ --baseline scenes/baseline.json $(ARGS)
 
 stress: ready ## the stiff and extreme cases as a table; ARGS="--page docs/stress.md" writes the page
 	.venv/bin/taction stress --jobs $(JOBS) $(ARGS)
+
+fuzz: ready ## damaged inputs of every kind, for ARGS="--minutes 60"; prints how often each outcome occurred
+	$(PYTHON_IN_VENV) -m tests.fuzz $(ARGS)
+torture: ready ## 200 kills of studies at random instants, in half an hour; ARGS="--page docs/torture.md" writes the page
+	$(PYTHON_IN_VENV) -m tests.torture $(ARGS)
 
 lint: ready ## ruff (rules and format) and mypy --strict
 	$(PYTHON_IN_VENV) -m ruff check .
@@ -59,5 +70,5 @@ build: ready ## wheel into dist/
 	$(PYTHON_IN_VENV) -m pip wheel . --no-deps --no-build-isolation --wheel-dir dist
 
 clean: ## remove .venv, caches and build products; leaves ngspice alone
-	rm -rf .venv build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf .venv .venv-* .ngspice-39 build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis fuzz-failures
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

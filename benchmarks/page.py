@@ -8,7 +8,7 @@ from pathlib import Path
 from types import ModuleType
 
 from benchmarks.measuring import Figure, Result, Table
-from verification.report.atomic_files import write_atomically
+from spice_models.atomic_files import write_atomically
 from verification.report.verdict.plots import figure_file
 
 BEGIN, END = "<!-- `make bench` writes this table -->\n", "<!-- end of the table -->\n"

@@ -34,7 +34,7 @@ from taction.studies import plan_sweep
 from verification.pipeline.clock import Clock
 from verification.pipeline.design import design_board
 from verification.studies.figures import FIGURES
-from verification.studies.running.executors import Workers
+from verification.studies.running.workers import Workers
 from verification.studies.sweep.plan import Plan
 from verification.studies.sweep.run import sweep
 from verification.studies.sweep.store import Store, StoredResult

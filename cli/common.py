@@ -83,7 +83,7 @@ def _with_separate_files(function: Callable[..., None]) -> Callable[..., None]:
     def checked(*args: Any, **kwargs: Any) -> None:
         outputs = {OUTPUTS[key]: file for key, file in kwargs.items() if key in OUTPUTS and file}
         if outputs:
-            from verification.report.atomic_files import check_separate
+            from verification.report.output_checks import check_separate
 
             check_separate([kwargs.get(name) for name in INPUTS], outputs)
         function(*args, **kwargs)
@@ -98,6 +98,11 @@ def scene_command(function: Callable[..., None]) -> click.Command:
     return made
 
 
+def say(text: str) -> None:
+    """Print a line of text on stderr, below the command's name."""
+    click.echo(f"taction: {text}", err=True)
+
+
 def print_json(document: Any) -> None:
     """Print one JSON document on stdout; NaN and infinities become null."""
     import json
@@ -110,10 +115,14 @@ def plain(value: Any) -> Any:
     import enum
     import math
 
+    from spice_models.file_names import printable
+
     if isinstance(value, enum.Enum):
         return value.value
     if isinstance(value, dict):
-        return {str(key): plain(item) for key, item in value.items()}
+        return {plain(str(key)): plain(item) for key, item in value.items()}
+    if isinstance(value, str):
+        return printable(value)
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]
     if isinstance(value, complex):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import platform
 import sys
@@ -18,10 +19,19 @@ FIGURES = (
     ("dc_gain", "", "gain"),
     ("gbw", "Hz", "GBW"),
     ("second_pole", "Hz", "second pole"),
-    ("input_resistance", "ohm", "R in"),
-    ("differential_capacitance", "F", "C diff"),
-    ("input_capacitance", "F", "C in"),
-    ("output_resistance", "ohm", "R out"),
+    ("input_resistance", "ohm", "input resistance"),
+    ("differential_capacitance", "F", "differential C"),
+    ("input_capacitance", "F", "input C"),
+    ("output_resistance", "ohm", "output resistance"),
+    ("slew_rate", "V/s", "slew rate"),
+    ("saturation", "V", "saturation"),
+    ("output_current", "A", "output current"),
+    ("least_supply", "V", "supply, at least ±"),
+    ("most_supply", "V", "supply, at most ±"),
+    ("voltage_noise", "V/rtHz", "voltage noise"),
+    ("current_noise", "A/rtHz", "current noise"),
+    ("supply_current", "A", "supply current"),
+    ("channels_per_package", "", "op-amps in a package"),
 )
 EXTRAS = (
     ("matplotlib", "--plot", "pip install 'taction[plot]'"),
@@ -49,9 +59,10 @@ def models(as_json: bool) -> None:
         return
     from rich.table import Table
 
-    table = Table("preset", *(title for _, _, title in FIGURES))
-    for name, model in presets.items():
-        table.add_row(name, *(show(getattr(model, f), unit) for f, unit, _ in FIGURES))
+    table = Table("", *presets)
+    for figure, unit, title in FIGURES:
+        values = (getattr(model, figure) for model in presets.values())
+        table.add_row(title, *(show(x, unit) if math.isfinite(x) else "-" for x in values))
     page = console()
     page.print(table)
     for name, model in presets.items():

@@ -8,16 +8,15 @@ from __future__ import annotations
 
 import errno
 import os
-import signal
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from types import FrameType
+from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import click
 
 from cli.common import STATUS, print_json
+from cli.signals import ending_signals
 from spice_models.errors import (
     INTERRUPTED,
     InputError,
@@ -27,7 +26,6 @@ from spice_models.errors import (
 )
 
 CLOSED_PIPE = 141  # as a shell says of a program that SIGPIPE ended
-ENDING = ("SIGTERM", "SIGHUP")  # signals that end a command as Ctrl-C does
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # of a stream that takes no more
 
 
@@ -49,9 +47,9 @@ def run_command(function: Callable[[], object], *, as_json: bool) -> int:
         SIGINT, SIGTERM or SIGHUP, which run all clean-up first.
     """
     _prepare_streams()
-    with _signals() as received:
+    with ending_signals() as received:
         try:
-            status = _status(function, as_json)
+            status = _status(function, as_json, received)
             sys.stdout.flush()
         except BrokenPipeError:
             _leave_stdout()
@@ -65,9 +63,9 @@ def run_command(function: Callable[[], object], *, as_json: bool) -> int:
     return 128 + received[0] if received and status == INTERRUPTED else status
 
 
-def _status(function: Callable[[], object], as_json: bool) -> int:
+def _status(function: Callable[[], object], as_json: bool, received: list[int]) -> int:
     try:
-        function()
+        _run(function, received)
     except SystemExit as end:
         return end.code if isinstance(end.code, int) else 0
     except click.exceptions.Exit as end:
@@ -91,6 +89,16 @@ def _status(function: Callable[[], object], as_json: bool) -> int:
     except Exception as error:
         return _bug(error, as_json)
     return 0
+
+
+def _run(function: Callable[[], object], received: list[int]) -> None:
+    """Run a command; its error after a signal is the signal: pydantic wraps what interrupts it."""
+    try:
+        function()
+    except Exception as error:
+        if received and not isinstance(error, click.exceptions.Exit):
+            raise KeyboardInterrupt from error
+        raise
 
 
 def _bug(error: Exception, as_json: bool) -> int:
@@ -145,26 +153,3 @@ def _leave_stdout() -> None:
         null = os.open(os.devnull, os.O_WRONLY)
         os.dup2(null, sys.stdout.fileno())
         os.close(null)
-
-
-@contextmanager
-def _signals() -> Iterator[list[int]]:
-    """Treat the signals `ENDING` as Ctrl-C, once; the list receives the number of the signal."""
-    received: list[int] = []
-
-    def end(number: int, frame: FrameType | None) -> None:
-        signal.signal(number, signal.SIG_IGN)  # a second signal must not stop the clean-up
-        received.append(number)
-        raise KeyboardInterrupt
-
-    before: dict[int, Any] = {}
-    for name in ENDING:
-        number = getattr(signal, name, None)  # SIGHUP is unknown on some systems
-        if number is not None and signal.getsignal(number) is signal.SIG_DFL:  # else: nohup
-            with suppress(ValueError):  # not the main thread
-                before[number] = signal.signal(number, end)
-    try:
-        yield received
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

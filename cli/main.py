@@ -18,6 +18,7 @@ PROGRAM = "taction"
 COMMANDS: dict[str, tuple[str, str]] = {
     "verify": ("verify", "Simulate a board and check it against the solution."),
     "netlist": ("netlist", "Write the ngspice deck of a scene."),
+    "bom": ("bom", "List the parts to buy, with packages and power."),
     "solve": ("solve", "Solve the problem numerically, with a certificate."),
     "simulate": ("simulate", "Run the transient: waveforms and measurements."),
     "montecarlo": ("montecarlo", "Estimate the yield under component tolerances."),

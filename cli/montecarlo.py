@@ -18,6 +18,7 @@ from cli.common import (
     console,
     output_option,
     print_json,
+    say,
     scene_command,
     stage_display,
 )
@@ -62,7 +63,7 @@ def montecarlo(scene: str, count: int, seed: int, as_json: bool, **options: Any)
         _verify_sample(study, seed, options["sample"], as_json)
         return
     interrupted = False
-    workers = workers_at(options["cluster"], options["jobs"])
+    workers = workers_at(options["cluster"], options["jobs"], say)
     try:
         with stage_display() as progress:
             draw_samples(study, seed, tally, workers, options["output"], progress)
@@ -114,7 +115,7 @@ def corners(
         study = prepare(requested_scene, full_margin=True)
         results = tuple(named_corner(study, text, ends) for text, ends in deviations)
     else:
-        pool = workers_at(options["cluster"], options["jobs"])
+        pool = workers_at(options["cluster"], options["jobs"], say)
         with pool as workers, stage_display() as progress:
             results = worst_corners(requested_scene, workers, progress)
     if as_json:

@@ -11,7 +11,11 @@ from cli.common import output_option, print_json, scene_command
 
 @scene_command
 @output_option("Deck file; by default stdout.")
-@click.option("--explain", is_flag=True, help="List the omitted parts and the reasons on stderr.")
+@click.option(
+    "--explain",
+    is_flag=True,
+    help="List the omitted parts, the reasons, and what pruning changes and saves, on stderr.",
+)
 @click.option(
     "--split",
     is_flag=True,
@@ -19,14 +23,24 @@ from cli.common import output_option, print_json, scene_command
 )
 def netlist(scene: str, output: str | None, explain: bool, split: bool, as_json: bool) -> None:
     """Write the ngspice deck of SCENE; `ngspice -b -r out.raw FILE` runs it."""
+    from netlist_gen.board.part_warnings import part_warnings
     from verification.ideal.lambda_rule import read_scene
     from verification.pipeline.deck import deck_of, write_files
+    from verification.pipeline.pruning_saving import pruning_of
 
-    circuit, deck = deck_of(read_scene(scene), output=output, split=split)
+    read = read_scene(scene)
+    circuit, deck = deck_of(read, output=output, split=split)
+    pruning = None
     if explain:
         click.echo(f"{circuit.name}: left out, not needed by the scene:", err=True)
         for item in circuit.omissions:
             click.echo(f"  {item.what}: {item.why}", err=True)
+        pruning = pruning_of(read)
+        if pruning is not None:
+            click.echo(f"pruning: {pruning.text}", err=True)
+    warnings = part_warnings(circuit)
+    for warning in warnings:
+        click.echo(f"warning: {warning}", err=True)
     written = [] if output is None else [str(file) for file in write_files(deck, output)]
     for name in written:
         click.echo(f"wrote {name}", err=True)
@@ -36,6 +50,8 @@ def netlist(scene: str, output: str | None, explain: bool, split: bool, as_json:
                 "files": written,
                 "deck": deck.text if output is None else None,
                 "omissions": [asdict(item) for item in circuit.omissions],
+                "pruning": pruning and pruning.record,
+                "warnings": warnings,
                 "lambda": circuit.scalings.lam,
             }
         )

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from cli.common import command, print_json
+from spice_models.atomic_files import write_atomically
 from spice_models.errors import Complaint, InputError
 
 
@@ -27,11 +28,7 @@ def new(file: str, force: bool, schema: bool, as_json: bool) -> None:
         raise InputError(path, Complaint("FILE", "", text))
     template = Path(__file__).with_name("scene_template.toml").read_text(encoding="utf-8")
     stem = "".join(c if c.isascii() and (c.isalnum() or c in "-_.") else "-" for c in path.stem)
-    try:
-        path.write_text(template.replace("@NAME@", stem[:64] or "scene"), encoding="utf-8")
-    except OSError as error:
-        text = f"{error.strerror}; expected a file that can be written"
-        raise InputError(path, Complaint("FILE", "", text)) from None
+    write_atomically(path, template.replace("@NAME@", stem[:64] or "scene"))
     if as_json:
         print_json({"file": str(path)})
     click.echo(f"wrote {path}; `taction verify {path}` verifies it", err=True)

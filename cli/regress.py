@@ -33,7 +33,7 @@ def regress(
     """
     from pathlib import Path
 
-    from verification.report.atomic_files import check_folder
+    from verification.report.output_checks import check_folder
     from verification.report.regression.junit import regression_junit
     from verification.report.regression.markdown import regression_markdown
     from verification.studies.regression.baseline import baseline_text, load_baseline
@@ -62,7 +62,7 @@ def regress(
 
 def _write(texts: Mapping[str, Callable[[], str]]) -> bool:
     """Write all files, also after an error; return whether every file was written."""
-    from verification.report.atomic_files import write_atomically
+    from spice_models.atomic_files import write_atomically
 
     complete = True
     for path, text in texts.items():

@@ -26,6 +26,8 @@ def simulate(scene: str, engine: str | None, output: str | None, as_json: bool) 
             {
                 "scene": result.circuit.name,
                 "simulator": waveforms.engine,
+                "solver": waveforms.solver or None,
+                "method": waveforms.method or None,
                 "points": waveforms.cost.points,
                 "seconds": waveforms.cost.seconds,
                 "stop": float(waveforms.time[-1]),
@@ -40,4 +42,4 @@ def simulate(scene: str, engine: str | None, output: str | None, as_json: bool) 
 
     console().print(channel_table(measurements))
     cost = waveforms.cost
-    click.echo(f"{waveforms.engine}: {cost.points} points, {cost.seconds:.3g} s")
+    click.echo(f"{waveforms.simulator}: {cost.points} points, {cost.seconds:.3g} s")

@@ -30,7 +30,8 @@ def stress(
 
     Exit status: 1 if an outcome or a number is wrong, 3 if ngspice is missing.
     """
-    from verification.report.atomic_files import check_folder, write_atomically
+    from spice_models.atomic_files import write_atomically
+    from verification.report.output_checks import check_folder
     from verification.report.stress.page import stress_page
     from verification.report.stress.report import print_stress, stress_document, stress_junit
     from verification.studies.stress.catalogue import load_catalogue, select

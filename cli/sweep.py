@@ -19,6 +19,7 @@ from cli.common import (
     console,
     output_option,
     plot_option,
+    say,
     scene_command,
 )
 
@@ -103,7 +104,7 @@ def _run(plan: Plan, store: Store, options: dict[str, Any]) -> SweepCounts:
 
     with _display() as progress:
         try:
-            with workers_at(options["cluster"], options["jobs"]) as workers:
+            with workers_at(options["cluster"], options["jobs"], say) as workers:
                 retry = options["retry"] is not None
                 return run(
                     plan,
@@ -111,7 +112,7 @@ def _run(plan: Plan, store: Store, options: dict[str, Any]) -> SweepCounts:
                     workers,
                     retry_failed=retry,
                     progress=progress,
-                    announce=lambda text: click.echo(f"taction: {text}", err=True),
+                    announce=say,
                 )
         except KeyboardInterrupt:
             stored = f"{store.count()} results are in {store.path}"

@@ -69,4 +69,33 @@ class OperatingPoint:
     """The equilibrium with the strain applied."""
 
 
-Analysis = Transient | OperatingPoint
+@dataclass(frozen=True, slots=True)
+class Band:
+    """Frequencies in geometric progression.
+
+    Attributes
+    ----------
+    start : float
+        The lowest, Hz.
+    steps, density : int
+        Number of steps, and of steps per decade.
+    """
+
+    start: float
+    steps: int
+    density: int
+
+    @property
+    def stop(self) -> float:
+        """The highest, Hz."""
+        return float(self.start * 10.0 ** (self.steps / self.density))
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """The noise at the equilibrium with the strain applied, over `bands` that follow each other."""
+
+    bands: tuple[Band, ...]
+
+
+Analysis = Transient | OperatingPoint | Noise

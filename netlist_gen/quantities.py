@@ -19,6 +19,10 @@ UNITS: dict[str, tuple[str, ...]] = {
     "A": ("A", "amp", "amps"),
     "Hz": ("Hz",),  # no "hz": "1mhz" would be a millihertz, and users mean MHz
     "s": ("s", "sec"),
+    "V/s": ("V/s",),
+    "rtHz": ("rtHz",),  # also written with the sign of the square root
+    "V/rtHz": ("V/rtHz",),
+    "A/rtHz": ("A/rtHz",),
 }
 # quantiphy alone also accepts names of constants, "C = 10pF", "1kohm # a comment" and "1_000".
 _QUANTITY = re.compile(
@@ -33,6 +37,10 @@ EXAMPLES = {
     "A": "1uA",
     "Hz": "1MHz",
     "s": "5ms",
+    "V/s": "0.5V/us",
+    "rtHz": "1rtHz",
+    "V/rtHz": "3nV/rtHz",
+    "A/rtHz": "0.4pA/rtHz",
 }
 
 
@@ -66,6 +74,13 @@ def _read(text: str, unit: str, expected: str) -> tuple[float, str]:
         raise ValueError(f"over {LONGEST} characters; {expected}")
     if "," in text:  # quantiphy reads "1,5pF" as 15 pF
         raise ValueError(f"write the decimal point as '.', not as a comma; {expected}")
+    above, slash, below = text.replace("\N{SQUARE ROOT}", "rt").partition("/")
+    if slash and "/" in unit:
+        upper, lower = unit.split("/")
+        try:
+            return parse(above, upper) / parse("1" + below.strip(), lower), unit
+        except (ValueError, ZeroDivisionError):
+            raise ValueError(f"not a number with prefixes and units; {expected}") from None
     match = _QUANTITY.fullmatch(text)
     if match is None:
         raise ValueError(f"not a number with a prefix and a unit; {expected}")
@@ -85,4 +100,6 @@ def show(value: float, unit: str, digits: int = 4) -> str:
     """Return `value` as text with an SI prefix: ``show(1e-11, "F")`` is ``"10 pF"``."""
     if value == 0 or not math.isfinite(value):
         return f"{value:g} {unit}".rstrip()
+    if unit == "V/s":  # as data sheets have it
+        return f"{1e-6 * value:.{digits}g} V/us"
     return str(Quantity(value, unit).render(prec=digits - 1, strip_zeros=True))

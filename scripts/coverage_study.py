@@ -16,7 +16,6 @@ import argparse
 import json
 import sys
 from collections import defaultdict
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,31 +23,17 @@ import numpy as np
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
-from netlist_gen.analysis import Transient  # noqa: E402
 from netlist_gen.scene.scene import Scene  # noqa: E402
 from spice_models.errors import TactionError  # noqa: E402
+from tests.support.fine_readings import fine_readings  # noqa: E402
 from tests.support.random_scenes import AMPLIFIERS, random_scene, random_setting  # noqa: E402
 from tests.support.true_values import true_values  # noqa: E402
-from verification.engines.statespace.transients import amplified  # noqa: E402
-from verification.ideal.ideal_answer import ideal_answer  # noqa: E402
-from verification.pipeline.bounded_measures import measure_outputs  # noqa: E402
-from verification.pipeline.clock import Clock  # noqa: E402
-from verification.pipeline.design import design_board  # noqa: E402
-from verification.pipeline.steady_state import SteadyState  # noqa: E402
-from verification.pipeline.transient_plan import settled_after  # noqa: E402
-from verification.small_signal.step_forecast import StepModel  # noqa: E402
 from verification.studies.stress.compare import Comparison, compare  # noqa: E402
 from verification.studies.stress.true_values import TrueValues  # noqa: E402
 from verification.verify import verify  # noqa: E402
 
 ENGINES = ("ngspice", "statespace")
-TOLERANCE, SPACING = (
-    1e-11,
-    1e-10,
-)  # of a run that counts as true; of interpolation between its points
-DOUBT, FACTOR = 1e-8, 10.0  # of its readings, fraction of the step or relative; times its rounding
 TIMEOUT = 5.0  # s: longer runs of ngspice are left out
-LONGER = 3.0  # times the record in which every check can be decided
 
 
 def main() -> int:
@@ -81,7 +66,7 @@ def main() -> int:
 
 
 def _truth(scene: Scene, seed: int, kind: str, cache: Path | None) -> TrueValues:
-    compute = true_values if kind == "linear" else _fine_run
+    compute = true_values if kind == "linear" else fine_readings
     if cache is None:
         return compute(scene)
     path = cache / f"{kind}-{seed}.json"
@@ -89,33 +74,6 @@ def _truth(scene: Scene, seed: int, kind: str, cache: Path | None) -> TrueValues
         cache.mkdir(parents=True, exist_ok=True)
         path.write_text(json.dumps(compute(scene).record()), encoding="utf-8")
     return TrueValues.from_record(json.loads(path.read_text("utf-8")))
-
-
-def _fine_run(scene: Scene) -> TrueValues:
-    """Return the readings of a run whose error is far below those that are studied."""
-    design = design_board(scene.with_engine("statespace"), Clock(lambda stage: None))
-    ideal, board, lead = ideal_answer(design.network, scene), design.board, design.poles.rightmost
-    amplitude = float(np.abs(ideal.target - ideal.start).max())
-    how = f"state-space engine, tolerance {TOLERANCE:g}"
-    if not design.poles.stable:
-        return TrueValues(amplitude, (lead.real, lead.imag), 0.0, (), DOUBT, how)
-    stop = LONGER * settled_after(scene.checks, design.scales)
-    transient = Transient(stop, stop, initial=scene.analysis.initial)
-    design = replace(design, plan=replace(design.plan, transient=transient))
-    times = StepModel.of(board, stop, transient.initial, stable=True).instants(SPACING)
-    wave = amplified.simulate(board, transient, times=times, tolerance=TOLERANCE)
-    measured, _ = measure_outputs(design, ideal, wave)
-    finals = SteadyState.of(board, design.scales).values
-    channels = []
-    for channel, final in zip(measured.channels, finals.tolist(), strict=True):
-        rise, settled = channel.rise_time, channel.settling_time
-        found = {"overshoot": channel.overshoot, "undershoot": channel.undershoot, "final": final}
-        found |= {} if rise is None else {"rise_time": rise.value}
-        channels.append(found | ({} if settled is None else {"settling_time": settled.value}))
-    static = float(np.abs(finals - ideal.target).max()) / amplitude
-    doubt = DOUBT + FACTOR * wave.rounding / amplitude
-    pole = (lead.real, lead.imag)
-    return TrueValues(amplitude, pole, static, tuple(channels), doubt, how)
 
 
 def _run(

@@ -27,6 +27,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+LONGEST = {"key": 200, "value": 200, "accepted": 2000}  # characters of a complaint
+MOST_LISTED = 20  # complaints in a message
 INTERRUPTED = 130  # exit status of a process that Ctrl-C ended
 
 
@@ -38,11 +40,20 @@ class TactionError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Complaint:
-    """One mistake in the input: its key, its value, and the values that are accepted."""
+    """One mistake in the input: its key, its value, and the values that are accepted.
+
+    Of a text that is longer than `LONGEST` only the beginning and the end are kept.
+    """
 
     key: str
     value: str
     accepted: str
+
+    def __post_init__(self) -> None:
+        for name, most in LONGEST.items():
+            text = getattr(self, name)
+            if len(text) > most:
+                object.__setattr__(self, name, f"{text[: most // 2]} ... {text[-most // 2 :]}")
 
     def __str__(self) -> str:
         value = f" = {self.value}" if self.value else ""
@@ -57,7 +68,10 @@ class InputError(TactionError):
     def __init__(self, file: str | Path, *complaints: Complaint) -> None:
         self.file = str(file)
         self.complaints = complaints
-        super().__init__("\n".join(f"{self.file}: {c}" for c in complaints))
+        lines = [f"{self.file}: {c}" for c in complaints[:MOST_LISTED]]
+        if len(complaints) > MOST_LISTED:
+            lines.append(f"{self.file}: and {len(complaints) - MOST_LISTED} more mistakes")
+        super().__init__("\n".join(lines))
 
 
 class NoVerdictError(TactionError):
@@ -106,12 +120,19 @@ class SimulationError(NoVerdictError):
     def __init__(self, message: str, *, log: str = "", folder: Path | None = None) -> None:
         self.log = log
         self.folder = folder
+        self._message = message
         parts = [message]
         if log:
             parts.append("the log says:\n" + "\n".join("  " + line for line in log.splitlines()))
         if folder is not None:
-            parts.append(f"reproducer: {folder}")
+            parts.append(f"reproducer: {folder} (`sh command.txt` in this folder repeats the run)")
         super().__init__("\n".join(parts))
+
+    def in_folder(self, folder: Path) -> SimulationError:
+        """Return the same error with another run folder."""
+        moved = type(self)(self._message, log=self.log, folder=folder)
+        moved.partial = self.partial
+        return moved
 
 
 class SimulatorNotFound(SimulationError):  # noqa: N818
@@ -144,6 +165,10 @@ class TimedOut(SimulationError):  # noqa: N818
 
 class Killed(SimulationError):  # noqa: N818
     """A signal ended the simulator."""
+
+
+MACHINE_FAILURES = (SimulatorNotFound, SimulatorTooOld, OutOfDisk)
+"""What is wrong with the machine, so that the next run there would fail, too."""
 
 
 class BadEvidence(SimulationError):  # noqa: N818

@@ -1,4 +1,4 @@
-"""The op-amp macromodel as data: finite gain, two poles, input and output impedances."""
+"""The op-amp macromodel as data: gain, poles, impedances, limits, noise and package."""
 
 from __future__ import annotations
 
@@ -6,15 +6,34 @@ import math
 import re
 from dataclasses import dataclass
 
+KNEE = 50.0
+"""Swing over the width of the knee of a clamp. At 90 % of the swing the clamp draws 1e-4 of the
+slew rate, which the loop replaces with some microvolts at the input."""
+
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+ZERO_OR_MORE = (
+    "differential_capacitance",
+    "input_capacitance",
+    "output_resistance",
+    "voltage_noise",
+    "current_noise",
+    "supply_current",
+)
 
 
 @dataclass(frozen=True, slots=True)
 class OpAmp:
-    """Small-signal figures of one op-amp type, SI base units.
+    """Figures of one op-amp type, SI base units.
 
     The open-loop gain is ``A(s) = A0 / ((1 + s/p1)(1 + s/p2))`` with ``p1 = 2 pi gbw / A0`` and
-    ``p2 = 2 pi second_pole``. The defaults (infinite or zero) omit the element.
+    ``p2 = 2 pi second_pole``. The defaults (infinite or zero) omit the element, and a part with the
+    default limits has none.
+
+    At the `large_signal` level the limits of slope and voltage are in the macromodel. Its input
+    stage is ``V tanh(v / V)`` with ``V = input_range``, so the first pole's slope is at most the
+    slew rate. A clamp draws ``slew_rate (tanh((x - swing)/d) + tanh((x + swing)/d))`` from the
+    first pole's output x, with ``d = swing / KNEE``: it stops x at the swing. Small signals see the
+    same gain.
 
     Raises
     ------
@@ -30,21 +49,52 @@ class OpAmp:
     differential_capacitance: float = 0.0  # between the inputs, F
     input_capacitance: float = 0.0  # from each input to ground, F
     output_resistance: float = 0.0  # open loop, ohm
+    slew_rate: float = math.inf  # of the output, V/s
+    output_current: float = math.inf  # largest, A; judged only with an output resistance
+    saturation: float = -math.inf  # least distance of the output from a supply voltage, V
+    least_supply: float = 0.0  # of each of the two supply voltages, V
+    most_supply: float = math.inf
+    voltage_noise: float = 0.0  # white, at the input of the gain stages, V/rtHz
+    current_noise: float = 0.0  # white, into each input, A/rtHz
+    supply_current: float = 0.0  # quiescent, of one op-amp, A
+    channels_per_package: int = 1  # op-amps in one package
+    external_part: str = ""  # that every op-amp of the type needs beside it
     source: str = ""  # publication of the figures
+    large_signal: bool = False  # whether the macromodel has the limits
 
     def __post_init__(self) -> None:
         if not _NAME.fullmatch(self.name):
             raise ValueError(f"name = {self.name!r}: expected a letter, then letters, digits, '_'")
         if not 1.0 < self.dc_gain < math.inf:
             raise ValueError(f"dc_gain = {self.dc_gain!r}: must be finite and above 1")
-        for figure in ("gbw", "second_pole", "input_resistance"):
+        for figure in ("gbw", "second_pole", "input_resistance", "slew_rate", "output_current"):
             if not getattr(self, figure) > 0.0:
                 raise ValueError(f"{figure} = {getattr(self, figure)!r}: must be above 0")
-        for figure in ("differential_capacitance", "input_capacitance", "output_resistance"):
+        for figure in ZERO_OR_MORE:
             if not 0.0 <= getattr(self, figure) < math.inf:
                 raise ValueError(f"{figure} = {getattr(self, figure)!r}: must be finite, 0 or more")
+        if not (isinstance(self.channels_per_package, int) and self.channels_per_package >= 1):
+            found = repr(self.channels_per_package)
+            raise ValueError(f"channels_per_package = {found}: must be a whole number, 1 or more")
         if math.isinf(self.gbw) and math.isfinite(self.second_pole):
             raise ValueError(f"second_pole = {self.second_pole!r}: needs a finite gbw")
+        if self.large_signal and not math.isfinite(self.input_range):
+            raise ValueError("large_signal = True: needs a finite slew_rate and a finite gbw")
+
+    @property
+    def input_range(self) -> float:
+        """Differential input voltage at which a linear input stage would give the slew rate, V."""
+        return self.slew_rate / (2.0 * math.pi * self.gbw) if math.isfinite(self.gbw) else math.inf
+
+    def swing(self, supply: float) -> float:
+        """Return the largest output voltage of either sign, V, at supplies of ±`supply`, V."""
+        return supply - self.saturation
+
+    @property
+    def is_limited(self) -> bool:
+        """Whether the part has any limit."""
+        limits = (self.slew_rate, self.output_current, -self.saturation)
+        return any(math.isfinite(limit) for limit in limits)
 
     @property
     def first_pole(self) -> float:

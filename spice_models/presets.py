@@ -7,6 +7,7 @@ import tomllib
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from spice_models.opamp import OpAmp, poles_from_phase_margin, second_pole_from_phase_margin
 
@@ -19,6 +20,15 @@ FIGURES = (
     "differential_capacitance",
     "input_capacitance",
     "output_resistance",
+    "slew_rate",
+    "output_current",
+    "saturation",
+    "least_supply",
+    "most_supply",
+    "voltage_noise",
+    "current_noise",
+    "supply_current",
+    "channels_per_package",
 )
 """The figures that `derive` can change; SI base units, phase margin in degrees."""
 
@@ -30,17 +40,16 @@ def _presets() -> tuple[OpAmp, ...]:
     return tuple(_from_table(name, dict(table)) for name, table in tables.items())
 
 
-def _from_table(name: str, table: dict[str, float | str]) -> OpAmp:
+def _from_table(name: str, table: dict[str, Any]) -> OpAmp:
     """Return the op-amp of one table of the data file."""
     source = str(table.pop("source"))
-    figures = {key: float(value) for key, value in table.items()}
-    f_u = figures.pop("unity_gain_bandwidth")
-    if "phase_margin" in figures:
-        poles = poles_from_phase_margin(figures["dc_gain"], f_u, figures.pop("phase_margin"))
-        figures["gbw"], figures["second_pole"] = poles
+    f_u = table.pop("unity_gain_bandwidth")
+    if "phase_margin" in table:
+        poles = poles_from_phase_margin(table["dc_gain"], f_u, table.pop("phase_margin"))
+        table["gbw"], table["second_pole"] = poles
     else:
-        figures["gbw"] = f_u
-    return OpAmp(name=name, source=source, **figures)
+        table["gbw"] = f_u
+    return OpAmp(name=name, source=source, large_signal=False, **table)
 
 
 def load_presets() -> dict[str, OpAmp]:
@@ -71,7 +80,7 @@ def derive(base: OpAmp, name: str, **figures: float) -> OpAmp:
         raise ValueError(f"{unknown[0]}: not a figure of an op-amp; known: {', '.join(FIGURES)}")
     if "second_pole" in figures and "phase_margin" in figures:
         raise ValueError("phase_margin: it sets second_pole; give one of the two")
-    changed = dict(figures)
+    changed: dict[str, Any] = dict(figures)
     margin = changed.pop("phase_margin", None)
     if "gbw" in changed and "second_pole" not in changed and math.isfinite(base.second_pole):
         changed["second_pole"] = base.second_pole * (changed["gbw"] / base.gbw)
@@ -79,7 +88,7 @@ def derive(base: OpAmp, name: str, **figures: float) -> OpAmp:
     if figures:
         listed = ", ".join(f"{key} = {value!r}" for key, value in figures.items())
         source = f"{base.name} with {listed}; {source}"
-    opamp = replace(base, name=name, source=source, **changed)
+    opamp = replace(base, name=name, source=source, large_signal=False, **changed)
     if margin is None:
         return opamp
     pole = second_pole_from_phase_margin(opamp.dc_gain, opamp.gbw, margin)

@@ -6,7 +6,8 @@ import math
 from typing import TYPE_CHECKING, Protocol
 
 from spice_models.amplifier import AMPLIFIERS
-from spice_models.opamp import OpAmp
+from spice_models.opamp import KNEE, OpAmp
+from spice_models.thermal_noise import THERMAL
 
 if TYPE_CHECKING:
     from PySpice.Spice.Netlist import SubCircuit
@@ -50,41 +51,73 @@ tolerances fits the currents and charges of stage and board. Measured (linear bo
 currents of amperes make the step control reject more steps. The operating point is the same."""
 
 
-def opamp_subcircuit(model: OpAmp, *, noninverting_grounded: bool) -> SubCircuit:
+def opamp_subcircuit(
+    model: OpAmp,
+    *,
+    noninverting_grounded: bool,
+    supply: float = math.inf,
+    noisy: bool = False,
+) -> SubCircuit:
     """Build the macromodel of one op-amp type with PySpice's object model.
 
     ``Rd``, ``Cd`` between the inputs, ``Cn`` and ``Cp`` from the inverting and the non-inverting
     input to ground; one stage ``G``, ``R``, ``C`` per pole, the first with the whole DC gain; a
-    voltage source ``Eo`` and the output resistance ``Ro`` in series. A figure that is zero or
-    infinite has no card; an op-amp without poles and impedances has only the card ``Eo``. If the
-    non-inverting input of all op-amps of this type is on ground, ``Cp`` has no effect and no card.
+    voltage source ``Eo`` and the output resistance ``Ro`` in series. At the large-signal level, at
+    supplies of ±`supply` V, there are ``Ex`` and ``Bd`` before the first stage, and the clamp
+    ``Ey``, ``Bc``, ``Gc`` at its output. A figure that is zero or infinite has no card; an op-amp
+    without poles and impedances has only the card ``Eo``. If the non-inverting input of all op-amps
+    of this type is on ground, ``Cp`` has no effect and no card.
+
+    With `noisy`, for a noise analysis, the cards of `_noise` are added. The resistors of the model
+    stand for no resistor of the part, so they then make no noise of their own.
     """
     from PySpice.Spice.Netlist import SubCircuit
 
     cell = SubCircuit(model.name, *PORTS)
-    _inputs(cell, model, noninverting_grounded)
+    silent = {"raw_spice": "noisy=0"} if noisy else {}
+    _inputs(cell, model, noninverting_grounded, silent)
     control, gain = ("inp", "inn"), float(model.dc_gain)
+    if noisy:
+        control = (_noise(cell, model, noninverting_grounded), "inn")
+    if model.large_signal:
+        # ngspice cuts a number in a B expression to 11 digits: the range is the gain of E cards.
+        cell.VCVS("x", "x", "0", *control, voltage_gain=1.0 / model.input_range)
+        cell.BehavioralSource("d", "d", "0", voltage_expression="tanh(V(x))")
+        control, gain = ("d", "0"), gain * model.input_range
+        _clamp(cell, model, model.swing(supply))
     for index, pole in enumerate((model.first_pole, model.second_pole), start=1):
         if math.isfinite(pole):
             node = f"p{index}"
             resistance = 1.0 / (2.0 * math.pi * pole * STAGE_CAPACITANCE)
             # The current flows from ground into the node at a positive control voltage.
             cell.VCCS(index, "0", node, *control, transconductance=gain / resistance)
-            cell.R(index, node, "0", resistance)
+            cell.R(index, node, "0", resistance, **silent)
             cell.C(index, node, "0", STAGE_CAPACITANCE)
             control, gain = (node, "0"), 1.0
     if model.output_resistance > 0.0:
         cell.VCVS("o", "e", "0", *control, voltage_gain=gain)
-        cell.R("o", "e", "out", float(model.output_resistance))
+        cell.R("o", "e", "out", float(model.output_resistance), **silent)
     else:
         cell.VCVS("o", "out", "0", *control, voltage_gain=gain)
     return cell
 
 
-def _inputs(cell: SubCircuit, model: OpAmp, noninverting_grounded: bool) -> None:
+def _clamp(cell: SubCircuit, model: OpAmp, swing: float) -> None:
+    """Add the clamp of the first stage's output."""
+    if math.isfinite(swing):
+        cell.VCVS("y", "y", "0", "p1", "0", voltage_gain=KNEE / swing)
+        sides = f"tanh(V(y)-{KNEE!r})+tanh(V(y)+{KNEE!r})"
+        cell.BehavioralSource("c", "c", "0", voltage_expression=sides)
+        drawn = STAGE_CAPACITANCE * model.slew_rate
+        cell.VCCS("c", "p1", "0", "c", "0", transconductance=drawn)
+
+
+def _inputs(
+    cell: SubCircuit, model: OpAmp, noninverting_grounded: bool, silent: dict[str, str]
+) -> None:
     """Add the input impedances."""
     if math.isfinite(model.input_resistance):
-        cell.R("d", "inp", "inn", float(model.input_resistance))
+        cell.R("d", "inp", "inn", float(model.input_resistance), **silent)
     if model.differential_capacitance > 0.0:
         cell.C("d", "inp", "inn", float(model.differential_capacitance))
     if model.input_capacitance > 0.0:
@@ -92,6 +125,27 @@ def _inputs(cell: SubCircuit, model: OpAmp, noninverting_grounded: bool) -> None
         cell.C("n", "inn", "0", farads)
         if not noninverting_grounded:
             cell.C("p", "inp", "0", farads)
+
+
+def _noise(cell: SubCircuit, model: OpAmp, noninverting_grounded: bool) -> str:
+    """Add the sources of noise; return the node that controls the gain in place of ``inp``.
+
+    Each source is a resistor between a node of its own and ground. The thermal voltage of ``Rne``
+    is the voltage noise, which ``Ene`` adds to ``inp`` behind the input impedances; the thermal
+    current of ``Rnn`` (and ``Rnp``) is the current noise, which ``Gnn`` (``Gnp``) copies into the
+    input.
+    """
+    if model.current_noise > 0.0:
+        resistance = THERMAL / model.current_noise**2
+        for letter, pin in (("n", "inn"), ("p", "inp"))[: 1 if noninverting_grounded else 2]:
+            node = f"n{letter}"
+            cell.R(f"n{letter}", node, "0", resistance)
+            cell.VCCS(f"n{letter}", "0", pin, node, "0", transconductance=1.0 / resistance)
+    if model.voltage_noise == 0.0:
+        return "inp"
+    cell.R("ne", "ne", "0", model.voltage_noise**2 / THERMAL)
+    cell.VCVS("ne", "inpe", "inp", "ne", "0", voltage_gain=1.0)
+    return "inpe"
 
 
 def amplifier_lines(stage: BehaviouralAmplifier) -> tuple[str, ...]:

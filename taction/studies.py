@@ -150,7 +150,7 @@ def sweep(
 
     plan = plan_sweep(scene, over, engine, fix=fix, keep_waveforms=keep_waveforms)
     store = Store(":memory:" if output is None else str(output))
-    with workers_at(cluster, jobs) as workers:
+    with workers_at(cluster, jobs, progress) as workers:
         count = run(
             plan,
             store,
@@ -250,5 +250,5 @@ def montecarlo(
 
     tally = SampleCollection(samples, half_width(until))
     study = prepare(read_scene(scene, engine))
-    draw_samples(study, seed, tally, workers_at(cluster, jobs), output, progress)
+    draw_samples(study, seed, tally, workers_at(cluster, jobs, progress), output, progress)
     return summarise_samples(study, tally.samples, seed)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from netlist_gen.analysis import Transient
 from netlist_gen.board.circuit import Circuit
+from netlist_gen.board.part_warnings import part_warnings
 from netlist_gen.problem.inverse_problem import InverseProblem
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
@@ -21,6 +22,8 @@ from verification.pipeline.contradictions import find_contradiction
 from verification.pipeline.design import Design, design_board
 from verification.pipeline.effort import FULL, Effort
 from verification.pipeline.error_budget import ErrorPart, error_budget
+from verification.pipeline.output_noise import OutputNoise
+from verification.pipeline.part_limits import PartLoads
 from verification.pipeline.recording import record_and_measure
 from verification.pipeline.run_checks import run_checks
 from verification.pipeline.simulation import begin
@@ -54,6 +57,8 @@ class Verdict:
     agreement: Agreement | None
     energy: EnergyRise | None
     budget: tuple[ErrorPart, ...]
+    parts: PartLoads
+    noise: OutputNoise | None
     checks: tuple[Check, ...]
     warnings: tuple[str, ...]
     outcome: Outcome
@@ -99,14 +104,15 @@ def verify(
     clock = Clock(progress)
     design = design_board(scene, clock, problem=problem, circuit=circuit)
     clock.begin("simulation", remark=design.plan.remark)
-    pending = begin(design.scene, design.board, design.plan, design.engine, session=effort.session)
+    pending = begin(design.scene, design.board, design.plan, design.engine)
     clock.begin("reference", beside="simulation", remark=design.plan.remark)
     ideal = ideal_answer(design.network, design.scene) if ideal is None else ideal
     margin = _margin(design, effort.full_margin)
+    parts, noise = design.loads(), OutputNoise.of(design)
     steady = SteadyState.of(design.board, design.scales)
     equilibrium = design.board.equilibrium if effort.details else None
     constraint = constraint_plane(design.circuit) if effort.details else None
-    design, recording = record_and_measure(design, ideal, pending, clock, effort)
+    design, recording = record_and_measure(design, ideal, pending, clock)
     wave = recording.simulation.waveforms
     evidence = Evidence(
         checks=design.scene.checks,
@@ -122,13 +128,15 @@ def verify(
         reference_error=ideal.error,
         reference_problem=ideal.problem,
         contradiction=find_contradiction(design.circuit, ideal, recording.u[0]),
+        parts=parts,
+        noise=noise,
     )
     checks = run_checks(evidence)
     energy = energy_rise(design.network, wave.time, recording.u) if effort.details else None
     error = recording.error.steady_state * recording.measurements.amplitude
     budget: tuple[ErrorPart, ...] = ()
     if equilibrium is not None:
-        budget = error_budget(design, ideal, equilibrium, recording.u[-1], error)
+        budget = error_budget(design, ideal, equilibrium, recording.u[-1], error, noise)
     clock.end()
     return Verdict(
         scene=design.scene,
@@ -148,8 +156,13 @@ def verify(
         agreement=recording.agreement,
         energy=energy,
         budget=budget,
+        parts=parts,
+        noise=noise,
         checks=checks,
-        warnings=find_warnings(evidence, (*recording.simulation.notes, *design.plan.notes)),
+        warnings=find_warnings(
+            evidence,
+            (*recording.simulation.notes, *design.plan.notes, *part_warnings(design.circuit)),
+        ),
         outcome=overall(checks),
         timing=clock.seconds,
     )

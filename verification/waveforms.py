@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
-from spice_models.array_types import Floats
+from spice_models.array_types import Floats, Indices
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +38,13 @@ class Waveforms:
         over, say); to be shown beside any verdict.
     rounding : float
         What the engine's own rounding left, V; 0 where the engine does not say.
+    curve : callable or None
+        Voltages of nodes (Q,), by column, at instants (Q,), s, also between the points; None where
+        only the points are known.
+    solver : str
+        ngspice's matrix solver (``"KLU"``, ``"Sparse"``); empty for the other engine.
+    method : str
+        Integration method (``"trapezoidal"``, ``"gear"``, ``"Radau IIA"``), or ``"exact"``.
     """
 
     time: Floats
@@ -46,6 +54,14 @@ class Waveforms:
     cost: Cost
     flags: tuple[str, ...] = ()
     rounding: float = 0.0
+    curve: Callable[[Floats, Indices], Floats] | None = None
+    solver: str = ""
+    method: str = ""
+
+    @property
+    def simulator(self) -> str:
+        """Engine with its version, its matrix solver and its method, as far as they are known."""
+        return ", ".join(filter(None, (self.engine, self.solver, self.method)))
 
     @property
     def spacing(self) -> float:

@@ -73,6 +73,15 @@ class CurrentSource:
 
 
 @dataclass(frozen=True, slots=True)
+class NoiseCurrent:
+    """A white noise current into `node`, of a `density` in A/rtHz over positive frequencies."""
+
+    name: str
+    node: str
+    density: float
+
+
+@dataclass(frozen=True, slots=True)
 class VoltageSource:
     """A constant voltage from ground to `node`."""
 
@@ -123,7 +132,7 @@ class Scalings:
     """The design's numbers, SI base units (design of the board: section 1 of the guide).
 
     `lam` is the regularisation parameter that follows from the components; `exponential_slope` is
-    Ve (1 V, without effect, on a linear board).
+    Ve (1 V, without effect, on a linear board), `capacitance` the preferred value of C.
     """
 
     unit_conductance: float
@@ -155,6 +164,18 @@ class Circuit:
     constraint_nodes: tuple[str, ...]  # nodes of w_k, one per sensor
     outputs: tuple[Output, ...]  # u_n
     omissions: tuple[Omission, ...]
+    supply: float = 15.0  # both supply voltages of the op-amps, ±V
+    noises: tuple[NoiseCurrent, ...] = ()  # of the sensors; for noise analyses only
+
+    @property
+    def is_small_signal(self) -> bool:
+        """Whether no op-amp is at the large-signal level."""
+        return not any(model.large_signal for model in self.models.values())
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether no amplifier is behavioural, and no op-amp at the large-signal level."""
+        return not self.amplifiers and self.is_small_signal
 
     def __repr__(self) -> str:
         size = f"{len(self.outputs)} channels, {len(self.constraint_nodes)} sensors"

@@ -7,24 +7,29 @@ import math
 import numpy as np
 
 from netlist_gen.board.circuit import Omission
+from netlist_gen.board.pruning import pruning_omission
 from netlist_gen.problem.inverse_problem import InverseProblem
 from netlist_gen.scene.scene import Scene
+from spice_models.array_types import Floats
 from spice_models.opamp import OpAmp
 
 
-def list_omissions(scene: Scene, problem: InverseProblem, model: OpAmp) -> tuple[Omission, ...]:
-    """Return everything that the board of `scene` omits."""
-    omissions = [*_matrix(problem), *_inverters(scene, problem), *_amplifier(scene)]
+def list_omissions(
+    scene: Scene, problem: InverseProblem, kept: Floats, model: OpAmp
+) -> tuple[Omission, ...]:
+    """Return everything that the board of `scene` omits; `kept` (M, N) is T after pruning."""
+    pruning = pruning_omission(problem.matrix, scene.design.prune)
+    omissions = [] if pruning is None else [pruning]
+    omissions += [*_matrix(problem, kept), *_inverters(scene, kept), *_amplifier(scene)]
     omissions += _macromodel(model)
     if scene.design.stray_capacitance == 0:
         omissions.append(Omission("stray capacitors", "design.stray_capacitance is 0"))
     return tuple(omissions)
 
 
-def _matrix(problem: InverseProblem) -> list[Omission]:
-    T = problem.matrix
+def _matrix(problem: InverseProblem, T: Floats) -> list[Omission]:
     found = []
-    zeros = int(np.count_nonzero(T == 0))
+    zeros = int(np.count_nonzero(problem.matrix == 0))
     if zeros:
         found.append(Omission(f"{2 * zeros} matrix resistors", f"{zeros} entries of T are zero"))
     rows = int(np.count_nonzero(~T.any(axis=1)))
@@ -37,8 +42,7 @@ def _matrix(problem: InverseProblem) -> list[Omission]:
     return found
 
 
-def _inverters(scene: Scene, problem: InverseProblem) -> list[Omission]:
-    T = problem.matrix
+def _inverters(scene: Scene, T: Floats) -> list[Omission]:
     linear, passive = scene.design.amplifier == "linear", scene.design.topology == "passive"
     columns = int(np.count_nonzero(~((T > 0) if linear else (T < 0)).any(axis=0)))
     rows = int(np.count_nonzero(T.any(axis=1) & ~((T > 0) if passive else (T < 0)).any(axis=1)))

@@ -8,6 +8,7 @@ from netlist_gen.board.circuit import (
     GROUND,
     Capacitor,
     CurrentSource,
+    NoiseCurrent,
     OpAmpCell,
     Resistor,
     ResistorMatrix,
@@ -29,6 +30,7 @@ class Parts:
     matrices: list[ResistorMatrix] = field(default_factory=list)
     capacitors: list[Capacitor] = field(default_factory=list)
     currents: list[CurrentSource] = field(default_factory=list)
+    noises: list[NoiseCurrent] = field(default_factory=list)
     voltages: list[VoltageSource] = field(default_factory=list)
 
     def opamp(self, name: str, summing: str, output: str) -> None:

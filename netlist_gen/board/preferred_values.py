@@ -1,4 +1,4 @@
-"""Preferred resistor values (IEC 60063): E24, E96 and E192."""
+"""Preferred values of resistors and capacitors (IEC 60063): E6 to E24, E96 and E192."""
 
 from __future__ import annotations
 
@@ -15,31 +15,32 @@ _E24 = (
 def mantissas(series: str) -> Floats:
     """Return the values of one decade, from 1 to below 10.
 
-    E192 holds 9.20 as the standard has it; ``10^(185/192)`` rounds to 9.19.
+    E6 and E12 hold every fourth and every second value of E24. E192 holds 9.20 as the standard has
+    it; ``10^(185/192)`` rounds to 9.19.
     """
-    if series == "E24":
-        return np.array(_E24)
     count = int(series[1:])
+    if count <= len(_E24):
+        return np.array(_E24[:: len(_E24) // count])
     values = np.round(10.0 ** (np.arange(count) / count), 2)
     values[np.isclose(values, 9.19)] = 9.20
     return values
 
 
-def nearest(ohms: Floats, series: str) -> Floats:
+def nearest(values: Floats, series: str) -> Floats:
     """Return the nearest preferred values by ratio (any shape, infinite stays infinite).
 
-    ``"exact"`` returns `ohms` unchanged.
+    ``"exact"`` returns `values`, ohm or F, unchanged.
     """
     if series == "exact":
-        return ohms
+        return values
     steps = np.append(mantissas(series), 10.0)
-    finite = np.isfinite(ohms)
-    decade = np.floor(np.log10(ohms, where=finite, out=np.zeros_like(ohms)))
-    mantissa = np.where(finite, ohms / 10.0**decade, 1.0)
+    finite = np.isfinite(values)
+    decade = np.floor(np.log10(values, where=finite, out=np.zeros_like(values)))
+    mantissa = np.where(finite, values / 10.0**decade, 1.0)
     place = np.clip(np.searchsorted(steps, mantissa), 1, len(steps) - 1)
     lower, upper = steps[place - 1], steps[place]
     chosen = np.where(mantissa * mantissa < lower * upper, lower, upper)
     digits = np.round(chosen * 100.0)  # three digits: exact, so that 4.7k is 4700.0
     shift = decade - 2
     value = np.where(shift >= 0, digits * 10.0 ** np.abs(shift), digits / 10.0 ** np.abs(shift))
-    return np.where(finite, value, ohms)
+    return np.where(finite, value, values)

@@ -10,7 +10,7 @@ from netlist_gen.scene.fields import LARGE, LEAST, MOST, SMALL
 from netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene
 from spice_models.errors import Complaint, InputError
 from spice_models.opamp import OpAmp
-from spice_models.presets import derive, load_presets
+from spice_models.presets import FIGURES, derive, load_presets
 
 
 def make_scalings(scene: Scene) -> Scalings:
@@ -48,7 +48,7 @@ def make_scalings(scene: Scene) -> Scalings:
         unit_voltage=design.unit_voltage,
         exponential_slope=slope,
         resistance=resistance,
-        capacitance=design.capacitance,
+        capacitance=float(nearest(np.array([design.capacitance]), design.capacitor_series)[0]),
         gain=design.gain,
         lam=lam,
     )
@@ -65,14 +65,22 @@ def choose_opamp(scene: Scene) -> OpAmp:
     Raises
     ------
     InputError
-        The changed figures contradict each other.
+        The changed figures contradict each other, or the op-amp does not work at the supply.
     """
-    choice = scene.design.opamp
-    base = load_presets()[choice.base]
-    figures = {name: value for name, value in choice if name != "base" and value is not None}
-    if not figures:
-        return base
+    choice, supply = scene.design.opamp, scene.design.supply
+    opamp = load_presets()[choice.base]
+    figures = {name: value for name, value in choice if name in FIGURES and value is not None}
     try:
-        return derive(base, f"{base.name}_changed", **figures)
+        opamp = derive(opamp, f"{opamp.name}_changed", **figures) if figures else opamp
     except ValueError as error:
         raise InputError(scene.file, Complaint("design.opamp", repr(figures), str(error))) from None
+    if not opamp.least_supply <= supply <= opamp.most_supply:
+        text = (
+            f"{choice.base} works at supplies from ±{opamp.least_supply:g} V"
+            f" to ±{opamp.most_supply:g} V"
+        )
+        raise InputError(scene.file, Complaint("design.supply", f"±{supply:g} V", text))
+    if not opamp.swing(supply) > 0.0:
+        found, text = f"{opamp.saturation:g} V", f"must be below the supply of ±{supply:g} V"
+        raise InputError(scene.file, Complaint("design.opamp.saturation", found, text))
+    return opamp

@@ -23,15 +23,18 @@ from netlist_gen.board.circuit import (
     Capacitor,
     Circuit,
     CurrentSource,
+    NoiseCurrent,
     Output,
     Resistor,
     ResistorMatrix,
+    Scalings,
     SignalAmplifier,
     VoltageSource,
 )
 from netlist_gen.board.omissions import list_omissions
 from netlist_gen.board.parts import Parts
 from netlist_gen.board.preferred_values import nearest
+from netlist_gen.board.pruning import pruned
 from netlist_gen.board.scalings import choose_opamp, make_scalings, preferred
 from netlist_gen.problem.inverse_problem import InverseProblem, make_problem
 from netlist_gen.scene.scene import Scene
@@ -58,10 +61,11 @@ def synthesise(scene: Scene, problem: InverseProblem | None = None) -> Circuit:
     problem = make_problem(scene) if problem is None else problem
     scalings = make_scalings(scene)
     model = choose_opamp(scene)
-    ohms, negative = matrix_resistors(problem.matrix, scene)
+    kept = pruned(problem.matrix, scene.design.prune)
+    ohms, negative = matrix_resistors(kept, scene)
     inverter = preferred(scene.design.inverter_resistance, scene)
     parts = Parts(model.name, scene.design.stray_capacitance, inverter)
-    board = _Board(scene, scalings.resistance, ohms, negative, parts)
+    board = _Board(scene, scalings, ohms, negative, parts)
     board.signal_plane()
     board.constraint_plane(problem.strain * scalings.unit_conductance * scalings.unit_voltage)
     board.connect()
@@ -81,7 +85,9 @@ def synthesise(scene: Scene, problem: InverseProblem | None = None) -> Circuit:
         signal_nodes=tuple(f"v_{n}" for n in board.channels),
         constraint_nodes=tuple(f"w_{k}" for k in board.sensors),
         outputs=tuple(board.outputs),
-        omissions=list_omissions(scene, problem, model),
+        omissions=list_omissions(scene, problem, kept, model),
+        supply=scene.design.supply,
+        noises=tuple(parts.noises),
     )
 
 
@@ -103,13 +109,13 @@ class _Board:
     """A synthesis that places the parts plane by plane."""
 
     def __init__(
-        self, scene: Scene, resistance: float, ohms: Floats, negative: Bools, parts: Parts
+        self, scene: Scene, scalings: Scalings, ohms: Floats, negative: Bools, parts: Parts
     ) -> None:
         self.scene, self.design, self.parts = scene, scene.design, parts
-        self.resistance = resistance
+        self.resistance, self.capacitance = scalings.resistance, scalings.capacitance
         self.ohms, self.negative = ohms, negative
         self.present = np.isfinite(ohms)
-        self.rounded = preferred(resistance, scene)
+        self.rounded = preferred(scalings.resistance, scene)
         self.linear = scene.design.amplifier == "linear"
         self.passive = scene.design.topology == "passive"
         self.channels = range(1, ohms.shape[1] + 1)
@@ -134,11 +140,14 @@ class _Board:
         feedback_negative = ~self.negative if self.passive else self.negative
         needs_inverter = np.any(self.present & feedback_negative, axis=1).tolist()
         gain, currents = preferred(self.design.gain, self.scene), amps.tolist()
+        density = self.design.sensor_noise
         for k in self.sensors:
             self.parts.opamp(f"c_{k}", f"c_{k}", f"w_{k}")
             self.parts.resistors.append(Resistor(f"s_{k}", f"w_{k}", f"c_{k}", gain))
             if currents[k - 1] != 0:
                 self.parts.currents.append(CurrentSource(f"eps_{k}", f"c_{k}", currents[k - 1]))
+            if density > 0.0:
+                self.parts.noises.append(NoiseCurrent(f"eps_{k}", f"c_{k}", density))
             if needs_inverter[k - 1]:
                 self.parts.inverting(f"z_{k}", f"w_{k}", f"z_{k}")
 
@@ -160,7 +169,7 @@ class _Board:
         parts, x, v, ohms = self.parts, f"x_{n}", f"v_{n}", self.rounded
         parts.opamp(f"v_{n}", x, v)
         parts.resistors.append(Resistor(f"r_{n}", v, x, ohms))
-        parts.capacitors.append(Capacitor(f"c_{n}", v, x, self.design.capacitance))
+        parts.capacitors.append(Capacitor(f"c_{n}", v, x, self.capacitance))
         if self.design.biased:
             if n == 1:
                 slope = self.design.exponential_slope or 1.0
@@ -179,7 +188,7 @@ class _Board:
             value = f"{self.resistance:.6g} ohm"
             raise InputError(self.scene.file, Complaint("design.resistance", value, text))
         parts.resistors.append(Resistor(f"r_{n}", v, GROUND, preferred(1.0 / left, self.scene)))
-        parts.capacitors.append(Capacitor(f"c_{n}", v, GROUND, self.design.capacitance))
+        parts.capacitors.append(Capacitor(f"c_{n}", v, GROUND, self.capacitance))
         parts.stray_at(v)
         if self.design.biased:
             text = "topology 'passive' has no virtual ground for a bias current; set bias = false"

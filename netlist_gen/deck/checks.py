@@ -5,13 +5,13 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from operator import attrgetter
 from typing import Any
 
 import numpy as np
 
-from netlist_gen.analysis import Analysis, Tolerances, Transient
+from netlist_gen.analysis import Analysis, Noise, Tolerances, Transient
 from netlist_gen.board.circuit import GROUND, Circuit
 
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
@@ -24,6 +24,7 @@ _NAMES: dict[str, Callable[[Any], tuple[str, ...]]] = {  # fields of the parts t
     "opamps": attrgetter("name", "model", "noninverting", "inverting", "output"),
     "amplifiers": attrgetter("name", "input", "output"),
     "currents": attrgetter("name", "node"),
+    "noises": attrgetter("name", "node"),
     "voltages": attrgetter("name", "node"),
 }
 
@@ -59,6 +60,8 @@ def check_circuit(circuit: Circuit) -> None:
         _check_value(stage.name, stage.v_scale)
     for current in circuit.currents:
         _check_value(current.name, abs(current.amps))
+    for noise in circuit.noises:
+        _check_value(noise.name, noise.density)
     for voltage in circuit.voltages:
         _check_value(voltage.name, abs(voltage.volts))
     for matrix in circuit.matrices:
@@ -75,7 +78,7 @@ def _names(circuit: Circuit) -> Iterator[str]:
 
 
 def check_request(
-    analysis: Analysis, saved: Iterable[str], solver: str, matrix_file: str | None
+    analysis: Analysis, saved: Sequence[str], solver: str, matrix_file: str | None
 ) -> None:
     """Check the nodes, options, file names and times that a deck is to contain.
 
@@ -87,6 +90,12 @@ def check_request(
     _check_names((*saved, solver))
     if matrix_file is not None and not FILE_NAME.fullmatch(matrix_file):
         raise ValueError(f"{matrix_file!r}: a file name in a deck has only letters, digits, '_.-'")
+    if isinstance(analysis, Noise):
+        if len(saved) != 1:
+            raise ValueError("a noise analysis has one node, since ngspice does not name the nodes")
+        for band in analysis.bands:
+            for name in ("start", "steps", "density"):
+                _check_value(name, getattr(band, name))
     if isinstance(analysis, Transient):
         _check_value("stop", analysis.stop)
         _check_value("max_step", analysis.max_step)

@@ -14,10 +14,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from netlist_gen.analysis import Analysis, OperatingPoint, Tolerances, Transient
+from netlist_gen.analysis import Analysis, Noise, OperatingPoint, Tolerances, Transient
 from netlist_gen.board.circuit import GROUND, Circuit, ResistorMatrix
 from netlist_gen.deck.checks import check_circuit, check_request, tolerances
 from netlist_gen.deck.header import header_lines
+from netlist_gen.deck.noise_cards import noise_cards
 from spice_models.array_types import Floats
 from spice_models.opamp import OpAmp
 from spice_models.subcircuits import amplifier_lines, opamp_subcircuit
@@ -25,7 +26,7 @@ from spice_models.subcircuits import amplifier_lines, opamp_subcircuit
 
 @dataclass(frozen=True, slots=True)
 class Deck:
-    """A complete deck with one analysis."""
+    """A complete deck with one analysis (of one card for each band, if the analysis is `Noise`)."""
 
     text: str = field(repr=False)  # the first line is a fixed title
     saved: tuple[str, ...]  # nodes whose voltages are saved, in this order
@@ -47,11 +48,12 @@ def write_deck(
     Parameters
     ----------
     solver : str
-        Option for the matrix solver: ``"klu"``, or ``"noopiter"`` for an ngspice without KLU.
+        Option for the matrix solver: ``"klu"``, or ``"noopiter"`` for an ngspice without KLU. A
+        noise analysis always has ``"noopiter"``, since ngspice has none with KLU.
     relative : float
         ngspice's reltol; the absolute tolerances follow from the circuit's scales.
     saved : iterable of str, optional
-        Nodes to save; by default the outputs.
+        Nodes to save; by default the outputs. A noise analysis has one node.
     matrix_file : str, optional
         Name of an include file for the subcircuit of the resistor matrices, which can then be
         replaced; the amplifiers are a second subcircuit.
@@ -90,16 +92,16 @@ def write_decks(
     nodes = tuple(saved) if saved is not None else tuple(o.node for o in circuit.outputs)
     for analysis in analyses:
         check_request(analysis, nodes, solver, matrix_file)
-    parts, files = _flat(circuit) if matrix_file is None else _split(circuit, matrix_file)
+    kinds = {isinstance(analysis, Noise) for analysis in analyses}
+    texts = {noisy: _board_text(circuit, matrix_file, noisy) for noisy in kinds}
     limits = tolerances(circuit, relative)
-    save = ".save " + " ".join(f"v({node})" for node in nodes)
     decks = []
     for analysis in analyses:
+        parts, files = texts[isinstance(analysis, Noise)]
         tail = [
             *_current_sources(circuit, analysis),
             *_options(limits, analysis, solver),
-            save,
-            *_analysis_cards(circuit, analysis),
+            *_analysis_cards(circuit, analysis, nodes),
             ".end",
             "",
         ]
@@ -143,13 +145,17 @@ def _ends(matrix: ResistorMatrix, k: int) -> tuple[Sequence[str], Sequence[str]]
     return drives, [matrix.sinks[k]] * len(drives)
 
 
-def _flat(circuit: Circuit) -> tuple[str, dict[str, str]]:
-    """Return the text of all parts except the current sources, and no further file."""
+def _board_text(
+    circuit: Circuit, matrix_file: str | None, noisy: bool
+) -> tuple[str, dict[str, str]]:
+    """Return the text of all parts except the current sources, and the text of further files."""
+    if matrix_file is not None:
+        return _split(circuit, matrix_file, noisy)
     lines = [*_amplifiers(circuit), *matrix_lines(circuit.matrices)]
-    return _text(circuit, lines, _parts(circuit)), {}
+    return _text(circuit, lines, _parts(circuit), noisy), {}
 
 
-def _split(circuit: Circuit, matrix_file: str) -> tuple[str, dict[str, str]]:
+def _split(circuit: Circuit, matrix_file: str, noisy: bool) -> tuple[str, dict[str, str]]:
     """Return the same with two subcircuits: amplifiers and, in `matrix_file`, matrices."""
     pads = _pads(circuit)
     nodes = [*circuit.signal_nodes, *circuit.constraint_nodes, *(o.node for o in circuit.outputs)]
@@ -166,7 +172,7 @@ def _split(circuit: Circuit, matrix_file: str) -> tuple[str, dict[str, str]]:
         *_subcircuit("matrix", pads, matrix_lines(circuit.matrices)),
         "",
     ]
-    board = _text(circuit, [f".include {matrix_file}"], parts)
+    board = _text(circuit, [f".include {matrix_file}"], parts, noisy)
     return board, {matrix_file: "\n".join(text)}
 
 
@@ -174,21 +180,23 @@ def _subcircuit(name: str, ports: Sequence[str], lines: Iterable[str]) -> list[s
     return [f".subckt {name} " + " ".join(ports), *lines, f".ends {name}"]
 
 
-def _text(circuit: Circuit, before: Iterable[str], after: Iterable[str]) -> str:
+def _text(circuit: Circuit, before: Iterable[str], after: Iterable[str], noisy: bool) -> str:
     """Return header, `before`, subcircuits of the op-amps in use, `after` and bias sources."""
     grounded: dict[str, bool] = {}
     for cell in circuit.opamps:
         grounded[cell.model] = cell.noninverting == GROUND and grounded.get(cell.model, True)
     models = [model for model in circuit.models.values() if model.name in grounded]
-    cells = "\n".join(_opamp_text(model, grounded[model.name]) for model in models)
+    cells = "\n".join(
+        _opamp_text(model, grounded[model.name], circuit.supply, noisy) for model in models
+    )
     biases = [f"V{bias.name} {bias.node} {GROUND} {bias.volts!r}" for bias in circuit.voltages]
     head = [".title taction board", *header_lines(circuit), *before, ""]
     return "\n".join(head) + cells + "\n".join([*after, *biases, ""])
 
 
 @lru_cache(maxsize=64)
-def _opamp_text(model: OpAmp, noninverting_grounded: bool) -> str:
-    return str(opamp_subcircuit(model, noninverting_grounded=noninverting_grounded))
+def _opamp_text(model: OpAmp, grounded: bool, supply: float, noisy: bool) -> str:
+    return str(opamp_subcircuit(model, noninverting_grounded=grounded, supply=supply, noisy=noisy))
 
 
 def _pads(circuit: Circuit) -> list[str]:
@@ -241,7 +249,7 @@ def _starts_from_rest(circuit: Circuit, analysis: Transient) -> bool:
 
 def _options(limits: Tolerances, analysis: Analysis, solver: str) -> list[str]:
     lines = [
-        f".options {solver}",
+        f".options {'noopiter' if isinstance(analysis, Noise) else solver}",
         f".options reltol={limits.relative!r} abstol={limits.current!r} vntol={limits.voltage!r}",
     ]
     charge = limits.charge
@@ -254,9 +262,12 @@ def _options(limits: Tolerances, analysis: Analysis, solver: str) -> list[str]:
     return lines
 
 
-def _analysis_cards(circuit: Circuit, analysis: Analysis) -> list[str]:
+def _analysis_cards(circuit: Circuit, analysis: Analysis, nodes: Sequence[str]) -> list[str]:
+    if isinstance(analysis, Noise):
+        return noise_cards(analysis, nodes[0], circuit.noises)
+    save = ".save " + " ".join(f"v({node})" for node in nodes)
     if isinstance(analysis, OperatingPoint):
-        return [".op"]
+        return [save, ".op"]
     rest = _starts_from_rest(circuit, analysis)
     step = repr(analysis.max_step)
     begin = repr(10.0 * analysis.begin)  # ngspice's first step is a tenth of the card's figure
@@ -264,4 +275,4 @@ def _analysis_cards(circuit: Circuit, analysis: Analysis) -> list[str]:
     if analysis.voltages:
         pairs = " ".join(f"v({node})={volts!r}" for node, volts in analysis.voltages.items())
         cards.insert(0, f".ic {pairs}")
-    return cards
+    return [save, *cards]

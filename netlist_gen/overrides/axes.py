@@ -159,9 +159,11 @@ def _values(key: Key, text: str, body: str, points: int) -> tuple[tuple[Value, .
 
 
 def _count(text: str, part: str) -> int:
-    if not part.isdecimal() or not 2 <= int(part) <= MAX_POINTS:
+    # Python converts at most 4,300 digits.
+    count = int(part) if part.isdecimal() and len(part) <= len(str(MAX_POINTS)) else 0
+    if not 2 <= count <= MAX_POINTS:
         raise _wrong(text, f"{part!r} points; expected a whole number from 2 to {MAX_POINTS}")
-    return int(part)
+    return count
 
 
 def _default_axis(scene: Scene, key: Key, name: str, around: float, points: int) -> Axis:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import tokenize
 from pathlib import Path
 
 import numpy as np
@@ -69,7 +70,10 @@ def _real_numbers(file: io.BytesIO) -> Floats:
     version = npy.read_magic(file)
     if version not in HEADERS:
         raise ValueError(f"its format is {version[0]}.{version[1]}")
-    shape, in_columns, dtype = HEADERS[version](file)
+    try:
+        shape, in_columns, dtype = HEADERS[version](file)
+    except (SyntaxError, TypeError, tokenize.TokenError, RecursionError, MemoryError):
+        raise ValueError("its header is damaged") from None
     if dtype.kind not in "iuf":
         raise ValueError(f"its type is {dtype}")
     content = file.getbuffer()[file.tell() :]

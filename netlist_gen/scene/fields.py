@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
@@ -11,22 +12,29 @@ from pydantic_core import CoreSchema, core_schema
 from netlist_gen.quantities import EXAMPLES, parse
 
 LEAST, MOST = 1e-30, 1e30  # of a quantity in base units: no product of a few leaves the floats
+BOTH_SIGNS = re.compile(r"^\s*(±|\+/?-)")
 SMALL, LARGE = 1e-100, 1e100  # of a number without a unit
 MOST_CHANNELS = 5000  # T has 0.2 GB, and the analysis of the board takes many times that
 
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """Annotation of a quantity in `unit` above zero (with `zero`: or zero), or the `word`."""
+    """Annotation of a quantity in `unit` above zero (with `zero`: or zero), or the `word`.
+
+    A quantity of `both` signs may be written with the sign ±, also as +- or +/-.
+    """
 
     unit: str
     zero: bool = False
     word: str = ""
+    both: bool = False
 
     def check(self, value: object) -> float | str:
         """Return the quantity in base units, or the word; ValueError has the accepted values."""
         if self.word and value == self.word:
             return self.word
+        if self.both and isinstance(value, str):
+            value = BOTH_SIGNS.sub("", value)
         try:
             number = parse(value, self.unit)
         except ValueError as error:
@@ -41,7 +49,8 @@ class Unit:
         return core_schema.no_info_plain_validator_function(self.check)
 
     def __get_pydantic_json_schema__(self, schema: object, handler: object) -> dict[str, Any]:
-        example = f"a number in {self.unit}, or a quantity such as {EXAMPLES[self.unit]!r}"
+        quantity = "±15V" if self.both else EXAMPLES[self.unit]
+        example = f"a number in {self.unit}, or a quantity such as {quantity!r}"
         if self.word:
             example += f", or {self.word!r}"
         return {"anyOf": [{"type": "number"}, {"type": "string"}], "description": example}
@@ -76,6 +85,13 @@ Ohms = Annotated[float, Unit("ohm")]
 OhmsOrZero = Annotated[float, Unit("ohm", zero=True)]
 Siemens = Annotated[float, Unit("S")]
 Volts = Annotated[float, Unit("V")]
+VoltsOrZero = Annotated[float, Unit("V", zero=True)]
+SupplyVolts = Annotated[float, Unit("V", both=True)]
+Amps = Annotated[float, Unit("A")]
+AmpsOrZero = Annotated[float, Unit("A", zero=True)]
+VoltsPerSecond = Annotated[float, Unit("V/s")]
+VoltageDensityOrZero = Annotated[float, Unit("V/rtHz", zero=True)]
+CurrentDensityOrZero = Annotated[float, Unit("A/rtHz", zero=True)]
 Hertz = Annotated[float, Unit("Hz")]
 Seconds = Annotated[float, Unit("s")]
 SecondsOrAuto = Annotated[Literal["auto"] | float, Unit("s", word="auto")]

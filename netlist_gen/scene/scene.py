@@ -6,35 +6,34 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, get_args
 
-from pydantic import Field, GetJsonSchemaHandler, PrivateAttr, StrictBool, model_validator
-from pydantic_core import CoreSchema
+from pydantic import Field, PrivateAttr, StrictBool, model_validator
 
 from netlist_gen.scene.arrays import in_memory
 from netlist_gen.scene.fields import (
     Count,
+    CurrentDensityOrZero,
     Farads,
     FaradsOrZero,
-    Hertz,
     LambdaOrRule,
     Model,
     NonNegative,
     Ohms,
-    OhmsOrZero,
     Positive,
     Real,
     Seconds,
     SecondsOrAuto,
     Siemens,
+    SupplyVolts,
     Volts,
 )
 from netlist_gen.scene.mistakes import contradictions, placed, validated
+from netlist_gen.scene.opamp_choice import OpAmpChoice
 from netlist_gen.scene.problem import MatrixProblem, TactileProblem
 from netlist_gen.scene.regression import Regression
 from netlist_gen.scene.tolerances import Tolerances
 from spice_models.amplifier import AMPLIFIERS
 from spice_models.definitions import SETTLING_BAND
 from spice_models.errors import Complaint, InputError
-from spice_models.presets import preset_names
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -44,34 +43,6 @@ NAME_PATTERN = r"^[A-Za-z0-9_.-]+$"
 DEFAULT_RESISTANCE = 1.786e6
 GRID_ENGINES = ("both", "hybrid")  # of a sweep, not of a scene
 IN_MEMORY = "Scene.from_arrays"  # instead of the name of a file
-
-
-class OpAmpChoice(Model):
-    """A preset, or a preset with some figures changed."""
-
-    base: str = "ua741"
-    dc_gain: Positive | None = None
-    gbw: Hertz | None = None
-    second_pole: Hertz | None = None
-    phase_margin: Annotated[Real, Field(gt=0, lt=90)] | None = Field(
-        None, description="degrees, at unity gain; sets the second pole"
-    )
-    input_resistance: Ohms | None = None
-    differential_capacitance: FaradsOrZero | None = None
-    input_capacitance: FaradsOrZero | None = None
-    output_resistance: OhmsOrZero | None = None
-
-    @model_validator(mode="before")
-    @classmethod
-    def _by_name(cls, data: Any) -> Any:
-        return {"base": data} if isinstance(data, str) else data
-
-    @classmethod
-    def __get_pydantic_json_schema__(
-        cls, core: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> dict[str, Any]:
-        table = handler(core)
-        return {"anyOf": [{"type": "string", "enum": list(preset_names())}, table]}
 
 
 class Design(Model):
@@ -90,9 +61,19 @@ class Design(Model):
     exponential_slope: Volts | None = None
     bias: StrictBool | None = Field(None, description="bias current I_b = Ve/R")
     opamp: OpAmpChoice = OpAmpChoice()
+    supply: SupplyVolts = Field(15.0, description="both supply voltages of the op-amps, as '±15V'")
     stray_capacitance: FaradsOrZero = 1e-11
+    sensor_noise: CurrentDensityOrZero = Field(
+        0.0, description="of every strain current, white; for the check 'noise'"
+    )
     inverter_resistance: Ohms = 1e4
+    prune: Annotated[Real, Field(ge=0, lt=1)] = Field(
+        0.0, description="entries of T below this fraction of the largest have no resistors"
+    )
     resistor_series: Literal["exact", "E24", "E96", "E192"] = "exact"
+    capacitor_series: Literal["exact", "E6", "E12", "E24"] = Field(
+        "exact", description="of C; a stray capacitance is no part"
+    )
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -159,6 +140,12 @@ class RiseTimeCheck(Model):
     channel: Count | None = None
 
 
+class NoiseCheck(Model):
+    """Output noise of every channel at rest, rms over all frequencies, V."""
+
+    max: Volts
+
+
 class StabilityCheck(Model):
     """`margin`: factor by which C can shrink until the board oscillates; 1: only stability."""
 
@@ -187,6 +174,7 @@ class Checks(Model):
     overshoot: ExcursionCheck | None = None
     undershoot: ExcursionCheck | None = None
     rise_time: RiseTimeCheck | None = None
+    noise: NoiseCheck | None = None
     stability: StabilityCheck = StabilityCheck()
     engines_agree: EnginesAgreeCheck = EnginesAgreeCheck()
 

@@ -128,3 +128,82 @@ def test_a_signal_ends_the_simulator(name: str, tmp_path: Path) -> None:
     assert "interrupted; no verdict was reached" in errors
     assert not is_running(child)
     assert list(temporary.iterdir()) == []
+
+
+SWALLOWED = """
+import os, signal, sys, time, weakref
+from cli.ending import run_command
+
+class Thing:
+    pass
+
+def function():
+    thing = Thing()
+    reference = weakref.ref(thing, lambda _: os.kill(os.getpid(), signal.SIGTERM))
+    del thing  # Python drops an exception of this callback
+    time.sleep(60)
+
+sys.exit(run_command(function, as_json=False))
+"""
+WRAPPED = """
+import os, signal, sys
+from cli.ending import run_command
+
+def function():
+    try:
+        os.kill(os.getpid(), signal.SIGTERM)
+    except KeyboardInterrupt:
+        raise ValueError("an error that holds the signal") from None
+
+sys.exit(run_command(function, as_json=False))
+"""
+EXECUTED = """
+import os, signal, sys
+from cli.ending import run_command
+sys.exit(run_command(lambda: exec("os.kill(os.getpid(), signal.SIGINT)"), as_json=False))
+"""
+
+
+@pytest.mark.parametrize(
+    ("code", "number"),
+    [(SWALLOWED, signal.SIGTERM), (WRAPPED, signal.SIGTERM), (EXECUTED, signal.SIGINT)],
+)
+def test_no_signal_is_lost_on_its_way(code: str, number: int) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60.0,
+        env={**os.environ, "PYTHONPATH": str(SCENES.parent)},
+    )
+    assert done.returncode == 128 + number
+    assert done.stderr == "taction: interrupted; no verdict was reached\n"
+
+
+def test_the_second_signal_does_not_stop_the_clean_up() -> None:
+    code = """
+import os, signal, sys, time
+from cli.ending import run_command
+
+def function():
+    try:
+        os.kill(os.getpid(), signal.SIGINT)
+    finally:
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.1)
+        print("clean")
+
+status = run_command(function, as_json=False)
+os.kill(os.getpid(), signal.SIGINT)
+sys.exit(status)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60.0,
+        env={**os.environ, "PYTHONPATH": str(SCENES.parent)},
+    )
+    assert (done.returncode, done.stdout) == (130, "clean\n")

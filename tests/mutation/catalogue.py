@@ -1,121 +1,57 @@
 """The catalogue of planted faults: where each is planted, and the checks that fail.
 
-A verdict must not pass with any of them. `caught_by` names checks that fail in that verdict; other
-checks may fail, too.
+A verdict must not pass with any of them. `caught_by` names checks that fail in that verdict, or
+have another `outcome` that is no pass; other checks may fail, too.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from netlist_gen.board.circuit import Scalings
 from netlist_gen.overrides.axes import with_value
 from netlist_gen.scene.scene import Scene
 from tests.mutation import faults, planting
 from tests.mutation.faults import (
-    CircuitChange,
-    ProblemChange,
-    WaveformsChange,
     figures,
     scaled,
 )
-from tests.mutation.planting import Plant
+from tests.mutation.mutation import (
+    AGREE,
+    ELEVEN,
+    ENTROPY,
+    KNOWN,
+    MATRIX,
+    NGSPICE,
+    OVERSHOOTS,
+    PAPER,
+    RISES,
+    SAME,
+    SETTLES,
+    SKEW,
+    STABLE,
+    STATE_SPACE,
+    STEADY,
+    TUNED,
+    Mutation,
+    of_answer,
+    of_board,
+    of_deck,
+    of_equations,
+    of_problem,
+    of_readings,
+    of_record,
+    of_reference,
+    of_run,
+    of_scalings,
+    of_text,
+)
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.linearised.modes import Modes
 from verification.ideal.ideal_answer import IdealAnswer, ideal_answer
 from verification.measures.readings import Step
-from verification.reference import IdealNetwork
-
-MATRIX, ELEVEN, TUNED = "custom-matrix", "eleven-channel", "tuned-breadboard"
-PAPER, ENTROPY, SKEW = "paper-breadboard", "paper-exponential", "tangential-exponential"
-STATE_SPACE, NGSPICE = "statespace", "ngspice"
-STEADY, SETTLES, RISES = "steady_state", "settling_time", "rise_time"
-OVERSHOOTS, STABLE, AGREE, SAME = "overshoot", "stability", "engines_agree", "same_problem"
-
-
-@dataclass(frozen=True)
-class Mutation:
-    """One planted fault."""
-
-    fault: str  # what is wrong, in words
-    where: str  # the station of the pipeline that hands on the wrong value
-    plant: Plant
-    scene: str  # shipped scene that is verified
-    engine: str
-    caught_by: tuple[str, ...]  # checks that fail
-
-
-def of_problem(fault: str, change: ProblemChange, scene: str) -> Mutation:
-    """Build a board of another problem than the reference's."""
-    plant = planting.in_the_problem_of_the_board(change)
-    return Mutation(fault, "synthesis", plant, scene, STATE_SPACE, (STEADY,))
-
-
-def of_scalings(
-    fault: str, change: Callable[[Scalings], dict[str, float]], scene: str, *caught_by: str
-) -> Mutation:
-    """Give the synthesis other numbers of the design."""
-    plant = planting.in_the_scalings(lambda s: replace(s, **change(s)))
-    engine = NGSPICE if scene == ENTROPY else STATE_SPACE  # the faster one
-    return Mutation(fault, "scalings of the synthesis", plant, scene, engine, caught_by)
-
-
-def of_board(fault: str, change: CircuitChange, scene: str, caught_by: str) -> Mutation:
-    """Give both engines another circuit."""
-    plant = planting.in_the_circuit(change)
-    return Mutation(fault, "circuit (both engines)", plant, scene, STATE_SPACE, (caught_by,))
-
-
-def of_deck(fault: str, change: CircuitChange, scene: str) -> Mutation:
-    """Give ngspice alone another circuit."""
-    return Mutation(fault, "deck", planting.in_the_deck(change), scene, NGSPICE, (AGREE,))
-
-
-def of_text(fault: str, old: str, new: str, *caught_by: str) -> Mutation:
-    """Replace a text in the deck."""
-    plant = planting.in_the_text_of_the_deck(lambda text: text.replace(old, new))
-    return Mutation(fault, "text of the deck", plant, MATRIX, NGSPICE, caught_by)
-
-
-def of_run(fault: str, changes: dict[str, float | str], scene: str, *caught_by: str) -> Mutation:
-    """Let ngspice run another transient."""
-    plant = planting.in_the_run(changes)
-    return Mutation(fault, "plan of ngspice", plant, scene, NGSPICE, caught_by)
-
-
-def of_record(fault: str, change: WaveformsChange) -> Mutation:
-    """Change what ngspice returns."""
-    plant = planting.in_the_record(change)
-    return Mutation(fault, "record of ngspice", plant, MATRIX, NGSPICE, (AGREE,))
-
-
-def of_reference(
-    fault: str, change: Callable[[IdealNetwork], IdealNetwork], scene: str, *caught_by: str
-) -> Mutation:
-    """Let the reference solve another problem."""
-    plant = planting.in_the_reference(change)
-    return Mutation(fault, "reference", plant, scene, STATE_SPACE, caught_by)
-
-
-def of_answer(
-    fault: str, change: Callable[[IdealAnswer, Scene], IdealAnswer], scene: str, caught_by: str
-) -> Mutation:
-    """Change the answer of the reference."""
-    plant = planting.in_the_answer(change)
-    return Mutation(fault, "answer of the reference", plant, scene, STATE_SPACE, (caught_by,))
-
-
-def of_equations(fault: str, change: CircuitChange, scene: str) -> Mutation:
-    """Give the state-space engine alone another circuit."""
-    plant = planting.in_the_equations(change)
-    return Mutation(fault, "equations of the state space", plant, scene, NGSPICE, (AGREE,))
-
-
-def of_readings(fault: str, plant: Plant) -> Mutation:
-    """Change what the measures read with."""
-    return Mutation(fault, "measures", plant, MATRIX, STATE_SPACE, (SETTLES,))
+from verification.pipeline.checks import Outcome
 
 
 def at_rest(board: LinearBoard) -> LinearBoard:
@@ -146,7 +82,7 @@ def half_lambda(scalings: Scalings) -> dict[str, float]:
 
 CAPACITORS, STRAYS = ("capacitors", "c_"), ("capacitors", "stray_")
 NO_SECOND_POLE = figures(second_pole=math.inf)
-OTHER_OPAMP = faults.other_model("c_1", "ua741")
+OTHER_OPAMP = faults.other_model("c_2", "op27")
 OTHER_STAGE = scaled("amplifiers", "a_", u_scale=1.01)
 
 SYNTHESIS = (
@@ -172,7 +108,14 @@ CIRCUIT = (
     of_board("s off by 0.5 %", scaled("resistors", "s_", ohms=1.005), PAPER, STEADY),
     of_board("C off by 8 %", scaled(*CAPACITORS, farads=1.08), PAPER, RISES),
     of_board("C off by -5 %", scaled(*CAPACITORS, farads=0.95), PAPER, OVERSHOOTS),
-    of_board("wrong op-amp model on one cell", OTHER_OPAMP, MATRIX, SETTLES),
+    of_board("C off by 1 %", scaled(*CAPACITORS, farads=1.01), KNOWN, RISES),
+    of_board("C off by -1 %", scaled(*CAPACITORS, farads=0.99), KNOWN, RISES),
+    of_board("stray capacitance off by 5 %", scaled(*STRAYS, farads=1.05), KNOWN, SETTLES),
+    of_board("stray capacitance off by -5 %", scaled(*STRAYS, farads=0.95), KNOWN, SETTLES),
+    of_board("gain-bandwidth product off by 5 %", figures(gbw=1.05e6), KNOWN, RISES),
+    of_board("gain-bandwidth product off by -5 %", figures(gbw=0.95e6), KNOWN, SETTLES),
+    of_board("dropped second pole", NO_SECOND_POLE, KNOWN, SETTLES),
+    of_board("wrong op-amp model on one cell", OTHER_OPAMP, KNOWN, SETTLES),
     of_board("swapped op-amp inputs", faults.swapped_inputs("c_1"), MATRIX, STABLE),
     of_board("dropped inverters of w", faults.without_inverters, MATRIX, STEADY),
     of_board("one feedback resistor missing", faults.without_feedback_resistor, MATRIX, STEADY),
@@ -237,4 +180,31 @@ READINGS = (
         planting.in_a_method(Step, "amplitude", lambda amplitude: 2.0 * amplitude),
     ),
 )
-MUTATIONS = (*SYNTHESIS, *CIRCUIT, *THIRD_WITNESS, *FIRST_WITNESS, *SECOND_WITNESS, *READINGS)
+CERTAINTY = (
+    Mutation(
+        "a dropped uncertainty: 0 for all times",
+        "measures",
+        planting.in_the_measures(faults.without_uncertainties),
+        MATRIX,
+        STATE_SPACE,
+        (SETTLES,),
+        Outcome.INCONCLUSIVE,
+    ),
+    Mutation(
+        "a stale baseline: made before C changed by 1 %",
+        "baseline",
+        planting.in_the_baseline(lambda s: with_value(s, "design.capacitance", "101pF")),
+        MATRIX,
+        STATE_SPACE,
+        ("regression",),
+    ),
+)
+MUTATIONS = (
+    *SYNTHESIS,
+    *CIRCUIT,
+    *THIRD_WITNESS,
+    *FIRST_WITNESS,
+    *SECOND_WITNESS,
+    *READINGS,
+    *CERTAINTY,
+)

@@ -12,6 +12,9 @@ from netlist_gen.board.circuit import Circuit
 from netlist_gen.problem.inverse_problem import InverseProblem
 from spice_models.array_types import Complexes, Floats
 from spice_models.presets import load_presets
+from verification.measures.measurements import summary
+from verification.measures.readings import Reading
+from verification.pipeline.bounded_measures import BoundedMeasures
 from verification.waveforms import Waveforms
 
 CircuitChange = Callable[[Circuit], Circuit]
@@ -158,6 +161,22 @@ def stale_column(factor: float) -> WaveformsChange:
         return replace(waveforms, values=values)
 
     return change
+
+
+def without_uncertainties(found: BoundedMeasures) -> BoundedMeasures:
+    """Drop the uncertainties of all times."""
+
+    def certain(reading: Reading | None) -> Reading | None:
+        return None if reading is None else replace(reading, uncertainty=0.0)
+
+    measured = found.measurements
+    channels = [
+        replace(c, rise_time=certain(c.rise_time), settling_time=certain(c.settling_time))
+        for c in measured.channels
+    ]
+    return replace(
+        found, measurements=summary(measured.amplitude, measured.band, measured.modes, channels)
+    )
 
 
 def without_strongest(shares: Complexes) -> Complexes:

@@ -23,9 +23,13 @@ from netlist_gen.scene.scene import Scene
 from verification.engines.statespace.equations.stamps import stamp
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.ideal.ideal_answer import IdealAnswer, ideal_answer, ideal_network
-from verification.pipeline import simulation
+from verification.pipeline import recording, simulation
+from verification.pipeline.bounded_measures import BoundedMeasures, measure_with_bounds
+from verification.pipeline.checks import Check, Outcome, overall
 from verification.pipeline.simulation import Pending
 from verification.reference import IdealNetwork
+from verification.studies.regression.baseline_entry import observe
+from verification.studies.regression.compare import compare
 from verification.verify import Verdict, verify
 from verification.waveforms import Waveforms
 
@@ -44,12 +48,9 @@ def in_the_circuit(change: Callable[[Circuit], Circuit]) -> Plant:
 
 def in_the_problem_of_the_board(change: Callable[[InverseProblem], InverseProblem]) -> Plant:
     """The synthesis builds a board for the changed problem; the reference has the right one."""
-    return in_the_synthesis(lambda scene: synthesise(scene, change(make_problem(scene))))
-
-
-def in_the_synthesis(build: Callable[[Scene], Circuit]) -> Plant:
-    """Both engines get the circuit that `build` makes of the scene."""
-    return lambda scene, patch: verify(scene, circuit=build(scene))
+    return lambda scene, patch: verify(
+        scene, circuit=synthesise(scene, change(make_problem(scene)))
+    )
 
 
 def in_the_scalings(change: Callable[[Scalings], Scalings]) -> Plant:
@@ -167,6 +168,33 @@ def in_a_method(owner: type, name: str, change: Callable[[Any], Any]) -> Plant:
         value = property(changed) if isinstance(original, property) else changed
         patch.setattr(owner, name, value)
         return verify(scene)
+
+    return plant
+
+
+def in_the_measures(change: Callable[[BoundedMeasures], BoundedMeasures]) -> Plant:
+    """The measurements of the record are changed, with their uncertainties."""
+
+    def plant(scene: Scene, patch: pytest.MonkeyPatch) -> Verdict:
+        def measured(*given: Any, **options: Any) -> BoundedMeasures:
+            return change(measure_with_bounds(*given, **options))
+
+        patch.setattr(recording, "measure_with_bounds", measured)
+        return verify(scene)
+
+    return plant
+
+
+def in_the_baseline(change: Callable[[Scene], Scene]) -> Plant:
+    """The baseline is that of the changed scene; the check `regression` compares with it."""
+
+    def plant(scene: Scene, patch: pytest.MonkeyPatch) -> Verdict:
+        then, verdict = observe(verify(change(scene)), "unknown").entry, verify(scene)
+        found = compare(observe(verdict, "unknown"), then, scene.regression)
+        outcome = Outcome.FAIL if any(each.changed for each in found) else Outcome.PASS
+        check = Check("regression", outcome, None, None, None, None, "", "")
+        checks = (*verdict.checks, check)
+        return replace(verdict, checks=checks, outcome=overall(checks))
 
     return plant
 

@@ -6,6 +6,7 @@ import re
 
 from tests.mutation.catalogue import MUTATIONS
 from tests.support.paths import ROOT
+from verification.pipeline.checks import Outcome
 
 PAGE = ROOT / "docs" / "witnesses.md"
 TABLE = re.compile(r"(<!-- planted faults -->\n).*(<!-- end -->\n)", re.DOTALL)
@@ -17,6 +18,7 @@ def page_with(text: str) -> str:
     lines = ["| fault | planted in | scene, engine | caught by |", "|---|---|---|---|"]
     for mutation in MUTATIONS:
         caught = ", ".join(name.replace("_", " ") for name in mutation.caught_by)
+        caught += "" if mutation.outcome is Outcome.FAIL else f" ({mutation.outcome.value})"
         verified = f"`{mutation.scene}`, {ENGINES[mutation.engine]}"
         lines.append(f"| {mutation.fault} | {mutation.where} | {verified} | {caught} |")
     table = "\n".join(lines) + "\n"

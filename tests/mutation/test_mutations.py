@@ -5,10 +5,12 @@ from __future__ import annotations
 import pytest
 
 from netlist_gen.scene.file import load_scene
-from tests.mutation.catalogue import MUTATIONS, Mutation
-from tests.mutation.planting import nothing
+from tests.mutation.catalogue import MUTATIONS
+from tests.mutation.mutation import KNOWN, MATRIX, STATE_SPACE, Mutation
+from tests.mutation.planting import in_the_baseline, nothing
 from tests.mutation.table import PAGE, page_with
 from tests.support.paths import SCENES
+from tests.support.true_values import true_values
 from verification.pipeline.checks import Outcome
 from verification.verify import Verdict
 
@@ -28,13 +30,35 @@ def test_a_planted_fault_is_caught(mutation: Mutation) -> None:
     verdict = judge(mutation)
     outcomes = {check.name: check.outcome for check in verdict.checks}
     assert verdict.outcome is not Outcome.PASS
-    assert {outcomes.get(name) for name in mutation.caught_by} == {Outcome.FAIL}, outcomes
+    assert {outcomes.get(name) for name in mutation.caught_by} == {mutation.outcome}, outcomes
 
 
 @pytest.mark.parametrize(("scene", "engine"), VERIFIED)
 def test_without_a_fault_the_scene_passes(scene: str, engine: str) -> None:
     verdict = judge(Mutation("", "", nothing, scene, engine, ()))
     assert {check.outcome for check in verdict.checks} == {Outcome.PASS}
+
+
+def test_a_fresh_baseline_is_kept() -> None:
+    verdict = judge(Mutation("", "", in_the_baseline(lambda s: s), MATRIX, STATE_SPACE, ()))
+    assert verdict.checks[-1].name == "regression"
+    assert verdict.outcome is Outcome.PASS
+
+
+def test_known_readings_are_those_of_the_oracle() -> None:
+    """The limits of the scene are 0.5 % and 0.3 % around the readings of the deck's equations."""
+    scene = load_scene(SCENES / f"{KNOWN}.toml")
+    truth, checks = true_values(scene), scene.checks
+    rise, settling = truth.channels[1]["rise_time"], truth.largest("settling_time")
+    assert settling is not None
+    assert checks.rise_time is not None
+    limits = checks.settling_time.min, checks.settling_time.max
+    assert limits == (
+        pytest.approx(0.995 * settling, rel=1e-4),
+        pytest.approx(1.005 * settling, rel=1e-4),
+    )
+    limits = checks.rise_time.min, checks.rise_time.max
+    assert limits == (pytest.approx(0.997 * rise, rel=1e-4), pytest.approx(1.003 * rise, rel=1e-4))
 
 
 def test_the_page_shows_the_catalogue() -> None:

@@ -49,6 +49,7 @@ def test_the_workflow_runs_what_anybody_can_run() -> None:
 def test_ci_run_compares_the_scenes_after_the_tests() -> None:
     lines = (ROOT / ".ci" / "run").read_text().splitlines()
     assert lines.index("make regress || status=1") > lines.index("make test || status=1")
+    assert {"make test-simulators || status=1", "make test-pythons || status=1"} <= set(lines)
     assert "taction regress scenes/ --baseline scenes/baseline.json" in (
         ROOT / "Makefile"
     ).read_text("utf-8")

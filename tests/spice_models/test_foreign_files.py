@@ -31,7 +31,7 @@ def test_what_is_no_file_is_refused(tmp_path: Path) -> None:
     for name in (tmp_path / "pipe", tmp_path, "/dev/zero", "/dev/null"):
         with pytest.raises(UnusableFileError, match="not a regular file"):
             read_bounded(name, 1000)
-    for name, says in ((tmp_path / "missing", "No such file"), ("a\0b", "null byte")):
+    for name, says in ((tmp_path / "missing", "No such file"), ("a\0b", "embedded null")):
         with pytest.raises(UnusableFileError, match=says):
             read_ends(name, 1000)
 

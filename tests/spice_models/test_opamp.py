@@ -109,3 +109,9 @@ def test_a_figure_that_no_opamp_has_is_named(figure: dict[str, float | str]) -> 
     named = "second_pole" if figure == {"gbw": math.inf} else next(iter(figure))
     with pytest.raises(ValueError, match=f"^{named} = "):
         OpAmp(**(good | figure))  # type: ignore[arg-type]  # mixed on purpose
+
+
+@pytest.mark.parametrize("count", [0, 1.5])
+def test_a_package_holds_a_whole_number_of_opamps(count: float) -> None:
+    with pytest.raises(ValueError, match=r"channels_per_package = .*whole number"):
+        OpAmp("x", 1e5, channels_per_package=count)  # type: ignore[arg-type]

@@ -92,6 +92,30 @@ def test_a_preset_has_its_figures(ngspice: str, tmp_path: Path, model: OpAmp) ->
     )
 
 
+@pytest.mark.parametrize("model", PRESETS.values(), ids=PRESETS)
+def test_a_preset_has_the_noise_of_its_figures(ngspice: str, tmp_path: Path, model: OpAmp) -> None:
+    """Open loop, both inputs through silent resistors in which i_n makes about the noise e_n."""
+    R = model.voltage_noise / model.current_noise if model.current_noise else 1e3
+    result = simulate(
+        ngspice,
+        tmp_path,
+        str(opamp_subcircuit(model, noninverting_grounded=False, noisy=True)),
+        "V1 in 0 0.0 AC 1",
+        f"Rp in p {R!r} noisy=0",
+        f"Rn n 0 {R!r} noisy=0",
+        f"X1 p n out {model.name}",
+        ".options noopiter",
+        ".save onoise_spectrum",
+        ".noise v(out) V1 dec 1 1e-6 1e-5",
+    )
+    difference = (
+        R if math.isinf(model.input_resistance) else R / (1 + 2 * R / model.input_resistance)
+    )
+    wanted = math.hypot(model.voltage_noise, math.sqrt(2.0) * model.current_noise * difference)
+    found = result["onoise_spectrum"][0]
+    assert found == pytest.approx(wanted * model.dc_gain, rel=1e-5, abs=1e-30)
+
+
 @pytest.mark.parametrize(("name", "percent"), [("ua741", 5.0), ("tl084", 20.0), ("ne5534", 20.0)])
 def test_a_follower_overshoots_as_the_data_sheet_prints(
     ngspice: str, tmp_path: Path, name: str, percent: float
@@ -125,6 +149,18 @@ def test_only_what_is_needed_has_a_card() -> None:
     assert elements(full, noninverting_grounded=True) == ["Rd", "Cd", "Cn", *stages]
     pole = derive(PRESETS["ideal"], "pole", gbw=1e6, input_capacitance=1e-12)
     assert elements(pole, noninverting_grounded=True) == ["Cn", "G1", "R1", "C1", "Eo"]
+
+
+def test_noise_has_cards_of_its_own_and_silences_the_model() -> None:
+    text = str(opamp_subcircuit(PRESETS["tl084"], noninverting_grounded=True, noisy=True))
+    lines = [line.split() for line in text.splitlines()]
+    silent = {line[0] for line in lines if line[-1] == "noisy=0"}
+    assert silent == {"Rd", "R1", "R2", "Ro"}
+    assert {line[0] for line in lines if line[0].startswith("R")} - silent == {"Rne", "Rnn"}
+    # sqrt(4 k T R) = 18 nV/rtHz: 19.55 kohm at 27 degrees C
+    assert float(next(line[3] for line in lines if line[0] == "Rne")) == pytest.approx(
+        (18e-9) ** 2 / (4 * 1.380649e-23 * 300.15), rel=1e-12
+    )
 
 
 def test_values_keep_every_digit() -> None:

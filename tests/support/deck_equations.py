@@ -17,7 +17,7 @@ from flint import arb, arb_mat
 from tests.support.deck_text import GROUND, DeckText, Part
 
 Row = dict[Hashable, arb]  # coefficients: of a free node by its name, of a signal by `Signal`
-INPUT = re.compile(r"V\((\w+)\)")
+INPUT = re.compile(r"V\(([\w.]+)\)")
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 GROUND = "0"
 TERMINALS = {"R": 2, "C": 2, "I": 2, "V": 2, "B": 2, "G": 4, "E": 4}
 IGNORED = (".title", "*", ".options", ".save", ".tran", ".op", ".end", ".ic")
+READ = re.compile(r"V\((\w+)\)")
 OUTPUT = re.compile(r"u_(\d+) = (-?)v\((\w+)\)")
 
 
@@ -69,11 +70,14 @@ def _part(card: str, names: dict[str, str], prefix: str) -> Part:
     words = card.split()
     kind = words[0][0]
     count = TERMINALS[kind]
-    nodes = tuple(
-        node if node == GROUND else names.get(node, prefix + node) for node in words[1 : count + 1]
-    )
+
+    def outside(node: str) -> str:
+        return node if node == GROUND else names.get(node, prefix + node)
+
+    nodes = tuple(outside(node) for node in words[1 : count + 1])
     if kind == "B":
-        return Part(kind, nodes, card.split("V=", 1)[1])
+        expression = re.split("[vV]=", card, maxsplit=1)[1]
+        return Part(kind, nodes, READ.sub(lambda read: f"V({outside(read[1])})", expression))
     value = card.split(None, count + 1)[count + 1]
     if value.startswith("PWL("):
         value = value.rstrip(")").split()[-1]

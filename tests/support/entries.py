@@ -15,7 +15,7 @@ def entry(**changes: Any) -> Entry:
         "fingerprint": "f" * 64,
         "revision": "a" * 40,
         "taction": "0.1.0",
-        "simulator": "ngspice-46",
+        "simulator": "ngspice-46, KLU, trapezoidal",
         "outcome": "pass",
         "checks": {"stability": "pass"},
         "amplitude": 1.0,

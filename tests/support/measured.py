@@ -20,7 +20,8 @@ from verification.small_signal.margin import Margin
 from verification.small_signal.poles import summarise
 from verification.small_signal.time_scales import TimeScales
 
-EXACT = StepError(0.0, 0.0, 0.0, 0.0, 0.0)
+ROUNDING = 1e-15  # an error is never 0
+EXACT = StepError(*(ROUNDING,) * 5)
 STABLE = summarise(np.array([-1e3 + 1e5j, -1e3 - 1e5j]), complete=True)
 UNSTABLE = summarise(np.array([1e3 + 1e5j, 1e3 - 1e5j]), complete=True)
 
@@ -35,6 +36,8 @@ def channel(index: int = 0, **changes: Any) -> ChannelMeasure:
         settling_time=Reading(1e-3, 1e-7),
         overshoot=0.1,
         undershoot=0.02,
+        overshoot_error=0.0,
+        undershoot_error=0.0,
         state=ChannelState.SETTLED,
         frequency=None,
         growth_rate=None,
@@ -66,7 +69,6 @@ def measured(*channels: ChannelMeasure, **changes: Any) -> Measurements:
         channels=channels,
         settling_time=max(settled, key=lambda r: r.value) if every else None,
         reason="; ".join(f"channel {c.index + 1}: {c.reason}" for c in channels if c.reason),
-        excursion_errors=(0.0, 0.0),
         modes=(),
     )
     return replace(made, **changes)
@@ -97,7 +99,7 @@ def evidence(
 
 
 def steady(
-    *volts: float, error: float = 0.0, left: float = 0.0, linear: bool = True
+    *volts: float, error: float = ROUNDING, left: float = 0.0, linear: bool = True
 ) -> SteadyState:
     """Equilibrium outputs; a mode with a time constant of 1 s leaves `left` V at 1 s."""
     amplitudes, poles = np.array([left * math.e]), np.array([-1.0 + 0j])
@@ -107,7 +109,9 @@ def steady(
 
 def agreement(difference: float, step_error: float = 0.0, reason: str = "") -> Agreement:
     instants, differences = np.zeros(0), np.zeros((0, 1))
-    return Agreement(difference, 0.0, step_error, AGREE, 1e-6, 0, instants, differences, reason)
+    return Agreement(
+        difference, ROUNDING, step_error, AGREE, 1.0, 1e-6, 0, instants, differences, reason
+    )
 
 
 def margin(factor: float, uncertainty: float = 0.0, doubt: str = "") -> Margin:

@@ -12,7 +12,7 @@ from typing import Any
 
 from netlist_gen.scene.scene import Scene
 from tests.support.making import NEAR_IDEAL, make_scene
-from verification.studies.running.executors import Workers
+from verification.studies.running.workers import Workers
 
 QUIET = {"resistor": 0, "capacitor": 0, "stray": 0, "opamp_gbw": 0, "opamp_gain": 0}
 DAMPED = {"capacitance": "100pF", "gain": "100kohm", "stray_capacitance": 0.0, "opamp": NEAR_IDEAL}

@@ -16,10 +16,12 @@ import numpy as np
 from flint import acb, arb, arb_mat, ctx
 
 from netlist_gen.analysis import OperatingPoint
+from netlist_gen.board.circuit import Circuit
 from netlist_gen.board.synthesis import synthesise
 from netlist_gen.deck.deck import write_deck
 from netlist_gen.problem.inverse_problem import InverseProblem, make_problem
 from netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene
+from spice_models.errors import NoVerdictError
 from tests.support.deck_equations import StateEquations, state_equations
 from tests.support.deck_text import DeckText, parse_deck
 from tests.support.exact_modes import exact_modes
@@ -27,6 +29,9 @@ from tests.support.exact_readings import Signal, UnreadableError
 from tests.support.nonlinear_response import Board, DivergenceError
 from tests.support.oracle import AMPLIFIERS, exact_solution
 from tests.support.sampled_readings import Samples
+from verification.engines.statespace.linearised.board import LinearBoard
+from verification.pipeline.deck import deck_of
+from verification.pipeline.opamp_level import has_large_signal
 from verification.reference import Problem, solve
 
 BITS = 320
@@ -89,13 +94,24 @@ class TrueReadings:
         return None if None in times else max(t for t in times if t is not None)
 
 
+def board_of(scene: Scene) -> Circuit:
+    """Return the board that taction simulates: at the level of its op-amps' model."""
+    circuit = synthesise(scene, make_problem(scene))
+    if not has_large_signal(LinearBoard(circuit)):
+        return circuit
+    try:
+        return deck_of(scene)[0]
+    except NoVerdictError:
+        return circuit
+
+
 def true_readings(scene: Scene) -> TrueReadings:
     """Return the readings of the board that `scene` describes."""
-    problem = make_problem(scene)
+    problem, circuit = make_problem(scene), board_of(scene)
     with _precision(BITS):
-        deck = parse_deck(write_deck(synthesise(scene, problem), OperatingPoint()).text)
+        deck = parse_deck(write_deck(circuit, OperatingPoint()).text)
         parts = state_equations(deck)
-        if scene.design.amplifier == "linear":
+        if circuit.is_linear:
             return _linear(scene, problem, parts)
         return _nonlinear(scene, problem, deck, parts)
 
@@ -122,13 +138,18 @@ def true_lambda(scene: Scene) -> arb:
     return lam * 2 * arb(design.exponential_slope or 1.0) / arb(design.unit_voltage)
 
 
-def _linear(scene: Scene, problem: InverseProblem, parts: list[StateEquations]) -> TrueReadings:
+def _linear_solution(scene: Scene, problem: InverseProblem) -> list[arb]:
+    """Return u of ``(T'T + lambda) u = T' eps``, dimensionless."""
     T, eps = arb_mat(problem.matrix.tolist()), arb_mat([[e] for e in problem.strain.tolist()])
     left = T.transpose() * T
     for n in range(left.nrows()):
         left[n, n] += true_lambda(scene)
     u = left.solve(T.transpose() * eps)
-    targets = [arb(scene.design.unit_voltage) * u[n, 0] for n in range(left.nrows())]
+    return [u[n, 0] for n in range(left.nrows())]
+
+
+def _linear(scene: Scene, problem: InverseProblem, parts: list[StateEquations]) -> TrueReadings:
+    targets = [arb(scene.design.unit_voltage) * u for u in _linear_solution(scene, problem)]
     amplitude = max(map(abs, targets), key=float)
     modes = exact_modes(parts, len(targets))
     signals = [Signal(modes, n, target, amplitude) for n, target in enumerate(targets)]
@@ -147,12 +168,17 @@ def _nonlinear(
     scene: Scene, problem: InverseProblem, deck: DeckText, parts: list[StateEquations]
 ) -> TrueReadings:
     unit, count = arb(scene.design.unit_voltage), len(deck.outputs)
-    v, targets = _amplified_solution(scene, problem.matrix, problem.strain)
-    v0, start = [0.0] * count, [AMPLIFIERS[scene.design.amplifier][0](0)] * count
     rests = scene.analysis.initial == "rest"
-    if rests:
-        v0, start = _amplified_solution(scene, problem.matrix, 0.0 * problem.strain)
-    steps = [(unit * arb(str(a)), unit * arb(str(b))) for a, b in zip(start, targets, strict=True)]
+    if scene.design.amplifier == "linear":  # op-amps with limits, whose inputs rest near 0
+        v = v0 = [0.0] * len(deck.of("B"))
+        steps = [(arb(0), unit * u) for u in _linear_solution(scene, problem)]
+    else:
+        v, targets = _amplified_solution(scene, problem.matrix, problem.strain)
+        v0, start = [0.0] * count, [AMPLIFIERS[scene.design.amplifier][0](0)] * count
+        if rests:
+            v0, start = _amplified_solution(scene, problem.matrix, 0.0 * problem.strain)
+        pairs = zip(start, targets, strict=True)
+        steps = [(unit * arb(str(a)), unit * arb(str(b))) for a, b in pairs]
     amplitude = max((abs(b - a) for a, b in steps), key=float)
     final, poles = [arb(0)] * count, list[acb]()
     begun = []

@@ -6,13 +6,12 @@ import hashlib
 from dataclasses import asdict
 
 from netlist_gen.analysis import OperatingPoint
-from netlist_gen.board.synthesis import synthesise
 from netlist_gen.deck.deck import write_deck
 from netlist_gen.scene.scene import Scene
 from spice_models.errors import InputError
 from tests.support.deck_text import parse_deck
 from tests.support.true_margin import true_margin
-from tests.support.true_readings import true_readings
+from tests.support.true_readings import board_of, true_readings
 from verification.ideal.lambda_rule import resolve_lambda
 from verification.studies.stress.catalogue import Case
 from verification.studies.stress.true_values import READINGS, TrueValues
@@ -29,7 +28,7 @@ def true_values(scene: Scene) -> TrueValues:
         for channel in found.channels
     ]
     asked = scene.checks.stability.margin > 1.0
-    linear = scene.design.amplifier == "linear"
+    linear = board_of(resolve_lambda(scene)).is_linear
     return TrueValues(
         amplitude=found.amplitude,
         rightmost=(found.rightmost.real, found.rightmost.imag),
@@ -49,7 +48,7 @@ def deck_digest(case: Case) -> str | None:
     The last digits of the values are left out: they differ between processors.
     """
     try:
-        text = write_deck(synthesise(resolve_lambda(case.scene())), OperatingPoint()).text
+        text = write_deck(board_of(resolve_lambda(case.scene())), OperatingPoint()).text
     except InputError:
         return None
     deck = parse_deck(text)

@@ -25,6 +25,7 @@ _AROUND = np.arange(-1, 2)[:, None]
 _SIGNS = np.array([0.0, -1.0, 1.0])[:, None, None]
 # A peak below this fraction of a positive level's height is not examined between its points.
 _NEAR = 0.5
+MOST_COMPARED = 4_000_000  # numbers of an array that compares points with levels: 32 MB
 
 
 class Crossing(NamedTuple):
@@ -207,16 +208,31 @@ def last_crossings(
         levels, floor = (np.concatenate([each, each], axis=1) for each in (levels, floor))
     column, k = np.divmod(np.flatnonzero(over), time.size)
     value = sides.sign[column] * y[sides.row[column], k]
-    sampled = _latest(value > levels[:, column], column, time[k], columns)
+    sampled = np.concatenate(
+        [
+            _latest(value > levels[few][:, column], column, time[k], columns)
+            for few in _blocks(len(levels), column.size)
+        ]
+    )
     column, k = np.divmod(np.flatnonzero(near), time.size)
     row, sign = sides.row[column], sides.sign[column]
-    high = sign * y[row, k] > floor[:, column]
     top = peaks(time, y, row, k, sign)
-    column = column[top.point]
+    value, column = (sign * y[row, k])[top.point], column[top.point]
     # As interpolated, and with the uncertainty subtracted and added.
-    reached = top.height + _SIGNS * top.uncertainty > levels[:, column]
-    starts = _latest(high[:, top.point] & reached, column, top.time, columns)
+    heights = top.height + _SIGNS * top.uncertainty
+    found = []
+    for few in _blocks(len(levels), 3 * column.size):
+        high = value > floor[few][:, column]
+        reached = heights > levels[few][:, column]
+        found.append(_latest(high & reached, column, top.time, columns))
+    starts = np.concatenate(found, axis=1)
     return _crossings(time, y, sides, levels, np.maximum(sampled, starts))
+
+
+def _blocks(levels: int, points: int) -> list[slice]:
+    """Return slices of the levels; in each, `points` make at most `MOST_COMPARED` numbers."""
+    size = max(1, MOST_COMPARED // max(points, 1))
+    return [slice(begin, begin + size) for begin in range(0, levels, size)]
 
 
 def _beyond(y: Floats, low: Floats, first: Indices | None, mirrored: bool) -> Bools:

@@ -9,7 +9,8 @@ Definitions for the whole tool, with the network's step amplitude
 - overshoot: how far a channel goes beyond its target, away from its start, as a fraction of A; of a
   channel whose own step is under 5 % of A, how far outside the interval between start and target on
   either side;
-- undershoot: how far a channel goes beyond its start, away from its target, as a fraction of A.
+- undershoot: how far a channel goes beyond its start, away from its target, as a fraction of A. A
+  channel whose own step is under 1e-6 A has no direction: both sides count.
 
 `spice_models.definitions` has the numbers. A settling time is given only if the record proves it:
 see `verification.measures.settling`. Times count from the first point of the record.
@@ -23,6 +24,7 @@ import numpy as np
 
 from spice_models.array_types import Floats
 from spice_models.definitions import SETTLING_BAND
+from verification.measures.continuous_signal import Curve
 from verification.measures.envelope import Envelope, envelope
 from verification.measures.measurements import (
     NO_STEP,
@@ -34,15 +36,15 @@ from verification.measures.measurements import (
 )
 from verification.measures.mode_fit import Mode, fit_modes
 from verification.measures.readings import Readings
-from verification.measures.sampled_signal import Rest, SoundPart, sound_part
+from verification.measures.sampled_signal import Rest
 from verification.measures.settling import (
     ChannelRinging,
     ChannelState,
     Drift,
     Settlement,
     prove,
-    silent,
 )
+from verification.measures.sound_part import SoundPart, sound_part
 
 
 def measure(
@@ -56,7 +58,7 @@ def measure(
     expected_stop: float | None = None,
     error: float = 0.0,
     rest: Rest | None = None,
-    details: bool = True,
+    curve: Curve | None = None,
 ) -> Measurements:
     """Measure a transient against its reference steady state.
 
@@ -82,9 +84,8 @@ def measure(
         include it.
     rest : Rest, optional
         Where the channels come to rest, which over- and undershoots include.
-    details : bool
-        False: modes are not fitted if every channel is silent at its end, because no state
-        depends on the modes then.
+    curve : callable, optional
+        Channels (Q,) at instants (Q,), also between the points; without it they are interpolated.
 
     Raises
     ------
@@ -93,18 +94,17 @@ def measure(
         usable: mistakes of the caller, not properties of a waveform.
     """
     _check(time, u, target, band)
-    part = sound_part(time, u, target, start, bound, expected_stop, error, rest)
+    part = sound_part(time, u, target, start, bound, expected_stop, error, rest, curve)
     t = part.signal.time
     v, drift = u[: t.size], Drift(t, part.signal.errors)
     ringing, modes = Envelope(t[:1], np.zeros((1, u.shape[1])), None), tuple[Mode, ...]()
     amplitude = part.step.amplitude
     if part.readable:
         ringing = envelope(t, v)
-        is_silent = not part.cut and silent(drift, ringing.amplitude, band * amplitude)
-        modes = () if is_silent and not details else fit_modes(t, v, ringing=ringing)
+        modes = fit_modes(t, v, ringing=ringing)
     record = _Record(part, v, part.read(band), drift, band, ringing, modes)
     channels = [_channel(record, n) for n in range(target.size)]
-    return summary(amplitude, band, modes, channels, record.readings.excursion_errors)
+    return summary(amplitude, band, modes, channels)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from spice_models.definitions import FAINT, SMALL_STEP
 from verification.measures.mode_fit import Mode
-from verification.measures.readings import Reading, Readings, Step, latest
+from verification.measures.readings import Reading, Readings, Step, largest_error, latest
 from verification.measures.settling import ChannelState, Settlement
 
 NO_STEP = "no channel has a step (target equals start): a band in % of it has no width"
@@ -26,6 +26,8 @@ class ChannelMeasure:
         s; None for the reason `rise_reason` or `reason`.
     overshoot, undershoot : float
         Fractions of A, 0 or more, over the finite part of the record; 0 where A is 0.
+    overshoot_error, undershoot_error : float
+        Bounds of their errors, fractions of A.
     state : ChannelState
         State at the end of the record.
     frequency, growth_rate : float or None
@@ -44,6 +46,8 @@ class ChannelMeasure:
     settling_time: Reading | None
     overshoot: float
     undershoot: float
+    overshoot_error: float
+    undershoot_error: float
     state: ChannelState
     frequency: float | None
     growth_rate: float | None
@@ -68,8 +72,6 @@ class Measurements:
         Settling time of the last channel; None unless every channel is settled.
     reason : str
         Why there is no settling time; empty if there is.
-    excursion_errors : tuple of float
-        Bounds of the errors of the largest overshoot and undershoot, fractions of A.
     modes : tuple of Mode
         Ringing fitted to the channels together, strongest first; empty if `measure` fits no modes.
     """
@@ -79,7 +81,6 @@ class Measurements:
     channels: tuple[ChannelMeasure, ...]
     settling_time: Reading | None
     reason: str
-    excursion_errors: tuple[float, float]
     modes: tuple[Mode, ...]
 
     @property
@@ -90,6 +91,15 @@ class Measurements:
         return latest(known) if known and len(known) == len(found) else None
 
     @property
+    def excursion_errors(self) -> tuple[float, float]:
+        """Bounds of the errors of the largest overshoot and undershoot, fractions of A."""
+        found = self.readings
+        return (
+            largest_error(found.overshoots, found.overshoot_errors),
+            largest_error(found.undershoots, found.undershoot_errors),
+        )
+
+    @property
     def readings(self) -> Readings:
         """Readings without states and reasons."""
         return Readings(
@@ -98,7 +108,8 @@ class Measurements:
             settling_times=tuple(c.settling_time for c in self.channels),
             overshoots=tuple(c.overshoot for c in self.channels),
             undershoots=tuple(c.undershoot for c in self.channels),
-            excursion_errors=self.excursion_errors,
+            overshoot_errors=tuple(c.overshoot_error for c in self.channels),
+            undershoot_errors=tuple(c.undershoot_error for c in self.channels),
         )
 
 
@@ -128,6 +139,8 @@ def channel_measure(
         settling_time=settlement.settling_time,
         overshoot=readings.overshoots[n],
         undershoot=readings.undershoots[n],
+        overshoot_error=readings.overshoot_errors[n],
+        undershoot_error=readings.undershoot_errors[n],
         state=settlement.state,
         frequency=None if mode is None else mode.frequency,
         growth_rate=None if mode is None else mode.growth_rate,
@@ -152,7 +165,6 @@ def summary(
     band: float,
     modes: tuple[Mode, ...],
     channels: list[ChannelMeasure],
-    excursion_errors: tuple[float, float],
 ) -> Measurements:
     """Return the measurements of the network, which settles with its last channel."""
     reason = next(
@@ -160,6 +172,4 @@ def summary(
     )
     times = [c.settling_time for c in channels if c.settling_time is not None]
     settling_time = None if reason else latest(times)
-    return Measurements(
-        amplitude, band, tuple(channels), settling_time, reason, excursion_errors, modes
-    )
+    return Measurements(amplitude, band, tuple(channels), settling_time, reason, modes)

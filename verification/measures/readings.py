@@ -8,6 +8,7 @@ and decides which readings are proven.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -85,7 +86,8 @@ class Readings:
     settling_times: tuple[Reading | None, ...]  # None for a channel that ends outside its band
     overshoots: tuple[float, ...]  # fractions of A
     undershoots: tuple[float, ...]  # fractions of A
-    excursion_errors: tuple[float, float]  # of the largest over- and undershoot, fractions of A
+    overshoot_errors: tuple[float, ...]  # bounds, fractions of A
+    undershoot_errors: tuple[float, ...]  # bounds, fractions of A
 
     @property
     def settling_time(self) -> Reading | None:
@@ -123,14 +125,15 @@ def read(signal: Signal, step: Step, finals: Floats, tolerance: float, lost: Boo
     `tolerance` is half the width of the settling band, in the unit of the signal; `lost` (N,)
     marks channels whose rise time has no meaning.
     """
-    overshoots, undershoots, excursion_errors = excursions(signal, step)
+    (overshoots, over_errors), (undershoots, under_errors) = excursions(signal, step)
     return Readings(
         finals=tuple(finals.tolist()),
         rise_times=rise_times(signal, step.sizes, step.rising() & ~lost),
         settling_times=settling_times(signal, tolerance),
         overshoots=overshoots,
         undershoots=undershoots,
-        excursion_errors=excursion_errors,
+        overshoot_errors=over_errors,
+        undershoot_errors=under_errors,
     )
 
 
@@ -182,32 +185,46 @@ def rise_times(signal: Signal, steps: Floats, selected: Bools) -> tuple[Reading 
     return tuple(readings)
 
 
-def excursions(
-    signal: Signal, step: Step
-) -> tuple[tuple[float, ...], tuple[float, ...], tuple[float, float]]:
-    """Return overshoots, undershoots and bounds of the errors of their maxima, fractions of A.
+Excursions = tuple[tuple[float, ...], tuple[float, ...]]
+
+
+def excursions(signal: Signal, step: Step) -> tuple[Excursions, Excursions]:
+    """Return overshoots and undershoots, each with bounds of the errors, fractions of A.
 
     They are 0 without a step.
     """
     amplitude, sizes = step.amplitude, step.sizes
     if amplitude == 0:
-        return (0.0,) * len(sizes), (0.0,) * len(sizes), (0.0, 0.0)
-    (up, doubt_up), (down, doubt_down) = signal.highest(1.0), signal.highest(-1.0)
-    ahead, behind = np.where(sizes < 0, (down, up), (up, down))
-    away = behind - np.abs(sizes)  # beyond the start
+        nothing = (0.0,) * len(sizes)
+        return (nothing, nothing), (nothing, nothing)
+    up, down = np.array(signal.highest(1.0)), np.array(signal.highest(-1.0))
+    ahead, away = np.where(sizes < 0, (down, up), (up, down))  # heights and their doubts each
+    away[0] -= np.abs(sizes)  # beyond the start
     either = np.maximum(ahead, away)
     over = np.where(step.rising(), ahead, either) / amplitude
     under = np.where(np.abs(sizes) > STILL * amplitude, away, either) / amplitude
-    doubt = np.maximum(doubt_up, doubt_down) / amplitude
-    errors = _largest_error(over, doubt), _largest_error(under, doubt)
-    over, under = np.maximum((over, under), 0.0)
-    return tuple(over.tolist()), tuple(under.tolist()), errors
+    return _from_zero(*over), _from_zero(*under)
 
 
-def _largest_error(values: Floats, doubts: Floats) -> float:
-    """Return the bound of the error of the largest value, at least 0, and at least rounding."""
-    low, value, high = (max(float((values + s * doubts).max()), 0.0) for s in (-1.0, 0.0, 1.0))
-    return max(high - value, value - low, float(np.spacing(1.0 + value)))
+def _from_zero(values: Floats, doubts: Floats) -> Excursions:
+    """Return values of at least 0, and bounds of their errors of at least rounding."""
+    low, value, high = (np.maximum(values + s * doubts, 0.0) for s in (-1.0, 0.0, 1.0))
+    errors = np.maximum(np.maximum(high - value, value - low), np.spacing(1.0 + value))
+    return tuple(value.tolist()), tuple(errors.tolist())
+
+
+def largest_error(values: Iterable[float], errors: Iterable[float]) -> float:
+    """Return the bound of the error of the largest value.
+
+    Examples
+    --------
+    >>> largest_error((0.5, 0.25), (0.0625, 0.5))
+    0.25
+    """
+    pairs = tuple(zip(values, errors, strict=True))
+    largest = max(value for value, _ in pairs)
+    highest, lowest = (max(value + s * error for value, error in pairs) for s in (1.0, -1.0))
+    return max(highest - largest, largest - lowest)
 
 
 def latest(readings: list[Reading]) -> Reading:

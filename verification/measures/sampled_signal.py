@@ -1,18 +1,15 @@
-"""Sampled records as signals, and the part of a record within the physical range."""
+"""Sampled records as signals."""
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from spice_models.array_types import Bools, Floats, Indices
+from spice_models.array_types import Floats, Indices
 from verification.measures.crossings import Crossings, first_crossings, highest, last_crossings
-from verification.measures.readings import Readings, Step, read
 
 FEWEST_POINTS = 8
-UNKNOWN = (math.inf, math.inf)  # errors of the excursions of a record that cannot be read
 _FIRST_STRETCH = 1024  # points that are searched first for a rise
 
 
@@ -87,6 +84,10 @@ class SampledSignal:
         at, doubt = first_crossings(time[:head], progress, moved, stop)
         return Crossings(at, np.fmax(doubt, self._rounding))
 
+    def _peaks(self, sign: float) -> tuple[Floats, Floats]:
+        """Return the maxima of ``sign * error`` and their uncertainty, (N,) each."""
+        return highest(self.time, self.errors, sign)
+
     @property
     def _rounding(self) -> float:
         """Rounding of an instant, s."""
@@ -94,7 +95,7 @@ class SampledSignal:
 
     def highest(self, sign: float) -> tuple[Floats, Floats]:
         """See `Signal`."""
-        heights, doubt = highest(self.time, self.errors, sign)
+        heights, doubt = self._peaks(sign)
         doubt = doubt + self.error
         if self.rest is None:
             return heights, doubt
@@ -102,69 +103,3 @@ class SampledSignal:
         top = np.maximum(heights + doubt, last + self.rest.left + self.error)
         heights = np.maximum(heights, last)
         return heights, np.maximum(doubt, top - heights)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SoundPart:
-    """The part of a record before any channel leaves its physical range."""
-
-    signal: SampledSignal
-    step: Step
-    final: Floats  # last values (N,)
-    lost: Bools  # channels that left their physical range (N,)
-    cut: str  # why the record cannot prove that a channel settled; empty for a whole record
-
-    @property
-    def readable(self) -> bool:
-        """Whether the points are enough to read a time."""
-        return self.signal.time.size >= FEWEST_POINTS
-
-    def scale(self) -> float:
-        """Return the step amplitude; without a step the largest excursion of any channel."""
-        return self.step.amplitude or float(np.abs(self.signal.errors).max())
-
-    def read(self, band: float) -> Readings:
-        """Read the record; without a step the band is in % of the largest excursion."""
-        if not self.readable:
-            nothing, zero = (None,) * len(self.final), (0.0,) * len(self.final)
-            return Readings(tuple(self.final.tolist()), nothing, nothing, zero, zero, UNKNOWN)
-        tolerance = band * self.scale()
-        return read(self.signal, self.step, self.final, tolerance, self.lost)
-
-
-def sound_part(
-    time: Floats,
-    u: Floats,
-    target: Floats,
-    start: Floats | None,
-    bound: float | None,
-    expected_stop: float | None,
-    error: float = 0.0,
-    rest: Rest | None = None,
-) -> SoundPart:
-    """Cut a record where a channel leaves its physical range; parameters as `measures.measure`."""
-    start = u[0] if start is None else start
-    start = np.where(np.isfinite(start), start, target)
-    limit = np.finfo(np.float64).max if bound is None else bound
-    sound, lost = time.size, np.zeros(target.size, dtype=bool)
-    if not (u.max() <= limit and u.min() >= -limit):  # also where a sample is not a number
-        wrong = ~(np.abs(u) <= limit)
-        sound = int(wrong.any(axis=1).argmax())
-        lost = wrong[sound]
-    cut = _cut(time, sound, lost, expected_stop)
-    final = u[sound - 1] if sound else start
-    errors = np.subtract(u[:sound].T, target[:, None], order="C")
-    ends = None if cut or rest is None else replace(rest, values=rest.values - target)
-    signal = SampledSignal(np.ascontiguousarray(time[:sound]), errors, error, ends)
-    return SoundPart(signal, Step(start, target), final, lost, cut)
-
-
-def _cut(time: Floats, sound: int, lost: Bools, expected_stop: float | None) -> str:
-    """Return why the record cannot prove that a channel settled; empty for a whole record."""
-    if sound < time.size:
-        return f"channel {int(np.argmax(lost)) + 1} diverged at {float(time[sound])!r} s"
-    if sound < FEWEST_POINTS:
-        return f"the record has {sound} points; at least {FEWEST_POINTS} are needed"
-    if expected_stop is not None and time[-1] < expected_stop * (1 - 1e-9):
-        return f"the record ends at {float(time[-1])!r} s, before {expected_stop!r} s"
-    return ""

@@ -29,7 +29,6 @@ _SAFE = 0.5  # of the band: a decaying ringing below it will not leave the band 
 _QUIET = 0.05  # of the band: ringing below it is not judged
 _STEADY = 0.1  # nepers over the record: a ringing that loses less has the amplitude that it had
 _FLAT_TOP = 0.2  # of a period spent within 1 % of one extreme; 0.064 for a sinusoid
-_SILENT = 1 / 21  # of the band: `Drift.heading` extrapolates at most 20 times the largest error
 _ENDS = np.array([3.0, 2.0, 1.0, 0.0])  # of the last three stretches, counted from the last
 _RUNAWAY = 10.0  # step amplitudes off target, and accelerating
 
@@ -68,17 +67,16 @@ class Settlement:
 class Drift:
     """Extrapolation of the channels beyond the end of a record.
 
-    `errors` (N, P) are finite distances to the targets at the instants `time` (P,), s; `last`
-    (N, L) are the errors over the last three stretches, each a tenth of the record.
+    `errors` (N, P) are finite distances to the targets at the instants `time` (P,), s.
     """
 
     def __init__(self, time: Floats, errors: Floats) -> None:
         self.time, self.errors = time, errors
         self._stretch = 0.1 * float(np.ptp(time)) if time.size else 0.0
         first = max(int(np.searchsorted(time, time[-1:].sum() - 3 * self._stretch)) - 1, 0)
-        self._marked, self.last = time[first:], errors[:, first:]
-        means, widths = self.last[:, 1:] + self.last[:, :-1], 0.5 * np.diff(self._marked)
-        self._area = np.zeros_like(self.last)
+        self._marked, last = time[first:], errors[:, first:]
+        means, widths = last[:, 1:] + last[:, :-1], 0.5 * np.diff(self._marked)
+        self._area = np.zeros_like(last)
         np.cumsum(means * widths, 1, out=self._area[:, 1:])
 
     def heading(self, n: int, period: float) -> tuple[float, float]:
@@ -108,17 +106,6 @@ class Drift:
         ratio = last / before
         stretches = min(ratio / (1 - ratio), furthest) if ratio < 1 else furthest
         return third + last * stretches, ratio
-
-
-def silent(drift: Drift, amplitude: Floats, tolerance: float) -> bool:
-    """Tell whether every channel is settled, whatever modes a fit would return.
-
-    Over the last three stretches the errors are so small that no extrapolation leaves the band,
-    and the envelopes `amplitude` (M, N) end below the least ringing that counts.
-    """
-    last = drift.last
-    small = max(last.max(), -last.min()) <= _SILENT * tolerance
-    return bool(small and amplitude[-1].max() <= _QUIET * tolerance)
 
 
 def _flat_top(time: Floats, error: Floats, period: float) -> bool:

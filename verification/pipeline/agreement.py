@@ -23,7 +23,9 @@ class Agreement:
     step_error : float
         Expected error of the time steps of ngspice, V.
     limit : float
-        Largest accepted difference, fraction of the step amplitude.
+        Largest accepted difference, fraction of the step amplitude; without a step, of `unit`.
+    unit : float
+        Unit voltage U0, V.
     time : float
         Instant of the largest difference, s.
     channel : int
@@ -38,6 +40,7 @@ class Agreement:
     doubt: float
     step_error: float
     limit: float
+    unit: float
     time: float
     channel: int
     instants: Floats
@@ -45,15 +48,17 @@ class Agreement:
     reason: str
 
 
-def compare_engines(companion: Companion, step_error: float, limit: float) -> Agreement:
+def compare_engines(
+    companion: Companion, step_error: float, limit: float, unit: float
+) -> Agreement:
     """Compare the outputs of ngspice with those of the state-space engine.
 
     Parameters
     ----------
     step_error : float
         Expected error of the time steps of ngspice, V.
-    limit : float
-        Largest accepted difference, fraction of the step amplitude.
+    limit, unit : float
+        See `Agreement`.
     """
     difference = companion.u - companion.other
     place, channel = np.unravel_index(int(np.argmax(np.abs(difference))), difference.shape)
@@ -63,6 +68,7 @@ def compare_engines(companion: Companion, step_error: float, limit: float) -> Ag
         doubt=companion.doubt,
         step_error=step_error,
         limit=limit,
+        unit=unit,
         time=float(companion.instants[place]),
         channel=int(channel),
         instants=companion.instants,

@@ -17,6 +17,7 @@ from spice_models.array_types import Floats
 from spice_models.errors import EngineError
 from verification.engines.ngspice.process import PHYSICAL_BOUND
 from verification.ideal.ideal_answer import IdealAnswer
+from verification.measures.continuous_signal import Curve
 from verification.measures.measure import measure
 from verification.measures.measurements import Measurements
 from verification.measures.sampled_signal import Rest
@@ -28,9 +29,6 @@ from verification.pipeline.steady_state import SteadyState
 from verification.pipeline.step_error import bounded
 from verification.waveforms import Waveforms
 
-SAFETY = (
-    2.0  # times the difference of a reading to that of a second run: the two errors may be close
-)
 LATE = 0.9  # of a record: after it the largest distance from the equilibrium will not be exceeded
 
 
@@ -62,8 +60,6 @@ def measure_with_bounds(
     wave: Waveforms,
     own: StateSpaceError | None,
     companion: Companion | None,
-    *,
-    details: bool,
 ) -> BoundedMeasures:
     """Measure a record.
 
@@ -73,18 +69,16 @@ def measure_with_bounds(
         The error of a record of the state-space engine.
     companion : Companion or None
         A second solution beside a record of ngspice.
-    details : bool
-        Whether to fit modes to records that need no fit.
     """
     solution = None
     if design.poles.stable and is_exact(design.board) and (companion or own):
         solution = _on_the_solution(design, ideal)
     if companion is not None:
-        measured, u = _measures_beside(design, ideal, wave, companion, solution, details=details)
+        measured, u = _measures_beside(design, ideal, wave, companion, solution)
         return BoundedMeasures(measured, u, companion.end_error, forever=False)
     end_error = own.volts if own is not None and math.isfinite(own.volts) else math.inf
     if solution is None:
-        measured, u = _own_measures(design, ideal, wave, own, details=details)
+        measured, u = _own_measures(design, ideal, wave, own)
         return BoundedMeasures(measured, u, end_error, forever=False)
     u = outputs(design.circuit, wave)
     # As for every engine, `final` is the end of the record.
@@ -98,18 +92,16 @@ def _own_measures(
     ideal: IdealAnswer,
     wave: Waveforms,
     own: StateSpaceError | None,
-    *,
-    details: bool,
 ) -> tuple[Measurements, Floats]:
-    """Measure a record by its own error, or beside the second run that errs more."""
+    """Measure a record by its own error, or beside the second run that errs less."""
     error = own.rounding if own is not None and math.isfinite(own.rounding) else 0.0
-    measured, u = measure_outputs(design, ideal, wave, error=error, details=details)
+    measured, u = measure_outputs(design, ideal, wave, error=error)
     if own is None or not math.isfinite(own.volts):
         return bounded(measured, None), u
     if own.second is None:
         return measured, u
-    second, _ = measure_outputs(design, ideal, own.second, error=error, details=False)
-    return bounded(measured, second.readings, SAFETY), u
+    second, _ = measure_outputs(design, ideal, own.second, error=own.second_error)
+    return bounded(measured, second.readings), u
 
 
 def _measures_beside(
@@ -118,16 +110,14 @@ def _measures_beside(
     wave: Waveforms,
     companion: Companion,
     solution: Measurements | None,
-    *,
-    details: bool,
 ) -> tuple[Measurements, Floats]:
     """Measure a record of ngspice beside a second solution."""
     if companion.error is None:
-        return measure_outputs(design, ideal, wave, error=companion.difference, details=details)
-    measured, u = measure_outputs(design, ideal, wave, details=details)
+        return measure_outputs(design, ideal, wave, error=companion.difference)
+    measured, u = measure_outputs(design, ideal, wave)
     if solution is None:
         other = companion.solution
-        solution, _ = _own_measures(design, ideal, other, companion.error, details=False)
+        solution, _ = _own_measures(design, ideal, other, companion.error)
     return bounded(measured, solution.readings), u
 
 
@@ -163,7 +153,6 @@ def measure_outputs(
     waveforms: Waveforms,
     *,
     error: float = 0.0,
-    details: bool = True,
 ) -> tuple[Measurements, Floats]:
     """Measure `waveforms` against the reference; return the measurements and u (P, N), V.
 
@@ -180,9 +169,19 @@ def measure_outputs(
         expected_stop=design.transient.stop,
         error=error + _target_error(ideal),
         rest=_rest(design, time, u),
-        details=details,
+        curve=_curve(design, waveforms),
     )
     return measured, u
+
+
+def _curve(design: Design, waveforms: Waveforms) -> Curve | None:
+    """Return the outputs between the points of a record, by channel, if they are known."""
+    between, found = waveforms.curve, design.circuit.outputs
+    if between is None:
+        return None
+    columns = np.array([waveforms.nodes.index(output.node) for output in found])
+    signs = np.array([output.sign for output in found])
+    return lambda times, channels: signs[channels] * between(times, columns[channels])
 
 
 def _rest(design: Design, time: Floats, u: Floats) -> Rest | None:

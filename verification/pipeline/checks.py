@@ -15,9 +15,12 @@ from numpy.typing import ArrayLike
 
 from netlist_gen.quantities import show
 from netlist_gen.scene.scene import Checks
-from verification.measures.measurements import ChannelMeasure, Measurements
+from verification.measures.measurements import Measurements
 from verification.measures.settling import ChannelState
 from verification.pipeline.agreement import Agreement
+from verification.pipeline.channel_states import describe_states
+from verification.pipeline.output_noise import OutputNoise
+from verification.pipeline.part_limits import NOT_LIMITED, PartLoads
 from verification.pipeline.steady_state import SteadyState
 from verification.pipeline.step_error import StepError
 from verification.pipeline.transient_plan import AFTER_SETTLING
@@ -44,7 +47,7 @@ class Check:
     expected, tolerance : float or None
         The expected value and the accepted deviation, or the limit in `expected` alone.
     unit : str
-        ``"s"``, ``"1/s"``, ``"step"`` (a fraction of the step amplitude) or ``"ratio"``.
+        ``"s"``, ``"1/s"``, ``"V"``, ``"step"`` (a fraction of the step amplitude) or ``"ratio"``.
     """
 
     name: str
@@ -79,6 +82,10 @@ class Evidence:
         Bound on the error of the reference solution, fraction of the step amplitude.
     reference_problem : str
         Why the reference solution cannot be used, or empty.
+    parts : PartLoads
+        What the op-amps have to do, beside their limits.
+    noise : OutputNoise or None
+        Noise of the outputs; None if the scene has no limit for it.
     contradiction : str
         Which number of the board or the record differs from the reference's, or empty.
     """
@@ -96,6 +103,8 @@ class Evidence:
     reference_error: float
     reference_problem: str
     contradiction: str = ""
+    parts: PartLoads = NOT_LIMITED
+    noise: OutputNoise | None = None
 
     @property
     def no_step(self) -> str:
@@ -124,6 +133,12 @@ class Evidence:
         """The states of the channels if one of them does not come to rest, or an empty text."""
         states = {channel.state for channel in self.measurements.channels}
         return describe_states(self.measurements) if states.intersection(UNSTEADY) else ""
+
+    @property
+    def disagreement(self) -> str:
+        """How the transient contradicts stable poles, or an empty text."""
+        states = self.unsteady
+        return f"the poles are stable, the transient is not: {states}" if states else ""
 
     @property
     def perhaps_ringing(self) -> str:
@@ -203,23 +218,27 @@ def at_most(value: float, uncertainty: float, limit: float) -> Outcome:
     return Outcome.FAIL if value - uncertainty > limit else Outcome.INCONCLUSIVE
 
 
-def describe_states(measurements: Measurements) -> str:
-    """Name the channels that have not settled, with the frequency and growth rate of ringing."""
-    groups: dict[ChannelState, list[ChannelMeasure]] = {}
-    for channel in measurements.channels:
-        groups.setdefault(channel.state, []).append(channel)
-    parts = []
-    for state, channels in groups.items():
-        if state is ChannelState.SETTLED:
-            continue
-        where = "channel " + ", ".join(str(channel.index + 1) for channel in channels)
-        if len(channels) == len(measurements.channels) > 1:
-            where = "every channel"
-        text = f"{where} {state.value}"
-        first = channels[0]
-        if first.frequency is not None:
-            text += f" at {show(first.frequency, 'Hz')}"
-        if first.growth_rate is not None:
-            text += f", growth rate {first.growth_rate:+.4g} /s"
-        parts.append(text)
-    return "; ".join(parts)
+def failed(name: str, reason: str, limit: float | None) -> Check:
+    """Return the check of a time that failed without a value."""
+    return Check(name, Outcome.FAIL, None, None, limit, None, "s", reason)
+
+
+def undecided(name: str, unit: str, reason: str, limit: float | None) -> Check:
+    """Return an inconclusive check without a value."""
+    return Check(name, Outcome.INCONCLUSIVE, None, None, limit, None, unit, reason)
+
+
+def joined(*texts: str) -> str:
+    """Join the texts that are not empty."""
+    return "; ".join(filter(None, texts))
+
+
+def percent(share: float) -> str:
+    """Return a fraction as text.
+
+    Examples
+    --------
+    >>> percent(0.0123456)
+    '1.23 %'
+    """
+    return f"{100 * share:.3g} %"

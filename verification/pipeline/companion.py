@@ -17,9 +17,9 @@ from spice_models.errors import EngineError
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.measures.resampling import CUBIC, lagrange
 from verification.pipeline.design import Design
+from verification.pipeline.even_steps import coarser
 from verification.pipeline.simulation import begin, outputs, state_space_tolerance
 from verification.pipeline.state_space_error import StateSpaceError, is_exact, state_space_error
-from verification.pipeline.transient_plan import coarser
 from verification.waveforms import Waveforms
 
 MAX_INSTANTS = 20_000

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from contextlib import ExitStack
 from pathlib import Path
 
 from netlist_gen.board.circuit import Circuit
@@ -10,8 +12,10 @@ from netlist_gen.deck.checks import FILE_NAME
 from netlist_gen.deck.deck import Deck, write_deck
 from netlist_gen.problem.inverse_problem import make_problem
 from netlist_gen.scene.scene import Scene
+from spice_models.atomic_files import replacing
 from spice_models.errors import Complaint, InputError
 from verification.engines.statespace.linearised.board import LinearBoard
+from verification.pipeline.opamp_level import at_level, has_large_signal
 from verification.pipeline.transient_plan import plan_transient
 from verification.small_signal.time_scales import time_scales
 
@@ -38,8 +42,16 @@ def deck_of(
     matrix_file = _matrix_file(output) if split else None
     circuit = synthesise(scene, make_problem(scene))
     board = LinearBoard(circuit)
-    plan = plan_transient(scene, board, time_scales(board, initial=scene.analysis.initial))
-    return circuit, write_deck(circuit, plan.transient, matrix_file=matrix_file)
+    scales = time_scales(board, initial=scene.analysis.initial)
+    transient = plan_transient(scene, board, scales).transient
+    stable = not math.isfinite(scales.growth_time)
+    leveled = board
+    if has_large_signal(board):
+        leveled, _ = at_level(scene, board, transient, stable=stable)
+    if leveled is not board:
+        scales = time_scales(leveled, initial=scene.analysis.initial)
+        transient = plan_transient(scene, leveled, scales).transient
+    return leveled.circuit, write_deck(leveled.circuit, transient, matrix_file=matrix_file)
 
 
 def _matrix_file(output: str | Path | None) -> str:
@@ -54,7 +66,7 @@ def _matrix_file(output: str | Path | None) -> str:
 
 
 def write_files(deck: Deck, output: str | Path) -> list[Path]:
-    """Write the files of `deck` beside each other and return their paths, the deck first.
+    """Write the files of `deck` beside each other, all or none; return their paths, the deck first.
 
     Raises
     ------
@@ -63,10 +75,7 @@ def write_files(deck: Deck, output: str | Path) -> list[Path]:
     """
     path = Path(output)
     files = {path: deck.text} | {path.with_name(n): text for n, text in deck.files.items()}
-    for file, text in files.items():
-        try:
-            file.write_text(text, encoding="utf-8")
-        except OSError as error:
-            reason = f"{error.strerror}; expected a file that can be written"
-            raise InputError(file, Complaint("-o", "", reason)) from None
+    with ExitStack() as stack:  # all files are moved to their places when all are complete
+        for file, text in files.items():
+            stack.enter_context(replacing(file)).write_text(text, encoding="utf-8")
     return list(files)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from netlist_gen.analysis import Transient
 from netlist_gen.board.circuit import Circuit
@@ -13,6 +13,8 @@ from verification.engines.statespace.linearised.board import LinearBoard
 from verification.ideal.ideal_answer import ideal_network
 from verification.ideal.lambda_rule import resolve_lambda
 from verification.pipeline.clock import Clock
+from verification.pipeline.opamp_level import at_level
+from verification.pipeline.part_limits import NOT_LIMITED, PartLoads
 from verification.pipeline.simulation import choose_engine
 from verification.pipeline.transient_plan import Plan, plan_transient
 from verification.reference import IdealNetwork
@@ -38,6 +40,8 @@ class Design:
         A key of `verification.pipeline.simulation.ENGINES`.
     plan : Plan
         The transient, and the forecast of its error and cost.
+    small : PartLoads
+        Loads of the op-amps of the small-signal board; empty for an unstable board.
     """
 
     scene: Scene
@@ -48,6 +52,14 @@ class Design:
     poles: Poles
     engine: str
     plan: Plan
+    small: PartLoads = NOT_LIMITED
+
+    def loads(self) -> PartLoads:
+        """Return what the op-amps of the board have to do."""
+        if not self.poles.stable or self.circuit.is_small_signal:
+            return self.small
+        found = PartLoads.of(self.board, transient=self.transient)
+        return replace(found, simulated=tuple(x for x in self.small.worst if x.is_above))
 
     @property
     def transient(self) -> Transient:
@@ -82,6 +94,17 @@ def design_board(
     board = LinearBoard.of(synthesise(scene, problem) if circuit is None else circuit)
     network = ideal_network(problem, scene)
     clock.begin("poles")
+    design = _designed(scene, problem, board, network)
+    stable = design.poles.stable
+    leveled, small = at_level(scene, board, design.transient, stable=stable)
+    if leveled is not board:
+        design = _designed(scene, problem, leveled, network)
+    return replace(design, small=small)
+
+
+def _designed(
+    scene: Scene, problem: InverseProblem, board: LinearBoard, network: IdealNetwork
+) -> Design:
     scales = time_scales(board, initial=scene.analysis.initial)
     poles = poles_behind(board, scales)
     scales = scales.with_slower(poles.rightmost)

@@ -14,17 +14,13 @@ class Effort:
     Attributes
     ----------
     details : bool
-        Whether to compute the figures of the constraint plane, the error budget, the energy and
-        the ringing of settled channels.
+        Whether to compute the figures of the constraint plane, the error budget and the energy.
     full_margin : bool
         Whether to scan the stability margin up to `REACH`, not only up to the limit of the scene.
-    session : bool
-        Whether one ngspice process simulates many decks in turn (`engines.ngspice.session`).
     """
 
     details: bool = True
     full_margin: bool = True
-    session: bool = False
 
 
 FULL = Effort()

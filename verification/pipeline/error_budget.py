@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from netlist_gen.board.circuit import Circuit
 from netlist_gen.board.synthesis import realised_matrix
+from netlist_gen.quantities import show
 from spice_models.array_types import Floats
 from verification.engines.statespace.linearised.equilibrium import Equilibrium
 from verification.ideal.ideal_answer import IdealAnswer
 from verification.pipeline.design import Design
+from verification.pipeline.output_noise import OutputNoise
+from verification.pipeline.pruning import PruningEffect, pruning_effect
 from verification.reference import IdealNetwork, lambda_times_resistance, solve
 
 
@@ -19,16 +23,23 @@ from verification.reference import IdealNetwork, lambda_times_resistance, solve
 class ErrorPart:
     """One part: the largest deviation of any channel, V, and the comparison that gives it.
 
-    `value` is None if the deviation cannot be known.
+    `value` is None if the deviation cannot be known, `bound` a proven bound on the value, V, where
+    there is one.
     """
 
     name: str
     value: float | None
     how: str
+    bound: float | None = None
 
 
 def error_budget(
-    design: Design, ideal: IdealAnswer, rest: Equilibrium, final: Floats, simulator: float
+    design: Design,
+    ideal: IdealAnswer,
+    rest: Equilibrium,
+    final: Floats,
+    simulator: float,
+    noise: OutputNoise | None = None,
 ) -> tuple[ErrorPart, ...]:
     """Split the difference of the true stress and the simulated outputs into its parts.
 
@@ -40,6 +51,8 @@ def error_budget(
         Outputs at the end of the record, V.
     simulator : float
         Error of the simulation, V.
+    noise : OutputNoise, optional
+        Noise of the outputs, if it was computed.
 
     Raises
     ------
@@ -47,6 +60,8 @@ def error_budget(
         The steady state with the rounded resistors cannot be computed.
     """
     network, circuit, stress = design.network, design.circuit, design.problem.stress
+    pruning = pruning_effect(network, design.scene.design.prune, ideal.solution)
+    kept, pruned = (ideal.target, ()) if pruning is None else (pruning.target, (_pruned(pruning),))
     rounded = solve(rounded_network(network, circuit).problem).u * network.U0
     board = np.array([out.sign * rest[out.node] for out in circuit.outputs])
     truth = None if stress is None else stress * network.U0
@@ -56,10 +71,11 @@ def error_budget(
             None if truth is None else _largest(ideal.target - truth),
             "regularised optimum against the true stress (regularisation and noise)",
         ),
+        *pruned,
         ErrorPart(
             "resistors",
-            _largest(rounded - ideal.target),
-            "optimum with the rounded resistors against the requested optimum",
+            _largest(rounded - kept),
+            "optimum with the rounded resistors against that of the exact resistors",
         ),
         ErrorPart(
             "opamps",
@@ -71,6 +87,18 @@ def error_budget(
         ),
         ErrorPart(
             "simulator", simulator, "comparison with a second solution, or bound on the rounding"
+        ),
+        *_noise(noise),
+    )
+
+
+def _noise(noise: OutputNoise | None) -> tuple[ErrorPart, ...]:
+    if noise is None:
+        return ()
+    value = None if noise.unknown else noise.largest
+    return (
+        ErrorPart(
+            "noise", value, "rms at rest over all frequencies: resistors, op-amps and sensors"
         ),
     )
 
@@ -90,6 +118,13 @@ def rounded_network(network: IdealNetwork, circuit: Circuit) -> IdealNetwork:
     integrator = circuit.topology == "integrator"
     R = ohms["r_1"] if integrator else scalings.resistance
     return replace(network, T=realised_matrix(circuit), lam=product / R)
+
+
+def _pruned(effect: PruningEffect) -> ErrorPart:
+    bound = effect.bound if math.isfinite(effect.bound) else None
+    proven = "no proven bound" if bound is None else f"proven bound {show(bound, 'V', 3)}"
+    how = f"optimum without {effect.entries} entries of T against the requested optimum; {proven}"
+    return ErrorPart("pruning", effect.change, how, bound)
 
 
 def _largest(difference: Floats) -> float:

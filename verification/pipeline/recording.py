@@ -18,7 +18,6 @@ from verification.pipeline.bounded_measures import measure_outputs, measure_with
 from verification.pipeline.clock import Clock, Progress
 from verification.pipeline.companion import find_companion
 from verification.pipeline.design import Design, design_board
-from verification.pipeline.effort import Effort
 from verification.pipeline.simulation import (
     Pending,
     Simulation,
@@ -103,7 +102,7 @@ def record_transient(
 
 
 def record_and_measure(
-    design: Design, ideal: IdealAnswer, pending: Pending, clock: Clock, effort: Effort
+    design: Design, ideal: IdealAnswer, pending: Pending, clock: Clock
 ) -> tuple[Design, Recording]:
     """Wait for a simulation and measure the record; repeat a run that does not suffice.
 
@@ -116,22 +115,20 @@ def record_and_measure(
     SimulationError
         As `verification.pipeline.simulation.Pending.result`.
     """
-    recording = _record(design, ideal, pending, clock, effort)
+    recording = _record(design, ideal, pending, clock)
     for _ in range(REPEATS):
         plan = better_plan(design, ideal, recording.measurements, recording.accuracy)
         if plan is None:
             break
         design = replace(design, plan=plan)
         clock.begin("simulation", remark=plan.remark)
-        pending = begin(design.scene, design.board, plan, design.engine, session=effort.session)
-        repeated = _record(design, ideal, pending, clock, effort)
+        pending = begin(design.scene, design.board, plan, design.engine)
+        repeated = _record(design, ideal, pending, clock)
         recording = replace(repeated, accuracy=repeated.accuracy.after(recording.accuracy))
     return design, recording
 
 
-def _record(
-    design: Design, ideal: IdealAnswer, pending: Pending, clock: Clock, effort: Effort
-) -> Recording:
+def _record(design: Design, ideal: IdealAnswer, pending: Pending, clock: Clock) -> Recording:
     clock.begin("simulation", remark=design.plan.remark)
     simulation = pending.result()
     wave = simulation.waveforms
@@ -143,11 +140,12 @@ def _record(
     elif design.poles.stable:
         companion = find_companion(design, wave)
     clock.begin("measures")
-    found = measure_with_bounds(design, ideal, wave, own, companion, details=effort.details)
+    found = measure_with_bounds(design, ideal, wave, own, companion)
     amplitude, agreement = found.measurements.amplitude, None
     if companion is not None:
         steps = design.plan.forecast.error * amplitude
-        agreement = compare_engines(companion, steps, design.scene.agreement_limit)
+        unit = design.circuit.scalings.unit_voltage
+        agreement = compare_engines(companion, steps, design.scene.agreement_limit, unit)
     return Recording(
         simulation=simulation,
         measurements=found.measurements,

@@ -27,10 +27,8 @@ from spice_models.errors import (
     StepTooSmall,
     TimedOut,
 )
-from verification.engines.ngspice import session as ngspice_session
 from verification.engines.ngspice.executable import find_simulator
 from verification.engines.ngspice.process import PHYSICAL_BOUND, Run, start
-from verification.engines.ngspice.session import Turn
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.pipeline.transient_plan import Plan
 from verification.waveforms import Cost, Waveforms
@@ -43,7 +41,7 @@ SECOND_SOLVER = (
 )
 SLOWER = 5.0  # times the timeout: a run with a longer estimated time does not start
 GROWING = 20_000  # least number of points in the record of an unstable board
-STEP_SHARE = 0.05  # of a wanted error: the tolerance of the state-space engine
+STEP_SHARE = 0.2  # of a wanted error: the tolerance of the state-space engine
 LEAST_TOLERANCE, MOST_TOLERANCE = 1e-10, 1e-3  # limits set by rounding and by convergence
 
 
@@ -126,15 +124,8 @@ def state_space_tolerance(wanted: float) -> float:
     return min(max(STEP_SHARE * wanted, LEAST_TOLERANCE), MOST_TOLERANCE)
 
 
-def begin(
-    scene: Scene, board: LinearBoard, plan: Plan, engine: str, *, session: bool = False
-) -> Pending:
+def begin(scene: Scene, board: LinearBoard, plan: Plan, engine: str) -> Pending:
     """Start a simulation; its process runs while the caller does other work.
-
-    Parameters
-    ----------
-    session : bool
-        Whether one ngspice process simulates many decks in turn.
 
     Raises
     ------
@@ -143,10 +134,10 @@ def begin(
         a short record by the state-space engine instead.
     """
     if not plan.growing:
-        return ENGINES[engine](scene, board, plan, session)
+        return ENGINES[engine](scene, board, plan)
     instead = partial(growing_record, board, plan)
     try:
-        return replace(ENGINES[engine](scene, board, plan, session), instead=instead)
+        return replace(ENGINES[engine](scene, board, plan), instead=instead)
     except NoVerdictError as error:
         return Pending(partial(_raise, error), instead)
 
@@ -177,8 +168,9 @@ def growing_record(board: LinearBoard, plan: Plan) -> Waveforms:
     solution = exact_solution(board, initial=initial, stop=stop, linearised=True)
     times = np.linspace(0.0, stop, GROWING + 1)
     cost, flag = Cost(0.0, len(times), 1), "the record is that of the linearised board"
+    values, method = solution.at(times), "exact, linearised"
     return Waveforms(
-        times, solution.nodes, solution.at(times), ENGINE, cost, (flag,), solution.error
+        times, solution.nodes, values, ENGINE, cost, (flag,), solution.error, method=method
     )
 
 
@@ -196,7 +188,7 @@ def outputs(circuit: Circuit, waveforms: Waveforms) -> Floats:
     return rows.T
 
 
-def _ngspice(scene: Scene, board: LinearBoard, plan: Plan, session: bool) -> Pending:
+def _ngspice(scene: Scene, board: LinearBoard, plan: Plan) -> Pending:
     circuit, analysis, timeout = board.circuit, plan.transient, scene.analysis.timeout
     if plan.seconds > SLOWER * timeout:
         raise TimedOut(
@@ -207,11 +199,11 @@ def _ngspice(scene: Scene, board: LinearBoard, plan: Plan, session: bool) -> Pen
     simulator = find_simulator()
     bound = PHYSICAL_BOUND * circuit.scalings.unit_voltage
 
-    def run(solver: str, start_run: Callable[..., Run | Turn]) -> Run | Turn:
+    def run(solver: str) -> Run:
         deck = write_deck(circuit, analysis, solver=solver)
-        return start_run(deck, simulator, timeout=timeout, bound=bound)
+        return start(deck, simulator, timeout=timeout, bound=bound)
 
-    first = run(simulator.solver_option, ngspice_session.submit if session else start)
+    first = run(simulator.solver_option)
 
     def wait() -> Waveforms:
         try:
@@ -221,7 +213,7 @@ def _ngspice(scene: Scene, board: LinearBoard, plan: Plan, session: bool) -> Pen
                 raise
             if error.folder is not None:  # the second run replaces this reproducer
                 shutil.rmtree(error.folder, ignore_errors=True)
-        waveforms = run(SPARSE, start).result()
+        waveforms = run(SPARSE).result()
         return replace(waveforms, flags=(*waveforms.flags, SECOND_SOLVER))
 
     return Pending(wait)
@@ -233,7 +225,7 @@ def _at_the_start(error: StepTooSmall, analysis: Transient) -> bool:
     return not isinstance(partial, Waveforms) or partial.time[-1] < 1e-3 * analysis.stop
 
 
-def _statespace(scene: Scene, board: LinearBoard, plan: Plan, session: bool) -> Pending:
+def _statespace(scene: Scene, board: LinearBoard, plan: Plan) -> Pending:
     from verification.engines.statespace.transients.exact import simulate
 
     tolerance = state_space_tolerance(plan.wanted)
@@ -250,7 +242,7 @@ def _statespace(scene: Scene, board: LinearBoard, plan: Plan, session: bool) -> 
     return Pending(lambda: waveforms)
 
 
-ENGINES: dict[str, Callable[[Scene, LinearBoard, Plan, bool], Pending]] = {
+ENGINES: dict[str, Callable[[Scene, LinearBoard, Plan], Pending]] = {
     "ngspice": _ngspice,
     "statespace": _statespace,
 }

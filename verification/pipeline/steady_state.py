@@ -54,7 +54,7 @@ class SteadyState:
         places = [board.descriptor.place(output.node) for output in outputs]
         signs = np.array([output.sign for output in outputs])
         error = float(board.rounding[places].max(initial=0.0))
-        linear = not board.circuit.amplifiers
+        linear = board.circuit.is_linear
         estimated = not linear or board.descriptor.is_large
         return cls(signs * rest.values[places], error, scales, linear, estimated)
 

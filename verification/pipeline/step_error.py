@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from verification.measures.measurements import Measurements, summary
+from verification.measures.measurements import ChannelMeasure, Measurements, summary
 from verification.measures.readings import Reading, Readings
 
 
@@ -34,19 +34,28 @@ def bounded(measured: Measurements, other: Readings | None, safety: float = 1.0)
     through the edge of the band, and this difference counts, too. The differences count `safety`
     times.
     """
-    nothing = (None,) * len(measured.channels)
-    rises = nothing if other is None else other.rise_times
-    settled = nothing if other is None else other.settling_times
-    channels = [
-        replace(
-            c,
-            rise_time=_bounded(c.rise_time, a, safety),
-            settling_time=_bounded(c.settling_time, b, safety),
-        )
-        for c, a, b in zip(measured.channels, rises, settled, strict=True)
-    ]
-    errors = _excursion_errors(measured.readings, other, safety)
-    return summary(measured.amplitude, measured.band, measured.modes, channels, errors)
+    channels = [_bounded_channel(c, other, safety) for c in measured.channels]
+    return summary(measured.amplitude, measured.band, measured.modes, channels)
+
+
+def _bounded_channel(
+    channel: ChannelMeasure, other: Readings | None, safety: float
+) -> ChannelMeasure:
+    n = channel.index
+    rise, settling = (
+        (None, None) if other is None else (other.rise_times[n], other.settling_times[n])
+    )
+    over = under = math.inf
+    if other is not None:
+        over = safety * abs(channel.overshoot - other.overshoots[n]) + other.overshoot_errors[n]
+        under = safety * abs(channel.undershoot - other.undershoots[n]) + other.undershoot_errors[n]
+    return replace(
+        channel,
+        rise_time=_bounded(channel.rise_time, rise, safety),
+        settling_time=_bounded(channel.settling_time, settling, safety),
+        overshoot_error=over,
+        undershoot_error=under,
+    )
 
 
 def _bounded(reading: Reading | None, other: Reading | None, safety: float) -> Reading | None:
@@ -56,19 +65,6 @@ def _bounded(reading: Reading | None, other: Reading | None, safety: float) -> R
         return replace(reading, uncertainty=math.inf)
     apart = safety * abs(reading.value - other.value)
     return replace(reading, uncertainty=apart + other.uncertainty)
-
-
-def _excursion_errors(
-    readings: Readings, other: Readings | None, safety: float
-) -> tuple[float, float]:
-    """Return bounds on the errors of the largest overshoot and undershoot."""
-    if other is None:
-        return math.inf, math.inf
-    overshoot, undershoot = other.excursion_errors
-    return (
-        safety * abs(max(readings.overshoots) - max(other.overshoots)) + overshoot,
-        safety * abs(max(readings.undershoots) - max(other.undershoots)) + undershoot,
-    )
 
 
 def step_error(measured: Measurements, end_error: float) -> StepError:

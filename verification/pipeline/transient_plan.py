@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from netlist_gen.analysis import Transient
 from netlist_gen.scene.scene import Checks, Scene
@@ -182,7 +182,7 @@ def _without_steps(
 ) -> Plan:
     """Plan a run of the state-space engine; a growing run shows every period and is kept short."""
     notes: tuple[str, ...] = ()
-    stepped = bool(board.circuit.amplifiers) or board.descriptor.is_large
+    stepped = not board.circuit.is_linear or board.descriptor.is_large
     longest = (UNSTABLE_PERIODS if stepped else EXACT_PERIODS) * scales.max_step_for(1.0)
     if growing and stop > longest:
         stop, notes = longest, (TOO_LONG.format(stop=longest),)
@@ -196,32 +196,7 @@ def seconds_per_step(board: LinearBoard) -> float:
     """Estimate the processor time of one step of ngspice, s."""
     size = max(len(board.circuit.signal_nodes), len(board.circuit.constraint_nodes))
     linear = LINEAR_STEP * size + MATRIX_STEP * size**3
-    return NEWTON * linear if board.circuit.amplifiers else linear
-
-
-def even_transient(scene: Scene, scales: TimeScales, points: float, stop: float) -> Transient:
-    """Return a transient of even steps, `points` on the period of the fastest ringing."""
-    step = scales.max_step_for(points)
-    return Transient(stop, step, truncation_for(points), initial=scene.analysis.initial)
-
-
-def truncation_for(points: float) -> float:
-    """Return twice the local error ``(omega h)³ / 12`` of a mode with `points` on its period.
-
-    A mode that is faster than the mode that sets the maximum step then gets nearly as many points
-    on its period, and half the maximum step halves every step.
-    """
-    return (2 * math.pi / points) ** 3 / 6
-
-
-def coarser(transient: Transient, ratio: float) -> Transient:
-    """Return the same transient with every step `ratio` times as long (trapezoidal rule)."""
-    return replace(
-        transient,
-        max_step=ratio * transient.max_step,
-        truncation=ratio**3 * transient.truncation,
-        first_step=ratio * transient.begin,
-    )
+    return linear if board.circuit.is_linear else NEWTON * linear
 
 
 def _stop(scene: Scene, scales: TimeScales, resolution: float, *, growing: bool) -> float:

@@ -46,6 +46,9 @@ PATIENCE = 8
 increases the gap can lead to where Newton's method converges; the best point is kept."""
 STEP_LENGTHS = (1.0, 0.25, 0.0625, 0.015625)
 """Shares of a correction that are tried."""
+FACTORS = (0.01, 0.1, 0.03, 0.3)
+"""Factors of the homotopy. With an ill-conditioned T the refinement of a few per cent of its starts
+ends far from the solution, and rounding decides which: another path gives another start."""
 FAST = 1e-6
 """If a correction shrinks the gap by less than this, T is factorised again."""
 
@@ -148,6 +151,37 @@ def _refine(s: Scaled, result: NewtonResult) -> tuple[_Point, int]:
     return best, MAX_REFINEMENTS
 
 
+def _best(s: Scaled) -> tuple[_Point, int]:
+    """Return the point of the least gap of the paths that were needed, and all iterations."""
+    points, iterations = list[_Point](), 0
+    for factor in FACTORS:
+        result = homotopy(
+            s, lambda u: NEWTON_ERROR * float(np.sum(s.regulariser.slope_bound(u))), factor
+        )
+        point, refinements = _refine(s, result)
+        points.append(point)
+        iterations += result.steps + refinements
+        if point.gap <= _largest_gap(s, point):
+            break
+    return min(points, key=lambda point: point.gap), iterations
+
+
+def _slope_bound(s: Scaled, point: _Point) -> float:
+    return float(np.max(s.regulariser.slope_bound(point.u.hi)))
+
+
+def _rounding(point: _Point) -> float:
+    """Return the rounding error of u as doubles."""
+    return float(np.finfo(float).eps) / 2.0 * float(np.max(np.abs(point.u.hi)))
+
+
+def _largest_gap(s: Scaled, point: _Point) -> float:
+    """Return the largest gap with which u is trusted."""
+    peak = float(np.max(np.abs(point.u.hi)))
+    allowed = RELATIVE_ERROR * max(peak, SMALLEST_SCALE) - _rounding(point)
+    return s.mu * largest_ratio(allowed, _slope_bound(s, point))
+
+
 def solve_maxent(problem: Problem) -> Solution:
     """Solve for a regulariser of an increasing amplifier.
 
@@ -164,16 +198,12 @@ def solve_maxent(problem: Problem) -> Solution:
     """
     start = time.perf_counter()
     s = Scaled.of(problem)
-    result = homotopy(s, lambda u: NEWTON_ERROR * float(np.sum(s.regulariser.slope_bound(u))))
-    point, refinements = _refine(s, result)
-    reg, u = s.regulariser, point.u.hi
-    slope_bound, peak = float(np.max(reg.slope_bound(u))), float(np.max(np.abs(u)))
-    rounding = float(np.finfo(float).eps) / 2.0 * peak
-    error = error_bound(point.gap / s.mu, slope_bound) + rounding
-    allowed = RELATIVE_ERROR * max(peak, SMALLEST_SCALE) - rounding
+    reg = s.regulariser
+    point, iterations = _best(s)
+    u, slope_bound = point.u.hi, _slope_bound(s, point)
+    error = error_bound(point.gap / s.mu, slope_bound) + _rounding(point)
     unscale = 2.0 * s.scale * s.scale
-    bound = unscale * s.mu * largest_ratio(allowed, slope_bound)
-    certificate = unscale * point.gap
+    certificate, bound = unscale * point.gap, unscale * _largest_gap(s, point)
     trusted = bool(certificate <= bound)
     D2 = reg.slope(point.v.hi)
     return Solution(
@@ -187,7 +217,7 @@ def solve_maxent(problem: Problem) -> Solution:
         error_bound=error,
         trusted=trusted,
         condition=float(np.sqrt(1.0 + s.gram.diagonal() @ D2 / s.mu)),
-        iterations=result.steps + refinements,
+        iterations=iterations,
         seconds=time.perf_counter() - start,
         reason=""
         if trusted

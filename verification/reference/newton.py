@@ -21,8 +21,6 @@ from spice_models.array_types import Floats
 from verification.reference.regularisers import Regulariser
 from verification.reference.stacked_least_squares import Factor
 
-MU_FACTOR = 0.01
-"""Factor between two values of mu in the homotopy."""
 STAGE = 1.0
 """Square of the relative error of u at which a stage of the homotopy ends."""
 MAX_STEPS = 100
@@ -158,8 +156,13 @@ def _line_search(
     return None
 
 
-def homotopy(s: System, target_ratio: Callable[[Floats], float]) -> NewtonResult:
-    """Follow the minimiser from a large mu down to ``s.mu``; `target_ratio` as in `newton`."""
+def homotopy(
+    s: System, target_ratio: Callable[[Floats], float], factor: float = 0.01
+) -> NewtonResult:
+    """Follow the minimiser from a large mu down to ``s.mu``; `target_ratio` as in `newton`.
+
+    `factor` is that between two values of mu.
+    """
     reg, steps = s.regulariser, 0
     mu = max(s.mu, s.norm**2)
     iterate = Iterate.at(s, np.full(len(s.h), -s.beta), mu)
@@ -167,7 +170,7 @@ def homotopy(s: System, target_ratio: Callable[[Floats], float]) -> NewtonResult
         stage = newton(s, mu, iterate, lambda u: STAGE * float(np.sum(reg.slope_bound(u))))
         v, u = stage.primal.v, stage.primal.u
         continuous = mu * (v + s.beta) + s.h * u  # T^T r + h u: continuous as mu goes to 0
-        mu = max(MU_FACTOR * mu, s.mu)
+        mu = max(factor * mu, s.mu)
         iterate = Iterate.at(s, reg.v_from_q(continuous - mu * s.beta, mu, s.h), mu)
         steps += stage.steps
     last = newton(s, mu, iterate, target_ratio)

@@ -8,6 +8,7 @@ the solver's coordinate is ``q = mu v + h g(v)``; it neither overflows nor stall
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -34,6 +35,7 @@ class Regulariser:
     slope_bound: (
         Function  # ``u ->`` a bound S on the slope at u; ``S + d`` bounds the slope at u + d
     )
+    steepest: float = math.inf  # largest slope of g anywhere
     weight: float = 0.5  # ``mu = weight * lam``: 1 for linear, whose Omega is ``sum u^2``
     biased: bool = False  # whether the paper's Omega needs the bias current: eq (8) has the entropy
 
@@ -135,6 +137,7 @@ REGULARISERS: dict[str, Regulariser] = {
         v_from_q=lambda q, mu, h: q / (mu + h),
         largest_slope=lambda v, _: np.ones_like(v),
         slope_bound=np.ones_like,
+        steepest=1.0,
         weight=1.0,
     ),
     "exponential": Regulariser(
@@ -167,6 +170,7 @@ REGULARISERS: dict[str, Regulariser] = {
         v_from_q=_v_from_q_softplus,
         largest_slope=lambda v, d: _sigmoid(v + d),
         slope_bound=lambda u: -np.expm1(-u),
+        steepest=1.0,
     ),
     "tanh": Regulariser(
         g=np.tanh,
@@ -177,5 +181,6 @@ REGULARISERS: dict[str, Regulariser] = {
         v_from_q=_v_from_q_tanh,
         largest_slope=lambda v, d: _sech2(np.maximum(np.abs(v) - d, 0.0)),
         slope_bound=np.ones_like,
+        steepest=1.0,
     ),
 }

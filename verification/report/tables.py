@@ -27,6 +27,11 @@ def make_table(
     return table
 
 
+def whole(*titles: str) -> tuple[Column, ...]:
+    """Return columns whose cells are never cut or wrapped."""
+    return tuple(Column(title, no_wrap=True, overflow="ignore") for title in titles)
+
+
 def markdown_table(titles: Sequence[str], rows: Iterable[Iterable[str]]) -> Iterator[str]:
     """Yield the lines of a table in Markdown."""
     for cells in (titles, ["---"] * len(titles), *(map(markdown_line, row) for row in rows)):

@@ -30,16 +30,16 @@ class ConstraintPlane:
         Number of the stage, from 1.
     amplifier_rise_time : float
         Rise time without capacitance at the summing node.
-    stage_rise_time : float
-        Rise time with this capacitance.
-    stage_overshoot : float
-        Overshoot with this capacitance, fraction of the step of the stage.
+    stage_rise_time : float or None
+        Rise time with this capacitance; None for a stage that is not stable by itself.
+    stage_overshoot : float or None
+        Overshoot with this capacitance, fraction of the step of the stage; None likewise.
     """
 
     row: int
     amplifier_rise_time: float
-    stage_rise_time: float
-    stage_overshoot: float
+    stage_rise_time: float | None
+    stage_overshoot: float | None
 
 
 def constraint_plane(circuit: Circuit) -> ConstraintPlane | None:
@@ -58,9 +58,8 @@ def constraint_plane(circuit: Circuit) -> ConstraintPlane | None:
     bare = _without_capacitance(stage)
     if not np.isfinite(next(iter(bare.models.values())).gbw):
         return None
-    amplifier, _ = _rise(bare)
-    complete, overshoot = _rise(stage)
-    return ConstraintPlane(row, amplifier, complete, overshoot)
+    (amplifier, _), rise = _rise(bare) or (0.0, 0.0), _rise(stage)
+    return ConstraintPlane(row, amplifier, *(rise or (None, None)))
 
 
 def _alone(circuit: Circuit, row: int, siemens: float) -> Circuit:
@@ -68,6 +67,7 @@ def _alone(circuit: Circuit, row: int, siemens: float) -> Circuit:
     node = f"c_{row}"
     return replace(
         circuit,
+        models={name: replace(m, large_signal=False) for name, m in circuit.models.items()},
         opamps=tuple(cell for cell in circuit.opamps if cell.name == node),
         amplifiers=(),
         resistors=(
@@ -90,8 +90,11 @@ def _without_capacitance(stage: Circuit) -> Circuit:
     return replace(stage, capacitors=(), models=models)
 
 
-def _rise(stage: Circuit) -> tuple[float, float]:
+def _rise(stage: Circuit) -> tuple[float, float] | None:
+    """Return rise time and overshoot of a stage; None if the stage is not stable."""
     solution = exact_solution(stage)
+    if not np.all(solution.poles.real < 0.0):
+        return None
     slowest = 1.0 / float(np.min(np.abs(solution.poles.real)))
     time = np.linspace(0.0, SPAN * slowest, POINTS)
     step = solution.at(time)[:, 0] / solution.final[0]

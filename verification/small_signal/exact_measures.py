@@ -90,7 +90,7 @@ def measure_exact(
         settlement = _settlement(off, tolerance, bound, reading) if amplitude else STILL
         mode = strongest(modes, n, amplitude)
         channels.append(channel_measure(n, step, readings, settlement, mode, short))
-    return summary(amplitude, band, modes, channels, readings.excursion_errors)
+    return summary(amplitude, band, modes, channels)
 
 
 STILL = Settlement(ChannelState.SETTLED, None, NO_STEP)

@@ -15,6 +15,7 @@ from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.linearised.initial_state import initial_unknowns
 
 GROWN = 10.0  # step amplitudes: an instability of this height counts as shown
+LEAST = 1.0  # time constants: growth shown of a mode that is as high from the start
 INVISIBLE = 1e-12  # amplitude of a mode that only rounding and asymmetry excite
 RESOLVED = 1e6  # step amplitudes: modes with a larger sum of amplitudes are defective
 UNRESOLVED = 1e6  # amplitude assumed for defective modes: t^k exp(-t) peaks higher than exp(-t)
@@ -195,13 +196,13 @@ def _scales(p: Complexes, weight: Floats, error: float, points: float) -> TimeSc
     decay = -1.0 / p.real[relevant & (p.real < 0.0)]
     rings = relevant & (p.imag > 0.0) & (-p.real < RINGS * np.abs(p))
     growing = p.real > 0.0
-    growth = np.log(GROWN / np.maximum(weight[growing], INVISIBLE)) / p.real[growing]
+    growth = np.log(GROWN / np.maximum(weight[growing], INVISIBLE))
     scales = TimeScales(
         poles=p,
         amplitudes=weight,
         slowest=float(decay.max(initial=0.0)),
         ringing=tuple(sorted(_ringing(p[rings], 2.0 * weight[rings]), key=lambda r: r.period)),
-        growth_time=float(np.maximum(growth, 0.0).min(initial=math.inf)),
+        growth_time=float((np.maximum(growth, LEAST) / p.real[growing]).min(initial=math.inf)),
         stop=0.0,
         max_step=0.0,
     )

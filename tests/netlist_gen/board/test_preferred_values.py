@@ -23,6 +23,8 @@ def test_a_decade(series: str, count: int) -> None:
 
 
 def test_values_of_the_standard() -> None:
+    assert mantissas("E6").tolist() == [1.0, 1.5, 2.2, 3.3, 4.7, 6.8]
+    assert mantissas("E12").tolist() == [1.0, 1.2, 1.5, 1.8, 2.2, 2.7, 3.3, 3.9, 4.7, 5.6, 6.8, 8.2]
     assert mantissas("E96")[::8].tolist() == E96
     assert mantissas("E192")[-13:].tolist() == E192_LAST
     assert mantissas("E192")[::2].tolist() == mantissas("E96").tolist()
@@ -30,9 +32,9 @@ def test_values_of_the_standard() -> None:
         assert value in mantissas("E24")
 
 
-@pytest.mark.parametrize("decade", range(-3, 10))
+@pytest.mark.parametrize("decade", range(-14, 10))
 def test_a_preferred_value_is_itself_in_every_decade(decade: int) -> None:
-    for series in ("E24", "E96", "E192"):
+    for series in ("E6", "E12", "E24", "E96", "E192"):
         ohms = np.array([float(f"{m}e{decade}") for m in mantissas(series).tolist()])
         assert np.array_equal(nearest(ohms, series), ohms)
 

@@ -112,6 +112,7 @@ def test_lambda_replaces_a_resistance_and_back(scene: Scene) -> None:
         ("C=1p:2kV:3", "the unit is 'V'"),
         ("C=1p:2p:1", "whole number from 2"),
         ("C=1p:2p:x", "whole number from 2"),
+        (f"C=1p:2p:{'9' * 5000}", "whole number from 2"),
         ("C=1p:2p:3:4", "LOW:HIGH:POINTS"),
         ("C=1p:1p:3", "both ends"),
         ("stray_capacitance=0:1p:3", "append :lin"),

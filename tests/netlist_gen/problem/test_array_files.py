@@ -92,3 +92,13 @@ def test_a_pipe_is_no_matrix(scene: Scene, tmp_path: Path) -> None:
         os.mkfifo(tmp_path / name)
         with pytest.raises(InputError, match="not a regular file"):
             read_array(scene, "problem.matrix", name, (None, None))
+
+
+@pytest.mark.parametrize("damage", [b"\r\x0c", b"(3", b"'''", b"\\", b"\x00", b"L"])
+def test_a_numpy_header_that_is_damaged(scene: Scene, tmp_path: Path, damage: bytes) -> None:
+    file = tmp_path / "T.npy"
+    np.save(file, np.eye(3))
+    content = file.read_bytes()
+    file.write_bytes(content.replace(b"False", damage.ljust(5, b" "), 1))
+    with pytest.raises(InputError, match=r"expected a \.npy file of real numbers"):
+        read_array(scene, "problem.matrix", "T.npy", (None, None))

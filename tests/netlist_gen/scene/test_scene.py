@@ -141,7 +141,8 @@ def test_the_template_names_every_key(tmp_path: Path) -> None:
 # Op-amp figures are in `taction models`; these are keys of tables written on one line.
 OF_TABLES = {
     *("dc_gain", "second_pole", "phase_margin", "input_resistance", "differential_capacitance"),
-    *("input_capacitance", "output_resistance", "centre"),
+    *("input_capacitance", "output_resistance", "centre", "slew_rate", "output_current"),
+    *("saturation", "least_supply", "most_supply"),
 }
 
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from verification.measures import crossings
 from verification.measures.crossings import (
     Crossing,
     first_above,
@@ -128,3 +130,16 @@ def test_the_uncertainty_covers_the_truth_down_to_seven_points_a_period(
         assert above.size == 0 or wave(grid).max() - level < 0.05
     elif above.size and found.time < time[-1] and above[-1] < time[-1]:
         assert abs(found.time - above[-1]) <= found.uncertainty + 2 * (grid[1] - grid[0])
+
+
+def test_levels_in_blocks_give_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A record of 500,000 points is compared with a few levels at a time."""
+    time = np.linspace(0.0, 1.0, 4001)
+    y = np.stack([np.exp(-3.0 * time) * np.cos(k * 40.0 * time) for k in (1, 2, 3)])
+    levels = np.linspace(0.02, 0.9, 10)[:, None] * np.ones(3)
+    whole = crossings.last_crossings(time, y, levels, mirrored=True)
+    monkeypatch.setattr(crossings, "MOST_COMPARED", 1000)
+    blocks = crossings.last_crossings(time, y, levels, mirrored=True)
+    assert np.isfinite(whole.time).sum() > 50
+    np.testing.assert_array_equal(blocks.time, whole.time)
+    np.testing.assert_array_equal(blocks.uncertainty, whole.uncertainty)

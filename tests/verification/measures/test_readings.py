@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from verification.measures.readings import STILL, Step, excursions
+from verification.measures.readings import STILL, Step, excursions, largest_error
 from verification.measures.sampled_signal import SampledSignal
 
 TIME = np.linspace(0.0, 20.0, 2001)
@@ -20,7 +20,7 @@ def swings(*channels: tuple[float, float, float]) -> tuple[SampledSignal, Step]:
 
 
 def read(*channels: tuple[float, float, float]) -> tuple[list[float], list[float]]:
-    over, under, _ = excursions(*swings(*channels))
+    (over, _), (under, _) = excursions(*swings(*channels))
     return list(over), list(under)
 
 
@@ -55,6 +55,23 @@ def test_the_sign_of_a_step_that_is_rounding_decides_nothing() -> None:
         for over, under in found:
             assert over[1] == pytest.approx(0.3, abs=1e-4)
             assert under[1] == pytest.approx(0.3, abs=1e-4)
+
+
+def test_every_channel_has_bounds_of_its_own() -> None:
+    """Each bound is that of the channel's samples; an excursion of 0 is uncertain upwards only."""
+    signal, step = swings((0.0, 1.0, 0.0), (0.0, 0.5, 0.5), (0.0, 0.5, -0.8))
+    known = SampledSignal(signal.time, signal.errors, error=0.01)
+    (_, over), (_, under) = excursions(known, step)
+    assert 0.0 < over[0] <= 0.01 * (1.0 + 1e-9)
+    assert over[1] == pytest.approx(0.01, rel=1e-3)
+    assert under[2] == pytest.approx(0.01, rel=1e-3)
+    (_, exact), _ = excursions(signal, step)
+    assert all(0.0 < bound < 1e-4 for bound in exact)
+
+
+def test_the_largest_value_may_be_that_of_an_uncertain_channel() -> None:
+    assert largest_error((0.3, 0.2), (0.01, 0.15)) == pytest.approx(0.05)
+    assert largest_error((0.3, 0.2), (0.01, 0.0)) == pytest.approx(0.01)
 
 
 def test_without_a_step_there_is_no_excursion() -> None:

@@ -49,24 +49,6 @@ def test_the_settling_time_is_right_or_absent(seed):
             assert error <= found.settling_time.uncertainty + 2 * (fine[1] - fine[0])
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_silence_tells_what_a_fit_would(seed):
-    response, end, points = network(np.random.default_rng(seed))
-    time = np.linspace(0, 1.5 * end, points)
-    u, target = response(time), np.ones(5)
-    spared = []
-    for share in (0.2, 0.5, 0.8, 1.0):
-        part = time <= share * time[-1]
-        found = measure(time[part], u[part], target)
-        quick = measure(time[part], u[part], target, details=False)
-        assert found.readings == quick.readings
-        assert [c.state for c in found.channels] == [c.state for c in quick.channels]
-        assert [c.reason for c in found.channels] == [c.reason for c in quick.channels]
-        spared.append(found.modes != quick.modes == ())
-    assert spared[-1]
-    assert not spared[0]
-
-
 def test_settle_reads_what_is_there():
     time = np.linspace(0, 1, 101)
     errors = np.array([1 - time, time, np.zeros(101), time - 1])

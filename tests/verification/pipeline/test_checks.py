@@ -22,12 +22,12 @@ from tests.support.measured import (
 )
 from verification.measures.readings import Reading
 from verification.measures.settling import ChannelState
+from verification.pipeline.channel_states import describe_states
 from verification.pipeline.checks import (
     Check,
     Evidence,
     Outcome,
     at_most,
-    describe_states,
     overall,
 )
 from verification.pipeline.run_checks import run_checks
@@ -79,7 +79,8 @@ def test_the_whole_is_its_worst_part(outcomes: tuple[Outcome, ...], whole: Outco
 @pytest.mark.parametrize(
     ("rest", "error", "reference_error", "outcome"),
     [
-        (1.0009, 0.0, 0.0, PASS),
+        (1.0009, 1e-12, 0.0, PASS),
+        (1.0009, 0.0, 0.0, UNDECIDED),
         (1.0011, 0.0, 0.0, FAIL),
         (0.9989, 0.0, 0.0, FAIL),
         (1.0009, 2e-4, 0.0, UNDECIDED),
@@ -273,7 +274,7 @@ def test_rise_time_of_the_channel_that_is_named_or_the_middle_one() -> None:
 
 @pytest.mark.parametrize(
     ("limit", "error", "outcome"),
-    [(0.11, 0.0, PASS), (0.09, 0.0, FAIL), (0.1, 1e-3, UNDECIDED)],
+    [(0.11, 1e-9, PASS), (0.11, 0.0, UNDECIDED), (0.09, 1e-9, FAIL), (0.1, 1e-3, UNDECIDED)],
 )
 def test_overshoot_and_undershoot(limit: float, error: float, outcome: Outcome) -> None:
     checks = {"overshoot": {"max": limit}, "undershoot": {"max": limit}}
@@ -287,7 +288,9 @@ def test_overshoot_and_undershoot(limit: float, error: float, outcome: Outcome) 
 
 def test_overshoot_and_undershoot_have_their_own_limits() -> None:
     checks = {"overshoot": {"max": 0.1}, "undershoot": {"max": 0.01}}
-    given = evidence(channel(0, overshoot=0.09), channel(1, undershoot=0.02), checks=checks)
+    given = evidence(
+        channel(0, overshoot=0.09), channel(1, overshoot=0.05, undershoot=0.02), checks=checks
+    )
     assert check("overshoot", given).outcome is PASS
     under = check("undershoot", given)
     assert (under.outcome, under.value, under.expected) == (FAIL, 0.02, 0.01)
@@ -348,6 +351,16 @@ def test_two_engines_agree(
 ) -> None:
     given = evidence(agreement=agreement(difference, step_error, reason))
     assert check("engines_agree", given).outcome is outcome
+
+
+@pytest.mark.parametrize(("difference", "outcome"), [(1e-6, PASS), (2e-3, FAIL)])
+def test_two_engines_may_agree_that_nothing_moves(difference: float, outcome: Outcome) -> None:
+    """Without a step the limit of 1e-3 is a share of the unit voltage."""
+    still = measured(channel(target=0.0, final=0.0), amplitude=0.0)
+    given = evidence(measurements=still, agreement=agreement(difference))
+    found = check("engines_agree", given)
+    assert (found.outcome, found.value) == (outcome, difference)
+    assert "nothing moves" in found.reason
 
 
 def test_an_untrusted_reference_decides_nothing_but_stability() -> None:

@@ -18,7 +18,6 @@ from verification.pipeline import bounded_measures, recording
 from verification.pipeline.clock import Clock
 from verification.pipeline.companion import Companion
 from verification.pipeline.design import Design, design_board
-from verification.pipeline.effort import Effort
 from verification.pipeline.recording import Recording, record_and_measure
 from verification.pipeline.simulation import Pending, outputs
 from verification.pipeline.state_space_error import StateSpaceError
@@ -52,14 +51,14 @@ def recorded(
     transient = replace(design.plan.transient, stop=stop)
     design = replace(design, plan=replace(design.plan, transient=transient))
     u, values = outputs(design.circuit, fine)[: len(other.time)], outputs(design.circuit, other)
-    error = StateSpaceError(DOUBT, DOUBT, "", "")
+    error = StateSpaceError(DOUBT, DOUBT, 0.0, "", "")
     beside = Companion(other.time, u, values, other, error, "")
     monkeypatch.setattr(recording, "find_companion", lambda *_: beside)
     monkeypatch.setattr(bounded_measures, "is_exact", lambda _: False)
     monkeypatch.setattr(recording, "better_plan", lambda *_: None)
-    clock, effort = Clock(lambda stage: None), Effort(details=False)
+    clock = Clock(lambda stage: None)
     pending = Pending(lambda: replace(fine, engine="ngspice"))
-    return record_and_measure(design, ideal, pending, clock, effort)[1]
+    return record_and_measure(design, ideal, pending, clock)[1]
 
 
 def test_all_errors_follow_from_the_other_record(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import astuple, replace
+from dataclasses import astuple
 
 import pytest
 
@@ -13,7 +13,8 @@ from verification.pipeline.step_error import bounded, step_error
 
 
 def better(error: float = 0.0, **changes: object) -> Readings:
-    return replace(measured(channel(**changes)).readings, excursion_errors=(error, error))
+    known = channel(overshoot_error=error, undershoot_error=error, **changes)
+    return measured(known).readings
 
 
 def test_an_error_is_the_difference_and_the_doubt_of_the_better_reading() -> None:
@@ -25,6 +26,17 @@ def test_an_error_is_the_difference_and_the_doubt_of_the_better_reading() -> Non
     assert error.rise_time == pytest.approx(1.02e-6)
     assert (error.overshoot, error.undershoot) == (pytest.approx(1.1e-3), pytest.approx(1e-4))
     assert error.steady_state == pytest.approx(3e-4)
+
+
+def test_every_channel_has_the_error_of_its_own_excursions() -> None:
+    record = measured(channel(0, overshoot=0.1), channel(1, overshoot=0.3, undershoot=0.0))
+    other = measured(
+        channel(0, overshoot=0.12, overshoot_error=1e-3), channel(1, overshoot=0.3, undershoot=0.01)
+    )
+    found = bounded(record, other.readings, 2.0)
+    errors = [(c.overshoot_error, c.undershoot_error) for c in found.channels]
+    assert errors == [(pytest.approx(0.041), 0.0), (0.0, pytest.approx(0.02))]
+    assert found.excursion_errors == (0.0, 0.0)  # 0.1 + 0.041 is below 0.3, 0.02 is not above 0.02
 
 
 def test_ends_are_fractions_of_the_step() -> None:

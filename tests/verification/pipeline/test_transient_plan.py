@@ -20,10 +20,10 @@ from tests.support.paths import SCENES
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.pipeline.clock import Clock
 from verification.pipeline.design import design_board
+from verification.pipeline.even_steps import coarser
 from verification.pipeline.transient_plan import (
     UNSTABLE_SECONDS,
     Plan,
-    coarser,
     plan_transient,
     seconds_per_step,
     wanted_error,

@@ -118,7 +118,8 @@ def test_two_hundred_channels(regulariser: str, lam: float) -> None:
     assert solution.trusted, solution.reason
 
 
-@pytest.mark.parametrize("seed", [5, 9])
+# Of such starts a few per cent fail on the first path, others with other kernels.
+@pytest.mark.parametrize("seed", [5, 9, 20])
 def test_rounding_of_the_strain_does_not_end_the_refinement(seed: int) -> None:
     problem = replace(tactile(200, 1.0), regulariser="sinh", lam=1e-12)
     noise = 4e-16 * np.random.default_rng(seed).standard_normal(200)

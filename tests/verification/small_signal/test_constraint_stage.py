@@ -49,6 +49,14 @@ def test_the_stage_with_its_capacitance_is_a_second_order_system(circuit):
     assert found.stage_rise_time > found.amplifier_rise_time
 
 
+def test_a_stage_that_oscillates_by_itself_has_no_rise_time(circuit):
+    # Three lags in the loop: the op-amp's integrator (90 degrees), its second pole at 1 kHz and
+    # the summing node's at 2 kHz (over 80 degrees each where the loop gain is 1, at some 9 kHz).
+    found = constraint_plane(with_models(circuit, second_pole=1e3))
+    assert (found.stage_rise_time, found.stage_overshoot) == (None, None)
+    assert 0.0 < found.amplifier_rise_time < 1e-5
+
+
 def test_an_ideal_op_amp_rises_at_once(circuit):
     ideal = with_models(circuit, gbw=np.inf, second_pole=np.inf)
     assert constraint_plane(ideal) is None

@@ -63,6 +63,14 @@ def test_an_unstable_board_is_given_time_to_show_it() -> None:
     assert 0.0 < scales.growth_time <= scales.stop < np.inf
 
 
+def test_modes_that_cannot_be_told_apart_are_given_time_too() -> None:
+    """Poles of 1e27 /s beside 1e6 /s: the amplitudes of the growing modes are not known."""
+    scales = time_scales(paper_board(1e-29))
+    fastest = scales.poles.real.max()
+    assert fastest > 0.0
+    assert 1.0 / fastest <= scales.growth_time < np.inf
+
+
 def test_a_board_without_oscillating_poles_has_no_frequency() -> None:
     found = summarise(np.array([-3.0, -1.0], dtype=np.complex128), complete=True)
     assert (found.rightmost, found.stable) == (-1.0, True)

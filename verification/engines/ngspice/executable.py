@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import os
 import re
+import select
 import shutil
+import signal
 import subprocess
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,20 +19,28 @@ from spice_models.errors import SimulatorNotFound, SimulatorTooOld
 OLDEST = 39
 """Oldest supported version (Debian 12)."""
 
-_REMEDY = (
+REMEDY = (
     "Install it with `apt-get install ngspice` (Debian 12: `-t bookworm-backports` gives 46, which"
     " has the fast KLU solver), or name the executable in TACTION_NGSPICE"
 )
+PATIENCE = 20.0  # s to wait for a version
+ALIVE_INTERVAL = 0.02  # s between two looks whether the process still runs
+LONGEST_ANSWER = 65_536  # bytes of a version
+SHOWN = 2_000  # characters of an answer in a message
 _INHERITED = ("LD_LIBRARY_PATH",)  # an ngspice in a folder of its own may need it
 
 
-def environment(home: Path) -> dict[str, str]:
-    """Return the complete environment of a process with its home and start-up files in `home`."""
+def environment(home: Path, scripts: str = ".") -> dict[str, str]:
+    """Return the complete environment of a process with `home` as its home.
+
+    `scripts` is the folder of start-up files, by default the working folder. The name is relative:
+    ngspice cannot read the name of a folder with a quote or a line break.
+    """
     inherited = {name: os.environ[name] for name in _INHERITED if name in os.environ}
     return inherited | {
         "LC_ALL": "C",
         "HOME": str(home),
-        "SPICE_SCRIPTS": str(home),  # the folder of spinit, which loads code models
+        "SPICE_SCRIPTS": scripts,  # the folder of spinit, which loads code models
         "OMP_NUM_THREADS": "1",
     }
 
@@ -49,6 +61,10 @@ class Simulator:
         times faster.
         """
         return "klu" if self.klu else "noopiter"
+
+    def solver_of(self, deck: str) -> str:
+        """Return the name of the matrix solver that this version takes for the text of a deck."""
+        return "KLU" if self.klu and "\n.options klu" in deck else "Sparse"
 
     @property
     def engine(self) -> str:
@@ -77,32 +93,55 @@ def find_simulator(path: str | None = None) -> Simulator:
 def _absolute(name: str, folders: str | None) -> str:
     executable = shutil.which(name, path=folders)
     if executable is None:
-        raise SimulatorNotFound(f"no executable {name!r}. {_REMEDY}")
+        raise SimulatorNotFound(f"no executable {name!r}. {REMEDY}")
     return str(Path(executable).absolute())
 
 
 _on_path = functools.cache(_absolute)  # a search costs 0.1 ms; a failure is not cached
 
 
+def _answer(executable: str) -> str:
+    """Return what ``-v`` prints up to its end, `LONGEST_ANSWER` bytes or `PATIENCE` seconds."""
+    process = subprocess.Popen(
+        [executable, "-v"],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        env=environment(Path("/nonexistent")),
+        start_new_session=True,
+    )
+    end, text, ended = time.monotonic() + PATIENCE, b"", False
+    with process, process.stdout as stream:  # type: ignore[union-attr]  # a pipe was asked for
+        while len(text) < LONGEST_ANSWER and time.monotonic() < end:
+            # The ended process keeps its number, so the group is still its own.
+            look = os.WEXITED | os.WNOHANG | os.WNOWAIT
+            ended = os.waitid(os.P_PID, process.pid, look) is not None
+            if select.select([stream], [], [], 0.0 if ended else ALIVE_INTERVAL)[0]:
+                part = os.read(stream.fileno(), LONGEST_ANSWER)
+                if not part:
+                    break
+                text += part
+            elif ended:  # a child may hold the pipe
+                break
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+    if ended and process.returncode < 0:
+        ended_by = signal.Signals(-process.returncode).name
+        raise SimulatorNotFound(f"{executable} -v was ended by {ended_by}. Run the command again")
+    return text.decode(errors="replace")
+
+
 @functools.cache
 def _probe(executable: str) -> Simulator:
     try:
-        answer = subprocess.run(
-            [executable, "-v"],
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            errors="replace",
-            env=environment(Path("/nonexistent")),
-            timeout=20.0,
-            check=False,
-        ).stdout
-    except (OSError, subprocess.TimeoutExpired) as error:
-        raise SimulatorNotFound(f"{executable} does not run: {error}. {_REMEDY}") from error
-    name = re.search(r"ngspice-(\d+)", answer)
+        answer = _answer(executable)
+    except OSError as error:
+        raise SimulatorNotFound(f"{executable} does not run: {error}. {REMEDY}") from error
+    name = re.search(r"ngspice-(\d{1,6})(?!\d)", answer)
     if name is None:
-        raise SimulatorNotFound(f"{executable} -v does not name ngspice. {_REMEDY}", log=answer)
+        text = f"{executable} -v does not name ngspice. {REMEDY}"
+        raise SimulatorNotFound(text, log=answer[:SHOWN])
     version = int(name[1])
     if version < OLDEST:
-        raise SimulatorTooOld(f"{executable} is ngspice {version}; {OLDEST} is needed. {_REMEDY}")
+        raise SimulatorTooOld(f"{executable} is ngspice {version}; {OLDEST} is needed. {REMEDY}")
     return Simulator(executable, version, klu="KLU" in answer)

@@ -19,14 +19,20 @@ import subprocess
 import threading
 import time
 import weakref
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
-from spice_models.errors import SimulationError, SimulatorNotFound
-from spice_models.foreign_files import MEGABYTE, read_ends
-from verification.engines.ngspice.evidence import Ending, accepted_waveforms
+from spice_models.errors import BadEvidence, SimulationError, SimulatorNotFound
+from spice_models.foreign_files import MEGABYTE, UnusableFileError, read_ends
+from spice_models.orphans import end_orphans
+from spice_models.own_folders import keep_folder, remove_own_folder
+from verification.engines.ngspice.ending import Ending, longest
+from verification.engines.ngspice.evidence import accepted_waveforms
 from verification.engines.ngspice.executable import Simulator, environment, find_simulator
+from verification.engines.ngspice.noise_evidence import integrated_noise
 from verification.engines.ngspice.parent_death import guard_of_process
-from verification.engines.ngspice.run_folder import make_folder, remove_folder
+from verification.engines.ngspice.run_folder import make_folder
 from verification.engines.ngspice.screening import Deck, screen
 from verification.waveforms import Waveforms
 
@@ -35,9 +41,13 @@ __all__ = ["PHYSICAL_BOUND", "Run", "Simulator", "find_simulator", "simulate", "
 PHYSICAL_BOUND = 1e6
 """No node of a working board is above this voltage, V, with a unit voltage of 1 V."""
 
+Result = TypeVar("Result")
+
 LONGEST_LOG = MEGABYTE
 """Bytes of an error stream that are read; of a longer stream only the beginning and the end."""
 
+LOOK_INTERVAL = 0.5  # s between two looks at the length of the files
+_STREAMS = ("stdout.txt", "stderr.txt")
 _HERE = Path("$PWD")
 _ARGUMENTS = ("-b", "-n", "-r", "out.raw", "deck.cir")
 
@@ -74,11 +84,21 @@ class _Process:
         with contextlib.suppress(ProcessLookupError):  # the group may end in the meantime
             os.killpg(self._popen.pid, signal.SIGKILL)
 
+    def flooded_file(self) -> str:
+        """Return the name of a file of the run folder that is too long, or nothing."""
+        for name in (*_STREAMS, "out.raw"):
+            with contextlib.suppress(OSError):  # no such file
+                if os.stat(f"{self.folder}/{name}").st_size > longest(name):  # noqa: PTH116
+                    return name
+        return ""
+
     def discard(self, keep: bool) -> None:
-        """End the process and, unless `keep`, remove its folder."""
+        """End the process with all its descendants and, unless `keep`, remove its folder."""
         self.kill()
-        if not keep:
-            remove_folder(self.folder)
+        if keep:
+            keep_folder(self.folder)
+        else:
+            remove_own_folder(self.folder)
 
     def _watch(self) -> None:
         try:
@@ -86,6 +106,7 @@ class _Process:
             os.waitid(os.P_PID, self._popen.pid, os.WEXITED | os.WNOWAIT)
             self.ended = time.perf_counter()
             self._kill_group()
+            end_orphans(self.folder, self._popen.pid)
             self._popen.wait()
         finally:
             self._over.set()
@@ -110,7 +131,8 @@ class Run:
         bound: float,
     ) -> None:
         self.folder = folder
-        self._deck, self._engine = deck, simulator.engine
+        self._deck = deck
+        self._engine, self._solver = simulator.engine, simulator.solver_of(deck.text)
         self._timeout, self._keep, self._bound = timeout, keep, bound
         self._process = _Process(simulator, folder)
         self._discard = weakref.finalize(self, self._process.discard, keep)
@@ -129,26 +151,48 @@ class Run:
         SimulationError
             One of its kinds; the run folder is kept and named in the message.
         """
+        accepted = functools.partial(
+            accepted_waveforms, engine=self._engine, solver=self._solver, bound=self._bound
+        )
+        return self._accept(accepted)
+
+    def noise(self) -> float:
+        """Wait for the end and return the noise of the saved node, V; see `integrated_noise`."""
+        return self._accept(integrated_noise)
+
+    def _accept(self, evidence: Callable[[Deck, Ending], Result]) -> Result:
+        """Wait for the end and return what `evidence` accepts; else keep the folder."""
         if not self._discard.alive:
             raise SimulationError("a run returns its result once, and never after it was cancelled")
-        process = self._process
+        process, flooded = self._process, ""
+        end = process.started + self._timeout
         try:
-            in_time = process.wait(process.started + self._timeout - time.perf_counter())
+            while not (ended := process.wait(min(end - time.perf_counter(), LOOK_INTERVAL))):
+                flooded = process.flooded_file()
+                if flooded or time.perf_counter() >= end:
+                    break
         finally:  # also on Ctrl-C, which reaches no other process group
             process.kill()
         self._discard.detach()
         ending = Ending(
             status=process.status,
-            timed_out=not in_time,
+            timed_out=not ended,
             timeout=self._timeout,
             seconds=process.ended - process.started,
-            errors=read_ends(f"{self.folder}/stderr.txt", LONGEST_LOG),
+            errors=_error_stream(self.folder),
             folder=self.folder,
+            flooded=flooded,
         )
-        waveforms = accepted_waveforms(self._deck, ending, engine=self._engine, bound=self._bound)
-        if not self._keep:
-            remove_folder(self.folder)
-        return waveforms
+        try:
+            result = evidence(self._deck, ending)
+        except SimulationError as error:
+            self.folder = keep_folder(self.folder)
+            raise error.in_folder(self.folder) from None
+        if self._keep:
+            self.folder = keep_folder(self.folder)
+        else:
+            remove_own_folder(self.folder)
+        return result
 
     def cancel(self) -> None:
         """End the process group and remove the run folder, unless `result` was called."""
@@ -200,7 +244,7 @@ def start(
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
         return Run(deck, simulator, place, timeout=timeout, keep=keep, bound=bound)
     except OSError as error:
-        remove_folder(place)
+        remove_own_folder(place)
         raise SimulatorNotFound(f"{simulator.executable} does not start: {error}") from error
 
 
@@ -218,6 +262,15 @@ def simulate(
         return run.result()
 
 
+def _error_stream(folder: Path) -> str:
+    """Return the error stream of a run; a simulator that removed it shows no evidence."""
+    try:
+        return read_ends(f"{folder}/{_STREAMS[1]}", LONGEST_LOG)
+    except UnusableFileError as error:
+        text = f"the error stream cannot be read: {_STREAMS[1]}: {error}"
+        raise BadEvidence(text, folder=folder) from None
+
+
 def _command(simulator: Simulator) -> str:
     """Return a command line that repeats the run in its folder, also after the folder was moved."""
     return _quoted(simulator.executable, tuple(environment(_HERE).items()))
@@ -232,8 +285,8 @@ def _quoted(executable: str, variables: tuple[tuple[str, str], ...]) -> str:
 
 def _launch(simulator: Simulator, folder: Path) -> subprocess.Popen[bytes]:
     with (
-        open(f"{folder}/stdout.txt", "wb", buffering=0) as out,  # noqa: PTH123 - quicker
-        open(f"{folder}/stderr.txt", "wb", buffering=0) as err,  # noqa: PTH123
+        open(f"{folder}/{_STREAMS[0]}", "wb", buffering=0) as out,  # noqa: PTH123 - quicker
+        open(f"{folder}/{_STREAMS[1]}", "wb", buffering=0) as err,  # noqa: PTH123
     ):
         return subprocess.Popen(
             [*guard_of_process(), simulator.executable, *_ARGUMENTS],

@@ -1,8 +1,9 @@
 """Read ngspice's binary raw files through a memory map, and write them.
 
-Only the output of one batch run is accepted: one plot of real, unpadded double-precision vectors.
-Any other content (text, complex, several plots, too few bytes) is refused with a message that names
-the reason, because a reader that guesses turns a truncated file into a plausible waveform.
+Only the output of one batch run is accepted: real, unpadded double-precision vectors, and one plot
+where one was asked for. Any other content (text, complex, more plots, too few bytes) is refused
+with a message that names the reason, because a reader that guesses turns a truncated file into a
+plausible waveform.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from verification.waveforms import Waveforms
 
 DOUBLE = np.dtype("<f8")
 _LONGEST_HEADER = 1 << 24
+_MOST_DIGITS = 18  # of a count
 _END = b"\nBinary:\n"  # of the header
 
 
@@ -46,7 +48,12 @@ class Plot:
 class _Header:
     fields: dict[str, str]
     vectors: tuple[str, ...]
-    size: int
+    size: int  # bytes of the file up to the end of the header
+
+    @property
+    def width(self) -> int:
+        """Bytes of one point."""
+        return len(self.vectors) * DOUBLE.itemsize
 
 
 def read_raw(path: Path, *, partial: bool = False) -> Plot:
@@ -71,11 +78,26 @@ def read_raw(path: Path, *, partial: bool = False) -> Plot:
     content = _map(path)
     header = _read_header(content, path)
     promised = _number(header, "no. points", path)
-    count = len(header.vectors)
-    width = count * DOUBLE.itemsize
-    points = (len(content) - header.size) // width if partial else promised
+    points = (len(content) - header.size) // header.width if partial else promised
     if not partial:
-        _check_size(path, content, header.size, promised * width)
+        _check_size(path, content, header.size, promised * header.width)
+    return _plot(content, header, promised, points)
+
+
+def read_plots(path: Path) -> list[Plot]:
+    """Map all plots of a raw file, in the order of the file; the errors are those of `read_raw`."""
+    content, start, plots = _map(path), 0, list[Plot]()
+    while start < len(content) or not plots:
+        header = _read_header(content, path, start)
+        points = _number(header, "no. points", path)
+        start = header.size + points * header.width
+        _check_size(path, content, header.size, points * header.width, several=True)
+        plots.append(_plot(content, header, points, points))
+    return plots
+
+
+def _plot(content: mmap.mmap | bytes, header: _Header, promised: int, points: int) -> Plot:
+    count = len(header.vectors)
     data = np.frombuffer(content, DOUBLE, points * count, header.size).reshape(points, count)
     title, name = (header.fields.get(key, "") for key in ("title", "plotname"))
     return Plot(title, name, header.vectors, promised, data)
@@ -115,12 +137,13 @@ def _map(path: Path) -> mmap.mmap | bytes:
         raise BadEvidence(f"{path.name} was never written: {error}") from None
 
 
-def _read_header(content: mmap.mmap | bytes, path: Path) -> _Header:
-    """Read the header, including the ``Binary:`` line."""
-    end = content.find(_END, 0, _LONGEST_HEADER)
+def _read_header(content: mmap.mmap | bytes, path: Path, start: int = 0) -> _Header:
+    """Read the header that begins at `start`, including the ``Binary:`` line."""
+    end = content.find(_END, start, start + _LONGEST_HEADER)
     fields: dict[str, str] = {}
     vectors: list[str] = []
-    head = content[: end if end >= 0 else _LONGEST_HEADER].decode("utf-8", "replace")
+    last = end if end >= 0 else start + _LONGEST_HEADER
+    head = content[start:last].decode("utf-8", "replace")
     for text in head.removesuffix("\n").split("\n") if head else ():
         if text.startswith("\t"):
             columns = text.split()
@@ -157,20 +180,22 @@ def _check_header(header: _Header, path: Path) -> None:
 
 def _number(header: _Header, key: str, path: Path) -> int:
     value = header.fields.get(key, "")
-    if not value.isdecimal():
-        raise BadEvidence(f"{path.name}: {key!r} is {value!r}; a count is needed")
+    if not value.isdecimal() or len(value) > _MOST_DIGITS:
+        raise BadEvidence(f"{path.name}: {key!r} is {value[:60]!r}; a count is needed")
     return int(value)
 
 
-def _check_size(path: Path, content: mmap.mmap | bytes, start: int, expected: int) -> None:
-    """Compare the number of bytes after `start` with `expected`."""
+def _check_size(
+    path: Path, content: mmap.mmap | bytes, start: int, expected: int, *, several: bool = False
+) -> None:
+    """Compare the number of bytes after `start` with `expected`; more may follow if `several`."""
     size = len(content) - start
     if size < expected:
         raise OutOfDisk(
             f"{path.name} holds {size} of {expected} bytes: it could not be written in full."
             " Free space where runs are kept (TMPDIR), or save fewer nodes"
         )
-    if size > expected:
+    if size > expected and not several:
         if content[start + expected : start + expected + 6] == b"Title:":
             raise BadEvidence(f"{path.name} holds several plots; a deck may have one analysis")
         raise BadEvidence(

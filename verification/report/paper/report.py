@@ -9,8 +9,8 @@ from rich.console import Console, RenderableType
 from rich.markup import escape
 from rich.text import Text
 
+from spice_models.atomic_files import write_atomically
 from spice_models.errors import Complaint, InputError
-from verification.report.atomic_files import write_atomically
 from verification.report.paper.pages import paper_html, paper_markdown
 from verification.report.paper.plots import can_draw, draw
 from verification.report.tables import make_table

@@ -8,6 +8,7 @@ from typing import Any
 
 from rich.console import Console, RenderableType
 from rich.markup import escape
+from rich.table import Column
 from rich.text import Text
 
 from verification.report import tables
@@ -34,7 +35,7 @@ def summary_row(result: SceneResult) -> tuple[str, ...]:
     passed = sum(check.outcome.value == "pass" for check in result.checks)
     checks = f"{passed} of {len(result.checks)} pass" if result.checks else "-"
     worst = off_text(result.worst) if result.differences else "-"
-    simulator = result.entry.simulator if result.entry else "-"
+    simulator = result.entry.simulator.partition(",")[0] if result.entry else "-"
     revision = short(result.baseline.revision) if result.baseline else "-"
     scene = result.file.removesuffix(".toml")
     return scene, result.status.value, checks, worst, simulator, revision
@@ -101,7 +102,9 @@ def print_regression(report: RegressionReport, console: Console) -> None:
     for result in report.results:
         file, status, *others = map(escape, summary_row(result))
         rows.append([file, Text(status, style=COLOUR.get(result.status, "red")), *others])
-    console.print(tables.make_table(SUMMARY, rows))
+    titles = [*tables.whole(*SUMMARY)]
+    titles[3:6:2] = map(Column, SUMMARY[3:6:2])  # titles of two words may wrap
+    console.print(tables.make_table(titles, rows, padding=0))
     for result in report.results:
         _print_scene(result, console)
     console.print(Text(headline(report), style="bold"))

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from verification.report.atomic_files import check_file, replacing
+from spice_models.atomic_files import replacing
+from verification.report.output_checks import check_file
 from verification.report.sweep.records import all_records, records
 from verification.studies.figures import FIGURES
 from verification.studies.sweep.plan import Plan

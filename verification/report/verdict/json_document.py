@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict
 from typing import Any
 
 from verification.measures.measurements import ChannelMeasure
 from verification.pipeline.checks import Check
-from verification.studies.figures import CHANNEL_FIGURES, FIGURES, figures_of
+from verification.pipeline.output_noise import OutputNoise
+from verification.small_signal.headroom import Load
+from verification.studies.figures import CHANNEL_FIGURES, FIGURES, figures_of, finite
 from verification.verify import Verdict
 
 ERRORS = ("steady_state", "settling_time", "rise_time", "overshoot", "undershoot")
@@ -22,7 +25,8 @@ def verdict_document(verdict: Verdict) -> dict[str, Any]:
         "outcome": verdict.outcome.value,
         "checks": [check_record(check) for check in verdict.checks],
         "channels": [
-            channel_record(channel) | {"equilibrium": volts}
+            channel_record(channel)
+            | {"equilibrium": volts, "uncertainties": uncertainties(channel)}
             for channel, volts in zip(
                 verdict.measurements.channels, verdict.steady.values.tolist(), strict=True
             )
@@ -49,9 +53,14 @@ def verdict_document(verdict: Verdict) -> dict[str, Any]:
         },
         "constraint_plane": None if verdict.constraint is None else asdict(verdict.constraint),
         "error_budget": {
-            part.name: {"value": part.value, "unit": "V", "how": part.how}
+            part.name: {"value": part.value, "unit": "V", "how": part.how, "bound": part.bound}
             for part in verdict.budget
         },
+        "opamp_level": "small-signal" if verdict.circuit.is_small_signal else "large-signal",
+        "headroom": [
+            load_record(load) for load in (*verdict.parts.simulated, *verdict.parts.worst)
+        ],
+        "noise": None if verdict.noise is None else noise_record(verdict.noise),
         "simulation_error": {name: getattr(verdict.error, name) for name in ERRORS},
         "accuracy": asdict(verdict.accuracy),
         "lambda": figures["lambda"],
@@ -64,6 +73,8 @@ def verdict_document(verdict: Verdict) -> dict[str, Any]:
         },
         "engine": verdict.waveforms.engine.split("-")[0],
         "simulator": verdict.waveforms.engine,
+        "solver": verdict.waveforms.solver or None,
+        "method": verdict.waveforms.method or None,
         "simulation": {
             "stop": verdict.transient.stop,
             "max_step": verdict.waveforms.spacing,
@@ -76,9 +87,31 @@ def verdict_document(verdict: Verdict) -> dict[str, Any]:
     }
 
 
+def load_record(load: Load) -> dict[str, Any]:
+    """Return one load of an op-amp as plain data."""
+    at_rest = math.isinf(load.at)
+    more = {"time": None if at_rest else load.at, "share": load.share, "unit": load.unit}
+    names = ("part", "quantity", "peak", "limit", "rest", "error")
+    return {name: getattr(load, name) for name in names} | more
+
+
+def noise_record(noise: OutputNoise) -> dict[str, Any]:
+    """Return the noise of the outputs as plain data, one value for each channel."""
+    known = {"rms": list(noise.rms), "uncertainties": [finite(error) for error in noise.error]}
+    return known | {"unit": "V", "ngspice": noise.simulated, "reason": noise.unknown}
+
+
 def check_record(check: Check) -> dict[str, Any]:
     """Return one check as plain data."""
     return asdict(check) | {"outcome": check.outcome.value}
+
+
+def uncertainties(channel: ChannelMeasure) -> dict[str, float | None]:
+    """Return the bounds on the errors of a channel's readings; None where there is none."""
+    times = {"rise_time": channel.rise_time, "settling_time": channel.settling_time}
+    known = {name: reading and reading.uncertainty for name, reading in times.items()}
+    known |= {"overshoot": channel.overshoot_error, "undershoot": channel.undershoot_error}
+    return {name: finite(bound) for name, bound in known.items()}
 
 
 def channel_record(channel: ChannelMeasure) -> dict[str, Any]:

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from netlist_gen.quantities import show
+from spice_models.atomic_files import replacing
 from verification.pipeline.agreement import Agreement
-from verification.report.atomic_files import check_file, replacing
+from verification.report.output_checks import check_file
 from verification.report.tables import spaced
 from verification.report.verdict.table import amount
 from verification.verify import Verdict

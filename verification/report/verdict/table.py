@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import io
 import math
+from collections.abc import Sequence
 
 from rich.console import Console, Group, RenderableType
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
 from netlist_gen.quantities import show
@@ -16,18 +17,23 @@ from verification.measures.measurements import Measurements
 from verification.measures.readings import Reading
 from verification.pipeline.attained_accuracy import Accuracy
 from verification.pipeline.checks import Check, Outcome
-from verification.report.tables import make_table, spaced, value_text
+from verification.pipeline.part_limits import amount as amount_of
+from verification.report.tables import make_table, spaced, value_text, whole
 from verification.verify import Verdict
 
+MOST_LOADS = 8
 COLOUR = {Outcome.PASS: "green", Outcome.FAIL: "red", Outcome.INCONCLUSIVE: "yellow"}
 
 
 def print_verdict(verdict: Verdict, console: Console) -> None:
     """Print the checks, the channels, the error budget and the cost."""
+    noise = () if verdict.noise is None else verdict.noise.rms
     console.print(_head(verdict))
     console.print(_checks(verdict))
-    console.print(channel_table(verdict.measurements, verdict.steady.values))
+    console.print(channel_table(verdict.measurements, verdict.steady.values, noise))
     console.print(_budget(verdict))
+    if verdict.parts.loads or verdict.parts.simulated:
+        console.print(_headroom(verdict))
     for warning in verdict.warnings:
         console.print(f"[yellow]warning[/yellow] {escape(warning)}")
     console.print(_foot(verdict))
@@ -53,7 +59,8 @@ def _head(verdict: Verdict) -> RenderableType:
     return Group(Text(verdict.scene.name, style="bold"), Text(board))
 
 
-def _checks(verdict: Verdict) -> Table:
+def _checks(verdict: Verdict) -> Group:
+    """Return the table of checks, and the reasons below: they are long."""
     rows = [
         (
             spaced(check.name),
@@ -61,11 +68,12 @@ def _checks(verdict: Verdict) -> Table:
             amount(check.value, check.unit),
             amount(check.uncertainty, check.unit),
             amount(limit(check), check.unit),
-            escape(check.reason),
         )
         for check in verdict.checks
     ]
-    return make_table(("check", "outcome", "value", "±", "limit", "why"), rows)
+    titles = whole("check", "outcome", "value", "±", "limit")
+    reasons = (Text(f" {spaced(check.name)}: {check.reason}") for check in verdict.checks)
+    return Group(make_table(titles, rows), *reasons)
 
 
 def limit(check: Check) -> float | None:
@@ -80,26 +88,42 @@ def amount(value: float | None, unit: str) -> str:
     return value_text(value, unit, 3 if unit == "ratio" else 4)
 
 
-def channel_table(measurements: Measurements, equilibrium: Floats | None = None) -> Table:
-    """Return the table of channels, numbered from 1; `equilibrium` (N,) in V, if it is known."""
-    times, excursions = ("rise time", "settling time"), ("overshoot", "undershoot")
-    known = () if equilibrium is None else ("equilibrium",)
-    titles = ("u", "reference", *known, "record's end", *times, *excursions, "state")
+def channel_table(
+    measurements: Measurements, equilibrium: Floats | None = None, noise: Sequence[float] = ()
+) -> Table:
+    """Return the table of channels, numbered from 1.
+
+    `equilibrium` (N,) and `noise` (N,), V, have a column where they are known.
+    """
+    known = () if equilibrium is None else ("at rest",)
+    rms = ("noise",) if noise else ()
+    times = ("rise", "settling")  # a fragile time is long, and wraps
+    titles: tuple[str | Column, ...] = (
+        *whole("u", "reference", *known, "end"),
+        *times,
+        *whole("over", "under", *rms, "state"),
+    )
     rows = [
         (
             str(channel.index + 1),
-            show(channel.target, "V", 5),
-            *(() if equilibrium is None else (show(float(equilibrium[channel.index]), "V", 5),)),
-            show(channel.final, "V", 5),
+            show(channel.target, "V"),
+            *(() if equilibrium is None else (show(float(equilibrium[channel.index]), "V"),)),
+            show(channel.final, "V"),
             _reading(channel.rise_time),
             _reading(channel.settling_time),
-            value_text(channel.overshoot, "step"),
-            value_text(channel.undershoot, "step"),
+            _percent(channel.overshoot),
+            _percent(channel.undershoot),
+            *(show(volts, "V", 3) for volts in noise[channel.index : channel.index + 1]),
             channel.state.value,
         )
         for channel in measurements.channels
     ]
-    return make_table(titles, rows)
+    caption = "rise and settling time, overshoot and undershoot"
+    return make_table(titles, rows, caption=caption, padding=0)
+
+
+def _percent(share: float | None) -> str:
+    return "-" if share is None else f"{100 * share:.3g} %"
 
 
 def _reading(reading: Reading | None) -> str:
@@ -122,6 +146,26 @@ def _budget(verdict: Verdict) -> Table:
     return make_table(("error", "largest", "of the step", "how it was found"), rows)
 
 
+def _headroom(verdict: Verdict) -> Table:
+    shown = (*verdict.parts.simulated, *verdict.parts.worst)
+    rows = [
+        (
+            f"{load.quantity} of {load.part}",
+            amount_of(load, load.peak),
+            "at rest" if math.isinf(load.at) else show(load.at, "s", 3),
+            amount_of(load, load.limit),
+            f"{load.share:.3g}",
+        )
+        for load in shown[:MOST_LOADS]
+    ]
+    notes = [f"and {len(shown) - MOST_LOADS} more"] if len(shown) > MOST_LOADS else []
+    if verdict.parts.simulated:
+        notes.append("loads above 1 are those without limits; the simulated op-amps have limits")
+    caption = "; ".join(notes) or None
+    titles = ("op-amp output", "peak", "at", "limit", "of the limit")
+    return make_table(titles, rows, caption=caption)
+
+
 def _accuracy(accuracy: Accuracy) -> str:
     reached = "reached error unknown"
     if accuracy.achieved is not None:
@@ -138,7 +182,8 @@ def _foot(verdict: Verdict) -> Group:
         verdict.waveforms.cost, verdict.ideal, verdict.constraint, verdict.energy
     )  # fmt: skip
     lines = [
-        f"{verdict.waveforms.engine}: {cost.points} points to {show(verdict.transient.stop, 's')},"
+        f"{verdict.waveforms.simulator}: {cost.points} points to"
+        f" {show(verdict.transient.stop, 's')},"
         f" at most {show(verdict.waveforms.spacing, 's')} apart",
         _accuracy(verdict.accuracy),
     ]
@@ -148,11 +193,14 @@ def _foot(verdict: Verdict) -> Group:
         f" {show(ideal.transient.settling_time, 's')}"
     )
     if plane is not None:
-        lines.append(
-            f"constraint plane: amplifier alone rises in {show(plane.amplifier_rise_time, 's')},"
-            f" its stage with capacitance in {show(plane.stage_rise_time, 's')} with"
-            f" {100 * plane.stage_overshoot:.0f} % overshoot"
-        )
+        stage = "its stage with capacitance oscillates by itself"
+        if plane.stage_rise_time is not None and plane.stage_overshoot is not None:
+            stage = (
+                f"its stage with capacitance in {show(plane.stage_rise_time, 's')} with"
+                f" {100 * plane.stage_overshoot:.0f} % overshoot"
+            )
+        rise = show(plane.amplifier_rise_time, "s")
+        lines.append(f"constraint plane: amplifier alone rises in {rise}, {stage}")
     if energy is not None:
         lines.append(
             f"energy: rises by {100 * energy.rise:.2g} % of its fall, at {show(energy.time, 's')};"

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from netlist_gen.board.circuit import Circuit
+from spice_models.atomic_files import replacing
 from verification.pipeline.simulation import outputs
-from verification.report.atomic_files import check_file, replacing
+from verification.report.output_checks import check_file
 from verification.waveforms import Waveforms
 
 PARQUET = "Parquet needs pyarrow: pip install 'taction[parquet]'; or write .csv or .raw"

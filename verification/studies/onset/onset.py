@@ -13,7 +13,7 @@ from itertools import pairwise
 
 from netlist_gen.board.circuit import Circuit
 from netlist_gen.board.synthesis import synthesise
-from netlist_gen.overrides.axes import Axis, Over, parse_axes, with_value
+from netlist_gen.overrides.axes import Axis, Over, Point, parse_axes, with_values
 from netlist_gen.problem.inverse_problem import make_problem
 from netlist_gen.scene.scene import Scene
 from spice_models.errors import (
@@ -103,16 +103,20 @@ def parse_onset_axis(scene: Scene, over: Over) -> Axis:
     return axis
 
 
+EXACT: dict[str, Point] = {"design.capacitance": {"design.capacitor_series": "exact"}}
+
+
 def board_over(scene: Scene, axis: Axis) -> Build:
     """Return the board of `scene` as a function of the value on `axis`.
 
-    The function raises InputError for a value that gives no board.
+    On an axis of C no series rounds C: a rounded C would cross only between preferred values. The
+    function raises InputError for a value that gives no board.
     """
     path = axis.key.path
     problem = None if path.startswith("problem.") else make_problem(scene)
 
     def build(value: float) -> Circuit:
-        changed = with_value(scene, path, value)
+        changed = with_values(scene, {**EXACT.get(path, {}), path: value})
         return synthesise(changed, problem or make_problem(changed))
 
     return build

@@ -25,7 +25,7 @@ from verification.engines.ngspice.process import Run, start
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.linearised.state_space import StateSpace
 from verification.measures.mode_fit import Mode, fit_modes
-from verification.pipeline.transient_plan import truncation_for
+from verification.pipeline.even_steps import truncation_for
 from verification.small_signal.poles import poles
 from verification.small_signal.scan_result import AxisCrossing
 from verification.waveforms import Waveforms

@@ -33,13 +33,13 @@ class Entry(BaseModel):
     board lacks it. An unstable board has no samples: its transient grows from rounding errors.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)  # "1" is no number
 
     name: str  # of the scene
     fingerprint: str  # SHA-256 of the scene and its files, without the tolerances
     revision: str  # git commit
     taction: str  # version
-    simulator: str  # engine and version
+    simulator: str  # engine with its version, matrix solver and integration method
     outcome: Literal["pass", "fail", "inconclusive"]
     checks: dict[str, Literal["pass", "fail", "inconclusive"]]
     amplitude: Finite  # step amplitude, V

@@ -53,7 +53,7 @@ def observe(verdict: Verdict, revision: str) -> Observation:
         fingerprint=fingerprint(verdict.scene),
         revision=revision,
         taction=metadata.version("taction"),
-        simulator=verdict.waveforms.engine,
+        simulator=verdict.waveforms.simulator,
         outcome=verdict.outcome.value,
         checks={check.name: check.outcome.value for check in verdict.checks},
         amplitude=m.amplitude,

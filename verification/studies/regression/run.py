@@ -11,6 +11,7 @@ from pathlib import Path
 
 from netlist_gen.scene.file import load_scene
 from spice_models.errors import INTERRUPTED, Complaint, InputError, NoVerdictError
+from spice_models.file_names import printable
 from verification.pipeline.checks import Check, Outcome
 from verification.studies.regression.baseline import Baseline, Entry, git_revision
 from verification.studies.regression.baseline_entry import observe
@@ -148,14 +149,16 @@ def regress(
     try:
         for number, path in enumerate(files, 1):
             progress(f"{number} of {len(files)}: {path.stem}")
-            results.append(compare_scene(path, baseline.get(path.name), revision))
+            results.append(compare_scene(path, baseline.get(printable(path.name)), revision))
     except KeyboardInterrupt:
         left = files[len(results) :]
-        results += [SceneResult(p.name, Status.NOT_RUN, (), (), (), "interrupted") for p in left]
+        results += [
+            SceneResult(printable(p.name), Status.NOT_RUN, (), (), (), "interrupted") for p in left
+        ]
     reason = "in the baseline, but not in the folder"
     results += [
         SceneResult(name, Status.MISSING, reason=reason, baseline=baseline[name])
-        for name in sorted(set(baseline) - {path.name for path in files})
+        for name in sorted(set(baseline) - {printable(path.name) for path in files})
     ]
     return RegressionReport(str(folder), str(baseline_file), revision, tuple(results), updated)
 
@@ -166,11 +169,13 @@ def compare_scene(path: Path, then: Entry | None, revision: str) -> SceneResult:
     try:
         verdict = verify(load_scene(path))
     except InputError as error:
-        return SceneResult(path.name, Status.BAD_INPUT, reason=str(error), baseline=then)
+        return SceneResult(printable(path.name), Status.BAD_INPUT, reason=str(error), baseline=then)
     except NoVerdictError as error:
-        result = SceneResult(path.name, Status.NO_VERDICT, reason=str(error), baseline=then)
+        result = SceneResult(
+            printable(path.name), Status.NO_VERDICT, reason=str(error), baseline=then
+        )
         return replace(result, seconds=time.perf_counter() - started)
-    return _compared(path.name, verdict, then, revision, time.perf_counter() - started)
+    return _compared(printable(path.name), verdict, then, revision, time.perf_counter() - started)
 
 
 def updated_baseline(report: RegressionReport, baseline: Baseline) -> dict[str, Entry]:

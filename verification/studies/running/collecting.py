@@ -5,18 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError, Future
 from itertools import islice
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
-from spice_models.errors import Complaint, InputError, NoVerdictError
-from verification.studies.running.executors import Workers
+from spice_models.errors import MACHINE_FAILURES, Complaint, InputError, NoVerdictError
 from verification.studies.running.versions import OtherVersionsError
 from verification.studies.running.worker import NotStartedError
+from verification.studies.running.workers import Workers
 
 K = TypeVar("K")
 R = TypeVar("R")
 T = TypeVar("T")
 
+WATCH = 1.0  # s between two looks at the workers, while none of them answers
 AHEAD = 16  # calls prepared in one go; they share the caches of the preparation
 
 
@@ -34,14 +35,18 @@ def collected(
     Parameters
     ----------
     calls : iterable of (name, arguments)
-        Arguments of `function`, which may raise only `OtherVersionsError`.
+        Arguments of `function`, which may raise only `OtherVersionsError` and
+        `MACHINE_FAILURES`.
 
     Raises
     ------
     InputError
         A worker has other versions of taction or ngspice.
+    SimulatorNotFound, SimulatorTooOld, OutOfDisk
+        A worker's machine can run nothing.
     NoVerdictError
-        The workers do not answer any more, or cannot run `function`.
+        The workers do not answer any more, none has come for a minute, or they cannot run
+        `function`.
     """
     remaining = iter(calls)
     running: dict[Future[R], K] = {}
@@ -56,12 +61,21 @@ def collected(
                     future.add_done_callback(ended.put)
             if not running:
                 return
-            future = ended.get()
+            future = _next(ended, workers)
             name = running.pop(future)
             yield name, _error(future, workers) or future.result()
     finally:
         for future in running:
             future.cancel()
+
+
+def _next(ended: SimpleQueue[Future[R]], workers: Workers) -> Future[R]:
+    """Wait for the end of a call, as long as there are workers."""
+    while True:
+        try:
+            return ended.get(timeout=WATCH)
+        except Empty:
+            _ask(workers, workers.check)
 
 
 def _ask(workers: Workers, method: Callable[..., T], *arguments: Any) -> T:
@@ -70,9 +84,9 @@ def _ask(workers: Workers, method: Callable[..., T], *arguments: Any) -> T:
     try:
         return method(*arguments)
     except closed as error:
-        text = f"the workers are gone ({error}). The stored results are intact"
-        text = f"{text}, the same command continues"
-        raise NoVerdictError(text) from error
+        reason = str(error) or "the connection is lost"
+        text = f"the workers are gone ({reason}). The stored results are intact"
+        raise NoVerdictError(f"{text}, the same command continues") from error
 
 
 def _error(future: Future[R], workers: Workers) -> BaseException | None:
@@ -81,10 +95,12 @@ def _error(future: Future[R], workers: Workers) -> BaseException | None:
     if isinstance(error, NotStartedError):
         text = f"{error}. The stored results are intact, the same command continues"
         raise NoVerdictError(text) from error
+    if isinstance(error, MACHINE_FAILURES):
+        raise type(error)(f"{error}. The stored results are intact, the same command continues")
     if error is None or isinstance(error, workers.lost):
         return error
     if isinstance(error, OtherVersionsError):
         text = f"{error}; a study needs equal versions everywhere. The stored results are intact"
-        raise InputError("--cluster", Complaint("worker", "", text))
+        raise InputError("worker", Complaint("versions", "", text))
     text = f"no worker can compute ({type(error).__name__}: {error}); is the same taction installed"
-    raise NoVerdictError(f"{text} there?") from error
+    raise NoVerdictError(f"{text} there, and where the scheduler runs?") from error

@@ -6,43 +6,26 @@ costs only the point that it was computing.
 
 from __future__ import annotations
 
-import importlib
-import logging
 import multiprocessing
 import os
 import sys
-import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
 from queue import SimpleQueue
 from typing import Any, TypeVar
 
-from spice_models.errors import Complaint, InputError
+from verification.studies.running.cluster import cluster
 from verification.studies.running.threads import THREADS
 from verification.studies.running.worker import NotStartedError, Worker, WorkerDiedError
+from verification.studies.running.workers import Workers
 
 T = TypeVar("T")
 
 ATTEMPTS = 3  # to compute a point whose worker is killed
-PATIENCE = 15.0  # s to wait for a scheduler
 START_UP = 0.7  # s of processor time to start the fork server and two processes
-INTERVAL = 1.0  # s between two counts of the workers of a cluster
 _ROOT = __name__.removesuffix(".studies.running.executors")
 PRELOAD = [f"{_ROOT}.studies.sweep.point", f"{_ROOT}.engines.statespace.transients.exact"]
-
-
-@dataclass(frozen=True, slots=True)
-class Workers:
-    """An executor with its capacity and its exceptions."""
-
-    executor: Executor
-    window: Callable[[], int]  # number of points to submit at a time, so that no worker waits
-    lost: tuple[type[BaseException], ...]  # raised by a point that killed its workers
-    closed: tuple[type[BaseException], ...] = (RuntimeError,)  # raised without workers
-    processes: Callable[[], int] = lambda: 1  # number of points that are computed at a time
-    start_up: float = 0.0  # s of processor time before the first point
 
 
 def cores() -> int:
@@ -50,9 +33,16 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
 
 
-def workers_at(address: str | None, jobs: int | None = None) -> AbstractContextManager[Workers]:
-    """Return the cluster at `address`, or `jobs` processes here if `address` is None."""
-    return local(jobs) if address is None else cluster(address)
+def workers_at(
+    address: str | None,
+    jobs: int | None = None,
+    announce: Callable[[str], None] = lambda text: None,
+) -> AbstractContextManager[Workers]:
+    """Return the cluster at `address`, or `jobs` processes here if `address` is None.
+
+    `announce` receives a line of text when a wait for workers of the cluster begins.
+    """
+    return local(jobs) if address is None else cluster(address, announce)
 
 
 @contextmanager
@@ -70,49 +60,6 @@ def local(jobs: int | None = None) -> Iterator[Workers]:
         )
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
-
-
-@contextmanager
-def cluster(address: str) -> Iterator[Workers]:
-    """Run points on the Dask cluster whose scheduler is at `address`, ``tcp://host:port``.
-
-    Raises
-    ------
-    InputError
-        dask.distributed is not installed, or no scheduler answers at `address`.
-    """
-    try:
-        distributed: Any = importlib.import_module("distributed")
-    except ImportError:
-        text = "needs dask.distributed: pip install 'taction[cluster]'"
-        raise InputError("--cluster", Complaint("ADDRESS", repr(address), text)) from None
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # our errors say the same
-    try:
-        client = distributed.Client(address, timeout=PATIENCE, set_as_default=False)
-    except (OSError, ValueError) as error:  # TimeoutError is an OSError
-        text = f"no Dask scheduler answers ({error}); start one with `dask scheduler`"
-        raise InputError("--cluster", Complaint("ADDRESS", repr(address), text)) from None
-    with client:
-        closed = (RuntimeError, OSError, distributed.client.ClosedClientError)
-        lost = (distributed.KilledWorker,)
-        threads = _ClusterThreads(client)
-        yield Workers(
-            client.get_executor(), lambda: 2 * threads() + 2, lost, closed, processes=threads
-        )
-
-
-class _ClusterThreads:
-    """The threads of a cluster, counted every `INTERVAL`, since workers join and leave."""
-
-    def __init__(self, client: Any) -> None:
-        self._client, self._counted, self._threads = client, -INTERVAL, 0
-
-    def __call__(self) -> int:
-        if time.monotonic() - self._counted > INTERVAL:
-            workers = self._client.scheduler_info(n_workers=-1)["workers"].values()
-            self._threads = sum(worker["nthreads"] for worker in workers)
-            self._counted = time.monotonic()
-        return self._threads
 
 
 class LocalPool(ThreadPoolExecutor):

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import functools
 import platform
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import metadata
 
+from spice_models.errors import SimulatorNotFound, SimulatorTooOld
 from verification.engines.ngspice.executable import Simulator, find_simulator
 from verification.studies.running.digests import own_code
 
@@ -31,13 +32,22 @@ class Versions:
         elif self.code != other.code:
             texts.append(f"another state of the source of taction {self.taction}")
         if self.ngspice != other.ngspice:
-            texts.append(f"{other.ngspice or 'no ngspice'} instead of {self.ngspice}")
+            texts.append(f"{other.ngspice} instead of {self.ngspice}")
         return texts
 
     def check_here(self) -> None:
-        """Raise OtherVersionsError if the versions of this process differ."""
-        if texts := self.differences(own_versions(bool(self.ngspice))):
+        """Raise OtherVersionsError if this process has other versions, or no ngspice."""
+        if texts := self.differences(_versions_here(bool(self.ngspice))):
             raise OtherVersionsError(f"{platform.node()} has {', '.join(texts)}")
+
+
+def _versions_here(ngspice: bool) -> Versions:
+    """Return `own_versions`, also where no ngspice can be used."""
+    try:
+        return own_versions(ngspice)
+    except (SimulatorNotFound, SimulatorTooOld) as error:
+        reason = str(error).partition(". ")[0]  # without the remedy, which is for this machine
+        return replace(own_versions(False), ngspice=f"no usable ngspice ({reason})")
 
 
 @functools.cache

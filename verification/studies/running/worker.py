@@ -6,20 +6,24 @@ integration in the study's own process cannot be interrupted when its time is up
 
 from __future__ import annotations
 
+import functools
 import math
 import multiprocessing
 import os
 import signal
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager, suppress
+from multiprocessing import util
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, TypeVar
 
 from spice_models.errors import NoVerdictError
+from spice_models.own_folders import MEMORY, make_own_folder, remove_own_folder, temporary_place
 from verification.studies.running.worker_process import GRACE, serve
 
 T = TypeVar("T")
@@ -28,6 +32,7 @@ START_UP = 60.0  # s to start Python and load SciPy on a busy machine
 STARTS = 5  # attempts to start a process
 WATCH, STOPPED = 5.0, 6  # s between two looks at a busy process; looks at a stopped process
 PAUSE = 0.05  # s after the first failed attempt, then twice as long each time
+LONGEST_PLACE = 50  # bytes of a folder's name; the name of a socket has at most 107
 SAFE_PATH = {"PYTHONSAFEPATH": "1"}
 """Without this variable the new Python imports modules from the working folder first."""
 _STARTING = threading.Lock()  # all threads share the environment
@@ -143,9 +148,12 @@ class Worker:
 
     def _start(self) -> Connection:
         self.stop()
+        with _STARTING:
+            _own_socket_folder(os.getpid())
         self._pipe, theirs = self._context.Pipe()
         with theirs, _STARTING, _environment(self._variables):
-            process = self._context.Process(target=serve, args=(theirs,), daemon=True)
+            arguments = (theirs, dict(os.environ))
+            process = self._context.Process(target=serve, args=arguments, daemon=True)
             # A fork server that does not answer would keep `start` waiting for ever.
             with _limited(START_UP, _kill_fork_server):
                 process.start()
@@ -177,6 +185,20 @@ class Worker:
         self._ended, process = True, self._process
         with suppress(AttributeError, ValueError):  # no process, or it was just closed
             process.terminate()  # type: ignore[union-attr]
+
+
+@functools.cache
+def _own_socket_folder(process: int) -> None:
+    """Let multiprocessing keep the fork server's socket in a folder that a later run clears."""
+    place = temporary_place()
+    too_long = len(os.fsencode(place)) > LONGEST_PLACE and os.access(MEMORY, os.W_OK | os.X_OK)
+    folder = make_own_folder(MEMORY if too_long else place)
+    before, tempfile.tempdir = tempfile.tempdir, str(folder)
+    try:
+        util.get_temp_dir()  # it is removed with priority -100, and our folder after it
+    finally:
+        tempfile.tempdir = before
+    util.Finalize(None, remove_own_folder, args=(folder,), exitpriority=-101)
 
 
 @contextmanager

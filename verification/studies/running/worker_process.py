@@ -9,17 +9,21 @@ import pickle
 import signal
 import sys
 import threading
+from collections.abc import Mapping
 from contextlib import suppress
-from multiprocessing import connection, util
+from multiprocessing import connection
 from multiprocessing.connection import Connection
-
-from verification.engines.ngspice.session import end_session
 
 GRACE = 2.0  # s between the clean-up's start and a hard end
 
 
-def serve(pipe: Connection) -> None:
-    """Answer calls until the other end closes; the parent handles Ctrl-C and a lost terminal."""
+def serve(pipe: Connection, variables: Mapping[str, str]) -> None:
+    """Answer calls until the other end closes; the parent handles Ctrl-C and a lost terminal.
+
+    `variables` is the environment of the parent: a fork server has that of its own start.
+    """
+    os.environ.clear()
+    os.environ.update(variables)
     for name in ("SIGINT", "SIGHUP"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
@@ -27,7 +31,6 @@ def serve(pipe: Connection) -> None:
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_after, args=(parent.sentinel,), daemon=True).start()
-    util.Finalize(None, end_session, exitpriority=0)  # atexit does not run in workers
     gc.freeze()  # no collection needs to visit the imported modules again
     with suppress(EOFError, OSError):
         pipe.send("ready")

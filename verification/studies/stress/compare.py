@@ -172,8 +172,8 @@ class _Numbers:
                 yield self._number(check.name, value or 0.0, uncertainty or 0.0, true, check.unit)
 
     def channels(self) -> Iterator[Comparison]:
-        """Yield the readings of the channels, with the uncertainty of the network's."""
-        error, channels = self.verdict.error, self.verdict.measurements.channels
+        """Yield the readings of the channels."""
+        channels = self.verdict.measurements.channels
         for channel, true in zip(channels, self.truth.channels, strict=True):
             for name in TIMES:
                 reading: Reading | None = getattr(channel, name)
@@ -183,7 +183,8 @@ class _Numbers:
                     yield self._number(label, reading.value, reading.uncertainty, value, "s")
             for name in EXCURSIONS:
                 label, value = f"{name} of u_{channel.index + 1}", getattr(channel, name)
-                yield self._number(label, value, getattr(error, name), true[name], "step")
+                error = getattr(channel, f"{name}_error")
+                yield self._number(label, value, error, true[name], "step")
 
     def poles(self) -> Iterator[Comparison]:
         """Yield the rightmost pole and the margin."""

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from spice_models.array_types import Bools
-from verification.studies.running.executors import Workers
+from verification.studies.running.workers import Workers
 from verification.studies.sweep.cost_forecast import CostForecast
 from verification.studies.sweep.plan import Plan
 

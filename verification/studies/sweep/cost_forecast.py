@@ -141,7 +141,7 @@ class _Planner:
         board, stable = design.board, design.poles.stable
         run = plan_transient(design.scene, board, design.scales, "ngspice", stable=stable)
         kind = "large" if board.descriptor.is_large else "small"
-        kind = "nonlinear" if board.circuit.amplifiers else kind
+        kind = kind if board.circuit.is_linear else "nonlinear"
         growth = float(design.poles.rightmost.real)
         times = (
             STATE_SPACE[kind] * seconds,

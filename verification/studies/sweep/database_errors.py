@@ -52,6 +52,8 @@ def explained(path: str) -> Iterator[None]:
         if name == _NOT_A_DATABASE and read_ends(path, 100).startswith(_LINES):
             text = _OLD_SAMPLES
         raise unusable(path, text) from error
+    except UnicodeDecodeError as error:  # SQLite's message quotes a damaged name
+        raise unusable(path, CORRUPT) from error
 
 
 def unusable(path: str, text: str) -> InputError:

@@ -14,16 +14,17 @@ import numpy as np
 
 from netlist_gen.problem.inverse_problem import InverseProblem
 from netlist_gen.scene.scene import Scene
-from spice_models.errors import TactionError
+from spice_models.errors import MACHINE_FAILURES, TactionError
 from verification.measures.readings import Reading
 from verification.measures.settling import ChannelState
 from verification.pipeline.effort import Effort
 from verification.studies.figures import FIGURES, figures_of, finite, readings_of
+from verification.studies.running.repeating import repeated_if_killed
 from verification.studies.running.versions import Versions
 from verification.studies.sweep.store import ERROR, StoredResult
 from verification.verify import Verdict, verify
 
-POINT_EFFORT = Effort(details=False, session=True)
+POINT_EFFORT = Effort(details=False)
 MAX_REASON = 4000  # characters
 STATES = tuple(ChannelState)  # the best first; of several channels the worst state counts
 
@@ -45,12 +46,18 @@ def compute(job: Job) -> StoredResult:
     ------
     OtherVersionsError
         This process has other versions of taction or ngspice than the job.
+    SimulatorNotFound, SimulatorTooOld, OutOfDisk
+        This machine can compute no point; the point itself may be right.
     """
     job.versions.check_here()
     try:
-        verdict = verify(job.scene, problem=job.problem, effort=POINT_EFFORT)
+        verdict = repeated_if_killed(
+            lambda: verify(job.scene, problem=job.problem, effort=POINT_EFFORT)
+        )
         waveforms = _pack(verdict) if job.keep_waveforms else None
         return StoredResult(verdict.outcome.value, verdict_record(verdict), waveforms)
+    except MACHINE_FAILURES:
+        raise
     except TactionError as error:
         return failure(type(error).__name__, str(error), job.scene.analysis.engine)
     except Exception as error:  # a defect at one point must not end a sweep of ten thousand

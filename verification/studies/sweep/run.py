@@ -21,8 +21,8 @@ from spice_models.array_types import Bools
 from spice_models.errors import TactionError
 from verification.studies.running.collecting import collected
 from verification.studies.running.digests import digest, own_code
-from verification.studies.running.executors import Workers
 from verification.studies.running.versions import own_versions
+from verification.studies.running.workers import Workers
 from verification.studies.sweep.announcement import announcement, duration, wall_time
 from verification.studies.sweep.cost_forecast import CostForecast, forecast_costs
 from verification.studies.sweep.hybrid import confirmed_points

@@ -21,7 +21,7 @@ from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from spice_models.errors import Complaint, InputError
 from verification.engines.statespace.linearised.board import LinearBoard
-from verification.studies.running.executors import Workers
+from verification.studies.running.workers import Workers
 from verification.studies.tolerance.varied_board import (
     BoardSample,
     Quantity,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from spice_models.errors import Complaint, InputError
 from verification.pipeline.clock import Progress
-from verification.studies.running.executors import Workers
+from verification.studies.running.workers import Workers
 from verification.studies.sweep.store import Store
 from verification.studies.tolerance.sample_store import SampleStore
 from verification.studies.tolerance.varied_board import VariedBoard

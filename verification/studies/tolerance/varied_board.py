@@ -17,17 +17,18 @@ from netlist_gen.board.variation import Parameter, parameters, vary
 from netlist_gen.problem.inverse_problem import InverseProblem, make_problem
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
-from spice_models.errors import Complaint, InputError, TactionError
+from spice_models.errors import MACHINE_FAILURES, Complaint, InputError, TactionError
 from verification.ideal.ideal_answer import IdealAnswer, ideal_answer, ideal_network
 from verification.pipeline.effort import Effort
 from verification.pipeline.simulation import choose_engine
 from verification.studies.figures import FIGURES, figures_of, finite, signed_errors
 from verification.studies.running.collecting import collected
-from verification.studies.running.executors import Workers
+from verification.studies.running.repeating import repeated_if_killed
 from verification.studies.running.versions import Versions, own_versions
+from verification.studies.running.workers import Workers
 from verification.verify import Verdict, verify
 
-SAMPLE_EFFORT = Effort(details=False, full_margin=False, session=True)
+SAMPLE_EFFORT = Effort(details=False, full_margin=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,16 +127,22 @@ def evaluate(board: VariedBoard, number: int, z: Floats) -> BoardSample:
     ------
     OtherVersionsError
         This process has other versions of taction or ngspice than `board`.
+    SimulatorNotFound, SimulatorTooOld, OutOfDisk
+        This machine can compute no sample; the sample itself may be right.
     """
     board.versions.check_here()
     try:
-        verdict = verify(
-            board.scene,
-            problem=board.problem,
-            circuit=vary(board.nominal, board.scene.tolerances, z),
-            ideal=board.ideal,
-            effort=replace(SAMPLE_EFFORT, full_margin=board.full_margin),
+        verdict = repeated_if_killed(
+            lambda: verify(
+                board.scene,
+                problem=board.problem,
+                circuit=vary(board.nominal, board.scene.tolerances, z),
+                ideal=board.ideal,
+                effort=replace(SAMPLE_EFFORT, full_margin=board.full_margin),
+            )
         )
+    except MACHINE_FAILURES:
+        raise
     except TactionError as error:
         return BoardSample(number, "inconclusive", reason=str(error).splitlines()[0])
     except Exception as error:  # a defect at one sample must not end a study of ten thousand

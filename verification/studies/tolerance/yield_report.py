@@ -16,7 +16,7 @@ import numpy as np
 from netlist_gen.board.variation import draw
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
-from verification.studies.running.executors import Workers
+from verification.studies.running.workers import Workers
 from verification.studies.tolerance.sample_store import SampleStore
 from verification.studies.tolerance.varied_board import (
     BoardSample,

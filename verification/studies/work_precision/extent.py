@@ -12,11 +12,11 @@ from netlist_gen.analysis import Transient
 from netlist_gen.board.circuit import Circuit
 from netlist_gen.scene.scene import Scene
 from spice_models.errors import EngineError
+from verification.pipeline.even_steps import even_transient
 from verification.pipeline.transient_plan import (
     AFTER_SETTLING,
     FEWEST_PERIODS,
     REMAINDER,
-    even_transient,
 )
 from verification.reference import IdealNetwork
 from verification.small_signal.time_scales import TimeScales, time_scales

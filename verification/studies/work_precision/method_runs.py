@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import re
-import tempfile
 import time as clock
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -18,14 +16,15 @@ from netlist_gen.deck.deck import write_deck
 from spice_models.array_types import Floats
 from spice_models.errors import EngineError, TimedOut
 from spice_models.foreign_files import read_ends
+from spice_models.own_folders import own_folder
 from verification.engines.ngspice import process
 from verification.engines.ngspice.executable import find_simulator
 from verification.engines.ngspice.process import LONGEST_LOG, PHYSICAL_BOUND
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.transients import amplified, structured_radau
 from verification.engines.statespace.transients.exact import ENGINE, exact_solution
+from verification.pipeline.even_steps import coarser
 from verification.pipeline.simulation import outputs
-from verification.pipeline.transient_plan import coarser
 from verification.reference import IdealNetwork
 from verification.reference.dynamics import ScaledNetwork
 from verification.waveforms import Cost, Waveforms
@@ -80,7 +79,7 @@ def any_board(circuit: Circuit) -> str:
 
 def linear_board(circuit: Circuit) -> str:
     """Return why a method for linear boards refuses this board, or an empty string."""
-    return "the board's amplifiers are not linear" if circuit.amplifiers else ""
+    return "" if circuit.is_linear else "the board is not linear"
 
 
 def small_board(circuit: Circuit) -> str:
@@ -107,12 +106,13 @@ def ngspice(
         "timeout": min(timeout, 1e9),
         "bound": PHYSICAL_BOUND * task.circuit.scalings.unit_voltage,
     }
-    with tempfile.TemporaryDirectory(prefix="taction-") as folder:
+    with own_folder() as temporary:
+        folder = temporary / "run"
         try:
-            waveforms = process.simulate(deck, simulator, folder=Path(folder), keep=True, **limits)
+            waveforms = process.simulate(deck, simulator, folder=folder, keep=True, **limits)
         except TimedOut as error:
             raise TimeoutError(str(error).splitlines()[0]) from None
-        log = read_ends(f"{folder}/stdout.txt", LONGEST_LOG)
+        log = read_ends(folder / "stdout.txt", LONGEST_LOG)
     counts = {name: pattern.search(log) for name, pattern in _COUNT.items()}
     steps, factorisations = counts["steps"], counts["factorisations"]
     return replace(

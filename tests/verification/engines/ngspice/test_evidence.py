@@ -18,7 +18,8 @@ from spice_models.errors import (
     StepTooSmall,
 )
 from tests.support.small_decks import divider, transient
-from verification.engines.ngspice.evidence import Ending, accepted_waveforms, important_lines
+from verification.engines.ngspice.ending import LONGEST_LINE, Ending, important_lines
+from verification.engines.ngspice.evidence import accepted_waveforms
 from verification.engines.ngspice.raw_file import write_raw
 from verification.waveforms import Cost, Waveforms
 
@@ -100,6 +101,7 @@ LOGS: dict[str, tuple[str, type[SimulationError]]] = {
     "Warning: can't find model 'x'": ("as it is", DidNotLoad),
     "Error: there aren't any circuits loaded.": ("as it is", DidNotLoad),
     "run simulation(s) aborted": ("reported an error", BadEvidence),
+    "a step that is too small": ("reported an error", BadEvidence),
     "Fatal error": ("reported an error", BadEvidence),
 }
 
@@ -145,3 +147,4 @@ def test_important_lines_are_few_and_each_once() -> None:
     assert len(lines) == 13
     assert (lines[0], lines[6], lines[-1]) == ("line 0", "... 88 lines", "line 99")
     assert important_lines("Note: x\n") == "Note: x"
+    assert important_lines("x" * 10_000_000) == "x" * LONGEST_LINE

@@ -101,6 +101,11 @@ def test_the_schema_would_notice() -> None:
     assert not schema.validate(document)
 
 
+def test_junit_names_simulator_solver_and_method() -> None:
+    found = parsed(regression_junit(report())).findall(".//property[@name='simulator']")
+    assert {each.get("value") for each in found} == {"ngspice-46, KLU, trapezoidal"}
+
+
 def test_junit_counts_what_is_in_it() -> None:
     root = parsed(regression_junit(report()))
     for node in (root, *root.findall("testsuite")):

@@ -22,7 +22,7 @@ from tests.support.making import write_matrix_scene
 from verification.report.sweep import files
 from verification.report.sweep.maps import plot_sweep
 from verification.studies.running import executors
-from verification.studies.running.executors import Workers
+from verification.studies.running.workers import Workers
 from verification.studies.sweep.cost_forecast import CostForecast
 from verification.studies.sweep.plan import Plan
 from verification.studies.sweep.remaining_time import RemainingTime

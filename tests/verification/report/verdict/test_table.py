@@ -12,6 +12,7 @@ import pytest
 from rich.console import Console
 
 from netlist_gen.board.circuit import Output
+from netlist_gen.quantities import show
 from netlist_gen.scene.file import load_scene
 from spice_models.errors import InputError
 from tests.support.measured import channel, measured
@@ -96,6 +97,21 @@ def test_the_tables_hold_every_check_and_every_channel() -> None:
     assert "statespace" in text
 
 
+@pytest.mark.parametrize("width", [80, 120])
+def test_no_name_and_no_number_is_cut(width: int) -> None:
+    console = Console(width=width)
+    with console.capture() as captured:
+        print_verdict(verdict(), console)
+    text = captured.get()
+    assert "…" not in text
+    assert max(map(len, text.splitlines())) <= width
+    for each in verdict().measurements.channels:
+        assert show(each.target, "V") in text
+    for check in verdict().checks:
+        first = " ".join(check.reason.split()[:3])
+        assert f"{check.name.replace('_', ' ')}: {first}" in text
+
+
 def test_a_channel_in_trouble_is_told_with_its_numbers() -> None:
     ringing = channel(
         1, state=ChannelState.OSCILLATING, frequency=4e4, growth_rate=1e3, settling_time=None,
@@ -112,7 +128,12 @@ def test_a_channel_in_trouble_is_told_with_its_numbers() -> None:
 def test_a_document_is_plain_and_counts_channels_from_one() -> None:
     document = verdict_document(verdict())
     assert [record["index"] for record in document["channels"]] == list(range(1, 8))
-    assert document["engine"] == "statespace"
+    for record in document["channels"]:
+        bounds = record["uncertainties"]
+        assert set(bounds) == {"rise_time", "settling_time", "overshoot", "undershoot"}
+        assert all(0.0 < bounds[name] < 1e-6 for name in ("overshoot", "undershoot"))
+    assert document["engine"] == document["simulator"] == "statespace"
+    assert (document["solver"], document["method"]) == (None, "exact")
     assert document["error_budget"]["opamps"]["unit"] == "V"
     fragile = channel_record(channel(rise_time=Reading(1e-5, 0.0, True, 4e-6)))
     assert (fragile["fragile"], fragile["alternatives"]) == (True, [4e-6])

@@ -25,6 +25,7 @@ from netlist_gen.board.circuit import (
 )
 from netlist_gen.deck.deck import write_deck
 from netlist_gen.scene.file import load_scene
+from netlist_gen.scene.scene import Design
 from spice_models.errors import InputError
 from spice_models.opamp import OpAmp
 from tests.support.boards import single_mode
@@ -260,3 +261,18 @@ def test_winding_numbers_count_what_the_poles_say():
     assert found.counts[0].poles > 0
     assert all(c.winding == c.poles for c in found.counts)
     assert not found.disagreement
+
+
+def test_a_series_does_not_round_the_axis_of_c() -> None:
+    """The board oscillates below 4.13 pF, where E6 has no limit between two values."""
+    scene = load_scene(TUNED)
+    design = scene.design.model_copy(update={"capacitor_series": "E6"})
+
+    def values(design: Design) -> list[float]:
+        changed = scene.model_copy(update={"design": design})
+        axis = parse_onset_axis(changed, "C=3.6pF:8pF:5")
+        crossed = onset(changed, axis, transients=False).scan.crossings
+        return [crossing.value for crossing in crossed]
+
+    assert values(design) == values(scene.design)
+    assert values(design) == [pytest.approx(4.13e-12, rel=0.01, abs=0.0)]

@@ -98,3 +98,11 @@ def test_the_revision_is_git_s_own_or_unknown(
     revision = git_revision(tmp_path)
     assert revision == git("rev-parse", "HEAD")
     assert len(revision) == 40
+
+
+def test_a_text_is_no_number(tmp_path: Path) -> None:
+    text = baseline_text({"one.toml": entry()})
+    assert '"speed": 1000000.0' in text
+    (tmp_path / "b.json").write_text(text.replace('"speed": 1000000.0', '"speed": "1000000.0"'))
+    with pytest.raises(InputError, match=r"scenes\.one\.toml\.speed: damaged"):
+        load_baseline(tmp_path / "b.json")

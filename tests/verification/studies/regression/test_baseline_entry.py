@@ -31,7 +31,7 @@ def seen(verdict: Verdict) -> Observation:
 
 def test_measures_are_the_verdict_s_own(verdict: Verdict, seen: Observation) -> None:
     entry, m = seen.entry, verdict.measurements
-    assert (entry.outcome, entry.revision, entry.simulator) == ("pass", "abc", "statespace")
+    assert (entry.outcome, entry.revision, entry.simulator) == ("pass", "abc", "statespace, exact")
     assert entry.levels["u_2.final"] == m.channels[1].final == verdict.u[-1, 1]
     assert entry.times["settling_time"][0] == m.settling_time.value  # type: ignore[union-attr]
     assert entry.poles["growth_rate"] == verdict.poles.rightmost.real

@@ -6,11 +6,7 @@ import json
 import os
 import shutil
 import signal
-import subprocess
-import sys
-import time
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +16,12 @@ from click.testing import CliRunner
 from cli.main import main
 from netlist_gen.overrides.axes import parse_axes
 from spice_models.errors import InputError
+from tests.support.clusters import address, scheduler, worker
 from tests.support.making import NEAR_IDEAL, make_scene
 from tests.support.paths import ROOT
 from tests.support.studying import one_thread, scene_file
 from verification.report.sweep.records import records
-from verification.studies.running.executors import cluster
+from verification.studies.running.cluster import cluster
 from verification.studies.sweep.plan import Plan
 from verification.studies.sweep.run import sweep
 from verification.studies.sweep.store import Store
@@ -32,50 +29,6 @@ from verification.studies.sweep.store import Store
 DESIGN = {"capacitance": "100pF", "gain": "100kohm", "stray_capacitance": 0, "opamp": NEAR_IDEAL}
 POINTS = 60
 pytest.importorskip("distributed")
-
-
-@contextmanager
-def dask(
-    *words: str, folder: Path, source: Path = ROOT, **settings: str
-) -> Iterator[subprocess.Popen[bytes]]:
-    fixed = {"OMP_NUM_THREADS": "1", "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "false"}
-    environment = os.environ | fixed | settings
-    with (folder / f"{words[0]}.log").open("ab") as log:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "dask", *words, "--host", "127.0.0.1", "--no-dashboard"],
-            cwd=source,  # where `python -m` looks for taction first
-            env=environment,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=log,
-        )
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.wait()
-
-
-@contextmanager
-def scheduler(folder: Path) -> Iterator[Path]:
-    file = folder / "scheduler.json"
-    words = ("scheduler", "--port", "0", "--scheduler-file", str(file))
-    with dask(*words, folder=folder):
-        end = time.monotonic() + 60
-        while not file.exists() and time.monotonic() < end:
-            time.sleep(0.02)
-        yield file
-
-
-def worker(stack: ExitStack, file: Path, **other: Any) -> subprocess.Popen[bytes]:
-    words = ("worker", "--scheduler-file", str(file), "--nthreads", "1", "--no-nanny")
-    local = ("--local-directory", str(file.parent))
-    return stack.enter_context(dask(*words, *local, folder=file.parent, **other))
-
-
-def address(file: Path) -> str:
-    found: dict[str, Any] = json.loads(file.read_text())
-    return str(found["address"])
 
 
 def test_a_killed_worker_costs_nothing_but_time(tmp_path: Path) -> None:

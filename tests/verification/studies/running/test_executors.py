@@ -16,8 +16,9 @@ import pytest
 from spice_models.errors import InputError, NoVerdictError
 from tests.support.paths import ROOT
 from verification.studies.running import worker
+from verification.studies.running.cluster import cluster
 from verification.studies.running.collecting import collected
-from verification.studies.running.executors import ATTEMPTS, LocalPool, cluster, local
+from verification.studies.running.executors import ATTEMPTS, LocalPool, local
 
 
 @pytest.fixture
@@ -48,6 +49,17 @@ def test_results_and_exceptions_come_back(pool: LocalPool) -> None:
 def test_one_blas_thread_a_worker(pool: LocalPool) -> None:
     assert pool.submit(os.getenv, "OMP_NUM_THREADS").result(60) == "1"
     assert pool.submit(os.getenv, "OPENBLAS_NUM_THREADS").result(60) == "1"
+
+
+def test_a_worker_has_the_environment_of_its_start(
+    pool: LocalPool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TACTION_OF_A_TEST", "first")
+    assert pool.submit(os.getenv, "TACTION_OF_A_TEST").result(60) == "first"  # the fork server runs
+    monkeypatch.setenv("TACTION_OF_A_TEST", "second")
+    later = LocalPool(1)
+    assert later.submit(os.getenv, "TACTION_OF_A_TEST").result(60) == "second"
+    later.shutdown(wait=False)
 
 
 def test_a_killed_worker_costs_its_own_task_only(pool: LocalPool, tmp_path: Path) -> None:
@@ -145,6 +157,7 @@ def test_no_module_of_the_working_folder_is_imported(tmp_path: Path) -> None:
 import sys
 sys.path[:] = [each for each in sys.path if each]
 from verification.studies.running import worker
+from verification.studies.running.cluster import cluster
 from verification.studies.running.collecting import collected
 from verification.studies.running.executors import LocalPool
 pool = LocalPool(1)
@@ -187,6 +200,7 @@ def test_shutdown_ends_what_runs(pool: LocalPool) -> None:
 PARENT = """
 import sys, time
 from verification.studies.running import worker
+from verification.studies.running.cluster import cluster
 from verification.studies.running.collecting import collected
 from verification.studies.running.executors import LocalPool
 if __name__ == "__main__":
@@ -221,6 +235,6 @@ def test_local_is_a_context() -> None:
 
 def test_no_scheduler_there(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr("verification.studies.running.executors.PATIENCE", 0.2)
+    monkeypatch.setattr("verification.studies.running.cluster.PATIENCE", 0.2)
     with pytest.raises(InputError, match="no Dask scheduler answers"), cluster("tcp://127.0.0.1:9"):
         pass

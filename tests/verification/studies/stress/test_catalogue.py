@@ -72,11 +72,16 @@ def test_scenes_on_which_taction_was_wrong_are_in_the_catalogue() -> None:
     assert set(EARLIER) <= {case.name for case in ALL if case.family == "earlier-mistakes"}
 
 
+# In the catalogue this board has op-amps that do not slew, as the report assumed.
+SLEWING = {"rise-after-band"}
+
+
 @pytest.mark.parametrize("path", sorted(CASES.glob("*.toml")), ids=lambda path: path.stem)
 def test_their_numbers_are_those_of_the_reports(path: Path) -> None:
     case, scene = select(ALL, (path.stem,))[0].scene(), load_scene(path)
-    for part in ("design", "checks"):
-        assert getattr(case, part) == getattr(scene, part)
+    assert case.checks == scene.checks
+    same = {"opamp": scene.design.opamp} if path.stem in SLEWING else {}
+    assert case.design.model_copy(update=same) == scene.design
     ours, theirs = make_problem(case), make_problem(scene)
     assert (ours.matrix == theirs.matrix).all()
     assert (ours.strain == theirs.strain).all()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.support.sweeping import BOTH, grid_plan
-from verification.studies.running.executors import Workers
+from verification.studies.running.workers import Workers
 from verification.studies.sweep.announcement import announcement, duration, wall_time
 from verification.studies.sweep.cost_forecast import CostForecast
 from verification.studies.sweep.hybrid import sample

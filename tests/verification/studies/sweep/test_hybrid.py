@@ -16,7 +16,7 @@ from taction.studies import plan_sweep
 from tests.support.paths import SCENES
 from tests.support.sweeping import grid_plan, make_record, store_records
 from verification.report.sweep.records import records
-from verification.studies.running.executors import Workers
+from verification.studies.running.workers import Workers
 from verification.studies.sweep.hybrid import (
     BOUNDARY,
     EXTREME,

@@ -15,12 +15,18 @@ import pytest
 from netlist_gen.overrides.axes import parse_axes, with_values
 from netlist_gen.scene.file import load_scene
 from netlist_gen.scene.scene import Scene
-from spice_models.errors import InputError, NoVerdictError
+from spice_models.errors import (
+    InputError,
+    NoVerdictError,
+    OutOfDisk,
+    SimulationError,
+    SimulatorNotFound,
+)
 from tests.support.making import NEAR_IDEAL, make_scene, write_matrix_scene
 from tests.support.studying import IDEAL
 from verification.report.sweep.records import records
-from verification.studies.running.executors import Workers
 from verification.studies.running.versions import OtherVersionsError, Versions, own_versions
+from verification.studies.running.workers import Workers
 from verification.studies.sweep import point as point_module
 from verification.studies.sweep.plan import Plan, Requests
 from verification.studies.sweep.point import Job, compute
@@ -270,3 +276,17 @@ def test_progress_counts_every_point(tmp_path: Path, workers: Workers) -> None:
         progress=lambda count: seen.append(count.done),
     )
     assert seen == [1, 2, 3, 4, 5]
+
+
+@pytest.mark.parametrize("kind", [OutOfDisk, SimulatorNotFound])
+def test_what_is_wrong_with_the_machine_is_no_result_of_a_point(
+    kind: type[SimulationError], workers: Workers, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*scene: object, **more: object) -> None:
+        raise kind("there is nothing left")
+
+    monkeypatch.setattr(point_module, "verify", fail)
+    with Store(":memory:") as store:
+        with pytest.raises(kind, match=r"nothing left\. The stored results are intact"):
+            sweep(plan("C=50p,60p"), store, workers)
+        assert store.count() == 0

@@ -24,8 +24,8 @@ from verification.pipeline.clock import Clock
 from verification.pipeline.design import design_board
 from verification.report.sweep.records import records
 from verification.studies.figures import FIGURES
-from verification.studies.running.executors import Workers
 from verification.studies.running.versions import own_versions
+from verification.studies.running.workers import Workers
 from verification.studies.sweep.point import Job, compute, failure, verdict_record
 from verification.studies.sweep.run import sweep
 from verification.studies.sweep.store import Store

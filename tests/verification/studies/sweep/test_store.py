@@ -241,3 +241,13 @@ def test_two_processes_at_once(tmp_path: Path) -> None:
         rows = [store.record_of(key(number)) for number in range(40)]
     assert {row["by"] for row in rows if row is not None} <= {"a", "b"}
     assert None not in rows
+
+
+def test_a_damaged_name_that_is_no_text_is_reported_as_damage(tmp_path: Path) -> None:
+    path = tmp_path / "a.sqlite"
+    with Store(str(path)) as store:
+        put(store, 1, b"asked")
+    content = path.read_bytes()
+    path.write_bytes(content.replace(b"TABLE points", b"TABLE p\xf1ints"))
+    with pytest.raises(InputError, match="the database is damaged"):
+        Store(str(path))

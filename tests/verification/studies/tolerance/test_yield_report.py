@@ -18,7 +18,8 @@ from cli.main import main
 from netlist_gen.board.variation import draw
 from spice_models.errors import InputError, NoVerdictError
 from tests.support.studying import QUIET, one_thread, scene_file, small_scene, stored_samples
-from verification.studies.running.executors import Workers, local
+from verification.studies.running.executors import local
+from verification.studies.running.workers import Workers
 from verification.studies.tolerance import varied_board, yield_report
 from verification.studies.tolerance.varied_board import BoardSample, VariedBoard, evaluate, prepare
 from verification.studies.tolerance.yield_report import (

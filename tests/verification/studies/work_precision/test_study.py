@@ -218,8 +218,8 @@ def test_without_ngspice_and_without_linearity_it_says_what_it_left_out(
         *study_module.NEVER_RUN,
         "ngspice trapezoidal: not run, no executable 'ngspice'",
         "ngspice Gear: not run, no executable 'ngspice'",
-        "state space, exact: not run, the board's amplifiers are not linear",
-        "state space, structured: not run, the board's amplifiers are not linear",
+        "state space, exact: not run, the board is not linear",
+        "state space, structured: not run, the board is not linear",
     )
     assert {point.reference for point in found.points} == {"LSODA at 1e-12 on the state space"}
     errors = [point.errors["maximum"] for point in found.points]

@@ -1,13 +1,15 @@
 """The function ``g``, its slope and a safe coordinate for each kind of behavioural amplifier.
 
 `GAINS` has one entry for each kind of `spice_models.amplifier.AMPLIFIERS` except the linear one,
-which is an op-amp. The safe coordinate of a channel is ``q = y + h g(y)`` with ``h >= 0``. With
-strong feedback q is close to the amplifier's output, with weak feedback to its input, so a Newton
-step in q neither overflows nor becomes too short.
+which is an op-amp, and "clamp", that of an op-amp's swing (`spice_models.opamp`). The safe
+coordinate of a channel is ``q = y + h g(y)`` with ``h >= 0``. With strong feedback q is close to
+the amplifier's output, with weak feedback to its input, so a Newton step in q neither overflows nor
+becomes too short.
 """
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -15,6 +17,7 @@ import numpy as np
 
 from spice_models.array_types import Floats
 from spice_models.errors import EngineError
+from spice_models.opamp import KNEE
 
 HUGE = 1e300
 NEWTON_STEPS = 200  # enough for bisection alone
@@ -33,6 +36,11 @@ class Gain:
     slope: Callable[[Floats], Floats]
     from_coordinate: Callable[[Floats, Floats], Floats]
     upper: float
+
+    def outputs(self, y: Floats) -> Floats:
+        """Return g(y); not finite where y is above `upper`."""
+        with np.errstate(over="ignore"):
+            return self.value(np.where(y > self.upper, np.inf, y))
 
 
 def _exponential_from_coordinate(q: Floats, h: Floats) -> Floats:
@@ -91,17 +99,55 @@ def _sech2(y: Floats) -> Floats:
     return 4.0 * small / (1.0 + small) ** 2
 
 
+def _clamped(y: Floats) -> Floats:
+    """Return ``tanh(y - KNEE) + tanh(y + KNEE)`` without the cancellation of the two."""
+    size = np.abs(y)
+    far = (1.0 + np.exp(2.0 * (KNEE - size))) * (1.0 + np.exp(-2.0 * (KNEE + size)))
+    return np.asarray(np.sign(y) * -2.0 * np.expm1(-4.0 * size) / far)
+
+
+def _clamp_slope(y: Floats) -> Floats:
+    return _sech2(y - KNEE) + _sech2(y + KNEE)
+
+
 GAINS: dict[str, Gain] = {
     "exponential": Gain(np.exp, np.exp, _exponential_from_coordinate, LARGEST_EXPONENT),
     "sinh": Gain(np.sinh, np.cosh, _by_newton(np.sinh, np.cosh), LARGEST_EXPONENT),
     "softplus": Gain(_softplus, _sigmoid, _by_newton(_softplus, _sigmoid), HUGE),
     "tanh": Gain(np.tanh, _sech2, _by_newton(np.tanh, _sech2), HUGE),
+    "clamp": Gain(_clamped, _clamp_slope, _by_newton(_clamped, _clamp_slope), HUGE),
 }
 
 
-def gain_of(kind: str) -> Gain:
-    """Return the entry of `GAINS`, or raise EngineError for an unknown kind."""
-    if kind not in GAINS:
-        known = ", ".join(sorted(GAINS))
-        raise EngineError(f"the state-space engine has no amplifier kind {kind!r}, only {known}")
-    return GAINS[kind]
+@functools.cache
+def gain_of(kinds: tuple[str, ...]) -> Gain:
+    """Return the functions of m amplifiers of some kinds, for arrays of m rows.
+
+    Amplifiers of one kind, also of any number, have the entry of `GAINS`.
+
+    Raises
+    ------
+    EngineError
+        An unknown kind.
+    """
+    for kind in kinds:
+        if kind not in GAINS:
+            known = ", ".join(sorted(GAINS))
+            message = f"the state-space engine has no amplifier kind {kind!r}, only {known}"
+            raise EngineError(message)
+    several = sorted(set(kinds))
+    if len(several) <= 1:
+        return GAINS[several[0] if several else "tanh"]
+    rows = [(GAINS[kind], np.flatnonzero(np.array(kinds) == kind)) for kind in several]
+
+    def joined(name: str) -> Callable[..., Floats]:
+        def function(*arguments: Floats) -> Floats:
+            values = np.empty(arguments[0].shape)
+            for gain, row in rows:
+                values[row] = getattr(gain, name)(*(argument[row] for argument in arguments))
+            return values
+
+        return function
+
+    upper = min(gain.upper for gain, _ in rows)
+    return Gain(joined("value"), joined("slope"), joined("from_coordinate"), upper)

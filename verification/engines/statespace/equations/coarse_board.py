@@ -44,7 +44,7 @@ def coarsen(descriptor: Descriptor, channels: int = CHANNELS) -> Descriptor:
         constant=descriptor.constant[kept],
         determined=descriptor.determined[kept],
         devices=Devices(
-            devices.kind,
+            tuple(kind for kind, kept in zip(devices.kinds, used.tolist(), strict=True) if kept),
             place[devices.input[used]],
             place[devices.output[used]],
             devices.u_scale[used],

@@ -52,9 +52,12 @@ class Coupling:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Devices:
-    """Behavioural amplifiers ``z[output] = -u_scale g(z[input] / v_scale)``, shape (m,) each."""
+    """Behavioural amplifiers ``z[output] = -u_scale g(z[input] / v_scale)``, m each.
 
-    kind: str
+    Input stages and clamps of op-amps at the large-signal level are such amplifiers, too.
+    """
+
+    kinds: tuple[str, ...]
     input: Ints
     output: Ints
     u_scale: Floats

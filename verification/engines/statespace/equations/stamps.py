@@ -15,6 +15,7 @@ import numpy as np
 from netlist_gen.board.circuit import Circuit, ResistorMatrix
 from spice_models.array_types import Bools, Floats, Ints
 from spice_models.errors import EngineError
+from spice_models.opamp import KNEE
 from verification.engines.statespace.equations.descriptor import (
     Coupling,
     Descriptor,
@@ -24,6 +25,7 @@ from verification.engines.statespace.equations.descriptor import (
 from verification.engines.statespace.equations.mirror_symmetry import proposed_mirror
 
 GROUND = -1
+INPUT_STAGE, CLAMP = "tanh", "clamp"  # kinds of the devices of op-amps with limits
 FIGURES = operator.attrgetter(
     "dc_gain",
     "gbw",
@@ -98,8 +100,11 @@ class _Stamper:
         driven = drivers != GROUND
         self.couplings.append((sinks, drivers[driven], G[:, driven]))
 
-    def opamps(self, pins: Ints) -> None:
-        """Stamp the op-amp macromodels; `pins` (P, 3) are plus, minus and output."""
+    def opamps(self, pins: Ints) -> Devices:
+        """Stamp the op-amp macromodels; `pins` (P, 3) are plus, minus and output.
+
+        Return the input stages and clamps of op-amps at the large-signal level.
+        """
         models = self.circuit.models
         which = {name: k for k, name in enumerate(models)}
         chosen = np.array([which[cell.model] for cell in self.circuit.opamps], dtype=np.int64)
@@ -111,6 +116,12 @@ class _Stamper:
         for pin in (plus, minus):
             self.mass.add(pin, pin, grounded)
         states = self._states(np.isfinite(np.stack([gbw, second], axis=1)))
+        limited = self._limited()
+        if np.any(plus[limited] != GROUND):
+            raise EngineError("an op-amp with limits needs a grounded non-inverting input")
+        stages, clamps = self._input_stages(limited, minus), self._clamps(limited, states[:, 0])
+        plus, minus = plus.copy(), minus.copy()
+        plus[limited], minus[limited] = stages.output, GROUND
         # The signal so far is factor (z[plus] - z[minus]).
         rate = 2.0 * np.pi * gbw
         plus, minus = self._lag(states[:, 0], rate / gain, rate, plus, minus)
@@ -127,6 +138,39 @@ class _Stamper:
             entries.add(rows, plus, factor * g)
             entries.add(rows, minus, -factor * g)
             entries.add(rows, out, -g)
+        return _together(stages, clamps)
+
+    def _limited(self) -> Ints:
+        """Return which op-amps are at the large-signal level."""
+        models = self.circuit.models
+        return np.flatnonzero([models[cell.model].large_signal for cell in self.circuit.opamps])
+
+    def _devices(
+        self, kind: str, which: Ints, inputs: Ints, size: list[float], width: list[float]
+    ) -> Devices:
+        """Return devices of op-amps whose outputs are new unknowns, named after their kind."""
+        cells = self.circuit.opamps
+        places = self.nodes(f"x{cells[k].name}.{kind}" for k in which.tolist())
+        self.fixed.update(places.tolist())
+        return Devices((kind,) * which.size, inputs, places, np.array(size), np.array(width))
+
+    def _input_stages(self, which: Ints, minus: Ints) -> Devices:
+        """Return the stages ``d = -V tanh(v- / V)``: nearly ``v+ - v-`` for small v-, at v+ = 0."""
+        models = [self.circuit.models[self.circuit.opamps[k].model] for k in which.tolist()]
+        ranges = [model.input_range for model in models]
+        return self._devices(INPUT_STAGE, which, minus[which], ranges, ranges)
+
+    def _clamps(self, which: Ints, first: Ints) -> Devices:
+        """Stamp the clamps of the first poles `first` (P,) of op-amps with a finite swing."""
+        c = self.circuit
+        models = {k: c.models[c.opamps[k].model] for k in which.tolist()}
+        swings = {k: model.swing(c.supply) for k, model in models.items()}
+        which = np.array([k for k in which.tolist() if np.isfinite(swings[k])], dtype=np.int64)
+        rates = [models[k].slew_rate for k in which.tolist()]
+        widths = [swings[k] / KNEE for k in which.tolist()]
+        clamps = self._devices(CLAMP, which, first[which], rates, widths)
+        self.laws.add(first[which], clamps.output, np.ones(len(which)))
+        return clamps
 
     def _states(self, has_state: Bools) -> Ints:
         """Return the places of the op-amps' poles, (P, 2); `GROUND` for a pole without a state."""
@@ -181,15 +225,11 @@ def _claim_rows(stamper: _Stamper) -> None:
 
 def _devices(stamper: _Stamper) -> Devices:
     amplifiers = stamper.circuit.amplifiers
-    kinds = {a.kind for a in amplifiers}
-    if len(kinds) > 1:
-        message = f"the signal amplifiers are of several kinds: {', '.join(sorted(kinds))}"
-        raise EngineError(message)
     if any(a.input == "0" for a in amplifiers):
         raise EngineError("a signal amplifier's input is grounded")
     places = stamper.nodes(n for a in amplifiers for n in (a.input, a.output)).reshape(-1, 2)
     return Devices(
-        kind=next(iter(kinds), ""),
+        kinds=tuple(a.kind for a in amplifiers),
         input=places[:, 0],
         output=places[:, 1],
         u_scale=np.array([a.u_scale for a in amplifiers], dtype=np.float64),
@@ -203,7 +243,7 @@ def stamp(circuit: Circuit) -> Descriptor:
     Raises
     ------
     EngineError
-        Two ideal sources drive one node, or the amplifiers are of several kinds.
+        Two ideal sources drive one node, or an amplifier's input is grounded.
     """
     stamper = _Stamper(circuit)
     pins = (n for cell in circuit.opamps for n in (cell.noninverting, cell.inverting, cell.output))
@@ -217,12 +257,19 @@ def stamp(circuit: Circuit) -> Descriptor:
     for matrix in circuit.matrices:
         stamper.matrix(matrix)
     node_count = len(stamper.places)
-    stamper.opamps(wired)
+    devices = _together(devices, stamper.opamps(wired))
     ohms = np.array([part.ohms for part in circuit.resistors], dtype=np.float64)
     stamper.currents.branch(resistors[0::2], resistors[1::2], -1.0 / ohms)
     farads = np.array([part.farads for part in circuit.capacitors], dtype=np.float64)
     stamper.mass.branch(capacitors[0::2], capacitors[1::2], farads)
     return _finish(stamper, node_count, devices)
+
+
+def _together(*parts: Devices) -> Devices:
+    """Join devices."""
+    kinds = tuple(kind for part in parts for kind in part.kinds)
+    fields = ("input", "output", "u_scale", "v_scale")
+    return Devices(kinds, *(np.concatenate([getattr(p, f) for p in parts]) for f in fields))
 
 
 def _finish(stamper: _Stamper, node_count: int, devices: Devices) -> Descriptor:

@@ -9,8 +9,9 @@ import numpy as np
 
 from spice_models.array_types import Bools, Floats, Ints
 from spice_models.errors import EngineError
+from verification.engines.statespace.linearised.exactness import Exactness, find_exactness
+from verification.engines.statespace.linearised.scaled_inverse import SINGULAR, ScaledInverse
 
-SINGULAR = 1e13  # condition number of an equilibrated matrix above which it counts as singular
 GRADED = 1e6  # condition number of the capacitances from which states are combinations of voltages
 
 
@@ -20,7 +21,7 @@ class ReducedEquations:
 
     The shapes of A, B, C and D are (n, n), (n, inputs), (size, n) and (size, inputs), those of
     `charge` and `offset` (n, size) and (n,). `places` are the states' places among the unknowns;
-    None where the states are combinations of unknowns.
+    None where the states are combinations of unknowns. `exactness` is None where it is not known.
     """
 
     A: Floats
@@ -30,6 +31,7 @@ class ReducedEquations:
     charge: Floats
     offset: Floats
     places: Ints | None
+    exactness: Exactness | None = None
 
 
 def eliminate(
@@ -60,13 +62,20 @@ def eliminate(
     K = np.concatenate([K, b], axis=1).take(rows, axis=0).take(columns, axis=1)
     # 0 = K_ad x + K_aa y + b_a
     chargeless = [names[k] for k in a] if basis is None else names
-    passive = _Factor(K[n:, n + inputs :]).solve(
+    inner_factor = ScaledInverse(K[n:, n + inputs :])
+    passive = inner_factor.solve(
         K[n:, : n + inputs], chargeless, "nodes without capacitance stay undetermined"
     )
     rates = K[:n, : n + inputs] - K[:n, n + inputs :] @ passive
     charged = [names[k] for k in d] if basis is None else [f"charge{k + 1}" for k in range(n)]
     right = np.concatenate([rates, charge.take(d, axis=0)], axis=1)
     rates = mass.solve(right, charged, "the capacitances do not determine the states")
+    exactness = None
+    if basis is None and not o.size:
+        plain = np.concatenate([K[:, :n], K[:, n + inputs :]], axis=1)
+        exactness = find_exactness(
+            plain, M[np.ix_(d, d)], passive[:, :n], rates[:, :n], mass, inner_factor
+        )
     inner = np.zeros((len(f), n + inputs))
     inner[d, np.arange(n)] = 1.0
     inner[a] = -passive
@@ -83,6 +92,7 @@ def eliminate(
         charge=rates[:, n + inputs : -1],
         offset=rates[:, -1],
         places=f[d] if basis is None else None,
+        exactness=exactness,
     )
 
 
@@ -98,7 +108,7 @@ def _without_sources(
     # 0 = K_oo z_o + K_of z_f + b_o
     right = np.hstack([K[np.ix_(o, f)], b[o]])
     failure = "ideal sources form a loop without a solution"
-    sources = _Factor(-K[np.ix_(o, o)]).solve(right, listed, failure)
+    sources = ScaledInverse(-K[np.ix_(o, o)]).solve(right, listed, failure)
     P, p = sources[:, : len(f)], sources[:, len(f) :]
     source_charge = M[np.ix_(f, o)] @ p
     if np.any(source_charge[:, 2:]):
@@ -110,47 +120,7 @@ def _without_sources(
     return sources, M, K, b, charge
 
 
-class _Factor:
-    """Solver of ``A X = B``: an inverse with scaled rows, and one step of refinement."""
-
-    def __init__(self, A: Floats) -> None:
-        filled = A != 0.0
-        decoupled = filled.diagonal().copy()
-        np.fill_diagonal(filled, False)
-        decoupled &= ~(filled.any(axis=0) | filled.any(axis=1))
-        self.coupled = np.flatnonzero(~decoupled)
-        self.diagonal = np.where(decoupled, A.diagonal(), 1.0)[:, None]
-        scaled = A.take(self.coupled, axis=0).take(self.coupled, axis=1)
-        scale = np.abs(scaled).max(axis=1, initial=0.0)
-        scale[scale == 0.0] = 1.0
-        self.scale = scale[:, None]
-        self.scaled = scaled / self.scale
-        try:
-            self.inverse = np.linalg.inv(self.scaled)
-        except np.linalg.LinAlgError:
-            self.inverse = np.full_like(self.scaled, np.inf)
-        self.largest = float(np.abs(self.inverse).max(initial=0.0))
-
-    @property
-    def condition(self) -> float:
-        """Condition number of the scaled matrix in the row-sum norm; inf if singular."""
-        norms = [np.abs(X).sum(axis=1).max(initial=1.0) for X in (self.scaled, self.inverse)]
-        return float(norms[0] * norms[1])
-
-    def solve(self, B: Floats, names: Sequence[str], failure: str) -> Floats:
-        """Return X; for a singular A raise EngineError with the names of the unknowns."""
-        if not self.largest < SINGULAR:
-            listed = ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
-            raise EngineError(f"{failure}: {listed}")
-        X = B / self.diagonal
-        if self.coupled.size:
-            right = B.take(self.coupled, axis=0) / self.scale
-            Y = self.inverse @ right
-            X[self.coupled] = Y + self.inverse @ (right - self.scaled @ Y)
-        return X
-
-
-Split = tuple[Ints, Ints, Floats | None, _Factor, Floats, Floats, Floats]
+Split = tuple[Ints, Ints, Floats | None, ScaledInverse, Floats, Floats, Floats]
 
 
 def _separate(M: Floats, K: Floats, b: Floats, charge: Floats) -> Split:
@@ -166,7 +136,7 @@ def _separate(M: Floats, K: Floats, b: Floats, charge: Floats) -> Split:
     rows, columns = filled.any(axis=1), filled.any(axis=0)
     d, a = np.flatnonzero(rows), np.flatnonzero(~rows)
     if np.array_equal(rows, columns):
-        mass = _Factor(M.take(d, axis=0).take(d, axis=1))
+        mass = ScaledInverse(M.take(d, axis=0).take(d, axis=1))
         if mass.condition < GRADED:
             return d, a, None, mass, K, b, charge
         if mass.condition < SINGULAR:
@@ -179,7 +149,7 @@ def _separate(M: Floats, K: Floats, b: Floats, charge: Floats) -> Split:
     places = np.arange(len(S))
     turned = U.T @ (K / scale) @ Vt.T
     d, a = places[:rank], places[rank:]
-    mass = _Factor(np.diag(S[:rank]))
+    mass = ScaledInverse(np.diag(S[:rank]))
     return d, a, Vt.T, mass, turned, U.T @ (b / scale), U.T @ (charge / scale)
 
 
@@ -206,5 +176,5 @@ def _graded(M: Floats, K: Floats, b: Floats, charge: Floats, d: Ints, a: Ints) -
     order = np.arange(n)[::-1]
     outer, inner = np.eye(size), np.eye(size)
     outer[np.ix_(d, d)], inner[np.ix_(d, d)] = left[order], basis[:, order]
-    mass = _Factor(np.diag(D.diagonal()[order]))
+    mass = ScaledInverse(np.diag(D.diagonal()[order]))
     return d, a, inner, mass, outer @ K @ inner, outer @ b, outer @ charge

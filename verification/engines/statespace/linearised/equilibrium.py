@@ -82,7 +82,7 @@ def solve_equilibrium(
     devices = descriptor.devices
     if not devices.count:
         return Equilibrium(descriptor, z, np.zeros(0), _residual(descriptor, z, drive), 0)
-    gain = gain_of(devices.kind)
+    gain = gain_of(devices.kinds)
     H = columns[devices.input] * devices.u_scale / devices.v_scale[:, None]
     y, steps = solve_loop(H, z[devices.input] / devices.v_scale, gain)
     z = solve(-drive) - columns @ (devices.u_scale * gain.value(y))
@@ -105,7 +105,7 @@ def _polish(descriptor: Descriptor, z: Floats, drive: Floats) -> Floats:
     Successive corrections of z reduce every row's residual to the rounding of its terms.
     """
     devices = descriptor.devices
-    gain = gain_of(devices.kind)
+    gain = gain_of(devices.kinds)
     for _ in range(4):
         y = np.minimum(z[devices.input] / devices.v_scale, gain.upper)
         F = descriptor.stiffness_times(z) + drive
@@ -150,7 +150,7 @@ def _cancelling(descriptor: Descriptor, z: Floats, drive: Floats) -> tuple[Float
     f = np.zeros(descriptor.size)
     devices = descriptor.devices
     if devices.count:
-        value = gain_of(devices.kind).value(z[devices.input] / devices.v_scale)
+        value = gain_of(devices.kinds).value(z[devices.input] / devices.v_scale)
         f[devices.output] = -devices.u_scale * value
     least = np.maximum(np.abs(z), QUIET * np.abs(z).max(initial=0.0))
     if descriptor.is_large:

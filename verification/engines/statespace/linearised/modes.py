@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,6 +11,8 @@ import numpy as np
 
 from spice_models.array_types import Complexes, Floats, Ints
 from verification.engines.statespace.equations.mirror_symmetry import Halves
+from verification.engines.statespace.linearised.exactness import Exactness
+from verification.engines.statespace.linearised.polished_modes import polished
 from verification.engines.statespace.linearised.real_modes import Block, decompose_block
 
 
@@ -41,6 +44,11 @@ class Modes:
             even, odd = parts
             parts = [self.halves.join(even * self.halves.share[:, None], 0.5 * odd)]
         return parts[0].T[self._order]
+
+    @property
+    def scatter(self) -> float:
+        """The largest `defect` of blocks whose `Block.errors` do not include it."""
+        return max((b.defect for b in self.blocks if b.overlap is None), default=0.0)
 
     @property
     def defect(self) -> float:
@@ -77,11 +85,23 @@ class Modes:
         return self.halves.split_rows(C), self.halves.split_vectors(x)
 
 
-def decompose(blocks: Sequence[Floats], halves: Halves | None = None) -> Modes:
+def _decomposed(A: Floats, size: Floats, exactness: Exactness | None) -> Block:
+    block = decompose_block(A, size)
+    if exactness is None or not math.isfinite(block.defect):
+        return block
+    return polished(A, block, exactness)
+
+
+def decompose(
+    blocks: Sequence[Floats],
+    halves: Halves | None = None,
+    exactness: Sequence[Exactness | None] | None = None,
+) -> Modes:
     """Decompose a matrix, shape (n, n), by one dense eigenproblem (about 25 n³ flops).
 
     With `halves`, `blocks` are the matrix's even and odd part, and two eigenproblems of half the
-    size cost a quarter. Never raises for finite matrices: a defective one shows in `Modes.defect`.
+    size cost a quarter. `exactness` is that of each block. Never raises for finite matrices: a
+    defective one shows in `Modes.defect`.
     """
     sizes = [np.abs(A) for A in blocks]
     if halves is not None:  # elements of both are a sum or difference of the same two
@@ -89,7 +109,8 @@ def decompose(blocks: Sequence[Floats], halves: Halves | None = None) -> Modes:
         paired = even[: halves.pairs, : halves.pairs]
         np.maximum(paired, odd, out=paired)
         sizes = [even, paired]
-    decomposed = tuple(map(decompose_block, blocks, sizes))
+    known = (None,) * len(blocks) if exactness is None else exactness
+    decomposed = tuple(map(_decomposed, blocks, sizes, known))
     poles = np.concatenate([block.poles for block in decomposed])
     order = np.lexsort((-poles.imag, -poles.real))
     return Modes(decomposed, halves, poles[order], order)

@@ -1,8 +1,9 @@
-"""Compute the modes of one matrix in real arithmetic, where matrix products cost a quarter.
+"""Compute the modes of one matrix in real arithmetic: pairs stay exact conjugates.
 
-Real columns ``a, b`` represent the vectors ``a - ib, a + ib`` of a conjugate pair, and real rows
-``p, q`` their duals ``(p + iq) / 2, (p - iq) / 2``. The real modes come first, then the first of
-every pair, then the second of every pair, so that slices select them.
+A real mode stays real, and no rounding separates a pair. Real columns ``a, b`` represent the
+vectors ``a - ib, a + ib`` of a conjugate pair, and real rows ``p, q`` their duals ``(p + iq) / 2,
+(p - iq) / 2``. The real modes come first, then the first of every pair, then the second of every
+pair, so that slices select them.
 """
 
 from __future__ import annotations
@@ -10,15 +11,22 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from spice_models.array_types import Bools, Complexes, Floats, Ints
+from spice_models.array_types import Complexes, Floats, Ints
+from verification.engines.statespace.linearised.mode_groups import mode_groups, turns
+from verification.engines.statespace.linearised.real_columns import (
+    both,
+    column_sizes,
+    complex_columns,
+    complex_rows,
+    row_sizes,
+    times_poles,
+    unmodal,
+)
 
 EPS = float(np.finfo(np.float64).eps)
-SEPARABLE = 1e-2  # a step separates modes whose coupling is below this part of their distance
 STEPS = 6  # largest number of steps
 ROUNDED = 4.0  # times the rounding of A: a smaller coupling is rounding
 CONVERGED = 1e-6  # largest turn of a step: the next one would be its square
@@ -39,6 +47,9 @@ class Block:
         Coupling of each mode to modes too close to it, 1/s.
     size : ndarray (n, n)
         Size of A's elements to which their rounding is relative, 1/s.
+    noise, overlap : ndarray (n, n) or None
+        Bounds on the elements of ``left A right - diag(poles)``, 1/s, and of ``1 - left right``,
+        where the modes were refined to twice the precision (`polished_modes`).
     """
 
     kept: Complexes
@@ -47,27 +58,29 @@ class Block:
     left: Floats
     coupled: Floats
     size: Floats
+    noise: Floats | None = None
+    overlap: Floats | None = None
 
     @property
     def poles(self) -> Complexes:
         """Eigenvalues of all modes, 1/s, (n,)."""
-        return _both(self.kept, self.real)
+        return both(self.kept, self.real)
 
     def amplitudes(self, C: Floats, deviation: Floats) -> Complexes:
         """Return the share of each mode in each row of ``C x``, shape (len(C), n)."""
-        dual = _rows(self.left @ deviation, self.real, len(self.kept))
-        return np.asarray(_columns(C @ self.right, self.real) * _both(dual, self.real))
+        dual = complex_rows(self.left @ deviation, self.real, len(self.kept))
+        return np.asarray(complex_columns(C @ self.right, self.real) * both(dual, self.real))
 
     def terms(self, C: Floats, size: Floats) -> Floats:
         """Return the sizes of the sums in `amplitudes` for deviations of a `size`, (len(C), n)."""
-        return np.asarray(np.abs(_columns(C @ self.right, self.real)) * (self._left_sizes @ size))
+        return np.asarray(
+            np.abs(complex_columns(C @ self.right, self.real)) * (self._left_sizes @ size)
+        )
 
     @functools.cached_property
     def _left_sizes(self) -> Floats:
         """Magnitudes of the dual vectors, (n, n)."""
-        sizes = _sizes(self.left.T, self.real).T
-        sizes[self.real :] *= 0.5
-        return sizes
+        return row_sizes(self.left, self.real)
 
     @functools.cached_property
     def defect(self) -> float:
@@ -82,7 +95,9 @@ class Block:
         Roundings are independent, so their squares add up: ``eps`` is three standard deviations of
         an element's rounding.
         """
-        right = _sizes(self.right, self.real) ** 2
+        if self.noise is not None:
+            return self.noise
+        right = column_sizes(self.right, self.real) ** 2
         return np.asarray(EPS * np.sqrt(self._left_sizes**2 @ (self.size**2 @ right)))
 
     def errors(self, C: Floats, deviation: Floats) -> tuple[Floats, Floats]:
@@ -96,25 +111,29 @@ class Block:
             unknown = np.full((len(C), len(self.right)), np.inf)
             return unknown, unknown
         E, poles = self.rounding(), self.poles
-        E[np.diag_indices(len(E))] += 2.0 * EPS * np.abs(poles) + _both(self.coupled, self.real)
+        E[np.diag_indices(len(E))] += 2.0 * EPS * np.abs(poles) + both(self.coupled, self.real)
         E[np.diag_indices(len(E))] *= 0.5  # it counts once
         gap = np.abs(poles[:, None] - poles)
         near = gap <= np.abs(poles.real)
         wide = np.where(near, 0.0, 2.0 / np.where(near, 1.0, gap))
-        seen = np.abs(_columns(C @ self.right, self.real))
-        dual = np.abs(_both(_rows(self.left @ deviation, self.real, len(self.kept)), self.real))
+        seen = np.abs(complex_columns(C @ self.right, self.real))
+        dual = np.abs(
+            both(complex_rows(self.left @ deviation, self.real, len(self.kept)), self.real)
+        )
         lag, vague = (
             (seen @ (E * part)) * dual + seen * ((E * part.T) @ dual) for part in (near, wide)
         )
+        if self.overlap is not None:
+            vague += seen * (self.overlap @ dual)
         return lag, vague
 
     def columns(self) -> Complexes:
         """Return the eigenvectors, (n, n)."""
-        return _columns(self.right, self.real)
+        return complex_columns(self.right, self.real)
 
     def rows(self) -> Complexes:
         """Return the dual vectors, (n, n)."""
-        return _both(_rows(self.left, self.real, len(self.kept)), self.real)
+        return both(complex_rows(self.left, self.real, len(self.kept)), self.real)
 
 
 def decompose_block(A: Floats, size: Floats) -> Block:
@@ -122,6 +141,7 @@ def decompose_block(A: Floats, size: Floats) -> Block:
 
     The eigensolver's error is ``eps |A|``, which the fastest mode determines. `_refine` reduces it
     to the rounding of each mode by itself, which is smaller by orders of magnitude for slow modes.
+    `polished_modes` goes on to the modes of the matrix before rounding.
     """
     block, before = _basis(*np.linalg.eig(A), size), math.inf
     for _ in range(STEPS):
@@ -171,22 +191,20 @@ def _refine(A: Floats, block: Block) -> tuple[Block, float]:
     R, L, real, count = block.right, block.left, block.real, len(block.kept)
     one = np.eye(len(A))
     rest = one - L @ R
-    inner = L @ (A @ R) + _times_poles(rest, block.kept, real)
-    reduced = _columns(_rows(inner, real, count), real)
+    inner = L @ (A @ R) + times_poles(rest, block.kept, real)
+    reduced = complex_columns(complex_rows(inner, real, count), real)
     kept = reduced.diagonal().copy()
     np.fill_diagonal(reduced, 0.0)
-    gap = _both(kept, real) - kept[:, None]
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        turn = reduced / gap
-        close = ~(turn.real**2 + turn.imag**2 < SEPARABLE**2)  # and each to itself
+    turn, close = turns(reduced, kept, real)
     coupled = np.where(close, np.abs(reduced), 0.0)
-    turn[close] = 0.0
-    turning = _unmodal(turn, real, count)
+    turning = unmodal(turn, real, count)
     R, L = R + R @ turning, L + (rest - turning) @ L
     L = L + (one - L @ R) @ L
     refined = Block(kept, real, R, L, coupled.sum(axis=1), block.size)
-    if coupled.any() and (groups := _groups(coupled > ROUNDED * block.rounding()[:count], real)):
-        return _separated(refined, inner, groups), math.inf
+    if coupled.any() and (
+        groups := mode_groups(coupled > ROUNDED * block.rounding()[:count], real)
+    ):
+        return separated(refined, inner, groups), math.inf
     # The next step would correct a pole by products of two couplings.
     second = np.abs((turn[:, :count] * reduced[:, :count].T).sum(axis=1))
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -194,23 +212,11 @@ def _refine(A: Floats, block: Block) -> tuple[Block, float]:
     return refined, float(max(np.abs(turn).max(initial=0.0), off.max(initial=0.0)))
 
 
-def _groups(linked: Bools, real: int) -> list[Ints]:
-    """Return the connected groups of more than one mode, by links to all modes, (k, n)."""
-    count = len(linked)
-    reach = linked[:, :count] | np.eye(count, dtype=np.bool_)
-    reach[:, real:] |= linked[:, count:]
-    reach |= reach.T
-    while not np.array_equal(wider := reach @ reach, reach):
-        reach = wider
-    rows = np.unique(reach, axis=0)
-    return [np.flatnonzero(row) for row in rows if row.sum() > 1]
-
-
-def _separated(block: Block, inner: Floats, groups: list[Ints]) -> Block:
+def separated(block: Block, inner: Floats, groups: list[Ints]) -> Block:
     """Separate the modes of each group; ``inner = left A right`` is block diagonal in groups."""
     real, n, count = block.real, len(inner), len(block.kept)
     alone = np.ones(count, dtype=np.bool_)
-    poles, vectors = [_both(block.kept, real)], [_columns(np.eye(n), real)]
+    poles, vectors = [both(block.kept, real)], [complex_columns(np.eye(n), real)]
     for group in groups:
         alone[group] = False
         places = np.concatenate([group, group[group >= real] + count - real])
@@ -219,56 +225,8 @@ def _separated(block: Block, inner: Floats, groups: list[Ints]) -> Block:
         wide[places] = V
         poles.append(values)
         vectors.append(wide)
-    both = _both(alone, real)
-    poles[0], vectors[0] = poles[0][both], vectors[0][:, both]
+    kept_alone = both(alone, real)
+    poles[0], vectors[0] = poles[0][kept_alone], vectors[0][:, kept_alone]
     kept, turned, real = _real_columns(np.concatenate(poles), np.concatenate(vectors, axis=1))
     right, left = block.right @ turned, _inverse(turned) @ block.left
     return Block(kept, real, right, left, np.zeros(len(kept)), block.size)
-
-
-def _both(kept: NDArray[Any], real: int) -> NDArray[Any]:
-    """Append the conjugates of the pairs, along the first axis."""
-    return np.concatenate([kept, kept[real:].conj()])
-
-
-def _columns(X: NDArray[Any], real: int) -> Complexes:
-    """Return complex columns for real ones."""
-    V, count = X.astype(np.complex128), (X.shape[1] + real) // 2
-    turned = 1j * X[:, count:]
-    V[:, count:] = V[:, real:count] + turned
-    V[:, real:count] -= turned
-    return V
-
-
-def _sizes(X: Floats, real: int) -> Floats:
-    """Return the magnitudes of the complex columns for real ones."""
-    squares, count = X**2, (X.shape[1] + real) // 2
-    squares[:, real:count] += squares[:, count:]
-    squares[:, count:] = squares[:, real:count]
-    return np.asarray(np.sqrt(squares))
-
-
-def _rows(X: Floats, real: int, count: int) -> Complexes:
-    """Return complex rows for real ones, without their conjugates."""
-    V = X[:count].astype(np.complex128)
-    V.imag[real:] = X[count:]
-    V[real:] *= 0.5
-    return V
-
-
-def _unmodal(V: Complexes, real: int, count: int) -> Floats:
-    """Invert `_columns` and `_rows`."""
-    first, second = V[:, real:count], V[:, count:]
-    Z = np.concatenate([V[:, :real], 0.5 * (first + second), 0.5j * (first - second)], axis=1)
-    X = np.concatenate([Z.real, Z.imag[real:]])
-    X[real:] *= 2.0
-    return np.asarray(X)
-
-
-def _times_poles(X: Floats, kept: Complexes, real: int) -> Floats:
-    """Multiply real columns by the poles of their modes."""
-    count, pairs = len(kept), kept[real:]
-    Y: Floats = X * _both(kept.real, real)
-    Y[:, real:count] += X[:, count:] * pairs.imag
-    Y[:, count:] -= X[:, real:count] * pairs.imag
-    return Y

@@ -70,7 +70,8 @@ class StateSpace:
     @functools.cached_property
     def modes(self) -> Modes:
         """Eigenvalues of A with their vectors."""
-        return decompose([block.A for block in self.blocks], self.halves and self.halves[1])
+        known = [block.exactness for block in self.blocks]
+        return decompose([block.A for block in self.blocks], self.halves and self.halves[1], known)
 
     @functools.cached_property
     def A(self) -> Floats:  # noqa: N802 - as every textbook has it
@@ -142,7 +143,7 @@ def linearise(descriptor: Descriptor, point: Equilibrium | None) -> StateSpace:
     board = linear_matrices(descriptor, point)
     if point is not None:
         v = point.values[devices.input]
-        value = gain_of(devices.kind).value(v / devices.v_scale)
+        value = gain_of(devices.kinds).value(v / devices.v_scale)
         slopes = board.stiffness[devices.output, devices.input]
         b[devices.output, 1] += -devices.u_scale * value - slopes * v
     return _state_space(descriptor, board, b)

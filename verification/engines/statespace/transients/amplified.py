@@ -10,22 +10,24 @@ from __future__ import annotations
 import math
 import time as clock
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from netlist_gen.analysis import Transient
 from netlist_gen.board.circuit import Circuit
-from spice_models.array_types import Complexes, Floats
+from spice_models.array_types import Complexes, Floats, Indices
 from spice_models.errors import DivergesError, EngineError
 from verification.engines.statespace.equations.amplifier_gains import gain_of
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.linearised.equilibrium import Equilibrium, solve_loop
 from verification.engines.statespace.linearised.initial_state import initial_unknowns
 from verification.engines.statespace.transients.amplified_large import Wide
-from verification.engines.statespace.transients.radau import Radau, Solve
+from verification.engines.statespace.transients.radau import Dense, Radau, Solve
 from verification.waveforms import Cost, Waveforms
 
+METHOD = "Radau IIA"
 TOLERANCE = 1e-9  # of a step, relative to each voltage's own scale
 ESCAPED = 1e8  # of the board's largest voltage: a board above it has diverged, and the record ends
 FIRST = 0.01  # largest change of an unknown in the first step, in its magnitude
@@ -44,8 +46,7 @@ class Amplified:
         self.space = space = board.open_loop
         self.size = space.n
         self.devices = space.descriptor.devices
-        # a linear board has no amplifiers, so any kind serves
-        self.gain = gain_of(self.devices.kind or "exponential")
+        self.gain = gain_of(self.devices.kinds)
         on = np.ones(2)
         self.constant = space.B[:, :2] @ on
         self.E = space.B[:, 2:]
@@ -68,8 +69,7 @@ class Amplified:
 
     def outputs(self, y: Floats) -> Floats:
         """Return the amplifier voltages; not finite where y is beyond the range of floats."""
-        with np.errstate(over="ignore"):
-            value = self.gain.value(np.where(y > self.gain.upper, np.inf, y))
+        value = self.gain.outputs(y)
         return -(self.devices.u_scale if y.ndim == 1 else self.devices.u_scale[:, None]) * value
 
     def rate(self, z: Floats) -> Floats:
@@ -129,6 +129,19 @@ class Amplified:
     def speed(self, z: Floats, floor: Floats) -> float:
         """Return the fastest relative rate of a state, 1/s."""
         return float(np.max(np.abs(self.rate(z)) / floor, initial=0.0))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Curve:
+    """Reported voltages of nodes (Q,) at instants (Q,), from the polynomials of the steps."""
+
+    system: Amplified | Wide
+    dense: Dense
+
+    def __call__(self, times: Floats, columns: Indices) -> Floats:
+        """Return voltages (Q,)."""
+        instants, place = np.unique(times, return_inverse=True)
+        return np.asarray(self.system.report(self.dense.at(instants))[place, columns])
 
 
 def simulate(
@@ -192,7 +205,10 @@ def simulate(
     cost = Cost(clock.perf_counter() - began, dense.steps, dense.factorisations)
     blurred = f"rounding leaves up to {dense.rounding:.3g} V, in a step more than its tolerance"
     flags = (diverges,) * dense.escaped + (blurred,) * dense.coarse
-    waveforms = Waveforms(times, wanted, values, "statespace", cost, flags, dense.rounding)
+    waveforms = Waveforms(
+        times, wanted, values, "statespace", cost, flags, dense.rounding,
+        curve=Curve(system, dense), method=METHOD,
+    )  # fmt: skip
     if given and dense.escaped:
         raise DivergesError(diverges, waveforms)
     return waveforms

@@ -34,8 +34,7 @@ class Wide:
         self.board, self.descriptor = board, board.descriptor
         descriptor, self.devices = self.descriptor, self.descriptor.devices
         self.size = descriptor.size
-        # a linear board has no amplifiers, so any kind serves
-        self.gain = gain_of(self.devices.kind or "exponential")
+        self.gain = gain_of(self.devices.kinds)
         self.structure = Structure(descriptor)
         self.drive = descriptor.drive(sources_on=True)
         places = [descriptor.place(name) for name in nodes]
@@ -54,12 +53,8 @@ class Wide:
             rate[part.sinks] += part.conductance @ wide[part.drivers]
             rate[part.drivers] += (part.conductance * part.loaded).T @ wide[part.sinks]
         y = wide[self.devices.input] / self.devices.v_scale[:, None]
-        rate[self.devices.output] -= self.devices.u_scale[:, None] * self._value(y)
+        rate[self.devices.output] -= self.devices.u_scale[:, None] * self.gain.outputs(y)
         return np.asarray(rate.reshape(z.shape))
-
-    def _value(self, y: Floats) -> Floats:
-        with np.errstate(over="ignore"):
-            return self.gain.value(np.where(y > self.gain.upper, np.inf, y))
 
     def mass(self, z: NDArray[np.inexact]) -> NDArray[np.inexact]:
         """Return ``M z``."""
@@ -89,7 +84,8 @@ class Wide:
         for k in np.flatnonzero(self.source >= 0).tolist():
             device = self.source[k]
             y = watched[:, k] / self.devices.v_scale[device]
-            voltages[:, k] = -self.devices.u_scale[device] * self._value(y)
+            gain = gain_of((self.devices.kinds[device],))
+            voltages[:, k] = -self.devices.u_scale[device] * gain.outputs(y)
         return voltages
 
     def rates(self) -> Floats:

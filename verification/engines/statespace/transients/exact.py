@@ -6,14 +6,14 @@ import functools
 import math
 import time as clock
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from netlist_gen.analysis import Transient
 from netlist_gen.board.circuit import Circuit
-from spice_models.array_types import Complexes, Floats
+from spice_models.array_types import Complexes, Floats, Ints
 from spice_models.errors import EngineError
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.linearised.initial_state import Initial, initial_unknowns
@@ -27,7 +27,7 @@ from verification.engines.statespace.transients.matrix_exponential import (
 )
 from verification.waveforms import Cost, Waveforms
 
-ENGINE = "statespace"
+ENGINE, METHOD = "statespace", "exact"
 TRUSTED = 1e-9  # modal error, in step amplitudes, below which the matrix exponential is not tried
 
 
@@ -66,6 +66,18 @@ class Exact:
     def bounds(self, times: Floats) -> Floats:
         """Return bounds on the rounding error at `times` (P,), V, to first order; shape (P, K)."""
         return self.flow.bounds(np.asarray(times, dtype=np.float64)) + self.rest_error
+
+    def part(self, columns: Ints) -> Exact:
+        """Return the solution of some nodes."""
+        return replace(
+            self,
+            nodes=tuple(self.nodes[k] for k in columns.tolist()),
+            start=self.start[columns],
+            final=self.final[columns],
+            share=self.share[:, columns],
+            rest_error=self.rest_error[columns],
+            flow=self.flow.part(columns),
+        )
 
     def at(self, times: Floats) -> Floats:
         """Return voltages at `times` (P,), s; shape (P, K)."""
@@ -117,9 +129,10 @@ def exact_solution(
     Costs one dense eigenproblem (25 n³ flops), and n multiplications for each node and instant.
     """
     board = LinearBoard.of(circuit)
-    if board.circuit.amplifiers and not linearised:
+    if not (board.circuit.is_linear or linearised):
         name, kind = board.circuit.name, board.circuit.amplifier
-        raise EngineError(f"board {name!r} has {kind} amplifiers: the board is not linear")
+        what = f"{kind} amplifiers" if board.circuit.amplifiers else "op-amps with limits"
+        raise EngineError(f"board {name!r} has {what}: the board is not linear")
     if not voltages and nodes is None:
         return _outputs_solution(board, initial, stop)
     return _solve(board, initial, voltages, board.reported(nodes), stop)
@@ -142,16 +155,78 @@ def _solve(
     C, D = space.rows(reported)
     x0 = space.state_of(initial_unknowns(board, initial, voltages))
     deviation = x0 - space.state_of(board.equilibrium.values)
+    start = C @ x0 + D.sum(axis=1)
+    final, rest_error = _at_rest(board, reported)
+    return _exact(board, reported, C, deviation, start, final, rest_error, stop)
+
+
+def _at_rest(board: LinearBoard, reported: tuple[str, ...]) -> tuple[Floats, Floats]:
+    """Return the voltages of the equilibrium and bounds of their rounding, V, (K,)."""
+    final = np.array([board.equilibrium[node] for node in reported])
+    off = [
+        0.0 if node == "0" else board.rounding[board.descriptor.place(node)] for node in reported
+    ]
+    return final, np.array(off) + EPS * np.abs(final)
+
+
+def _exact(
+    board: LinearBoard,
+    names: tuple[str, ...],
+    C: Floats,
+    deviation: Floats,
+    start: Floats,
+    final: Floats,
+    rest_error: Floats,
+    stop: float | None,
+) -> Exact:
+    """Return ``final + C exp(A t) deviation``, with the modal amplitudes where they are used."""
+    space = board.state_space
     flow, form = _choose_flow(space, C, deviation, stop)
     share = np.zeros((space.n, len(C)), dtype=np.complex128)
     if form == "modes":
         share += space.modes.amplitudes(C, deviation).T
-    start, final = C @ x0 + D.sum(axis=1), np.array([board.equilibrium[node] for node in reported])
-    off = [
-        0.0 if node == "0" else board.rounding[board.descriptor.place(node)] for node in reported
-    ]
-    poles, rest_error = space.modes.poles, np.array(off) + EPS * np.abs(final)
-    return Exact(reported, start, final, poles, share, rest_error, form, flow)
+    return Exact(names, start, final, space.modes.poles, share, rest_error, form, flow)
+
+
+def combinations(
+    board: LinearBoard,
+    nodes: tuple[str, ...],
+    volts: Floats,
+    rates: Floats,
+    *,
+    initial: Initial = "zero",
+    stop: float | None = None,
+) -> Exact:
+    """Solve for ``volts @ V + rates @ dV/dt`` of a linear board, V the voltages of `nodes`.
+
+    Parameters
+    ----------
+    nodes : tuple of str (n,)
+        Nodes, or states of op-amps by their names in the descriptor.
+    volts, rates : ndarray (K, n)
+        Weights of the voltages (1/V) and of their time derivatives (s/V). The start is just after
+        the strain step, so jumps at that instant have no derivative.
+
+    Returns
+    -------
+    Exact
+        Its "nodes" are the numbers of the combinations.
+
+    Raises
+    ------
+    EngineError
+        As `exact_solution`.
+    """
+    space = board.state_space
+    C, D = space.rows(nodes)
+    x0 = space.state_of(initial_unknowns(board, initial, None))
+    deviation = x0 - space.state_of(board.equilibrium.values)
+    rows = volts @ C + rates @ C @ space.A
+    rest, error = _at_rest(board, nodes)
+    final = volts @ rest
+    start = volts @ (C @ x0 + D.sum(axis=1)) + (rates @ C @ space.A) @ deviation
+    names = tuple(map(str, range(len(volts))))
+    return _exact(board, names, rows, deviation, start, final, np.abs(volts) @ error, stop)
 
 
 def _choose_flow(
@@ -209,10 +284,10 @@ def simulate(
         As `exact_solution` and `amplified.simulate`.
     """
     began, board = clock.perf_counter(), LinearBoard.of(circuit)
-    if board.circuit.amplifiers or board.descriptor.is_large:
+    if not board.circuit.is_linear or board.descriptor.is_large:
         from verification.engines.statespace.transients import structured_radau
 
-        run = amplified.simulate if board.circuit.amplifiers else structured_radau.simulate
+        run = structured_radau.simulate if board.circuit.is_linear else amplified.simulate
         given = {} if tolerance is None else {"tolerance": tolerance}
         return run(board, analysis, nodes=nodes, times=times, **given)
     solution = exact_solution(
@@ -235,4 +310,6 @@ def simulate(
         instants, values = instants[: overflow[0]], values[: overflow[0]]
         flags = (f"the board diverges: it leaves the range of floats after {instants[-1]!r} s",)
     cost = Cost(clock.perf_counter() - began, len(instants), 1)
-    return Waveforms(instants, solution.nodes, values, ENGINE, cost, flags, solution.error)
+    return Waveforms(
+        instants, solution.nodes, values, ENGINE, cost, flags, solution.error, method=METHOD
+    )

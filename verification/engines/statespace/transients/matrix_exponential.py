@@ -8,7 +8,8 @@ ill-conditioned.
 from __future__ import annotations
 
 import math
-from typing import Protocol
+from copy import copy
+from typing import Protocol, Self
 
 import numpy as np
 
@@ -46,6 +47,10 @@ class Flow(Protocol):
 
     def bounds(self, times: Floats) -> Floats:
         """Return bounds on the rounding error at `times` (P,), to first order, shape (P, K)."""
+        ...
+
+    def part(self, columns: Ints) -> Self:
+        """Return the flow of some columns."""
         ...
 
 
@@ -133,7 +138,7 @@ class ModalFlow(Exponentials):
         # Rounding of A and, by their condition number times eps, of the vectors.
         with np.errstate(divide="ignore", invalid="ignore"):
             self._lag = (lag[:, kept] * pair).T
-            self._vague = ((vague + terms * (EPS + modes.defect))[:, kept] * pair).T
+            self._vague = ((vague + terms * (EPS + modes.scatter))[:, kept] * pair).T
             self._omitted = size[:, noise].sum(axis=1)
             peak = self._lag / (math.e * np.abs(self.poles.real))[:, None]
         peak = np.where(self._lag == 0.0, 0.0, peak)
@@ -144,6 +149,13 @@ class ModalFlow(Exponentials):
         """See `Flow`."""
         left = np.exp(np.minimum(np.outer(times, self.poles.real), LARGEST))
         return np.asarray((times[:, None] * left) @ self._lag + left @ self._vague + self._omitted)
+
+    def part(self, columns: Ints) -> Self:
+        """See `Flow`."""
+        flow = copy(self)
+        flow.share, flow._omitted = self.share[:, columns], self._omitted[columns]
+        flow._lag, flow._vague = self._lag[:, columns], self._vague[:, columns]
+        return flow
 
 
 def _exponentials(times: Floats, poles: Complexes) -> Complexes:
@@ -199,6 +211,12 @@ class LadderFlow:
     def bounds(self, times: Floats) -> Floats:
         """See `Flow`."""
         return np.full((len(times), len(self.C)), self.error)
+
+    def part(self, columns: Ints) -> Self:
+        """See `Flow`."""
+        flow = copy(self)
+        flow.C = self.C[columns]
+        return flow
 
     def pair(self, times: Floats) -> tuple[Floats, Floats]:
         """See `Flow`."""

@@ -92,7 +92,8 @@ class Dense:
         ends = np.array(self.ends)
         which = np.clip(np.searchsorted(ends, times, side="left") - 1, 0, len(self.pieces) - 1)
         theta = (times - ends[which]) / (ends[which + 1] - ends[which])
-        pieces = np.stack(self.pieces)[which]
+        steps, place = np.unique(which, return_inverse=True)
+        pieces = np.stack([self.pieces[k] for k in steps.tolist()])[place]
         powers = theta[:, None] ** np.arange(pieces.shape[2])
         return np.asarray(np.einsum("pws,ps->pw", pieces, powers))
 

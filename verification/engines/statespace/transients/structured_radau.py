@@ -11,12 +11,13 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from netlist_gen.analysis import Transient
 from netlist_gen.board.circuit import Circuit
-from spice_models.array_types import Floats, Ints
+from spice_models.array_types import Floats, Indices, Ints
 from spice_models.errors import EngineError
 from verification.engines.statespace.equations.structured_solve import Structure
 from verification.engines.statespace.linearised.board import LinearBoard
@@ -25,6 +26,7 @@ from verification.engines.statespace.transients.amplified import record_times
 from verification.engines.statespace.transients.radau_tableau import tableau
 from verification.waveforms import Cost, Waveforms
 
+METHOD = "Radau IIA, structured"
 STAGES = 7
 TOLERANCE = 1e-5  # of one step and of its dense output, in step amplitudes
 POINTS = 16  # points of the record in the first step tried
@@ -104,10 +106,12 @@ class _Run:
         self.tolerance, self.level, self.steps = tolerance, 0, 0
         self.patience, self.waited = PATIENCE, 0
         self.ends: list[float] = [0.0]
+        self.levels: list[int] = []
         self.pieces: list[tuple[Floats, Floats]] = []
 
     def accept(self, charge: Floats, stages: Floats, level: int) -> None:
         self.pieces.append((self.now, stages))
+        self.levels.append(level)
         self.charge, self.now = charge, stages[-1]
         self.t += self.stepper.step_of(level)
         self.ends.append(self.t)
@@ -153,6 +157,60 @@ class _Run:
         charge, stages = self.stepper.step(self.charge, self.level)
         self.accept(charge, stages, self.level)
 
+    def at(self, times: Floats) -> Floats:
+        """Return the watched deviations at increasing `times` (P,), s; shape (P, K)."""
+        ends = np.array(self.ends)
+        which = np.clip(np.searchsorted(ends, times, side="left") - 1, 0, len(self.pieces) - 1)
+        values = np.empty((len(times), len(self.now)))
+        edges = np.searchsorted(which, np.arange(len(self.pieces) + 1))
+        for k in np.unique(which):
+            part = slice(int(edges[k]), int(edges[k + 1]))
+            theta = (times[part] - ends[k]) / (ends[k + 1] - ends[k])
+            start, stages = self.pieces[k]
+            values[part] = self.stepper.sample(start, stages, theta)
+        return values
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Curve:
+    """Voltages of nodes (Q,) at instants (Q,), from the polynomials of the steps."""
+
+    run: _Run
+    rest: Floats  # the equilibrium (K,), V
+
+    def __call__(self, times: Floats, columns: Indices) -> Floats:
+        """Return voltages (Q,)."""
+        instants, place = np.unique(times, return_inverse=True)
+        return np.asarray(self.run.at(instants)[place, columns] + self.rest[columns])
+
+
+def halved(board: LinearBoard, analysis: Transient, first: Waveforms) -> Waveforms:
+    """Repeat a run of `simulate` with every step halved, at the same instants.
+
+    A run with a smaller tolerance would take many of the same steps, since their lengths are powers
+    of two, and the difference of the two runs would not show their error.
+
+    Raises
+    ------
+    EngineError
+        The first run is not one of `simulate`.
+    """
+    began, curve = clock.perf_counter(), first.curve
+    if not isinstance(curve, Curve):
+        raise EngineError("the first run is not one of the structured stepper")
+    coarse, rest = curve.run, board.equilibrium.values
+    charge = board.structure.mass @ (
+        initial_unknowns(board, analysis.initial, analysis.voltages) - rest
+    )
+    stepper = Stepper(board.structure, coarse.stepper.watch, coarse.stepper.base)
+    run = _Run(stepper, charge, coarse.pieces[0][0], coarse.tolerance)
+    for level in coarse.levels:
+        for _ in range(2):
+            run.accept(*stepper.step(run.charge, level - 1), level - 1)
+    cost = Cost(clock.perf_counter() - began, run.steps, stepper.factorisations)
+    values = curve.rest + run.at(first.time)
+    return replace(first, values=values, cost=cost, curve=Curve(run, curve.rest))
+
 
 def simulate(
     circuit: Circuit | LinearBoard,
@@ -183,7 +241,7 @@ def simulate(
     """
     began = clock.perf_counter()
     board = LinearBoard.of(circuit)
-    if board.circuit.amplifiers:
+    if not board.circuit.is_linear:
         raise EngineError("the structured stepper is for linear boards")
     structure, reported, rest = board.structure, board.reported(nodes), board.equilibrium.values
     watch = np.array([board.descriptor.place(name) for name in reported], dtype=np.int64)
@@ -193,10 +251,13 @@ def simulate(
     run = _run(structure, watch, charge, min(POINTS * analysis.max_step, stop), stop, tolerance)
     if times is None:
         instants = record_times(analysis, min(run.t, stop))
-    values = rest[watch] + _record(run, instants)
+    values = rest[watch] + run.at(instants)
     cost = Cost(clock.perf_counter() - began, run.steps, run.stepper.factorisations + 1)
     flags = (f"the board diverges: the record ends at {run.t!r} s",) if run.t < stop else ()
-    return Waveforms(instants, reported, values, "statespace", cost, flags)
+    return Waveforms(
+        instants, reported, values, "statespace", cost, flags,
+        curve=Curve(run, rest[watch]), method=METHOD,
+    )  # fmt: skip
 
 
 def _run(
@@ -213,16 +274,3 @@ def _run(
         if float(np.abs(run.now).max(initial=0.0)) > ESCAPED * run.amplitude:
             break
     return run
-
-
-def _record(run: _Run, times: Floats) -> Floats:
-    ends = np.array(run.ends)
-    which = np.clip(np.searchsorted(ends, times, side="left") - 1, 0, len(run.pieces) - 1)
-    values = np.empty((len(times), len(run.now)))
-    edges = np.searchsorted(which, np.arange(len(run.pieces) + 1))
-    for k in np.unique(which):
-        part = slice(int(edges[k]), int(edges[k + 1]))
-        theta = (times[part] - ends[k]) / (ends[k + 1] - ends[k])
-        start, stages = run.pieces[k]
-        values[part] = run.stepper.sample(start, stages, theta)
-    return values

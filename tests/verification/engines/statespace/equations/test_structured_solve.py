@@ -80,6 +80,22 @@ def test_the_winding_number_counts_what_the_eigenvalues_say(C: float) -> None:
         assert count_right(structure, line) == np.sum(found.poles.real > line)
 
 
+@pytest.mark.parametrize("circuit", [paper_board(), rectangular_board(), exponential_board(7)])
+def test_a_pole_within_rounding_of_the_line_is_never_counted_wrong(circuit: Circuit) -> None:
+    """On the line and up to a multiple of the rounding beside it: no count, or the right one."""
+    made = LinearBoard(circuit)
+    values, rates = made.state_space.modes.poles, cell_poles(made.structure)[0]
+    rounding = np.finfo(np.float64).eps * rates.max()
+    for pole in (values[0], values[1], values[6]):
+        for offset, refused in ((0.0, True), (-1.0, True), (1.0, True), (-99.0, False)):
+            line = float(pole.real + offset * rounding)
+            if refused:
+                with pytest.raises(EngineError, match=r"lies (on the line|at)"):
+                    count_right(made.structure, line)
+            else:
+                assert count_right(made.structure, line) == np.sum(values.real > line)
+
+
 @pytest.mark.parametrize("ratio", [0.02, 0.0209, 1.0, 47.9, 48.1])
 def test_the_count_follows_the_single_modes_window(ratio: float) -> None:
     inside = 24.0 - np.sqrt(575.0) < ratio < 24.0 + np.sqrt(575.0)

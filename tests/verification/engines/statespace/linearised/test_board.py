@@ -81,7 +81,7 @@ def test_one_verification_computes_nothing_twice(
     for calls in (factorised, linearised):
         assert len({id(descriptor) for descriptor, *_ in calls}) == len(calls)
     assert len({(id(descriptor), *switch) for descriptor, _, *switch in solved}) == len(solved)
-    sizes = [sum(len(A) for A in blocks) for blocks, _ in decomposed]
+    sizes = [sum(len(A) for A in blocks) for blocks, *_ in decomposed]
     assert sizes.count(STATES) == 1
     if values["analysis.engine"] == "ngspice":
         assert verdict.accuracy.tries == 2

@@ -64,19 +64,19 @@ def test_a_monotone_exponential_loop_is_always_solved(
     H = 10.0**strength * B @ B.T
     H += 1e-5 * np.abs(H).max() * rng.standard_normal((6, 6))
     a = 10.0**drive * rng.standard_normal(6)
-    y, _ = solve_loop(H, a, gain_of("exponential"))
+    y, _ = solve_loop(H, a, gain_of(("exponential",)))
     terms = np.abs(y) + np.abs(H) @ np.exp(y) + np.abs(a)
     assert np.all(np.abs(y + H @ np.exp(y) - a) <= 1e-10 * terms)
 
 
 def test_a_loop_with_positive_feedback_and_no_solution_is_refused() -> None:
     with pytest.raises(EngineError, match="no equilibrium found"):
-        solve_loop(np.array([[-1.0]]), np.array([2.0]), gain_of("exponential"))
+        solve_loop(np.array([[-1.0]]), np.array([2.0]), gain_of(("exponential",)))
 
 
 def test_an_undriven_amplifier_beyond_the_range_of_floats_is_refused() -> None:
     with pytest.raises(EngineError, match="no equilibrium found"):
-        solve_loop(np.zeros((1, 1)), np.array([1e4]), gain_of("exponential"))
+        solve_loop(np.zeros((1, 1)), np.array([1e4]), gain_of(("exponential",)))
 
 
 def test_a_node_without_a_path_is_named() -> None:
@@ -99,7 +99,7 @@ def test_coordinates_invert_and_slopes_are_slopes(kind: str) -> None:
 
 def test_an_unknown_kind_is_refused() -> None:
     with pytest.raises(EngineError, match="no amplifier kind 'cubic'"):
-        gain_of("cubic")
+        gain_of(("cubic",))
 
 
 @pytest.mark.parametrize("seed", range(8))

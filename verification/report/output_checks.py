@@ -1,12 +1,10 @@
-"""Output files: refused before any work is done, and written completely or not at all."""
+"""Output files that cannot be written are refused before any work is done."""
 
 from __future__ import annotations
 
-import contextlib
 import importlib.util
 import os
-import tempfile
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 
 from netlist_gen.scene.file import load_scene
@@ -15,18 +13,28 @@ from verification.studies.running.digests import files_of
 
 
 def check_folder(path: str | Path, option: str) -> None:
-    """Refuse a file whose folder is missing, before any work is done.
+    """Refuse a file whose folder is missing or read-only, before any work is done.
 
     Raises
     ------
     InputError
-        The folder does not exist, or `path` is a folder.
+        The folder does not exist or nobody may write to it, or `path` is a folder.
     """
-    file = Path(path)
+    file = Path(os.path.realpath(path))
+    text = ""
     if not file.parent.is_dir():
-        raise InputError(option, Complaint("FILE", repr(str(path)), "its folder does not exist"))
-    if file.is_dir():
-        raise InputError(option, Complaint("FILE", repr(str(path)), "a folder; expected a file"))
+        text = "its folder does not exist"
+    elif file.is_dir():
+        text = "a folder; expected a file"
+    elif not _is_special(path) and not os.access(file.parent, os.W_OK | os.X_OK):
+        text = "you may not write to its folder; expected a file in another one"
+    if text:
+        raise InputError(option, Complaint("FILE", repr(str(path)), text))
+
+
+def _is_special(path: str | Path) -> bool:
+    """Whether there is a device or a pipe, which several outputs may share."""
+    return Path(path).exists() and not Path(path).is_file()
 
 
 def check_separate(inputs: Iterable[str | None], outputs: Mapping[str, str]) -> None:
@@ -46,6 +54,8 @@ def check_separate(inputs: Iterable[str | None], outputs: Mapping[str, str]) -> 
     """
     taken = {os.path.realpath(file): "an input" for name in inputs if name for file in _read(name)}
     for option, name in outputs.items():
+        if _is_special(name):
+            continue
         place = os.path.realpath(name)
         if place in taken:
             text = f"{taken[place]} of the same command; expected another file"
@@ -92,51 +102,3 @@ def check_file(
     package, remedy = packages.get(ending, ("", ""))
     if package and importlib.util.find_spec(package) is None:
         raise InputError(option, Complaint("FILE", repr(path), remedy))
-
-
-def write_atomically(path: str | Path, content: str | bytes) -> None:
-    """Write `content` to `path` by `replacing`."""
-    with replacing(path) as file:
-        file.write_bytes(content.encode() if isinstance(content, str) else content)
-
-
-@contextlib.contextmanager
-def replacing(path: str | Path) -> Iterator[Path]:
-    """Give a file beside `path` to write to, and move it to `path` when it is complete.
-
-    A full disk or a killed process leaves an older file at `path` unchanged. A link is followed.
-
-    Raises
-    ------
-    InputError
-        The file cannot be written.
-    """
-    target = Path(os.path.realpath(path))
-    try:
-        if target.exists() and not target.is_file():  # such as /dev/stdout or a named pipe
-            yield target
-            return
-        prefix = f".{target.name}."
-        handle, name = tempfile.mkstemp(prefix=prefix, suffix=target.suffix, dir=target.parent)
-        temporary = Path(name)
-        try:
-            os.close(handle)
-            yield temporary
-            with temporary.open("rb+") as file:
-                os.fsync(file.fileno())
-            temporary.chmod(_mode(target))
-            temporary.replace(target)
-        finally:
-            temporary.unlink(missing_ok=True)
-    except OSError as error:
-        reason = f"{error.strerror or error}; nothing was written, an older file is unchanged"
-        raise InputError(path, Complaint("FILE", "", reason)) from None
-
-
-def _mode(target: Path) -> int:
-    """Return the permissions of the old file, or those of a new file in this process."""
-    if target.exists():
-        return target.stat().st_mode & 0o777
-    umask = os.umask(0)
-    os.umask(umask)
-    return 0o666 & ~umask

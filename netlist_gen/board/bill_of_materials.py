@@ -1,0 +1,192 @@
+"""What a person has to buy for a board: values, counts, reference designators and packages."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from netlist_gen.board.circuit import Circuit
+from netlist_gen.board.preferred_values import nearest
+from netlist_gen.scene.scene import Scene
+from spice_models.array_types import Floats
+
+SAME = 1e-9  # relative: closer values are one part
+UNITS = {"resistor": "ohm", "capacitor": "F"}
+STANDARD = {"resistor": ("E24", "E96", "E192"), "capacitor": ("E24",)}  # E24 holds E6 and E12
+STOCKED = {"resistor": ("E24", "E96"), "capacitor": ("E24",)}  # series of the proposed values
+
+
+@dataclass(frozen=True, slots=True)
+class Preferred:
+    """The nearest preferred value of a part whose own value is not a standard value."""
+
+    series: str
+    value: float  # ohm or F
+    deviation: float  # of the preferred value from the part's value, fraction
+
+
+@dataclass(frozen=True, slots=True)
+class PartLine:
+    """All parts of one kind and one value.
+
+    Attributes
+    ----------
+    kind : str
+        A key of `UNITS`.
+    value : float
+        In the unit of the kind.
+    references : tuple of str
+        Names of the parts in the deck, in its order.
+    tolerance : float or None
+        Fraction; None if the scene gives none.
+    preferred : Preferred or None
+        The nearest preferred value; None for a standard value.
+    """
+
+    kind: str
+    value: float
+    references: tuple[str, ...]
+    tolerance: float | None
+    preferred: Preferred | None
+
+    @property
+    def unit(self) -> str:
+        """Unit of `value`."""
+        return UNITS[self.kind]
+
+
+@dataclass(frozen=True, slots=True)
+class Package:
+    """A package with the op-amps that it holds."""
+
+    reference: str  # "U1"
+    opamps: tuple[str, ...]  # names in the circuit
+    spare: int  # op-amps without use
+
+
+@dataclass(frozen=True, slots=True)
+class BillOfMaterials:
+    """The parts of a board.
+
+    Attributes
+    ----------
+    lines : tuple of PartLine
+        Resistors, then capacitors, by value; no two of a kind have the same value.
+    opamp : str
+        Preset of the op-amps.
+    packages : tuple of Package
+        In the order of the circuit.
+    not_listed : tuple of str
+        What the list or the power lacks.
+    """
+
+    lines: tuple[PartLine, ...]
+    opamp: str
+    packages: tuple[Package, ...]
+    not_listed: tuple[str, ...]
+
+    @property
+    def spare(self) -> int:
+        """Number of op-amps without use."""
+        return sum(package.spare for package in self.packages)
+
+    def count(self, kind: str) -> int:
+        """Return the number of parts of a kind."""
+        return sum(len(line.references) for line in self.lines if line.kind == kind)
+
+
+def bill_of_materials(circuit: Circuit, scene: Scene) -> BillOfMaterials:
+    """Return the parts of `circuit`, the board of `scene`, equal values in one line.
+
+    Stray capacitances are no parts.
+
+    Examples
+    --------
+    >>> import taction
+    >>> scene = taction.load_scene("scenes/custom-matrix.toml")
+    >>> parts = bill_of_materials(taction.synthesise(scene), scene)
+    >>> parts.lines[0].value, parts.lines[0].references[:2]
+    (10000.0, ('Ra_1_in', 'Ra_1_fb'))
+    """
+    names, ohms = _resistors(circuit)
+    signal = [part for part in circuit.capacitors if not part.name.startswith("stray_")]
+    farads = np.array([part.farads for part in signal])
+    resistors = _lines("resistor", names, ohms, scene)
+    capacitors = _lines("capacitor", [f"C{part.name}" for part in signal], farads, scene)
+    return BillOfMaterials(
+        lines=(*resistors, *capacitors),
+        opamp=scene.design.opamp.base,
+        packages=tuple(_packages(circuit)),
+        not_listed=tuple(_not_listed(circuit, scene)),
+    )
+
+
+def _resistors(circuit: Circuit) -> tuple[list[str], Floats]:
+    """Return the deck's names of all resistors, and their values, ohm."""
+    names = [f"R{part.name}" for part in circuit.resistors]
+    values = [np.array([part.ohms for part in circuit.resistors])]
+    for matrix in circuit.matrices:
+        present = np.isfinite(matrix.ohms)
+        names += [f"{matrix.name}_{k}_{n}" for k, n in (1 + np.argwhere(present)).tolist()]
+        values.append(matrix.ohms[present])
+    return names, np.concatenate(values)
+
+
+def _lines(kind: str, names: list[str], values: Floats, scene: Scene) -> Iterator[PartLine]:
+    """Yield one line for each value; neighbours closer than `SAME` count as one value."""
+    given = kind in scene.tolerances.model_fields_set
+    tolerance = float(getattr(scene.tolerances, kind)) if given else None
+    order = np.argsort(values, kind="stable")
+    ordered = values[order]
+    ends = 1 + np.flatnonzero(ordered[1:] > ordered[:-1] * (1.0 + SAME))
+    for group in np.split(order, ends):
+        places = np.sort(group).tolist()
+        value = float(values[places[0]])
+        references = tuple(names[place] for place in places)
+        yield PartLine(kind, value, references, tolerance, _preferred(kind, value))
+
+
+def _preferred(kind: str, value: float) -> Preferred | None:
+    if any(abs(_nearest(value, series).deviation) < SAME for series in STANDARD[kind]):
+        return None
+    found = (_nearest(value, series) for series in STOCKED[kind])
+    return min(found, key=lambda near: abs(near.deviation))
+
+
+def _nearest(value: float, series: str) -> Preferred:
+    near = float(nearest(np.array([value]), series)[0])
+    return Preferred(series, near, near / value - 1.0)
+
+
+def _packages(circuit: Circuit) -> Iterator[Package]:
+    """Yield packages that are filled in the order of the op-amps, each with one type."""
+    number = 0
+    for name, model in circuit.models.items():
+        cells = [cell.name for cell in circuit.opamps if cell.model == name]
+        size = model.channels_per_package
+        for first in range(0, len(cells), size):
+            held = tuple(cells[first : first + size])
+            number += 1
+            yield Package(f"U{number}", held, size - len(held))
+
+
+def _not_listed(circuit: Circuit, scene: Scene) -> Iterator[str]:
+    choice = scene.design.opamp
+    changed = sorted(choice.model_fields_set - {"base"})
+    if changed:
+        yield f"op-amps with the scene's {', '.join(changed)}, which {choice.base} does not have"
+    if not any(model.supply_current for model in circuit.models.values()):
+        yield "the supply current of the op-amps: set design.opamp.supply_current"
+    for model in circuit.models.values():
+        if model.external_part:
+            number = sum(cell.model == model.name for cell in circuit.opamps)
+            yield f"{number} times the {model.external_part} of {choice.base}"
+    if circuit.currents:
+        yield f"{len(circuit.currents)} current sources of the strain, switched on at t = 0"
+    if circuit.voltages:
+        yield "the voltage source of the bias current"
+    if circuit.amplifiers:
+        yield f"{len(circuit.amplifiers)} {circuit.amplifier} amplifiers: ideal in the circuit"
+    yield f"the supply of ±{circuit.supply:g} V and its decoupling capacitors"

@@ -1,0 +1,109 @@
+"""Warnings about resistors and capacitors that are hard to buy or do not work as drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from netlist_gen.board.circuit import Circuit, Resistor
+from netlist_gen.quantities import show
+from spice_models.array_types import Floats
+
+# An op-amp that drives 2.5 V into less must deliver more than 25 mA, the short-circuit current of
+# the common types, and its output resistance (20 to 125 ohm) is no longer small beside the load.
+LEAST_OHMS = 100.0
+# Above, the leakage of a board without guard rings (about 10 Gohm) passes 0.5 % of the current, the
+# bias current of a uA741 (80 nA) makes an offset of volts, and few makers sell 1 % resistors.
+MOST_OHMS = 50e6
+
+
+@dataclass(frozen=True, slots=True)
+class _Kind:
+    """Resistors that one key of the scene sets."""
+
+    what: str
+    less: str  # remedy for values above `MOST_OHMS`
+    more: str  # remedy for values below `LEAST_OHMS`
+
+
+_MATRIX = _Kind(
+    "matrix resistors",
+    "a larger design.unit_conductance, or design.prune, which leaves out small entries of T",
+    "a smaller design.unit_conductance",
+)
+_FEEDBACK = _Kind(
+    "resistors R", "a smaller design.resistance", "a larger design.resistance or a smaller lambda"
+)
+_GAIN = _Kind("resistors s", "a smaller design.gain", "a larger design.gain")
+_INVERTER = _Kind(
+    "inverter resistors",
+    "a smaller design.inverter_resistance",
+    "a larger design.inverter_resistance",
+)
+_BY_PREFIX = {"r": _FEEDBACK, "bias": _FEEDBACK, "s": _GAIN}  # of names; all others: inverters
+
+
+def part_warnings(circuit: Circuit) -> tuple[str, ...]:
+    """Return one warning for each kind of part and limit that parts of `circuit` break.
+
+    Each has the number of parts, the extreme value with the name of its part, and a remedy.
+
+    Examples
+    --------
+    >>> import taction
+    >>> scene = taction.load_scene("scenes/paper-breadboard.toml")
+    >>> print(part_warnings(taction.synthesise(scene))[0][:65])
+    60 of 74 matrix resistors are above 50 Mohm, up to 247.3 Mohm (Rf
+    """
+    found = [text for parts in _by_kind(circuit) for text in _resistors(*parts)]
+    return (*found, *_capacitors(circuit))
+
+
+def _by_kind(circuit: Circuit) -> Iterator[tuple[_Kind, Floats, Callable[[int], str]]]:
+    """Yield the values of each kind, ohm, infinite where there is no resistor, and their names."""
+    forward, feedback = (matrix.ohms for matrix in circuit.matrices)
+    columns = forward.shape[1]
+
+    def in_matrix(place: int) -> str:
+        matrix, element = divmod(place, forward.size)
+        k, n = divmod(element, columns)
+        return f"{circuit.matrices[matrix].name}_{k + 1}_{n + 1}"
+
+    yield _MATRIX, np.concatenate([forward.ravel(), feedback.ravel()]), in_matrix
+    kinds: dict[_Kind, list[Resistor]] = {}
+    for part in circuit.resistors:
+        kinds.setdefault(_BY_PREFIX.get(part.name.partition("_")[0], _INVERTER), []).append(part)
+    for kind, parts in kinds.items():
+        names = [f"R{part.name}" for part in parts]
+        yield kind, np.array([part.ohms for part in parts]), names.__getitem__
+
+
+def _resistors(kind: _Kind, ohms: Floats, name: Callable[[int], str]) -> Iterator[str]:
+    present = np.isfinite(ohms)
+    for wrong, limit, extreme, remedy in (
+        (present & (ohms > MOST_OHMS), f"above {show(MOST_OHMS, 'ohm')}, up to", 1.0, kind.less),
+        (ohms < LEAST_OHMS, f"below {show(LEAST_OHMS, 'ohm')}, down to", -1.0, kind.more),
+    ):
+        if wrong.any():
+            place = int(np.where(wrong, extreme * ohms, -np.inf).argmax())
+            yield (
+                f"{np.count_nonzero(wrong)} of {np.count_nonzero(present)} {kind.what} are {limit}"
+                f" {show(float(ohms[place]), 'ohm')} ({name(place)}); remedy: {remedy}"
+            )
+
+
+def _capacitors(circuit: Circuit) -> Iterator[str]:
+    """Yield a warning if C is below the stray capacitance: then the layout sets the dynamics."""
+    farads = {part.name: part.farads for part in circuit.capacitors}
+    strays = [value for name, value in farads.items() if name.startswith("stray_")]
+    signal = {name: value for name, value in farads.items() if not name.startswith("stray_")}
+    small = [name for name, value in signal.items() if value < max(strays, default=0.0)]
+    if small:
+        name = min(small, key=signal.__getitem__)
+        yield (
+            f"{len(small)} of {len(signal)} capacitors C are below the stray capacitance of"
+            f" {show(max(strays), 'F')}, down to {show(signal[name], 'F')} (C{name}); remedy: a"
+            " larger design.capacitance, or a layout with a smaller design.stray_capacitance"
+        )

@@ -1,0 +1,71 @@
+"""`OpAmpChoice`: the op-amp of a scene."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, GetJsonSchemaHandler, model_validator
+from pydantic_core import CoreSchema
+
+from netlist_gen.scene.fields import (
+    Amps,
+    AmpsOrZero,
+    Count,
+    CurrentDensityOrZero,
+    FaradsOrZero,
+    Hertz,
+    Model,
+    Ohms,
+    OhmsOrZero,
+    Positive,
+    Real,
+    VoltageDensityOrZero,
+    Volts,
+    VoltsOrZero,
+    VoltsPerSecond,
+)
+from spice_models.presets import preset_names
+
+
+class OpAmpChoice(Model):
+    """A preset, or a preset with some figures changed."""
+
+    base: str = "ua741"
+    level: Literal["auto", "small-signal", "large-signal"] = Field(
+        "auto",
+        description="of the macromodel; auto: with slew rate and swing where the small-signal"
+        " board exceeds 90 % of such a limit",
+    )
+    dc_gain: Positive | None = None
+    gbw: Hertz | None = None
+    second_pole: Hertz | None = None
+    phase_margin: Annotated[Real, Field(gt=0, lt=90)] | None = Field(
+        None, description="degrees, at unity gain; sets the second pole"
+    )
+    input_resistance: Ohms | None = None
+    differential_capacitance: FaradsOrZero | None = None
+    input_capacitance: FaradsOrZero | None = None
+    output_resistance: OhmsOrZero | None = None
+    slew_rate: VoltsPerSecond | None = Field(None, description="of the output")
+    output_current: Amps | None = Field(None, description="largest, of either sign")
+    saturation: VoltsOrZero | None = Field(
+        None, description="least distance of the output from a supply voltage"
+    )
+    least_supply: VoltsOrZero | None = None
+    most_supply: Volts | None = None
+    voltage_noise: VoltageDensityOrZero | None = Field(None, description="of the input, white")
+    current_noise: CurrentDensityOrZero | None = Field(None, description="of each input, white")
+    supply_current: AmpsOrZero | None = Field(None, description="of one op-amp without load")
+    channels_per_package: Count | None = Field(None, description="op-amps in one package")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _by_name(cls, data: Any) -> Any:
+        return {"base": data} if isinstance(data, str) else data
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        table = handler(core)
+        return {"anyOf": [{"type": "string", "enum": list(preset_names())}, table]}

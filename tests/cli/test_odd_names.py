@@ -1,0 +1,90 @@
+"""Names of files and folders that are unusual: not UTF-8, with quotes, braces or line breaks."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from lxml import etree
+
+from tests.support.paths import ROOT, SCENES
+
+SCENE = SCENES / "tuned-breadboard.toml"
+NAME = os.fsdecode(b"board-\xff.toml")
+
+
+def run(*words: str, **variables: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "taction", *words],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+        env=os.environ | variables,
+    )
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["a space", "a'quote", 'two"quotes', "{braces}", "line\nbreak", "$HOME;`x`\\", "long" * 30],
+)
+def test_a_temporary_folder_may_have_any_name(name: str, tmp_path: Path, ngspice: str) -> None:
+    place = tmp_path / name
+    place.mkdir()
+    done = run("verify", str(SCENE), "--engine", "ngspice", TMPDIR=str(place))
+    assert done.returncode == 0, done.stderr
+    words = ("sweep", str(SCENE), "--over", "C=50p,60p", "--engine", "ngspice", "--jobs", "1")
+    done = run(*words, "-o", str(tmp_path / "a.sqlite"), "--json", TMPDIR=str(place))
+    assert done.returncode == 0, done.stderr
+    assert "error" not in json.loads(done.stdout)["outcomes"]
+    assert not list(place.iterdir())
+
+
+def test_a_temporary_folder_that_is_missing_is_named_and_no_point_is_stored(
+    tmp_path: Path, ngspice: str
+) -> None:
+    words = ("sweep", str(SCENE), "--over", "C=50p,60p", "--engine", "ngspice", "--jobs", "1")
+    done = run(*words, "-o", str(tmp_path / "a.sqlite"), TMPDIR="/missing")
+    assert done.returncode == 3
+    assert "TMPDIR = '/missing': expected a folder that exists" in done.stderr
+    assert json.loads(run(*words, "-o", str(tmp_path / "a.sqlite"), "--json").stdout)["ran"] == 2
+
+
+def test_a_regression_with_a_name_that_is_no_text(tmp_path: Path) -> None:
+    shutil.copy(SCENE, tmp_path / NAME)
+    baseline, junit, markdown = (tmp_path / f"{NAME}.{kind}" for kind in ("json", "xml", "md"))
+    words = ("regress", str(tmp_path), "--baseline", str(baseline))
+    files = ("--junit", str(junit), "--markdown", str(markdown))
+    first = run(*words, *files, "--update")
+    assert first.returncode == 0, first.stderr
+    second = run(*words, *files, "--json")
+    assert second.returncode == 0, second.stderr
+    document = json.loads(second.stdout)
+    assert [scene["file"] for scene in document["scenes"]] == ["board-\\udcff.toml"]
+    assert r"board-\udcff" in etree.fromstring(junit.read_bytes()).xpath("//testsuite/@name")[0]
+    assert r"board-\udcff" in markdown.read_text(encoding="utf-8")
+
+
+def test_a_verdict_and_an_error_of_such_a_file(tmp_path: Path) -> None:
+    scene = tmp_path / NAME
+    shutil.copy(SCENE, scene)
+    done = run("verify", str(scene), "--engine", "statespace", "--json")
+    assert json.loads(done.stdout)["outcome"] == "pass"
+    scene.write_text("[problem]\nkind = 1\n")
+    refused = json.loads(run("verify", str(scene), "--json").stdout)
+    assert refused["error"]["file"].endswith(r"board-\udcff.toml")
+
+
+def test_a_sweep_into_such_files(tmp_path: Path) -> None:
+    words = ("sweep", str(SCENE), "--over", "C=50p,60p", "--engine", "statespace", "--jobs", "1")
+    database, table = tmp_path / f"{NAME}.sqlite", tmp_path / f"{NAME}.csv"
+    done = run(*words, "-o", str(database), "--export", str(table), "--json")
+    assert json.loads(done.stdout)["ran"] == 2
+    assert len(table.read_text().splitlines()) == 3
+    assert json.loads(run(*words, "-o", str(database), "--json").stdout)["ran"] == 0

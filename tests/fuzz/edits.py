@@ -1,0 +1,175 @@
+"""Edits that damage a file: at its bytes, and at the values and lines of a scene."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+
+from hypothesis import strategies as st
+
+Edit = Callable[[bytes], bytes]
+
+NASTY = (
+    *("0", "-1", "1", "2", "3", "0.5", "-0.0", "1e-30", "1e30", "1e-31", "1e31", "1e-100", "1e100"),
+    *("1e308", "1e-308", "1e400", "-1e-5", "inf", "-inf", "nan", "true", "false", "0x10", "1_000"),
+    *("9" * 40, "9" * 5000, "1" + "0" * 400, "0." + "0" * 400 + "1"),
+    *('""', '" "', '"auto"', '"10pF"', '"10nH"', '"1e400pF"', '"-5"', '"1M"', '"5,3"', '"٣"'),
+    *('"inf"', '"nan ohm"', '"\\u0000"', '"\\n.control"', '"../../x"', '"/dev/zero"', '"."', '"/"'),
+    *('"T.csv"', '"gcv"', '"discrepancy"', '"l-curve"', '"exponential"', '"passive"', '"rest"'),
+    *('"matrix"', '"tangential"', '"E24"', '"statespace"', '"a b"', f'"{"x" * 5000}"', "'''\n'''"),
+    *("[]", "[1]", "[[1]]", "[" * 200 + "]" * 200, "{}", "{ a = 1 }", '{ kind = "csv" }'),
+    *("1979-05-27", "07:32:00", "1979-05-27T07:32:00Z"),
+)
+LINES = (
+    *("", "[design]", "[checks]", "[problem]", "[unknown]", "[[design]]", "unknown = 1", "= 1"),
+    *('kind = "matrix"', 'matrix = "T.csv"', "channels = 4", "channels = 5000", "sensors = 3"),
+    *('lambda = "gcv"', "lambda = 0.1", 'resistance = "1M"', 'amplifier = "exponential"'),
+    *('amplifier = "tanh"', 'topology = "passive"', "bias = true", 'resistor_series = "E24"'),
+    *(
+        "tolerances = { resistors = 0.1 }",
+        "design.gain = 1",
+        '"design"."gain" = 1',
+        "a" + ".a" * 60,
+    ),
+    *("noise = { variance = 1e-3, seed = 1 }", 'load = { kind = "csv", file = "x.csv" }'),
+)
+NUMBER = re.compile(rb"(?<![\w.#])\d+(\.\d+)?(e-?\d\d?)?(?![\d.])")
+TOKEN = re.compile(rb'"[^"\n]*"|(?<![\w.])[+-]?\d[\w.+-]*|\btrue\b|\bfalse\b')
+
+
+def _at(share: float, length: int) -> int:
+    """Return a place in a text of `length` bytes."""
+    return min(int(share * (length + 1)), length)
+
+
+def flip(share: float, bits: int) -> Edit:
+    """Change bits of one byte."""
+
+    def edit(content: bytes) -> bytes:
+        i = _at(share, len(content) - 1)
+        return content[:i] + bytes([content[i] ^ bits]) + content[i + 1 :] if content else content
+
+    return edit
+
+
+def insert(share: float, new: bytes) -> Edit:
+    """Insert bytes."""
+    return lambda content: (
+        content[: _at(share, len(content))] + new + content[_at(share, len(content)) :]
+    )
+
+
+def overwrite(share: float, new: bytes) -> Edit:
+    """Overwrite bytes."""
+
+    def edit(content: bytes) -> bytes:
+        i = _at(share, len(content))
+        return content[:i] + new + content[i + len(new) :]
+
+    return edit
+
+
+def remove(share: float, count: int) -> Edit:
+    """Remove bytes."""
+    return lambda content: (
+        content[: _at(share, len(content))] + content[_at(share, len(content)) + count :]
+    )
+
+
+def cut(share: float) -> Edit:
+    """Truncate."""
+    return lambda content: content[: _at(share, len(content))]
+
+
+def move(source: float, target: float, count: int) -> Edit:
+    """Copy bytes over others."""
+    return lambda content: overwrite(target, content[_at(source, len(content)) :][: max(count, 1)])(
+        content
+    )
+
+
+def value(share: float, new: str) -> Edit:
+    """Replace a number, a text or a truth value."""
+
+    def edit(content: bytes) -> bytes:
+        tokens = list(TOKEN.finditer(content))
+        if not tokens:
+            return content
+        token = tokens[_at(share, len(tokens) - 1)]
+        return content[: token.start()] + new.encode() + content[token.end() :]
+
+    return edit
+
+
+def scale(share: float, exponent: float) -> Edit:
+    """Multiply a number, also one with a unit, by a power of ten."""
+
+    def edit(content: bytes) -> bytes:
+        numbers = list(NUMBER.finditer(content))
+        if not numbers:
+            return content
+        found = numbers[_at(share, len(numbers) - 1)]
+        new = f"{float(found[0]) * 10.0**exponent:.6g}".encode()
+        return content[: found.start()] + new + content[found.end() :]
+
+    return edit
+
+
+def line(share: float, change: Callable[[bytes], bytes]) -> Edit:
+    """Replace a line."""
+
+    def edit(content: bytes) -> bytes:
+        lines = content.split(b"\n")
+        i = _at(share, len(lines) - 1)
+        return b"\n".join([*lines[:i], change(lines[i]), *lines[i + 1 :]])
+
+    return edit
+
+
+def _renamed(new: bytes) -> Callable[[bytes], bytes]:
+    return lambda old: new + b" =" + old.partition(b"=")[2]
+
+
+# Small numbers are drawn often; their shares are spread over the whole file.
+SHARE = st.integers(0, 2**32 - 1).map(lambda n: (n + 7) * 2654435761 % 2**32 / 2**32)
+SHORT = st.binary(min_size=1, max_size=9)
+IN_PLACE: tuple[st.SearchStrategy[Edit], ...] = (
+    st.builds(flip, SHARE, st.integers(1, 255)),
+    st.builds(overwrite, SHARE, SHORT | st.integers(1, 500).map(bytes)),
+    st.builds(move, SHARE, SHARE, st.integers(1, 5000)),
+)
+BYTE_EDITS = (
+    *IN_PLACE,
+    st.builds(insert, SHARE, SHORT),
+    st.builds(remove, SHARE, st.integers(1, 5000)),
+    st.builds(cut, SHARE),
+)
+WORDS = st.sampled_from(NASTY) | st.floats().map(repr) | st.integers().map(str)
+SCALE_EDIT = st.builds(scale, SHARE, st.floats(-6.0, 6.0) | st.floats(-0.5, 0.5))
+VALUE_EDIT = st.builds(value, SHARE, WORDS)
+LINE_EDIT = st.builds(
+    line,
+    SHARE,
+    st.one_of(
+        st.just(lambda old: b""),
+        st.just(lambda old: old + b"\n" + old),
+        st.sampled_from(LINES).map(lambda new: lambda old: old + b"\n" + new.encode()),
+        st.text(st.sampled_from("abcdehiknlmorstuv_.- "), max_size=12).map(
+            lambda name: _renamed(name.encode())
+        ),
+    ),
+)
+
+
+def edited(
+    bases: Sequence[bytes], edits: Sequence[st.SearchStrategy[Edit]], most: int = 3
+) -> st.SearchStrategy[bytes]:
+    """Return files after one to `most` edits, or whole ones."""
+
+    def applied(content: bytes, changes: list[Edit]) -> bytes:
+        for change in changes:
+            content = change(content)
+        return content
+
+    changes = st.lists(st.one_of(*edits), max_size=most)
+    return st.builds(applied, st.sampled_from(list(bases)), changes)

@@ -1,0 +1,130 @@
+"""Baselines, and databases of sweeps and of Monte Carlo studies."""
+
+from __future__ import annotations
+
+import functools
+import json
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from hypothesis import strategies as st
+
+from tests.fuzz.edits import BYTE_EDITS, IN_PLACE, VALUE_EDIT, edited
+from tests.fuzz.target import Target
+from tests.support.entries import entry
+from tests.support.studying import small_scene
+from tests.support.sweeping import make_record
+from verification.studies.regression.baseline import baseline_text, load_baseline
+from verification.studies.sweep.store import Store, StoredResult
+from verification.studies.tolerance.sample_store import SampleStore
+from verification.studies.tolerance.varied_board import BoardSample, prepare
+
+ENTRIES = {"one.toml": entry(), "two.toml": entry(name="two", outcome="fail")}
+KEYS = [bytes([number]) * 32 for number in range(6)]
+RESULTS = [
+    StoredResult("pass", make_record(reason="x" * 300 * number), b"w" * 900) for number in range(6)
+]
+SAMPLES = [BoardSample(number, "pass", settling_time=1e-6 * (number + 1)) for number in range(8)]
+
+
+def _examine_baseline(content: bytes, folder: Path) -> str:
+    (folder / "baseline.json").write_bytes(content)
+    entries = load_baseline(folder / "baseline.json")
+    read = json.loads(content)["scenes"]
+    assert {name: _plain(found.model_dump()) for name, found in entries.items()} == _plain(read)
+    return "accepted, the same numbers"
+
+
+def _plain(value: Any) -> Any:
+    """Return data with every number as float."""
+    if isinstance(value, dict):
+        return {name: _plain(item) for name, item in value.items()}
+    if isinstance(value, list):
+        return [_plain(item) for item in value]
+    return float(value) if isinstance(value, int | float) else value
+
+
+@functools.cache
+def _study() -> Any:
+    return prepare(small_scene())
+
+
+def _fill(path: Path) -> None:
+    with Store(str(path)) as store:
+        for key, result in zip(KEYS, RESULTS, strict=True):
+            store.put(key, result, b"request " + key)
+        for sample in SAMPLES:
+            SampleStore(store, _study(), 1).put(sample)
+
+
+@functools.cache
+def _database() -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        _fill(Path(folder) / "a.sqlite")
+        return (Path(folder) / "a.sqlite").read_bytes()
+
+
+@functools.cache
+def _with_log() -> tuple[bytes, bytes]:
+    """Return a database and its write-ahead log, as a kill or a power cut leaves them."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "a.sqlite"
+        with Store(str(path)) as store:
+            for key, result in zip(KEYS, RESULTS, strict=True):
+                store.put(key, result, b"request " + key)
+            return path.read_bytes(), Path(f"{path}-wal").read_bytes()
+
+
+def _examine_log(content: bytes, folder: Path) -> str:
+    database, _ = _with_log()
+    (folder / "a.sqlite-wal").write_bytes(content)
+    return _examine_results(database, folder)
+
+
+def _examine_results(content: bytes, folder: Path) -> str:
+    """Read every point; store what is missing again, as a sweep does; read again."""
+    path = folder / "a.sqlite"
+    path.write_bytes(content)
+    missing = 0
+    with Store(str(path)) as store:
+        for attempt in range(2):
+            store.count()
+            for key, result in zip(KEYS, RESULTS, strict=True):
+                record, data = store.record_of(b"request " + key), store.waveforms(key)
+                assert record in (None, result.record), "a wrong record was believed"
+                assert data in (None, result.waveforms), "wrong waveforms were believed"
+                assert store.outcome_of(key) in (None, result.outcome)
+                if attempt == 0 and (record is None or data is None):
+                    missing += 1
+                    store.put(key, result, b"request " + key)
+                elif attempt == 1:
+                    assert record is not None, "a point that was stored again is missing"
+    return "some points computed again" if missing else "all points right"
+
+
+def _examine_samples(content: bytes, folder: Path) -> str:
+    path = folder / "a.sqlite"
+    path.write_bytes(content)
+    with Store(str(path)) as store:
+        samples = SampleStore(store, _study(), 1)
+        found = [samples.get(sample.number) for sample in SAMPLES]
+        for sample, read in zip(SAMPLES, found, strict=True):
+            assert read in (None, sample), "a wrong sample was believed"
+            if read is None:
+                samples.put(sample)
+                assert samples.get(sample.number) == sample
+    return "some samples drawn again" if None in found else "all samples right"
+
+
+BASELINE = baseline_text(ENTRIES).encode()
+DATABASES = st.deferred(lambda: edited([_database()], [*IN_PLACE * 6, *BYTE_EDITS]))
+
+LOGS = st.deferred(lambda: edited([_with_log()[1]], [*IN_PLACE * 6, *BYTE_EDITS]))
+
+STORED_FILES = (
+    Target("baselines", edited([BASELINE], [VALUE_EDIT, *BYTE_EDITS]), _examine_baseline),
+    Target("databases of sweeps", DATABASES, _examine_results),
+    Target("write-ahead logs of databases", LOGS, _examine_log),
+    Target("samples of Monte Carlo studies", DATABASES, _examine_samples),
+)

@@ -1,0 +1,54 @@
+"""Readings of boards with amplifiers by a run whose error is far below those that are studied.
+
+SciPy's integrators are too slow for hundreds of boards, so the run is one of the state-space
+engine; tests of that engine compare it with SciPy.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from netlist_gen.analysis import Transient
+from netlist_gen.scene.scene import Scene
+from verification.engines.statespace.transients import amplified
+from verification.ideal.ideal_answer import ideal_answer
+from verification.pipeline.bounded_measures import measure_outputs
+from verification.pipeline.clock import Clock
+from verification.pipeline.design import design_board
+from verification.pipeline.steady_state import SteadyState
+from verification.pipeline.transient_plan import settled_after
+from verification.small_signal.step_forecast import StepModel
+from verification.studies.stress.true_values import TrueValues
+
+TOLERANCE, SPACING = 1e-11, 1e-10  # of the run; of interpolation between the points of its record
+DOUBT, FACTOR = 1e-9, 10.0  # of its readings, fraction of the step or relative; times its rounding
+LONGER = 3.0  # times the record in which every check can be decided
+
+
+def fine_readings(scene: Scene) -> TrueValues:
+    """Return the readings of a board with amplifiers from a run of far smaller tolerance."""
+    design = design_board(scene.with_engine("statespace"), Clock(lambda stage: None))
+    ideal, board, lead = ideal_answer(design.network, scene), design.board, design.poles.rightmost
+    amplitude = float(np.abs(ideal.target - ideal.start).max())
+    how = f"state-space engine, tolerance {TOLERANCE:g}"
+    if not design.poles.stable:
+        return TrueValues(amplitude, (lead.real, lead.imag), 0.0, (), DOUBT, how)
+    stop = LONGER * settled_after(scene.checks, design.scales)
+    transient = Transient(stop, stop, initial=scene.analysis.initial)
+    design = replace(design, plan=replace(design.plan, transient=transient))
+    times = StepModel.of(board, stop, transient.initial, stable=True).instants(SPACING)
+    wave = amplified.simulate(board, transient, times=times, tolerance=TOLERANCE)
+    measured, _ = measure_outputs(design, ideal, wave)
+    finals = SteadyState.of(board, design.scales).values
+    channels = []
+    for channel, final in zip(measured.channels, finals.tolist(), strict=True):
+        rise, settled = channel.rise_time, channel.settling_time
+        found = {"overshoot": channel.overshoot, "undershoot": channel.undershoot, "final": final}
+        found |= {} if rise is None else {"rise_time": rise.value}
+        channels.append(found | ({} if settled is None else {"settling_time": settled.value}))
+    static = float(np.abs(finals - ideal.target).max()) / amplitude
+    doubt = DOUBT + FACTOR * wave.rounding / amplitude
+    pole = (lead.real, lead.imag)
+    return TrueValues(amplitude, pole, static, tuple(channels), doubt, how)

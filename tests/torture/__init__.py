@@ -1,0 +1,1 @@
+"""Kill studies at random instants, and compare what they store with undisturbed runs."""

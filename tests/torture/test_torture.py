@@ -1,0 +1,53 @@
+"""A short session of torture: eight kills and one disaster of each kind."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.torture.killing import KILLS, Report, plan_kills
+from tests.torture.session import is_fault, session, summary, table
+from tests.torture.studies import all_studies
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="finds processes in /proc")
+def test_nothing_is_lost_and_nothing_stays(tmp_path: Path, ngspice: str) -> None:
+    assert ngspice
+    reports = list(session(tmp_path, kills=8, disasters=1, points=5, seed=3))
+    assert len(reports) == 11
+    assert [summary(report) for report in reports if is_fault(report)] == []
+    assert sum(report.hit for report in reports) > 5
+
+
+def test_a_plan_takes_every_kind_of_kill_and_is_the_same_again() -> None:
+    studies = all_studies(5)
+    plan = plan_kills(studies, 200, 1)
+    assert plan == plan_kills(studies, 200, 1) != plan_kills(studies, 200, 2)
+    kinds = {(kill.study.name, kill.victim, kill.signals) for kill in plan}
+    assert {(victim, signals) for _, victim, signals in kinds} == {
+        (victim, signals) for victim, choices in KILLS.items() for signals in choices
+    }
+    assert {study for study, *_ in kinds} == set(studies)
+    assert not any(victim in ("worker", "pool") for study, victim, _ in kinds if study == "verify")
+
+
+def test_whatever_is_wrong_is_a_fault() -> None:
+    assert not is_fault(Report("sweep", "parent", "SIGKILL", -9, hit=False, left_by_kill=2))
+    assert is_fault(Report("sweep", "parent", "SIGKILL", equal=False))
+    assert is_fault(Report("sweep", "parent", "SIGKILL", orphans=["ngspice"]))
+    assert is_fault(Report("sweep", "parent", "SIGKILL", leftovers=["taction-run-a"]))
+    assert is_fault(Report("sweep", "parent", "SIGKILL", faults=["Traceback"]))
+
+
+def test_the_table_counts_by_victim_and_signal() -> None:
+    reports = [
+        Report("sweep", "parent", "SIGKILL", -9, left_by_kill=1),
+        Report("verify", "parent", "SIGKILL", 0, hit=False),
+        Report("verify", "tree", "SIGKILL", -9, equal=False, orphans=["ngspice"]),
+    ]
+    assert table(reports).splitlines()[2:] == [
+        "| parent | SIGKILL | 2 | 1 | -9: 1, 0: 1 | 2 | 0 | 1 | 1 | 0 |",
+        "| tree | SIGKILL | 1 | 1 | -9: 1 | 0 | 1 | 0 | 0 | 0 |",
+    ]

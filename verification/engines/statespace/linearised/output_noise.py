@@ -1,0 +1,128 @@
+"""Noise of the outputs at rest, over all frequencies, by the Lyapunov equation.
+
+``x' = A x + B w`` with white noise w of covariance W has the covariance P of its states with
+``A P + P A^T = -B W B^T``, and an output ``c x`` the variance ``c P c^T``.
+
+What the numerical P leaves, ``R = A P + P A^T + B W B^T``, changes the variance by ``sum R Y``,
+with the adjoint solution Y of ``A^T Y + Y A = -c^T c``. R includes the rounding of A, P and W,
+element by element. One Y of all outputs, ``C^T C`` in the place of ``c^T c``, bounds the elements
+of each: ``|Y_ij|² <= Y_ii Y_jj``. ``sum B W B^T Y`` is the sum of all variances, too: the
+difference of the two is added to the bound.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from spice_models.array_types import Floats
+from spice_models.errors import EngineError
+from verification.engines.statespace.equations.noise_sources import noise_intensities
+from verification.engines.statespace.linearised.board import LinearBoard
+from verification.engines.statespace.linearised.state_space import driven
+
+EPS = float(np.finfo(np.float64).eps)
+HIDDEN = "rounding hides the noise: the poles of the board are too far apart"
+DIRECT = 1e-9  # of the variance: direct noise in the band of the board that counts as rounding
+MOST = 1200  # unknowns: some seconds, in which the dense matrices are decomposed
+REFINED = 3  # solutions: the first, and its refinements
+SOURCES = 2  # columns of the equations of a board before those of the noise
+
+
+def output_noise(board: LinearBoard) -> tuple[Floats, Floats]:
+    """Return the noise of every output of a stable board, rms, V, and bounds on the errors, (N,).
+
+    Raises
+    ------
+    EngineError
+        A large or unstable board, noise of unlimited bandwidth at an output, or rounding as large
+        as the noise; also as `linearise`.
+
+    Examples
+    --------
+    >>> import taction
+    >>> scene = taction.load_scene("scenes/custom-matrix.toml")
+    >>> rms, error = output_noise(LinearBoard(taction.synthesise(scene)))
+    >>> bool((error < 1e-6 * rms).all())
+    True
+    """
+    descriptor, outputs = board.descriptor, board.circuit.outputs
+    if descriptor.size > MOST:
+        text = f"the board has {descriptor.size} unknowns; the noise of up to {MOST} is computed"
+        raise EngineError(text)
+    density = noise_intensities(board.circuit, descriptor)
+    live = np.flatnonzero(density.diagonal())
+    inputs = np.zeros((descriptor.size, SOURCES + len(live)))
+    inputs[live, SOURCES + np.arange(len(live))] = 1.0
+    space = driven(descriptor, board.operating_point, inputs)
+    poles = space.eigenvalues
+    lead = float(poles.real.max(initial=-1.0))
+    if lead > len(poles) * EPS * float(np.abs(poles).max(initial=0.0)):
+        raise EngineError("the board is not stable")
+    if not lead < 0.0:  # the eigensolver cannot tell the sign
+        raise EngineError(HIDDEN)
+    W = density[np.ix_(live, live)]
+    C, D = space.rows([out.node for out in outputs])
+    B, D = space.B[:, SOURCES:], D[:, SOURCES:]
+    variance, error = _variance(space.A, B @ W @ B.T, C)
+    direct = np.einsum("ki,ij,kj->k", D, W, D) * np.abs(poles).max(initial=0.0)
+    if (endless := np.flatnonzero(direct > DIRECT * np.abs(variance))).size:
+        raise EngineError(
+            f"the noise of output {outputs[endless[0]].node} has no limit of its bandwidth: no"
+            " capacitance is at that node of the model"
+        )
+    errors = error + direct
+    if not (errors < variance).all():
+        raise EngineError(HIDDEN)
+    rms = np.sqrt(variance)
+    return rms, rms - np.sqrt(variance - errors)
+
+
+def _variance(A: Floats, Q: Floats, C: Floats) -> tuple[Floats, float]:
+    """Return ``C P C^T`` of ``A P + P A^T = -Q``, by rows of C, and a bound on each error."""
+    from scipy.linalg import matrix_balance
+
+    balanced: Any = matrix_balance(A, permute=False, separate=True)
+    A, (scale, _) = balanced
+    equation = _Lyapunov(A)
+    Q, C = Q / np.outer(scale, scale), C * scale
+    P = equation.solve(Q)
+    Y = equation.solve(C.T @ C, adjoint=True)
+    variance = np.einsum("ki,ij,kj->k", C, P, C)
+    reach = np.sqrt(np.maximum(Y.diagonal(), 0.0))
+    return variance, float(
+        reach @ _remainder(A, P, Q) @ reach + abs(variance.sum() - np.sum(Q * Y))
+    )
+
+
+class _Lyapunov:
+    """Solver of ``A P + P A^T = -Q`` by the method of Bartels and Stewart, with refinement."""
+
+    def __init__(self, A: Floats) -> None:
+        from scipy.linalg import get_lapack_funcs, schur
+
+        decomposed: Any = schur(A, output="real")
+        self.A = A
+        self.T, self.U = decomposed
+        self.trsyl: Any = get_lapack_funcs("trsyl", (self.T,))
+
+    def solve(self, Q: Floats, *, adjoint: bool = False) -> Floats:
+        """Return P; with `adjoint` that of ``A^T P + P A = -Q``."""
+        A = self.A.T if adjoint else self.A
+        kinds = {"trana": "T"} if adjoint else {"tranb": "T"}
+        P, left = np.zeros_like(Q), Q
+        for _ in range(REFINED):
+            Y, scale, _ = self.trsyl(self.T, self.T, -self.U.T @ left @ self.U, **kinds)
+            step = self.U @ (Y * scale) @ self.U.T
+            P = P + 0.5 * (step + step.T)
+            product = A @ P
+            left = product + product.T + Q
+        return P
+
+
+def _remainder(A: Floats, P: Floats, Q: Floats) -> Floats:
+    """Return bounds on the elements of ``A P + P A^T + Q``, with the rounding of A, P and Q."""
+    product, size = A @ P, np.abs(A) @ np.abs(P)
+    rounding = len(A) * EPS * (size + size.T + np.abs(Q))
+    return np.asarray(np.abs(product + product.T + Q) + rounding)

@@ -1,0 +1,85 @@
+"""The noise of the outputs at rest, where a scene has a limit for it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from netlist_gen.analysis import Noise
+from netlist_gen.deck.deck import write_deck
+from spice_models.errors import EngineError, SimulationError
+from verification.engines.ngspice.process import find_simulator, start
+from verification.engines.statespace.linearised.output_noise import output_noise
+from verification.pipeline.design import Design
+from verification.small_signal.noise_bands import noise_bands
+
+UNSTABLE = "an unstable board has no noise at rest"
+
+
+@dataclass(frozen=True, slots=True)
+class OutputNoise:
+    """Noise of every channel over all frequencies, from the state-space engine.
+
+    Attributes
+    ----------
+    rms, error : tuple of float
+        Of each channel, and bounds on the errors, V; empty where they are not known.
+    unknown : str
+        Why they are not known, or empty.
+    simulated : float or None
+        Noise of the channel with the largest one from ngspice, V; None without ngspice.
+    unstated : tuple of str
+        Op-amps with poles whose voltage noise is not given.
+    """
+
+    rms: tuple[float, ...] = ()
+    error: tuple[float, ...] = ()
+    unknown: str = ""
+    simulated: float | None = None
+    unstated: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, design: Design) -> OutputNoise | None:
+        """Find the noise of the board of `design`; None if its scene has no limit for it."""
+        if design.scene.checks.noise is None:
+            return None
+        if not design.poles.stable:
+            return cls(unknown=UNSTABLE)
+        try:
+            rms, error = output_noise(design.board)
+            ngspice = design.engine == "ngspice"
+            simulated = _simulated(design, int(rms.argmax())) if ngspice else None
+        except (EngineError, SimulationError) as problem:
+            return cls(unknown=f"the noise is not known: {problem}")
+        unstated = tuple(
+            model.name
+            for model in design.circuit.models.values()
+            if math.isfinite(model.gbw) and model.voltage_noise == 0.0
+        )
+        return cls(tuple(rms.tolist()), tuple(error.tolist()), "", simulated, unstated)
+
+    @property
+    def worst(self) -> int:
+        """Number of the channel with the largest noise, from 0."""
+        return int(np.argmax(self.rms))
+
+    @property
+    def largest(self) -> float:
+        """The largest noise of any channel, V."""
+        return self.rms[self.worst]
+
+    @property
+    def difference(self) -> float:
+        """How far ngspice is from the state-space engine, V; 0 without ngspice."""
+        return 0.0 if self.simulated is None else abs(self.simulated - self.largest)
+
+
+def _simulated(design: Design, channel: int) -> float:
+    """Return the noise of a channel from ngspice, V."""
+    bands = noise_bands(design.board.state_space.eigenvalues)
+    node = design.circuit.outputs[channel].node
+    deck = write_deck(design.circuit, Noise(bands), saved=[node])
+    with start(deck, find_simulator(), timeout=design.scene.analysis.timeout) as run:
+        return run.noise()
