@@ -62,8 +62,8 @@ format: ready ## rewrite the sources as ruff wants them
 bench: ready ## docs/benchmarks.md in minutes; ARGS=--full measures everything, ARGS="--only startup" prints a section
 	$(PYTHON_IN_VENV) -m benchmarks $(ARGS)
 
-lock: ## write requirements/*.txt anew from pyproject.toml, newest versions
-	bash scripts/lock.sh
+lock: ## write requirements/*.txt anew from pyproject.toml, newest versions; ARGS=--keep pins only what is new
+	bash scripts/lock.sh $(ARGS)
 
 build: ready ## wheel into dist/
 	rm -rf build
