@@ -137,7 +137,7 @@ def _record(design: Design, ideal: IdealAnswer, pending: Pending, clock: Clock) 
     if wave.engine == ENGINE:
         tolerance = state_space_tolerance(design.plan.wanted)
         own = state_space_error(design.board, design.transient, wave, tolerance)
-    elif design.poles.stable:
+    elif design.poles.known_stable:
         companion = find_companion(design, wave)
     clock.begin("measures")
     found = measure_with_bounds(design, ideal, wave, own, companion)
