@@ -63,7 +63,7 @@ def plot_option(content: str) -> Callable[[Callable[..., None]], Callable[..., N
 def check_plot(plot: str | None) -> None:
     """Refuse a ``--plot`` file that cannot be drawn, before any work is done."""
     if plot is not None:
-        from verification.report.verdict.plots import check_plot_file
+        from verification.report.picture import check_plot_file
 
         check_plot_file(plot)
 

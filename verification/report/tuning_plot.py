@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from netlist_gen.quantities import show
-from verification.report.verdict.plots import figure_file
+from verification.report.picture import figure_file
 from verification.studies.tune import Tuning
 
 

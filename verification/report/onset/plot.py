@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from spice_models.array_types import Floats
-from verification.report.verdict.plots import figure_file
+from verification.report.picture import figure_file
 from verification.small_signal.scan_result import Sample
 from verification.studies.onset.onset import Onset
 

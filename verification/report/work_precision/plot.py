@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from verification.report.verdict.plots import figure_file
+from verification.report.picture import figure_file
 from verification.studies.work_precision.methods import Method
 from verification.studies.work_precision.study import SettingResult, WorkPrecisionStudy
 

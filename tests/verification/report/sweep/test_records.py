@@ -20,7 +20,7 @@ from netlist_gen.overrides.axes import parse_axes
 from netlist_gen.scene.file import load_scene
 from tests.support.making import write_matrix_scene
 from verification.report.sweep import files
-from verification.report.sweep.maps import plot_sweep
+from verification.report.sweep.plot import plot_sweep
 from verification.studies.running import executors
 from verification.studies.running.workers import Workers
 from verification.studies.sweep.cost_forecast import CostForecast
