@@ -25,9 +25,11 @@ BLUE, ORANGE, GREY, PURPLE = "#0072b2", "#d55e00", "#7f7f7f", "#cc79a7"
 """Colours that stay apart for every kind of colour vision (Okabe and Ito)."""
 OUTCOME_COLOURS = {"pass": BLUE, "fail": ORANGE, "inconclusive": GREY, "error": PURPLE}
 HATCHES = {"pass": "", "fail": "////", "inconclusive": "....", "error": "xxxx"}
+CYCLE = [BLUE, ORANGE, "#009e73", PURPLE, "#e69f00", "#56b4e9"]
 STYLE: dict[Any, Any] = {
     "axes.grid": True,
     "grid.alpha": 0.3,
+    "axes.prop_cycle": f"cycler('color', {CYCLE})",
     "axes.spines.top": False,
     "axes.spines.right": False,
     "hatch.linewidth": 0.6,

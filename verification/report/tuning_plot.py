@@ -13,7 +13,7 @@ def plot_tradeoff(tuning: Tuning, path: str) -> None:
     Raises
     ------
     InputError
-        See `verification.report.verdict.plots.figure_file`.
+        See `verification.report.picture.figure_file`.
     """
     with figure_file(path, 7, 5) as figure:
         axes = figure.add_subplot()

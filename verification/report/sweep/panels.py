@@ -17,8 +17,14 @@ from verification.studies.figures import FIGURES
 from verification.studies.sweep.plan import Plan
 from verification.studies.sweep.store import Store
 
-FAILS = (ORANGE, "#e69f00", "#f5c98a", "#8f3f00", "#b8860b")
-FAIL_HATCHES = ("////", "\\\\\\\\", "xxxx", "++++", "||||")
+# of a check that fails, the same in every picture
+FAILS = {
+    "stability": (ORANGE, "////"),
+    "settling time": ("#e69f00", "\\\\\\\\"),
+    "overshoot": ("#f5c98a", "xxxx"),
+    "steady state": ("#8f3f00", "++++"),
+}
+OTHER_FAILS = (("#b8860b", "||||"), ("#f0e442", "----"), ("#a0522d", "oo"))
 MISSING = ""
 
 
@@ -83,18 +89,21 @@ def kinds_of(names: Iterable[str]) -> tuple[Kind, ...]:
     """Return the kinds that occur, the most frequent ones of each outcome first."""
     count = Counter(names)
     count.pop(MISSING, None)
-    fails = zip(cycle(FAILS), cycle(FAIL_HATCHES))
+    others = cycle(OTHER_FAILS)
     unknown, broken = cycle(("....", "oo", "")), cycle(("xxxx", "**"))
     kinds = []
     for outcome in ("pass", "fail", "inconclusive", "error"):
         for name, _ in count.most_common():
             if name.partition(":")[0] != outcome:
                 continue
-            colour, hatch = {
-                "pass": lambda: (BLUE, HATCHES["pass"]),
-                "fail": lambda: next(fails),
-                "inconclusive": lambda: (GREY, next(unknown)),
-                "error": lambda: (PURPLE, next(broken)),
-            }[outcome]()
+            check = name.partition(": ")[2]
+            if outcome == "pass":
+                colour, hatch = BLUE, HATCHES["pass"]
+            elif outcome == "fail":
+                colour, hatch = FAILS[check] if check in FAILS else next(others)
+            elif outcome == "inconclusive":
+                colour, hatch = GREY, next(unknown)
+            else:
+                colour, hatch = PURPLE, next(broken)
             kinds.append(Kind(name, colour, hatch))
     return tuple(kinds)

@@ -21,6 +21,7 @@ from verification.small_signal.poles import Poles, poles
 from verification.studies.sweep.plan import Plan
 
 TOLERANCE = 1e-3  # of a crossing's value, relative: less than a line of a picture is wide
+SAMPLES = 9  # least number of first evaluations along a line
 EVALUATIONS = 8  # of poles for one crossing of this tolerance
 SECONDS = 15.0  # of processor time: a boundary that would take longer is left to interpolation
 
@@ -118,7 +119,7 @@ class _Lines:
         try:
             found = scan(
                 lambda value: self._poles({**fixed, **_together(group, value)}),
-                values,
+                _denser(values, logarithmic=logarithmic),
                 logarithmic=logarithmic,
                 tolerance=TOLERANCE,
             )
@@ -132,6 +133,16 @@ class _Lines:
             scene = with_values(self.plan.scene, changes)
             self.known[key] = poles(synthesise(scene, self.problem or make_problem(scene)))
         return self.known[key]
+
+
+def _denser(values: list[float], *, logarithmic: bool) -> list[float]:
+    """Return the values with middles between them, until there are `SAMPLES`."""
+    found = sorted(values)
+    while 1 < len(found) < SAMPLES:
+        pairs = list(itertools.pairwise(found))
+        middles = [math.sqrt(a * b) if logarithmic else 0.5 * (a + b) for a, b in pairs]
+        found = sorted([*found, *middles])
+    return found
 
 
 def _together(group: Sequence[Axis], value: float) -> Point:
