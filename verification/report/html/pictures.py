@@ -55,7 +55,7 @@ def axis(title: str, unit: str = "", **more: Any) -> dict[str, Any]:
     """Return an axis; with a `unit`, its numbers have SI prefixes and the unit."""
     made: dict[str, Any] = {"title": {"text": words(title)}, **more}
     if unit:
-        made |= {"ticksuffix": unit, "exponentformat": "SI", "hoverformat": ".5s"}
+        made |= {"ticksuffix": unit, "tickformat": "~s", "hoverformat": ".5s"}
     return made
 
 

@@ -10,7 +10,8 @@ from netlist_gen.quantities import show
 from verification.report.html.blocks import Cell, Outcome
 from verification.report.tables import value_text
 
-OHM, MICRO = re.compile(r"ohm\b"), re.compile(r"(?<=\d )u(?=[A-Za-zΩ])")
+OHM = re.compile(r"ohm\b")
+MICRO = re.compile(r"(?<=\d )u(?=[A-Za-zΩ])|(?<=V/)u(?=s\b)")
 NONE = "–"
 
 

@@ -50,7 +50,7 @@ def verdict_report(verdict: Verdict, command: str = "taction verify") -> Report:
 def verdict_sections(verdict: Verdict, document: dict[str, Any]) -> tuple[Section, ...]:
     """Return the sections of a verdict; `document` is its JSON document."""
     sections = (
-        checks_section(document),
+        checks_section(document, _least(verdict)),
         waveforms_section(verdict),
         stability_section(verdict.circuit, verdict.poles),
         stress_section(verdict),
@@ -66,14 +66,20 @@ def verdict_sections(verdict: Verdict, document: dict[str, Any]) -> tuple[Sectio
     return tuple(section for section in sections if section.blocks)
 
 
+def _least(verdict: Verdict) -> dict[str, float]:
+    """Return the smallest accepted times of the checks that have one."""
+    limits = {name: getattr(verdict.scene.checks, name) for name in ("settling_time", "rise_time")}
+    return {name: each.min for name, each in limits.items() if each and each.min is not None}
+
+
 def _summary(document: dict[str, Any]) -> str:
     """Return what decides the outcome in a sentence."""
     checks = document["checks"]
     decisive = [check for check in checks if check["outcome"] == document["outcome"]]
     if document["outcome"] == "pass":
         return f"All {len(checks)} checks pass."
-    first = decisive[0] if decisive else None
-    if first is None:
-        return "The scene asks for no check."
-    more = f" ({len(decisive)} of {len(checks)} checks)" if len(decisive) > 1 else ""
-    return readable(f"{spaced(first['name'])}{more}: {first['reason']}")
+    verb = "fail" if document["outcome"] == "fail" else "are not decided"
+    names = ", ".join(spaced(check["name"]) for check in decisive)
+    if len(decisive) == 1:
+        return readable(f"{names}: {decisive[0]['reason']}")
+    return f"{len(decisive)} of {len(checks)} checks {verb}: {names}."

@@ -4,6 +4,7 @@
   const dark = matchMedia("(prefers-color-scheme: dark)");
   const coarse = matchMedia("(pointer: coarse)");
   const all = (query, from = document) => [...from.querySelectorAll(query)];
+  const NARROW = 480;
   let choice = "auto";
 
   // Colours: the style sheet's variables, which pictures take by name.
@@ -30,7 +31,7 @@
     ...spec.layout,
     width,
     template: coloured({ layout: {
-      xaxis: axis, yaxis: axis, font: { color: "--ink", size: width && width < 480 ? 11 : 12,
+      xaxis: axis, yaxis: axis, font: { color: "--ink", size: 12,
         family: "system-ui, 'Segoe UI', Roboto, 'Noto Sans', sans-serif" },
       paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", colorway: ["--pass"],
       hoverlabel: { bgcolor: "--card", bordercolor: "--muted", font: { color: "--ink" } },
@@ -47,7 +48,9 @@
   };
   const draw = (canvas, width) => {
     const spec = specs.get(canvas);
-    return Plotly.react(canvas, coloured(spec.data), layoutOf(spec, width), config);
+    const data = coloured(spec.data);
+    if ((width || canvas.clientWidth) < NARROW) data.forEach((each) => delete each.texttemplate);
+    return Plotly.react(canvas, data, layoutOf(spec, width), config);
   };
   const drawAll = (width) => { if (window.Plotly) canvases.forEach((each) => draw(each, width)); };
 

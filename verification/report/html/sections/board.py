@@ -15,7 +15,7 @@ from spice_models.array_types import Floats
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.pipeline.board_power import board_power
 from verification.report.html.blocks import Facts, Notes, Picture, Section, Table
-from verification.report.html.pictures import axis
+from verification.report.html.pictures import axis, numbers
 from verification.report.html.sections.schematic import schematic
 from verification.report.html.texts import (
     Cell,
@@ -76,21 +76,26 @@ def matrix_picture(circuit: Circuit) -> Picture:
         T, ohms = _coarse(T, ohms)
         note = f" Each square is the largest entry of a part of the {M} by {N} matrix."
     reach = float(np.abs(T).max()) or 1.0
-    values = [[None if value == 0.0 else value for value in row] for row in T.tolist()]
+    levels = np.where(T == 0.0, np.nan, np.sign(T) * np.sqrt(np.abs(T) / reach))
     texts = [
-        ["none" if not np.isfinite(value) else quantity(value, "ohm") for value in row]
-        for row in ohms.tolist()
+        [f"T = {entry:.4g}, {quantity(value, 'ohm')}" for entry, value in zip(*pair, strict=True)]
+        for pair in zip(T.tolist(), ohms.tolist(), strict=True)
     ]
     rows, columns = T.shape
     data: dict[str, Any] = {
-        "type": "heatmap", "z": values, "customdata": texts, "zmin": -reach, "zmax": reach,
+        "type": "heatmap", "z": [numbers(row) for row in levels], "customdata": texts, "zmin": -1, "zmax": 1,
         "x": list(range(1, columns + 1)), "y": list(range(1, rows + 1)), "xgap": 1, "ygap": 1,
         "colorscale": [[0, "--negative"], [0.5, "--neutral"], [1, "--positive"]],
-        "colorbar": {"title": {"text": "T"}, "thickness": 12, "outlinewidth": 0},
-        "hovertemplate": "row %{y}, channel %{x}: T = %{z:.4g}, %{customdata}<extra></extra>",
+        "colorbar": {
+            "title": {"text": "T"}, "thickness": 12, "outlinewidth": 0,
+            "tickvals": [-1, -0.5, 0, 0.5, 1],
+            "ticktext": [f"{share * reach:.2g}" for share in (-1, -0.25, 0, 0.25, 1)],
+        },
+        "hovertemplate": "row %{y}, channel %{x}: %{customdata}<extra></extra>",
     }  # fmt: skip
     if max(rows, columns) <= WRITTEN:
-        data |= {"texttemplate": "%{z:+.2g}", "textfont": {"size": 11}}
+        data["text"] = [[f"{value:+.2g}" if value else "" for value in row] for row in T.tolist()]
+        data |= {"texttemplate": "%{text}", "textfont": {"size": 11}}
     layout = {
         "xaxis": axis("channel", showgrid=False, zeroline=False, **_ticks(columns)),
         "yaxis": axis("sensor", showgrid=False, autorange="reversed", zeroline=False, **_ticks(rows)),
@@ -100,8 +105,8 @@ def matrix_picture(circuit: Circuit) -> Picture:
     minus = int((circuit.matrices[0].negative & np.isfinite(circuit.matrices[0].ohms)).sum())
     summary = (
         f"The matrix T of {M} sensors and {N} channels as the resistors realise it: {present}"
-        f" entries, of which {minus} are negative (orange, written with a minus); an empty square"
-        f" has no resistor.{note}"
+        f" entries, of which {minus} are negative (orange, with a minus); an empty square has no"
+        f" resistor. The colour follows the square root of the size.{note}"
     )
     height = int(min(max(28 * rows + 110, 240), 620))
     return Picture("Matrix", {"data": [data], "layout": layout}, summary, height, zoom=False)

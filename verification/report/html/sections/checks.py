@@ -19,16 +19,20 @@ MARGINS = (
 SHAPES = "Blue and solid: within the limit. Orange and hatched: beyond it. Dotted: not decided."
 
 
-def checks_section(document: Mapping[str, Any]) -> Section:
-    """Return the checks of the JSON document of a verdict, and its warnings."""
-    bars = Bars("", tuple(map(check_bar, document["checks"])), f"{MARGINS} {SHAPES}")
+def checks_section(document: Mapping[str, Any], least: Mapping[str, float]) -> Section:
+    """Return the checks of the JSON document of a verdict, and its warnings.
+
+    `least` are the smallest accepted values of the checks that have a largest one, too.
+    """
+    rows = [check_bar(check, least.get(check["name"])) for check in document["checks"]]
+    bars = Bars("", tuple(rows), f"{MARGINS} {SHAPES}")
     warnings = tuple(map(readable, document["warnings"]))
     more: tuple[Block, ...] = (Notes("Warnings", warnings),) if warnings else ()
     return Section("Checks", (bars, *more))
 
 
-def check_bar(check: Mapping[str, Any]) -> Bar:
-    """Return a check as a bar.
+def check_bar(check: Mapping[str, Any], smallest: float | None = None) -> Bar:
+    """Return a check as a bar; below `smallest`, the bar shows how far.
 
     Examples
     --------
@@ -40,6 +44,8 @@ def check_bar(check: Mapping[str, Any]) -> Bar:
     value, unit, name = check["value"], check["unit"], check["name"]
     limit = check["tolerance"] if check["tolerance"] is not None else check["expected"]
     least = name in AT_LEAST and unit == "ratio"
+    if smallest is not None and value is not None and value < smallest:
+        limit, least = smallest, True
     share, doubt = _share(value, limit, check["uncertainty"] or 0.0, least=least)
     error = check["uncertainty"]
     text = NONE if value is None else figure(value, unit)

@@ -15,6 +15,7 @@ from verification.report.tables import spaced
 from verification.verify import Verdict
 
 ROUNDING = 16.0 * float(np.finfo(np.float64).eps)  # of the step: a smaller part is rounding
+FEW = 20  # channels with a number each
 SEEN = 20.0  # times the reference: a larger end of the record is off the picture
 
 
@@ -47,7 +48,8 @@ def stress_section(verdict: Verdict) -> Section:
          "hovertemplate": f"{name}: %{{y:.5g}} at %{{x:.4g}}<extra></extra>"}
         for name, values, mode, colour, symbol, dash in curves
     ]  # fmt: skip
-    layout = {"xaxis": axis(title), "yaxis": axis("stress"), "hovermode": "closest"}
+    ticks = {"dtick": 1} if problem.positions is None and len(channels) <= FEW else {}
+    layout = {"xaxis": axis(title, **ticks), "yaxis": axis("stress"), "hovermode": "closest"}
     summary = f"Stress by channel: {', '.join(curve[0] for curve in curves)}.{text}"
     return Section("Recovered stress", (Picture("", {"data": data, "layout": layout}, summary, 340, zoom=False),))
 
@@ -67,13 +69,17 @@ def budget_section(document: Mapping[str, Any]) -> Section:
         )
         for name, part in parts.items()
     )
-    table = Table("Parts", ("error", "largest", "of the step", "how it was found"), rows)
+    table = Table("Parts of the error", ("error", "largest", "of the step", "how it was found"), rows)
     lead = "Each part is measured by itself: the largest deviation of any channel."
     return Section("Error budget", (_waterfall(document, amplitude), table), lead)
 
 
+def _is_known(value: float | None) -> bool:
+    return value is not None and math.isfinite(value)
+
+
 def _volts(value: float | None, amplitude: float) -> Cell:
-    if value is None:
+    if value is None or not math.isfinite(value):
         return Cell("unknown")
     if abs(value) <= ROUNDING * amplitude:
         return Cell("below rounding", value)
@@ -81,9 +87,9 @@ def _volts(value: float | None, amplitude: float) -> Cell:
 
 
 def _share(value: float | None, amplitude: float) -> Cell:
-    if value is None or not amplitude or abs(value) <= ROUNDING * amplitude:
+    if value is None or not math.isfinite(value) or abs(value) <= ROUNDING * amplitude:
         return Cell("–")
-    return Cell(f"{100 * value / amplitude:.2g} %", value)
+    return Cell(f"{100 * value / amplitude:.2g} %" if amplitude else "–", value)
 
 
 def _waterfall(document: Mapping[str, Any], amplitude: float) -> Block:
@@ -92,7 +98,7 @@ def _waterfall(document: Mapping[str, Any], amplitude: float) -> Block:
     known = [
         (name, part["value"])
         for name, part in document["error_budget"].items()
-        if part["value"] is not None and math.isfinite(part["value"]) and part["value"] > least
+        if _is_known(part["value"]) and part["value"] > least
     ]
     if not known:
         return Notes("", ("No part of the error is above rounding.",))
@@ -110,10 +116,14 @@ def _waterfall(document: Mapping[str, Any], amplitude: float) -> Block:
          "hovertemplate": "%{x}: %{text}<extra></extra>"},
         {**common, "x": ["sum"], "y": [float(sums[-1]) - floor], "base": [floor],
          "text": [quantity(float(sums[-1]), "V", 3)], "textposition": "outside",
-         "marker": {"color": "--band", "pattern": {"shape": "/", "fgcolor": "--ink"}},
+         "marker": {"color": "--band", "pattern": {"shape": "/", "fgcolor": "--muted"}},
          "cliponaxis": False, "hovertemplate": "sum: %{text}<extra></extra>"},
     ]  # fmt: skip
     top = math.log10(float(sums[-1])) + 0.5
+    unknown = [spaced(k) for k, p in document["error_budget"].items() if not _is_known(p["value"])]
+    meaning = "bounds the difference of the simulated outputs and the true stress"
+    if unknown:
+        meaning = f"is their sum; not known, and not in it: {', '.join(unknown)}"
     layout: dict[str, Any] = {
         "xaxis": axis(""),
         "yaxis": axis("error", "V", type="log", range=[math.log10(floor), top], dtick=1),
@@ -123,12 +133,11 @@ def _waterfall(document: Mapping[str, Any], amplitude: float) -> Block:
     if amplitude:
         layout["shapes"] = [line(None, amplitude, "--muted", dash="dash")]
         layout["annotations"] = [
-            label("step", 1.0, math.log10(amplitude), xref="paper", xanchor="right", yanchor="bottom")
+            label("step", 0.005, math.log10(amplitude), xref="paper", xanchor="left", yanchor="bottom")
         ]
     summary = (
         "Waterfall on a logarithmic scale: the parts that are above rounding, the smallest first,"
-        f" each on top of the sum of the others. The sum, {quantity(float(sums[-1]), 'V', 3)},"
-        " bounds the difference of the simulated outputs and the true stress."
+        f" each on top of the sum of the others. {quantity(float(sums[-1]), 'V', 3)} {meaning}."
     )
     return Picture("", {"data": data, "layout": layout}, summary, 340, zoom=False)
 

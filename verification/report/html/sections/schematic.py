@@ -12,6 +12,8 @@ from verification.report.html.blocks import Drawing
 from verification.report.html.texts import quantity
 
 COLOUR = "currentColor"  # of the page, in both themes
+SMALL = 10  # points
+ROW = -5.6  # height of the sensor row below the channel
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,10 +35,6 @@ class _Example:
     def ohms(self, name: str) -> float | None:
         """Return the value of a resistor; None if the board has no such resistor."""
         return next((r.ohms for r in self.circuit.resistors if r.name == name), None)
-
-    def resistor(self, name: str) -> str:
-        """Return a resistor's name and value."""
-        return f"R{name}\n{quantity(self.ohms(name), 'ohm')}"
 
     @property
     def farads(self) -> float:
@@ -85,7 +83,7 @@ def schematic(circuit: Circuit) -> Drawing:
     example = _Example.of(circuit)
     schemdraw.use("svg")
     drawing = schemdraw.Drawing(show=False, canvas="svg")
-    drawing.config(unit=2.2, fontsize=11, color=COLOUR, bgcolor="none", lw=1.5)
+    drawing.config(unit=2.4, fontsize=11, color=COLOUR, bgcolor="none", lw=1.5, margin=0.6)
     passive = circuit.topology == "passive"
     output = (_passive_node if passive else _integrator)(drawing, example)
     _stage(drawing, example, output)
@@ -106,142 +104,148 @@ def _summary(example: _Example) -> str:
     )
 
 
+def _put(drawing: Any, part: Any, name: str, value: str) -> Any:
+    """Add a part with its name over it and its value under it."""
+    return drawing.add(part.label(name, "top", fontsize=SMALL).label(value, "bottom", fontsize=SMALL))
+
+
 def _opamp(drawing: Any, place: tuple[float, float], name: str) -> Any:
     import schemdraw.elements as elm
 
-    cell = drawing.add(elm.Opamp(leads=True).anchor("in1").at(place))
+    cell = drawing.add(elm.Opamp(leads=True).right().anchor("in1").at(place))
     drawing.add(elm.Line().down(0.5).at(cell.in2))
     drawing.add(elm.Ground(lead=False))
-    drawing.add(elm.Label().at((cell.center[0] - 0.15, cell.center[1])).label(name, fontsize=9))
+    _text(drawing, name, cell.center[0] - 0.15, cell.center[1])
     return cell
 
 
-def _over(drawing: Any, cell: Any, part: Any, text: str, height: float) -> None:
+def _text(drawing: Any, text: str, x: float, y: float) -> None:
+    import schemdraw.elements as elm
+
+    drawing.add(elm.Label().at((x, y)).label(text, fontsize=SMALL))
+
+
+def _over(drawing: Any, cell: Any, part: Any, name: str, value: str, height: float) -> None:
     """Draw a part from the output of an op-amp over it to its inverting input."""
     import schemdraw.elements as elm
 
     left, right, level = cell.in1[0], cell.out[0], cell.in1[1] + height
     drawing.add(elm.Line().at(cell.in1).to((left, level)))
-    drawing.add(part.at((left, level)).to((right, level)).label(text, fontsize=10, ofst=0.12))
+    _put(drawing, part.at((left, level)).to((right, level)), name, value)
     drawing.add(elm.Line().at((right, level)).to(cell.out))
 
 
-def _source(example: _Example, *, feedback: bool) -> str:
-    """Return the node that drives the matrix resistor of the example."""
+def _matrix_resistor(drawing: Any, example: _Example, *, feedback: bool, level: float) -> Any:
+    """Draw the matrix resistor from its driving node; return the place of its summing node."""
+    import schemdraw.elements as elm
+
     matrix = example.circuit.matrices[1 if feedback else 0]
-    place = example.k if feedback else example.n
-    nodes = matrix.minus if example.negative else matrix.plus
-    return nodes[place - 1]
+    drive = example.k if feedback else example.n
+    source = (matrix.minus if example.negative else matrix.plus)[drive - 1]
+    start = drawing.add(elm.Dot(open=True).at((0, level)).label(source, "left"))
+    name = f"{matrix.name}_{example.k}_{example.n}"
+    _put(drawing, elm.Resistor().right().at(start.center), name, quantity(example.entry, "ohm"))
+    sink = matrix.sinks[(example.n if feedback else example.k) - 1]
+    return drawing.add(elm.Dot().label(sink, "top", fontsize=SMALL)).center
 
 
 def _integrator(drawing: Any, example: _Example) -> Any:
     import schemdraw.elements as elm
 
-    n, k = example.n, example.k
-    name = f"Rb_{k}_{n}\n{quantity(example.entry, 'ohm')}"
-    start = drawing.add(elm.Dot(open=True).at((0, 0)).label(_source(example, feedback=True), "left"))
-    drawing.add(elm.Resistor().right().at(start.center).label(name, fontsize=10))
-    node = drawing.add(elm.Dot().label(f"x_{n}", "bottom", fontsize=9))
+    n = example.n
+    node = _matrix_resistor(drawing, example, feedback=True, level=0.0)
     biased = example.ohms(f"bias_{n}")
     if biased is not None:
-        drawing.add(elm.Line().down(1.3).at(node.center))
-        text = f"Rbias_{n}\n{quantity(biased, 'ohm')}"
-        drawing.add(elm.Resistor().left().label(text, "bottom", fontsize=10))
-        drawing.add(elm.Dot(open=True).label(f"Ve = {_volts(example)}", "left"))
-    cell = _opamp(drawing, (node.center[0] + 0.9, 0.0), f"v_{n}")
-    drawing.add(elm.Line().at(node.center).to(cell.in1))
-    _over(drawing, cell, elm.Resistor(), example.resistor(f"r_{n}"), 1.0)
-    _over(drawing, cell, elm.Capacitor(), f"C_{n}\n{quantity(example.farads, 'F')}", 2.4)
+        drawing.add(elm.Line().down(1.4).at(node))
+        _put(drawing, elm.Resistor().left(), f"Rbias_{n}", quantity(biased, "ohm"))
+        volts = quantity(example.circuit.scalings.exponential_slope, "V")
+        drawing.add(elm.Dot(open=True).label(f"Ve = {volts}", "left"))
+    cell = _opamp(drawing, (node[0] + 0.9, 0.0), f"v_{n}")
+    drawing.add(elm.Line().at(node).to(cell.in1))
+    value = quantity(example.ohms(f"r_{n}"), "ohm")
+    _over(drawing, cell, elm.Resistor(), f"Rr_{n}", value, 1.5)
+    _over(drawing, cell, elm.Capacitor(), f"Cc_{n}", quantity(example.farads, "F"), 3.1)
     return cell.out
-
-
-def _volts(example: _Example) -> str:
-    return quantity(example.circuit.scalings.exponential_slope, "V")
 
 
 def _passive_node(drawing: Any, example: _Example) -> Any:
     import schemdraw.elements as elm
 
-    n, k = example.n, example.k
-    name = f"Rb_{k}_{n}\n{quantity(example.entry, 'ohm')}"
-    start = drawing.add(elm.Dot(open=True).at((0, 0)).label(_source(example, feedback=True), "left"))
-    drawing.add(elm.Resistor().right().at(start.center).label(name, fontsize=10))
-    node = drawing.add(elm.Dot().label(f"v_{n}", "top", fontsize=9))
-    x = node.center[0]
-    drawing.add(elm.Resistor().down().at(node.center).label(example.resistor(f"r_{n}"), "bottom", fontsize=10))
-    drawing.add(elm.Ground())
-    drawing.add(elm.Line().at(node.center).to((x + 1.4, 0)))
-    text = f"C_{n}\n{quantity(example.farads, 'F')}"
-    drawing.add(elm.Capacitor().down().at((x + 1.4, 0)).label(text, "bottom", fontsize=10))
-    drawing.add(elm.Ground())
-    drawing.add(elm.Line().right(1.2).at((x + 1.4, 0)))
-    end = drawing.here
-    if not example.circuit.amplifiers:  # a buffer, since the matrix must not load the node
-        cell = drawing.add(elm.Opamp(leads=True).flip().anchor("in2").at(end))
-        drawing.add(elm.Label().at((cell.center[0] - 0.15, cell.center[1])).label(f"u_{n}", fontsize=9))
-        low = cell.in1[1] - 0.7
-        drawing.add(elm.Line().at(cell.in1).to((cell.in1[0], low)))
-        drawing.add(elm.Line().to((cell.out[0], low)))
-        drawing.add(elm.Line().to(cell.out))
-        return cell.out
-    return end
+    n = example.n
+    x, level = _matrix_resistor(drawing, example, feedback=True, level=0.0)
+    parts = (
+        (elm.Resistor(), f"Rr_{n}", quantity(example.ohms(f"r_{n}"), "ohm")),
+        (elm.Capacitor(), f"Cc_{n}", quantity(example.farads, "F")),
+    )
+    for place, (part, name, value) in zip((x + 0.6, x + 3.2), parts, strict=True):
+        text = f"{name}\n{value}"
+        drawing.add(part.down().at((place, level)).label(text, "bottom", fontsize=SMALL))
+        drawing.add(elm.Ground())
+    drawing.add(elm.Line().right().at((x, level)).to((x + 4.6, level)))
+    if example.circuit.amplifiers:
+        return (x + 4.6, level)
+    # A buffer, since the matrix must not load the node.
+    cell = drawing.add(elm.Opamp(leads=True).right().flip().anchor("in2").at((x + 4.6, level)))
+    _text(drawing, f"u_{n}", cell.center[0] - 0.15, cell.center[1])
+    low = cell.in1[1] - 0.9
+    drawing.add(elm.Line().at(cell.in1).to((cell.in1[0], low)))
+    drawing.add(elm.Line().to((cell.out[0], low)))
+    drawing.add(elm.Line().to(cell.out))
+    return cell.out
 
 
 def _stage(drawing: Any, example: _Example, output: Any) -> None:
     """Draw the signal amplifier: an inverter, or an amplifier with its own characteristic."""
     import schemdraw.elements as elm
+    from schemdraw import flow
 
     n, circuit = example.n, example.circuit
-    dot = drawing.add(elm.Dot().at(output))
+    place = drawing.add(elm.Dot().at(output)).center
     amplifier = next((a for a in circuit.amplifiers if a.name == f"a_{n}"), None)
     if amplifier is None:
-        drawing.add(elm.Label().at((output[0], output[1] - 0.45)).label(f"u_{n}", fontsize=10))
+        _text(drawing, f"+u_{n}", place[0], place[1] - 0.5)
         if example.ohms(f"a_{n}_in") is not None:
-            _inverter(drawing, example, dot.center, f"a_{n}")
+            _inverter(drawing, example, place, f"a_{n}", f"a_{n} = -u_{n}")
         return
-    drawing.add(elm.Line().right(0.6).at(dot.center))
-    text = f"{amplifier.kind}\nu = {quantity(amplifier.u_scale, 'V')} g(v / {quantity(amplifier.v_scale, 'V')})"
-    box = drawing.add(elm.RBox(w=3.6, h=1.5).anchor("W").label(text, "center", fontsize=10))
+    drawing.add(elm.Line().right(0.6).at(place))
+    scales = quantity(amplifier.u_scale, "V"), quantity(amplifier.v_scale, "V")
+    text = f"{amplifier.kind}\nu = {scales[0]} g(v / {scales[1]})"
+    box = drawing.add(flow.Box(w=4.6, h=1.6).anchor("W").label(text, "center", fontsize=SMALL))
     drawing.add(elm.Line().right(0.6).at(box.E))
-    dot = drawing.add(elm.Dot().label(f"a_{n} = -u_{n}", "top", fontsize=10))
+    place = drawing.add(elm.Dot().label(f"a_{n} = -u_{n}", "top", fontsize=SMALL)).center
     if example.ohms(f"u_{n}_in") is not None:
-        _inverter(drawing, example, dot.center, f"u_{n}")
+        _inverter(drawing, example, place, f"u_{n}", f"+u_{n}")
 
 
-def _inverter(drawing: Any, example: _Example, place: Any, name: str) -> None:
+def _inverter(drawing: Any, example: _Example, place: Any, name: str, output: str) -> None:
     import schemdraw.elements as elm
 
     drawing.add(elm.Line().right(0.4).at(place))
-    drawing.add(elm.Resistor().right().label(example.resistor(f"{name}_in"), fontsize=10))
+    values = [quantity(example.ohms(f"{name}_{end}"), "ohm") for end in ("in", "fb")]
+    _put(drawing, elm.Resistor().right(), f"R{name}_in", values[0])
     node = drawing.add(elm.Dot())
     cell = _opamp(drawing, (node.center[0] + 0.6, place[1]), name)
     drawing.add(elm.Line().at(node.center).to(cell.in1))
-    _over(drawing, cell, elm.Resistor(), example.resistor(f"{name}_fb"), 1.0)
-    sign = "-" if name.startswith("a") else "+"
-    drawing.add(elm.Dot(open=True).at(cell.out).label(f"{name} = {sign}u_{example.n}", "right"))
+    _over(drawing, cell, elm.Resistor(), f"R{name}_fb", values[1], 1.5)
+    drawing.add(elm.Dot(open=True).at(cell.out).label(output, "right"))
 
 
 def _row(drawing: Any, example: _Example) -> None:
     """Draw the constraint amplifier of the row below the channel, with its inverter."""
     import schemdraw.elements as elm
 
-    n, k = example.n, example.k
-    name = f"Rf_{k}_{n}\n{quantity(example.entry, 'ohm')}"
-    level = -5.4
-    source = _source(example, feedback=False)
-    start = drawing.add(elm.Dot(open=True).at((0, level)).label(source, "left"))
-    drawing.add(elm.Resistor().right().at(start.center).label(name, fontsize=10))
-    node = drawing.add(elm.Dot().label(f"c_{k}", "top", fontsize=9))
+    k = example.k
+    node = _matrix_resistor(drawing, example, feedback=False, level=ROW)
     if example.current is not None:
-        drawing.add(elm.Line().down(0.4).at(node.center))
-        source_part = elm.SourceI().down().reverse().label(
-            f"strain\n{quantity(example.current, 'A')}", "bottom", fontsize=10
-        )
-        drawing.add(source_part)
+        drawing.add(elm.Line().down(0.4).at(node))
+        text = f"strain\n{quantity(example.current, 'A')}"
+        drawing.add(elm.SourceI().down().reverse().label(text, "top", fontsize=SMALL))
         drawing.add(elm.Ground())
-    cell = _opamp(drawing, (node.center[0] + 0.9, level), f"w_{k}")
-    drawing.add(elm.Line().at(node.center).to(cell.in1))
-    _over(drawing, cell, elm.Resistor(), example.resistor(f"s_{k}"), 1.0)
-    dot = drawing.add(elm.Dot().at(cell.out).label(f"w_{k}", "bottom", fontsize=10))
+    cell = _opamp(drawing, (node[0] + 0.9, ROW), f"w_{k}")
+    drawing.add(elm.Line().at(node).to(cell.in1))
+    value = quantity(example.ohms(f"s_{k}"), "ohm")
+    _over(drawing, cell, elm.Resistor(), f"Rs_{k}", value, 1.5)
+    place = drawing.add(elm.Dot().at(cell.out)).center
+    _text(drawing, f"w_{k}", place[0], place[1] - 0.5)
     if example.ohms(f"z_{k}_in") is not None:
-        _inverter(drawing, example, dot.center, f"z_{k}")
+        _inverter(drawing, example, place, f"z_{k}", f"z_{k} = -w_{k}")

@@ -11,15 +11,18 @@ from netlist_gen.board.circuit import Circuit
 from spice_models.array_types import Complexes
 from spice_models.errors import EngineError
 from verification.engines.statespace.linearised.board import LinearBoard
-from verification.report.html.blocks import Facts, Picture, Section
+from verification.report.html.blocks import Facts, Picture, Section, View
 from verification.report.html.pictures import area, axis, label, line, numbers
 from verification.report.html.texts import figure, quantity
 from verification.small_signal.capacitance_ranges import AROUND, capacitance_ranges
 from verification.small_signal.poles import Poles
 
 SHOWN = 2000  # poles
-NEAR = 8  # ringing poles, nearest the axis, that set the first view
+MOST = 100  # channels up to which the stable values of C cost some seconds
+RINGING = 0.5  # damping ratio up to which a pole is said to ring
 DAMPING = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 0.7)
+Window = tuple[float, float, float]
+
 LARGE = "not computed for a board of this size; `taction onset SCENE --over C` finds it"
 
 
@@ -43,7 +46,7 @@ def stability_section(circuit: Circuit, poles: Poles) -> Section:
 def stable_capacitances(circuit: Circuit, poles: Poles) -> str:
     """Return the stable values of C in words, or why they are not known."""
     board = LinearBoard(circuit)
-    if board.descriptor.is_large:
+    if len(circuit.outputs) > MOST or not (poles.complete or poles.stable):
         return LARGE
     try:
         found = capacitance_ranges(board, found=poles)
@@ -72,19 +75,22 @@ def _map(poles: Poles, ranges: str) -> Picture:
         _dots(values[values.real < 0.0], "decays", "--pass", "circle"),
         _dots(values[values.real >= 0.0], "grows", "--fail", "x"),
     ]
-    left, right, top = _window(values)
+    views = _views(values)
+    left, right, top = views[0][1]
+    reach = 4.0 * float(np.abs(values).max(initial=top))
     rays = [
-        {"type": "line", "x0": 0, "y0": 0, "x1": x, "y1": top / math.tau * 4, "layer": "below",
+        {"type": "line", "x0": 0, "y0": 0, "x1": -zeta * reach, "layer": "below",
+         "y1": math.sqrt(1.0 - zeta**2) * reach / math.tau,
          "line": {"color": "--band", "width": 1, "dash": "dash"}}
-        for x in (-zeta / math.sqrt(1 - zeta**2) * top * 4 for zeta in DAMPING)
+        for zeta in DAMPING
     ]  # fmt: skip
-    half = area(0.0, 4.0 * max(right, -left), across="x", colour="--fail-soft")
+    half = area(0.0, reach, across="x", colour="--fail-soft")
     layout = {
         "xaxis": axis("real part", "/s", range=[left, right]),
         "yaxis": axis("frequency", "Hz", range=[0.0, top / math.tau]),
         "shapes": [half, line(0.0, None), *rays],
         "annotations": [
-            label("grows →", right, 1, yref="paper", xanchor="right", yanchor="top"),
+            label("grows →", 1, 0, xref="paper", yref="paper", xanchor="right", yanchor="bottom"),
             label(f"stable C: {ranges}", 0, 1.0, xref="paper", yref="paper",
                   xanchor="left", yanchor="bottom", font={"size": 12, "color": "--ink"}),
         ],
@@ -97,7 +103,11 @@ def _map(poles: Poles, ranges: str) -> Picture:
         f" {', '.join(f'{zeta:g}' for zeta in DAMPING)}, from the axis to the left. Stable values"
         f" of C: {ranges}."
     )
-    return Picture("Pole map", {"data": data, "layout": layout}, summary, 380)
+    shown = tuple(
+        View(name, {"xaxis.range": [low, high], "yaxis.range": [0.0, upper / math.tau]})
+        for name, (low, high, upper) in views
+    )
+    return Picture("Pole map", {"data": data, "layout": layout}, summary, 380, shown)
 
 
 def _dots(poles: Complexes, name: str, colour: str, symbol: str) -> dict[str, Any]:
@@ -113,14 +123,20 @@ def _dots(poles: Complexes, name: str, colour: str, symbol: str) -> dict[str, An
     }
 
 
-def _window(values: Complexes) -> tuple[float, float, float]:
-    """Return the left, right and upper limit of the first view, 1/s."""
-    ringing = values[values.imag > 0.0][:NEAR]
-    if not len(ringing):
-        real = values.real[:NEAR] if len(values) else np.array([-1.0])
-        reach = float(np.abs(real).max()) or 1.0
-        return -1.2 * reach, 0.3 * reach if real.max() < 0 else 1.3 * reach, math.tau * reach
-    top = 1.25 * float(ringing.imag.max())
-    left, right = float(ringing.real.min()), float(ringing.real.max())
-    width = max(right - left, abs(left), abs(right), 1e-3 * top)
-    return min(left, 0.0) - 0.15 * width, max(right, 0.0) + 0.3 * width, top
+def _views(values: Complexes) -> list[tuple[str, Window]]:
+    """Return the parts of the pole map: the rightmost ringing poles, then all poles."""
+    views = [("all poles", _around(values, values.real.min(initial=0.0)))]
+    ringing = values[(values.imag > 0.0) & (-values.real < RINGING * np.abs(values))]
+    if len(ringing):
+        lead = ringing[:1]
+        views.insert(0, ("rightmost pair", _around(lead, -3.0 * abs(lead[0].real))))
+        views.insert(0, ("ringing poles", _around(ringing, ringing.real.min())))
+    return views
+
+
+def _around(values: Complexes, left: float) -> Window:
+    """Return the left, right and upper limit of a view, 1/s; the axis is always in it."""
+    right = max(float(values.real.max(initial=0.0)), 0.0)
+    width = (right - min(left, 0.0)) or 1.0
+    top = float(values.imag.max(initial=0.0)) or math.tau * width
+    return min(float(left), 0.0) - 0.1 * width, right + 0.3 * width, 1.25 * top

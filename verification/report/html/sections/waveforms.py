@@ -97,13 +97,14 @@ def _outputs(verdict: Verdict) -> Picture:
     shapes = [line(None, y, c, dash="dot", width=1) for y, c in zip(targets, colours, strict=True)]
     if verdict.measurements.settling_time is not None:
         shapes.append(line(verdict.measurements.settling_time.value, None, "--muted", dash="dash"))
+    names = list(_names(targets, low, high)) if count <= LABELLED else []
     layout = {
         "xaxis": axis("time", "s", range=[0.0, early]),
         "yaxis": axis("output", "V", range=[low, high]),
         "shapes": shapes,
-        "annotations": list(_names(targets, low, high)) if count <= LABELLED else [],
+        "annotations": names,
         "hovermode": "closest",
-        "margin": {"l": 56, "r": 60 if count <= LABELLED else 14, "t": 24, "b": 44},
+        "margin": {"l": 56, "r": max([14, *(20 + 6 * len(each["text"]) for each in names)]), "t": 24, "b": 44},
     }
     engines = verdict.waveforms.simulator
     if second is not None:
