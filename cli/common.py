@@ -14,6 +14,8 @@ import click
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from verification.report.html.blocks import Report
+
 STATUS = {"pass": 0, "fail": 1, "bad input": 2, "inconclusive": 3}
 ENGINES = ("auto", "ngspice", "statespace")
 GRID_ENGINES = ("both", "hybrid")
@@ -21,6 +23,7 @@ INPUTS = ("scene", "folder", "baseline")  # parameters of commands that are read
 OUTPUTS = {  # parameters of commands that are files to write, and their options
     "output": "-o",
     "plot": "--plot",
+    "report": "--report",
     "export_file": "--export",
     "junit": "--junit",
     "markdown": "--markdown",
@@ -58,6 +61,29 @@ def plot_option(content: str) -> Callable[[Callable[..., None]], Callable[..., N
     """Return the option ``--plot``, which draws `content` into a file."""
     text = f"Draw {content} into FILE (PNG, SVG or PDF)."
     return click.option("--plot", type=click.Path(dir_okay=False), metavar="FILE", help=text)
+
+
+def report_option() -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return the option ``--report``, one HTML file with pictures."""
+    text = "Write a report with pictures into FILE (HTML, one file that needs no network)."
+    return click.option("--report", type=click.Path(dir_okay=False), metavar="FILE", help=text)
+
+
+def check_report(report: str | None) -> None:
+    """Refuse a ``--report`` file that cannot be written, before any work is done."""
+    if report is not None:
+        from verification.report.html.file import check_report_file
+
+        check_report_file(report)
+
+
+def save_report(report: str | None, make: Callable[[], Report]) -> None:
+    """Write the report that `make` returns, if there is a file for it."""
+    if report is not None:
+        from verification.report.html.file import write_report
+
+        write_report(make(), report)
+        click.echo(f"wrote {report}", err=True)
 
 
 def check_plot(plot: str | None) -> None:

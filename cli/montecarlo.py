@@ -15,9 +15,12 @@ from cli.common import (
     JOBS,
     STATUS,
     EngineChoice,
+    check_report,
     console,
     output_option,
     print_json,
+    report_option,
+    save_report,
     say,
     scene_command,
     stage_display,
@@ -43,6 +46,7 @@ if TYPE_CHECKING:
     "--engine", type=EngineChoice(ENGINES), default="statespace", help="Engine of all samples."
 )
 @output_option("Database that stores every sample; a later run computes only the missing ones.")
+@report_option()
 @JOBS
 @CLUSTER
 def montecarlo(scene: str, count: int, seed: int, as_json: bool, **options: Any) -> None:
@@ -57,10 +61,11 @@ def montecarlo(scene: str, count: int, seed: int, as_json: bool, **options: Any)
     from verification.studies.tolerance.varied_board import prepare
     from verification.studies.tolerance.yield_report import SampleCollection, summarise_samples
 
+    check_report(options["report"])
     tally = SampleCollection(count, half_width(options["until"]))
     study = prepare(read_scene(scene, options["engine"]))
     if options["sample"] is not None:
-        _verify_sample(study, seed, options["sample"], as_json)
+        _verify_sample(study, seed, options["sample"], as_json, options["report"])
         return
     interrupted = False
     workers = workers_at(options["cluster"], options["jobs"], say)
@@ -81,6 +86,11 @@ def montecarlo(scene: str, count: int, seed: int, as_json: bool, **options: Any)
         from verification.report.tolerance.tables import print_yield
 
         print_yield(result, seed)
+    if options["report"] is not None:
+        from verification.report.html.yield_report import yield_report
+
+        page = yield_report(study.scene, result, tally.samples, seed)
+        save_report(options["report"], lambda: page)
     sys.exit(130 if interrupted else _status(result, options["min_yield"]))
 
 
@@ -94,6 +104,7 @@ def montecarlo(scene: str, count: int, seed: int, as_json: bool, **options: Any)
     " Repeat the option for several corners.",
 )
 @ENGINE
+@report_option()
 @JOBS
 @CLUSTER
 def corners(
@@ -104,11 +115,13 @@ def corners(
     Exit status: 1 if a corner fails, else 3 if a corner has no verdict.
     """
     from verification.ideal.lambda_rule import read_scene
+    from verification.report.html.corners_report import corners_report
     from verification.report.tolerance.tables import print_corners
     from verification.studies.running.executors import workers_at
     from verification.studies.tolerance.corners import named_corner, worst_corners
     from verification.studies.tolerance.varied_board import prepare, quantities
 
+    check_report(options["report"])
     requested_scene = read_scene(scene, engine)
     deviations = [(text, _deviations(text)) for text in named]
     if named:
@@ -122,11 +135,14 @@ def corners(
         print_json({"scene": requested_scene.name, "corners": [asdict(c) for c in results]})
     else:
         print_corners(results, quantities(requested_scene))
+    save_report(options["report"], lambda: corners_report(requested_scene, results))
     outcomes = {corner.result.outcome for corner in results}
     sys.exit(STATUS[next((o for o in ("fail", "inconclusive") if o in outcomes), "pass")])
 
 
-def _verify_sample(study: VariedBoard, seed: int, number: int, as_json: bool) -> None:
+def _verify_sample(
+    study: VariedBoard, seed: int, number: int, as_json: bool, report: str | None
+) -> None:
     """Verify one sample in full; JSON also holds the sample as the study evaluates it."""
     from netlist_gen.board.variation import draw, vary
     from verification.report.verdict.json_document import verdict_document
@@ -146,6 +162,10 @@ def _verify_sample(study: VariedBoard, seed: int, number: int, as_json: bool) ->
         from verification.report.verdict.table import print_verdict
 
         print_verdict(verdict, console())
+    if report is not None:
+        from verification.report.html.verdict_report import verdict_report
+
+        save_report(report, lambda: verdict_report(verdict, f"taction montecarlo --sample {number}"))
     sys.exit(STATUS[verdict.outcome.value])
 
 

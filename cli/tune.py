@@ -11,9 +11,12 @@ import click
 from cli.common import (
     STATUS,
     check_plot,
+    check_report,
     console,
     plot_option,
     print_json,
+    report_option,
+    save_report,
     scene_command,
     stage_display,
 )
@@ -36,12 +39,14 @@ if TYPE_CHECKING:
     help="Factor by which C must be able to shrink; by default the scene's margin.",
 )
 @plot_option("settling time against overshoot")
+@report_option()
 def tune(
     scene: str,
     over: str,
     overshoot: float | None,
     margin: float | None,
     plot: str | None,
+    report: str | None,
     as_json: bool,
 ) -> None:
     """Find the values with the least settling time, at the scene's lambda, and verify the design.
@@ -50,11 +55,13 @@ def tune(
     include the limits of the search.
     """
     from verification.ideal.lambda_rule import read_scene
+    from verification.report.html.tuning_report import tuning_report
     from verification.studies.tune import tune as run
     from verification.verify import verify
 
     requested_scene = read_scene(scene)
     check_plot(plot)
+    check_report(report)
     keys = [key.strip() for key in over.split(",") if key.strip()]
     with stage_display() as progress:
         tuning = run(requested_scene, keys, overshoot=overshoot, margin=margin, progress=progress)
@@ -68,6 +75,7 @@ def tune(
         print_json(_document(tuning, verdict))
     else:
         _show(tuning, verdict)
+    save_report(report, lambda: tuning_report(tuning, verdict))
     sys.exit(STATUS[verdict.outcome.value])
 
 

@@ -13,28 +13,41 @@ from cli.common import (
     ENGINE,
     STATUS,
     check_plot,
+    check_report,
     console,
     plot_option,
     print_json,
+    report_option,
+    save_report,
     scene_command,
     stage_display,
 )
 
 if TYPE_CHECKING:
+    from verification.report.html.blocks import Report
     from verification.small_signal.margin import Margin
 
 
 @scene_command
 @ENGINE
 @plot_option("outputs, settling band and recovered stress")
+@report_option()
 @click.option(
     "--margins",
     is_flag=True,
     help="Show by what factor C may shrink and the gain may grow until the board oscillates.",
 )
-def verify(scene: str, engine: str | None, plot: str | None, margins: bool, as_json: bool) -> None:
+def verify(
+    scene: str,
+    engine: str | None,
+    plot: str | None,
+    report: str | None,
+    margins: bool,
+    as_json: bool,
+) -> None:
     """Simulate the board of SCENE, solve its problem, and check the board against the solution."""
     check_plot(plot)
+    check_report(report)
     with stage_display() as progress:
         verdict = taction.verify(scene, engine=engine, progress=progress)
     _show(verdict, as_json, _margins(verdict) if margins else {})
@@ -43,7 +56,14 @@ def verify(scene: str, engine: str | None, plot: str | None, margins: bool, as_j
 
         plot_verdict(verdict, plot)
         click.echo(f"drew {plot}", err=True)
+    save_report(report, lambda: _report(verdict))
     sys.exit(STATUS[verdict.outcome.value])
+
+
+def _report(verdict: taction.Verdict) -> Report:
+    from verification.report.html.verdict_report import verdict_report
+
+    return verdict_report(verdict)
 
 
 def _margins(verdict: taction.Verdict) -> dict[str, Margin]:

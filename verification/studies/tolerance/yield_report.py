@@ -197,11 +197,11 @@ def _spread(scene: Scene, quantity: Quantity, samples: list[BoardSample]) -> Spr
     low = median = high = math.nan
     if len(known):
         low, median, high = np.quantile(known, QUANTILES, method="inverted_cdf").tolist()
-    least, most = _limits(scene, quantity.name)
+    least, most = limits_of(scene, quantity.name)
     return Spread(quantity.name, quantity.unit, least, most, low, median, high, missing)
 
 
-def _limits(scene: Scene, name: str) -> tuple[float | None, float | None]:
+def limits_of(scene: Scene, name: str) -> tuple[float | None, float | None]:
     """Return the least and the largest value that the scene's check of a quantity accepts."""
     checks = scene.checks
     rise, overshoot, undershoot = checks.rise_time, checks.overshoot, checks.undershoot
