@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import click
 
-from cli.common import STATUS, command, console, print_json, stage_display
-from spice_models.errors import InputError
+from cli.common import JOBS, STATUS, command, console, print_json, stage_display, write_all
 
 if TYPE_CHECKING:
     from verification.studies.regression.run import RegressionReport
@@ -23,8 +22,15 @@ if TYPE_CHECKING:
 @click.option("--update", is_flag=True, help="Write changed results into the baseline.")
 @click.option("--junit", type=click.Path(), metavar="FILE", help="Write a JUnit XML report.")
 @click.option("--markdown", type=click.Path(), metavar="FILE", help="Write a Markdown summary.")
+@JOBS
 def regress(
-    folder: str, baseline: str, update: bool, junit: str | None, markdown: str | None, as_json: bool
+    folder: str,
+    baseline: str,
+    update: bool,
+    junit: str | None,
+    markdown: str | None,
+    jobs: int | None,
+    as_json: bool,
 ) -> None:
     """Verify every scene (*.toml) in DIR and compare the results with the baseline.
 
@@ -45,7 +51,7 @@ def regress(
             check_folder(path, option)
     entries = {} if update and not Path(baseline).exists() else load_baseline(baseline)
     with stage_display() as progress:
-        report = run(folder, baseline, entries, updated=update, progress=progress)
+        report = run(folder, baseline, entries, updated=update, jobs=jobs, progress=progress)
     texts: dict[str, Callable[[], str]] = {}
     if update:
         texts[baseline] = lambda: baseline_text(updated_baseline(report, entries))
@@ -53,26 +59,11 @@ def regress(
         texts[junit] = lambda: regression_junit(report)
     if markdown is not None:
         texts[markdown] = lambda: regression_markdown(report)
-    written = _write(texts)
+    written = write_all(texts)
     _show(report, as_json)
     if report.interrupted:
         click.echo("taction: interrupted; the finished scenes are in the report", err=True)
     sys.exit(report.exit_status if written else STATUS["bad input"])
-
-
-def _write(texts: Mapping[str, Callable[[], str]]) -> bool:
-    """Write all files, also after an error; return whether every file was written."""
-    from spice_models.atomic_files import write_atomically
-
-    complete = True
-    for path, text in texts.items():
-        try:
-            write_atomically(path, text())
-            click.echo(f"wrote {path}", err=True)
-        except InputError as error:
-            click.echo(f"taction: {error}", err=True)
-            complete = False
-    return complete
 
 
 def _show(report: RegressionReport, as_json: bool) -> None:
