@@ -136,7 +136,7 @@ def _description(margins: bool) -> Callable[[Any], dict[str, Any]]:
 
 
 def _annotate(document: dict[str, Any]) -> None:
-    from verification.report.files.annotations import annotations
+    from verification.report.files.annotations import annotation_lines
 
-    for line in annotations(document):
+    for line in annotation_lines(document):
         click.echo(line, err=True)

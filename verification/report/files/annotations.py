@@ -10,12 +10,12 @@ _MESSAGE = {"%": "%25", "\r": "%0D", "\n": "%0A"}
 _PROPERTY = _MESSAGE | {":": "%3A", ",": "%2C"}
 
 
-def annotations(document: Document) -> Iterator[str]:
+def annotation_lines(document: Document) -> Iterator[str]:
     """Yield an error for each reason why a file does not pass, and a warning for each warning.
 
     Examples
     --------
-    >>> list(annotations({"file": "a.toml", "outcome": "bad input", "error": {"message": "50%"}}))
+    >>> list(annotation_lines({"file": "a.toml", "outcome": "bad input", "error": {"message": "50%"}}))
     ['::error file=a.toml,title=taction verify (bad input)::50%25']
     """
     file = _escaped(document["file"], _PROPERTY)
