@@ -17,6 +17,7 @@ PROGRAM = "taction"
 # name: (module of this package, line of --help); the modules are imported later: a short start-up
 COMMANDS: dict[str, tuple[str, str]] = {
     "verify": ("verify", "Simulate a board and check it against the solution."),
+    "diff": ("diff", "Compare the keys and the readings of two boards."),
     "netlist": ("netlist", "Write the ngspice deck of a scene."),
     "bom": ("bom", "List the parts to buy, with packages and power."),
     "solve": ("solve", "Solve the problem numerically, with a certificate."),

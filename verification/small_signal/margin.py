@@ -52,6 +52,12 @@ class Margin:
     doubt: str = ""
 
 
+def both_margins(board: LinearBoard, found: Poles) -> dict[str, Margin]:
+    """Return the margins in the capacitance and in the gain of a board with its poles."""
+    capacitance = capacitance_margin(board, found=found)
+    return {"capacitance": capacitance, "gain": gain_margin(board, found=found)}
+
+
 def with_capacitance(circuit: Circuit, farads: float) -> Circuit:
     """Return `circuit` with another C; all signal-plane capacitors scale by one factor."""
     signal, factor = set(signal_capacitors(circuit)), farads / circuit.scalings.capacitance

@@ -6,10 +6,13 @@ import math
 from dataclasses import asdict
 from typing import Any
 
+from verification.engines.statespace.linearised.board import LinearBoard
 from verification.measures.measurements import ChannelMeasure
 from verification.pipeline.checks import Check
 from verification.pipeline.output_noise import OutputNoise
+from verification.report.verdict.scene_keys import scene_keys
 from verification.small_signal.headroom import Load
+from verification.small_signal.margin import both_margins
 from verification.studies.figures import CHANNEL_FIGURES, FIGURES, figures_of, finite
 from verification.verify import Verdict
 
@@ -36,11 +39,13 @@ def verdict_document(verdict: Verdict) -> dict[str, Any]:
             "record_end": figures["end_error"],
         },
         "step_amplitude": figures["step_amplitude"],
+        "step_amplitude_uncertainty": finite(verdict.ideal.error * verdict.measurements.amplitude),
         "settling_time": figures["settling_time"],
         "settling_time_ideal": verdict.ideal.transient.settling_time,
         "stability": {
             "stable": verdict.poles.stable,
             "rightmost_pole": [verdict.poles.rightmost.real, verdict.poles.rightmost.imag],
+            "rightmost_pole_uncertainty": finite(verdict.poles.resolution),
             "damping_ratio": figures["damping_ratio"],
             "frequency": verdict.poles.frequency,
             "states": len(verdict.poles.poles) if verdict.poles.complete else None,
@@ -81,10 +86,19 @@ def verdict_document(verdict: Verdict) -> dict[str, Any]:
             "points": cost.points,
             "seconds": cost.seconds,
         },
+        "keys": scene_keys(verdict.scene),
         "omissions": [{"what": o.what, "why": o.why} for o in verdict.circuit.omissions],
         "warnings": list(verdict.warnings),
         "timing": verdict.timing,
     }
+
+
+def verdict_document_with_margins(verdict: Verdict) -> dict[str, Any]:
+    """Return `verdict_document` with the stability margins in C and in the gain."""
+    document = verdict_document(verdict)
+    margins = both_margins(LinearBoard(verdict.circuit), verdict.poles)
+    document["stability"]["margins"] = {name: asdict(m) for name, m in margins.items()}
+    return document
 
 
 def load_record(load: Load) -> dict[str, Any]:
