@@ -8,6 +8,7 @@ from typing import Any
 
 from verification.measures.measurements import ChannelMeasure
 from verification.pipeline.checks import Check
+from verification.pipeline.error_chain import ErrorBudget, ErrorPart
 from verification.pipeline.output_noise import OutputNoise
 from verification.small_signal.headroom import Load
 from verification.studies.figures import CHANNEL_FIGURES, FIGURES, figures_of, finite
@@ -52,10 +53,7 @@ def verdict_document(verdict: Verdict) -> dict[str, Any]:
             "rise_time": verdict.energy and verdict.energy.time,
         },
         "constraint_plane": None if verdict.constraint is None else asdict(verdict.constraint),
-        "error_budget": {
-            part.name: {"value": part.value, "unit": "V", "how": part.how, "bound": part.bound}
-            for part in verdict.budget
-        },
+        "error_budget": budget_record(verdict.budget),
         "opamp_level": "small-signal" if verdict.circuit.is_small_signal else "large-signal",
         "headroom": [
             load_record(load) for load in (*verdict.parts.simulated, *verdict.parts.worst)
@@ -85,6 +83,20 @@ def verdict_document(verdict: Verdict) -> dict[str, Any]:
         "warnings": list(verdict.warnings),
         "timing": verdict.timing,
     }
+
+
+def budget_record(budget: ErrorBudget) -> dict[str, Any]:
+    """Return the parts of an error budget by name, and ``total``, as plain data."""
+    records = {part.name: _part_record(part) for part in budget}
+    if budget.total is None:
+        return records
+    cost = {"solves": budget.solves, "seconds": budget.seconds}
+    return records | {"total": _part_record(budget.total) | {"sum": list(budget.summed)} | cost}
+
+
+def _part_record(part: ErrorPart) -> dict[str, Any]:
+    known = {"value": part.value, "unit": "V", "how": part.how, "bound": part.bound}
+    return known | {"channels": list(part.channels), "predicted": list(part.predicted)}
 
 
 def load_record(load: Load) -> dict[str, Any]:
