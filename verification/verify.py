@@ -133,6 +133,7 @@ def verify(
     )
     checks = run_checks(evidence)
     energy = energy_rise(design.network, wave.time, recording.u) if effort.details else None
+    clock.begin("error budget")
     budget = error_budget(design, ideal, recording, noise) if effort.details else ErrorBudget()
     clock.end()
     return Verdict(

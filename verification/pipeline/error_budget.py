@@ -11,7 +11,6 @@ stands beside the sum.
 from __future__ import annotations
 
 import math
-import time
 from functools import partial
 
 from netlist_gen.quantities import show
@@ -41,7 +40,6 @@ def error_budget(
     SolverError
         The problem with the pruned T cannot be solved.
     """
-    began = time.perf_counter()
     stress, network = design.problem.stress, design.network
     chain = ErrorChain(None if stress is None else stress * network.U0)
     how = "regularised optimum against the true stress (regularisation and noise)"
@@ -70,7 +68,7 @@ def error_budget(
         whole = difference(
             "total", f"end of the record against the {start}", chain.first, recording.u[-1]
         )
-    return ErrorBudget(tuple(chain.parts), whole, chain.solves, time.perf_counter() - began)
+    return ErrorBudget(tuple(chain.parts), whole, chain.solves)
 
 
 def _pruned(chain: ErrorChain, effect: PruningEffect) -> None:

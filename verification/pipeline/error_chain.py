@@ -49,14 +49,11 @@ class ErrorBudget:
         for a verification without details.
     solves : int
         Solutions that only the budget needed.
-    seconds : float
-        Wall time of the budget, s.
     """
 
     parts: tuple[ErrorPart, ...] = ()
     total: ErrorPart | None = None
     solves: int = 0
-    seconds: float = 0.0
 
     def __iter__(self) -> Iterator[ErrorPart]:
         """Return an iterator over the parts."""

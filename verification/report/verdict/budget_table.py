@@ -31,9 +31,9 @@ def budget_table(budget: ErrorBudget, amplitude: float) -> Table:
         rows.append(("sum", *_sizes(largest, amplitude), show(sums[worst], "V", 3), "of the parts"))
         rows.append(_row(total, worst, amplitude))
     signed: tuple[Column, ...] = () if worst is None else whole(f"channel {worst + 1}")
-    cost = f"{budget.solves} solutions of its own in {show(budget.seconds, 's', 2)}"
+    cost = f"error budget: {budget.solves} solutions of its own"
     titles = (*whole("error", "largest", "of the step"), *signed, Column("how it was found"))
-    return make_table(titles, rows, caption=f"error budget: {cost}", padding=(0, 1, 0, 0))
+    return make_table(titles, rows, caption=cost, padding=(0, 1, 0, 0))
 
 
 def _row(part: ErrorPart, worst: int | None, amplitude: float) -> tuple[str, ...]:

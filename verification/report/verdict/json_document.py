@@ -90,8 +90,8 @@ def budget_record(budget: ErrorBudget) -> dict[str, Any]:
     records = {part.name: _part_record(part) for part in budget}
     if budget.total is None:
         return records
-    cost = {"solves": budget.solves, "seconds": budget.seconds}
-    return records | {"total": _part_record(budget.total) | {"sum": list(budget.summed)} | cost}
+    more = {"sum": list(budget.summed), "solves": budget.solves}
+    return records | {"total": _part_record(budget.total) | more}
 
 
 def _part_record(part: ErrorPart) -> dict[str, Any]:
