@@ -104,25 +104,29 @@ def corners(
     Exit status: 1 if a corner fails, else 3 if a corner has no verdict.
     """
     from verification.ideal.lambda_rule import read_scene
-    from verification.report.tolerance.tables import print_corners
+    from verification.report.tolerance.tables import DIRECTION, print_corners, print_directions
     from verification.studies.running.executors import workers_at
-    from verification.studies.tolerance.corners import named_corner, worst_corners
+    from verification.studies.tolerance.corners import CornerStudy, named_corner, worst_corners
     from verification.studies.tolerance.varied_board import prepare, quantities
 
     requested_scene = read_scene(scene, engine)
     deviations = [(text, _deviations(text)) for text in named]
     if named:
         study = prepare(requested_scene, full_margin=True)
-        results = tuple(named_corner(study, text, ends) for text, ends in deviations)
+        found = CornerStudy(tuple(named_corner(study, text, ends) for text, ends in deviations))
     else:
         pool = workers_at(options["cluster"], options["jobs"], say)
         with pool as workers, stage_display() as progress:
-            results = worst_corners(requested_scene, workers, progress)
+            found = worst_corners(requested_scene, workers, progress)
     if as_json:
-        print_json({"scene": requested_scene.name, "corners": [asdict(c) for c in results]})
+        directions = [{name: getattr(d, name) for name in DIRECTION} for d in found.directions]
+        records = [asdict(corner) for corner in found.corners]
+        print_json({"scene": requested_scene.name, "corners": records, "directions": directions})
     else:
-        print_corners(results, quantities(requested_scene))
-    outcomes = {corner.result.outcome for corner in results}
+        print_corners(found.corners, quantities(requested_scene))
+        if found.directions:
+            print_directions(found.directions)
+    outcomes = {corner.result.outcome for corner in found.corners}
     sys.exit(STATUS[next((o for o in ("fail", "inconclusive") if o in outcomes), "pass")])
 
 

@@ -10,10 +10,13 @@ from rich.table import Table
 from netlist_gen.quantities import UNITS
 from verification.report.tables import make_table, spaced, value_text
 from verification.studies.tolerance.corners import Corner
+from verification.studies.tolerance.steady_directions import Direction
 from verification.studies.tolerance.varied_board import Quantity
 from verification.studies.tolerance.yield_report import Spread, YieldReport
 
 TOP = 10  # sensitivities in the table; JSON has them all
+SHOWN = 4  # worst-case directions in the table; JSON has them all
+DIRECTION = ("channel", "sign", "predicted", "solved", "largest", "deviations")  # in JSON
 REASONS = 3  # for samples without verdict, the most frequent first
 
 
@@ -60,6 +63,24 @@ def print_corners(corners: tuple[Corner, ...], quantities: tuple[Quantity, ...])
         )
         if any(remarks):
             console.print(f"{_name(corner)}: {'; '.join(filter(None, remarks))}", markup=False)
+
+
+def print_directions(directions: tuple[Direction, ...]) -> None:
+    """Print the largest worst-case errors at rest, to first order and solved."""
+    rows = [
+        (
+            str(each.channel),
+            _figure(each.predicted, "step"),
+            _figure(each.solved, "step"),
+            " ".join(each.largest),
+        )
+        for each in directions[:SHOWN]
+    ]
+    titles = ("channel", "first order", "solved", "most moved by")
+    caption = "worst-case errors at rest, from the signs of the sensitivities"
+    if len(directions) > SHOWN:
+        caption += f"; and {len(directions) - SHOWN} smaller ones"
+    Console(highlight=False).print(make_table(titles, rows, caption=caption))
 
 
 def _name(corner: Corner) -> str:

@@ -14,10 +14,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netlist_gen.board.circuit import GROUND
+from netlist_gen.board.circuit import GROUND, Circuit
 from spice_models.array_types import Floats
 from spice_models.errors import EngineError
+from verification.engines.statespace.equations.stamps import stamp
 from verification.engines.statespace.linearised.board import LinearBoard
+from verification.engines.statespace.linearised.equilibrium import balance
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,9 +66,12 @@ class RestSensitivity:
             raise EngineError("the Jacobian of the equilibrium is singular") from None
         return cls(board, np.asarray((solved / row[:, None]).T))
 
-    def change(self, residual: Floats) -> Floats:
-        """Return how far a change of F (size,) moves the outputs, V, (N,)."""
-        return -self.adjoint @ residual
+    def towards(self, circuit: Circuit) -> Floats:
+        """Return how far the equations of `circuit` move the outputs, to first order, V, (N,).
+
+        The circuit has the parts of the board, with other values.
+        """
+        return -self.adjoint @ balance(stamp(circuit), self.board.equilibrium.values)
 
     def resistors(self) -> dict[str, Floats]:
         """Return ``dy / d ln R`` (N,), V, of every resistor, by its name in the deck."""
