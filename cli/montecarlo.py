@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import asdict
+from dataclasses import asdict, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -40,6 +41,11 @@ if TYPE_CHECKING:
 )
 @click.option("--min-yield", type=click.FloatRange(0, 1), help="Smallest yield that passes.")
 @click.option(
+    "--remedy/--no-remedy",
+    default=True,
+    help="Below a yield of 99 %, find what to buy better, and draw 300 samples again with it.",
+)
+@click.option(
     "--engine", type=EngineChoice(ENGINES), default="statespace", help="Engine of all samples."
 )
 @output_option("Database that stores every sample; a later run computes only the missing ones.")
@@ -54,6 +60,8 @@ def montecarlo(scene: str, count: int, seed: int, as_json: bool, **options: Any)
     from verification.ideal.lambda_rule import read_scene
     from verification.studies.running.executors import workers_at
     from verification.studies.tolerance.drawing import draw_samples, half_width
+    from verification.studies.tolerance.remedy import TARGET
+    from verification.studies.tolerance.remedy_search import verified_remedy
     from verification.studies.tolerance.varied_board import prepare
     from verification.studies.tolerance.yield_report import SampleCollection, summarise_samples
 
@@ -62,18 +70,22 @@ def montecarlo(scene: str, count: int, seed: int, as_json: bool, **options: Any)
     if options["sample"] is not None:
         _verify_sample(study, seed, options["sample"], as_json)
         return
-    interrupted = False
-    workers = workers_at(options["cluster"], options["jobs"], say)
+    interrupted, remedy = False, None
+    workers = partial(workers_at, options["cluster"], options["jobs"], say)
+    place, target = options["output"], max(TARGET, options["min_yield"] or 0.0)
     try:
         with stage_display() as progress:
-            draw_samples(study, seed, tally, workers, options["output"], progress)
+            draw_samples(study, seed, tally, workers(), place, progress)
+            if options["remedy"]:
+                ask = partial(verified_remedy, target=target, output=place, progress=progress)
+                remedy = ask(study, tally.samples, seed, workers)
     except KeyboardInterrupt:
         click.echo("taction: interrupted; the report holds the finished samples", err=True)
         interrupted = True
     if tally.damaged:
         numbers = ", ".join(map(str, tally.damaged))
         click.echo(f"taction: damaged in the database, computed again: samples {numbers}", err=True)
-    result = summarise_samples(study, tally.samples, seed)
+    result = replace(summarise_samples(study, tally.samples, seed), remedy=remedy)
     if as_json:
         document = {"scene": study.scene.name, "engine": study.scene.analysis.engine, "seed": seed}
         print_json(document | {"complete": not interrupted} | asdict(result))
