@@ -29,14 +29,27 @@ class OpAmpLink:
     name : str
         Of the part.
     figures : tuple of str
-        Fields of `OpAmp`; without these the field has its default, the gain `IDEAL_GAIN`.
+        Fields of `OpAmp`; without these a field has its default, the gain `IDEAL_GAIN`.
     how : str
         The comparison that gives the part.
+    switch : str
+        Field that has to be true for these figures to be in the macromodel, or empty.
     """
 
     name: str
     figures: tuple[str, ...]
     how: str
+    switch: str = ""
+
+    @property
+    def fields(self) -> set[str]:
+        """All fields that the link sets."""
+        return {*self.figures, *filter(None, [self.switch])}
+
+    def acts_on(self, model: OpAmp) -> bool:
+        """Whether the macromodel of `model` has any of the figures."""
+        on = not self.switch or getattr(model, self.switch)
+        return on and any(getattr(model, name) != _NEUTRAL[name] for name in self.figures)
 
 
 LINKS = (
@@ -47,8 +60,9 @@ LINKS = (
     ),
     OpAmpLink(
         "limits",
-        ("large_signal",),
-        "slew rate and swing of the op-amps: equilibrium with against without",
+        ("slew_rate", "saturation", "output_current"),
+        "limits of the op-amps: equilibrium with against without",
+        switch="large_signal",
     ),
 )
 _NEUTRAL: dict[str, Any] = {f.name: f.default for f in fields(OpAmp)} | {"dc_gain": IDEAL_GAIN}
@@ -56,21 +70,20 @@ _NEUTRAL: dict[str, Any] = {f.name: f.default for f in fields(OpAmp)} | {"dc_gai
 
 def with_ideal_opamps(circuit: Circuit) -> Circuit:
     """Return `circuit` with op-amps that add no error at rest."""
-    return _with_links(circuit, 0)
+    return _with_links(circuit, [])
 
 
 def opamp_stages(board: LinearBoard) -> Iterator[tuple[OpAmpLink, LinearBoard]]:
     """Yield each link that `board` has, and the board with the figures up to this link.
 
-    The last one is `board` itself. A link whose figures no op-amp of the board has is left out.
+    The last one is `board` itself. There is none for op-amps without any such figure.
     """
-    before = with_ideal_opamps(board.circuit)
-    for count, link in enumerate(LINKS, 1):
-        circuit = _with_links(board.circuit, count)
-        if circuit.models == before.models:
-            continue
-        before = circuit
-        yield link, board if circuit.models == board.circuit.models else LinearBoard(circuit)
+    models = board.circuit.models.values()
+    links = [link for link in LINKS if any(map(link.acts_on, models))]
+    for count, link in enumerate(links[:-1], 1):
+        yield link, LinearBoard(_with_links(board.circuit, links[:count]))
+    if links:
+        yield links[-1], board
 
 
 def outputs_at_rest(board: LinearBoard) -> Floats:
@@ -85,8 +98,10 @@ def outputs_at_rest(board: LinearBoard) -> Floats:
     return np.array([output.sign * rest[output.node] for output in board.circuit.outputs])
 
 
-def _with_links(circuit: Circuit, count: int) -> Circuit:
-    """Return `circuit` with the figures of the first `count` links."""
-    absent = {name: _NEUTRAL[name] for link in LINKS[count:] for name in link.figures}
+def _with_links(circuit: Circuit, links: list[OpAmpLink]) -> Circuit:
+    """Return `circuit` with the figures of `links` only."""
+    kept = set[str]().union(*(link.fields for link in links))
+    every = set[str]().union(*(link.fields for link in LINKS))
+    absent = {name: _NEUTRAL[name] for name in every - kept}
     models = {name: replace(model, **absent) for name, model in circuit.models.items()}
     return replace(circuit, models=models)
