@@ -103,7 +103,7 @@ def test_annotations_stand_on_stderr_where_github_runs(
     [
         (("--exclude", "*.toml"), "leaves no scene"),
         (("--exclude", "typo-*"), "matches no file"),
-        (("--plot", "board.png"), "draws one board"),
+        (("--plot", "board.png"), "shows one board"),
     ],
 )
 def test_options_that_cannot_be_used_are_refused(

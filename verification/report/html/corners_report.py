@@ -55,7 +55,9 @@ def _range(scene: Scene, quantity: Quantity, corners: Sequence[Corner]) -> Range
     bottom, top = min(0.0, *values, *limits), MARGIN * max(0.0, *values, *limits)
     width = (top - bottom) or 1.0
     least, most = limits_of(scene, quantity.name)
-    beyond = (most is not None and max(values) > most) or (least is not None and min(values) < least)
+    beyond = (most is not None and max(values) > most) or (
+        least is not None and min(values) < least
+    )
     missing = len(found) - len(values)
     texts = [
         f"least {figure(min(values), quantity.unit)}",
@@ -77,7 +79,13 @@ def _range(scene: Scene, quantity: Quantity, corners: Sequence[Corner]) -> Range
 
 def _tables(scene: Scene, corners: Sequence[Corner]) -> Iterator[Block]:
     reported = quantities(scene)
-    titles = ("corner", "outcome", *(spaced(each.name) for each in reported), "why", "most moved by")
+    titles = (
+        "corner",
+        "outcome",
+        *(spaced(each.name) for each in reported),
+        "why",
+        "most moved by",
+    )
     rows = tuple(
         (
             Cell(spaced(corner.name)),

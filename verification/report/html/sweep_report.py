@@ -11,7 +11,16 @@ import numpy as np
 
 from netlist_gen.overrides.axes import Axis
 from spice_models.array_types import Floats
-from verification.report.html.blocks import Block, Cell, Facts, Notes, Picture, Report, Section, Table
+from verification.report.html.blocks import (
+    Block,
+    Cell,
+    Facts,
+    Notes,
+    Picture,
+    Report,
+    Section,
+    Table,
+)
 from verification.report.html.pictures import OUTCOMES as LOOKS
 from verification.report.html.pictures import axis, numbers, words
 from verification.report.html.sections.origin import origin_section

@@ -9,6 +9,7 @@ from typing import Any
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.measures.measurements import ChannelMeasure
 from verification.pipeline.checks import Check
+from verification.pipeline.error_chain import ErrorBudget, ErrorPart
 from verification.pipeline.output_noise import OutputNoise
 from verification.report.verdict.scene_keys import scene_keys
 from verification.small_signal.headroom import Load
@@ -57,10 +58,7 @@ def verdict_document(verdict: Verdict) -> dict[str, Any]:
             "rise_time": verdict.energy and verdict.energy.time,
         },
         "constraint_plane": None if verdict.constraint is None else asdict(verdict.constraint),
-        "error_budget": {
-            part.name: {"value": part.value, "unit": "V", "how": part.how, "bound": part.bound}
-            for part in verdict.budget
-        },
+        "error_budget": budget_record(verdict.budget),
         "opamp_level": "small-signal" if verdict.circuit.is_small_signal else "large-signal",
         "headroom": [
             load_record(load) for load in (*verdict.parts.simulated, *verdict.parts.worst)
@@ -99,6 +97,20 @@ def verdict_document_with_margins(verdict: Verdict) -> dict[str, Any]:
     margins = both_margins(LinearBoard(verdict.circuit), verdict.poles)
     document["stability"]["margins"] = {name: asdict(m) for name, m in margins.items()}
     return document
+
+
+def budget_record(budget: ErrorBudget) -> dict[str, Any]:
+    """Return the parts of an error budget by name, and ``total``, as plain data."""
+    records = {part.name: _part_record(part) for part in budget}
+    if budget.total is None:
+        return records
+    more = {"sum": list(budget.summed), "solves": budget.solves}
+    return records | {"total": _part_record(budget.total) | more}
+
+
+def _part_record(part: ErrorPart) -> dict[str, Any]:
+    known = {"value": part.value, "unit": "V", "how": part.how, "bound": part.bound}
+    return known | {"channels": list(part.channels), "predicted": list(part.predicted)}
 
 
 def load_record(load: Load) -> dict[str, Any]:

@@ -145,6 +145,11 @@ def rounding(rest: Equilibrium) -> Floats:
     return np.asarray(SPREAD * np.abs(moved).max(axis=1))
 
 
+def balance(descriptor: Descriptor, z: Floats) -> Floats:
+    """Return ``K z + b + f(z)`` with the sources on, (size,): zero at the equilibrium."""
+    return _cancelling(descriptor, z, descriptor.drive(sources_on=True))[0]
+
+
 def _cancelling(descriptor: Descriptor, z: Floats, drive: Floats) -> tuple[Floats, Floats]:
     """Return ``K z + b + f`` and the magnitudes that cancel in its rows, z at least `QUIET`."""
     f = np.zeros(descriptor.size)

@@ -62,7 +62,10 @@ def board_section(verdict: Verdict) -> Section:
     rows += [
         ("unit voltage U0", quantity(circuit.scalings.unit_voltage, "V")),
         ("supply", f"±{quantity(circuit.supply, 'V')}"),
-        ("level of the op-amp models", "small signal" if circuit.is_small_signal else "large signal"),
+        (
+            "level of the op-amp models",
+            "small signal" if circuit.is_small_signal else "large signal",
+        ),
     ]
     return Section("Board", (schematic(circuit), matrix_picture(circuit), Facts("", tuple(rows))))
 
@@ -98,7 +101,9 @@ def matrix_picture(circuit: Circuit) -> Picture:
         data |= {"texttemplate": "%{text}", "textfont": {"size": 11}}
     layout = {
         "xaxis": axis("channel", showgrid=False, zeroline=False, **_ticks(columns)),
-        "yaxis": axis("sensor", showgrid=False, autorange="reversed", zeroline=False, **_ticks(rows)),
+        "yaxis": axis(
+            "sensor", showgrid=False, autorange="reversed", zeroline=False, **_ticks(rows)
+        ),
         "plot_bgcolor": "--card",
     }
     present = int(np.isfinite(circuit.matrices[0].ohms).sum())
@@ -129,11 +134,14 @@ def _coarse(T: Floats, ohms: Floats) -> tuple[Floats, Floats]:
 def omissions_section(document: Mapping[str, Any]) -> Section:
     """Return the parts that the board omits."""
     rows = tuple(
-        text_cells((readable(each["what"]), readable(each["why"]))) for each in document["omissions"]
+        text_cells((readable(each["what"]), readable(each["why"])))
+        for each in document["omissions"]
     )
     if not rows:
         return Section("Left out", (Notes("", ("Nothing was left out.",)),))
-    return Section("Left out", (Table("Parts that this scene does not need", ("part", "why"), rows),))
+    return Section(
+        "Left out", (Table("Parts that this scene does not need", ("part", "why"), rows),)
+    )
 
 
 def parts_section(circuit: Circuit, scene: Scene) -> Section:
@@ -150,7 +158,9 @@ def parts_section(circuit: Circuit, scene: Scene) -> Section:
         ("dissipation at rest", quantity(power["total"], "W", 3)),
     )
     missing = Notes("Not included", tuple(map(readable, document["not_listed"])))
-    return Section("Parts list", (Facts("", facts), Table("Bill of materials", titles, rows), missing))
+    return Section(
+        "Parts list", (Facts("", facts), Table("Bill of materials", titles, rows), missing)
+    )
 
 
 def _part(line: Mapping[str, Any]) -> tuple[Cell, ...]:

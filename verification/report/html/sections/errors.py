@@ -51,7 +51,10 @@ def stress_section(verdict: Verdict) -> Section:
     ticks = {"dtick": 1} if problem.positions is None and len(channels) <= FEW else {}
     layout = {"xaxis": axis(title, **ticks), "yaxis": axis("stress"), "hovermode": "closest"}
     summary = f"Stress by channel: {', '.join(curve[0] for curve in curves)}.{text}"
-    return Section("Recovered stress", (Picture("", {"data": data, "layout": layout}, summary, 340, zoom=False),))
+    return Section(
+        "Recovered stress",
+        (Picture("", {"data": data, "layout": layout}, summary, 340, zoom=False),),
+    )
 
 
 def budget_section(document: Mapping[str, Any]) -> Section:
@@ -69,7 +72,9 @@ def budget_section(document: Mapping[str, Any]) -> Section:
         )
         for name, part in parts.items()
     )
-    table = Table("Parts of the error", ("error", "largest", "of the step", "how it was found"), rows)
+    table = Table(
+        "Parts of the error", ("error", "largest", "of the step", "how it was found"), rows
+    )
     lead = "Each part is measured by itself: the largest deviation of any channel."
     return Section("Error budget", (_waterfall(document, amplitude), table), lead)
 
@@ -133,7 +138,9 @@ def _waterfall(document: Mapping[str, Any], amplitude: float) -> Block:
     if amplitude:
         layout["shapes"] = [line(None, amplitude, "--muted", dash="dash")]
         layout["annotations"] = [
-            label("step", 0.005, math.log10(amplitude), xref="paper", xanchor="left", yanchor="bottom")
+            label(
+                "step", 0.005, math.log10(amplitude), xref="paper", xanchor="left", yanchor="bottom"
+            )
         ]
     summary = (
         "Waterfall on a logarithmic scale: the parts that are above rounding, the smallest first,"
@@ -155,7 +162,10 @@ def effort_section(document: Mapping[str, Any]) -> Section:
         ("points", f"{accuracy['points']} to {quantity(run['stop'], 's')}"),
         ("largest step", quantity(run["max_step"], "s", 3)),
         ("tries", str(accuracy["tries"])),
-        ("reference", f"{certificate['kind']} {certificate['value']:.2g}, bound {certificate['bound']:.2g}"),
+        (
+            "reference",
+            f"{certificate['kind']} {certificate['value']:.2g}, bound {certificate['bound']:.2g}",
+        ),
         ("the ideal network settles in", quantity(document["settling_time_ideal"], "s")),
     )
     stages = {k: v for k, v in document["timing"].items() if k != "total"}

@@ -106,7 +106,9 @@ def _summary(example: _Example) -> str:
 
 def _put(drawing: Any, part: Any, name: str, value: str) -> Any:
     """Add a part with its name over it and its value under it."""
-    return drawing.add(part.label(name, "top", fontsize=SMALL).label(value, "bottom", fontsize=SMALL))
+    return drawing.add(
+        part.label(name, "top", fontsize=SMALL).label(value, "bottom", fontsize=SMALL)
+    )
 
 
 def _opamp(drawing: Any, place: tuple[float, float], name: str) -> Any:
