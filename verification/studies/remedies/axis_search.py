@@ -129,7 +129,7 @@ class _Between:
 
     def nearest(self, before: float, value: float) -> Trial | None:
         """Return the accepted trial nearest to `before`, by halving on the values of the series."""
-        values = values_between(*sorted((before, value)), self.series).tolist()
+        values = values_between(min(before, value), max(before, value), self.series).tolist()
         if before > value:
             values.reverse()
         first, last, best = 0, len(values) - 1, None

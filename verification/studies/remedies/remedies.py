@@ -288,4 +288,4 @@ def _opamps(scene: Scene) -> list[Value]:
         for name, part in load_presets().items()
         if math.isfinite(part.gbw) and (name != changed.base or own.name != name)
     )
-    return sorted(names, key=distance)
+    return [*sorted(names, key=distance)]

@@ -1,7 +1,8 @@
 """Verdicts of changed designs by the state-space engine, each computed once, within a time limit.
 
-A change keeps lambda, and with it the solution, unless it changes lambda itself. A design with a
-new part that is hard to buy, or that the layout undoes (`part_warnings`), counts as refused. The
+A change keeps lambda, and with it the solution, unless it changes lambda itself. A design with
+parts that are hard to buy, or that the layout undoes (`part_warnings`), more so than those of the
+scene, counts as refused. The
 op-amps stay at the small-signal level: a design that exceeds 90 % of a limit of its parts does not
 pass, though its verdict at the large-signal level might.
 """
@@ -31,6 +32,9 @@ from verification.verify import Verdict, verify
 BARE = Effort(details=False, full_margin=False)
 # Keys whose change would change lambda where the scene gives a resistance.
 MOVES_LAMBDA = {"design.gain", "design.unit_conductance", "design.unit_voltage"}
+
+
+SAME = 1.0 + 1e-9  # ratio of values that count as equal
 
 
 class OutOfTimeError(Exception):
@@ -94,7 +98,7 @@ class Trials:
         self.scene = scene.with_engine("statespace")
         self.problem = make_problem(scene)
         self.lam = ideal_network(self.problem, scene).lam
-        self.accepted = set(broken_limits(synthesise(scene, self.problem)))
+        self.accepted = broken_limits(synthesise(scene, self.problem))
         self.limit = seconds
         self.deadline = self.end = time.monotonic() + seconds
         self._known: dict[tuple[tuple[str, Value], ...], Trial] = {}
@@ -169,13 +173,22 @@ class Trials:
             return Trial(changes, {}, {}, str(error))
         if found.certain and not found.stable:  # known without a transient
             return Trial(changes, {"stability": Outcome.FAIL}, {"stability": "it is unstable"})
-        refused = sorted(set(broken_limits(board.circuit)) - self.accepted)
+        refused = self._refused(board)
         try:
             scene = at_small_signal(self.scene_at(changes))
             verdict = verify(scene, problem=self.problem, circuit=board, effort=BARE)
         except (InputError, NoVerdictError) as error:
             return Trial(changes, {}, {}, str(error))
-        return trial_of(verdict, changes, ", ".join(refused))
+        return trial_of(verdict, changes, refused)
+
+    def _refused(self, board: LinearBoard) -> str:
+        """Return which parts are out of range, and farther than those of the scene."""
+        worse = [
+            name
+            for name, broken in broken_limits(board.circuit).items()
+            if name not in self.accepted or broken.factor > SAME * self.accepted[name].factor
+        ]
+        return ", ".join(sorted(worse))
 
 
 def at_small_signal(scene: Scene) -> Scene:
