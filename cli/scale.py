@@ -49,7 +49,7 @@ def scale(
         write_scene(scaling.scene, output)
         click.echo(f"wrote {output}", err=True)
     if as_json:
-        print_json(_document(scaling, verdict))
+        print_json(scaling_document(scaling, verdict))
     else:
         show_scaling(scaling, verdict)
     sys.exit(STATUS[verdict.outcome.value])
@@ -73,7 +73,8 @@ def write_scene(scene: Scene, output: str) -> None:
     write_atomically(Path(output), scene_text(scene, Path(output).parent))
 
 
-def _document(scaling: Scaling, verdict: Verdict) -> dict[str, Any]:
+def scaling_document(scaling: Scaling, verdict: Verdict) -> dict[str, Any]:
+    """Return the scalings and the verdict as plain data."""
     from verification.report.verdict.json_document import load_record, verdict_document
 
     names = ("unit_conductance", "unit_voltage", "gain", "resistance", "capacitance")

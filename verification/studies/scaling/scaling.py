@@ -260,6 +260,9 @@ def _with_loads(
             notes.append("the op-amps have no limits: U0 is that of the scene")
             return scene, ()
         ratio = min(_allowed(load, share) for load in parts.loads)
+        if not math.isfinite(ratio):
+            notes.append("nothing moves with this strain: U0 is that of the scene")
+            return scene, loads
         volts = scene.design.unit_voltage
         after = _at_voltage(scene, volts * ratio)
         if after.design.unit_voltage == volts:
