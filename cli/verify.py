@@ -29,6 +29,7 @@ from spice_models.errors import Complaint, InputError
 
 if TYPE_CHECKING:
     from verification.report.html.blocks import Report
+    from verification.studies.remedies.remedies import Remedies
 
 
 @command
@@ -39,7 +40,8 @@ if TYPE_CHECKING:
 @click.option(
     "--margins",
     is_flag=True,
-    help="Show by what factor C may shrink and the gain may grow until the board oscillates.",
+    help="Show by what factor C may shrink and the gain may grow until the board oscillates; of an"
+    " unstable board, how far it is from stability in C, gain, stray capacitance and bandwidth.",
 )
 @click.option(
     "--exclude",
@@ -56,11 +58,20 @@ if TYPE_CHECKING:
     " GITHUB_ACTIONS is set.",
 )
 @JOBS
+@click.option(
+    "--changes",
+    type=click.FloatRange(0),
+    default=4.0,
+    metavar="SECONDS",
+    help="Time limit of the search for changes that mend a failed verdict; 0: no search.",
+)
 def verify(scenes: tuple[str, ...], as_json: bool, **options: Any) -> None:
     """Simulate the board of each SCENE, solve its problem, and check the board.
 
     SCENE is a scene file, or a folder: all its files *.toml. Several scenes give one table, and
     with --json one document. Exit status: the first of 2, 1, 3, 0 that a scene has.
+
+    The verdict of one scene that fails ends with the nearest changes of the design that mend it.
     """
     check_plot(options["plot"])
     check_report(options["report"])
@@ -83,14 +94,23 @@ def _verify_one(scene: str, as_json: bool, options: dict[str, Any]) -> None:
 
                 _annotate({"file": scene, **error_document(error)})
             raise
+        remedies = _remedies(verdict, options["changes"], progress)
     plain = not (as_json or options["margins"] or options["annotate"])
     document = {} if plain else _description(options["margins"])(verdict)
     if as_json:
+        if remedies is not None:
+            from verification.report.verdict.remedies import remedies_document
+
+            document["what_to_change"] = remedies_document(remedies)
         print_json(document)
     else:
         from verification.report.verdict.table import print_verdict
 
         print_verdict(verdict, console())
+        if remedies is not None:
+            from verification.report.verdict.remedies import remedies_text
+
+            click.echo(remedies_text(verdict.scene, remedies))
         for line in margin_lines(document):
             click.echo(line)
     if options["annotate"]:
@@ -102,6 +122,18 @@ def _verify_one(scene: str, as_json: bool, options: dict[str, Any]) -> None:
         click.echo(f"drew {options['plot']}", err=True)
     save_report(options["report"], lambda: _report(verdict))
     sys.exit(STATUS[verdict.outcome.value])
+
+
+def _remedies(
+    verdict: taction.Verdict, seconds: float, progress: Callable[[str], None]
+) -> Remedies | None:
+    """Return the changes that mend a failed verdict, found within `seconds`."""
+    if not seconds or verdict.outcome.value != "fail":
+        return None
+    from verification.studies.remedies.remedies import find_remedies
+
+    progress("what to change")
+    return find_remedies(verdict, seconds)
 
 
 def _report(verdict: taction.Verdict) -> Report:
@@ -144,11 +176,13 @@ def _verify_files(scenes: tuple[str, ...], as_json: bool, options: dict[str, Any
 
 
 def _description(margins: bool) -> Callable[[Any], dict[str, Any]]:
-    from verification.report.verdict import json_document
-
     if margins:
-        return json_document.verdict_document_with_margins
-    return json_document.verdict_document
+        from verification.report.verdict.margins import verdict_document_with_margins
+
+        return verdict_document_with_margins
+    from verification.report.verdict.json_document import verdict_document
+
+    return verdict_document
 
 
 def _annotate(document: dict[str, Any]) -> None:

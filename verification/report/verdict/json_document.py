@@ -6,14 +6,12 @@ import math
 from dataclasses import asdict
 from typing import Any
 
-from verification.engines.statespace.linearised.board import LinearBoard
 from verification.measures.measurements import ChannelMeasure
 from verification.pipeline.checks import Check
 from verification.pipeline.error_chain import ErrorBudget, ErrorPart
 from verification.pipeline.output_noise import OutputNoise
 from verification.report.verdict.scene_keys import scene_keys
 from verification.small_signal.headroom import Load
-from verification.small_signal.margin import both_margins
 from verification.studies.figures import CHANNEL_FIGURES, FIGURES, figures_of, finite
 from verification.verify import Verdict
 
@@ -89,14 +87,6 @@ def verdict_document(verdict: Verdict) -> dict[str, Any]:
         "warnings": list(verdict.warnings),
         "timing": verdict.timing,
     }
-
-
-def verdict_document_with_margins(verdict: Verdict) -> dict[str, Any]:
-    """Return `verdict_document` with the stability margins in C and in the gain."""
-    document = verdict_document(verdict)
-    margins = both_margins(LinearBoard(verdict.circuit), verdict.poles)
-    document["stability"]["margins"] = {name: asdict(m) for name, m in margins.items()}
-    return document
 
 
 def budget_record(budget: ErrorBudget) -> dict[str, Any]:
