@@ -8,8 +8,12 @@ from dataclasses import dataclass
 
 KNEE = 50.0
 """Swing over the width of the knee of a clamp. At 90 % of the swing the clamp draws 1e-4 of the
-slew rate, which the loop replaces with some microvolts at the input. Likewise for the limit of the
-output current, where 90 % leaves 5e-7 of the limit."""
+slew rate, which the loop replaces with some microvolts at the input."""
+OVERDRIVE = 100.0
+"""Beyond the largest output current, the voltage that doubles the current, in supply voltages: an
+output that is overdriven by the whole supply gives 1 % more than its limit. Newton's method
+converges on a steep drop from any start. A current source with flat ends made ngspice 46 fail
+where an output entered its limit: the iteration alternates between both ends."""
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 ABOVE_ZERO = (
@@ -41,10 +45,11 @@ class OpAmp:
     At the `large_signal` level the limits of slope and voltage are in the macromodel. Its input
     stage is ``V tanh(v / V)`` with ``V = input_range``, so the first pole's slope is at most the
     slew rate. A clamp draws ``slew_rate (tanh((x - swing)/d) + tanh((x + swing)/d))`` from the
-    first pole's output x, with ``d = swing / KNEE``: it stops x at the swing. The output current is
-    ``I (log cosh(K (y + 1)) - log cosh(K (y - 1))) / 2 K`` with ``I = output_current``,
-    ``K = KNEE`` and ``y = (x - v_out) / (I output_resistance)``: that of the output resistance up
-    to the limit. Small signals see the same gain.
+    first pole's output x, with ``d = swing / KNEE``: it stops x at the swing. In series with the
+    output resistance is the drop ``b(i) = U (softplus(K (y - 1)) - softplus(-K (y + 1))) / K`` of
+    the output current i, with ``y = i / output_current``, ``K = 2 KNEE`` and U `OVERDRIVE` times
+    the supply: nothing up to the largest current, and steep beyond it. Small signals see the same
+    gain.
 
     With `input_errors` the DC errors of the inputs are in the macromodel: the gain acts on
     ``v+ - v- + offset_voltage + rejection_error (v+ + v-) / 2``, and the inputs draw the currents

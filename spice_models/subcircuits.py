@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING, Protocol
 
 from spice_models.amplifier import AMPLIFIERS
-from spice_models.opamp import KNEE, OpAmp
+from spice_models.opamp import KNEE, OVERDRIVE, OpAmp
 from spice_models.thermal_noise import THERMAL
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def opamp_subcircuit(
     model: OpAmp,
     *,
     noninverting_grounded: bool,
-    supply: float = math.inf,
+    supply: float = 15.0,
     noisy: bool = False,
 ) -> SubCircuit:
     """Build the macromodel of one op-amp type with PySpice's object model.
@@ -64,7 +64,7 @@ def opamp_subcircuit(
     input to ground; one stage ``G``, ``R``, ``C`` per pole, the first with the whole DC gain; a
     voltage source ``Eo`` and the output resistance ``Ro`` in series. At the large-signal level, at
     supplies of ±`supply` V, there are ``Ex`` and ``Bd`` before the first stage, and the clamp
-    ``Ey``, ``Bc``, ``Gc`` at its output; ``Ez``, ``Bl``, ``Gl`` limit the output current. A figure
+    ``Ey``, ``Bc``, ``Gc`` at its output; ``Ez``, ``Bl``, ``El`` limit the output current. A figure
     that is zero or infinite has no card; an op-amp without poles and impedances has only the card
     ``Eo``. If the non-inverting input of all op-amps of this type is on ground, ``Cp`` has no
     effect and no card.
@@ -97,11 +97,10 @@ def opamp_subcircuit(
             cell.R(index, node, "0", resistance, **silent)
             cell.C(index, node, "0", STAGE_CAPACITANCE)
             control, gain = (node, "0"), 1.0
-    if model.limits_current:
-        _limiter(cell, model, control[0])
-    elif model.output_resistance > 0.0:
+    if model.output_resistance > 0.0:
+        end = _limiter(cell, model, supply) if model.limits_current else "out"
         cell.VCVS("o", "e", "0", *control, voltage_gain=gain)
-        cell.R("o", "e", "out", float(model.output_resistance), **silent)
+        cell.R("o", "e", end, float(model.output_resistance), **silent)
     else:
         cell.VCVS("o", "out", "0", *control, voltage_gain=gain)
     return cell
@@ -117,14 +116,17 @@ def _clamp(cell: SubCircuit, model: OpAmp, swing: float) -> None:
         cell.VCCS("c", "p1", "0", "c", "0", transconductance=drawn)
 
 
-def _limiter(cell: SubCircuit, model: OpAmp, source: str) -> None:
-    """Add the output stage with a limited current, driven by node `source`."""
+def _limiter(cell: SubCircuit, model: OpAmp, supply: float) -> str:
+    """Add the limit of the current through ``Ro``; return the node between the two."""
+    knee = 2.0 * KNEE
     volts = model.output_current * model.output_resistance
-    cell.VCVS("z", "z", "0", source, "out", voltage_gain=KNEE / volts)
-    ends = (f"abs(V(z)+{KNEE!r})", f"abs(V(z)-{KNEE!r})")
-    high, low = (f"{size}+ln(1+exp(-2*{size}))" for size in ends)
+    cell.VCVS("z", "z", "0", "e", "f", voltage_gain=knee / volts)
+    above, below = f"V(z)-{knee!r}", f"V(z)+{knee!r}"
+    high = f"max({above},0)+ln(1+exp(-abs({above})))"
+    low = f"max(-({below}),0)+ln(1+exp(-abs({below})))"
     cell.BehavioralSource("l", "l", "0", voltage_expression=f"{high}-({low})")
-    cell.VCCS("l", "0", "out", "l", "0", transconductance=model.output_current / (2.0 * KNEE))
+    cell.VCVS("l", "f", "out", "l", "0", voltage_gain=OVERDRIVE * supply / knee)
+    return "f"
 
 
 def _inputs(

@@ -112,17 +112,15 @@ def _clamp_slope(y: Floats) -> Floats:
     return _sech2(y - KNEE) + _sech2(y + KNEE)
 
 
-def _limited(y: Floats) -> Floats:
-    """Return y between -1 and 1, and ±1 beyond, with knees of a width of ``1 / KNEE``.
-
-    It is ``(log cosh(K (y + 1)) - log cosh(K (y - 1))) / 2 K`` without cancellation.
-    """
-    knees = (np.log1p(np.exp(-2.0 * KNEE * np.abs(y + side))) for side in (1.0, -1.0))
-    return np.asarray(np.clip(y, -1.0, 1.0) + (next(knees) - next(knees)) / (2.0 * KNEE))
+def _beyond(y: Floats) -> Floats:
+    """Return nearly 0 between -1 and 1, and what y is beyond, with knees of ``1 / 2 KNEE``."""
+    K = 2.0 * KNEE
+    return (_softplus(K * (y - 1.0)) - _softplus(-K * (y + 1.0))) / K
 
 
-def _limiter_slope(y: Floats) -> Floats:
-    return 0.5 * (np.tanh(KNEE * (y + 1.0)) - np.tanh(KNEE * (y - 1.0)))
+def _beyond_slope(y: Floats) -> Floats:
+    K = 2.0 * KNEE
+    return _sigmoid(K * (y - 1.0)) + _sigmoid(-K * (y + 1.0))
 
 
 GAINS: dict[str, Gain] = {
@@ -132,7 +130,7 @@ GAINS: dict[str, Gain] = {
     "tanh": Gain(np.tanh, _sech2, _by_newton(np.tanh, _sech2), HUGE),
     "stage": Gain(np.tanh, _sech2, _by_newton(np.tanh, _sech2), HUGE),
     "clamp": Gain(_clamped, _clamp_slope, _by_newton(_clamped, _clamp_slope), HUGE),
-    "limiter": Gain(_limited, _limiter_slope, _by_newton(_limited, _limiter_slope), HUGE),
+    "limiter": Gain(_beyond, _beyond_slope, _by_newton(_beyond, _beyond_slope), HUGE),
 }
 
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spice_models.array_types import Bools, Floats, Ints
-from spice_models.opamp import KNEE
+from spice_models.opamp import KNEE, OVERDRIVE
 from verification.engines.statespace.equations.amplifier_gains import OPAMP_KINDS
 from verification.engines.statespace.equations.descriptor import Devices
 from verification.engines.statespace.equations.stamper import GROUND, Stamper
@@ -186,28 +186,36 @@ class _OpAmps:
     def _outputs(self, signal: _Signal, resistance: Floats) -> Devices:
         """Stamp the voltage sources behind the output resistances; return the current limiters."""
         limiters = self._limiters(signal)
-        ideal, open_ = resistance == 0.0, np.ones(len(resistance), dtype=np.bool_)
-        open_[self._where([model.limits_current for model in self.models])] = False
+        ideal = resistance == 0.0
+        plain = ~ideal
+        plain[self._where([model.limits_current for model in self.models])] = False
         g = np.divide(1.0, resistance, out=np.ones_like(resistance), where=~ideal)
         driven = signal.times(g)
-        for laws, rows in (
-            (True, np.where(ideal, self.out, GROUND)),
-            (False, np.where(ideal | ~open_, GROUND, self.out)),
-        ):
+        for laws, chosen in ((True, ideal), (False, plain)):
+            rows = np.where(chosen, self.out, GROUND)
             self._add(rows, driven, laws=laws)
             (self.stamper.laws if laws else self.stamper.currents).add(rows, self.out, -g)
         return limiters
 
     def _limiters(self, signal: _Signal) -> Devices:
-        """Stamp the current sources of outputs with a limit, ``-u g((v_out - x) / u)`` in V."""
+        """Stamp the outputs with a largest current.
+
+        The unknown ``d = v_out + b - x`` is the voltage over the output resistance, and b the drop
+        of the limiter behind it.
+        """
         which = self._where([model.limits_current for model in self.models])
-        inputs, out = self._unknowns("drop", which), self.out[which]
-        laws, ones = self.stamper.laws, np.ones(len(which))
-        laws.add(inputs, out, ones)
-        laws.add(inputs, signal.plus[which], -ones)
-        laws.add(inputs, inputs, -ones)
+        drop, out = self._unknowns("drop", which), self.out[which]
         ohms = self._figures(which, [model.output_resistance for model in self.models])
         volts = ohms * self._figures(which, [model.output_current for model in self.models])
-        limiters = self._devices(LIMITER, which, inputs, volts, volts)
-        self.stamper.currents.add(out, limiters.output, 1.0 / ohms)
+        size = np.full(len(which), OVERDRIVE * self.stamper.circuit.supply)
+        limiters = self._devices(LIMITER, which, drop, size, volts)
+        laws, ones = self.stamper.laws, np.ones(len(which))
+        for places, sign in (
+            (out, 1.0),
+            (limiters.output, 1.0),
+            (signal.plus[which], -1.0),
+            (drop, -1.0),
+        ):
+            laws.add(drop, places, sign * ones)
+        self.stamper.currents.add(out, drop, -1.0 / ohms)
         return limiters
