@@ -182,7 +182,9 @@ def simulate(
     began = clock.perf_counter()
     board = LinearBoard.of(circuit)
     wanted = board.reported(nodes)
-    system = (Wide if board.descriptor.is_large else Amplified)(board, wanted)
+    # The limited current of an op-amp moves its own node: a loop without charge, as in `Wide` only.
+    whole = board.descriptor.is_large or board.descriptor.has_limits
+    system = (Wide if whole else Amplified)(board, wanted)
     z = system.start(analysis)
     floor = voltage_floor(system.magnitudes(board.equilibrium), z)
     largest = max(floor.max(initial=0.0), system.devices.u_scale.max(initial=0.0))
