@@ -45,11 +45,11 @@ class OpAmp:
     At the `large_signal` level the limits of slope and voltage are in the macromodel. Its input
     stage is ``V tanh(v / V)`` with ``V = input_range``, so the first pole's slope is at most the
     slew rate. A clamp draws ``slew_rate (tanh((x - swing)/d) + tanh((x + swing)/d))`` from the
-    first pole's output x, with ``d = swing / KNEE``: it stops x at the swing. In series with the
-    output resistance is the drop ``b(i) = U (softplus(K (y - 1)) - softplus(-K (y + 1))) / K`` of
-    the output current i, with ``y = i / output_current``, ``K = 2 KNEE`` and U `OVERDRIVE` times
-    the supply: nothing up to the largest current, and steep beyond it. Small signals see the same
-    gain.
+    first pole's output x, with ``d = swing / KNEE``: it stops x at the swing. With
+    `limits_current` there is, in series with the output resistance, the voltage drop
+    ``U (softplus(K (y - 1)) - softplus(-K (y + 1))) / K`` of the output current i, with
+    ``y = i / output_current``, ``K = 2 KNEE`` and U `OVERDRIVE` times the supply: nothing up to the
+    largest current, and steep beyond it. Small signals see the same gain.
 
     With `input_errors` the DC errors of the inputs are in the macromodel: the gain acts on
     ``v+ - v- + offset_voltage + rejection_error (v+ + v-) / 2``, and the inputs draw the currents
@@ -84,7 +84,8 @@ class OpAmp:
     channels_per_package: int = 1  # op-amps in one package
     external_part: str = ""  # that every op-amp of the type needs beside it
     source: str = ""  # publication of the figures
-    large_signal: bool = False  # whether the macromodel has the limits
+    large_signal: bool = False  # whether the macromodel has slew rate and swing
+    limits_current: bool = False  # whether it has the largest output current, too
     input_errors: bool = False  # whether the macromodel has offset, bias and common-mode error
 
     def __post_init__(self) -> None:
@@ -109,6 +110,9 @@ class OpAmp:
         if self.input_errors and math.isinf(self.gbw) and math.isfinite(self.output_current):
             text = "offset and input currents of an op-amp with a largest current need a finite gbw"
             raise ValueError(f"input_errors = True: {text}")
+        if self.limits_current and not (self.large_signal and self.has_largest_current):
+            text = "needs large_signal, a finite output_current and an output_resistance"
+            raise ValueError(f"limits_current = True: {text}")
         if self.large_signal and not math.isfinite(self.input_range):
             raise ValueError("large_signal = True: needs a finite slew_rate and a finite gbw")
 
@@ -139,10 +143,9 @@ class OpAmp:
         return 10.0 ** (-self.common_mode_rejection / 20.0) if self.input_errors else 0.0
 
     @property
-    def limits_current(self) -> bool:
-        """Whether the macromodel has the limit of the output current."""
-        finite = math.isfinite(self.output_current) and self.output_resistance > 0.0
-        return self.large_signal and finite
+    def has_largest_current(self) -> bool:
+        """Whether the part has a largest output current that can be judged."""
+        return math.isfinite(self.output_current) and self.output_resistance > 0.0
 
     @property
     def is_limited(self) -> bool:

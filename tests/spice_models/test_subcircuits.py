@@ -170,7 +170,7 @@ def test_an_output_gives_no_more_than_its_largest_current(
     ngspice: str, tmp_path: Path, volts: float
 ) -> None:
     """The output is held at 0 V, the second pole at `volts` behind 75 ohm: 20 mA is 1.5 V."""
-    model = replace(PRESETS["ua741"], large_signal=True, output_current=20e-3)
+    model = replace(PRESETS["ua741"], large_signal=True, limits_current=True, output_current=20e-3)
     text = str(opamp_subcircuit(model, noninverting_grounded=True, supply=15.0))
     own = ("Eo", "Ro", "Ez", "Bl", "El")
     stage = [line for line in text.splitlines() if line.split()[0] in own]

@@ -36,5 +36,13 @@ def headroom(evidence: Evidence) -> Check | None:
 def _limited(parts: PartLoads) -> Check:
     """Return the check of a board whose simulated op-amps have their limits."""
     would = describe(parts.simulated[0]).replace(" reaches ", " would reach ")
-    reason = f"{would}; the simulated op-amps have slew rate, swing and largest output current"
-    return Check(NAME, Outcome.PASS, None, None, FULL, None, "ratio", reason)
+    reason = f"{would}; the simulated op-amps have slew rate and swing"
+    if any(load.quantity == "current" for load in parts.simulated):
+        reason += " and largest output current"
+    if not parts.loads:
+        return Check(NAME, Outcome.PASS, None, None, FULL, None, "ratio", reason)
+    worst = parts.loads[0]
+    outcome = Outcome.INCONCLUSIVE if worst.is_above else Outcome.PASS
+    error = worst.error / worst.limit
+    reason += f"; {describe(worst)}"
+    return Check(NAME, outcome, worst.share, error, FULL, None, "ratio", reason)

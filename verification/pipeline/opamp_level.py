@@ -1,8 +1,9 @@
 """The level of the op-amps' macromodel: the least that is true for a board.
 
 Where an op-amp of the small-signal board would exceed `FULL` of a limit on the way, the board is
-built again with op-amps that have their slew rate, swing and largest output current. A board that
-would rest beyond a limit stays as it is: no level of the model mends it.
+built again with op-amps that have their slew rate and swing and, where a current exceeds its
+limit, their largest output current. A board that would rest beyond a limit stays as it is: no level
+of the model mends it.
 """
 
 from __future__ import annotations
@@ -35,15 +36,18 @@ def at_level(
     if not stable or not board.circuit.is_small_signal:
         return board, NOT_LIMITED
     loads = PartLoads.of(board, initial=transient.initial, transient=transient)
-    above = any(load.is_above for load in loads.loads) and not loads.impossible
-    if level == "auto" and above and has_large_signal(board):
-        return LinearBoard(large_signal(board.circuit)), loads
+    above = {load.quantity for load in loads.loads if load.is_above}
+    if level == "auto" and above and not loads.impossible and has_large_signal(board):
+        return LinearBoard(large_signal(board.circuit, current="current" in above)), loads
     return board, loads
 
 
-def large_signal(circuit: Circuit) -> Circuit:
-    """Return the circuit with the limits of its op-amps."""
-    models = {name: replace(m, large_signal=True) for name, m in circuit.models.items()}
+def large_signal(circuit: Circuit, *, current: bool = True) -> Circuit:
+    """Return the circuit with the limits of its op-amps; that of the `current` is an extra part."""
+    models = {
+        name: replace(m, large_signal=True, limits_current=current and m.has_largest_current)
+        for name, m in circuit.models.items()
+    }
     return replace(circuit, models=models)
 
 

@@ -97,7 +97,7 @@ def test_an_output_gives_its_largest_current() -> None:
     loaded = replace(
         stage(), resistors=(*stage().resistors, Resistor("load", "amp", GROUND, 100.0))
     )
-    model = replace(loaded.models["ua741"], output_current=20e-3)
+    model = replace(loaded.models["ua741"], limits_current=True, output_current=20e-3)
     loaded, stop = replace(loaded, models={"ua741": model}), 60e-6
     times = np.linspace(0.0, stop, 2001)
     exact = by_state_space(LinearBoard(loaded), Transient(stop, stop / 2000), times=times)
@@ -177,14 +177,37 @@ def test_both_engines_agree_on_followers_that_slew() -> None:
     }
     scene = make_scene(design=design, analysis={"error": 5e-5})
     verdict = verify(scene.with_engine("ngspice"))
-    print(
-        verdict.outcome,
-        named(verdict, "engines_agree"),
-        named(verdict, "headroom"),
-        named(verdict, "stability"),
-    )
     agree = named(verdict, "engines_agree")
     assert not verdict.circuit.is_small_signal
+    assert agree.value is not None
+    assert agree.value < 1e-4
+
+
+@pytest.mark.usefixtures("ngspice")
+@pytest.mark.parametrize(
+    ("channels", "figures", "reason"),
+    [
+        (3, {"output_current": "0.1mA"}, "and largest output current"),
+        (20, {}, "slew rate and swing"),  # 640 unknowns
+    ],
+)
+def test_both_engines_agree_beyond_a_current_and_on_large_boards(
+    channels: int, figures: dict[str, str], reason: str
+) -> None:
+    design = {
+        "opamp": {"base": "ua741", **figures},
+        "capacitance": "100pF",
+        "gain": "1Mohm",
+        "unit_conductance": "1uS",
+        "lambda": 1.0,
+        "unit_voltage": "5V",
+    }
+    problem = {"channels": channels, "span": 6.0 * channels / 7}
+    scene = make_scene(problem, design=design, analysis={"error": 5e-5})
+    verdict = verify(scene.with_engine("ngspice"))
+    agree = named(verdict, "engines_agree")
+    assert reason in named(verdict, "headroom").reason
+    assert verdict.outcome is Outcome.PASS
     assert agree.value is not None
     assert agree.value < 1e-4
 

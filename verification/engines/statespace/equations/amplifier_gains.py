@@ -20,7 +20,7 @@ from spice_models.array_types import Floats
 from spice_models.errors import EngineError
 from spice_models.opamp import KNEE
 
-OPAMP_KINDS = ("stage", "clamp", "limiter")
+OPAMP_KINDS = INPUT_STAGE, CLAMP, LIMITER = ("stage", "clamp", "limiter")
 HUGE = 1e300
 NEWTON_STEPS = 200  # enough for bisection alone
 LARGEST_EXPONENT = 690.0  # exp(690) is near 1e300: a gain still fits without overflow

@@ -16,11 +16,14 @@ import numpy as np
 
 from spice_models.array_types import Bools, Floats, Ints
 from spice_models.opamp import KNEE, OVERDRIVE
-from verification.engines.statespace.equations.amplifier_gains import OPAMP_KINDS
+from verification.engines.statespace.equations.amplifier_gains import (
+    CLAMP,
+    INPUT_STAGE,
+    LIMITER,
+)
 from verification.engines.statespace.equations.descriptor import Devices
 from verification.engines.statespace.equations.stamper import GROUND, Stamper
 
-INPUT_STAGE, CLAMP, LIMITER = OPAMP_KINDS
 FIGURES = operator.attrgetter(
     "dc_gain",
     "gbw",
