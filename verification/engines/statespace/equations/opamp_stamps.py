@@ -93,8 +93,11 @@ class _OpAmps:
         signal = _Signal(self.plus, self.minus, 1.0 + half, 1.0 - half, offset)
         signal, stages = self._input_stages(signal)
         clamps = self._clamps(poles[:, 0])
-        signal = self._lag(poles[:, 0], 2.0 * np.pi * gbw / gain, signal.times(gain))
-        signal = self._lag(poles[:, 1], 2.0 * np.pi * second, signal)
+        gbw, second = (np.where(np.isfinite(f), f, 0.0) for f in (gbw, second))  # no state: ground
+        rate = 2.0 * np.pi * gbw
+        signal = self._lag(poles[:, 0], rate / gain, signal.times(rate), signal.times(gain))
+        rate = 2.0 * np.pi * second
+        signal = self._lag(poles[:, 1], rate, signal.times(rate), signal)
         return [stages, clamps, self._outputs(signal, resistance)]
 
     def _inputs(self, leak: Floats, between: Floats, grounded: Floats) -> None:
@@ -175,14 +178,14 @@ class _OpAmps:
         ]
         return self.stamper.nodes(names).reshape(-1, 2)
 
-    def _lag(self, x: Ints, rate: Floats, signal: _Signal) -> _Signal:
-        """Add states ``x' = rate (signal - x)``; return the signals behind them.
+    def _lag(self, x: Ints, rate: Floats, driven: _Signal, signal: _Signal) -> _Signal:
+        """Add states ``x' = driven - rate x``; return them, or `signal` where `x` is `GROUND`.
 
-        Where `x` is `GROUND`, no state is added and the signal does not change.
+        `driven` is ``rate signal``, rounded once.
         """
         there = x != GROUND
         self.stamper.mass.add(x, x, np.ones(len(x)))
-        self._add(x, signal.times(np.where(there, rate, 0.0)))
+        self._add(x, driven)
         self.stamper.laws.add(x, x, -rate)
         return signal.replaced(there, x[there])
 
