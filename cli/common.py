@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import errno
 import functools
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -167,14 +166,10 @@ def plain(value: Any) -> Any:
 
 
 def console(*, stderr: bool = False) -> Console:
-    """Return a console that prints numbers without colours; a closed pipe is BrokenPipeError."""
-    from rich.console import Console
+    """Return the console that reports print on."""
+    from verification.report.page import Page
 
-    class Page(Console):
-        def on_broken_pipe(self) -> NoReturn:  # rich would end with 1, a failed check
-            raise BrokenPipeError(errno.EPIPE, "closed pipe")
-
-    return Page(highlight=False, stderr=stderr)
+    return Page(stderr=stderr)
 
 
 @contextmanager

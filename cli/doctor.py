@@ -57,14 +57,13 @@ def models(as_json: bool) -> None:
             }
         )
         return
-    from rich.table import Table
+    from verification.report.tables import make_table, whole
 
-    table = Table("", *presets)
-    for figure, unit, title in FIGURES:
-        values = (getattr(model, figure) for model in presets.values())
-        table.add_row(title, *(show(x, unit) if math.isfinite(x) else "-" for x in values))
-    page = console()
-    page.print(table)
+    page, rows = console(), []
+    for name, model in presets.items():
+        values = ((getattr(model, figure), unit) for figure, unit, _ in FIGURES)
+        rows.append([name, *(show(x, unit) if math.isfinite(x) else "-" for x, unit in values)])
+    page.print(make_table(whole("op-amp", *(title for _, _, title in FIGURES)), rows, padding=0))
     for name, model in presets.items():
         page.print(f"[bold]{name}[/bold]: {model.source}")
 

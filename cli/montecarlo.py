@@ -97,7 +97,7 @@ def montecarlo(scene: str, count: int, seed: int, as_json: bool, **options: Any)
     else:
         from verification.report.tolerance.tables import print_yield
 
-        print_yield(result, seed)
+        print_yield(result, seed, console())
     if options["report"] is not None:
         from verification.report.html.yield_report import yield_report
 
@@ -148,9 +148,9 @@ def corners(
         records = [asdict(corner) for corner in found.corners]
         print_json({"scene": requested_scene.name, "corners": records, "directions": directions})
     else:
-        print_corners(found.corners, quantities(requested_scene))
+        print_corners(found.corners, quantities(requested_scene), console())
         if found.directions:
-            print_directions(found.directions)
+            print_directions(found.directions, console())
     save_report(options["report"], lambda: corners_report(requested_scene, found.corners))
     outcomes = {corner.result.outcome for corner in found.corners}
     sys.exit(STATUS[next((o for o in ("fail", "inconclusive") if o in outcomes), "pass")])

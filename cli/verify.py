@@ -65,6 +65,9 @@ if TYPE_CHECKING:
     metavar="SECONDS",
     help="Time limit of the search for changes that mend a failed verdict; 0: no search.",
 )
+@click.option(
+    "-v", "--verbose", is_flag=True, help="Show also how the record and the reference were made."
+)
 def verify(scenes: tuple[str, ...], as_json: bool, **options: Any) -> None:
     """Simulate the board of each SCENE, solve its problem, and check the board.
 
@@ -106,7 +109,7 @@ def _verify_one(scene: str, as_json: bool, options: dict[str, Any]) -> None:
     else:
         from verification.report.verdict.table import print_verdict
 
-        print_verdict(verdict, console())
+        print_verdict(verdict, console(), verbose=options["verbose"])
         if remedies is not None:
             from verification.report.verdict.remedies import remedies_text
 

@@ -119,7 +119,7 @@ def test_half_the_capacitance_oscillates(engine: str) -> None:
         assert channel.settling_time is None
         assert channel.frequency == pytest.approx(pole.imag / (2 * math.pi), rel=2e-3)
         assert channel.growth_rate == pytest.approx(pole.real, rel=0.02)
-    assert "oscillates at 37.9 kHz, growth rate +7865 /s" in named(verdict, "stability").reason
+    assert "oscillates at 37.9 kHz, growth rate +7.865 k/s" in named(verdict, "stability").reason
     assert "every channel oscillating at 37.9" in named(verdict, "steady_state").reason
 
 

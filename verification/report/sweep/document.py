@@ -8,14 +8,14 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Any
 
-from rich.console import Console, RenderableType
+from rich.console import Console
 from rich.markup import escape
 from rich.text import Text
 
 from netlist_gen.overrides.axes import Axis
+from verification.report import tables
 from verification.report.sweep.agreement import print_summary, summarise
 from verification.report.sweep.records import records
-from verification.report.tables import make_table, spaced, value_text
 from verification.studies.figures import FIGURES
 from verification.studies.sweep.plan import Plan
 from verification.studies.sweep.run import SweepCounts
@@ -67,10 +67,14 @@ def print_sweep(plan: Plan, store: Store, count: SweepCounts, console: Console) 
     """Print the outcomes, and the points if they are few, else the points without a verdict."""
     whole = count.total <= LINES
     listed = (r for r in records(plan, store) if whole or r["outcome"] == "error")
-    if rows := [_row(plan, record) for record in itertools.islice(listed, LINES)]:
-        titles = map(spaced, COLUMNS)
+    if shown := list(itertools.islice(listed, LINES)):
         names = [axis.name for axis in plan.axes]
-        console.print(make_table((*names, "engine", "outcome", *titles, "why"), rows))
+        titles = tables.whole(*names, "engine", "outcome", *map(tables.spaced, COLUMNS))
+        rows = (_row(plan, record) for record in shown)
+        console.print(tables.make_table(titles, rows, padding=(0, 1, 0, 0)))
+    for record in shown:
+        if reason := record["reason"].split("\n")[0][:160]:
+            console.print(Text(f"{_place(plan, record)}: {reason}"))
     outcomes = ", ".join(
         f"[{COLOUR[name]}]{count.outcomes[name]} {name}[/{COLOUR[name]}]"
         for name in COLOUR
@@ -85,11 +89,16 @@ def print_sweep(plan: Plan, store: Store, count: SweepCounts, console: Console) 
         console.print("--retry failed computes the points without a verdict (error) again")
 
 
-def _row(plan: Plan, record: dict[str, Any]) -> list[RenderableType]:
+def _place(plan: Plan, record: dict[str, Any]) -> str:
+    values = record["values"]
+    texts = (f"{a.name} = {tables.value_text(values[a.name], a.key.unit)}" for a in plan.axes)
+    return f"{', '.join(texts)}, {record['engine']}"
+
+
+def _row(plan: Plan, record: dict[str, Any]) -> list[str | Text]:
     return [
-        *(value_text(record["values"][axis.name], axis.key.unit) for axis in plan.axes),
+        *(tables.value_text(record["values"][axis.name], axis.key.unit) for axis in plan.axes),
         record["engine"],
         Text(record["outcome"], style=COLOUR[record["outcome"]]),
-        *(value_text(record[name], FIGURES[name].unit) for name in COLUMNS),
-        escape(record["reason"].split("\n")[0][:160]),
+        *(tables.value_text(record[name], FIGURES[name].unit) for name in COLUMNS),
     ]
