@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import functools
 import sys
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -13,6 +13,8 @@ import click
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from netlist_gen.overrides.axes import Axis
+    from netlist_gen.scene.scene import Scene
     from verification.report.html.blocks import Report
 
 STATUS = {"pass": 0, "fail": 1, "bad input": 2, "inconclusive": 3}
@@ -124,9 +126,34 @@ def _inputs(arguments: Mapping[str, Any]) -> Iterator[str | None]:
 
 def scene_command(function: Callable[..., None]) -> click.Command:
     """Return `function` as a `command` with the argument SCENE, the path of a scene file."""
-    made = command(function)
+    made = command(_with_questions(function))
     made.params.insert(0, click.Argument(["scene"], type=click.Path()))
     return made
+
+
+def _with_questions(function: Callable[..., None]) -> Callable[..., None]:
+    """Ask on stderr what may be a slip in the scene; the command reports its mistakes."""
+
+    @functools.wraps(function)
+    def asked(scene: str, *args: Any, **kwargs: Any) -> None:
+        from netlist_gen.scene.file import load_scene
+        from netlist_gen.scene.questions import questions
+        from spice_models.errors import InputError
+
+        with suppress(InputError):
+            for question in questions(load_scene(scene)):
+                say(f"question: {question}")
+        function(scene, *args, **kwargs)
+
+    return asked
+
+
+def ask_axes(scene: Scene, groups: Sequence[Sequence[Axis]]) -> None:
+    """Ask on stderr what may be a slip in the axes of a study."""
+    from netlist_gen.overrides.axis_questions import axis_questions
+
+    for question in axis_questions(scene, groups):
+        say(f"question: {question}")
 
 
 def say(text: str) -> None:

@@ -100,6 +100,14 @@ def _verify_one(scene: str, as_json: bool, options: dict[str, Any]) -> None:
         remedies = _remedies(verdict, options["changes"], progress)
     plain = not (as_json or options["margins"] or options["annotate"])
     document = {} if plain else _description(options["margins"])(verdict)
+    if options["plot"] is not None:  # before the text: its reader may go
+        from verification.report.verdict.plots import plot_verdict
+
+        plot_verdict(verdict, options["plot"])
+        click.echo(f"drew {options['plot']}", err=True)
+    save_report(options["report"], lambda: _report(verdict))
+    if options["annotate"]:
+        _annotate(document)
     if as_json:
         if remedies is not None:
             from verification.report.verdict.remedies import remedies_document
@@ -116,14 +124,6 @@ def _verify_one(scene: str, as_json: bool, options: dict[str, Any]) -> None:
             click.echo(remedies_text(verdict.scene, remedies))
         for line in margin_lines(document):
             click.echo(line)
-    if options["annotate"]:
-        _annotate(document)
-    if options["plot"] is not None:
-        from verification.report.verdict.plots import plot_verdict
-
-        plot_verdict(verdict, options["plot"])
-        click.echo(f"drew {options['plot']}", err=True)
-    save_report(options["report"], lambda: _report(verdict))
     sys.exit(STATUS[verdict.outcome.value])
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from netlist_gen.quantities import show, show_rate
-from netlist_gen.scene.scene import Checks
+from netlist_gen.scene.checks import Checks
 from verification.measures.measurements import Measurements
 from verification.measures.settling import ChannelState
 from verification.pipeline.agreement import Agreement
