@@ -161,10 +161,20 @@ def say(text: str) -> None:
     click.echo(f"taction: {text}", err=True)
 
 
-def print_json(document: Any) -> None:
-    """Print one JSON document on stdout; NaN and infinities become null."""
+def print_json(document: Mapping[str, Any], schema: str | None = None) -> None:
+    """Print one JSON document on stdout; NaN and infinities become null.
+
+    Its field `taction` says what made it. `schema` is the name of its schema, by default that of
+    the command; an empty name leaves the document as it is.
+    """
     import json
 
+    context = click.get_current_context(silent=True)
+    name = (context.info_name if context else None) if schema is None else schema
+    if name:
+        from verification.report.schemas.head import document_head
+
+        document = document_head(name, document) | dict(document)
     click.echo(json.dumps(plain(document), indent=2, ensure_ascii=False, allow_nan=False))
 
 

@@ -173,7 +173,7 @@ def _verify_sample(
         sample = asdict(evaluate(study, number, z))
         deviations = {p.name: float(v) for p, v in zip(study.varied, z, strict=True)}
         head = {"seed": seed, "sample": sample, "deviations": deviations}
-        print_json(head | verdict_document(verdict))
+        print_json(head | verdict_document(verdict), "montecarlo-sample")
     else:
         from verification.report.verdict.table import print_verdict
 

@@ -167,7 +167,7 @@ def _verify_files(scenes: tuple[str, ...], as_json: bool, options: dict[str, Any
         )
     written = junit is None or write_all({junit: lambda: files_junit(result)})
     if as_json:
-        print_json(files_document(result))
+        print_json(files_document(result), "verify-files")
     else:
         print_files(result, console())
     if options["annotate"]:

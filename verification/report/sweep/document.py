@@ -14,6 +14,7 @@ from rich.text import Text
 
 from netlist_gen.overrides.axes import Axis
 from verification.report import tables
+from verification.report.schemas.head import document_head
 from verification.report.sweep.agreement import print_summary, summarise
 from verification.report.sweep.records import records
 from verification.studies.figures import FIGURES
@@ -42,7 +43,10 @@ def document_parts(plan: Plan, store: Store, count: SweepCounts, seconds: float)
         "seconds": seconds,
         "estimated_seconds": count.estimate,
     }
-    yield json.dumps(head, indent=2, ensure_ascii=False, allow_nan=False)[:-2]
+    units = document_head(
+        "sweep", {**head, "points": list(itertools.islice(records(plan, store), 1))}
+    )
+    yield json.dumps(units | head, indent=2, ensure_ascii=False, allow_nan=False)[:-2]
     yield ',\n  "points": ['
     between = "\n    "
     for record in records(plan, store):
