@@ -92,12 +92,17 @@ def _tables(scene: Scene, corners: Sequence[Corner]) -> Iterator[Block]:
 
 
 def _deviations(corners: Sequence[Corner]) -> Iterator[Block]:
-    for corner in corners:
-        if corner.deviations:
-            rows = tuple(
-                (Cell(name), Cell(f"{value:+g}", value))
-                for name, value in list(corner.deviations.items())[:MOST]
-            )
-            more = len(corner.deviations) - len(rows)
-            note = f"and {more} more (--json has all)" if more > 0 else ""
-            yield Table(spaced(corner.name), ("part", "deviation in tolerances"), rows, note)
+    """Yield one table of the deviations, in tolerances, with a column for each corner."""
+    moved = [corner for corner in corners if corner.deviations]
+    names = list(dict.fromkeys(name for corner in moved for name in corner.deviations))
+    rows = tuple(
+        (Cell(name), *(_deviation(corner.deviations.get(name)) for corner in moved))
+        for name in names[:MOST]
+    )
+    more = len(names) - MOST
+    note = "In tolerances of the part." + (f" {more} more parts: --json." if more > 0 else "")
+    yield Table("Deviations", ("part", *(spaced(corner.name) for corner in moved)), rows, note)
+
+
+def _deviation(value: float | None) -> Cell:
+    return Cell("–") if value is None else Cell(f"{value:+g}", value)

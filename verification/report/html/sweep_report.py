@@ -13,7 +13,7 @@ from netlist_gen.overrides.axes import Axis
 from spice_models.array_types import Floats
 from verification.report.html.blocks import Block, Cell, Facts, Notes, Picture, Report, Section, Table
 from verification.report.html.pictures import OUTCOMES as LOOKS
-from verification.report.html.pictures import axis, numbers, words
+from verification.report.html.pictures import axis, log_axis, numbers, words
 from verification.report.html.sections.origin import origin_section
 from verification.report.html.texts import figure, number_cell, quantity, readable
 from verification.report.sweep.agreement import summarise
@@ -52,8 +52,10 @@ class _Ruler:
         name = self.axis.name
         if not self.is_number:
             return axis(name, type="category")
-        logarithmic = self.axis.scale == "log" and min(self.axis.values, key=float) > 0  # type: ignore[operator]
-        return axis(name, self.axis.key.unit or " ", **({"type": "log"} if logarithmic else {}))
+        unit, values = self.axis.key.unit or " ", [float(value) for value in self.axis.values]
+        if self.axis.scale == "log" and min(values) > 0.0:
+            return log_axis(name, unit, values)
+        return axis(name, unit)
 
 
 def sweep_report(plan: Plan, store: Store, count: SweepCounts) -> Report:
@@ -142,7 +144,7 @@ def _map(rulers: list[_Ruler], name: str, values: Floats) -> Picture:
     if signed:
         heat |= {"zmin": -1, "zmax": 1}
     layout = {"xaxis": across.layout, "yaxis": down.layout}
-    more = " Blue decays, orange grows." if signed else " Dark is large."
+    more = " Blue decays, orange grows." if signed else " The strongest colour is the largest value."
     summary = f"{spaced(name)} over {across.axis.name} and {down.axis.name}.{more} Empty: no value."
     return Picture(spaced(name), {"data": [heat], "layout": layout}, summary, 400)
 
@@ -181,10 +183,12 @@ def _curve(plan: Plan, ruler: _Ruler, name: str, data: dict[str, Any]) -> Pictur
             )  # fmt: skip
     known = np.abs(data[name][np.isfinite(data[name])])
     spread = len(known) and known.min() > 0.0 and known.max() > 10.0 * known.min()
-    kind = {"type": "log"} if spread and name != "growth_rate" else {}
     title = f"{spaced(name)} (% of the step)" if unit == "step" else spaced(name)
     shown = {"s": "s", "1/s": "/s"}.get(unit, "")
-    layout = {"xaxis": ruler.layout, "yaxis": axis(title, shown, **kind), "showlegend": True}
+    height = axis(title, shown)
+    if spread and name != "growth_rate":
+        height = log_axis(title, shown, factor * known)
+    layout = {"xaxis": ruler.layout, "yaxis": height, "showlegend": True}
     summary = f"{spaced(name)} over {ruler.axis.name}; the mark is the outcome of the point."
     return Picture(spaced(name), {"data": traces, "layout": layout}, summary, 320)
 

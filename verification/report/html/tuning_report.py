@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from netlist_gen.overrides.keys import find_key
 from verification.report.html.blocks import Block, Cell, Code, Facts, Picture, Report, Section, Table
-from verification.report.html.pictures import axis, label, line, numbers
+from verification.report.html.pictures import axis, label, line, log_axis, numbers
 from verification.report.html.texts import number_cell, percent, quantity
 from verification.report.html.verdict_report import verdict_report
 from verification.studies.tune import Candidate, Tuning
@@ -85,7 +85,7 @@ def _tradeoff(tuning: Tuning, keys: dict[str, str]) -> Picture:
         notes.append(label(f"{name}: {text(candidate)}", x, math.log10(y), yanchor="bottom", yshift=10))
     layout = {
         "xaxis": axis("overshoot (% of the step)"),
-        "yaxis": axis("settling time", "s", type="log"),
+        "yaxis": log_axis("settling time", "s", [c.settling_time for c in frontier]),
         "shapes": [line(100.0 * tuning.overshoot_limit, None, "--ink", dash="dot")],
         "annotations": notes,
     }

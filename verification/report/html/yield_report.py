@@ -20,8 +20,9 @@ from verification.report.html.blocks import (
     Report,
     Section,
     Table,
+    View,
 )
-from verification.report.html.pictures import area, axis, line
+from verification.report.html.pictures import HATCH, area, axis, line
 from verification.report.html.sections.origin import origin_section
 from verification.report.html.texts import figure, number_cell, percent
 from verification.report.tables import spaced
@@ -154,23 +155,30 @@ def _histogram(spread: Spread, values: np.ndarray[Any, Any]) -> Picture:
     edges = np.histogram_bin_edges(factor * values, bins=min(BINS, 1 + int(len(values) ** 0.5 * 2)))
     width, middle = float(edges[1] - edges[0]), 0.5 * (edges[1:] + edges[:-1])
     data = []
-    for name, chosen, colour, shape in (
-        ("within the limit" if limits else "samples", inside, "--pass", ""),
-        ("beyond the limit", ~inside, "--fail-fill", "/"),
-    ):
+    looks: tuple[tuple[str, Any, str, dict[str, Any]], ...] = (
+        ("within the limit" if limits else "samples", inside, "--pass", {}),
+        ("beyond the limit", ~inside, "--fail-fill", HATCH),
+    )
+    for name, chosen, colour, pattern in looks:
         if not chosen.any():
             continue
         counts, _ = np.histogram(factor * values[chosen], bins=edges)
-        pattern = {"shape": shape, "fgcolor": "--ink", "size": 7}
         data.append(
             {"type": "bar", "name": name, "x": middle.tolist(), "y": counts.tolist(),
              "width": width, "marker": {"color": colour, "pattern": pattern},
              "hovertemplate": f"%{{x:.4s}}{unit}: %{{y}} samples<extra>{name}</extra>"}
         )  # fmt: skip
     shapes = [line(factor * limit, None, "--ink", dash="dash") for limit in limits]
+    ends = [float(edges[0]), float(edges[-1]), *(factor * limit for limit in limits)]
+    first, last = min(ends) - width, max(ends) + width
     if spread.at_most is not None:
-        end = max(float(edges[-1]), factor * spread.at_most) + width
-        shapes.append(area(factor * spread.at_most, end, across="x", colour="--fail-soft"))
+        shapes.append(area(factor * spread.at_most, last, across="x", colour="--fail-soft"))
+    if spread.at_least is not None:
+        shapes.append(area(first, factor * spread.at_least, across="x", colour="--fail-soft"))
+    views = (
+        View("samples", {"xaxis.range": [float(edges[0]) - width, float(edges[-1]) + width]}),
+        View("with the limits", {"xaxis.range": [first, last]}),
+    )
     layout = {
         "xaxis": axis(spaced(spread.name), unit) | ({"tickformat": ".4~g"} if unit == "%" else {}),
         "yaxis": axis("samples"),
@@ -186,7 +194,7 @@ def _histogram(spread: Spread, values: np.ndarray[Any, Any]) -> Picture:
         f" {figure(float(values.max()), spread.unit)}; limit: {texts}; {beyond} beyond it."
         f" {spread.missing} samples do not have this quantity."
     )
-    return Picture(spaced(spread.name), {"data": data, "layout": layout}, summary, 280)
+    return Picture(spaced(spread.name), {"data": data, "layout": layout}, summary, 280, views)
 
 
 def _culprits(result: YieldReport) -> Iterator[Block]:
@@ -201,7 +209,7 @@ def _culprits(result: YieldReport) -> Iterator[Block]:
     data = [
         {"type": "bar", "orientation": "h", "y": names, "x": shares,
          "marker": {"color": ["--pass" if sign == "+" else "--fail-fill" for sign in signs],
-                    "pattern": {"shape": ["" if sign == "+" else "/" for sign in signs]}},
+                    "pattern": HATCH | {"shape": ["" if sign == "+" else "/" for sign in signs]}},
          "text": [f"{sign} {share:.0f} %" for sign, share in zip(signs, shares, strict=True)],
          "textposition": "outside", "cliponaxis": False,
          "hovertemplate": "%{y}: %{text} of the variance<extra></extra>"}
@@ -216,7 +224,7 @@ def _culprits(result: YieldReport) -> Iterator[Block]:
         " grows with the part; hatched with −: it falls."
     )
     height = 110 + 26 * len(shown)
-    yield Picture("", {"data": data, "layout": layout}, summary, height, zoom=False)
+    yield Picture("Shares", {"data": data, "layout": layout}, summary, height, zoom=False)
     rows = tuple(
         (
             Cell(spaced(s.quantity) + ("" if s.channel is None else f", channel {s.channel}")),

@@ -51,7 +51,10 @@ def stress_section(verdict: Verdict) -> Section:
     ticks = {"dtick": 1} if problem.positions is None and len(channels) <= FEW else {}
     layout = {"xaxis": axis(title, **ticks), "yaxis": axis("stress"), "hovermode": "closest"}
     summary = f"Stress by channel: {', '.join(curve[0] for curve in curves)}.{text}"
-    return Section("Recovered stress", (Picture("", {"data": data, "layout": layout}, summary, 340, zoom=False),))
+    picture = Picture(
+        "Stress by channel", {"data": data, "layout": layout}, summary, 340, zoom=False
+    )
+    return Section("Recovered stress", (picture,))
 
 
 def budget_section(document: Mapping[str, Any]) -> Section:
@@ -116,7 +119,7 @@ def _waterfall(document: Mapping[str, Any], amplitude: float) -> Block:
          "hovertemplate": "%{x}: %{text}<extra></extra>"},
         {**common, "x": ["sum"], "y": [float(sums[-1]) - floor], "base": [floor],
          "text": [quantity(float(sums[-1]), "V", 3)], "textposition": "outside",
-         "marker": {"color": "--band", "pattern": {"shape": "/", "fgcolor": "--muted"}},
+         "marker": {"color": "--band", "pattern": {"shape": ".", "fgcolor": "--ink"}},
          "cliponaxis": False, "hovertemplate": "sum: %{text}<extra></extra>"},
     ]  # fmt: skip
     top = math.log10(float(sums[-1])) + 0.5
@@ -139,7 +142,7 @@ def _waterfall(document: Mapping[str, Any], amplitude: float) -> Block:
         "Waterfall on a logarithmic scale: the parts that are above rounding, the smallest first,"
         f" each on top of the sum of the others. {quantity(float(sums[-1]), 'V', 3)} {meaning}."
     )
-    return Picture("", {"data": data, "layout": layout}, summary, 340, zoom=False)
+    return Picture("Waterfall", {"data": data, "layout": layout}, summary, 340, zoom=False)
 
 
 def effort_section(document: Mapping[str, Any]) -> Section:
