@@ -165,7 +165,9 @@ def _verify_sample(
     if report is not None:
         from verification.report.html.verdict_report import verdict_report
 
-        save_report(report, lambda: verdict_report(verdict, f"taction montecarlo --sample {number}"))
+        save_report(
+            report, lambda: verdict_report(verdict, f"taction montecarlo --sample {number}")
+        )
     sys.exit(STATUS[verdict.outcome.value])
 
 

@@ -94,9 +94,7 @@ def test_hover_names_the_channel_and_its_value(open_report: Open) -> None:
     page = open_report("passing").page
     canvas = page.locator(".picture", has_text="Outputs").first.locator(".canvas")
     canvas.scroll_into_view_if_needed()
-    page.evaluate(
-        "() => Plotly.Fx.hover(document.querySelector('.canvas'), [{curveNumber: 1, pointNumber: 9}])"
-    )
+    canvas.evaluate("each => Plotly.Fx.hover(each, [{curveNumber: 1, pointNumber: 9}])")
     text = canvas.locator(".hoverlayer").inner_text()
     assert "u2" in text
     assert "V at" in text

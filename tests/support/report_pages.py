@@ -15,8 +15,18 @@ from tests.support.studying import one_thread, small_scene
 from tests.support.sweeping import grid_plan, make_record, store_records
 from verification.pipeline.checks import Check, Outcome
 from verification.report.html.accuracy_report import accuracy_report
-from verification.report.html.blocks import Bar, Bars, Cell, Code, Facts, Notes, Picture
-from verification.report.html.blocks import Report, Section, Table
+from verification.report.html.blocks import (
+    Bar,
+    Bars,
+    Cell,
+    Code,
+    Facts,
+    Notes,
+    Picture,
+    Report,
+    Section,
+    Table,
+)
 from verification.report.html.corners_report import corners_report
 from verification.report.html.onset_report import onset_report
 from verification.report.html.regression_report import regression_report
@@ -101,11 +111,15 @@ def _onset() -> Report:
 def _tuning() -> Report:
     verdict = verdicts()["passing"]
     curve = [
-        Candidate({"design.gain": 1e5 * k, "design.capacitance": 1e-10}, 1e-4 / k, 0.01 * k**2, True)
+        Candidate(
+            {"design.gain": 1e5 * k, "design.capacitance": 1e-10}, 1e-4 / k, 0.01 * k**2, True
+        )
         for k in (1, 2, 3, 4)
     ]
     before = Candidate(curve[0].values, 2e-4, 0.09, True)
-    return tuning_report(Tuning(before, curve[2], verdict.scene, tuple(curve), 57, 0.1, 1.2), verdict)
+    return tuning_report(
+        Tuning(before, curve[2], verdict.scene, tuple(curve), 57, 0.1, 1.2), verdict
+    )
 
 
 def _sweep(*over: str) -> Report:
@@ -162,7 +176,9 @@ def _regression() -> Report:
         SceneResult("a.toml", Status.BROKEN, (check,), (change,), (HOSTILE,), "", entry(), entry()),
         SceneResult("gone.toml", Status.MISSING, reason=HOSTILE, baseline=entry()),
     )
-    return regression_report(RegressionReport(HOSTILE, "baseline.json", "unknown", results, updated=False))
+    return regression_report(
+        RegressionReport(HOSTILE, "baseline.json", "unknown", results, updated=False)
+    )
 
 
 def hostile() -> Report:

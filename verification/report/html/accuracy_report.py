@@ -80,7 +80,16 @@ def _problem(document: dict[str, Any], problem: str) -> Iterator[Block]:
         for method in methods
         for point in method["points"]
     )
-    titles = ("method", "setting", "status", "time", "largest error", "error at the end", "steps", "note")
+    titles = (
+        "method",
+        "setting",
+        "status",
+        "time",
+        "largest error",
+        "error at the end",
+        "steps",
+        "note",
+    )
     yield Table("Runs", titles, rows, "Errors are fractions of the step.")
 
 
@@ -142,10 +151,16 @@ def _orders(document: dict[str, Any]) -> Table:
             Cell(method["name"]),
             Cell("–")
             if method["order"] is None
-            else Cell(f"{method['order']:.2f} ± {method['order_uncertainty']:.2f}", method["order"]),
+            else Cell(
+                f"{method['order']:.2f} ± {method['order_uncertainty']:.2f}", method["order"]
+            ),
             Cell(str(method["order_theory_says"])),
             Cell(readable(method["order_reason"])),
         )
         for method in document["methods"]
     )
-    return Table("Order of the largest error against the mean step", ("method", "fitted", "theory", "left out"), rows)
+    return Table(
+        "Order of the largest error against the mean step",
+        ("method", "fitted", "theory", "left out"),
+        rows,
+    )

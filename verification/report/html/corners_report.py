@@ -7,14 +7,14 @@ from collections.abc import Iterator, Sequence
 
 from netlist_gen.scene.scene import Scene
 from verification.report.html.blocks import Block, Cell, Range, Ranges, Report, Section, Table
+from verification.report.html.ranges import value_range
 from verification.report.html.sections.origin import origin_section
-from verification.report.html.texts import figure, number_cell, outcome_cell
+from verification.report.html.texts import number_cell, outcome_cell
 from verification.report.tables import spaced
 from verification.studies.tolerance.corners import Corner
 from verification.studies.tolerance.varied_board import Quantity, quantities
 from verification.studies.tolerance.yield_report import limits_of
 
-MARGIN = 1.15  # of the largest value or limit: the width of a range
 WORST = ("fail", "inconclusive", "pass")
 MOST = 200  # deviations in a table
 
@@ -51,33 +51,23 @@ def _range(scene: Scene, quantity: Quantity, corners: Sequence[Corner]) -> Range
     if not values:
         return None
     nominal = found[0] if found[0] in values else values[0]
-    limits = [each for each in limits_of(scene, quantity.name) if each is not None]
-    bottom, top = min(0.0, *values, *limits), MARGIN * max(0.0, *values, *limits)
-    width = (top - bottom) or 1.0
-    least, most = limits_of(scene, quantity.name)
-    beyond = (most is not None and max(values) > most) or (least is not None and min(values) < least)
-    missing = len(found) - len(values)
-    texts = [
-        f"least {figure(min(values), quantity.unit)}",
-        f"typical {figure(nominal, quantity.unit)}",
-        f"largest {figure(max(values), quantity.unit)}",
-        *(f"limit {figure(limit, quantity.unit)}" for limit in limits),
-        *([f"{missing} corners without a value"] if missing else []),
-    ]
-    return Range(
-        spaced(quantity.name),
-        (min(values) - bottom) / width,
-        (nominal - bottom) / width,
-        (max(values) - bottom) / width,
-        tuple((limit - bottom) / width for limit in limits),
-        ("fail" if beyond or missing else "pass") if limits else "",
-        tuple(texts),
+    count = len(found) - len(values)
+    shown = {"least": min(values), "typical": nominal, "largest": max(values)}
+    missing = f"{count} corners without a value" if count else ""
+    return value_range(
+        quantity.name, quantity.unit, shown, limits_of(scene, quantity.name), missing
     )
 
 
 def _tables(scene: Scene, corners: Sequence[Corner]) -> Iterator[Block]:
     reported = quantities(scene)
-    titles = ("corner", "outcome", *(spaced(each.name) for each in reported), "why", "most moved by")
+    titles = (
+        "corner",
+        "outcome",
+        *(spaced(each.name) for each in reported),
+        "why",
+        "most moved by",
+    )
     rows = tuple(
         (
             Cell(spaced(corner.name)),

@@ -9,10 +9,20 @@ from typing import Any
 import numpy as np
 
 from netlist_gen.quantities import show
-from verification.report.html.blocks import Block, Cell, Facts, Notes, Picture, Report, Section, Table
+from verification.report.html.blocks import (
+    Block,
+    Cell,
+    Facts,
+    Notes,
+    Outcome,
+    Picture,
+    Report,
+    Section,
+    Table,
+)
 from verification.report.html.pictures import area, axis, label, line, log_axis, numbers, words
 from verification.report.html.sections.origin import origin_section
-from verification.report.html.texts import Outcome, number_cell, quantity, readable
+from verification.report.html.texts import number_cell, quantity, readable
 from verification.report.onset.tables import direction
 from verification.studies.onset.onset import Finding, Onset
 
@@ -46,7 +56,15 @@ def _crossings(onset: Onset) -> Iterator[Block]:
     if not onset.findings:
         yield Notes("", ("No pole crosses the imaginary axis in this range.",))
     else:
-        titles = ("crossing", "frequency", "side", "transients", "rate below", "rate above", "remark")
+        titles = (
+            "crossing",
+            "frequency",
+            "side",
+            "transients",
+            "rate below",
+            "rate above",
+            "remark",
+        )
         yield Table("Crossings", titles, tuple(_row(each, unit) for each in onset.findings))
     rows = [
         (
@@ -181,7 +199,9 @@ def _map(onset: Onset, value: Any, real: Any, hertz: Any) -> Picture:
     near = np.percentile(real, (5, 95))
     width = float(near[1] - near[0]) or 1.0
     layout = {
-        "xaxis": axis("real part", "/s", range=[near[0] - 0.2 * width, max(near[1], 0) + 0.2 * width]),
+        "xaxis": axis(
+            "real part", "/s", range=[near[0] - 0.2 * width, max(near[1], 0) + 0.2 * width]
+        ),
         "yaxis": axis("frequency", "Hz"),
         "shapes": [line(0.0, None)],
     }

@@ -11,7 +11,16 @@ import numpy as np
 
 from netlist_gen.overrides.axes import Axis
 from spice_models.array_types import Floats
-from verification.report.html.blocks import Block, Cell, Facts, Notes, Picture, Report, Section, Table
+from verification.report.html.blocks import (
+    Block,
+    Cell,
+    Facts,
+    Notes,
+    Picture,
+    Report,
+    Section,
+    Table,
+)
 from verification.report.html.pictures import OUTCOMES as LOOKS
 from verification.report.html.pictures import axis, log_axis, numbers, words
 from verification.report.html.sections.origin import origin_section
@@ -106,6 +115,7 @@ def _pictures(plan: Plan, store: Store) -> Iterator[Block]:
 def _outcome_map(rulers: list[_Ruler], codes: Any) -> Picture:
     """Return the outcomes as marks: circle, cross, square and triangle."""
     across, down = rulers
+    names = [words(ruler.axis.name) for ruler in rulers]
     data = []
     for name, (colour, symbol) in LOOKS.items():
         places = np.argwhere(codes == OUTCOMES.index(name)).tolist()
@@ -115,7 +125,7 @@ def _outcome_map(rulers: list[_Ruler], codes: Any) -> Picture:
                  "x": [across.values[i] for i, _ in places],
                  "y": [down.values[k] for _, k in places],
                  "marker": {"color": colour, "symbol": symbol, "size": 9},
-                 "hovertemplate": f"{name}: {words(across.axis.name)} %{{x}}, {words(down.axis.name)} %{{y}}<extra></extra>"}
+                 "hovertemplate": f"{name}: {names[0]} %{{x}}, {names[1]} %{{y}}<extra></extra>"}
             )  # fmt: skip
     layout = {"xaxis": across.layout, "yaxis": down.layout, "showlegend": True}
     summary = "Outcome of every point: circles pass, crosses fail, squares are inconclusive."
@@ -144,7 +154,9 @@ def _map(rulers: list[_Ruler], name: str, values: Floats) -> Picture:
     if signed:
         heat |= {"zmin": -1, "zmax": 1}
     layout = {"xaxis": across.layout, "yaxis": down.layout}
-    more = " Blue decays, orange grows." if signed else " The strongest colour is the largest value."
+    more = (
+        " Blue decays, orange grows." if signed else " The strongest colour is the largest value."
+    )
     summary = f"{spaced(name)} over {across.axis.name} and {down.axis.name}.{more} Empty: no value."
     return Picture(spaced(name), {"data": [heat], "layout": layout}, summary, 400)
 
@@ -177,7 +189,8 @@ def _curve(plan: Plan, ruler: _Ruler, name: str, data: dict[str, Any]) -> Pictur
             label = f"{outcome}, {engine}" if len(plan.engines) > 1 else outcome
             traces.append(
                 {"type": "scatter", "mode": "markers", "name": label, "x": ruler.values,
-                 "y": numbers(y), "marker": {"color": colour, "symbol": symbol, "size": 9 - 3 * place},
+                 "y": numbers(y), "marker": {
+                     "color": colour, "symbol": symbol, "size": 9 - 3 * place},
                  "text": [figure(v, unit) for v in (y / factor).tolist()],
                  "hovertemplate": f"%{{x}}: %{{text}}<extra>{label}</extra>"}
             )  # fmt: skip

@@ -6,7 +6,16 @@ import math
 from collections.abc import Iterator
 
 from netlist_gen.overrides.keys import find_key
-from verification.report.html.blocks import Block, Cell, Code, Facts, Picture, Report, Section, Table
+from verification.report.html.blocks import (
+    Block,
+    Cell,
+    Code,
+    Facts,
+    Picture,
+    Report,
+    Section,
+    Table,
+)
 from verification.report.html.pictures import axis, label, line, log_axis, numbers
 from verification.report.html.texts import number_cell, percent, quantity
 from verification.report.html.verdict_report import verdict_report
@@ -18,7 +27,9 @@ def tuning_report(tuning: Tuning, verdict: Verdict) -> Report:
     """Return the report of a tuning; `verdict` is that of the tuned scene."""
     verified = verdict_report(verdict, "taction tune")
     before, after = tuning.before.settling_time, tuning.after.settling_time
-    summary = f"Settling time {quantity(after, 's')}, before {quantity(before, 's')}. {verified.summary}"
+    summary = (
+        f"Settling time {quantity(after, 's')}, before {quantity(before, 's')}. {verified.summary}"
+    )
     tuned = Section("Tuning", tuple(_blocks(tuning, verdict)))
     return Report(
         verified.title,
@@ -71,7 +82,10 @@ def _tradeoff(tuning: Tuning, keys: dict[str, str]) -> Picture:
          "line": {"color": "--true"}, "marker": {"size": 6},
          "hovertemplate": "%{text}: %{y:.4s}s, %{x:.3g} %<extra></extra>"}
     ]  # fmt: skip
-    marks = (("before", tuning.before, "square-open", "--fail"), ("after", tuning.after, "star", "--pass"))
+    marks = (
+        ("before", tuning.before, "square-open", "--fail"),
+        ("after", tuning.after, "star", "--pass"),
+    )
     notes = []
     for name, candidate, symbol, colour in marks:
         if not math.isfinite(candidate.settling_time + candidate.overshoot):
@@ -82,12 +96,16 @@ def _tradeoff(tuning: Tuning, keys: dict[str, str]) -> Picture:
              "text": [text(candidate)], "marker": {"symbol": symbol, "size": 14, "color": colour},
              "hovertemplate": f"{name}: %{{text}}, %{{y:.4s}}s, %{{x:.3g}} %<extra></extra>"}
         )  # fmt: skip
-        notes.append(label(f"{name}: {text(candidate)}", x, math.log10(y), yanchor="bottom", yshift=10))
+        notes.append(
+            label(f"{name}: {text(candidate)}", x, math.log10(y), yanchor="bottom", yshift=10)
+        )
     layout = {
         "xaxis": axis("overshoot (% of the step)"),
         "yaxis": log_axis("settling time", "s", [c.settling_time for c in frontier]),
         "shapes": [line(100.0 * tuning.overshoot_limit, None, "--ink", dash="dot")],
         "annotations": notes,
     }
-    summary = "Settling time against overshoot of the designs on the trade-off curve; dotted: the limit."
+    summary = (
+        "Settling time against overshoot of the designs on the trade-off curve; dotted: the limit."
+    )
     return Picture("Trade-off", {"data": data, "layout": layout}, summary, 380)

@@ -23,6 +23,7 @@ from verification.report.html.blocks import (
     View,
 )
 from verification.report.html.pictures import HATCH, area, axis, line
+from verification.report.html.ranges import is_beyond, value_range
 from verification.report.html.sections.origin import origin_section
 from verification.report.html.texts import figure, number_cell, percent
 from verification.report.tables import spaced
@@ -31,7 +32,6 @@ from verification.studies.tolerance.yield_report import Spread, YieldReport
 
 BINS = 40  # of a histogram
 CULPRITS = 12  # parts of a picture
-MARGIN = 1.15  # of the largest value or limit: the width of a range
 UNITS = {"s": "s", "1/s": "/s", "step": "", "ratio": ""}
 
 
@@ -114,29 +114,10 @@ def _spreads(result: YieldReport) -> Iterator[Block]:
 
 
 def _range(spread: Spread) -> Range | None:
-    values = (spread.low, spread.median, spread.high)
-    limits = [limit for limit in (spread.at_least, spread.at_most) if limit is not None]
-    if not all(map(math.isfinite, values)):
+    values = {"5 %": spread.low, "median": spread.median, "95 %": spread.high}
+    if not all(map(math.isfinite, values.values())):
         return None
-    bottom, top = min(0.0, *values, *limits), MARGIN * max(*values, *limits, 0.0)
-    width = (top - bottom) or 1.0
-    places = [(value - bottom) / width for value in values]
-    beyond = _beyond(spread, spread.low) or _beyond(spread, spread.high)
-    names = ("5 %", "median", "95 %")
-    texts = [f"{n} {figure(v, spread.unit)}" for n, v in zip(names, values, strict=True)]
-    texts += [f"limit {figure(limit, spread.unit)}" for limit in limits]
-    return Range(
-        spaced(spread.name),
-        *places,
-        tuple((limit - bottom) / width for limit in limits),
-        ("fail" if beyond else "pass") if limits else "",
-        tuple(texts),
-    )
-
-
-def _beyond(spread: Spread, value: float) -> bool:
-    least, most = spread.at_least, spread.at_most
-    return (least is not None and value < least) or (most is not None and value > most)
+    return value_range(spread.name, spread.unit, values, (spread.at_least, spread.at_most))
 
 
 def _histograms(result: YieldReport, samples: Sequence[BoardSample]) -> Iterator[Block]:
@@ -151,7 +132,9 @@ def _histograms(result: YieldReport, samples: Sequence[BoardSample]) -> Iterator
 def _histogram(spread: Spread, values: np.ndarray[Any, Any]) -> Picture:
     factor, unit = (100.0, "%") if spread.unit == "step" else (1.0, UNITS.get(spread.unit, ""))
     limits = [limit for limit in (spread.at_least, spread.at_most) if limit is not None]
-    inside = np.array([not _beyond(spread, value) for value in values.tolist()])
+    inside = np.array(
+        [not is_beyond(value, (spread.at_least, spread.at_most)) for value in values.tolist()]
+    )
     edges = np.histogram_bin_edges(factor * values, bins=min(BINS, 1 + int(len(values) ** 0.5 * 2)))
     width, middle = float(edges[1] - edges[0]), 0.5 * (edges[1:] + edges[:-1])
     data = []

@@ -94,7 +94,9 @@ def test_the_parts_list_counts_every_part() -> None:
     verdict = verdicts()["passing"]
     rows = block(page("passing"), "Bill of materials").rows
     circuit = verdict.circuit
-    resistors = len(circuit.resistors) + sum(int(np.isfinite(m.ohms).sum()) for m in circuit.matrices)
+    resistors = len(circuit.resistors) + sum(
+        int(np.isfinite(m.ohms).sum()) for m in circuit.matrices
+    )
     counted = sum(row[2].number for row in rows if row[0].text == "resistor")
     assert counted == resistors
     from verification.engines.statespace.linearised.board import LinearBoard

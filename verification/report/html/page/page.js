@@ -48,9 +48,14 @@
   };
   const draw = (canvas, width) => {
     const spec = specs.get(canvas);
-    const data = coloured(spec.data);
+    const data = coloured(spec.data), layout = layoutOf(spec, width);
+    for (const [name, axis] of Object.entries(canvas.layout || {})) {
+      if (/^[xy]axis/.test(name) && layout[name] && axis.range) {
+        layout[name] = { ...layout[name], range: [...axis.range], autorange: axis.autorange };
+      }
+    }
     if ((width || canvas.clientWidth) < NARROW) data.forEach((each) => delete each.texttemplate);
-    return Plotly.react(canvas, data, layoutOf(spec, width), config);
+    return Plotly.react(canvas, data, layout, config);
   };
   const drawAll = (width) => { if (window.Plotly) canvases.forEach((each) => draw(each, width)); };
 

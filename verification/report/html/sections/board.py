@@ -14,11 +14,10 @@ from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.pipeline.board_power import board_power
-from verification.report.html.blocks import Facts, Notes, Picture, Section, Table
+from verification.report.html.blocks import Cell, Facts, Notes, Picture, Section, Table
 from verification.report.html.pictures import axis, numbers
 from verification.report.html.sections.schematic import schematic
 from verification.report.html.texts import (
-    Cell,
     number_cell,
     percent,
     quantity,
@@ -59,10 +58,11 @@ def board_section(verdict: Verdict) -> Section:
             ("output resistance", model.output_resistance, "ohm"),
         )
     ]
+    level = "small signal" if circuit.is_small_signal else "large signal"
     rows += [
         ("unit voltage U0", quantity(circuit.scalings.unit_voltage, "V")),
         ("supply", f"±{quantity(circuit.supply, 'V')}"),
-        ("level of the op-amp models", "small signal" if circuit.is_small_signal else "large signal"),
+        ("level of the op-amp models", level),
     ]
     return Section("Board", (schematic(circuit), matrix_picture(circuit), Facts("", tuple(rows))))
 
@@ -83,7 +83,8 @@ def matrix_picture(circuit: Circuit) -> Picture:
     ]
     rows, columns = T.shape
     data: dict[str, Any] = {
-        "type": "heatmap", "z": [numbers(row) for row in levels], "customdata": texts, "zmin": -1, "zmax": 1,
+        "type": "heatmap", "z": [numbers(row) for row in levels], "zmin": -1, "zmax": 1,
+        "customdata": texts,
         "x": list(range(1, columns + 1)), "y": list(range(1, rows + 1)), "xgap": 1, "ygap": 1,
         "colorscale": [[0, "--negative"], [0.5, "--neutral"], [1, "--positive"]],
         "colorbar": {
@@ -98,7 +99,9 @@ def matrix_picture(circuit: Circuit) -> Picture:
         data |= {"texttemplate": "%{text}", "textfont": {"size": 11}}
     layout = {
         "xaxis": axis("channel", showgrid=False, zeroline=False, **_ticks(columns)),
-        "yaxis": axis("sensor", showgrid=False, autorange="reversed", zeroline=False, **_ticks(rows)),
+        "yaxis": axis(
+            "sensor", showgrid=False, autorange="reversed", zeroline=False, **_ticks(rows)
+        ),
         "plot_bgcolor": "--card",
     }
     present = int(np.isfinite(circuit.matrices[0].ohms).sum())
@@ -129,11 +132,14 @@ def _coarse(T: Floats, ohms: Floats) -> tuple[Floats, Floats]:
 def omissions_section(document: Mapping[str, Any]) -> Section:
     """Return the parts that the board omits."""
     rows = tuple(
-        text_cells((readable(each["what"]), readable(each["why"]))) for each in document["omissions"]
+        text_cells((readable(each["what"]), readable(each["why"])))
+        for each in document["omissions"]
     )
     if not rows:
         return Section("Left out", (Notes("", ("Nothing was left out.",)),))
-    return Section("Left out", (Table("Parts that this scene does not need", ("part", "why"), rows),))
+    return Section(
+        "Left out", (Table("Parts that this scene does not need", ("part", "why"), rows),)
+    )
 
 
 def parts_section(circuit: Circuit, scene: Scene) -> Section:
@@ -150,7 +156,9 @@ def parts_section(circuit: Circuit, scene: Scene) -> Section:
         ("dissipation at rest", quantity(power["total"], "W", 3)),
     )
     missing = Notes("Not included", tuple(map(readable, document["not_listed"])))
-    return Section("Parts list", (Facts("", facts), Table("Bill of materials", titles, rows), missing))
+    return Section(
+        "Parts list", (Facts("", facts), Table("Bill of materials", titles, rows), missing)
+    )
 
 
 def _part(line: Mapping[str, Any]) -> tuple[Cell, ...]:

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from verification.report.html.blocks import Block, Facts, Notes, Picture, Section, Table
+from verification.report.html.blocks import Block, Cell, Facts, Notes, Picture, Section, Table
 from verification.report.html.pictures import axis, label, line, numbers
-from verification.report.html.texts import Cell, figure, number_cell, percent, quantity
+from verification.report.html.texts import figure, number_cell, percent, quantity
 from verification.report.tables import spaced
 from verification.verify import Verdict
 
@@ -48,7 +48,9 @@ def stress_section(verdict: Verdict) -> Section:
          "hovertemplate": f"{name}: %{{y:.5g}} at %{{x:.4g}}<extra></extra>"}
         for name, values, mode, colour, symbol, dash in curves
     ]  # fmt: skip
-    ticks = {"dtick": 1} if problem.positions is None and len(channels) <= FEW else {}
+    ticks: dict[str, Any] = (
+        {"dtick": 1} if problem.positions is None and len(channels) <= FEW else {}
+    )
     layout = {"xaxis": axis(title, **ticks), "yaxis": axis("stress"), "hovermode": "closest"}
     summary = f"Stress by channel: {', '.join(curve[0] for curve in curves)}.{text}"
     picture = Picture(
@@ -72,7 +74,9 @@ def budget_section(document: Mapping[str, Any]) -> Section:
         )
         for name, part in parts.items()
     )
-    table = Table("Parts of the error", ("error", "largest", "of the step", "how it was found"), rows)
+    table = Table(
+        "Parts of the error", ("error", "largest", "of the step", "how it was found"), rows
+    )
     lead = "Each part is measured by itself: the largest deviation of any channel."
     return Section("Error budget", (_waterfall(document, amplitude), table), lead)
 
@@ -136,7 +140,9 @@ def _waterfall(document: Mapping[str, Any], amplitude: float) -> Block:
     if amplitude:
         layout["shapes"] = [line(None, amplitude, "--muted", dash="dash")]
         layout["annotations"] = [
-            label("step", 0.005, math.log10(amplitude), xref="paper", xanchor="left", yanchor="bottom")
+            label(
+                "step", 0.005, math.log10(amplitude), xref="paper", xanchor="left", yanchor="bottom"
+            )
         ]
     summary = (
         "Waterfall on a logarithmic scale: the parts that are above rounding, the smallest first,"
@@ -158,7 +164,10 @@ def effort_section(document: Mapping[str, Any]) -> Section:
         ("points", f"{accuracy['points']} to {quantity(run['stop'], 's')}"),
         ("largest step", quantity(run["max_step"], "s", 3)),
         ("tries", str(accuracy["tries"])),
-        ("reference", f"{certificate['kind']} {certificate['value']:.2g}, bound {certificate['bound']:.2g}"),
+        (
+            "reference",
+            f"{certificate['kind']} {certificate['value']:.2g}, bound {certificate['bound']:.2g}",
+        ),
         ("the ideal network settles in", quantity(document["settling_time_ideal"], "s")),
     )
     stages = {k: v for k, v in document["timing"].items() if k != "total"}
@@ -173,6 +182,7 @@ def effort_section(document: Mapping[str, Any]) -> Section:
         "yaxis": {"autorange": "reversed"},
         "margin": {"l": 90, "r": 60, "t": 8, "b": 44},
     }
-    summary = f"Run time by stage; {figure(document['timing']['total'], 's', 3)} in all. The simulation runs beside the reference."
+    total = figure(document["timing"]["total"], "s", 3)
+    summary = f"Run time by stage; {total} in all. The simulation runs beside the reference."
     picture = Picture("Run time", {"data": data, "layout": layout}, summary, 260, zoom=False)
     return Section("Error and run time", (Facts("", rows), picture))

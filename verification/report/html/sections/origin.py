@@ -69,8 +69,12 @@ def deck_section(verdict: Verdict) -> Section:
     deck = write_deck(verdict.circuit, verdict.transient).text
     digest = ("SHA-256 of the deck", hashlib.sha256(deck.encode()).hexdigest())
     size = f"{len(deck.splitlines())} lines"
-    block: Block = Code("the deck", deck, f"{size}; it runs with: ngspice -b -r board.raw board.cir")
+    block: Block = Code(
+        "the deck", deck, f"{size}; it runs with: ngspice -b -r board.raw board.cir"
+    )
     if len(deck) > LONGEST:
-        text = f"The deck has {size} and is too long for this page: taction netlist SCENE -o board.cir"
+        text = (
+            f"The deck has {size} and is too long for this page: taction netlist SCENE -o board.cir"
+        )
         block = Notes("", (text,))
     return Section("Deck", (block, Facts("", (digest,))))

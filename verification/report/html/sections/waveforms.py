@@ -18,7 +18,7 @@ from verification.report.html.pictures import (
     packed,
     thinned,
 )
-from verification.report.html.texts import figure, number_cell, outcome_cell, quantity
+from verification.report.html.texts import number_cell, quantity
 from verification.verify import Verdict
 
 POINTS = 60_000  # of all curves of a picture
@@ -104,7 +104,12 @@ def _outputs(verdict: Verdict) -> Picture:
         "shapes": shapes,
         "annotations": names,
         "hovermode": "closest",
-        "margin": {"l": 56, "r": max([14, *(20 + 6 * len(each["text"]) for each in names)]), "t": 24, "b": 44},
+        "margin": {
+            "l": 56,
+            "r": max([14, *(20 + 6 * len(each["text"]) for each in names)]),
+            "t": 24,
+            "b": 44,
+        },
     }
     engines = verdict.waveforms.simulator
     if second is not None:
@@ -202,7 +207,9 @@ def _deviation(verdict: Verdict) -> Picture:
         f"Output minus target of every channel; shaded: the band of ±{band:g} % of the step of"
         f" {quantity(m.amplitude, 'V')}; {settled}."
     )
-    return Picture("Deviation from the targets", {"data": data, "layout": layout}, summary, 360, views)
+    return Picture(
+        "Deviation from the targets", {"data": data, "layout": layout}, summary, 360, views
+    )
 
 
 def _difference(verdict: Verdict) -> Picture:
@@ -230,9 +237,7 @@ def _channels(verdict: Verdict) -> Block:
     rows = []
     for channel in verdict.measurements.channels:
         times = (channel.rise_time, channel.settling_time)
-        texts = [
-            Cell(_reading(each), None if each is None else each.value) for each in times
-        ]
+        texts = [Cell(_reading(each), None if each is None else each.value) for each in times]
         rms = [number_cell(noise[channel.index], "V", 3)] if noise else []
         rows.append(
             (
