@@ -95,7 +95,8 @@ def test_hover_names_the_channel_and_its_value(open_report: Open) -> None:
     canvas = page.locator(".picture", has_text="Outputs").first.locator(".canvas")
     canvas.scroll_into_view_if_needed()
     canvas.evaluate("each => Plotly.Fx.hover(each, [{curveNumber: 1, pointNumber: 9}])")
-    text = canvas.locator(".hoverlayer").inner_text()
+    text = canvas.locator(".hoverlayer").text_content()
+    assert text is not None
     assert "u2" in text
     assert "V at" in text
 

@@ -18,6 +18,7 @@ from verification.report.html.blocks import Cell, Facts, Notes, Picture, Section
 from verification.report.html.pictures import axis, numbers
 from verification.report.html.sections.schematic import schematic
 from verification.report.html.texts import (
+    counted,
     number_cell,
     percent,
     quantity,
@@ -38,7 +39,7 @@ def board_lines(verdict: Verdict) -> tuple[str, ...]:
     rows, columns = c.matrices[0].ohms.shape
     rule = f" (chosen by {verdict.scene.lambda_rule})" if verdict.scene.lambda_rule else ""
     return (
-        f"{columns} channels, {rows} sensors, {c.amplifier} amplifiers, topology {c.topology},"
+        f"{counted(columns, 'channel')}, {counted(rows, 'sensor')}, {c.amplifier} amplifiers, topology {c.topology},"
         f" op-amps {', '.join(c.models)}",
         f"C = {quantity(s.capacitance, 'F')}, R = {quantity(s.resistance, 'ohm')}, s ="
         f" {quantity(s.gain, 'ohm')}, G0 = {quantity(s.unit_conductance, 'S')}, lambda ="
@@ -107,8 +108,8 @@ def matrix_picture(circuit: Circuit) -> Picture:
     present = int(np.isfinite(circuit.matrices[0].ohms).sum())
     minus = int((circuit.matrices[0].negative & np.isfinite(circuit.matrices[0].ohms)).sum())
     summary = (
-        f"The matrix T of {M} sensors and {N} channels as the resistors realise it: {present}"
-        f" entries, of which {minus} are negative (orange, with a minus); an empty square has no"
+        f"The matrix T of {counted(M, 'sensor')} and {counted(N, 'channel')} as the resistors"
+        f" realise it: {present} entries, of which {minus} are negative (orange, with a minus); an empty square has no"
         f" resistor. The colour follows the square root of the size.{note}"
     )
     height = int(min(max(28 * rows + 110, 240), 620))

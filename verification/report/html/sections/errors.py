@@ -123,7 +123,7 @@ def _waterfall(document: Mapping[str, Any], amplitude: float) -> Block:
          "hovertemplate": "%{x}: %{text}<extra></extra>"},
         {**common, "x": ["sum"], "y": [float(sums[-1]) - floor], "base": [floor],
          "text": [quantity(float(sums[-1]), "V", 3)], "textposition": "outside",
-         "marker": {"color": "--band", "pattern": {"shape": ".", "fgcolor": "--ink"}},
+         "marker": {"color": "--band", "pattern": {"shape": ".", "fgcolor": "--ink", "solidity": 0.15}},
          "cliponaxis": False, "hovertemplate": "sum: %{text}<extra></extra>"},
     ]  # fmt: skip
     top = math.log10(float(sums[-1])) + 0.5

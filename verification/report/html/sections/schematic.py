@@ -214,7 +214,7 @@ def _stage(drawing: Any, example: _Example, output: Any) -> None:
     scales = quantity(amplifier.u_scale, "V"), quantity(amplifier.v_scale, "V")
     text = f"{amplifier.kind}\nu = {scales[0]} g(v / {scales[1]})"
     box = drawing.add(flow.Box(w=4.6, h=1.6).anchor("W").label(text, "center", fontsize=SMALL))
-    drawing.add(elm.Line().right(0.6).at(box.E))
+    drawing.add(elm.Line().right(1.6).at(box.E))
     place = drawing.add(elm.Dot().label(f"a_{n} = -u_{n}", "top", fontsize=SMALL)).center
     if example.ohms(f"u_{n}_in") is not None:
         _inverter(drawing, example, place, f"u_{n}", f"+u_{n}")
