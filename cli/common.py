@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import functools
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 STATUS = {"pass": 0, "fail": 1, "bad input": 2, "inconclusive": 3}
 ENGINES = ("auto", "ngspice", "statespace")
 GRID_ENGINES = ("both", "hybrid")
-INPUTS = ("scene", "folder", "baseline")  # parameters of commands that are read
+INPUTS = ("scene", "scenes", "folder", "baseline")  # parameters of commands that are read
 OUTPUTS = {  # parameters of commands that are files to write, and their options
     "output": "-o",
     "plot": "--plot",
@@ -89,7 +89,7 @@ def save_report(report: str | None, make: Callable[[], Report]) -> None:
 def check_plot(plot: str | None) -> None:
     """Refuse a ``--plot`` file that cannot be drawn, before any work is done."""
     if plot is not None:
-        from verification.report.verdict.plots import check_plot_file
+        from verification.report.picture import check_plot_file
 
         check_plot_file(plot)
 
@@ -111,10 +111,16 @@ def _with_separate_files(function: Callable[..., None]) -> Callable[..., None]:
         if outputs:
             from verification.report.output_checks import check_separate
 
-            check_separate([kwargs.get(name) for name in INPUTS], outputs)
+            check_separate(_inputs(kwargs), outputs)
         function(*args, **kwargs)
 
     return checked
+
+
+def _inputs(arguments: Mapping[str, Any]) -> Iterator[str | None]:
+    for name in INPUTS:
+        value = arguments.get(name)
+        yield from value if isinstance(value, tuple) else (value,)
 
 
 def scene_command(function: Callable[..., None]) -> click.Command:
@@ -186,3 +192,19 @@ def stage_display(*, every: bool = False) -> Iterator[Callable[[str], None]]:
         return
     with console(stderr=True).status("starting") as status:
         yield lambda stage: status.update(stage)
+
+
+def write_all(texts: Mapping[str, Callable[[], str]]) -> bool:
+    """Write all files, also after an error; return whether every file was written."""
+    from spice_models.atomic_files import write_atomically
+    from spice_models.errors import InputError
+
+    complete = True
+    for path, text in texts.items():
+        try:
+            write_atomically(path, text())
+            click.echo(f"wrote {path}", err=True)
+        except InputError as error:
+            click.echo(f"taction: {error}", err=True)
+            complete = False
+    return complete

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import asdict
+from dataclasses import asdict, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -43,6 +44,11 @@ if TYPE_CHECKING:
 )
 @click.option("--min-yield", type=click.FloatRange(0, 1), help="Smallest yield that passes.")
 @click.option(
+    "--remedy/--no-remedy",
+    default=True,
+    help="Below a yield of 99 %, find what to buy better, and draw 300 samples again with it.",
+)
+@click.option(
     "--engine", type=EngineChoice(ENGINES), default="statespace", help="Engine of all samples."
 )
 @output_option("Database that stores every sample; a later run computes only the missing ones.")
@@ -58,6 +64,8 @@ def montecarlo(scene: str, count: int, seed: int, as_json: bool, **options: Any)
     from verification.ideal.lambda_rule import read_scene
     from verification.studies.running.executors import workers_at
     from verification.studies.tolerance.drawing import draw_samples, half_width
+    from verification.studies.tolerance.remedy import TARGET
+    from verification.studies.tolerance.remedy_search import verified_remedy
     from verification.studies.tolerance.varied_board import prepare
     from verification.studies.tolerance.yield_report import SampleCollection, summarise_samples
 
@@ -67,18 +75,22 @@ def montecarlo(scene: str, count: int, seed: int, as_json: bool, **options: Any)
     if options["sample"] is not None:
         _verify_sample(study, seed, options["sample"], as_json, options["report"])
         return
-    interrupted = False
-    workers = workers_at(options["cluster"], options["jobs"], say)
+    interrupted, remedy = False, None
+    workers = partial(workers_at, options["cluster"], options["jobs"], say)
+    place, target = options["output"], max(TARGET, options["min_yield"] or 0.0)
     try:
         with stage_display() as progress:
-            draw_samples(study, seed, tally, workers, options["output"], progress)
+            draw_samples(study, seed, tally, workers(), place, progress)
+            if options["remedy"]:
+                ask = partial(verified_remedy, target=target, output=place, progress=progress)
+                remedy = ask(study, tally.samples, seed, workers)
     except KeyboardInterrupt:
         click.echo("taction: interrupted; the report holds the finished samples", err=True)
         interrupted = True
     if tally.damaged:
         numbers = ", ".join(map(str, tally.damaged))
         click.echo(f"taction: damaged in the database, computed again: samples {numbers}", err=True)
-    result = summarise_samples(study, tally.samples, seed)
+    result = replace(summarise_samples(study, tally.samples, seed), remedy=remedy)
     if as_json:
         document = {"scene": study.scene.name, "engine": study.scene.analysis.engine, "seed": seed}
         print_json(document | {"complete": not interrupted} | asdict(result))
@@ -116,9 +128,9 @@ def corners(
     """
     from verification.ideal.lambda_rule import read_scene
     from verification.report.html.corners_report import corners_report
-    from verification.report.tolerance.tables import print_corners
+    from verification.report.tolerance.tables import DIRECTION, print_corners, print_directions
     from verification.studies.running.executors import workers_at
-    from verification.studies.tolerance.corners import named_corner, worst_corners
+    from verification.studies.tolerance.corners import CornerStudy, named_corner, worst_corners
     from verification.studies.tolerance.varied_board import prepare, quantities
 
     check_report(options["report"])
@@ -126,17 +138,21 @@ def corners(
     deviations = [(text, _deviations(text)) for text in named]
     if named:
         study = prepare(requested_scene, full_margin=True)
-        results = tuple(named_corner(study, text, ends) for text, ends in deviations)
+        found = CornerStudy(tuple(named_corner(study, text, ends) for text, ends in deviations))
     else:
         pool = workers_at(options["cluster"], options["jobs"], say)
         with pool as workers, stage_display() as progress:
-            results = worst_corners(requested_scene, workers, progress)
+            found = worst_corners(requested_scene, workers, progress)
     if as_json:
-        print_json({"scene": requested_scene.name, "corners": [asdict(c) for c in results]})
+        directions = [{name: getattr(d, name) for name in DIRECTION} for d in found.directions]
+        records = [asdict(corner) for corner in found.corners]
+        print_json({"scene": requested_scene.name, "corners": records, "directions": directions})
     else:
-        print_corners(results, quantities(requested_scene))
-    save_report(options["report"], lambda: corners_report(requested_scene, results))
-    outcomes = {corner.result.outcome for corner in results}
+        print_corners(found.corners, quantities(requested_scene))
+        if found.directions:
+            print_directions(found.directions)
+    save_report(options["report"], lambda: corners_report(requested_scene, found.corners))
+    outcomes = {corner.result.outcome for corner in found.corners}
     sys.exit(STATUS[next((o for o in ("fail", "inconclusive") if o in outcomes), "pass")])
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import click
 
 from cli.common import (
+    JOBS,
     STATUS,
     check_report,
     command,
@@ -16,8 +17,8 @@ from cli.common import (
     print_json,
     report_option,
     stage_display,
+    write_all,
 )
-from spice_models.errors import InputError
 
 if TYPE_CHECKING:
     from verification.studies.regression.run import RegressionReport
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 @click.option("--junit", type=click.Path(), metavar="FILE", help="Write a JUnit XML report.")
 @click.option("--markdown", type=click.Path(), metavar="FILE", help="Write a Markdown summary.")
 @report_option()
+@JOBS
 def regress(
     folder: str,
     baseline: str,
@@ -39,6 +41,7 @@ def regress(
     junit: str | None,
     markdown: str | None,
     report: str | None,
+    jobs: int | None,
     as_json: bool,
 ) -> None:
     """Verify every scene (*.toml) in DIR and compare the results with the baseline.
@@ -63,7 +66,7 @@ def regress(
     check_report(report)
     entries = {} if update and not Path(baseline).exists() else load_baseline(baseline)
     with stage_display() as progress:
-        result = run(folder, baseline, entries, updated=update, progress=progress)
+        result = run(folder, baseline, entries, updated=update, jobs=jobs, progress=progress)
     texts: dict[str, Callable[[], str]] = {}
     if update:
         texts[baseline] = lambda: baseline_text(updated_baseline(result, entries))
@@ -73,26 +76,11 @@ def regress(
         texts[markdown] = lambda: regression_markdown(result)
     if report is not None:
         texts[report] = lambda: report_html(regression_report(result))
-    written = _write(texts)
+    written = write_all(texts)
     _show(result, as_json)
     if result.interrupted:
         click.echo("taction: interrupted; the finished scenes are in the report", err=True)
     sys.exit(result.exit_status if written else STATUS["bad input"])
-
-
-def _write(texts: Mapping[str, Callable[[], str]]) -> bool:
-    """Write all files, also after an error; return whether every file was written."""
-    from spice_models.atomic_files import write_atomically
-
-    complete = True
-    for path, text in texts.items():
-        try:
-            write_atomically(path, text())
-            click.echo(f"wrote {path}", err=True)
-        except InputError as error:
-            click.echo(f"taction: {error}", err=True)
-            complete = False
-    return complete
 
 
 def _show(report: RegressionReport, as_json: bool) -> None:

@@ -100,7 +100,7 @@ def _check_files(plan: Plan, options: dict[str, Any]) -> None:
         check_sweep_export(options["export_file"])
     check_report(options["report"])
     if options["plot"] is not None:
-        from verification.report.sweep.maps import check_sweep_plot
+        from verification.report.sweep.plot import check_sweep_plot
 
         check_sweep_plot(plan, options["plot"])
 
@@ -144,7 +144,7 @@ def _write_files(plan: Plan, store: Store, options: dict[str, Any]) -> None:
         export_sweep(plan, store, options["export_file"])
         click.echo(f"wrote {options['export_file']}", err=True)
     if options["plot"] is not None:
-        from verification.report.sweep.maps import plot_sweep
+        from verification.report.sweep.plot import plot_sweep
 
         plot_sweep(plan, store, options["plot"])
         click.echo(f"drew {options['plot']}", err=True)

@@ -177,6 +177,12 @@ class Circuit:
         """Whether no amplifier is behavioural, and no op-amp at the large-signal level."""
         return not self.amplifiers and self.is_small_signal
 
+    @property
+    def has_constant_sources(self) -> bool:
+        """Whether the board without strain may rest at other voltages than zero."""
+        errors = any(model.input_errors for model in self.models.values())
+        return bool(self.voltages or self.amplifiers or errors)
+
     def __repr__(self) -> str:
         size = f"{len(self.outputs)} channels, {len(self.constraint_nodes)} sensors"
         return f"Circuit({self.name!r}, {size}, {self.topology}, {self.amplifier} amplifiers)"

@@ -17,6 +17,7 @@ from netlist_gen.board.variation import draw
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from verification.studies.running.workers import Workers
+from verification.studies.tolerance.remedy import Remedy
 from verification.studies.tolerance.sample_store import SampleStore
 from verification.studies.tolerance.varied_board import (
     BoardSample,
@@ -81,6 +82,7 @@ class YieldReport:
     reasons: dict[str, int]
     quantities: tuple[Spread, ...]
     sensitivities: tuple[Sensitivity, ...]
+    remedy: Remedy | None = None  # None: not looked for, or not needed
 
     def __repr__(self) -> str:
         return (
