@@ -112,13 +112,12 @@ def _tuning() -> Report:
     verdict = verdicts()["passing"]
     curve = [
         Candidate(
-            {"design.gain": 1e5 * k, "design.capacitance": 1e-10}, 1e-4 / k, 0.01 * k**2, True
-        )
+            {"design.gain": 1e5 * k, "design.capacitance": 1e-10}, 1e-4 / k, 0.01 * k**2)
         for k in (1, 2, 3, 4)
     ]
-    before = Candidate(curve[0].values, 2e-4, 0.09, True)
+    before = Candidate(curve[0].values, 2e-4, 0.09)
     return tuning_report(
-        Tuning(before, curve[2], verdict.scene, tuple(curve), 57, 0.1, 1.2), verdict
+        Tuning(before, curve[2], verdict.scene, tuple(curve), 57, 0.1, 1.2, ()), verdict
     )
 
 

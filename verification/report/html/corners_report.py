@@ -11,7 +11,7 @@ from verification.report.html.ranges import value_range
 from verification.report.html.sections.origin import origin_section
 from verification.report.html.texts import number_cell, outcome_cell
 from verification.report.tables import spaced
-from verification.studies.tolerance.corners import Corner
+from verification.studies.tolerance.corners import Corner, CornerStudy
 from verification.studies.tolerance.varied_board import Quantity, quantities
 from verification.studies.tolerance.yield_report import limits_of
 
@@ -19,8 +19,9 @@ WORST = ("fail", "inconclusive", "pass")
 MOST = 200  # deviations in a table
 
 
-def corners_report(scene: Scene, corners: Sequence[Corner]) -> Report:
+def corners_report(scene: Scene, study: CornerStudy) -> Report:
     """Return the report of the corners of `scene`."""
+    corners = study.corners
     outcomes = [corner.result.outcome for corner in corners]
     outcome = next((each for each in WORST if each in outcomes), "")
     counts = ", ".join(f"{outcomes.count(each)} {each}" for each in WORST if each in outcomes)
@@ -33,6 +34,7 @@ def corners_report(scene: Scene, corners: Sequence[Corner]) -> Report:
         sections=(
             Section("Least, typical and largest values", tuple(_ranges(scene, corners))),
             Section("Corners", tuple(_tables(scene, corners))),
+            *([Section("Channels at rest", (_directions(study),))] if study.directions else []),
             Section("Deviations", tuple(_deviations(corners))),
             origin_section(scene),
         ),
@@ -79,6 +81,21 @@ def _tables(scene: Scene, corners: Sequence[Corner]) -> Iterator[Block]:
         for corner in corners
     )
     yield Table("Corners", titles, rows)
+
+
+def _directions(study: CornerStudy) -> Table:
+    rows = tuple(
+        (
+            Cell(f"u{each.channel}", each.channel),
+            Cell("above" if each.sign > 0 else "below"),
+            number_cell(each.predicted, "step"),
+            number_cell(each.solved, "step"),
+            Cell(" ".join(each.largest)),
+        )
+        for each in study.directions
+    )
+    titles = ("channel", "side of the reference", "predicted", "solved", "most moved by")
+    return Table("Largest error of each channel at rest", titles, rows)
 
 
 def _deviations(corners: Sequence[Corner]) -> Iterator[Block]:

@@ -9,7 +9,6 @@ import numpy as np
 
 from netlist_gen.board.bill_of_materials import bill_of_materials
 from netlist_gen.board.circuit import Circuit
-from netlist_gen.board.synthesis import realised_matrix
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from verification.engines.statespace.linearised.board import LinearBoard
@@ -39,8 +38,8 @@ def board_lines(verdict: Verdict) -> tuple[str, ...]:
     rows, columns = c.matrices[0].ohms.shape
     rule = f" (chosen by {verdict.scene.lambda_rule})" if verdict.scene.lambda_rule else ""
     return (
-        f"{counted(columns, 'channel')}, {counted(rows, 'sensor')}, {c.amplifier} amplifiers, topology {c.topology},"
-        f" op-amps {', '.join(c.models)}",
+        f"{counted(columns, 'channel')}, {counted(rows, 'sensor')}, {c.amplifier} amplifiers,"
+        f" topology {c.topology}, op-amps {', '.join(c.models)}",
         f"C = {quantity(s.capacitance, 'F')}, R = {quantity(s.resistance, 'ohm')}, s ="
         f" {quantity(s.gain, 'ohm')}, G0 = {quantity(s.unit_conductance, 'S')}, lambda ="
         f" {s.lam:.4g}{rule}",
@@ -70,7 +69,9 @@ def board_section(verdict: Verdict) -> Section:
 
 def matrix_picture(circuit: Circuit) -> Picture:
     """Return T as a heat map with signs: orange is negative, blue is positive."""
-    T, ohms = realised_matrix(circuit), circuit.matrices[0].ohms
+    forward = circuit.matrices[0]
+    ohms = forward.ohms
+    T = np.where(forward.negative, -1.0, 1.0) / (ohms * circuit.scalings.unit_conductance)
     M, N = T.shape
     note = ""
     if max(M, N) > LARGEST:
@@ -109,8 +110,8 @@ def matrix_picture(circuit: Circuit) -> Picture:
     minus = int((circuit.matrices[0].negative & np.isfinite(circuit.matrices[0].ohms)).sum())
     summary = (
         f"The matrix T of {counted(M, 'sensor')} and {counted(N, 'channel')} as the resistors"
-        f" realise it: {present} entries, of which {minus} are negative (orange, with a minus); an empty square has no"
-        f" resistor. The colour follows the square root of the size.{note}"
+        f" realise it: {present} entries, of which {minus} are negative (orange, with a minus); an"
+        f" empty square has no resistor. The colour follows the square root of the size.{note}"
     )
     height = int(min(max(28 * rows + 110, 240), 620))
     return Picture("Matrix", {"data": [data], "layout": layout}, summary, height, zoom=False)
