@@ -151,7 +151,7 @@ def corners(
         print_corners(found.corners, quantities(requested_scene), console())
         if found.directions:
             print_directions(found.directions, console())
-    save_report(options["report"], lambda: corners_report(requested_scene, found.corners))
+    save_report(options["report"], lambda: corners_report(requested_scene, found))
     outcomes = {corner.result.outcome for corner in found.corners}
     sys.exit(STATUS[next((o for o in ("fail", "inconclusive") if o in outcomes), "pass")])
 

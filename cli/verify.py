@@ -105,7 +105,7 @@ def _verify_one(scene: str, as_json: bool, options: dict[str, Any]) -> None:
 
         plot_verdict(verdict, options["plot"])
         click.echo(f"drew {options['plot']}", err=True)
-    save_report(options["report"], lambda: _report(verdict))
+    save_report(options["report"], lambda: _report(verdict, remedies))
     if options["annotate"]:
         _annotate(document)
     if as_json:
@@ -139,10 +139,12 @@ def _remedies(
     return find_remedies(verdict, seconds)
 
 
-def _report(verdict: taction.Verdict) -> Report:
+def _report(verdict: taction.Verdict, remedies: Remedies | None) -> Report:
     from verification.report.html.verdict_report import verdict_report
+    from verification.report.verdict.remedies import remedies_text
 
-    return verdict_report(verdict)
+    changes = "" if remedies is None else remedies_text(verdict.scene, remedies)
+    return verdict_report(verdict, changes=changes)
 
 
 def _verify_files(scenes: tuple[str, ...], as_json: bool, options: dict[str, Any]) -> None:

@@ -18,7 +18,7 @@ from tests.support.paths import ROOT
 
 MOVED = ("spice_models", "netlist_gen", "verification", "cli")
 PACKAGES = (*MOVED, "taction")
-SHIPPED = (".py", ".toml", ".json", ".typed")
+SHIPPED = (".py", ".toml", ".json", ".typed", ".html", ".css", ".js")
 FILES = ("pyproject.toml", "setup.py", "README.md", "LICENSE")
 
 BUILD = """
