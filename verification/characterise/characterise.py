@@ -76,7 +76,7 @@ class Bode:
         place = np.log(self.frequency)
         gain = CubicSpline(place, np.log(np.abs(self.response)))
         phase = CubicSpline(place, np.unwrap(np.angle(self.response)))
-        root = float(brentq(gain, place[0], place[-1], xtol=1e-12))
+        root = float(brentq(lambda x: float(gain(x)), place[0], place[-1], xtol=1e-12))
         return math.exp(root), 180.0 + math.degrees(float(phase(root)))
 
 
@@ -131,9 +131,8 @@ def _limits(opamp: OpAmp, witness: Witness) -> dict[str, tuple[float, float]]:
     """Measure slew rate, swing and largest output current; pairs of measured and stated."""
     supply = supply_of(opamp)
     limited, swing = replace(_linear(opamp), large_signal=True), opamp.swing(supply)
-    rise = 2.0 * swing / opamp.slew_rate + SETTLED / opamp.gbw
-    step = STEP * swing
-    time, volts = witness.transient(Bench(limited, supply, step=step), rise)
+    rise, step = _rise(opamp), STEP * swing
+    time, volts = large_step(opamp, witness)
     begin, end = (_reached(time, volts, share * step) for share in RAMP)
     found = {"slew_rate": ((RAMP[1] - RAMP[0]) * step / (end - begin), opamp.slew_rate)}
     driven = Bench(limited, supply, follower=False, step=OVERDRIVE * opamp.input_range)
@@ -152,6 +151,18 @@ def _reached(time: Floats, volts: Floats, level: float) -> float:
     """
     k = 1 + int(np.flatnonzero(volts < level)[-1])
     return float(np.interp(level, volts[k - 1 : k + 1], time[k - 1 : k + 1]))
+
+
+def large_step(opamp: OpAmp, witness: Witness) -> tuple[Floats, Floats]:
+    """Return instants, s, and the output, V, of a follower with a step of `STEP` of the swing."""
+    supply = supply_of(opamp)
+    limited = replace(_linear(opamp), large_signal=True)
+    return witness.transient(Bench(limited, supply, step=STEP * opamp.swing(supply)), _rise(opamp))
+
+
+def _rise(opamp: OpAmp) -> float:
+    """Return a time in which an output rises to its swing, s."""
+    return 2.0 * opamp.swing(supply_of(opamp)) / opamp.slew_rate + SETTLED / opamp.gbw
 
 
 def supply_of(opamp: OpAmp) -> float:
