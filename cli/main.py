@@ -25,6 +25,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "montecarlo": ("montecarlo", "Estimate the yield under component tolerances."),
     "corners": ("montecarlo", "Find the worst cases within the tolerances."),
     "tune": ("tune", "Find the gain with the least settling time."),
+    "choose": ("choose", "Choose op-amp, C and gain for given limits."),
     "scale": ("scale", "Propose G0, U0, s and R for op-amps and supply."),
     "onset": ("onset", "Find every stability crossing over a range."),
     "sweep": ("sweep", "Verify a grid of scenes, here or on a cluster; resumable."),

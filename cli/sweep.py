@@ -85,7 +85,7 @@ def sweep(scene: str, over: tuple[str, ...], as_json: bool, **options: Any) -> N
     _check_files(plan, options)
     start = time.perf_counter()
     with Store(options["output"] or f"{plan.scene.name}.sqlite") as store:
-        count = _run(plan, store, options)
+        count = run_plan(plan, store, options)
         seconds = time.perf_counter() - start
         _write_files(plan, store, options)  # before the text: its reader may go
         save_report(options["report"], lambda: _page(plan, store, count))
@@ -108,7 +108,11 @@ def _check_files(plan: Plan, options: dict[str, Any]) -> None:
         check_sweep_plot(plan, options["plot"])
 
 
-def _run(plan: Plan, store: Store, options: dict[str, Any]) -> SweepCounts:
+def run_plan(plan: Plan, store: Store, options: dict[str, Any]) -> SweepCounts:
+    """Compute what `store` lacks, with progress on stderr; Ctrl-C ends the command with 130.
+
+    `options` are those of the command: cluster, jobs and retry.
+    """
     from verification.studies.running.executors import workers_at
     from verification.studies.sweep.run import sweep as run
 
