@@ -13,6 +13,7 @@ from rich.markup import escape
 from rich.text import Text
 
 from netlist_gen.overrides.axes import Axis
+from netlist_gen.scene.scene import Scene
 from verification.report.sweep.agreement import print_summary, summarise
 from verification.report.sweep.records import records
 from verification.report.tables import make_table, spaced, value_text
@@ -24,6 +25,11 @@ from verification.studies.sweep.store import Store
 LINES = 40  # points in the table; of a larger sweep only those without a verdict
 COLOUR = {"pass": "green", "fail": "red", "inconclusive": "yellow", "error": "magenta"}
 COLUMNS = ("settling_time", "overshoot", "undershoot", "growth_rate", "frequency")
+
+
+def columns_of(scene: Scene) -> tuple[str, ...]:
+    """Return the figures in the table of a sweep: `COLUMNS`, and the noise if it has a limit."""
+    return COLUMNS if scene.checks.noise is None else (*COLUMNS, "noise")
 
 
 def document_parts(plan: Plan, store: Store, count: SweepCounts, seconds: float) -> Iterator[str]:
@@ -68,7 +74,7 @@ def print_sweep(plan: Plan, store: Store, count: SweepCounts, console: Console) 
     whole = count.total <= LINES
     listed = (r for r in records(plan, store) if whole or r["outcome"] == "error")
     if rows := [_row(plan, record) for record in itertools.islice(listed, LINES)]:
-        titles = map(spaced, COLUMNS)
+        titles = map(spaced, columns_of(plan.scene))
         names = [axis.name for axis in plan.axes]
         console.print(make_table((*names, "engine", "outcome", *titles, "why"), rows))
     outcomes = ", ".join(
@@ -90,6 +96,6 @@ def _row(plan: Plan, record: dict[str, Any]) -> list[RenderableType]:
         *(value_text(record["values"][axis.name], axis.key.unit) for axis in plan.axes),
         record["engine"],
         Text(record["outcome"], style=COLOUR[record["outcome"]]),
-        *(value_text(record[name], FIGURES[name].unit) for name in COLUMNS),
+        *(value_text(record[name], FIGURES[name].unit) for name in columns_of(plan.scene)),
         escape(record["reason"].split("\n")[0][:160]),
     ]
