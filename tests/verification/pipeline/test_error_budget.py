@@ -12,11 +12,11 @@ from rich.console import Console
 from scipy.optimize import root
 
 from netlist_gen.board.circuit import Circuit
-from netlist_gen.board.synthesis import synthesise
+from netlist_gen.board.synthesis import realised_matrix, synthesise
 from netlist_gen.problem.inverse_problem import InverseProblem
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
-from tests.support.making import make_scene, matrix_problem, realised_matrix
+from tests.support.making import make_scene, matrix_problem
 from verification.pipeline.error_chain import ErrorBudget, ErrorChain, ErrorPart
 from verification.report.verdict.budget_table import budget_table
 from verification.report.verdict.json_document import budget_record, verdict_document
