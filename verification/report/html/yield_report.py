@@ -25,6 +25,7 @@ from verification.report.html.pictures import area, axis, line
 from verification.report.html.sections.origin import origin_section
 from verification.report.html.texts import figure, number_cell, percent
 from verification.report.tables import spaced
+from verification.report.tolerance.tables import remedy_text
 from verification.studies.tolerance.varied_board import BoardSample
 from verification.studies.tolerance.yield_report import Spread, YieldReport
 
@@ -84,6 +85,8 @@ def _overview(result: YieldReport) -> Iterator[Block]:
             for name, count in result.failures.items()
         )
         yield Table("Checks that do not pass", ("check", "samples", "of all"), cells)
+    if result.remedy is not None:
+        yield Notes("What to buy better", (remedy_text(result.remedy),))
     if result.reasons:
         lines = tuple(f"{count} samples: {reason}" for reason, count in result.reasons.items())
         yield Notes("Why there is no verdict", lines)

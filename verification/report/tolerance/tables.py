@@ -41,10 +41,10 @@ def print_yield(report: YieldReport, seed: int) -> None:
     if report.sensitivities:
         console.print(_sensitivities(report))
     if report.remedy is not None:
-        console.print(_remedy(report.remedy), markup=False, soft_wrap=True)
+        console.print(remedy_text(report.remedy), markup=False, soft_wrap=True)
 
 
-def _remedy(remedy: Remedy) -> str:
+def remedy_text(remedy: Remedy) -> str:
     """Return what to buy better, and the yield with it."""
     wanted = _percent(remedy.target)
     if not remedy.what:

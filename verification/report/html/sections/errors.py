@@ -59,24 +59,36 @@ def stress_section(verdict: Verdict) -> Section:
 
 def budget_section(document: Mapping[str, Any]) -> Section:
     """Return the error budget as a waterfall and as a table."""
-    parts: Mapping[str, Mapping[str, Any]] = document["error_budget"]
     amplitude = document["step_amplitude"] or 0.0
-    if not parts:
+    budget = _parts(document)
+    if not budget:
         return Section("Error budget", ())
+    total = document["error_budget"]["total"]
+    worst = int(np.argmax(np.abs(total["channels"])))
+    signed = {name: part["channels"] for name, part in budget.items()}
+    signed |= {"sum of the parts": total["sum"], total["how"]: total["channels"]}
     rows = tuple(
         (
             Cell(spaced(name)),
-            _volts(part["value"], amplitude),
-            _share(part["value"], amplitude),
-            Cell(part["how"]),
+            _volts(float(np.max(np.abs(volts))) if volts else budget[name]["value"], amplitude),
+            _share(float(np.max(np.abs(volts))) if volts else budget[name]["value"], amplitude),
+            _volts(volts[worst], amplitude) if volts else Cell("–"),
+            Cell(budget[name]["how"] if name in budget else ""),
         )
-        for name, part in parts.items()
+        for name, volts in signed.items()
     )
-    table = Table(
-        "Parts of the error", ("error", "largest", "of the step", "how it was found"), rows
+    titles = ("error", "largest", "of the step", f"channel {worst + 1}", "how it was found")
+    table = Table("Parts of the error", titles, rows)
+    lead = (
+        "Each part is the difference of two solutions, signed for each channel, and they add up to"
+        " the whole difference; noise has no sign and stands beside the sum."
     )
-    lead = "Each part is measured by itself: the largest deviation of any channel."
     return Section("Error budget", (_waterfall(document, amplitude), table), lead)
+
+
+def _parts(document: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    """Return the parts of the error budget without the total, by name."""
+    return {name: part for name, part in document["error_budget"].items() if name != "total"}
 
 
 def _is_known(value: float | None) -> bool:
@@ -102,7 +114,7 @@ def _waterfall(document: Mapping[str, Any], amplitude: float) -> Block:
     least = ROUNDING * amplitude
     known = [
         (name, part["value"])
-        for name, part in document["error_budget"].items()
+        for name, part in _parts(document).items()
         if _is_known(part["value"]) and part["value"] > least
     ]
     if not known:
@@ -125,8 +137,8 @@ def _waterfall(document: Mapping[str, Any], amplitude: float) -> Block:
          "cliponaxis": False, "hovertemplate": "sum: %{text}<extra></extra>"},
     ]  # fmt: skip
     top = math.log10(float(sums[-1])) + 0.5
-    unknown = [spaced(k) for k, p in document["error_budget"].items() if not _is_known(p["value"])]
-    meaning = "bounds the difference of the simulated outputs and the true stress"
+    unknown = [spaced(k) for k, part in _parts(document).items() if not _is_known(part["value"])]
+    meaning = "is the sum of their sizes, a bound on the whole difference"
     if unknown:
         meaning = f"is their sum; not known, and not in it: {', '.join(unknown)}"
     layout: dict[str, Any] = {
