@@ -16,9 +16,11 @@ from cli.common import (
     JOBS,
     STATUS,
     EngineChoice,
+    check_plot,
     check_report,
     console,
     output_option,
+    plot_option,
     print_json,
     report_option,
     save_report,
@@ -52,6 +54,7 @@ if TYPE_CHECKING:
     "--engine", type=EngineChoice(ENGINES), default="statespace", help="Engine of all samples."
 )
 @output_option("Database that stores every sample; a later run computes only the missing ones.")
+@plot_option("histograms with limits, and the components behind the spread,")
 @report_option()
 @JOBS
 @CLUSTER
@@ -69,6 +72,7 @@ def montecarlo(scene: str, count: int, seed: int, as_json: bool, **options: Any)
     from verification.studies.tolerance.varied_board import prepare
     from verification.studies.tolerance.yield_report import SampleCollection, summarise_samples
 
+    check_plot(options["plot"])
     check_report(options["report"])
     tally = SampleCollection(count, half_width(options["until"]))
     study = prepare(read_scene(scene, options["engine"]))
@@ -98,6 +102,11 @@ def montecarlo(scene: str, count: int, seed: int, as_json: bool, **options: Any)
         from verification.report.tolerance.tables import print_yield
 
         print_yield(result, seed, console())
+    if options["plot"] is not None:
+        from verification.report.tolerance.yield_plot import plot_yield
+
+        plot_yield(study.scene.name, result, tally.samples, options["plot"])
+        click.echo(f"drew {options['plot']}", err=True)
     if options["report"] is not None:
         from verification.report.html.yield_report import yield_report
 

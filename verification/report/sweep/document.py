@@ -13,6 +13,7 @@ from rich.markup import escape
 from rich.text import Text
 
 from netlist_gen.overrides.axes import Axis
+from netlist_gen.scene.scene import Scene
 from verification.report import tables
 from verification.report.schemas.head import document_head
 from verification.report.sweep.agreement import print_summary, summarise
@@ -25,6 +26,11 @@ from verification.studies.sweep.store import Store
 LINES = 40  # points in the table; of a larger sweep only those without a verdict
 COLOUR = {"pass": "green", "fail": "red", "inconclusive": "yellow", "error": "magenta"}
 COLUMNS = ("settling_time", "overshoot", "undershoot", "growth_rate", "frequency")
+
+
+def columns_of(scene: Scene) -> tuple[str, ...]:
+    """Return the figures in the table of a sweep: `COLUMNS`, and the noise if it has a limit."""
+    return COLUMNS if scene.checks.noise is None else (*COLUMNS, "noise")
 
 
 def document_parts(plan: Plan, store: Store, count: SweepCounts, seconds: float) -> Iterator[str]:
@@ -73,7 +79,9 @@ def print_sweep(plan: Plan, store: Store, count: SweepCounts, console: Console) 
     listed = (r for r in records(plan, store) if whole or r["outcome"] == "error")
     if shown := list(itertools.islice(listed, LINES)):
         names = [axis.name for axis in plan.axes]
-        titles = tables.whole(*names, "engine", "outcome", *map(tables.spaced, COLUMNS))
+        titles = tables.whole(
+            *names, "engine", "outcome", *map(tables.spaced, columns_of(plan.scene))
+        )
         rows = (_row(plan, record) for record in shown)
         console.print(tables.make_table(titles, rows, padding=(0, 1, 0, 0)))
     for record in shown:
@@ -104,5 +112,5 @@ def _row(plan: Plan, record: dict[str, Any]) -> list[str | Text]:
         *(tables.value_text(record["values"][axis.name], axis.key.unit) for axis in plan.axes),
         record["engine"],
         Text(record["outcome"], style=COLOUR[record["outcome"]]),
-        *(tables.value_text(record[name], FIGURES[name].unit) for name in COLUMNS),
+        *(tables.value_text(record[name], FIGURES[name].unit) for name in columns_of(plan.scene)),
     ]
