@@ -111,8 +111,7 @@ def _onset() -> Report:
 def _tuning() -> Report:
     verdict = verdicts()["passing"]
     curve = [
-        Candidate(
-            {"design.gain": 1e5 * k, "design.capacitance": 1e-10}, 1e-4 / k, 0.01 * k**2)
+        Candidate({"design.gain": 1e5 * k, "design.capacitance": 1e-10}, 1e-4 / k, 0.01 * k**2)
         for k in (1, 2, 3, 4)
     ]
     before = Candidate(curve[0].values, 2e-4, 0.09)
