@@ -84,7 +84,7 @@ def show(name: str, plot: str | None, as_json: bool) -> None:
         plot_opamp(opamp, curves, plot)
         click.echo(f"wrote {plot}", err=True)
     if as_json:
-        print_json(figures_document(opamp, notes, results))
+        print_json(figures_document(opamp, notes, results), "models-show")
     else:
         print_figures(opamp, notes, results, console())
 
