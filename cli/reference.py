@@ -48,7 +48,7 @@ def reference(main: click.Group) -> dict[str, Any]:
     from verification.report.schemas.catalogue import MODELS, schema
     from verification.report.schemas.head import document_head, schema_name
 
-    with click.Context(main, info_name=main.name) as context:
+    with main.make_context("taction", [], resilient_parsing=True) as context:
         commands = list(_commands(main, context))
     return document_head("help", {}) | {
         "program": "taction",
