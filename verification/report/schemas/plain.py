@@ -142,6 +142,17 @@ class DoctorDocument(Document):
     ok: bool
 
 
+class ModelDocument(Document):
+    """``taction models show NAME``."""
+
+    name: str
+    source: str
+    external_part: str
+    figures: dict[str, Free]
+    supply: Number
+    measured: dict[str, Free]
+
+
 class ModelsDocument(Document):
     """``taction models``: the figures of each preset, by its name."""
 
