@@ -25,6 +25,7 @@ MODELS: dict[str, type[BaseModel]] = {
     "corners": studies.CornersDocument,
     "tune": plain.TuneDocument,
     "scale": plain.ScaleDocument,
+    "choose": studies.ChooseDocument,
     "onset": studies.OnsetDocument,
     "sweep": studies.SweepDocument,
     "regress": studies.RegressDocument,

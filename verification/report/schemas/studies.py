@@ -238,6 +238,13 @@ class ReproduceDocument(Document):
     chapters: list[Free]
 
 
+class ChooseDocument(Document):
+    """``taction choose``."""
+
+    designs: list[Free]
+    best: list[Free]
+
+
 class Candidate(Part):
     """A design and its readings."""
 
