@@ -238,13 +238,6 @@ class ReproduceDocument(Document):
     chapters: list[Free]
 
 
-class ChooseDocument(Document):
-    """``taction choose``."""
-
-    designs: list[Free]
-    best: list[Free]
-
-
 class Candidate(Part):
     """A design and its readings."""
 
