@@ -115,6 +115,7 @@ class Sample(Part):
     overshoot: Number
     undershoot: Number
     steady_state: Number
+    noise: Number
     growth_rate: Number
     margin: Number
     noise: Number

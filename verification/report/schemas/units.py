@@ -11,7 +11,7 @@ _FIELDS = {
     " settling_time settling_time_ideal stage_rise_time stop time time_limit timing"
     " whole_stop",
     "dB": "common_mode_rejection",
-    "V": "equilibrium final noise_rms offset_voltage reference rms step_amplitude"
+    "V": "equilibrium final noise noise_rms offset_voltage reference rms step_amplitude"
     " step_amplitude_uncertainty unit_voltage v voltage",
     "step": "achieved attained_error end_error overshoot overshoot_limit record_end"
     " stage_overshoot steady_state steady_state_error undershoot wanted wanted_error",

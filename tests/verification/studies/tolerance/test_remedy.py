@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from rich.console import Console
 from scipy.stats import binomtest, norm
 
 from cli.main import main
@@ -161,7 +162,7 @@ def test_the_report_ends_with_it(
 
     board = study(FINE, 0.1)
     report = summarise_samples(board, [BoardSample(0, "pass")], SEED)
-    print_yield(replace(report, remedy=remedy), SEED)
+    print_yield(replace(report, remedy=remedy), SEED, Console(highlight=False))
     assert text in capsys.readouterr().out.splitlines()[-1]
 
 
