@@ -98,4 +98,11 @@ class Noise:
     bands: tuple[Band, ...]
 
 
-Analysis = Transient | OperatingPoint | Noise
+@dataclass(frozen=True, slots=True)
+class SmallSignal:
+    """The response at the operating point to the AC sources, over a band of frequencies."""
+
+    band: Band
+
+
+Analysis = Transient | OperatingPoint | Noise | SmallSignal

@@ -15,12 +15,12 @@ from pathlib import Path
 
 import numpy as np
 
-from spice_models.array_types import Floats
+from spice_models.array_types import Complexes, Floats
 from spice_models.errors import BadEvidence, OutOfDisk
 from spice_models.foreign_files import UnusableFileError, open_regular
 from verification.waveforms import Waveforms
 
-DOUBLE = np.dtype("<f8")
+DOUBLE, COMPLEX = np.dtype("<f8"), np.dtype("<c16")
 _LONGEST_HEADER = 1 << 24
 _MOST_DIGITS = 18  # of a count
 _END = b"\nBinary:\n"  # of the header
@@ -84,6 +84,19 @@ def read_raw(path: Path, *, partial: bool = False) -> Plot:
     return _plot(content, header, promised, points)
 
 
+def read_complex(path: Path) -> tuple[str, tuple[str, ...], Complexes]:
+    """Return name, vectors and values (P, K) of the one complex plot of a raw file.
+
+    The errors are those of `read_raw`.
+    """
+    content = _map(path)
+    header = _read_header(content, path, flags="complex")
+    points, count = _number(header, "no. points", path), len(header.vectors)
+    _check_size(path, content, header.size, points * count * COMPLEX.itemsize)
+    data = np.frombuffer(content, COMPLEX, points * count, header.size).reshape(points, count)
+    return header.fields.get("plotname", ""), header.vectors, data.copy()
+
+
 def read_plots(path: Path) -> list[Plot]:
     """Map all plots of a raw file, in the order of the file; the errors are those of `read_raw`."""
     content, start, plots = _map(path), 0, list[Plot]()
@@ -137,7 +150,9 @@ def _map(path: Path) -> mmap.mmap | bytes:
         raise BadEvidence(f"{path.name} was never written: {error}") from None
 
 
-def _read_header(content: mmap.mmap | bytes, path: Path, start: int = 0) -> _Header:
+def _read_header(
+    content: mmap.mmap | bytes, path: Path, start: int = 0, flags: str = "real"
+) -> _Header:
     """Read the header that begins at `start`, including the ``Binary:`` line."""
     end = content.find(_END, start, start + _LONGEST_HEADER)
     fields: dict[str, str] = {}
@@ -160,16 +175,17 @@ def _read_header(content: mmap.mmap | bytes, path: Path, start: int = 0) -> _Hea
     if end < 0:
         raise BadEvidence(f"{path.name}: the header has no end ({len(vectors)} vectors were named)")
     header = _Header(fields, tuple(vectors), end + len(_END))
-    _check_header(header, path)
+    _check_header(header, path, flags)
     return header
 
 
-def _check_header(header: _Header, path: Path) -> None:
+def _check_header(header: _Header, path: Path, expected: str) -> None:
     flags = header.fields.get("flags", "").lower().split()
-    if flags != ["real"]:
+    if flags != [expected]:
+        others = "complex" if expected == "real" else "real"
         raise BadEvidence(
-            f"{path.name}: flags are {' '.join(flags) or 'missing'!r}; only 'real' is read"
-            " (no complex or padded vectors)"
+            f"{path.name}: flags are {' '.join(flags) or 'missing'!r}; only {expected!r} is read"
+            f" (no {others} or padded vectors)"
         )
     count = _number(header, "no. variables", path)
     if count != len(header.vectors) or count == 0:

@@ -40,7 +40,7 @@ class Deck(Protocol):
 
 _CARDS = """
     .title .include .subckt .ends .model .param .func .global
-    .tran .op .noise .save .options .ic .nodeset .temp .end
+    .tran .op .noise .ac .save .options .ic .nodeset .temp .end
 """
 # No `interp` (it resamples on a coarse grid) and no `savecurrents` (twice the time).
 _OPTIONS = """

@@ -26,7 +26,7 @@ from verification.report.html.pictures import axis, log_axis, numbers, words
 from verification.report.html.sections.origin import origin_section
 from verification.report.html.texts import figure, number_cell, quantity, readable
 from verification.report.sweep.agreement import summarise
-from verification.report.sweep.document import COLUMNS
+from verification.report.sweep.document import columns_of
 from verification.report.sweep.files import OUTCOMES, grids
 from verification.report.sweep.records import records
 from verification.report.tables import spaced
@@ -222,13 +222,14 @@ def _engines(plan: Plan, store: Store) -> Iterator[Block]:
 
 def _points(plan: Plan, store: Store, count: SweepCounts) -> Iterator[Block]:
     listed = list(itertools.islice(records(plan, store), LISTED))
-    titles = (*(a.name for a in plan.axes), "engine", "outcome", *map(spaced, COLUMNS), "why")
+    figures = columns_of(plan.scene)
+    titles = (*(a.name for a in plan.axes), "engine", "outcome", *map(spaced, figures), "why")
     rows = tuple(
         (
             *(_value(record["values"][each.name], each) for each in plan.axes),
             Cell(record["engine"]),
             Cell(record["outcome"], None, record["outcome"]),
-            *(number_cell(record[name], FIGURES[name].unit) for name in COLUMNS),
+            *(number_cell(record[name], FIGURES[name].unit) for name in figures),
             Cell(readable(record["reason"].split("\n")[0])),
         )
         for record in listed

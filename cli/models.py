@@ -1,0 +1,116 @@
+"""``taction models``: the op-amps, and one of them with what its macromodel does."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from cli.common import check_plot, command, console, plot_option, print_json, say
+
+if TYPE_CHECKING:
+    from verification.characterise.witnesses import Witness
+
+COLUMNS = (
+    ("gbw", "Hz", "GBW"),
+    ("slew_rate", "V/s", "slew rate"),
+    ("output_current", "A", "output current"),
+    ("offset_voltage", "V", "offset"),
+    ("bias_current", "A", "bias current"),
+    ("voltage_noise", "V/rtHz", "voltage noise"),
+    ("supply_current", "A", "supply current"),
+)
+"""Figures of the list, beside the range of the supply; `show` has all."""
+
+
+@click.group(invoke_without_command=True)
+@click.option("--json", "as_json", is_flag=True, help="One JSON document on stdout.")
+@click.pass_context
+def models(context: click.Context, as_json: bool) -> None:
+    """List the op-amp presets; `show NAME` has one with all figures, measured beside stated."""
+    if context.invoked_subcommand is None:
+        _list(as_json)
+
+
+def _list(as_json: bool) -> None:
+    from netlist_gen.quantities import show as shown
+    from spice_models.presets import FIGURES, load_presets
+
+    presets = load_presets()
+    if as_json:
+        names = [name for name in FIGURES if name != "phase_margin"]
+        print_json(
+            {
+                name: {figure: getattr(model, figure) for figure in names}
+                | {"source": model.source}
+                for name, model in presets.items()
+            }
+        )
+        return
+    from verification.report.tables import make_table, whole
+
+    rows = []
+    for name, model in presets.items():
+        values = [(getattr(model, figure), unit) for figure, unit, _ in COLUMNS]
+        known = [shown(x, unit, 3) if x and math.isfinite(x) else "-" for x, unit in values]
+        ends = f"\N{PLUS-MINUS SIGN}{model.least_supply:g} to {model.most_supply:g} V"
+        rows.append((name, *known, ends if math.isfinite(model.most_supply) else "-"))
+    page = console()
+    page.print(make_table(whole("", *(title for _, _, title in COLUMNS), "supply"), rows))
+    page.print("all figures with their sources, and what the model does: taction models show NAME")
+
+
+@command
+@click.argument("name")
+@plot_option("the Bode diagram and the steps of a follower")
+def show(name: str, plot: str | None, as_json: bool) -> None:
+    """Show all figures of the op-amp NAME with their sources, beside those of test benches.
+
+    The benches are solved by our own equations and, where it is installed, by ngspice.
+    """
+    from spice_models.presets import figure_notes, load_presets
+    from verification.characterise.characterise import characterise
+    from verification.report.opamp.figures import figures_document, print_figures
+
+    presets = load_presets()
+    if name not in presets:
+        raise click.BadParameter(_unknown(name, tuple(presets)), param_hint="NAME")
+    check_plot(plot)
+    opamp, notes, witnesses = presets[name], figure_notes(name), _witnesses()
+    results = {title: characterise(opamp, witness) for title, witness in witnesses.items()}
+    if plot is not None:
+        from verification.report.opamp.plot import measure_curves, plot_opamp
+
+        curves = {title: measure_curves(opamp, witness) for title, witness in witnesses.items()}
+        plot_opamp(opamp, curves, plot)
+        click.echo(f"wrote {plot}", err=True)
+    if as_json:
+        print_json(figures_document(opamp, notes, results))
+    else:
+        print_figures(opamp, notes, results, console())
+
+
+models.add_command(show)
+
+
+def _unknown(name: str, known: tuple[str, ...]) -> str:
+    import difflib
+
+    close = difflib.get_close_matches(name, known, n=1)
+    hint = f"did you mean {close[0]!r}? " if close else ""
+    return f"{name!r} is no preset; {hint}known: {', '.join(known)}"
+
+
+def _witnesses() -> dict[str, Witness]:
+    """Return our equations, and ngspice where it is installed."""
+    from spice_models.errors import SimulationError
+    from verification.characterise.witnesses import Equations, Simulation
+    from verification.engines.ngspice.executable import find_simulator
+
+    found: dict[str, Any] = {"state space": Equations()}
+    try:
+        found["ngspice"] = Simulation(find_simulator())
+    except SimulationError as error:
+        say(f"without ngspice: {error}")
+    return found
