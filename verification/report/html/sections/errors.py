@@ -77,7 +77,7 @@ def budget_section(document: Mapping[str, Any]) -> Section:
         sums = {"channels": total["sum"], "value": max(map(abs, total["sum"])), "how": ""}
         rows += [
             _part("sum of the parts", sums, worst, amplitude),
-            _part(total["how"], total | {"how": ""}, worst, amplitude),
+            _part(total["how"], {**total, "how": ""}, worst, amplitude),
         ]
     titles = ("error", "largest of any channel", "of the step", *signed, "how it was found")
     table = Table("Parts of the error", titles, tuple(rows))
