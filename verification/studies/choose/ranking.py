@@ -16,8 +16,9 @@ from netlist_gen.board.synthesis import synthesise
 from netlist_gen.overrides.axes import with_values
 from netlist_gen.overrides.keys import Value
 from netlist_gen.problem.inverse_problem import InverseProblem, make_problem
+from netlist_gen.scene.checks import Checks
 from netlist_gen.scene.opamp_choice import OpAmpChoice
-from netlist_gen.scene.scene import Checks, Scene
+from netlist_gen.scene.scene import Scene
 from spice_models.errors import InputError, NoVerdictError, SimulatorNotFound, SimulatorTooOld
 from verification.pipeline.checks import Outcome
 from verification.pipeline.run_checks import CHECKS

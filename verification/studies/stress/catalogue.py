@@ -181,4 +181,3 @@ def _laid_over(base: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any
         whole = both and not {"make", "kind"} & value.keys()  # such a table is replaced
         merged[key] = _laid_over(merged[key], value) if whole else value
     return merged
-
