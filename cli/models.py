@@ -15,11 +15,9 @@ if TYPE_CHECKING:
 COLUMNS = (
     ("gbw", "Hz", "GBW"),
     ("slew_rate", "V/s", "slew rate"),
-    ("output_current", "A", "output current"),
     ("offset_voltage", "V", "offset"),
-    ("bias_current", "A", "bias current"),
-    ("voltage_noise", "V/rtHz", "voltage noise"),
-    ("supply_current", "A", "supply current"),
+    ("bias_current", "A", "bias"),
+    ("voltage_noise", "V/rtHz", "noise"),
 )
 """Figures of the list, beside the range of the supply; `show` has all."""
 
@@ -86,7 +84,7 @@ def show(name: str, plot: str | None, as_json: bool) -> None:
         plot_opamp(opamp, curves, plot)
         click.echo(f"wrote {plot}", err=True)
     if as_json:
-        print_json(figures_document(opamp, notes, results))
+        print_json(figures_document(opamp, notes, results), "models-show")
     else:
         print_figures(opamp, notes, results, console())
 

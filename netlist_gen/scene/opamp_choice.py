@@ -35,8 +35,8 @@ class OpAmpChoice(Model):
     base: str = "ua741"
     level: Literal["auto", "small-signal", "large-signal"] = Field(
         "auto",
-        description="of the macromodel; auto: with slew rate and swing where the small-signal"
-        " board exceeds 90 % of such a limit",
+        description="of the macromodel; auto: with slew rate and swing, and with the largest output"
+        " current, where the small-signal board exceeds 90 % of such a limit",
     )
     dc_gain: Positive | None = None
     gbw: Hertz | None = None

@@ -44,6 +44,7 @@ LINES: dict[str, tuple[str, ...]] = {
     "stress": ("stress", "--only", "one-channel", "--jobs", "1"),
     "accuracy": ("accuracy", "a.toml", "--budget", "0.5"),
     "models": ("models",),
+    "models-show": ("models", "show", "ua741"),
     "new": ("new", "new.toml"),
     "doctor": ("doctor",),
     "error": ("verify", "bad.toml"),

@@ -14,7 +14,7 @@ NEW = {"lm324", "tl072", "opa2134", "ad711", "ad8065", "lt1028", "opa1612", "lmp
 
 def test_the_list_has_every_preset() -> None:
     models = document(taction("models", "--json"))
-    assert set(models) == OLD | NEW
+    assert set(models) == OLD | NEW | {"taction"}
     assert models["ideal"]["gbw"] is None  # infinite
     assert models["ua741"]["source"]
     assert models["lm324"]["bias_current"] == -20e-9

@@ -30,6 +30,7 @@ COMMAND_LINES: dict[str, tuple[str, ...]] = {
     "accuracy": ("a.toml", "--budget", "0.5"),
     "reproduce": ("--quick",),
     "models": (),
+    "models show": ("show", "ua741"),
 }
 WITHOUT_TABLES = {
     "netlist": "a deck",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import doctest
 import math
 import tomllib
 from dataclasses import replace
@@ -12,8 +13,10 @@ import pytest
 
 import spice_models
 from netlist_gen.analysis import Band
+from spice_models import presets
 from spice_models.opamp import OpAmp
 from spice_models.presets import load_presets
+from verification.characterise import characterise as module
 from verification.characterise.bench import Bench
 from verification.characterise.characterise import UNITS, bode, characterise, step_response
 from verification.characterise.witnesses import Equations, Simulation
@@ -86,3 +89,9 @@ def test_a_noise_density_is_that_of_a_follower(ngspice: str) -> None:
     for witness in (Equations(), Simulation(find_simulator())):
         found = witness.noise(Bench(noisy), Band(990.0, 1, 115))
         assert found == pytest.approx(10e-9, rel=3e-5)
+
+
+def test_the_examples_of_the_docstrings_hold() -> None:
+    for each in (module, presets):
+        result = doctest.testmod(each)
+        assert (result.failed, result.attempted > 0) == (0, True)

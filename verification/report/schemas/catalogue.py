@@ -32,6 +32,7 @@ MODELS: dict[str, type[BaseModel]] = {
     "accuracy": studies.AccuracyDocument,
     "reproduce": studies.ReproduceDocument,
     "models": plain.ModelsDocument,
+    "models-show": plain.ShowDocument,
     "new": plain.NewDocument,
     "help": plain.HelpDocument,
     "doctor": plain.DoctorDocument,

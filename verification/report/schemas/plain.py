@@ -149,6 +149,27 @@ class ModelsDocument(Document):
     __pydantic_extra__: dict[str, dict[str, Number | str]] = Field(init=False)
 
 
+class Figure(Part):
+    """A figure of a data sheet."""
+
+    value: Number
+    unit: str
+    note: str = Field(description="what the sheet says beside it, or how it was derived")
+
+
+class ShowDocument(Document):
+    """``taction models show``: one op-amp."""
+
+    name: str
+    source: str
+    external_part: str
+    figures: dict[str, Figure]
+    supply: Number = Field(description="of the test benches, both voltages")
+    measured: dict[str, dict[str, Number | str]] = Field(
+        description="by figure: its unit, its stated value, and that of each engine"
+    )
+
+
 class Parameter(Part):
     """An argument or an option of a command."""
 

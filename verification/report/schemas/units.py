@@ -9,8 +9,9 @@ _FIELDS = {
     "s": "alternatives amplifier_rise_time estimated_seconds max_step mean_step period rise_time"
     " seconds seconds_fastest seconds_slowest settling_time settling_time_ideal stage_rise_time"
     " stop time time_limit timing whole_stop",
-    "V": "equilibrium final reference rms step_amplitude step_amplitude_uncertainty unit_voltage"
-    " v voltage",
+    "dB": "common_mode_rejection",
+    "V": "equilibrium final offset_voltage reference rms step_amplitude"
+    " step_amplitude_uncertainty unit_voltage v voltage",
     "step": "achieved attained_error end_error overshoot overshoot_limit record_end"
     " stage_overshoot steady_state steady_state_error undershoot wanted wanted_error",
     "1/s": "growth_rate growth_rate_uncertainty rightmost_pole rightmost_pole_uncertainty",
@@ -18,7 +19,7 @@ _FIELDS = {
     "ohm": "gain input_resistance matrix_resistors output_resistance resistance",
     "S": "unit_conductance",
     "F": "capacitance differential_capacitance input_capacitance",
-    "A": "output_current supply_current",
+    "A": "bias_current offset_current output_current supply_current",
     "V/s": "slew_rate",
     "V/rtHz": "voltage_noise",
     "A/rtHz": "current_noise",
