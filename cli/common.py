@@ -170,7 +170,8 @@ def print_json(document: Mapping[str, Any], schema: str | None = None) -> None:
     import json
 
     context = click.get_current_context(silent=True)
-    name = (context.info_name if context else None) if schema is None else schema
+    path = context.command_path.split()[1:] if context else []  # without the name of the program
+    name = "-".join(path) if schema is None else schema
     if name:
         from verification.report.schemas.head import document_head
 

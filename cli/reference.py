@@ -48,7 +48,7 @@ def reference(main: click.Group) -> dict[str, Any]:
     from verification.report.schemas.catalogue import MODELS, schema
     from verification.report.schemas.head import document_head, schema_name
 
-    with click.Context(main, info_name=main.name) as context:
+    with main.make_context("taction", [], resilient_parsing=True) as context:
         commands = list(_commands(main, context))
     return document_head("help", {}) | {
         "program": "taction",
@@ -61,17 +61,19 @@ def reference(main: click.Group) -> dict[str, Any]:
     }
 
 
-def _commands(main: click.Group, context: click.Context) -> Iterator[dict[str, Any]]:
+def _commands(group: click.Group, context: click.Context) -> Iterator[dict[str, Any]]:
     from verification.report.schemas.catalogue import MODELS
     from verification.report.schemas.head import ERROR, schema_name
 
-    for name in main.list_commands(context):
-        command = main.get_command(context, name)
+    for short in group.list_commands(context):
+        command = group.get_command(context, short)
         if command is None:
             continue
-        with click.Context(command, info_name=name, parent=context) as inner:
+        name = " ".join([*context.command_path.split()[1:], short])
+        with click.Context(command, info_name=short, parent=context) as inner:
             parameters = [_parameter(p, inner) for p in command.get_params(inner)]
-            documents = [key for key in MODELS if key == name or key.startswith(f"{name}-")]
+            schema = name.replace(" ", "-")
+            documents = [key for key in MODELS if key == schema or key.startswith(f"{schema}-")]
             yield {
                 "name": name,
                 "usage": f"taction {' '.join([name, *command.collect_usage_pieces(inner)])}",
@@ -80,6 +82,8 @@ def _commands(main: click.Group, context: click.Context) -> Iterator[dict[str, A
                 "options": [p for p in parameters if "flags" in p],
                 "schemas": [schema_name(key) for key in (*documents, ERROR)],
             }
+            if isinstance(command, click.Group):
+                yield from _commands(command, inner)
 
 
 def _parameter(parameter: click.Parameter, context: click.Context) -> dict[str, Any]:

@@ -112,19 +112,16 @@ def _document(tuning: Tuning, verdict: Verdict) -> dict[str, Any]:
 
 
 def _show(tuning: Tuning, verdict: Verdict, reach: float) -> None:
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table
-
     from netlist_gen.quantities import show
+    from verification.report.tables import make_table, whole
     from verification.report.verdict.table import print_verdict
 
-    page = console()
-    table = Table("", *tuning.after.values, "settling time", "overshoot", box=SIMPLE_HEAD)
+    page, rows = console(), []
     for name, candidate in (("before", tuning.before), ("after", tuning.after)):
         values = [f"{value:.5g}" for value in candidate.values.values()]
         settling = show(candidate.settling_time, "s")
-        table.add_row(name, *values, settling, f"{100 * candidate.overshoot:.3g} %")
-    page.print(table)
+        rows.append((name, *values, settling, f"{100 * candidate.overshoot:.3g} %"))
+    page.print(make_table(whole("", *tuning.after.values, "settling time", "overshoot"), rows))
     scalings = verdict.circuit.scalings
     page.print(
         f"{tuning.tried} designs tried, {len(tuning.frontier)} on the trade-off curve; lambda stays"

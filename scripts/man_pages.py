@@ -22,10 +22,8 @@ def pages(document: dict[str, Any]) -> Iterator[tuple[str, str]]:
         about, _, more = command["help"].partition("\n")
         options = [line for option in command["options"] for line in _option(option)]
         parts = [(".SH DESCRIPTION", _paragraphs(more)), (".SH OPTIONS", options)]
-        yield (
-            f"taction-{command['name']}",
-            _page(f"taction-{command['name']}", about.rstrip("."), parts, command["usage"]),
-        )
+        name = f"taction-{command['name'].replace(' ', '-')}"
+        yield name, _page(name, about.rstrip("."), parts, command["usage"])
 
 
 def _page(name: str, about: str, parts: list[tuple[str, list[str]]], usage: str) -> str:

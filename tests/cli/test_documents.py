@@ -38,6 +38,7 @@ LINES: dict[str, tuple[str, ...]] = {
     "corners": ("corners", "a.toml", "--corner", "capacitor=-1"),
     "tune": ("tune", "a.toml"),
     "scale": ("scale", "a.toml"),
+    "choose": ("choose", "a.toml", "--opamps", "tl084", "--points", "2", "--jobs", "1"),
     "onset": ("onset", "a.toml", "--over", "C=1fF:1pF:5", "--no-confirm"),
     "sweep": ("sweep", "a.toml", "--over", "C=1fF,10pF", "--engine", "both", "--jobs", "1"),
     "regress": ("regress", ".", "--baseline", "b.json", "--jobs", "1"),

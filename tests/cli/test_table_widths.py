@@ -30,7 +30,9 @@ COMMAND_LINES: dict[str, tuple[str, ...]] = {
     "accuracy": ("a.toml", "--budget", "0.5"),
     "reproduce": ("--quick",),
     "models": (),
-    "models show": ("show", "ua741"),
+    "models show": ("show", "op27"),
+    "tune": ("a.toml",),
+    "choose": ("a.toml", "--opamps", "op27", "--points", "2", "--jobs", "1"),
 }
 WITHOUT_TABLES = {
     "netlist": "a deck",
@@ -38,7 +40,7 @@ WITHOUT_TABLES = {
     "simulate": "what `verify` shows of the channels",
     "new": "a file",
     "doctor": "two lines for each part",
-    "tune": "tests of its own",
+    "scale": "lines",
 }
 
 

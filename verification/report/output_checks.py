@@ -74,7 +74,10 @@ def _read(name: str) -> list[str | Path]:
         scene = load_scene(path)
     except InputError:  # the command itself will report the mistakes
         return [name]
-    return [name, *(scene.folder / str(file) for file in files_of(scene).values() if file)]
+    return [
+        name,
+        *(scene.folder / str(file) for file in files_of(scene).values() if isinstance(file, str)),
+    ]
 
 
 def check_file(

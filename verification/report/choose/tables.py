@@ -104,4 +104,5 @@ def choice_document(
 
 
 def _record(design: Design) -> dict[str, Any]:
-    return asdict(design) | {"worst_share": design.worst if design.shares else None}
+    record = asdict(design) | {"worst_share": design.worst if design.shares else None}
+    return record | {"noise_rms": record.pop("noise")}

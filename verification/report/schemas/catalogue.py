@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from verification.report.schemas import plain, shared, studies, verdict
+from verification.report.schemas import choice, plain, shared, studies, verdict
 from verification.report.schemas.head import ERROR, schema_name
 from verification.report.schemas.units import UNIT_OF
 
@@ -25,6 +25,7 @@ MODELS: dict[str, type[BaseModel]] = {
     "corners": studies.CornersDocument,
     "tune": plain.TuneDocument,
     "scale": plain.ScaleDocument,
+    "choose": choice.ChooseDocument,
     "onset": studies.OnsetDocument,
     "sweep": studies.SweepDocument,
     "regress": studies.RegressDocument,

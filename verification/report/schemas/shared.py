@@ -117,6 +117,7 @@ class Sample(Part):
     steady_state: Number
     growth_rate: Number
     margin: Number
+    noise: Number
     errors: list[Number]
     reason: str
 

@@ -6,11 +6,12 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 _FIELDS = {
-    "s": "alternatives amplifier_rise_time estimated_seconds max_step mean_step period rise_time"
-    " seconds seconds_fastest seconds_slowest settling_time settling_time_ideal stage_rise_time"
-    " stop time time_limit timing whole_stop",
+    "s": "alternatives amplifier_rise_time estimated_seconds max_step mean_step"
+    " ngspice_settling_time period rise_time seconds seconds_fastest seconds_slowest"
+    " settling_time settling_time_ideal stage_rise_time stop time time_limit timing"
+    " whole_stop",
     "dB": "common_mode_rejection",
-    "V": "equilibrium final offset_voltage reference rms step_amplitude"
+    "V": "equilibrium final noise_rms offset_voltage reference rms step_amplitude"
     " step_amplitude_uncertainty unit_voltage v voltage",
     "step": "achieved attained_error end_error overshoot overshoot_limit record_end"
     " stage_overshoot steady_state steady_state_error undershoot wanted wanted_error",

@@ -48,7 +48,7 @@ def _lines(scene: Scene, remedies: Remedies) -> Iterator[str]:
         if searched.least is not None and searched.most is not None:
             unit = find_key(scene, searched.paths[0]).unit
             where = f" from {show(searched.least, unit, 3)} to {show(searched.most, unit, 3)}"
-        yield f"  no value of {' and '.join(map(name_of, searched.paths))}{where} mends it"
+        yield f"  no tried value of {' and '.join(map(name_of, searched.paths))}{where} mends it"
     cut = [" and ".join(map(name_of, paths)) for paths in remedies.cut]
     if cut:
         yield f"  not searched to the end, within {show(remedies.limit, 's')}: {', '.join(cut)}"

@@ -21,6 +21,7 @@ PAIR_PER_DECADE, PAIR_DECADES = 4, 1.5  # of two keys together
 HALVINGS = 7  # of an interval between two failures of different checks, or of the way to a pair
 
 Accepts = Callable[[Trial], bool]
+Place = tuple[float, float]  # steps of one key, or of two
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,31 +102,15 @@ class _Between:
     def series(self) -> str:
         return series_of(self.trials.scene.design, self.path)
 
-    def at(self, value: float) -> Trial:
-        return self.trials.at({self.path: buyable(value, self.series)})
-
     def first(self, before: float, value: float) -> Trial | None:
-        """Return an accepted trial at `value`, or in a window between the two; None without one.
+        """Return an accepted trial at `value`, or in a window between the two; None without one."""
+        ends = ((math.log(before), 0.0), (math.log(value), 0.0))
 
-        Where the two fail in different checks, some value between them may pass.
-        """
-        trial = self.at(value)
-        if self.accepts(trial):
-            return trial
-        causes, others = set(self.at(before).left), set(trial.left)
-        for _ in range(HALVINGS):
-            if not causes or not others or causes & others:
-                return None
-            middle = math.sqrt(before * value)
-            trial = self.at(middle)
-            if self.accepts(trial):
-                return trial
-            left = set(trial.left)
-            if left & causes:
-                before, causes = middle, left
-            else:
-                value, others = middle, left
-        return None
+        def values(place: Sequence[float]) -> dict[str, Value]:
+            return {self.path: buyable(math.exp(place[0]), self.series)}
+
+        found = _window(self.trials, values, ends, self.accepts)
+        return None if found is None else self.trials.at(values(found))
 
     def nearest(self, before: float, value: float) -> Trial | None:
         """Return the accepted trial nearest to `before`, by halving on the values of the series."""
@@ -163,7 +148,8 @@ def search_pair(trials: Trials, paths: tuple[str, str], accepts: Accepts) -> Sea
 
     Notes
     -----
-    Costs at most 168 trials; an unstable board costs its poles alone.
+    Costs at most 168 trials, and up to `HALVINGS` for each two neighbours that fail in different
+    checks; an unstable board costs its poles alone.
     """
     keys = [find_key(trials.scene, path) for path in paths]
     own = [own_value(trials.scene, key) for key in keys]
@@ -181,17 +167,49 @@ def search_pair(trials: Trials, paths: tuple[str, str], accepts: Accepts) -> Sea
     places = [(i, j) for i in reach for j in reach if i and j]
     try:
         for place in sorted(places, key=lambda p: p[0] ** 2 + p[1] ** 2):
-            if accepts(trials.at(at(place))):
-                return Searched(paths, _nearer(trials, at, place, accepts))
+            inner = (place[0] - math.copysign(1, place[0]), place[1])
+            found = _window(trials, at, (inner, place), accepts)
+            if found is not None:
+                return Searched(paths, _nearer(trials, at, found, accepts))
     except (OutOfTimeError, InputError):
         return Searched(paths, None, complete=False)
     return Searched(paths, None)
 
 
+def _window(
+    trials: Trials,
+    at: Callable[[Sequence[float]], dict[str, Value]],
+    ends: tuple[Place, Place],
+    accepts: Accepts,
+) -> Place | None:
+    """Return the outer end if its trial is accepted, or a place of a window between the two.
+
+    Where the two fail in different checks, some value between them may pass.
+    """
+    inner, outer = ends
+    trial = trials.at(at(outer))
+    if accepts(trial):
+        return outer
+    causes, others = set(trials.at(at(inner)).left), set(trial.left)
+    for _ in range(HALVINGS):
+        if not causes or not others or causes & others:
+            return None
+        middle = (0.5 * (inner[0] + outer[0]), 0.5 * (inner[1] + outer[1]))
+        trial = trials.at(at(middle))
+        if accepts(trial):
+            return middle
+        left = set(trial.left)
+        if left & causes:
+            inner, causes = middle, left
+        else:
+            outer, others = middle, left
+    return None
+
+
 def _nearer(
     trials: Trials,
     at: Callable[[Sequence[float]], dict[str, Value]],
-    place: tuple[int, int],
+    place: Place,
     accepts: Accepts,
 ) -> Trial:
     """Return the accepted trial nearest to the scene on the straight line to `place`."""

@@ -102,6 +102,7 @@ class Trials:
         self.limit = seconds
         self.deadline = self.end = time.monotonic() + seconds
         self._known: dict[tuple[tuple[str, Value], ...], Trial] = {}
+        self._longest = 0.0  # s, of the trials so far
 
     @property
     def tried(self) -> tuple[Trial, ...]:
@@ -114,8 +115,12 @@ class Trials:
         self.deadline = now + max(self.end - now, 0.0) / parts
 
     def check_time(self) -> None:
-        """Raise OutOfTimeError if the time of this search is over."""
-        if time.monotonic() >= self.deadline:
+        """Raise OutOfTimeError if the time of this search is over.
+
+        Also if the time of all searches would be over before a trial as long as the longest ends.
+        """
+        now = time.monotonic()
+        if now >= self.deadline or now + self._longest > self.end:
             raise OutOfTimeError
 
     def completed(self, changes: Mapping[str, Value]) -> dict[str, Value]:
@@ -162,7 +167,9 @@ class Trials:
         """
         key = tuple(sorted(changes.items()))
         if key not in self._known:
+            start = time.monotonic()
             self._known[key] = self._try(dict(changes))
+            self._longest = max(self._longest, time.monotonic() - start)
         return self._known[key]
 
     def _try(self, changes: dict[str, Value]) -> Trial:

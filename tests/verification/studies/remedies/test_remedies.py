@@ -123,7 +123,7 @@ def test_where_nothing_mends_the_searched_keys_are_named() -> None:
     found = find_remedies(verify(scene), LONG)
     assert found is not None
     assert not found.changes
-    assert "no value of C from 100 fF to 1 nF mends it" in remedies_text(scene, found)
+    assert "no tried value of C from 100 fF to 1 nF mends it" in remedies_text(scene, found)
 
 
 def test_a_time_limit_says_what_it_left_out() -> None:
