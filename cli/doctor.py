@@ -16,6 +16,9 @@ from spice_models.errors import SimulationError
 
 EXTRAS = (
     ("matplotlib", "--plot", "pip install 'taction[plot]'"),
+    ("jinja2", "--report", "pip install 'taction[report]'"),
+    ("plotly", "--report", "pip install 'taction[report]'"),
+    ("schemdraw", "--report", "pip install 'taction[report]'"),
     ("pyarrow", "waveforms and sweeps as Parquet", "pip install 'taction[parquet]'"),
     ("xarray", "sweeps as netCDF", "pip install 'taction[netcdf]'"),
     ("distributed", "sweeps on a cluster", "pip install 'taction[cluster]'"),

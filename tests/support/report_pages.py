@@ -36,6 +36,7 @@ from verification.report.html.verdict_report import verdict_report
 from verification.report.html.yield_report import yield_report
 from verification.studies.regression.compare import Difference
 from verification.studies.regression.run import RegressionReport, SceneResult, Status
+from verification.studies.sweep.plan import Plan
 from verification.studies.sweep.run import SweepCounts
 from verification.studies.sweep.store import Store
 from verification.studies.tolerance.corners import worst_corners
@@ -121,6 +122,13 @@ def _tuning() -> Report:
 
 
 def _sweep(*over: str) -> Report:
+    plan, store, count = swept(*over)
+    with store:
+        return sweep_report(plan, store, count)
+
+
+def swept(*over: str) -> tuple[Plan, Store, SweepCounts]:
+    """Return the points of a sweep with every outcome, in an open store."""
     plan = grid_plan(*over, engines=("statespace",))
     outcomes = ("pass", "fail", "inconclusive", "error")
     stored = {
@@ -132,12 +140,10 @@ def _sweep(*over: str) -> Report:
         )
         for place in range(plan.points)
     }
-    with Store(":memory:") as store:
-        store_records(plan, store, stored)
-        count = SweepCounts(plan.total)
-        count.done = plan.total
-        count.outcomes.update(record["outcome"] for record in stored.values())
-        return sweep_report(plan, store, count)
+    store, count = Store(":memory:"), SweepCounts(plan.total, done=plan.total)
+    store_records(plan, store, stored)
+    count.outcomes.update(record["outcome"] for record in stored.values())
+    return plan, store, count
 
 
 def _setting(method: Method, setting: float, k: int) -> SettingResult:

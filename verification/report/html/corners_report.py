@@ -9,7 +9,7 @@ from netlist_gen.scene.scene import Scene
 from verification.report.html.blocks import Block, Cell, Range, Ranges, Report, Section, Table
 from verification.report.html.ranges import value_range
 from verification.report.html.sections.origin import origin_section
-from verification.report.html.texts import number_cell, outcome_cell
+from verification.report.html.texts import counted, number_cell, outcome_cell
 from verification.report.tables import spaced
 from verification.studies.tolerance.corners import Corner, CornerStudy
 from verification.studies.tolerance.varied_board import Quantity, quantities
@@ -29,7 +29,7 @@ def corners_report(scene: Scene, study: CornerStudy) -> Report:
         title=scene.name,
         command="taction corners",
         outcome=outcome,
-        summary=f"{len(corners)} corners: {counts}.",
+        summary=f"{counted(len(corners), 'corner')}: {counts}.",
         lines=("Every component at an end of its tolerance, as it makes a quantity worst.",),
         sections=(
             Section("Least, typical and largest values", tuple(_ranges(scene, corners))),

@@ -16,7 +16,7 @@ SERIES = ("#2f7fc1", "#c4661f", "#7d6bc4", "#2b8f8f", "#a8628f", "#8a7a2a", "#5c
 SIGNS = {"ohm": "Ω"}
 HATCH = {"shape": "/", "fgcolor": "--fail-fill", "bgcolor": "--fail-soft", "fillmode": "overlay"}
 DASHES = ("solid", "dash", "dot", "dashdot")
-FEW_DECADES = 2.5
+LABELS = ((1.0, "D1"), (2.5, "D2"))  # decades up to which an axis has labels at these digits
 SPREAD = ((47, 127, 193), (125, 107, 196), (168, 98, 143), (196, 102, 31))
 MARKS = ("circle", "x", "diamond", "square-open", "triangle-up", "star", "cross", "triangle-down")
 OUTCOMES = {
@@ -63,11 +63,16 @@ def axis(title: str, unit: str = "", **more: Any) -> dict[str, Any]:
 
 
 def log_axis(title: str, unit: str, values: ArrayLike) -> dict[str, Any]:
-    """Return a logarithmic axis over positive `values`; a short one is labelled at 1, 2 and 5."""
+    """Return a logarithmic axis over positive `values`; a short one is labelled in each decade.
+
+    The unit is in the title, since Plotly leaves it out of the labels within a decade.
+    """
     array = np.asarray(values, dtype=np.float64)
     known = array[np.isfinite(array) & (array > 0.0)]
     decades = float(np.log10(known.max() / known.min())) if len(known) else 0.0
-    return axis(title, unit, type="log", dtick="D2" if decades < FEW_DECADES else 1)
+    step = next((name for end, name in LABELS if decades < end), 1)
+    shown = f"{title} ({SIGNS.get(unit, unit)})" if unit.strip() else title
+    return axis(shown, type="log", dtick=step, tickformat="~s")
 
 
 def channel_colours(count: int) -> list[str]:

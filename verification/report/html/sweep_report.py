@@ -36,6 +36,7 @@ from verification.studies.sweep.run import SweepCounts
 from verification.studies.sweep.store import Store
 
 LISTED = 500  # points in the table
+FLAT, CLEAR = 0.01, 1.5  # of a curve: relative change, and height of the picture
 MAPPED = 40_000  # points of a map
 SHOWN = ("settling_time", "overshoot", "undershoot", "steady_state_error", "growth_rate")
 
@@ -201,6 +202,9 @@ def _curve(plan: Plan, ruler: _Ruler, name: str, data: dict[str, Any]) -> Pictur
     height = axis(title, shown)
     if spread and name != "growth_rate":
         height = log_axis(title, shown, factor * known)
+    elif len(known) and known.max() - known.min() < FLAT * known.max():
+        top = CLEAR * factor * float(np.nanmax(data[name]))  # else Plotly goes 1 up and 1 down
+        height["range"] = sorted((0.0, top))
     layout = {"xaxis": ruler.layout, "yaxis": height, "showlegend": True}
     summary = f"{spaced(name)} over {ruler.axis.name}; the mark is the outcome of the point."
     return Picture(spaced(name), {"data": traces, "layout": layout}, summary, 320)

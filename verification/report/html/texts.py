@@ -11,7 +11,7 @@ from verification.report.html.blocks import Cell, Outcome
 from verification.report.tables import value_text
 
 OHM = re.compile(r"ohm\b")
-MICRO = re.compile(r"(?<=\d )u(?=[A-Za-zΩ])|(?<=V/)u(?=s\b)")
+MICRO = re.compile(r"(?<=\d )u(?=[A-Za-zΩ/])|(?<=V/)u(?=s\b)")
 NONE = "–"
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from verification.report.html.blocks import Block, Notes, Report, Section
+from verification.report.html.blocks import Notes, Report, Section
 from verification.report.html.file import write_report
 from verification.report.html.sections.board import (
     board_lines,
@@ -53,7 +53,7 @@ def verdict_sections(
     """Return the sections of a verdict; `document` is its JSON document."""
     sections = (
         checks_section(document, _least(verdict)),
-        Section("What to change", _notes(changes)),
+        _changes(changes),
         waveforms_section(verdict),
         stability_section(verdict.circuit, verdict.poles),
         stress_section(verdict),
@@ -69,9 +69,11 @@ def verdict_sections(
     return tuple(section for section in sections if section.blocks)
 
 
-def _notes(text: str) -> tuple[Block, ...]:
-    lines = tuple(readable(line.strip()) for line in text.splitlines() if line.strip())
-    return (Notes("", lines),) if lines else ()
+def _changes(text: str) -> Section:
+    """Return what can mend the verdict; the first line of the text is above the others."""
+    first, *lines = [readable(line.strip()) for line in text.splitlines()] or [""]
+    lead = f"{first[:1].upper()}{first[1:].removesuffix(':')}."
+    return Section("What to change", (Notes("", tuple(lines)),) if lines else (), lead)
 
 
 def _least(verdict: Verdict) -> dict[str, float]:

@@ -17,9 +17,10 @@ from lxml import html
 from cli.main import main
 from spice_models.errors import InputError
 from tests.support.entries import write_fast
-from tests.support.report_pages import HOSTILE, STUDIES, VERDICTS, hostile, page, verdicts
+from tests.support.report_pages import HOSTILE, STUDIES, VERDICTS, hostile, page, swept, verdicts
 from verification.report.html.blocks import Facts, Report, Section
 from verification.report.html.file import check_report_file, report_html, write_report
+from verification.report.sweep.result import SweepResult
 
 MOST = 6_000_000  # bytes
 SAMPLE = ("passing", "exponential", "64 channels", "sweep, a map", "regress")
@@ -117,6 +118,16 @@ def test_the_command_and_the_verdict_write_the_same_report(tmp_path: Path) -> No
     names = [[each.text for each in text.xpath("//h2")] for text in texts]
     assert names[0] == names[1]
     assert "Checks" in names[0]
+
+
+def test_the_result_of_a_sweep_writes_its_report(tmp_path: Path) -> None:
+    plan, store, count = swept("C=10pF:100pF:4", "gain=10k:100k:3")
+    with store:
+        SweepResult(plan, store, count).report(tmp_path / "a.html")
+    tree = html.document_fromstring((tmp_path / "a.html").read_text("utf-8"))
+    assert "12 of 12 points: 3 pass" in tree.xpath("string(//p[@class='verdict'])")
+    rows = tree.xpath("//table[caption='Points']/tbody/tr")
+    assert len(rows) == 12
 
 
 def test_the_scene_is_not_overwritten(tmp_path: Path) -> None:

@@ -24,7 +24,7 @@
     [canvas, JSON.parse(document.querySelector(`script[data-for="${canvas.id}"]`).textContent)]));
   const axis = {
     gridcolor: "--grid", linecolor: "--muted", zerolinecolor: "--muted", tickcolor: "--muted",
-    automargin: true, exponentformat: "SI", minexponent: 3, zerolinewidth: 1, showline: true,
+    automargin: true, exponentformat: "power", minexponent: 3, zerolinewidth: 1, showline: true,
     title: { standoff: 8, font: { size: 13 } },
   };
   const layoutOf = (spec, width) => ({

@@ -68,23 +68,37 @@ def budget_section(document: Mapping[str, Any]) -> Section:
     total = parts.get("total")
     worst = None if total is None else int(np.argmax(np.abs(total["channels"])))
     signed = () if worst is None else (f"channel {worst + 1}",)
-    rows = tuple(
-        (
-            Cell(spaced(name)),
-            _volts(part["value"], amplitude),
-            _share(part["value"], amplitude),
-            *(() if worst is None else (_signed(part["channels"], worst, amplitude),)),
-            Cell(readable(part["how"])),
-        )
+    rows = [
+        _part(spaced(name), part, worst, amplitude)
         for name, part in parts.items()
-    )
+        if name != "total"
+    ]
+    if total is not None:
+        sums = {"channels": total["sum"], "value": max(map(abs, total["sum"])), "how": ""}
+        rows += [
+            _part("sum of the parts", sums, worst, amplitude),
+            _part(total["how"], {**total, "how": ""}, worst, amplitude),
+        ]
     titles = ("error", "largest of any channel", "of the step", *signed, "how it was found")
-    table = Table("Parts of the error", titles, rows)
+    table = Table("Parts of the error", titles, tuple(rows))
     if total is None or worst is None:
         text = "The parts do not add up: a solution between them is not known."
         return Section("Error budget", (Notes("", (text,)), table))
     lead = "From one solution to the next; the parts of a channel add up to its whole error."
     return Section("Error budget", (_waterfall(parts, worst), table), lead)
+
+
+def _part(
+    name: str, part: Mapping[str, Any], worst: int | None, amplitude: float
+) -> tuple[Cell, ...]:
+    """Return the row of a part, with its signed value in the channel `worst` (from 0)."""
+    return (
+        Cell(name),
+        _volts(part["value"], amplitude),
+        _share(part["value"], amplitude),
+        *(() if worst is None else (_signed(part["channels"], worst, amplitude),)),
+        Cell(readable(part["how"])),
+    )
 
 
 def _signed(channels: Sequence[float], place: int, amplitude: float) -> Cell:
@@ -117,7 +131,7 @@ def _waterfall(parts: Mapping[str, Mapping[str, Any]], worst: int) -> Picture:
     ends = np.cumsum([0.0, *steps]).tolist()
     falls = [step < 0.0 for step in steps]
     data = [
-        {"type": "bar", "x": [*map(spaced, links), "total"], "y": [*steps, whole],
+        {"type": "bar", "x": [*map(spaced, links), "whole"], "y": [*steps, whole],
          "base": [*ends[:-1], 0.0], "textposition": "outside", "cliponaxis": False,
          "text": [quantity(step, "V", 3) for step in (*steps, whole)],
          "marker": {
