@@ -13,6 +13,7 @@ import numpy as np
 
 from netlist_gen.analysis import Analysis, Noise, Tolerances, Transient
 from netlist_gen.board.circuit import GROUND, Circuit
+from spice_models.transistor import ZERO_CELSIUS
 
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 SCENE_NAME = re.compile(r"[A-Za-z0-9_.-]*")
@@ -23,6 +24,7 @@ _NAMES: dict[str, Callable[[Any], tuple[str, ...]]] = {  # fields of the parts t
     "capacitors": attrgetter("name", "a", "b"),
     "opamps": attrgetter("name", "model", "noninverting", "inverting", "output"),
     "amplifiers": attrgetter("name", "input", "output"),
+    "transistors": attrgetter("name", "model", "collector", "base", "emitter"),
     "currents": attrgetter("name", "node"),
     "noises": attrgetter("name", "node"),
     "voltages": attrgetter("name", "node"),
@@ -64,6 +66,7 @@ def check_circuit(circuit: Circuit) -> None:
         _check_value(noise.name, noise.density)
     for voltage in circuit.voltages:
         _check_value(voltage.name, abs(voltage.volts))
+    _check_value("the absolute temperature", circuit.temperature + ZERO_CELSIUS)
     for matrix in circuit.matrices:
         if not np.all(matrix.ohms > 0):
             raise ValueError(f"matrix {matrix.name} has a resistance that is not above zero")

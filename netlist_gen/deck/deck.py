@@ -22,6 +22,7 @@ from netlist_gen.deck.noise_cards import noise_cards
 from spice_models.array_types import Floats
 from spice_models.opamp import OpAmp
 from spice_models.subcircuits import amplifier_lines, opamp_subcircuit
+from spice_models.transistor import model_card
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +102,7 @@ def write_decks(
         tail = [
             *_current_sources(circuit, analysis),
             *_options(limits, analysis, solver),
+            *_temperature(circuit),
             *_analysis_cards(circuit, analysis, nodes),
             ".end",
             "",
@@ -190,7 +192,8 @@ def _text(circuit: Circuit, before: Iterable[str], after: Iterable[str], noisy: 
         _opamp_text(model, grounded[model.name], circuit.supply, noisy) for model in models
     )
     biases = [f"V{bias.name} {bias.node} {GROUND} {bias.volts!r}" for bias in circuit.voltages]
-    head = [".title taction board", *header_lines(circuit), *before, ""]
+    cards = [model_card(model) for model in circuit.transistor_models.values()]
+    head = [".title taction board", *header_lines(circuit), *cards, *before, ""]
     return "\n".join(head) + cells + "\n".join([*after, *biases, ""])
 
 
@@ -222,6 +225,7 @@ def _parts(circuit: Circuit) -> list[str]:
         *(f"X{c.name} {c.noninverting} {c.inverting} {c.output} {c.model}" for c in circuit.opamps),
         *(f"R{r.name} {r.a} {r.b} {text[r.ohms]}" for r in circuit.resistors),
         *(f"C{c.name} {c.a} {c.b} {text[c.farads]}" for c in circuit.capacitors),
+        *(f"Q{q.name} {q.collector} {q.base} {q.emitter} {q.model}" for q in circuit.transistors),
     ]
 
 
@@ -244,7 +248,15 @@ def _current_sources(circuit: Circuit, analysis: Analysis) -> list[str]:
 
 def _starts_from_rest(circuit: Circuit, analysis: Transient) -> bool:
     """Return whether the start needs an operating point; without bias, rest is 0 V."""
-    return analysis.initial == "rest" and bool(circuit.voltages or circuit.amplifiers)
+    driven = bool(circuit.voltages) or circuit.has_nonlinear_amplifiers
+    return analysis.initial == "rest" and driven
+
+
+def _temperature(circuit: Circuit) -> list[str]:
+    """Return the option for the temperature; the figures of the models are those at it."""
+    if not circuit.transistors:
+        return []
+    return [f".options temp={circuit.temperature!r} tnom={circuit.temperature!r}"]
 
 
 def _options(limits: Tolerances, analysis: Analysis, solver: str) -> list[str]:

@@ -70,6 +70,7 @@ def _alone(circuit: Circuit, row: int, siemens: float) -> Circuit:
         models={name: replace(m, large_signal=False) for name, m in circuit.models.items()},
         opamps=tuple(cell for cell in circuit.opamps if cell.name == node),
         amplifiers=(),
+        transistors=(),
         resistors=(
             *(part for part in circuit.resistors if part.name == f"s_{row}"),
             Resistor("load", node, GROUND, 1.0 / siemens),

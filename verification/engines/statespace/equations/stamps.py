@@ -23,6 +23,7 @@ from verification.engines.statespace.equations.descriptor import (
     Triplets,
 )
 from verification.engines.statespace.equations.mirror_symmetry import proposed_mirror
+from verification.engines.statespace.equations.transistor_stamps import stamp_transistors
 
 GROUND = -1
 INPUT_STAGE, CLAMP = "tanh", "clamp"  # kinds of the devices of op-amps with limits
@@ -69,12 +70,17 @@ class _Stamper:
         self.fixed: set[int] = set()
         self.currents, self.laws, self.mass = _Entries(), _Entries(), _Entries()
         self.couplings: list[tuple[Ints, Ints, Floats]] = []
+        self.biases: list[tuple[Ints, Floats]] = []
 
     def nodes(self, names: Iterable[str]) -> Ints:
         """Return the places of nodes, `GROUND` for ground; a new name gets the next place."""
         places = self.places
         indices = [GROUND if n == "0" else places.setdefault(n, len(places)) for n in names]
         return np.array(indices, dtype=np.int64)
+
+    def bias(self, rows: Ints, values: Floats) -> None:
+        """Add constants to rows, one each."""
+        self.biases.append((rows, values))
 
     def fix(self, node: str, source: str) -> None:
         """Reserve a node's row for an ideal source."""
@@ -200,6 +206,8 @@ class _Stamper:
         c, size = self.circuit, len(self.places)
         nodes = self.nodes(v.node for v in c.voltages)
         constant = np.zeros(size)
+        for rows, values in self.biases:
+            np.add.at(constant, rows[rows != GROUND], values[rows != GROUND])
         constant[nodes] = [v.volts for v in c.voltages]
         for places in (nodes, devices.output):
             self.laws.add(places, places, -np.ones(len(places)))
@@ -249,6 +257,7 @@ def stamp(circuit: Circuit) -> Descriptor:
     pins = (n for cell in circuit.opamps for n in (cell.noninverting, cell.inverting, cell.output))
     wired = stamper.nodes(pins).reshape(-1, 3)
     devices = _devices(stamper)
+    legs = stamper.nodes(n for q in circuit.transistors for n in (q.collector, q.base, q.emitter))
     resistors = stamper.nodes(n for part in circuit.resistors for n in (part.a, part.b))
     capacitors = stamper.nodes(n for part in circuit.capacitors for n in (part.a, part.b))
     stamper.nodes(source.node for source in circuit.currents)
@@ -257,7 +266,8 @@ def stamp(circuit: Circuit) -> Descriptor:
     for matrix in circuit.matrices:
         stamper.matrix(matrix)
     node_count = len(stamper.places)
-    devices = _together(devices, stamper.opamps(wired))
+    transistors = stamp_transistors(stamper, legs.reshape(-1, 3))
+    devices = _together(devices, transistors, stamper.opamps(wired))
     ohms = np.array([part.ohms for part in circuit.resistors], dtype=np.float64)
     stamper.currents.branch(resistors[0::2], resistors[1::2], -1.0 / ohms)
     farads = np.array([part.farads for part in circuit.capacitors], dtype=np.float64)

@@ -1,0 +1,114 @@
+"""Stamps of bipolar transistors: linear parts around two exponential devices each.
+
+With ``s = 1`` (NPN) or -1 (PNP), the junction voltages ``v_f = s (v_b - v_e')`` and
+``v_r = s (v_b - v_c)`` at the inner emitter e', and the currents ``F = IS exp(v_f / V_T)`` and
+``R = IS exp(v_r / V_T)``, the currents into collector, base and emitter are s times
+
+    F - R (1 + 1/BR) + IS/BR,    (F - IS)/BF + (R - IS)/BR,    -F (1 + 1/BF) + R + IS/BF.
+
+Both junctions are unknowns ``v - V_T ln(SCALE / IS)``, so that they are near 0 at `SCALE`, and the
+exponentials are devices with the outputs ``-U0 F / SCALE`` and ``-U0 R / SCALE``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Protocol
+
+import numpy as np
+
+from netlist_gen.board.circuit import Circuit
+from spice_models.array_types import Floats, Ints
+from spice_models.transistor import thermal_voltage
+from verification.engines.statespace.equations.descriptor import Devices
+
+SCALE = 1e-4  # A
+KIND = "exponential"
+
+
+class Entries(Protocol):
+    """A growing matrix (`stamps._Entries`)."""
+
+    def add(self, rows: Ints, columns: Ints, values: Floats) -> None:
+        """Stamp one entry in each row."""
+
+    def branch(self, a: Ints, b: Ints, values: Floats) -> None:
+        """Stamp two-terminal elements between places a and b."""
+
+
+class Stamper(Protocol):
+    """What the stamps need of `stamps._Stamper`."""
+
+    circuit: Circuit
+    fixed: set[int]
+
+    @property
+    def currents(self) -> Entries:
+        """K in the rows of current balances."""
+
+    @property
+    def laws(self) -> Entries:
+        """K in all other rows."""
+
+    @property
+    def mass(self) -> Entries:
+        """M."""
+
+    def nodes(self, names: Iterable[str]) -> Ints:
+        """Return the places of nodes."""
+
+    def bias(self, rows: Ints, values: Floats) -> None:
+        """Add constants to rows."""
+
+
+def stamp_transistors(stamper: Stamper, pins: Ints) -> Devices:
+    """Stamp all transistors; `pins` (Q, 3) are collector, base and emitter.
+
+    Returns
+    -------
+    Devices
+        Two exponentials for each transistor.
+    """
+    circuit = stamper.circuit
+    models = [circuit.transistor_models[cell.model] for cell in circuit.transistors]
+    sign, IS, BF, BR, RE, CJE, CJC = np.array(
+        [
+            (
+                model.sign, model.saturation_current, model.forward_gain, model.reverse_gain,
+                model.emitter_resistance, model.emitter_capacitance, model.collector_capacitance,
+            )
+            for model in models
+        ]
+    ).reshape(-1, 7).T  # fmt: skip
+    collector, base, emitter = pins.T
+    inner, *unknowns = (_unknowns(stamper, part) for part in ("e", "vf", "vr", "f", "r"))
+    vf, vr, f, r = unknowns
+    for places in unknowns:
+        stamper.fixed.update(places.tolist())
+    stamper.currents.branch(emitter, inner, -1.0 / RE)
+    stamper.mass.branch(base, inner, CJE)
+    stamper.mass.branch(base, collector, CJC)
+    volts = thermal_voltage(circuit.temperature)
+    for junction, far in ((vf, inner), (vr, collector)):
+        stamper.laws.add(junction, base, sign)
+        stamper.laws.add(junction, far, -sign)
+        stamper.laws.add(junction, junction, -np.ones_like(sign))
+        stamper.bias(junction, -volts * np.log(SCALE / IS))
+    # A row states the currents into its node; z[f] = -U0 F / SCALE.
+    per_volt = sign * SCALE / circuit.scalings.unit_voltage
+    for rows, of_f, of_r, constant in (
+        (collector, np.ones_like(BF), -(1.0 + 1.0 / BR), IS / BR),
+        (base, 1.0 / BF, 1.0 / BR, -IS / BF - IS / BR),
+        (inner, -(1.0 + 1.0 / BF), np.ones_like(BR), IS / BF),
+    ):
+        stamper.currents.add(rows, f, per_volt * of_f)
+        stamper.currents.add(rows, r, per_volt * of_r)
+        stamper.bias(rows, -sign * constant)
+    scales = np.full(2 * len(models), circuit.scalings.unit_voltage), np.full(2 * len(models), volts)
+    both = np.concatenate([vf, vr]), np.concatenate([f, r])
+    return Devices((KIND,) * 2 * len(models), *both, *scales)
+
+
+def _unknowns(stamper: Stamper, part: str) -> Ints:
+    """Return the places of new unknowns, named after their transistor."""
+    return stamper.nodes(f"q{cell.name}.{part}" for cell in stamper.circuit.transistors)
