@@ -185,8 +185,10 @@ def _not_listed(circuit: Circuit, scene: Scene) -> Iterator[str]:
             yield f"{number} times the {model.external_part} of {choice.base}"
     if circuit.currents:
         yield f"{len(circuit.currents)} current sources of the strain, switched on at t = 0"
-    if circuit.voltages:
-        yield "the voltage source of the bias current"
+    yield from (f"the voltage source {source.name!r}" for source in circuit.voltages)
+    if circuit.transistors:
+        pair = scene.design.antilog.transistors
+        yield f"{len(circuit.transistors) // 2} matched pairs {pair}"
     if circuit.amplifiers:
         yield f"{len(circuit.amplifiers)} {circuit.amplifier} amplifiers: ideal in the circuit"
     yield f"the supply of ±{circuit.supply:g} V and its decoupling capacitors"

@@ -91,6 +91,7 @@ def vary(circuit: Circuit, tolerances: Tolerances, z: Floats) -> Circuit:
         circuit,
         models=models,
         opamps=tuple(cells),
+        temperature=circuit.temperature + kelvin,
         matrices=tuple(_matrix(matrix, scale, hot_r) for matrix in circuit.matrices),
         resistors=tuple(
             replace(part, ohms=part.ohms * scale.get(f"R{part.name}", 1.0) * hot_r)

@@ -285,6 +285,15 @@ def _analysis_cards(circuit: Circuit, analysis: Analysis, nodes: Sequence[str]) 
     begin = repr(10.0 * analysis.begin)  # ngspice's first step is a tenth of the card's figure
     cards = [f".tran {begin} {analysis.stop!r} 0.0 {step}" + ("" if rest else " uic")]
     if analysis.voltages:
-        pairs = " ".join(f"v({node})={volts!r}" for node, volts in analysis.voltages.items())
+        known = {node: volts for node, volts in analysis.voltages.items() if _is_node(node)}
+        pairs = " ".join(f"v({node})={volts!r}" for node, volts in known.items())
         cards.insert(0, f".ic {pairs}")
     return [save, *cards]
+
+
+def _is_node(name: str) -> bool:
+    """Whether an unknown of the state-space engine is a node of the deck, also in an op-amp.
+
+    The inner unknowns of a transistor are not: ngspice takes its charges from the outer nodes.
+    """
+    return "." not in name or name.rpartition(".")[2] in ("p1", "p2")

@@ -13,6 +13,7 @@ from netlist_gen.quantities import show
 from spice_models.array_types import Floats
 from verification.engines.statespace.linearised.equilibrium import Equilibrium
 from verification.ideal.ideal_answer import IdealAnswer
+from verification.pipeline.antilog_error import AntilogError, antilog_error, outputs_at
 from verification.pipeline.design import Design
 from verification.pipeline.output_noise import OutputNoise
 from verification.pipeline.pruning import PruningEffect, pruning_effect
@@ -63,7 +64,8 @@ def error_budget(
     pruning = pruning_effect(network, design.scene.design.prune, ideal.solution)
     kept, pruned = (ideal.target, ()) if pruning is None else (pruning.target, (_pruned(pruning),))
     rounded = solve(rounded_network(network, circuit).problem).u * network.U0
-    board = np.array([out.sign * rest[out.node] for out in circuit.outputs])
+    board, antilog = outputs_at(circuit, rest), antilog_error(design)
+    stages = board if antilog is None else antilog.outputs
     truth = None if stress is None else stress * network.U0
     return (
         ErrorPart(
@@ -79,9 +81,10 @@ def error_budget(
         ),
         ErrorPart(
             "opamps",
-            _largest(board - rounded),
+            _largest(stages - rounded),
             "equilibrium of the board against that optimum (finite gain, loading)",
         ),
+        *(() if antilog is None else (_antilog(antilog, board),)),
         ErrorPart(
             "unsettled", _largest(final - board), "end of the record against that equilibrium"
         ),
@@ -125,6 +128,15 @@ def _pruned(effect: PruningEffect) -> ErrorPart:
     proven = "no proven bound" if bound is None else f"proven bound {show(bound, 'V', 3)}"
     how = f"optimum without {effect.entries} entries of T against the requested optimum; {proven}"
     return ErrorPart("pruning", effect.change, how, bound)
+
+
+def _antilog(error: AntilogError, board: Floats) -> ErrorPart:
+    how = (
+        "equilibrium with transistors against that with ideal antilog stages; the stages are up to"
+        f" {100.0 * error.deviation:.2g} % from U0 exp(v/Ve), measured at u from"
+        f" {show(error.lowest, 'V', 3)} to {show(error.highest, 'V', 3)}"
+    )
+    return ErrorPart("antilog", _largest(board - error.outputs), how)
 
 
 def _largest(difference: Floats) -> float:

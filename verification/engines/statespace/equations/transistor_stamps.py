@@ -20,7 +20,7 @@ import numpy as np
 from netlist_gen.board.circuit import Circuit
 from spice_models.array_types import Floats, Ints
 from spice_models.transistor import thermal_voltage
-from verification.engines.statespace.equations.descriptor import Devices
+from verification.engines.statespace.equations.descriptor import Descriptor, Devices
 
 SCALE = 1e-4  # A
 KIND = "exponential"
@@ -104,7 +104,10 @@ def stamp_transistors(stamper: Stamper, pins: Ints) -> Devices:
         stamper.currents.add(rows, f, per_volt * of_f)
         stamper.currents.add(rows, r, per_volt * of_r)
         stamper.bias(rows, -sign * constant)
-    scales = np.full(2 * len(models), circuit.scalings.unit_voltage), np.full(2 * len(models), volts)
+    scales = (
+        np.full(2 * len(models), circuit.scalings.unit_voltage),
+        np.full(2 * len(models), volts),
+    )
     both = np.concatenate([vf, vr]), np.concatenate([f, r])
     return Devices((KIND,) * 2 * len(models), *both, *scales)
 
@@ -112,3 +115,19 @@ def stamp_transistors(stamper: Stamper, pins: Ints) -> Devices:
 def _unknowns(stamper: Stamper, part: str) -> Ints:
     """Return the places of new unknowns, named after their transistor."""
     return stamper.nodes(f"q{cell.name}.{part}" for cell in stamper.circuit.transistors)
+
+
+def transistor_currents(circuit: Circuit, descriptor: Descriptor, values: Floats) -> Floats:
+    """Return the currents into collector and base of every transistor, A, (2, Q).
+
+    `values` (size,) are the unknowns.
+    """
+    amps = -SCALE / circuit.scalings.unit_voltage
+    found = []
+    for cell in circuit.transistors:
+        model = circuit.transistor_models[cell.model]
+        F, R = (amps * values[descriptor.place(f"q{cell.name}.{part}")] for part in ("f", "r"))
+        back = (R - model.saturation_current) / model.reverse_gain
+        base = (F - model.saturation_current) / model.forward_gain + back
+        found.append((model.sign * (F - R - back), model.sign * base))
+    return np.array(found).reshape(-1, 2).T
