@@ -98,4 +98,11 @@ class Noise:
     bands: tuple[Band, ...]
 
 
-Analysis = Transient | OperatingPoint | Noise
+@dataclass(frozen=True, slots=True)
+class Response:
+    """The small-signal response to the sources with an ``ac`` value, over a band."""
+
+    band: Band
+
+
+Analysis = Transient | OperatingPoint | Noise  # of a board; `Response` is of a test bench

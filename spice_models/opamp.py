@@ -6,9 +6,12 @@ import math
 import re
 from dataclasses import dataclass
 
+from spice_models.imported import ImportedOpAmp
+
 KNEE = 50.0
 """Swing over the width of the knee of a clamp. At 90 % of the swing the clamp draws 1e-4 of the
 slew rate, which the loop replaces with some microvolts at the input."""
+
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 ZERO_OR_MORE = (
@@ -61,6 +64,7 @@ class OpAmp:
     external_part: str = ""  # that every op-amp of the type needs beside it
     source: str = ""  # publication of the figures
     large_signal: bool = False  # whether the macromodel has the limits
+    imported: ImportedOpAmp | None = None  # a vendor's macromodel in the place of ours
 
     def __post_init__(self) -> None:
         if not _NAME.fullmatch(self.name):

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from spice_models.array_types import Bools, Floats
+from spice_models.imported import LinearModel
 from spice_models.opamp import OpAmp
 from spice_models.transistor import NOMINAL, Transistor
 
@@ -196,6 +197,16 @@ class Circuit:
     def has_nonlinear_amplifiers(self) -> bool:
         """Whether signal amplifiers are behavioural, or have transistors."""
         return bool(self.amplifiers or self.transistors)
+
+    @property
+    def has_imported(self) -> bool:
+        """Whether op-amps are a vendor's macromodel."""
+        return any(model.imported is not None for model in self.models.values())
+
+    def linear_model(self, cell: OpAmpCell) -> LinearModel | None:
+        """Return the linear model of an imported op-amp; None for others, or where it has none."""
+        imported = self.models[cell.model].imported
+        return None if imported is None else imported.linear
 
     def __repr__(self) -> str:
         size = f"{len(self.outputs)} channels, {len(self.constraint_nodes)} sensors"

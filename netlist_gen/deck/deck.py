@@ -199,6 +199,8 @@ def _text(circuit: Circuit, before: Iterable[str], after: Iterable[str], noisy: 
 
 @lru_cache(maxsize=64)
 def _opamp_text(model: OpAmp, grounded: bool, supply: float, noisy: bool) -> str:
+    if model.imported is not None:
+        return model.imported.text(model.name)
     return str(opamp_subcircuit(model, noninverting_grounded=grounded, supply=supply, noisy=noisy))
 
 
@@ -248,7 +250,7 @@ def _current_sources(circuit: Circuit, analysis: Analysis) -> list[str]:
 
 def _starts_from_rest(circuit: Circuit, analysis: Transient) -> bool:
     """Return whether the start needs an operating point; without bias, rest is 0 V."""
-    driven = bool(circuit.voltages) or circuit.has_nonlinear_amplifiers
+    driven = bool(circuit.voltages) or circuit.has_nonlinear_amplifiers or circuit.has_imported
     return analysis.initial == "rest" and driven
 
 

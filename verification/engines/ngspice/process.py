@@ -23,6 +23,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
+from spice_models.array_types import Complexes, Floats
 from spice_models.errors import BadEvidence, SimulationError, SimulatorNotFound
 from spice_models.foreign_files import MEGABYTE, UnusableFileError, read_ends
 from spice_models.orphans import end_orphans
@@ -32,6 +33,7 @@ from verification.engines.ngspice.evidence import accepted_waveforms
 from verification.engines.ngspice.executable import Simulator, environment, find_simulator
 from verification.engines.ngspice.noise_evidence import integrated_noise
 from verification.engines.ngspice.parent_death import guard_of_process
+from verification.engines.ngspice.response_evidence import accepted_response
 from verification.engines.ngspice.run_folder import make_folder
 from verification.engines.ngspice.screening import Deck, screen
 from verification.waveforms import Waveforms
@@ -159,6 +161,10 @@ class Run:
     def noise(self) -> float:
         """Wait for the end and return the noise of the saved node, V; see `integrated_noise`."""
         return self._accept(integrated_noise)
+
+    def response(self) -> tuple[Floats, Complexes]:
+        """Wait for the end and return the small-signal response; see `accepted_response`."""
+        return self._accept(accepted_response)
 
     def _accept(self, evidence: Callable[[Deck, Ending], Result]) -> Result:
         """Wait for the end and return what `evidence` accepts; else keep the folder."""

@@ -53,10 +53,16 @@ class _Header:
     @property
     def width(self) -> int:
         """Bytes of one point."""
-        return len(self.vectors) * DOUBLE.itemsize
+        return self.columns * DOUBLE.itemsize
+
+    @property
+    def columns(self) -> int:
+        """Numbers in one point."""
+        parts = 2 if "complex" in self.fields.get("flags", "").lower() else 1
+        return parts * len(self.vectors)
 
 
-def read_raw(path: Path, *, partial: bool = False) -> Plot:
+def read_raw(path: Path, *, partial: bool = False, kind: str = "real") -> Plot:
     """Map the one plot of a raw file.
 
     Parameters
@@ -66,6 +72,8 @@ def read_raw(path: Path, *, partial: bool = False) -> Plot:
     partial : bool
         True for the file of an interrupted run: the header's number of points (0 until ngspice
         has finished) is ignored, and every complete point on the disk is read.
+    kind : str
+        ``"real"``, or ``"complex"``: then every vector has two columns.
 
     Raises
     ------
@@ -76,7 +84,7 @@ def read_raw(path: Path, *, partial: bool = False) -> Plot:
         The file has fewer bytes than points x vectors x 8.
     """
     content = _map(path)
-    header = _read_header(content, path)
+    header = _read_header(content, path, kind=kind)
     promised = _number(header, "no. points", path)
     points = (len(content) - header.size) // header.width if partial else promised
     if not partial:
@@ -97,7 +105,7 @@ def read_plots(path: Path) -> list[Plot]:
 
 
 def _plot(content: mmap.mmap | bytes, header: _Header, promised: int, points: int) -> Plot:
-    count = len(header.vectors)
+    count = header.columns
     data = np.frombuffer(content, DOUBLE, points * count, header.size).reshape(points, count)
     title, name = (header.fields.get(key, "") for key in ("title", "plotname"))
     return Plot(title, name, header.vectors, promised, data)
@@ -137,7 +145,9 @@ def _map(path: Path) -> mmap.mmap | bytes:
         raise BadEvidence(f"{path.name} was never written: {error}") from None
 
 
-def _read_header(content: mmap.mmap | bytes, path: Path, start: int = 0) -> _Header:
+def _read_header(
+    content: mmap.mmap | bytes, path: Path, start: int = 0, kind: str = "real"
+) -> _Header:
     """Read the header that begins at `start`, including the ``Binary:`` line."""
     end = content.find(_END, start, start + _LONGEST_HEADER)
     fields: dict[str, str] = {}
@@ -160,16 +170,16 @@ def _read_header(content: mmap.mmap | bytes, path: Path, start: int = 0) -> _Hea
     if end < 0:
         raise BadEvidence(f"{path.name}: the header has no end ({len(vectors)} vectors were named)")
     header = _Header(fields, tuple(vectors), end + len(_END))
-    _check_header(header, path)
+    _check_header(header, path, kind)
     return header
 
 
-def _check_header(header: _Header, path: Path) -> None:
+def _check_header(header: _Header, path: Path, kind: str) -> None:
     flags = header.fields.get("flags", "").lower().split()
-    if flags != ["real"]:
+    if flags != [kind]:
         raise BadEvidence(
-            f"{path.name}: flags are {' '.join(flags) or 'missing'!r}; only 'real' is read"
-            " (no complex or padded vectors)"
+            f"{path.name}: flags are {' '.join(flags) or 'missing'!r}; only {kind!r} is"
+            " read, without padding"
         )
     count = _number(header, "no. variables", path)
     if count != len(header.vectors) or count == 0:

@@ -17,7 +17,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from netlist_gen.analysis import Analysis
+from netlist_gen.analysis import Analysis, Response
 from spice_models.errors import DidNotLoad, SingularCircuit
 
 
@@ -35,12 +35,12 @@ class Deck(Protocol):
     @property
     def saved(self) -> tuple[str, ...]: ...  # noqa: D102
     @property
-    def analysis(self) -> Analysis: ...  # noqa: D102
+    def analysis(self) -> Analysis | Response: ...  # noqa: D102
 
 
 _CARDS = """
     .title .include .subckt .ends .model .param .func .global
-    .tran .op .noise .save .options .ic .nodeset .temp .end
+    .tran .op .noise .ac .save .options .ic .nodeset .temp .end
 """
 # No `interp` (it resamples on a coarse grid) and no `savecurrents` (twice the time).
 _OPTIONS = """

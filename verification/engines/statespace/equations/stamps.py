@@ -8,6 +8,7 @@ output resistance. All parts of a kind are stamped at once, as arrays.
 from __future__ import annotations
 
 import operator
+from dataclasses import replace
 from collections.abc import Iterable
 
 import numpy as np
@@ -22,6 +23,7 @@ from verification.engines.statespace.equations.descriptor import (
     Devices,
     Triplets,
 )
+from verification.engines.statespace.equations.imported_stamps import stamp_imported
 from verification.engines.statespace.equations.mirror_symmetry import proposed_mirror
 from verification.engines.statespace.equations.transistor_stamps import stamp_transistors
 
@@ -253,7 +255,12 @@ def stamp(circuit: Circuit) -> Descriptor:
     EngineError
         Two ideal sources drive one node, or an amplifier's input is grounded.
     """
+    imported = [cell for cell in circuit.opamps if circuit.linear_model(cell) is not None]
+    circuit = replace(circuit, opamps=tuple(c for c in circuit.opamps if c not in imported))
     stamper = _Stamper(circuit)
+    foreign = stamper.nodes(
+        n for cell in imported for n in (cell.noninverting, cell.inverting, cell.output)
+    ).reshape(-1, 3)
     pins = (n for cell in circuit.opamps for n in (cell.noninverting, cell.inverting, cell.output))
     wired = stamper.nodes(pins).reshape(-1, 3)
     devices = _devices(stamper)
@@ -266,6 +273,7 @@ def stamp(circuit: Circuit) -> Descriptor:
     for matrix in circuit.matrices:
         stamper.matrix(matrix)
     node_count = len(stamper.places)
+    stamp_imported(stamper, imported, foreign)
     transistors = stamp_transistors(stamper, legs.reshape(-1, 3))
     devices = _together(devices, transistors, stamper.opamps(wired))
     ohms = np.array([part.ohms for part in circuit.resistors], dtype=np.float64)
