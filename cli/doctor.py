@@ -1,4 +1,4 @@
-"""``taction models`` and ``taction doctor``."""
+"""``taction doctor``, and the list of ``taction models``."""
 
 from __future__ import annotations
 
@@ -41,8 +41,7 @@ EXTRAS = (
 )
 
 
-@command
-def models(as_json: bool) -> None:
+def list_presets(as_json: bool) -> None:
     """List the op-amp presets with their figures in SI units and the sources of the figures."""
     from netlist_gen.quantities import show
     from spice_models.presets import load_presets

@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection
 from spice_models.foreign_expressions import NAME, expression, number, polynomial
 from spice_models.foreign_lines import Line
 
-MODELS = frozenset("d npn pnp njf pjf nmos pmos sw".split())
+MODELS = ("d", "npn", "pnp", "njf", "pjf", "nmos", "pmos", "sw")
 _FIELD = re.compile(r"\{[^{}]*\}|[^\s=]+\s*=\s*(?:\{[^{}]*\}|[^\s={}]+)|[^\s{}=]+")
 _KEY = re.compile(r"[a-z][a-z0-9_]*")
 _POLY = re.compile(r"poly\s*\(\s*(\d+)\s*\)(.*)")

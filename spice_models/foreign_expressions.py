@@ -6,10 +6,11 @@ import math
 import re
 from collections.abc import Collection
 
-FUNCTIONS = frozenset(
-    "abs acos acosh asin asinh atan atanh ceil cos cosh exp floor int ln log log10 max min nint"
-    " pow pwr pwrs sgn sin sinh sqrt tan tanh u uramp".split()
-)
+_FUNCTIONS = """
+    abs acos acosh asin asinh atan atanh ceil cos cosh exp floor int ln log log10 max min nint
+    pow pwr pwrs sgn sin sinh sqrt tan tanh u uramp
+"""
+FUNCTIONS = frozenset(_FUNCTIONS.split())
 SUFFIXES = {
     "meg": 1e6, "mil": 25.4e-6, "t": 1e12, "g": 1e9, "k": 1e3, "m": 1e-3, "u": 1e-6, "n": 1e-9,
     "p": 1e-12, "f": 1e-15,

@@ -37,7 +37,7 @@ class Line:
 
 
 def logical_lines(content: bytes) -> list[Line]:
-    """Return the logical lines of a file, without empty ones.
+    r"""Return the logical lines of a file, without empty ones.
 
     Raises
     ------
@@ -47,7 +47,7 @@ def logical_lines(content: bytes) -> list[Line]:
 
     Examples
     --------
-    >>> logical_lines(b"* title\\nR1 a b 1K ; load\\n+ tc1=0\\n")
+    >>> logical_lines(b"* title\nR1 a b 1K ; load\n+ tc1=0\n")
     [Line(number=2, text='r1 a b 1k tc1=0')]
     """
     found: list[Line] = []

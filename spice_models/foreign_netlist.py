@@ -28,9 +28,9 @@ class Subcircuit:
 
 @dataclass(slots=True)
 class _Block:
-    """Cards between ``.subckt`` and ``.ends``, or those outside of all."""
+    """A subcircuit: its ``.subckt`` card, and those up to ``.ends``."""
 
-    head: Line | None = None
+    head: Line
     cards: list[Line] = field(default_factory=list)
 
 
@@ -57,9 +57,9 @@ def read_subcircuit(content: bytes, name: str, prefix: str) -> Subcircuit:
     return Subcircuit(new[wanted], _ports(blocks[wanted]), tuple(lines))
 
 
-def _blocks(lines: Iterable[Line]) -> tuple[_Block, dict[str, _Block]]:
+def _blocks(lines: Iterable[Line]) -> tuple[list[Line], dict[str, _Block]]:
     """Sort the cards into the top level and the subcircuits."""
-    whole, blocks, inside = _Block(), dict[str, _Block](), None
+    whole, blocks, inside = list[Line](), dict[str, _Block](), None
     for line in lines:
         card = line.text.split()[0]
         if card.startswith(".") and card not in CARDS:
@@ -78,8 +78,8 @@ def _blocks(lines: Iterable[Line]) -> tuple[_Block, dict[str, _Block]]:
         elif card == ".end":
             break
         else:
-            (whole if inside is None else inside).cards.append(line)
-    if inside is not None and inside.head is not None:
+            (whole if inside is None else inside.cards).append(line)
+    if inside is not None:
         raise inside.head.refused("this subcircuit has no .ends")
     return whole, blocks
 
@@ -105,7 +105,6 @@ def _called(name: str, blocks: dict[str, _Block]) -> list[str]:
 
 def _head(block: _Block) -> tuple[tuple[str, ...], list[str], Line]:
     """Return the ports of a subcircuit, its parameters, and its line."""
-    assert block.head is not None
     try:
         fields = [f for f in split_fields(block.head.text)[2:] if f != "params:"]
     except ValueError as error:
@@ -120,16 +119,16 @@ def _ports(block: _Block) -> tuple[str, ...]:
     return _head(block)[0]
 
 
-def _write(block: _Block, whole: _Block, new: dict[str, str], name: str) -> list[str]:
+def _write(block: _Block, whole: list[Line], new: dict[str, str], name: str) -> list[str]:
     """Write a subcircuit; models and parameters of the top level become its own."""
     ports, given, head = _head(block)
     own = [line for line in block.cards if line.text.startswith(".model ")]
-    models = {line.text.split()[1]: line for line in (*whole.cards, *own) if _is(line, ".model")}
-    parameters = [line for line in (*whole.cards, *block.cards) if _is(line, ".param")]
+    models = {line.text.split()[1]: line for line in (*whole, *own) if _is(line, ".model")}
+    given_by_file = [line for line in (*whole, *block.cards) if _is(line, ".param")]
     keys = {text.partition("=")[0].strip() for text in given}
     names = Names(keys, models, new)
     written: list[str] = []
-    for line in parameters:
+    for line in given_by_file:
         try:
             fields = split_fields(line.text.removeprefix(".param").strip())
             written.append(".param " + " ".join(assignments(fields, names)))

@@ -1,4 +1,4 @@
-"""An imported op-amp: a vendor's subcircuit, its measured figures, and its linear model, as data."""
+"""An imported op-amp as data: a vendor's subcircuit, its measured figures, its linear model."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ class Rational:
 class LinearModel:
     """The small-signal model of an op-amp at its operating point, all from its simulation.
 
-    ``v_out = rest + gain (v_p - v_n - offset) + impedance i`` with the current i into the output;
+    ``v_out = rest + gain (v_p - v_n - offset) + impedance i`` with the current i into the output,
+    gain and impedance with the same poles, since they share the states of the op-amp;
     each input has `conductance` and `capacitance` to ground, and the inverting one takes
     `bias_current` at rest. `error` is the largest relative error of gain and impedance over the
     `band` (lowest and highest frequency, Hz).
@@ -168,8 +169,10 @@ def _linear(data: Any) -> LinearModel:
         for key in ("conductance", "capacitance", "offset", "rest", "bias_current", "error")
     }
     low, high = map(_finite, data["band"])
-    return LinearModel(_rational(data["gain"]), _rational(data["impedance"]), **values,
-                       band=(low, high))  # fmt: skip
+    gain, impedance = _rational(data["gain"]), _rational(data["impedance"])
+    if gain.poles != impedance.poles:
+        raise ValueError("linear: gain and impedance must have the same poles")
+    return LinearModel(gain, impedance, **values, band=(low, high))
 
 
 def _rational(data: Any) -> Rational:

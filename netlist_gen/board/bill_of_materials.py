@@ -117,7 +117,7 @@ def bill_of_materials(circuit: Circuit, scene: Scene) -> BillOfMaterials:
     capacitors = _lines("capacitor", [f"C{part.name}" for part in signal], farads, scene)
     return BillOfMaterials(
         lines=(*resistors, *capacitors),
-        opamp=scene.design.opamp.base,
+        opamp=scene.design.opamp.file or scene.design.opamp.base,
         packages=tuple(_packages(circuit)),
         not_listed=tuple(_not_listed(circuit, scene)),
     )
@@ -174,7 +174,7 @@ def _packages(circuit: Circuit) -> Iterator[Package]:
 
 def _not_listed(circuit: Circuit, scene: Scene) -> Iterator[str]:
     choice = scene.design.opamp
-    changed = sorted(choice.model_fields_set - {"base"})
+    changed = sorted(choice.model_fields_set - {"base", "file"})
     if changed:
         yield f"op-amps with the scene's {', '.join(changed)}, which {choice.base} does not have"
     if not any(model.supply_current for model in circuit.models.values()):

@@ -17,6 +17,7 @@ from spice_models.transistor import ZERO_CELSIUS
 
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 SCENE_NAME = re.compile(r"[A-Za-z0-9_.-]*")
+VENDORS_GMIN = 1e-12  # S: ngspice's default, at which a vendor's model converges and was measured
 FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 
 _NAMES: dict[str, Callable[[Any], tuple[str, ...]]] = {  # fields of the parts that hold a name
@@ -128,6 +129,7 @@ def tolerances(circuit: Circuit, relative: float) -> Tolerances:
         voltage=1e-3 * relative * volts,
         charge=1e-3 * relative * scalings.capacitance * volts,
         gmin=1e-6 * relative * siemens,
+        junction=VENDORS_GMIN if circuit.has_imported else 1e-6 * relative * siemens,
     )
 
 

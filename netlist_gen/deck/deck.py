@@ -269,7 +269,7 @@ def _options(limits: Tolerances, analysis: Analysis, solver: str) -> list[str]:
     charge = limits.charge
     if isinstance(analysis, Transient) and analysis.charge is not None:
         charge = analysis.charge
-    lines.append(f".options chgtol={charge!r} gmin={limits.gmin!r} pivtol={limits.gmin!r}")
+    lines.append(f".options chgtol={charge!r} gmin={limits.junction!r} pivtol={limits.gmin!r}")
     if isinstance(analysis, Transient):
         method = "trap" if analysis.method == "trapezoidal" else "gear"
         lines.append(f".options method={method} trtol={analysis.truncation / limits.relative!r}")

@@ -30,7 +30,9 @@ def accepted_response(deck: Deck, ending: Ending) -> tuple[Floats, Complexes]:
         plot = read_raw(ending.raw, kind="complex")
         expected = ["frequency", *(f"v({node.lower()})" for node in deck.saved)]
         if plot.name != PLOT or sorted(plot.vectors) != sorted(expected):
-            raise BadEvidence(f"plot {plot.name!r} with {', '.join(plot.vectors)} was not asked for")
+            raise BadEvidence(
+                f"plot {plot.name!r} with {', '.join(plot.vectors)} was not asked for"
+            )
         values = np.array(plot.data).view(np.complex128)
         columns = values[:, [plot.vectors.index(name) for name in expected]]
         _check(deck, columns)

@@ -57,7 +57,6 @@ def measure(subcircuit: Subcircuit, pins: tuple[str, ...], supply: float) -> Mea
     SimulationError
         ngspice is missing, or a run does not show all its evidence.
     """
-
     wired = tuple("pin" if role == "inn" else role for role in pins)
     powered = [
         "* test bench of an imported op-amp",
@@ -93,7 +92,7 @@ def measure(subcircuit: Subcircuit, pins: tuple[str, ...], supply: float) -> Mea
 def _rest(cards: list[str]) -> Floats:
     deck = _BenchDeck("\n".join([*cards, ".op", ".end", ""]), OperatingPoint())
     with start(deck, find_simulator(), timeout=TIMEOUT) as run:
-        return run.result().values[-1]
+        return np.asarray(run.result().values[-1])
 
 
 def _respond(cards: list[str]) -> tuple[Floats, Complexes]:

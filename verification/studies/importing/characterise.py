@@ -11,7 +11,7 @@ from spice_models.foreign_lines import RefusedError
 from spice_models.foreign_netlist import read_subcircuit
 from spice_models.imported import Figures, ImportedOpAmp, LinearModel, check_pins
 from verification.studies.importing.bench import Measured, measure
-from verification.studies.importing.rational_fit import fit_rational
+from verification.studies.importing.rational_fit import fit_together, has_aaa
 
 GOOD = 1e-3  # largest relative error of a linear model that serves as a witness
 REACH = 30.0  # the highest fitted frequency, in unity-gain bandwidths
@@ -20,9 +20,7 @@ LARGEST = 4 * MEGABYTE
 PIN_FARADS, PIN_SIEMENS = 1e-12, 1e-9
 
 
-def import_opamp(
-    file: str, subcircuit: str, pins: tuple[str, ...], supply: float
-) -> ImportedOpAmp:
+def import_opamp(file: str, subcircuit: str, pins: tuple[str, ...], supply: float) -> ImportedOpAmp:
     """Read, check and characterise the subcircuit of a netlist.
 
     Parameters
@@ -61,6 +59,9 @@ def _figures(file: str, measured: Measured) -> Figures:
     """Read the figures of a data sheet from the response."""
     f, size = measured.frequencies, np.abs(measured.gain)
     below = np.flatnonzero(size < 1.0)
+    if measured.gain[0].real < 0.0:
+        text = "the gain is negative: exchange the roles inp and inn"
+        raise InputError(file, Complaint("--pins", "", text))
     if size[0] <= 1.0 or not below.size:
         text = f"the gain is {size[0]:.4g} at {f[0]:g} Hz and never crosses 1: are the pins right?"
         raise InputError(file, Complaint("--pins", "", text))
@@ -80,10 +81,12 @@ def _figures(file: str, measured: Measured) -> Figures:
 
 def _linear(measured: Measured, figures: Figures) -> tuple[LinearModel | None, str]:
     """Return the linear model, or None and the reason."""
+    if not has_aaa():
+        return None, "no linear model: this SciPy has no AAA; 1.15 or newer has it"
     f = measured.frequencies
     used = f <= REACH * figures.unity_gain_bandwidth
-    gain, gain_error = fit_rational(f[used], measured.gain[used])
-    impedance, impedance_error = fit_rational(f[used], measured.impedance[used])
+    responses = measured.gain[used], measured.impedance[used]
+    (gain, impedance), (gain_error, impedance_error) = fit_together(f[used], responses)
     conductance, capacitance, input_error = _input(f[used], measured.admittance[used])
     errors = {"gain": gain_error, "output impedance": impedance_error, "input": input_error}
     worst = max(errors, key=errors.__getitem__)

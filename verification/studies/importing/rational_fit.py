@@ -9,7 +9,7 @@ error is the largest relative one at all points.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -18,8 +18,32 @@ from spice_models.imported import Rational
 
 ENOUGH = 1e-6  # relative error at which no further pole is added
 TERMS = range(2, 17)
-REAL = 1e-9  # imaginary part, relative to the pole, that counts as rounding
-SCALES = (1e-7, 1e2)  # of poles, relative to the highest angular frequency
+REAL = 1e-4  # imaginary part, relative to the pole, that counts as rounding
+SAME = 1e-3  # relative difference of poles that are one
+SCALES = (1e-14, 1e2)  # of poles, relative to the highest angular frequency
+
+
+def has_aaa() -> bool:
+    """Whether this SciPy has the algorithm."""
+    from scipy import interpolate
+
+    return hasattr(interpolate, "AAA")
+
+
+def fit_together(
+    frequencies: Floats, responses: Sequence[Complexes]
+) -> tuple[list[Rational], list[float]]:
+    """Return rational functions with the same poles, and their largest relative errors.
+
+    The poles are those of each response by itself; poles closer than `SAME` are one.
+    """
+    poles: list[complex] = []
+    for response in responses:
+        poles = _distinct(fit_rational(frequencies, response)[0].poles, poles)
+    s = _s(frequencies)
+    found = [_residues(s, response, np.array(poles)) for response in responses]
+    pairs = zip(found, responses, strict=True)
+    return found, [_error(rational, s, response) for rational, response in pairs]
 
 
 def fit_rational(frequencies: Floats, response: Complexes) -> tuple[Rational, float]:
@@ -39,17 +63,25 @@ def fit_rational(frequencies: Floats, response: Complexes) -> tuple[Rational, fl
     >>> error < 1e-9, round(found.poles[0].real / (2.0 * np.pi), 6)
     (True, -1000.0)
     """
-    s = 2j * np.pi * frequencies
-    best: tuple[Rational, float] | None = None
+    s = _s(frequencies)
+    flat = _residues(s, response, np.zeros(0, dtype=np.complex128))
+    best = flat, _error(flat, s, response)
     for poles in _candidates(s[::2], response[::2]):
         rational = _residues(s, response, poles)
-        error = float(np.max(np.abs(evaluate(rational, s) / response - 1.0)))
-        if best is None or error < best[1]:
+        error = _error(rational, s, response)
+        if error < best[1]:
             best = rational, error
-        if error <= ENOUGH:
+        if best[1] <= ENOUGH:
             break
-    assert best is not None  # the constant is a candidate
     return best
+
+
+def _s(frequencies: Floats) -> Complexes:
+    return np.asarray(2j * np.pi * frequencies, dtype=np.complex128)
+
+
+def _error(rational: Rational, s: Complexes, response: Complexes) -> float:
+    return float(np.max(np.abs(evaluate(rational, s) / response - 1.0)))
 
 
 def evaluate(rational: Rational, s: Complexes) -> Complexes:
@@ -63,10 +95,9 @@ def evaluate(rational: Rational, s: Complexes) -> Complexes:
 
 
 def _candidates(s: Complexes, response: Complexes) -> Iterator[Complexes]:
-    """Yield sets of stable poles, one of each pair, from none to more and more."""
+    """Yield sets of stable poles, one of each pair, more and more."""
     from scipy.interpolate import AAA
 
-    yield np.zeros(0, dtype=np.complex128)
     top = float(np.abs(s).max())
     z, values = np.concatenate([s, s.conj()]) / top, np.concatenate([response, response.conj()])
     for terms in TERMS:
@@ -74,10 +105,18 @@ def _candidates(s: Complexes, response: Complexes) -> Iterator[Complexes]:
             warnings.simplefilter("ignore")  # fewer terms than it needs, as asked for
             poles = AAA(z, values, rtol=1e-13, max_terms=terms).poles()
         size = np.abs(poles)
-        poles = poles[(poles.real < 0.0) & (size > SCALES[0] * 1e-7) & (size < SCALES[1])]
+        poles = poles[(poles.real < 0.0) & (size > SCALES[0]) & (size < SCALES[1])]
         real = np.abs(poles.imag) <= REAL * np.abs(poles)
-        poles = np.where(real, poles.real, poles)
-        yield top * poles[real | (poles.imag > 0.0)]
+        upper = poles.real + 1j * np.where(real, 0.0, np.abs(poles.imag))
+        yield np.array(_distinct((top * upper).tolist(), []), dtype=np.complex128)
+
+
+def _distinct(poles: Iterable[complex], known: list[complex]) -> list[complex]:
+    """Return `known` with those `poles` that differ from all others by more than `SAME`."""
+    for pole in poles:
+        if all(abs(pole - other) > SAME * abs(other) for other in known):
+            known.append(pole)
+    return known
 
 
 def _residues(s: Complexes, response: Complexes, poles: Complexes) -> Rational:

@@ -1,9 +1,9 @@
 """Stamps of imported op-amps: their linear model, term by term.
 
 The current i into the output is an unknown with the row
-``0 = -v_out + rest + D_g (d - offset) + sum x + D_z i + sum y``, ``d = v_p - v_n``; every pole p of
-the gain is a state ``x' = p x + r (d - offset)``, every pole of the impedance ``y' = p y + r i``. A
-pair of complex poles is two real states with the same sum.
+``0 = -v_out + rest + D_g (d - offset) + D_z i + sum x``, ``d = v_p - v_n``; every pole p of gain
+and impedance is a state ``x' = p x + r_g (d - offset) + r_z i``. A pair of complex poles is two
+real states.
 """
 
 from __future__ import annotations
@@ -15,15 +15,13 @@ import numpy as np
 from netlist_gen.board.circuit import OpAmpCell
 from spice_models.array_types import Ints
 from spice_models.errors import EngineError
-from spice_models.imported import LinearModel, Rational
+from spice_models.imported import LinearModel
 from verification.engines.statespace.equations.transistor_stamps import Stamper
 
 GROUND = -1
 
 
-def stamp_imported(
-    stamper: Stamper, cells: Sequence[OpAmpCell], pins: Ints
-) -> None:
+def stamp_imported(stamper: Stamper, cells: Sequence[OpAmpCell], pins: Ints) -> None:
     """Stamp op-amps; `pins` (P, 3) are plus, minus and output.
 
     Raises
@@ -33,7 +31,8 @@ def stamp_imported(
     """
     for cell, (plus, minus, out) in zip(cells, pins.tolist(), strict=True):
         model = stamper.circuit.linear_model(cell)
-        assert model is not None
+        if model is None:
+            continue
         if not model.impedance.constant > 0.0:
             raise EngineError(f"op-amp {cell.model} has no output resistance at high frequencies")
         _inputs(stamper, model, (plus, minus))
@@ -43,9 +42,7 @@ def stamp_imported(
         _add(stamper, current, ((plus, constant), (minus, -constant)))
         _bias(stamper, current, model.rest - constant * model.offset)
         stamper.currents.add(np.array([out]), np.array([current]), np.array([-1.0]))
-        difference = ((plus, 1.0), (minus, -1.0))
-        _states(stamper, cell, "g", model.gain, current, difference, -model.offset)
-        _states(stamper, cell, "z", model.impedance, current, ((current, 1.0),), 0.0)
+        _states(stamper, cell, model, current, (plus, minus))
 
 
 def _inputs(stamper: Stamper, model: LinearModel, pins: tuple[int, int]) -> None:
@@ -60,30 +57,28 @@ def _inputs(stamper: Stamper, model: LinearModel, pins: tuple[int, int]) -> None
 
 
 def _states(
-    stamper: Stamper,
-    cell: OpAmpCell,
-    letter: str,
-    rational: Rational,
-    output: int,
-    drive: tuple[tuple[int, float], ...],
-    constant: float,
+    stamper: Stamper, cell: OpAmpCell, model: LinearModel, current: int, pins: tuple[int, int]
 ) -> None:
-    """Stamp the states of a rational function of ``drive + constant``, and add them to `output`."""
-    for k, (pole, residue) in enumerate(zip(rational.poles, rational.residues, strict=True), 1):
-        names = [f"x{cell.name}.{letter}{k}{part}" for part in ("re", "im")[: 2 if pole.imag else 1]]
+    """Stamp the states, and add them to the row of the current."""
+    residues = zip(model.gain.residues, model.impedance.residues, strict=True)
+    for k, (pole, (of_d, of_i)) in enumerate(zip(model.gain.poles, residues, strict=True), 1):
+        names = [f"x{cell.name}.s{k}{part}" for part in ("re", "im")[: 2 if pole.imag else 1]]
         places = stamper.nodes(names).tolist()
-        # 2 Re of z' = pole z + residue d, with z = (a + j b) / 2.
-        weights = (2.0 * residue.real, 2.0 * residue.imag) if pole.imag else (residue.real,)
-        for place, weight in zip(places, weights, strict=True):
+        # A pair: the sum of z' = p z + r d and its conjugate is a with a' = pr a - pi b + 2 rr d,
+        # b' = pi a + pr b + 2 ri d.
+        parts = [(2.0 * of_d.real, 2.0 * of_i.real), (2.0 * of_d.imag, 2.0 * of_i.imag)]
+        for place, (d, i) in zip(
+            places, parts if pole.imag else [(of_d.real, of_i.real)], strict=True
+        ):
             stamper.mass.add(np.array([place]), np.array([place]), np.ones(1))
-            _add(stamper, place, tuple((node, weight * gain) for node, gain in drive))
-            _add(stamper, place, ((place, pole.real),))
-            _bias(stamper, place, weight * constant)
+            terms = ((pins[0], d), (pins[1], -d), (current, i), (place, pole.real))
+            _add(stamper, place, terms)
+            _bias(stamper, place, -d * model.offset)
         if pole.imag:
             real, imaginary = places
             _add(stamper, real, ((imaginary, -pole.imag),))
             _add(stamper, imaginary, ((real, pole.imag),))
-        _add(stamper, output, ((places[0], 1.0),))
+        _add(stamper, current, ((places[0], 1.0),))
 
 
 def _add(stamper: Stamper, row: int, terms: tuple[tuple[int, float], ...]) -> None:

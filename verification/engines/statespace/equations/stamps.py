@@ -8,8 +8,8 @@ output resistance. All parts of a kind are stamped at once, as arrays.
 from __future__ import annotations
 
 import operator
-from dataclasses import replace
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 

@@ -54,6 +54,8 @@ def output_noise(board: LinearBoard) -> tuple[Floats, Floats]:
         raise EngineError(text)
     if board.circuit.transistors and board.circuit.temperature != NOMINAL:
         raise EngineError(f"the noise of transistors is computed at {NOMINAL:g} degrees C only")
+    if board.circuit.has_imported:
+        raise EngineError("the noise of an imported op-amp is not known to the state-space engine")
     density = noise_intensities(board.circuit, descriptor, board.equilibrium.values)
     live = np.flatnonzero(density.diagonal())
     inputs = np.zeros((descriptor.size, SOURCES + len(live)))
