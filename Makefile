@@ -5,7 +5,7 @@
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help setup ready demo test test-processors test-pythons test-simulators regress stress fuzz torture lint format bench lock build clean
+.PHONY: help setup ready demo test test-processors test-pythons test-simulators regress stress fuzz torture docs lint format bench lock build clean
 
 PYTHON_IN_VENV := .venv/bin/python
 JOBS ?= 2
@@ -50,6 +50,9 @@ fuzz: ready ## damaged inputs of every kind, for ARGS="--minutes 60"; prints how
 torture: ready ## 200 kills of studies at random instants, in half an hour; ARGS="--page docs/torture.md" writes the page
 	$(PYTHON_IN_VENV) -m tests.torture $(ARGS)
 
+docs: ready ## the documentation into docs/_build/html: pages, pictures and reference; a warning is an error
+	$(PYTHON_IN_VENV) -m sphinx -W --keep-going -q -b html docs docs/_build/html
+
 lint: ready ## ruff (rules and format) and mypy --strict
 	$(PYTHON_IN_VENV) -m ruff check .
 	$(PYTHON_IN_VENV) -m ruff format --check .
@@ -62,8 +65,8 @@ format: ready ## rewrite the sources as ruff wants them
 bench: ready ## docs/benchmarks.md in minutes; ARGS=--full measures everything, ARGS="--only startup" prints a section
 	$(PYTHON_IN_VENV) -m benchmarks $(ARGS)
 
-lock: ## write requirements/*.txt anew from pyproject.toml, newest versions
-	bash scripts/lock.sh
+lock: ## write requirements/*.txt anew from pyproject.toml, newest versions; ARGS=--keep pins only what is new
+	bash scripts/lock.sh $(ARGS)
 
 build: ready ## wheel into dist/
 	rm -rf build

@@ -4,7 +4,16 @@ from __future__ import annotations
 
 import click
 
-from cli.common import check_plot, console, plot_option, print_json, scene_command
+from cli.common import (
+    check_plot,
+    check_report,
+    console,
+    plot_option,
+    print_json,
+    report_option,
+    save_report,
+    scene_command,
+)
 
 
 @scene_command
@@ -15,12 +24,17 @@ from cli.common import check_plot, console, plot_option, print_json, scene_comma
     help="Wall time for the study, s; with less time a shorter part of the transient is run.",
 )
 @plot_option("error against run time")
-def accuracy(scene: str, budget: float, plot: str | None, as_json: bool) -> None:
+@report_option()
+def accuracy(
+    scene: str, budget: float, plot: str | None, report: str | None, as_json: bool
+) -> None:
     """Compare the error and the run time of every engine, method and setting on SCENE."""
     from verification.ideal.lambda_rule import read_scene
 
     requested_scene = read_scene(scene)
     check_plot(plot)
+    check_report(report)
+    from verification.report.html.accuracy_report import accuracy_report
     from verification.report.work_precision.tables import accuracy_document, print_study
     from verification.studies.work_precision.study import run_study
 
@@ -34,3 +48,4 @@ def accuracy(scene: str, budget: float, plot: str | None, as_json: bool) -> None
 
         plot_study(result, plot)
         click.echo(f"drew {plot}", err=True)
+    save_report(report, lambda: accuracy_report(result))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import functools
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -14,13 +14,16 @@ import click
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from verification.report.html.blocks import Report
+
 STATUS = {"pass": 0, "fail": 1, "bad input": 2, "inconclusive": 3}
 ENGINES = ("auto", "ngspice", "statespace")
 GRID_ENGINES = ("both", "hybrid")
-INPUTS = ("scene", "folder", "baseline")  # parameters of commands that are read
+INPUTS = ("scene", "scenes", "folder", "baseline")  # parameters of commands that are read
 OUTPUTS = {  # parameters of commands that are files to write, and their options
     "output": "-o",
     "plot": "--plot",
+    "report": "--report",
     "export_file": "--export",
     "junit": "--junit",
     "markdown": "--markdown",
@@ -60,10 +63,33 @@ def plot_option(content: str) -> Callable[[Callable[..., None]], Callable[..., N
     return click.option("--plot", type=click.Path(dir_okay=False), metavar="FILE", help=text)
 
 
+def report_option() -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return the option ``--report``, one HTML file with pictures."""
+    text = "Write a report with pictures into FILE (HTML, one file that needs no network)."
+    return click.option("--report", type=click.Path(dir_okay=False), metavar="FILE", help=text)
+
+
+def check_report(report: str | None) -> None:
+    """Refuse a ``--report`` file that cannot be written, before any work is done."""
+    if report is not None:
+        from verification.report.html.file import check_report_file
+
+        check_report_file(report)
+
+
+def save_report(report: str | None, make: Callable[[], Report]) -> None:
+    """Write the report that `make` returns, if there is a file for it."""
+    if report is not None:
+        from verification.report.html.file import write_report
+
+        write_report(make(), report)
+        click.echo(f"wrote {report}", err=True)
+
+
 def check_plot(plot: str | None) -> None:
     """Refuse a ``--plot`` file that cannot be drawn, before any work is done."""
     if plot is not None:
-        from verification.report.verdict.plots import check_plot_file
+        from verification.report.picture import check_plot_file
 
         check_plot_file(plot)
 
@@ -85,10 +111,16 @@ def _with_separate_files(function: Callable[..., None]) -> Callable[..., None]:
         if outputs:
             from verification.report.output_checks import check_separate
 
-            check_separate([kwargs.get(name) for name in INPUTS], outputs)
+            check_separate(_inputs(kwargs), outputs)
         function(*args, **kwargs)
 
     return checked
+
+
+def _inputs(arguments: Mapping[str, Any]) -> Iterator[str | None]:
+    for name in INPUTS:
+        value = arguments.get(name)
+        yield from value if isinstance(value, tuple) else (value,)
 
 
 def scene_command(function: Callable[..., None]) -> click.Command:
@@ -160,3 +192,19 @@ def stage_display(*, every: bool = False) -> Iterator[Callable[[str], None]]:
         return
     with console(stderr=True).status("starting") as status:
         yield lambda stage: status.update(stage)
+
+
+def write_all(texts: Mapping[str, Callable[[], str]]) -> bool:
+    """Write all files, also after an error; return whether every file was written."""
+    from spice_models.atomic_files import write_atomically
+    from spice_models.errors import InputError
+
+    complete = True
+    for path, text in texts.items():
+        try:
+            write_atomically(path, text())
+            click.echo(f"wrote {path}", err=True)
+        except InputError as error:
+            click.echo(f"taction: {error}", err=True)
+            complete = False
+    return complete

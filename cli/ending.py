@@ -11,19 +11,13 @@ import os
 import sys
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Any
 
 import click
 
 from cli.common import STATUS, print_json
 from cli.signals import ending_signals
-from spice_models.errors import (
-    INTERRUPTED,
-    InputError,
-    NoVerdictError,
-    SimulationError,
-    TactionError,
-)
+from spice_models.error_document import error_document, plain_error
+from spice_models.errors import INTERRUPTED, NoVerdictError, TactionError
 
 CLOSED_PIPE = 141  # as a shell says of a program that SIGPIPE ended
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # of a stream that takes no more
@@ -76,7 +70,7 @@ def _status(function: Callable[[], object], as_json: bool, received: list[int]) 
         return _report(NoVerdictError("out of memory: the scene is too large"), as_json)
     except click.ClickException as error:
         if as_json:
-            print_json(_document("bad input", error, error.format_message()))
+            print_json(plain_error("bad input", error, error.format_message()))
         error.show()
         return error.exit_code
     except (KeyboardInterrupt, click.Abort):
@@ -106,7 +100,7 @@ def _bug(error: Exception, as_json: bool) -> int:
 
     text = "this is a bug in taction; no verdict was reached"
     if as_json:
-        print_json(_document("inconclusive", error, f"{text}: {error}"))
+        print_json(plain_error("inconclusive", error, f"{text}: {error}"))
     traceback.print_exception(error)
     click.echo(f"taction: {text}", err=True)
     return STATUS["inconclusive"]
@@ -114,27 +108,9 @@ def _bug(error: Exception, as_json: bool) -> int:
 
 def _report(error: TactionError, as_json: bool) -> int:
     if as_json:
-        print_json(_error_document(error))
+        print_json(error_document(error))
     click.echo(f"taction: {error}", err=True)
     return error.exit_status
-
-
-def _error_document(error: TactionError) -> dict[str, Any]:
-    outcome = "bad input" if error.exit_status == STATUS["bad input"] else "inconclusive"
-    document = _document(outcome, error, str(error))
-    if isinstance(error, InputError):
-        document["error"]["file"] = error.file
-        document["error"]["complaints"] = [
-            {"key": c.key, "value": c.value, "accepted": c.accepted} for c in error.complaints
-        ]
-    if isinstance(error, SimulationError):
-        document["error"]["log"] = error.log
-        document["error"]["folder"] = str(error.folder) if error.folder else None
-    return document
-
-
-def _document(outcome: str, error: Exception, message: str) -> dict[str, Any]:
-    return {"outcome": outcome, "error": {"kind": type(error).__name__, "message": message}}
 
 
 def _prepare_streams() -> None:

@@ -17,6 +17,7 @@ PROGRAM = "taction"
 # name: (module of this package, line of --help); the modules are imported later: a short start-up
 COMMANDS: dict[str, tuple[str, str]] = {
     "verify": ("verify", "Simulate a board and check it against the solution."),
+    "diff": ("diff", "Compare the keys and the readings of two boards."),
     "netlist": ("netlist", "Write the ngspice deck of a scene."),
     "bom": ("bom", "List the parts to buy, with packages and power."),
     "solve": ("solve", "Solve the problem numerically, with a certificate."),
@@ -24,6 +25,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "montecarlo": ("montecarlo", "Estimate the yield under component tolerances."),
     "corners": ("montecarlo", "Find the worst cases within the tolerances."),
     "tune": ("tune", "Find the gain with the least settling time."),
+    "scale": ("scale", "Propose G0, U0, s and R for op-amps and supply."),
     "onset": ("onset", "Find every stability crossing over a range."),
     "sweep": ("sweep", "Verify a grid of scenes, here or on a cluster; resumable."),
     "regress": ("regress", "Compare a folder of scenes with a stored baseline, for CI."),

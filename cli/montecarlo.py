@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import asdict
+from dataclasses import asdict, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -15,9 +16,12 @@ from cli.common import (
     JOBS,
     STATUS,
     EngineChoice,
+    check_report,
     console,
     output_option,
     print_json,
+    report_option,
+    save_report,
     say,
     scene_command,
     stage_display,
@@ -40,9 +44,15 @@ if TYPE_CHECKING:
 )
 @click.option("--min-yield", type=click.FloatRange(0, 1), help="Smallest yield that passes.")
 @click.option(
+    "--remedy/--no-remedy",
+    default=True,
+    help="Below a yield of 99 %, find what to buy better, and draw 300 samples again with it.",
+)
+@click.option(
     "--engine", type=EngineChoice(ENGINES), default="statespace", help="Engine of all samples."
 )
 @output_option("Database that stores every sample; a later run computes only the missing ones.")
+@report_option()
 @JOBS
 @CLUSTER
 def montecarlo(scene: str, count: int, seed: int, as_json: bool, **options: Any) -> None:
@@ -54,26 +64,33 @@ def montecarlo(scene: str, count: int, seed: int, as_json: bool, **options: Any)
     from verification.ideal.lambda_rule import read_scene
     from verification.studies.running.executors import workers_at
     from verification.studies.tolerance.drawing import draw_samples, half_width
+    from verification.studies.tolerance.remedy import TARGET
+    from verification.studies.tolerance.remedy_search import verified_remedy
     from verification.studies.tolerance.varied_board import prepare
     from verification.studies.tolerance.yield_report import SampleCollection, summarise_samples
 
+    check_report(options["report"])
     tally = SampleCollection(count, half_width(options["until"]))
     study = prepare(read_scene(scene, options["engine"]))
     if options["sample"] is not None:
-        _verify_sample(study, seed, options["sample"], as_json)
+        _verify_sample(study, seed, options["sample"], as_json, options["report"])
         return
-    interrupted = False
-    workers = workers_at(options["cluster"], options["jobs"], say)
+    interrupted, remedy = False, None
+    workers = partial(workers_at, options["cluster"], options["jobs"], say)
+    place, target = options["output"], max(TARGET, options["min_yield"] or 0.0)
     try:
         with stage_display() as progress:
-            draw_samples(study, seed, tally, workers, options["output"], progress)
+            draw_samples(study, seed, tally, workers(), place, progress)
+            if options["remedy"]:
+                ask = partial(verified_remedy, target=target, output=place, progress=progress)
+                remedy = ask(study, tally.samples, seed, workers)
     except KeyboardInterrupt:
         click.echo("taction: interrupted; the report holds the finished samples", err=True)
         interrupted = True
     if tally.damaged:
         numbers = ", ".join(map(str, tally.damaged))
         click.echo(f"taction: damaged in the database, computed again: samples {numbers}", err=True)
-    result = summarise_samples(study, tally.samples, seed)
+    result = replace(summarise_samples(study, tally.samples, seed), remedy=remedy)
     if as_json:
         document = {"scene": study.scene.name, "engine": study.scene.analysis.engine, "seed": seed}
         print_json(document | {"complete": not interrupted} | asdict(result))
@@ -81,6 +98,11 @@ def montecarlo(scene: str, count: int, seed: int, as_json: bool, **options: Any)
         from verification.report.tolerance.tables import print_yield
 
         print_yield(result, seed)
+    if options["report"] is not None:
+        from verification.report.html.yield_report import yield_report
+
+        page = yield_report(study.scene, result, tally.samples, seed)
+        save_report(options["report"], lambda: page)
     sys.exit(130 if interrupted else _status(result, options["min_yield"]))
 
 
@@ -94,6 +116,7 @@ def montecarlo(scene: str, count: int, seed: int, as_json: bool, **options: Any)
     " Repeat the option for several corners.",
 )
 @ENGINE
+@report_option()
 @JOBS
 @CLUSTER
 def corners(
@@ -104,29 +127,38 @@ def corners(
     Exit status: 1 if a corner fails, else 3 if a corner has no verdict.
     """
     from verification.ideal.lambda_rule import read_scene
-    from verification.report.tolerance.tables import print_corners
+    from verification.report.html.corners_report import corners_report
+    from verification.report.tolerance.tables import DIRECTION, print_corners, print_directions
     from verification.studies.running.executors import workers_at
-    from verification.studies.tolerance.corners import named_corner, worst_corners
+    from verification.studies.tolerance.corners import CornerStudy, named_corner, worst_corners
     from verification.studies.tolerance.varied_board import prepare, quantities
 
+    check_report(options["report"])
     requested_scene = read_scene(scene, engine)
     deviations = [(text, _deviations(text)) for text in named]
     if named:
         study = prepare(requested_scene, full_margin=True)
-        results = tuple(named_corner(study, text, ends) for text, ends in deviations)
+        found = CornerStudy(tuple(named_corner(study, text, ends) for text, ends in deviations))
     else:
         pool = workers_at(options["cluster"], options["jobs"], say)
         with pool as workers, stage_display() as progress:
-            results = worst_corners(requested_scene, workers, progress)
+            found = worst_corners(requested_scene, workers, progress)
     if as_json:
-        print_json({"scene": requested_scene.name, "corners": [asdict(c) for c in results]})
+        directions = [{name: getattr(d, name) for name in DIRECTION} for d in found.directions]
+        records = [asdict(corner) for corner in found.corners]
+        print_json({"scene": requested_scene.name, "corners": records, "directions": directions})
     else:
-        print_corners(results, quantities(requested_scene))
-    outcomes = {corner.result.outcome for corner in results}
+        print_corners(found.corners, quantities(requested_scene))
+        if found.directions:
+            print_directions(found.directions)
+    save_report(options["report"], lambda: corners_report(requested_scene, found.corners))
+    outcomes = {corner.result.outcome for corner in found.corners}
     sys.exit(STATUS[next((o for o in ("fail", "inconclusive") if o in outcomes), "pass")])
 
 
-def _verify_sample(study: VariedBoard, seed: int, number: int, as_json: bool) -> None:
+def _verify_sample(
+    study: VariedBoard, seed: int, number: int, as_json: bool, report: str | None
+) -> None:
     """Verify one sample in full; JSON also holds the sample as the study evaluates it."""
     from netlist_gen.board.variation import draw, vary
     from verification.report.verdict.json_document import verdict_document
@@ -146,6 +178,12 @@ def _verify_sample(study: VariedBoard, seed: int, number: int, as_json: bool) ->
         from verification.report.verdict.table import print_verdict
 
         print_verdict(verdict, console())
+    if report is not None:
+        from verification.report.html.verdict_report import verdict_report
+
+        save_report(
+            report, lambda: verdict_report(verdict, f"taction montecarlo --sample {number}")
+        )
     sys.exit(STATUS[verdict.outcome.value])
 
 

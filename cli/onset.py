@@ -10,9 +10,12 @@ import taction
 from cli.common import (
     STATUS,
     check_plot,
+    check_report,
     console,
     plot_option,
     print_json,
+    report_option,
+    save_report,
     scene_command,
     stage_display,
 )
@@ -33,14 +36,19 @@ from cli.common import (
     help="Run ngspice on both sides of each crossing.",
 )
 @plot_option("the pole map and the root locus")
-def onset(scene: str, over: str, transients: bool, plot: str | None, as_json: bool) -> None:
+@report_option()
+def onset(
+    scene: str, over: str, transients: bool, plot: str | None, report: str | None, as_json: bool
+) -> None:
     """Find every value of a key at which the board of SCENE begins or ceases to oscillate.
 
     Exit status: 0 if the question was answered, 3 if a transient contradicts a crossing.
     """
+    from verification.report.html.onset_report import onset_report
     from verification.report.onset.tables import onset_document, print_onset
 
     check_plot(plot)
+    check_report(report)
     with stage_display() as progress:
         result = taction.onset(scene, over=over, transients=transients, progress=progress)
     if as_json:
@@ -52,4 +60,5 @@ def onset(scene: str, over: str, transients: bool, plot: str | None, as_json: bo
 
         plot_onset(result, plot)
         click.echo(f"drew {plot}", err=True)
+    save_report(report, lambda: onset_report(result))
     sys.exit(STATUS["inconclusive"] if result.disagreement else 0)

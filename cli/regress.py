@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import click
 
-from cli.common import STATUS, command, console, print_json, stage_display
-from spice_models.errors import InputError
+from cli.common import (
+    JOBS,
+    STATUS,
+    check_report,
+    command,
+    console,
+    print_json,
+    report_option,
+    stage_display,
+    write_all,
+)
 
 if TYPE_CHECKING:
     from verification.studies.regression.run import RegressionReport
@@ -23,8 +32,17 @@ if TYPE_CHECKING:
 @click.option("--update", is_flag=True, help="Write changed results into the baseline.")
 @click.option("--junit", type=click.Path(), metavar="FILE", help="Write a JUnit XML report.")
 @click.option("--markdown", type=click.Path(), metavar="FILE", help="Write a Markdown summary.")
+@report_option()
+@JOBS
 def regress(
-    folder: str, baseline: str, update: bool, junit: str | None, markdown: str | None, as_json: bool
+    folder: str,
+    baseline: str,
+    update: bool,
+    junit: str | None,
+    markdown: str | None,
+    report: str | None,
+    jobs: int | None,
+    as_json: bool,
 ) -> None:
     """Verify every scene (*.toml) in DIR and compare the results with the baseline.
 
@@ -33,6 +51,8 @@ def regress(
     """
     from pathlib import Path
 
+    from verification.report.html.file import report_html
+    from verification.report.html.regression_report import regression_report
     from verification.report.output_checks import check_folder
     from verification.report.regression.junit import regression_junit
     from verification.report.regression.markdown import regression_markdown
@@ -43,36 +63,24 @@ def regress(
     for path, option in ((baseline, "--baseline"), (junit, "--junit"), (markdown, "--markdown")):
         if path is not None:
             check_folder(path, option)
+    check_report(report)
     entries = {} if update and not Path(baseline).exists() else load_baseline(baseline)
     with stage_display() as progress:
-        report = run(folder, baseline, entries, updated=update, progress=progress)
+        result = run(folder, baseline, entries, updated=update, jobs=jobs, progress=progress)
     texts: dict[str, Callable[[], str]] = {}
     if update:
-        texts[baseline] = lambda: baseline_text(updated_baseline(report, entries))
+        texts[baseline] = lambda: baseline_text(updated_baseline(result, entries))
     if junit is not None:
-        texts[junit] = lambda: regression_junit(report)
+        texts[junit] = lambda: regression_junit(result)
     if markdown is not None:
-        texts[markdown] = lambda: regression_markdown(report)
-    written = _write(texts)
-    _show(report, as_json)
-    if report.interrupted:
+        texts[markdown] = lambda: regression_markdown(result)
+    if report is not None:
+        texts[report] = lambda: report_html(regression_report(result))
+    written = write_all(texts)
+    _show(result, as_json)
+    if result.interrupted:
         click.echo("taction: interrupted; the finished scenes are in the report", err=True)
-    sys.exit(report.exit_status if written else STATUS["bad input"])
-
-
-def _write(texts: Mapping[str, Callable[[], str]]) -> bool:
-    """Write all files, also after an error; return whether every file was written."""
-    from spice_models.atomic_files import write_atomically
-
-    complete = True
-    for path, text in texts.items():
-        try:
-            write_atomically(path, text())
-            click.echo(f"wrote {path}", err=True)
-        except InputError as error:
-            click.echo(f"taction: {error}", err=True)
-            complete = False
-    return complete
+    sys.exit(result.exit_status if written else STATUS["bad input"])
 
 
 def _show(report: RegressionReport, as_json: bool) -> None:

@@ -16,14 +16,18 @@ from cli.common import (
     GRID_ENGINES,
     JOBS,
     STATUS,
+    check_report,
     console,
     output_option,
     plot_option,
+    report_option,
+    save_report,
     say,
     scene_command,
 )
 
 if TYPE_CHECKING:
+    from verification.report.html.blocks import Report
     from verification.studies.sweep.plan import Plan
     from verification.studies.sweep.run import SweepCounts
     from verification.studies.sweep.store import Store
@@ -60,6 +64,7 @@ if TYPE_CHECKING:
     "--export", "export_file", metavar="FILE", help="Write a table (.csv, .parquet) or grid (.nc)."
 )
 @plot_option("maps over two axes, or curves over one axis,")
+@report_option()
 @click.option("--keep-waveforms", is_flag=True, help="Store also the outputs over time.")
 @JOBS
 @CLUSTER
@@ -81,6 +86,7 @@ def sweep(scene: str, over: tuple[str, ...], as_json: bool, **options: Any) -> N
         count = _run(plan, store, options)
         _report(plan, store, count, time.perf_counter() - start, as_json=as_json)
         _write_files(plan, store, options)
+        save_report(options["report"], lambda: _page(plan, store, count))
         disagree = len(plan.engines) > 1 and summarise(plan, store).disagree
     verdicts = count.outcomes["pass"] + count.outcomes["fail"]
     sys.exit(STATUS["fail" if disagree else "pass" if verdicts else "inconclusive"])
@@ -92,8 +98,9 @@ def _check_files(plan: Plan, options: dict[str, Any]) -> None:
         from verification.report.sweep.files import check_sweep_export
 
         check_sweep_export(options["export_file"])
+    check_report(options["report"])
     if options["plot"] is not None:
-        from verification.report.sweep.maps import check_sweep_plot
+        from verification.report.sweep.plot import check_sweep_plot
 
         check_sweep_plot(plan, options["plot"])
 
@@ -137,10 +144,16 @@ def _write_files(plan: Plan, store: Store, options: dict[str, Any]) -> None:
         export_sweep(plan, store, options["export_file"])
         click.echo(f"wrote {options['export_file']}", err=True)
     if options["plot"] is not None:
-        from verification.report.sweep.maps import plot_sweep
+        from verification.report.sweep.plot import plot_sweep
 
         plot_sweep(plan, store, options["plot"])
         click.echo(f"drew {options['plot']}", err=True)
+
+
+def _page(plan: Plan, store: Store, count: SweepCounts) -> Report:
+    from verification.report.html.sweep_report import sweep_report
+
+    return sweep_report(plan, store, count)
 
 
 @contextmanager

@@ -11,9 +11,12 @@ import click
 from cli.common import (
     STATUS,
     check_plot,
+    check_report,
     console,
     plot_option,
     print_json,
+    report_option,
+    save_report,
     scene_command,
     stage_display,
 )
@@ -24,7 +27,17 @@ if TYPE_CHECKING:
 
 
 @scene_command
-@click.option("--over", default="gain", help="Keys to change, such as gain,capacitance.")
+@click.option(
+    "--over",
+    default="gain",
+    help="Keys to change, each with an optional range: gain,capacitance or gain=1M:10M.",
+)
+@click.option(
+    "--reach",
+    type=click.FloatRange(1, 1000, min_open=True),
+    default=20.0,
+    help="A key without a range goes from its value divided by this factor to its value times it.",
+)
 @click.option(
     "--overshoot",
     type=click.FloatRange(0, min_open=True),
@@ -36,28 +49,35 @@ if TYPE_CHECKING:
     help="Factor by which C must be able to shrink; by default the scene's margin.",
 )
 @plot_option("settling time against overshoot")
+@report_option()
 def tune(
     scene: str,
     over: str,
+    reach: float,
     overshoot: float | None,
     margin: float | None,
     plot: str | None,
+    report: str | None,
     as_json: bool,
 ) -> None:
     """Find the values with the least settling time, at the scene's lambda, and verify the design.
 
-    The search uses the state-space engine. The verification decides the exit status; its checks
-    include the limits of the search.
+    The search uses the state-space engine, all checks of the scene, and values that can be bought:
+    in the scene's series, else of three digits. The verification decides the exit status; its
+    checks include the limits of the search.
     """
     from verification.ideal.lambda_rule import read_scene
+    from verification.report.html.tuning_report import tuning_report
     from verification.studies.tune import tune as run
     from verification.verify import verify
 
     requested_scene = read_scene(scene)
     check_plot(plot)
+    check_report(report)
     keys = [key.strip() for key in over.split(",") if key.strip()]
     with stage_display() as progress:
-        tuning = run(requested_scene, keys, overshoot=overshoot, margin=margin, progress=progress)
+        limits = {"overshoot": overshoot, "margin": margin, "reach": reach}
+        tuning = run(requested_scene, keys, **limits, progress=progress)
         verdict = verify(tuning.scene, progress)
     if plot is not None:
         from verification.report.tuning_plot import plot_tradeoff
@@ -67,7 +87,8 @@ def tune(
     if as_json:
         print_json(_document(tuning, verdict))
     else:
-        _show(tuning, verdict)
+        _show(tuning, verdict, reach)
+    save_report(report, lambda: tuning_report(tuning, verdict))
     sys.exit(STATUS[verdict.outcome.value])
 
 
@@ -83,12 +104,14 @@ def _document(tuning: Tuning, verdict: Verdict) -> dict[str, Any]:
         "overshoot_limit": tuning.overshoot_limit,
         "margin": tuning.margin,
         "tried": tuning.tried,
+        "ranges": {each.path: [each.low, each.high] for each in tuning.ranges},
+        "at_edges": tuning.at_edges,
         "frontier": [asdict(candidate) for candidate in tuning.frontier],
         "verification": verdict_document(verdict),
     }
 
 
-def _show(tuning: Tuning, verdict: Verdict) -> None:
+def _show(tuning: Tuning, verdict: Verdict, reach: float) -> None:
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
@@ -111,4 +134,10 @@ def _show(tuning: Tuning, verdict: Verdict) -> None:
     for path, value in tuning.after.values.items():
         page.print(f"  {path.removeprefix('design.')} = {value!r}")
     page.print(f"  resistance = {scalings.resistance!r}")
+    for path, edge in tuning.at_edges.items():
+        name = path.removeprefix("design.")
+        page.print(
+            f"{name} is at the edge of its range, {edge:.4g}: a wider range may hold a better"
+            f" design, such as --over {name}=LOW:HIGH or --reach {2 * reach:g}"
+        )
     print_verdict(verdict, page)

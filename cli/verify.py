@@ -1,73 +1,192 @@
-"""``taction verify``: from a scene to a verdict."""
+"""``taction verify``: from scenes to verdicts."""
 
 from __future__ import annotations
 
 import sys
-from dataclasses import asdict
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
 import taction
 from cli.common import (
     ENGINE,
+    JOBS,
     STATUS,
     check_plot,
+    check_report,
+    command,
     console,
     plot_option,
     print_json,
-    scene_command,
+    report_option,
+    save_report,
     stage_display,
+    write_all,
 )
+from spice_models.errors import Complaint, InputError
 
 if TYPE_CHECKING:
-    from verification.small_signal.margin import Margin
+    from verification.report.html.blocks import Report
+    from verification.studies.remedies.remedies import Remedies
 
 
-@scene_command
+@command
+@click.argument("scenes", metavar="SCENE...", nargs=-1, required=True, type=click.Path())
 @ENGINE
 @plot_option("outputs, settling band and recovered stress")
+@report_option()
 @click.option(
     "--margins",
     is_flag=True,
-    help="Show by what factor C may shrink and the gain may grow until the board oscillates.",
+    help="Show by what factor C may shrink and the gain may grow until the board oscillates; of an"
+    " unstable board, how far it is from stability in C, gain, stray capacitance and bandwidth.",
 )
-def verify(scene: str, engine: str | None, plot: str | None, margins: bool, as_json: bool) -> None:
-    """Simulate the board of SCENE, solve its problem, and check the board against the solution."""
-    check_plot(plot)
+@click.option(
+    "--exclude",
+    multiple=True,
+    metavar="PATTERN",
+    help="Leave out files whose name or path matches: 'draft-*'. Repeat it for several patterns.",
+)
+@click.option("--junit", type=click.Path(), metavar="FILE", help="Write a JUnit XML report.")
+@click.option(
+    "--annotate/--no-annotate",
+    envvar="GITHUB_ACTIONS",
+    default=False,
+    help="Print errors and warnings on stderr as GitHub shows them at the files; by default where"
+    " GITHUB_ACTIONS is set.",
+)
+@JOBS
+@click.option(
+    "--changes",
+    type=click.FloatRange(0),
+    default=4.0,
+    metavar="SECONDS",
+    help="Time limit of the search for changes that mend a failed verdict; 0: no search.",
+)
+def verify(scenes: tuple[str, ...], as_json: bool, **options: Any) -> None:
+    """Simulate the board of each SCENE, solve its problem, and check the board.
+
+    SCENE is a scene file, or a folder: all its files *.toml. Several scenes give one table, and
+    with --json one document. Exit status: the first of 2, 1, 3, 0 that a scene has.
+
+    The verdict of one scene that fails ends with the nearest changes of the design that mend it.
+    """
+    check_plot(options["plot"])
+    check_report(options["report"])
+    single = len(scenes) == 1 and not Path(scenes[0]).is_dir() and not options["exclude"]
+    if single and options["junit"] is None:
+        _verify_one(scenes[0], as_json, options)
+    else:
+        _verify_files(scenes, as_json, options)
+
+
+def _verify_one(scene: str, as_json: bool, options: dict[str, Any]) -> None:
+    from verification.report.files.reasons import margin_lines
+
     with stage_display() as progress:
-        verdict = taction.verify(scene, engine=engine, progress=progress)
-    _show(verdict, as_json, _margins(verdict) if margins else {})
-    if plot is not None:
+        try:
+            verdict = taction.verify(scene, engine=options["engine"], progress=progress)
+        except taction.TactionError as error:
+            if options["annotate"]:
+                from spice_models.error_document import error_document
+
+                _annotate({"file": scene, **error_document(error)})
+            raise
+        remedies = _remedies(verdict, options["changes"], progress)
+    plain = not (as_json or options["margins"] or options["annotate"])
+    document = {} if plain else _description(options["margins"])(verdict)
+    if as_json:
+        if remedies is not None:
+            from verification.report.verdict.remedies import remedies_document
+
+            document["what_to_change"] = remedies_document(remedies)
+        print_json(document)
+    else:
+        from verification.report.verdict.table import print_verdict
+
+        print_verdict(verdict, console())
+        if remedies is not None:
+            from verification.report.verdict.remedies import remedies_text
+
+            click.echo(remedies_text(verdict.scene, remedies))
+        for line in margin_lines(document):
+            click.echo(line)
+    if options["annotate"]:
+        _annotate(document)
+    if options["plot"] is not None:
         from verification.report.verdict.plots import plot_verdict
 
-        plot_verdict(verdict, plot)
-        click.echo(f"drew {plot}", err=True)
+        plot_verdict(verdict, options["plot"])
+        click.echo(f"drew {options['plot']}", err=True)
+    save_report(options["report"], lambda: _report(verdict))
     sys.exit(STATUS[verdict.outcome.value])
 
 
-def _margins(verdict: taction.Verdict) -> dict[str, Margin]:
-    from verification.engines.statespace.linearised.board import LinearBoard
-    from verification.small_signal.margin import capacitance_margin, gain_margin
+def _remedies(
+    verdict: taction.Verdict, seconds: float, progress: Callable[[str], None]
+) -> Remedies | None:
+    """Return the changes that mend a failed verdict, found within `seconds`."""
+    if not seconds or verdict.outcome.value != "fail":
+        return None
+    from verification.studies.remedies.remedies import find_remedies
 
-    board, poles = LinearBoard(verdict.circuit), verdict.poles
-    capacitance = capacitance_margin(board, found=poles)
-    return {"capacitance": capacitance, "gain": gain_margin(board, found=poles)}
+    progress("what to change")
+    return find_remedies(verdict, seconds)
 
 
-def _show(verdict: taction.Verdict, as_json: bool, margins: dict[str, Margin]) -> None:
+def _report(verdict: taction.Verdict) -> Report:
+    from verification.report.html.verdict_report import verdict_report
+
+    return verdict_report(verdict)
+
+
+def _verify_files(scenes: tuple[str, ...], as_json: bool, options: dict[str, Any]) -> None:
+    from verification.report.files.junit import files_junit
+    from verification.report.files.table import files_document, print_files
+    from verification.report.output_checks import check_folder
+    from verification.studies.scene_files import scene_files
+    from verification.studies.verify_files import verify_files
+
+    junit = options["junit"]
+    for name in ("plot", "report"):
+        if options[name] is not None:
+            text = "shows one board; give one scene file, without --exclude and --junit"
+            raise InputError(f"--{name}", Complaint("FILE", repr(options[name]), text))
+    if junit is not None:
+        check_folder(junit, "--junit")
+    describe = _description(options["margins"])
+    files = scene_files(scenes, options["exclude"])
+    with stage_display() as progress:
+        result = verify_files(
+            files, describe, engine=options["engine"], jobs=options["jobs"], progress=progress
+        )
+    written = junit is None or write_all({junit: lambda: files_junit(result)})
     if as_json:
-        from verification.report.verdict.json_document import verdict_document
+        print_json(files_document(result))
+    else:
+        print_files(result, console())
+    if options["annotate"]:
+        for document in result.documents:
+            _annotate(document)
+    if result.interrupted:
+        click.echo("taction: interrupted; the finished scenes are in the report", err=True)
+    sys.exit(result.exit_status if written else STATUS["bad input"])
 
-        document = verdict_document(verdict)
-        if margins:
-            found = {name: asdict(margin) for name, margin in margins.items()}
-            document["stability"]["margins"] = found
-        print_json(document)
-        return
-    from verification.report.verdict.table import print_verdict
 
-    print_verdict(verdict, console())
-    for margin in margins.values():
-        doubt = f", but {margin.doubt}" if margin.doubt else ""
-        click.echo(f"margin: {margin.text}{doubt}")
+def _description(margins: bool) -> Callable[[Any], dict[str, Any]]:
+    if margins:
+        from verification.report.verdict.margins import verdict_document_with_margins
+
+        return verdict_document_with_margins
+    from verification.report.verdict.json_document import verdict_document
+
+    return verdict_document
+
+
+def _annotate(document: dict[str, Any]) -> None:
+    from verification.report.files.annotations import annotation_lines
+
+    for line in annotation_lines(document):
+        click.echo(line, err=True)

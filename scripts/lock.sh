@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Write requirements/runtime.txt and requirements/dev.txt anew: the newest versions that
 # pyproject.toml allows, resolved by the oldest Python we support, every transitive one pinned.
+# With --keep what is pinned stays, and only new packages get a version.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 # shellcheck source=scripts/system.sh
@@ -22,15 +23,20 @@ folder = Path(sys.argv[1])
 (folder / "dev.in").write_text("\n".join(project["optional-dependencies"]["dev"]))
 EOF
 
+constraints=()
+if [[ ${1-} == --keep ]]; then
+    constraints=(-c requirements/runtime.txt -c requirements/dev.txt)
+fi
+
 freeze() { "$python" -m pip freeze --all --exclude pip; }
 
 # A virtual environment of Python 3.11 brings a setuptools of its own; only `dev.in` asks for one.
 "$python" -m pip uninstall -q -y setuptools
 say "resolving the runtime packages"
-"$python" -m pip install -q -r "$work/runtime.in"
+"$python" -m pip install -q "${constraints[@]}" -r "$work/runtime.in"
 freeze >"$work/runtime.txt"
 say "resolving the development packages"
-"$python" -m pip install -q -c "$work/runtime.txt" -r "$work/dev.in"
+"$python" -m pip install -q "${constraints[@]}" -c "$work/runtime.txt" -r "$work/dev.in"
 freeze >"$work/all.txt"
 
 {

@@ -29,8 +29,20 @@ FIGURES = (
     "current_noise",
     "supply_current",
     "channels_per_package",
+    "offset_voltage",
+    "bias_current",
+    "offset_current",
+    "common_mode_rejection",
 )
-"""The figures that `derive` can change; SI base units, phase margin in degrees."""
+"""The figures that `derive` can change; SI base units, phase margin in degrees, rejection in dB."""
+
+INPUT_ERRORS = {
+    "offset_voltage": 0.0,
+    "bias_current": 0.0,
+    "offset_current": 0.0,
+    "common_mode_rejection": math.inf,
+}
+"""The figures of the DC errors of the inputs, and their values without an error."""
 
 
 @cache

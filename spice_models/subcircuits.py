@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING, Protocol
 
 from spice_models.amplifier import AMPLIFIERS
-from spice_models.opamp import KNEE, OpAmp
+from spice_models.opamp import KNEE, OVERDRIVE, OpAmp
 from spice_models.thermal_noise import THERMAL
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def opamp_subcircuit(
     model: OpAmp,
     *,
     noninverting_grounded: bool,
-    supply: float = math.inf,
+    supply: float = 15.0,
     noisy: bool = False,
 ) -> SubCircuit:
     """Build the macromodel of one op-amp type with PySpice's object model.
@@ -64,11 +64,13 @@ def opamp_subcircuit(
     input to ground; one stage ``G``, ``R``, ``C`` per pole, the first with the whole DC gain; a
     voltage source ``Eo`` and the output resistance ``Ro`` in series. At the large-signal level, at
     supplies of ±`supply` V, there are ``Ex`` and ``Bd`` before the first stage, and the clamp
-    ``Ey``, ``Bc``, ``Gc`` at its output. A figure that is zero or infinite has no card; an op-amp
-    without poles and impedances has only the card ``Eo``. If the non-inverting input of all op-amps
-    of this type is on ground, ``Cp`` has no effect and no card.
+    ``Ey``, ``Bc``, ``Gc`` at its output; ``Ez``, ``Bl``, ``El`` limit the output current. A figure
+    that is zero or infinite has no card; an op-amp without poles and impedances has only the card
+    ``Eo``. If the non-inverting input of all op-amps of this type is on ground, ``Cp`` has no
+    effect and no card.
 
-    With `noisy`, for a noise analysis, the cards of `_noise` are added. The resistors of the model
+    With `input_errors` of the model the cards of `_errors` are added, and with `noisy`, for a noise
+    analysis, those of `_noise`. The resistors of the model
     stand for no resistor of the part, so they then make no noise of their own.
     """
     from PySpice.Spice.Netlist import SubCircuit
@@ -76,9 +78,10 @@ def opamp_subcircuit(
     cell = SubCircuit(model.name, *PORTS)
     silent = {"raw_spice": "noisy=0"} if noisy else {}
     _inputs(cell, model, noninverting_grounded, silent)
-    control, gain = ("inp", "inn"), float(model.dc_gain)
+    plus, gain = _errors(cell, model, noninverting_grounded), float(model.dc_gain)
     if noisy:
-        control = (_noise(cell, model, noninverting_grounded), "inn")
+        plus = _noise(cell, model, noninverting_grounded, plus)
+    control = (plus, "inn")
     if model.large_signal:
         # ngspice cuts a number in a B expression to 11 digits: the range is the gain of E cards.
         cell.VCVS("x", "x", "0", *control, voltage_gain=1.0 / model.input_range)
@@ -95,8 +98,9 @@ def opamp_subcircuit(
             cell.C(index, node, "0", STAGE_CAPACITANCE)
             control, gain = (node, "0"), 1.0
     if model.output_resistance > 0.0:
+        end = _limiter(cell, model, supply) if model.limits_current else "out"
         cell.VCVS("o", "e", "0", *control, voltage_gain=gain)
-        cell.R("o", "e", "out", float(model.output_resistance), **silent)
+        cell.R("o", "e", end, float(model.output_resistance), **silent)
     else:
         cell.VCVS("o", "out", "0", *control, voltage_gain=gain)
     return cell
@@ -110,6 +114,19 @@ def _clamp(cell: SubCircuit, model: OpAmp, swing: float) -> None:
         cell.BehavioralSource("c", "c", "0", voltage_expression=sides)
         drawn = STAGE_CAPACITANCE * model.slew_rate
         cell.VCCS("c", "p1", "0", "c", "0", transconductance=drawn)
+
+
+def _limiter(cell: SubCircuit, model: OpAmp, supply: float) -> str:
+    """Add the limit of the current through ``Ro``; return the node between the two."""
+    knee = 2.0 * KNEE
+    volts = model.output_current * model.output_resistance
+    cell.VCVS("z", "z", "0", "e", "f", voltage_gain=knee / volts)
+    above, below = f"V(z)-{knee!r}", f"V(z)+{knee!r}"
+    high = f"max({above},0)+ln(1+exp(-abs({above})))"
+    low = f"max(-({below}),0)+ln(1+exp(-abs({below})))"
+    cell.BehavioralSource("l", "l", "0", voltage_expression=f"{high}-({low})")
+    cell.VCVS("l", "f", "out", "l", "0", voltage_gain=OVERDRIVE * supply / knee)
+    return "f"
 
 
 def _inputs(
@@ -127,11 +144,35 @@ def _inputs(
             cell.C("p", "inp", "0", farads)
 
 
-def _noise(cell: SubCircuit, model: OpAmp, noninverting_grounded: bool) -> str:
-    """Add the sources of noise; return the node that controls the gain in place of ``inp``.
+def _errors(cell: SubCircuit, model: OpAmp, noninverting_grounded: bool) -> str:
+    """Add the DC errors of the inputs; return the node that controls the gain in place of ``inp``.
+
+    ``Vos`` is the offset voltage, ``Ecp`` and ``Ecn`` add the common-mode error of each input,
+    ``Ibn`` (and ``Ibp``) are the input currents.
+    """
+    into_plus, into_minus = model.input_currents
+    for letter, pin, amps in (("n", "inn", into_minus), ("p", "inp", into_plus)):
+        if amps != 0.0 and not (pin == "inp" and noninverting_grounded):
+            cell.I(f"b{letter}", pin, "0", amps)
+    node = "inp"
+    if model.input_offset != 0.0:
+        cell.V("os", "inpo", node, model.input_offset)
+        node = "inpo"
+    half = 0.5 * model.rejection_error
+    if half != 0.0:
+        if not noninverting_grounded:
+            cell.VCVS("cp", "inpc", node, "inp", "0", voltage_gain=half)
+            node = "inpc"
+        cell.VCVS("cn", "inpd", node, "inn", "0", voltage_gain=half)
+        node = "inpd"
+    return node
+
+
+def _noise(cell: SubCircuit, model: OpAmp, noninverting_grounded: bool, plus: str) -> str:
+    """Add the sources of noise; return the node that controls the gain in place of `plus`.
 
     Each source is a resistor between a node of its own and ground. The thermal voltage of ``Rne``
-    is the voltage noise, which ``Ene`` adds to ``inp`` behind the input impedances; the thermal
+    is the voltage noise, which ``Ene`` adds to `plus` behind the input impedances; the thermal
     current of ``Rnn`` (and ``Rnp``) is the current noise, which ``Gnn`` (``Gnp``) copies into the
     input.
     """
@@ -142,9 +183,9 @@ def _noise(cell: SubCircuit, model: OpAmp, noninverting_grounded: bool) -> str:
             cell.R(f"n{letter}", node, "0", resistance)
             cell.VCCS(f"n{letter}", "0", pin, node, "0", transconductance=1.0 / resistance)
     if model.voltage_noise == 0.0:
-        return "inp"
+        return plus
     cell.R("ne", "ne", "0", model.voltage_noise**2 / THERMAL)
-    cell.VCVS("ne", "inpe", "inp", "ne", "0", voltage_gain=1.0)
+    cell.VCVS("ne", "inpe", plus, "ne", "0", voltage_gain=1.0)
     return "inpe"
 
 

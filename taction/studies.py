@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -195,6 +197,7 @@ def montecarlo(
     output: str | Path | None = None,
     jobs: int | None = None,
     cluster: str | None = None,
+    remedy: bool = True,
     progress: Progress = lambda stage: None,
 ) -> YieldReport:
     """Verify a scene with random components within its tolerances and estimate the yield.
@@ -220,6 +223,9 @@ def montecarlo(
         Number of processes; by default one per core.
     cluster : str, optional
         Address of a Dask scheduler, ``"tcp://host:port"``, that runs the samples.
+    remedy : bool
+        Whether to find, below a yield of 99 %, what to buy better, and to draw up to 300 samples
+        again with it.
     progress : callable, optional
         Receives the number of finished samples.
 
@@ -227,7 +233,7 @@ def montecarlo(
     -------
     YieldReport
         The yield (a sample without a verdict counts as not passed), its 95 % interval, the failed
-        checks and the parts with the largest influence.
+        checks, the parts with the largest influence, and `remedy`.
 
     Raises
     ------
@@ -245,10 +251,16 @@ def montecarlo(
     from verification.ideal.lambda_rule import read_scene
     from verification.studies.running.executors import workers_at
     from verification.studies.tolerance.drawing import draw_samples, half_width
+    from verification.studies.tolerance.remedy_search import verified_remedy
     from verification.studies.tolerance.varied_board import prepare
     from verification.studies.tolerance.yield_report import SampleCollection, summarise_samples
 
     tally = SampleCollection(samples, half_width(until))
     study = prepare(read_scene(scene, engine))
-    draw_samples(study, seed, tally, workers_at(cluster, jobs, progress), output, progress)
-    return summarise_samples(study, tally.samples, seed)
+    workers = partial(workers_at, cluster, jobs, progress)
+    draw_samples(study, seed, tally, workers(), output, progress)
+    report = summarise_samples(study, tally.samples, seed)
+    if not remedy:
+        return report
+    ask = partial(verified_remedy, output=output, progress=progress)
+    return replace(report, remedy=ask(study, tally.samples, seed, workers))

@@ -6,6 +6,7 @@ The table is a report, and the pipeline that makes verdicts must not import repo
 from __future__ import annotations
 
 from dataclasses import fields
+from pathlib import Path
 
 from verification import verify
 
@@ -27,3 +28,23 @@ class Verdict(verify.Verdict):
         from verification.report.verdict.table import verdict_text
 
         return verdict_text(self)
+
+    def report(self, path: str | Path) -> None:
+        """Write a report as one HTML file, with pictures, that needs no network.
+
+        Raises
+        ------
+        InputError
+            The name does not end in ``.html``, the file cannot be written, or a package of
+            ``taction[report]`` is missing.
+
+        Examples
+        --------
+        >>> import taction, tempfile
+        >>> verdict = taction.verify("scenes/custom-matrix.toml", engine="statespace")
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     verdict.report(f"{folder}/board.html")
+        """
+        from verification.report.html.verdict_report import write_verdict_report
+
+        write_verdict_report(self, str(path))

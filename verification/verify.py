@@ -21,7 +21,8 @@ from verification.pipeline.clock import Clock, Progress
 from verification.pipeline.contradictions import find_contradiction
 from verification.pipeline.design import Design, design_board
 from verification.pipeline.effort import FULL, Effort
-from verification.pipeline.error_budget import ErrorPart, error_budget
+from verification.pipeline.error_budget import error_budget
+from verification.pipeline.error_chain import ErrorBudget
 from verification.pipeline.imported_parts import missing_witness, notes
 from verification.pipeline.output_noise import OutputNoise
 from verification.pipeline.part_limits import PartLoads
@@ -57,7 +58,7 @@ class Verdict:
     accuracy: Accuracy
     agreement: Agreement | None
     energy: EnergyRise | None
-    budget: tuple[ErrorPart, ...]
+    budget: ErrorBudget
     parts: PartLoads
     noise: OutputNoise | None
     checks: tuple[Check, ...]
@@ -111,7 +112,6 @@ def verify(
     margin = _margin(design, effort.full_margin)
     parts, noise = design.loads(), OutputNoise.of(design)
     steady = SteadyState.of(design.board, design.scales)
-    equilibrium = design.board.equilibrium if effort.details else None
     constraint = constraint_plane(design.circuit) if effort.details else None
     design, recording = record_and_measure(design, ideal, pending, clock)
     wave = recording.simulation.waveforms
@@ -135,10 +135,8 @@ def verify(
     )
     checks = run_checks(evidence)
     energy = energy_rise(design.network, wave.time, recording.u) if effort.details else None
-    error = recording.error.steady_state * recording.measurements.amplitude
-    budget: tuple[ErrorPart, ...] = ()
-    if equilibrium is not None:
-        budget = error_budget(design, ideal, equilibrium, recording.u[-1], error, noise)
+    clock.begin("error budget")
+    budget = error_budget(design, ideal, recording, noise) if effort.details else ErrorBudget()
     clock.end()
     return Verdict(
         scene=design.scene,

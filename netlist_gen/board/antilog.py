@@ -24,6 +24,9 @@ from spice_models.opamp import OpAmp
 from spice_models.transistor import Transistor, load_pairs, thermal_voltage
 
 REFERENCE, REFERENCE_VOLTS = "reference", 5.0
+RESISTORS = ("div", "base", "ref", "em", "out")  # heads of the names of a stage's parts
+CAPACITORS = ("ref", "out")
+SUMMING_NODES = ("y", "t")  # of the reference op-amp and of the output op-amp
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -135,9 +136,19 @@ def _resistors(circuit: Circuit) -> tuple[list[str], Floats]:
 
 
 def _lines(kind: str, names: list[str], values: Floats, scene: Scene) -> Iterator[PartLine]:
-    """Yield one line for each value; neighbours closer than `SAME` count as one value."""
+    """Yield one line for each value and tolerance; values closer than `SAME` count as one."""
     given = kind in scene.tolerances.model_fields_set
-    tolerance = float(getattr(scene.tolerances, kind)) if given else None
+    common = float(getattr(scene.tolerances, kind)) if given else None
+    own = [scene.tolerances.parts.get(name, common) for name in names]
+    for tolerance in sorted(set(own), key=lambda part: math.inf if part is None else -part):
+        chosen = [place for place, part in enumerate(own) if part == tolerance]
+        yield from _equal(kind, [names[k] for k in chosen], values[chosen], tolerance)
+
+
+def _equal(
+    kind: str, names: list[str], values: Floats, tolerance: float | None
+) -> Iterator[PartLine]:
+    """Yield one line for each value of parts with one tolerance."""
     order = np.argsort(values, kind="stable")
     ordered = values[order]
     ends = 1 + np.flatnonzero(ordered[1:] > ordered[:-1] * (1.0 + SAME))

@@ -208,6 +208,13 @@ class Circuit:
         imported = self.models[cell.model].imported
         return None if imported is None else imported.linear
 
+    @property
+    def has_constant_sources(self) -> bool:
+        """Whether the board without strain may rest at other voltages than zero."""
+        errors = any(model.input_errors for model in self.models.values())
+        nonlinear = self.has_nonlinear_amplifiers
+        return bool(self.voltages or nonlinear or errors or self.has_imported)
+
     def __repr__(self) -> str:
         size = f"{len(self.outputs)} channels, {len(self.constraint_nodes)} sensors"
         return f"Circuit({self.name!r}, {size}, {self.topology}, {self.amplifier} amplifiers)"

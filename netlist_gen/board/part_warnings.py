@@ -64,8 +64,29 @@ def part_warnings(circuit: Circuit) -> tuple[str, ...]:
     >>> print(part_warnings(taction.synthesise(scene))[0][:65])
     60 of 74 matrix resistors are above 50 Mohm, up to 247.3 Mohm (Rf
     """
-    found = [text for parts in _by_kind(circuit) for text in _resistors(*parts)]
-    return (*found, *_capacitors(circuit))
+    return tuple(broken.text for broken in broken_limits(circuit).values())
+
+
+@dataclass(frozen=True, slots=True)
+class BrokenLimit:
+    """A warning, and the factor by which the extreme part is beyond the limit, above 1."""
+
+    text: str
+    factor: float
+
+
+def broken_limits(circuit: Circuit) -> dict[str, BrokenLimit]:
+    """Return the warnings by the kind of part and the limit that it breaks.
+
+    Examples
+    --------
+    >>> import taction
+    >>> scene = taction.load_scene("scenes/paper-breadboard.toml")
+    >>> list(broken_limits(taction.synthesise(scene)))
+    ['matrix resistors above 50 Mohm']
+    """
+    found = [pair for parts in _by_kind(circuit) for pair in _resistors(*parts)]
+    return dict([*found, *_capacitors(circuit)])
 
 
 def _by_kind(circuit: Circuit) -> Iterator[tuple[_Kind, Floats, Callable[[int], str]]]:
@@ -87,21 +108,26 @@ def _by_kind(circuit: Circuit) -> Iterator[tuple[_Kind, Floats, Callable[[int], 
         yield kind, np.array([part.ohms for part in parts]), names.__getitem__
 
 
-def _resistors(kind: _Kind, ohms: Floats, name: Callable[[int], str]) -> Iterator[str]:
+def _resistors(
+    kind: _Kind, ohms: Floats, name: Callable[[int], str]
+) -> Iterator[tuple[str, BrokenLimit]]:
     present = np.isfinite(ohms)
-    for wrong, limit, extreme, remedy in (
-        (present & (ohms > MOST_OHMS), f"above {show(MOST_OHMS, 'ohm')}, up to", 1.0, kind.less),
-        (ohms < LEAST_OHMS, f"below {show(LEAST_OHMS, 'ohm')}, down to", -1.0, kind.more),
+    factors = np.where(present, ohms, 1.0)
+    for factor, limit, way, remedy in (
+        (factors / MOST_OHMS, f"above {show(MOST_OHMS, 'ohm')}", "up", kind.less),
+        (LEAST_OHMS / factors, f"below {show(LEAST_OHMS, 'ohm')}", "down", kind.more),
     ):
+        wrong = present & (factor > 1.0)
         if wrong.any():
-            place = int(np.where(wrong, extreme * ohms, -np.inf).argmax())
-            yield (
-                f"{np.count_nonzero(wrong)} of {np.count_nonzero(present)} {kind.what} are {limit}"
-                f" {show(float(ohms[place]), 'ohm')} ({name(place)}); remedy: {remedy}"
+            place = int(np.where(wrong, factor, 0.0).argmax())
+            text = (
+                f"{np.count_nonzero(wrong)} of {np.count_nonzero(present)} {kind.what} are {limit},"
+                f" {way} to {show(float(ohms[place]), 'ohm')} ({name(place)}); remedy: {remedy}"
             )
+            yield f"{kind.what} {limit}", BrokenLimit(text, float(factor[place]))
 
 
-def _capacitors(circuit: Circuit) -> Iterator[str]:
+def _capacitors(circuit: Circuit) -> Iterator[tuple[str, BrokenLimit]]:
     """Yield a warning if C is below the stray capacitance: then the layout sets the dynamics."""
     farads = {part.name: part.farads for part in circuit.capacitors}
     strays = [value for name, value in farads.items() if name.startswith("stray_")]
@@ -109,8 +135,10 @@ def _capacitors(circuit: Circuit) -> Iterator[str]:
     small = [name for name, value in signal.items() if value < max(strays, default=0.0)]
     if small:
         name = min(small, key=signal.__getitem__)
-        yield (
+        text = (
             f"{len(small)} of {len(signal)} capacitors C are below the stray capacitance of"
             f" {show(max(strays), 'F')}, down to {show(signal[name], 'F')} (C{name}); remedy: a"
             " larger design.capacitance, or a layout with a smaller design.stray_capacitance"
         )
+        factor = max(strays) / signal[name]
+        yield "capacitors C below the stray capacitance", BrokenLimit(text, factor)

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 
 from netlist_gen.board.circuit import Scalings
@@ -11,7 +15,7 @@ from netlist_gen.scene.fields import LARGE, LEAST, MOST, SMALL
 from netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene
 from spice_models.errors import Complaint, InputError
 from spice_models.opamp import OpAmp
-from spice_models.presets import FIGURES, derive, load_presets
+from spice_models.presets import FIGURES, INPUT_ERRORS, derive, load_presets
 
 
 def make_scalings(scene: Scene) -> Scalings:
@@ -63,6 +67,9 @@ def preferred(ohms: float, scene: Scene) -> float:
 def choose_opamp(scene: Scene) -> OpAmp:
     """Return the op-amp of `scene`: a preset with the scene's changed figures.
 
+    Offset, input currents and common-mode error are in its macromodel if the scene asks for them:
+    all with ``input_errors``, else those that the scene gives.
+
     Raises
     ------
     InputError
@@ -75,6 +82,7 @@ def choose_opamp(scene: Scene) -> OpAmp:
     figures = {name: value for name, value in choice if name in FIGURES and value is not None}
     try:
         opamp = derive(opamp, f"{opamp.name}_changed", **figures) if figures else opamp
+        opamp = _with_errors(opamp, choice.input_errors, figures)
     except ValueError as error:
         raise InputError(scene.file, Complaint("design.opamp", repr(figures), str(error))) from None
     if not opamp.least_supply <= supply <= opamp.most_supply:
@@ -87,3 +95,12 @@ def choose_opamp(scene: Scene) -> OpAmp:
         found, text = f"{opamp.saturation:g} V", f"must be below the supply of ±{supply:g} V"
         raise InputError(scene.file, Complaint("design.opamp.saturation", found, text))
     return opamp
+
+
+def _with_errors(opamp: OpAmp, every: bool, given: Mapping[str, float]) -> OpAmp:
+    """Return the op-amp with `every` input error of its figures, or with those that are `given`."""
+    if not every and not INPUT_ERRORS.keys() & given.keys():
+        return opamp
+    kept = {name: every or name in given for name in INPUT_ERRORS}
+    absent: dict[str, Any] = {name: INPUT_ERRORS[name] for name in kept if not kept[name]}
+    return replace(opamp, input_errors=True, **absent)

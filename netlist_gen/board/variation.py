@@ -6,6 +6,7 @@ z = -1 are the ends of the tolerance.
 
 from __future__ import annotations
 
+import difflib
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -18,6 +19,8 @@ from spice_models.array_types import Floats
 from spice_models.errors import Complaint, InputError
 from spice_models.opamp import OpAmp
 
+TEMPERATURE = "temperature"  # name and kind
+
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
@@ -29,9 +32,22 @@ class Parameter:
 
 
 def parameters(circuit: Circuit, tolerances: Tolerances) -> tuple[Parameter, ...]:
-    """Return all values that vary, in the order of the z of `vary`."""
-    pairs = _names(circuit)
-    every = (Parameter(name, kind, getattr(tolerances, kind)) for name, kind in pairs)
+    """Return all values that vary, in the order of the z of `vary`.
+
+    Raises
+    ------
+    InputError
+        ``tolerances.parts`` names a part that the board does not have.
+    """
+    pairs, own = dict(_names(circuit)), tolerances.parts
+    if unknown := [name for name in own if name not in pairs or name == TEMPERATURE]:
+        known = difflib.get_close_matches(unknown[0], pairs, n=1, cutoff=0.0)
+        text = f"the board has no such part; the nearest name is {known[0]!r}"
+        raise InputError("scene", Complaint(f"tolerances.parts.{unknown[0]}", "", text))
+    every = (
+        Parameter(name, kind, own.get(name, getattr(tolerances, kind)))
+        for name, kind in pairs.items()
+    )
     return tuple(parameter for parameter in every if parameter.tolerance > 0)
 
 
@@ -49,7 +65,7 @@ def _names(circuit: Circuit) -> Iterator[tuple[str, str]]:
         if math.isfinite(circuit.models[cell.model].gbw):
             yield f"{cell.name}.gbw", "opamp_gbw"
         yield f"{cell.name}.dc_gain", "opamp_gain"
-    yield "temperature", "temperature"
+    yield TEMPERATURE, TEMPERATURE
 
 
 def draw(tolerances: Tolerances, count: int, seed: int, sample: int) -> Floats:
@@ -78,7 +94,7 @@ def vary(circuit: Circuit, tolerances: Tolerances, z: Floats) -> Circuit:
     varied = parameters(circuit, tolerances)
     shift = {p.name: float(value) for p, value in zip(varied, z, strict=True)}
     scale = {p.name: math.exp(shift[p.name] * math.log1p(p.tolerance)) for p in varied}
-    kelvin = shift.get("temperature", 0.0) * tolerances.temperature
+    kelvin = shift.get(TEMPERATURE, 0.0) * tolerances.temperature
     hot_r = math.exp(kelvin * tolerances.resistor_drift)
     hot_c = math.exp(kelvin * tolerances.capacitor_drift)
     hot_gbw = math.exp(kelvin * tolerances.opamp_drift)

@@ -249,9 +249,8 @@ def _current_sources(circuit: Circuit, analysis: Analysis) -> list[str]:
 
 
 def _starts_from_rest(circuit: Circuit, analysis: Transient) -> bool:
-    """Return whether the start needs an operating point; without bias, rest is 0 V."""
-    driven = bool(circuit.voltages) or circuit.has_nonlinear_amplifiers or circuit.has_imported
-    return analysis.initial == "rest" and driven
+    """Return whether the start needs an operating point; without constant sources rest is 0 V."""
+    return analysis.initial == "rest" and circuit.has_constant_sources
 
 
 def _temperature(circuit: Circuit) -> list[str]:

@@ -82,7 +82,7 @@ def _keys(model: BaseModel, prefix: str, python: str) -> Iterator[tuple[str, Key
         path, value = f"{prefix}{field.alias or name}", getattr(model, name)
         if isinstance(value, BaseModel):
             yield from _keys(value, f"{path}.", f"{python}{name}.")
-        else:
+        elif not isinstance(value, dict):
             key = _key(path, field.annotation, field.metadata)
             yield from ((path, key), (f"{python}{name}", key))
 

@@ -6,6 +6,7 @@ import csv
 import io
 import math
 import tokenize
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -57,6 +58,32 @@ def read_profile(scene: Scene, key: str, name: str) -> tuple[Floats, Floats]:
     return table[:, 0], table[:, 1]
 
 
+def read_table(path: Path, key: str) -> tuple[Floats, bool]:
+    """Return the numbers of a .csv or .npy file, and whether its first row is a header.
+
+    A first row without any number is a header.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or has an entry that is no number; with line and column.
+    """
+    if path.suffix == ".npy":
+        return _read_npy(path, key), False
+    rows = _rows(path, key)
+    first = next(rows, None)
+    header = first is not None and not any(_is_number(cell) for cell in first[1])
+    return _read_csv(path, key, skip=first[0] if header and first is not None else 0), header
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
 def _read_npy(path: Path, key: str) -> Floats:
     try:
         return _real_numbers(io.BytesIO(read_bounded(path, LARGEST)))
@@ -84,22 +111,30 @@ def _real_numbers(file: io.BytesIO) -> Floats:
     return values.astype(np.float64)
 
 
-def _read_csv(path: Path, key: str) -> Floats:
-    """Read numbers separated by commas; empty lines and lines that start with # are skipped."""
+def _read_csv(path: Path, key: str, skip: int = 0) -> Floats:
+    """Read numbers separated by commas, after the line `skip`."""
     rows: list[list[float]] = []
+    for number, cells in _rows(path, key):
+        if number <= skip:
+            continue
+        rows.append(_numbers(cells, path, key, number))
+        if len(rows[-1]) != len(rows[0]):
+            text = f"line {number} has {len(rows[-1])} values, the first {len(rows[0])}"
+            raise InputError(path, Complaint(key, repr(path.name), text))
+    return np.array(rows, dtype=np.float64).reshape(len(rows), len(rows[0]) if rows else 0)
+
+
+def _rows(path: Path, key: str) -> Iterator[tuple[int, list[str]]]:
+    """Yield number and cells of each line; empty lines and lines that start with # are skipped."""
     try:
         text = read_bounded(path, LARGEST).decode("utf-8-sig")
         for number, cells in enumerate(csv.reader(io.StringIO(text, newline="")), start=1):
             if not cells or not "".join(cells).strip() or cells[0].lstrip().startswith("#"):
                 continue
-            rows.append(_numbers(cells, path, key, number))
-            if len(rows[-1]) != len(rows[0]):
-                text = f"line {number} has {len(rows[-1])} values, the first {len(rows[0])}"
-                raise InputError(path, Complaint(key, repr(path.name), text))
+            yield number, cells
     except (ValueError, csv.Error) as error:  # ValueError: no such file, or binary data
         text = f"{error}; expected numbers separated by commas"
         raise InputError(path, Complaint(key, repr(path.name), text)) from None
-    return np.array(rows, dtype=np.float64).reshape(len(rows), len(rows[0]) if rows else 0)
 
 
 def _numbers(cells: list[str], path: Path, key: str, line: int) -> list[float]:

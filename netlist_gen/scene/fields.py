@@ -21,13 +21,15 @@ MOST_CHANNELS = 5000  # T has 0.2 GB, and the analysis of the board takes many t
 class Unit:
     """Annotation of a quantity in `unit` above zero (with `zero`: or zero), or the `word`.
 
-    A quantity of `both` signs may be written with the sign ±, also as +- or +/-.
+    A quantity of `both` signs may be written with the sign ±, also as +- or +/-. A `signed` one may
+    be zero or negative.
     """
 
     unit: str
     zero: bool = False
     word: str = ""
     both: bool = False
+    signed: bool = False
 
     def check(self, value: object) -> float | str:
         """Return the quantity in base units, or the word; ValueError has the accepted values."""
@@ -41,7 +43,7 @@ class Unit:
             raise ValueError(f"{error}, or {self.word!r}" if self.word else str(error)) from None
         if number and not LEAST <= abs(number) <= MOST:
             raise ValueError(f"out of range; expected between {LEAST:g} and {MOST:g} {self.unit}")
-        if number < 0 or (number == 0 and not self.zero):
+        if not self.signed and (number < 0 or (number == 0 and not self.zero)):
             raise ValueError(f"must be {'zero or more' if self.zero else 'above zero'}")
         return number
 
@@ -86,8 +88,10 @@ OhmsOrZero = Annotated[float, Unit("ohm", zero=True)]
 Siemens = Annotated[float, Unit("S")]
 Volts = Annotated[float, Unit("V")]
 VoltsOrZero = Annotated[float, Unit("V", zero=True)]
+SignedVolts = Annotated[float, Unit("V", signed=True)]
 SupplyVolts = Annotated[float, Unit("V", both=True)]
 Amps = Annotated[float, Unit("A")]
+SignedAmps = Annotated[float, Unit("A", signed=True)]
 AmpsOrZero = Annotated[float, Unit("A", zero=True)]
 VoltsPerSecond = Annotated[float, Unit("V/s")]
 VoltageDensityOrZero = Annotated[float, Unit("V/rtHz", zero=True)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, GetJsonSchemaHandler, model_validator
+from pydantic import Field, GetJsonSchemaHandler, StrictBool, model_validator
 from pydantic_core import CoreSchema
 
 from netlist_gen.scene.fields import (
@@ -20,6 +20,8 @@ from netlist_gen.scene.fields import (
     OhmsOrZero,
     Positive,
     Real,
+    SignedAmps,
+    SignedVolts,
     VoltageDensityOrZero,
     Volts,
     VoltsOrZero,
@@ -61,6 +63,19 @@ class OpAmpChoice(Model):
     current_noise: CurrentDensityOrZero | None = Field(None, description="of each input, white")
     supply_current: AmpsOrZero | None = Field(None, description="of one op-amp without load")
     channels_per_package: Count | None = Field(None, description="op-amps in one package")
+    input_errors: StrictBool = Field(
+        False,
+        description="every op-amp has the offset voltage, input currents and common-mode error of"
+        " its figures; without it only those that are given here",
+    )
+    offset_voltage: SignedVolts | None = Field(None, description="at the non-inverting input")
+    bias_current: SignedAmps | None = Field(
+        None, description="mean of the currents into both inputs"
+    )
+    offset_current: SignedAmps | None = Field(
+        None, description="current into the non-inverting input less the other"
+    )
+    common_mode_rejection: Positive | None = Field(None, description="dB")
 
     @model_validator(mode="before")
     @classmethod

@@ -22,6 +22,9 @@ class Tolerances(Model):
         0.3, description="gain-bandwidth product and second pole of every op-amp together"
     )
     opamp_gain: NonNegative = Field(0.5, description="DC gain of every op-amp")
+    parts: dict[str, NonNegative] = Field(
+        {}, description="tolerances of single parts by their names in the deck: { Rf_4_4 = 0.001 }"
+    )
     temperature: NonNegative = Field(0.0, description="K, either side of nominal; the whole board")
     resistor_drift: Real = Field(1e-4, description="per K")
     capacitor_drift: Real = Field(3e-5, description="per K")

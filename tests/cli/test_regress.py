@@ -105,7 +105,7 @@ def test_ctrl_c_leaves_a_whole_baseline_and_says_so(folder: Path) -> None:
         scene = write_fast(folder / name)
         scene.write_text(scene.read_text().replace("fast", "second"))
     file = folder.parent / "b.json"
-    words = ("regress", folder, "--baseline", file, "--update", "--json")
+    words = ("regress", folder, "--baseline", file, "--update", "--json", "--jobs", "1")
     run = subprocess.run(
         [sys.executable, "-c", INTERRUPT, *map(str, words)],
         capture_output=True,
@@ -118,3 +118,17 @@ def test_ctrl_c_leaves_a_whole_baseline_and_says_so(folder: Path) -> None:
     assert set(json.loads(file.read_text())["scenes"]) == {"a.toml"}
     after = taction(folder, "--baseline", file, "--json")
     assert json.loads(after.stdout)["counts"] == {"same": 1, "new": 2}
+
+
+def test_several_processes_give_the_same_results(folder: Path) -> None:
+    write_fast(folder / "b.toml", capacitance="10.5pF")
+    (folder / "c.toml").write_text("no scene")
+    found = []
+    for jobs in ("1", "2"):
+        result = taction(folder, "--baseline", folder.parent / "b.json", "--jobs", jobs, "--json")
+        assert result.exit_code == 2
+        found.append(json.loads(result.stdout))
+        for scene in found[-1]["scenes"]:
+            del scene["seconds"]
+    assert found[0] == found[1]
+    assert found[0]["counts"] == {"same": 1, "new": 1, "bad input": 1}

@@ -13,7 +13,8 @@ from spice_models.opamp import OpAmp, phase_margin, unity_gain_bandwidth
 from spice_models.presets import derive, load_presets, preset_names
 
 PRINTED = tomllib.loads((Path(spice_models.__file__).parent / "presets.toml").read_text("utf-8"))
-NAMES = ("ideal", "ua741", "lf353", "tl084", "lf356", "ne5534", "op27")
+OLD = ("ideal", "ua741", "lf353", "tl084", "lf356", "ne5534", "op27")
+NAMES = (*OLD, "lm324", "tl072", "opa2134", "ad711", "ad8065", "lt1028", "opa1612", "lmp7721")
 
 
 @pytest.fixture

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 import subprocess
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import mpmath
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -149,6 +150,41 @@ def test_only_what_is_needed_has_a_card() -> None:
     assert elements(full, noninverting_grounded=True) == ["Rd", "Cd", "Cn", *stages]
     pole = derive(PRESETS["ideal"], "pole", gbw=1e6, input_capacitance=1e-12)
     assert elements(pole, noninverting_grounded=True) == ["Cn", "G1", "R1", "C1", "Eo"]
+
+
+def test_input_errors_have_cards_of_their_own() -> None:
+    model = replace(PRESETS["ua741"], input_errors=True)
+    stages = ["G1", "R1", "C1", "G2", "R2", "C2", "Eo", "Ro"]
+    errors = ["Ibn", "Ibp", "Vos", "Ecp", "Ecn"]
+    assert elements(model, noninverting_grounded=False) == ["Rd", "Cd", *errors, *stages]
+    assert elements(model, noninverting_grounded=True) == [
+        *("Rd", "Cd", "Ibn", "Vos", "Ecn"),
+        *stages,
+    ]
+    one = replace(model, bias_current=0.0, offset_current=0.0, common_mode_rejection=math.inf)
+    assert elements(one, noninverting_grounded=True) == ["Rd", "Cd", "Vos", *stages]
+
+
+@pytest.mark.parametrize("volts", [-13.0, -1.6, -1.5, -1.0, 0.5, 1.5, 1.52, 14.0])
+def test_an_output_gives_no_more_than_its_largest_current(
+    ngspice: str, tmp_path: Path, volts: float
+) -> None:
+    """The output is held at 0 V, the second pole at `volts` behind 75 ohm: 20 mA is 1.5 V."""
+    model = replace(PRESETS["ua741"], large_signal=True, limits_current=True, output_current=20e-3)
+    text = str(opamp_subcircuit(model, noninverting_grounded=True, supply=15.0))
+    own = ("Eo", "Ro", "Ez", "Bl", "El")
+    stage = [line for line in text.splitlines() if line.split()[0] in own]
+    cards = [f"Vp p2 0 {volts!r}", "Vout out 0 0.0", *stage, TIGHT, ".op"]
+    found = float(simulate(ngspice, tmp_path, *cards)["i(vout)"][0])
+
+    def softplus(z: mpmath.mpf) -> mpmath.mpf:
+        return mpmath.log1p(mpmath.exp(z))
+
+    with mpmath.workdps(40):  # the voltage that belongs to the current that was found
+        y = mpmath.mpf(found) / mpmath.mpf(20e-3)
+        drop = 1500 * (softplus(100 * (y - 1)) - softplus(-100 * (y + 1))) / 100
+        assert float(75 * mpmath.mpf(found) + drop) == pytest.approx(volts, rel=1e-9)
+    assert abs(found) < 20e-3 * 1.01
 
 
 def test_noise_has_cards_of_its_own_and_silences_the_model() -> None:

@@ -17,6 +17,7 @@ from flint import arb, arb_mat
 from tests.support.deck_text import GROUND, DeckText, Part
 
 Row = dict[Hashable, arb]  # coefficients: of a free node by its name, of a signal by `Signal`
+DRIVERS = ("E", "V", "B")
 INPUT = re.compile(r"V\(([\w.]+)\)")
 
 
@@ -46,8 +47,12 @@ def state_equations(deck: DeckText) -> list[StateEquations]:
     free = [node for node, row in voltages.items() if set(row) == {node}]
     balance: dict[str, Row] = {node: defaultdict(arb) for node in free}
     charge: dict[str, Row] = {node: defaultdict(arb) for node in free}
-    for part in deck.of("R", "C", "G", "I"):
-        _add_currents(part, voltages, balance, charge)
+    # What flows into a floating source flows out at its other end.
+    floating = {p.nodes[0]: p.nodes[1] for p in deck.of(*DRIVERS) if p.nodes[1] != GROUND}
+    for part in deck.of("R", "C", "G", "I", "J"):
+        ends = tuple(floating.get(node, node) for node in part.nodes[:2])
+        assert not floating.keys() & set(ends), "floating sources in series"
+        _add_currents(part, ends, voltages, balance, charge)
     links = [set(row) | {node} for rows in (balance, charge) for node, row in rows.items()]
     links += [set(voltages[_input(p)]) | set(voltages[node]) for node, p in sources.items()]
     found = []
@@ -69,9 +74,8 @@ def state_equations(deck: DeckText) -> list[StateEquations]:
 
 def _voltages(deck: DeckText, sources: dict[str, Signal]) -> dict[str, Row]:
     """Return every node's voltage in terms of free nodes and signals."""
-    drivers = {part.nodes[0]: part for part in deck.of("E", "V", "B")}
-    assert all(part.nodes[1] == GROUND for part in drivers.values())
-    assert len(drivers) == len(deck.of("E", "V", "B")), "two sources drive one node"
+    drivers = {part.nodes[0]: part for part in deck.of(*DRIVERS)}
+    assert len(drivers) == len(deck.of(*DRIVERS)), "two sources drive one node"
     known: dict[str, Row] = {GROUND: {}}
 
     def voltage(node: str) -> Row:
@@ -82,9 +86,9 @@ def _voltages(deck: DeckText, sources: dict[str, Signal]) -> dict[str, Row]:
             elif part.kind == "E":
                 known[node] = _controlled(part, voltage)
             elif part.kind == "V":
-                known[node] = {Signal(0): arb(part.value)}
+                known[node] = _sum(voltage(part.nodes[1]), {Signal(0): arb(part.value)})
             else:
-                known[node] = {sources[node]: arb(1)}
+                known[node] = _sum(voltage(part.nodes[1]), {sources[node]: arb(1)})
         return known[node]
 
     for part in deck.parts:
@@ -93,10 +97,15 @@ def _voltages(deck: DeckText, sources: dict[str, Signal]) -> dict[str, Row]:
     return known
 
 
+def _sum(one: Row, other: Row) -> Row:
+    keys = {**one, **other}
+    return {key: one.get(key, arb(0)) + other.get(key, arb(0)) for key in keys}
+
+
 def _controlled(part: Part, voltage: Callable[[str], Row]) -> Row:
     """Return the voltage of a controlled source, which may control itself."""
-    node, _, *controls = part.nodes
-    gain, own, row = arb(part.value), arb(0), defaultdict[Hashable, arb](arb)
+    node, base, *controls = part.nodes
+    gain, own, row = arb(part.value), arb(0), defaultdict[Hashable, arb](arb, voltage(base))
     for control, sign in zip(controls, (1, -1), strict=True):
         if control == node:
             own += sign * gain
@@ -107,18 +116,22 @@ def _controlled(part: Part, voltage: Callable[[str], Row]) -> Row:
 
 
 def _add_currents(
-    part: Part, voltages: dict[str, Row], balance: dict[str, Row], charge: dict[str, Row]
+    part: Part,
+    nodes: tuple[str, ...],
+    voltages: dict[str, Row],
+    balance: dict[str, Row],
+    charge: dict[str, Row],
 ) -> None:
-    """Add the currents, or charges, that flow out of the free nodes at the ends of an element."""
-    ends = tuple(zip(part.nodes, (1, -1), strict=False))
+    """Add the currents, or charges, of an element to the free nodes out of which they flow."""
+    ends = tuple(zip(nodes, (1, -1), strict=True))
     rows = charge if part.kind == "C" else balance
     value = 1 / arb(part.value) if part.kind == "R" else arb(part.value)
     controls = tuple(zip(part.nodes[2:] or part.nodes, (1, -1), strict=True))
     for node, sign in ends:
         if node not in rows:
             continue
-        if part.kind == "I":
-            rows[node][Signal(1)] += sign * value
+        if part.kind in ("I", "J"):
+            rows[node][Signal(1 if part.kind == "I" else 0)] += sign * value
             continue
         for control, side in controls:
             for key, share in voltages[control].items():

@@ -1,6 +1,7 @@
 """The parts of an emitted deck, read from its text alone; nothing of the package is used.
 
-Only the cards that taction writes are known; any other card is an error.
+Only the cards that taction writes are known; any other card is an error. The constant currents of a
+subcircuit have the kind "J", those of the board, the strain, the kind "I".
 """
 
 from __future__ import annotations
@@ -81,7 +82,7 @@ def _part(card: str, names: dict[str, str], prefix: str) -> Part:
     value = card.split(None, count + 1)[count + 1]
     if value.startswith("PWL("):
         value = value.rstrip(")").split()[-1]
-    return Part(kind, nodes, float(value))
+    return Part("J" if kind == "I" and prefix else kind, nodes, float(value))
 
 
 def _outputs(text: str, saved: list[str]) -> tuple[tuple[str, int], ...]:

@@ -84,13 +84,16 @@ def assert_same_measures(verdict: Verdict, other: Verdict) -> None:
 def assert_budget_adds_up(verdict: Verdict) -> None:
     parts = {part.name: part.value for part in verdict.budget}
     assert set(parts) == {"ill_posedness", "resistors", "opamps", "unsettled", "simulator"}
-    off = max(abs(c.final - c.target) for c in verdict.measurements.channels)
-    resistors, opamps, unsettled = (parts[k] for k in ("resistors", "opamps", "unsettled"))
-    assert resistors is not None
-    assert opamps is not None
-    assert unsettled is not None
-    assert off <= resistors + opamps + unsettled + 1e-12
-    assert resistors < 1e-12  # exact ones
+    stress = verdict.problem.stress
+    assert stress is not None
+    final = np.array([channel.final for channel in verdict.measurements.channels])
+    whole = final - stress * verdict.circuit.scalings.unit_voltage
+    assert verdict.budget.summed == pytest.approx(whole.tolist(), rel=0.01, abs=1e-9)
+    errors = [np.array(part.channels) for part in verdict.budget if part.name != "ill_posedness"]
+    off = final - verdict.ideal.target
+    assert sum(errors) == pytest.approx(off, rel=0.01, abs=1e-9)
+    assert parts["resistors"] is not None
+    assert parts["resistors"] < 1e-12  # exact ones
 
 
 def assert_tikhonov(verdict: Verdict) -> None:

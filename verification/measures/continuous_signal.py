@@ -65,7 +65,7 @@ class ContinuousSignal(SampledSignal):
         at, doubt = found.time.ravel().copy(), found.uncertainty.ravel().copy()
         after = np.clip(np.searchsorted(self.time, at), 1, self.time.size - 1)
         gap = self.time[after] - self.time[after - 1]
-        places = np.flatnonzero((doubt > 0.0) & (doubt <= gap))  # False for NaN
+        places = np.flatnonzero((doubt > 0.0) & (doubt <= gap) & ~np.isnan(at))
         reach = WIDER * doubt[places]
         low, high = (np.clip(at[places] + s * reach, *self.time[[0, -1]]) for s in (-1.0, 1.0))
         f_low, f_high = excess(low, places), excess(high, places)

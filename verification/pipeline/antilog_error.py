@@ -1,4 +1,4 @@
-"""What transistors in the place of ideal antilog stages do to a board."""
+"""How far antilog stages of transistors are from the ideal function, on their board."""
 
 from __future__ import annotations
 
@@ -6,63 +6,51 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netlist_gen.board.circuit import Circuit
-from netlist_gen.board.synthesis import synthesise
-from netlist_gen.scene.antilog_choice import AntilogChoice
+from netlist_gen.quantities import show
 from spice_models.array_types import Floats
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.linearised.equilibrium import Equilibrium
-from verification.pipeline.design import Design
 
 
 @dataclass(frozen=True, slots=True)
-class AntilogError:
-    """Effect of the stages of a board.
+class StageDeviation:
+    """Deviation of the stages at both ends of their working range, with and without strain.
 
     Attributes
     ----------
-    outputs : ndarray (N,)
-        Equilibrium of the same board with ideal stages, V.
-    deviation : float
-        Largest ``|u / (U0 exp(v / Ve)) - 1|`` of any channel at both ends of its working range, the
-        equilibria with and without strain.
+    largest : float
+        ``|u / (U0 exp(v / Ve)) - 1|`` of any channel.
     lowest, highest : float
         Smallest and largest u there, V.
     """
 
-    outputs: Floats
-    deviation: float
+    largest: float
     lowest: float
     highest: float
 
+    def __str__(self) -> str:
+        return (
+            f"up to {100.0 * self.largest:.2g} % from U0 exp(v/Ve), measured at u from"
+            f" {show(self.lowest, 'V', 3)} to {show(self.highest, 'V', 3)}"
+        )
 
-def antilog_error(design: Design) -> AntilogError | None:
-    """Compare the stages of a board with ideal ones; None if its stages are ideal.
+
+def stage_deviation(board: LinearBoard) -> StageDeviation:
+    """Measure the stages of a board at its two equilibria.
 
     Raises
     ------
     EngineError
-        A board has no equilibrium.
+        The board has no equilibrium.
     """
-    scene, circuit = design.scene, design.circuit
-    if not circuit.transistors:
-        return None
-    ideal = {"antilog": AntilogChoice()}
-    other = scene.model_copy(update={"design": scene.design.model_copy(update=ideal)})
-    board = LinearBoard(synthesise(other, design.problem))
-    points = (design.board.rest, design.board.equilibrium)
-    u = np.array([outputs_at(circuit, point) for point in points])
+    circuit, scalings = board.circuit, board.circuit.scalings
+    points = (board.rest, board.equilibrium)
+    u = np.array([_outputs(board, point) for point in points])
     v = np.array([[point[node] for node in circuit.signal_nodes] for point in points])
-    scalings = circuit.scalings
     wanted = scalings.unit_voltage * np.exp(v / scalings.exponential_slope)
-    return AntilogError(
-        outputs=outputs_at(board.circuit, board.equilibrium),
-        deviation=float(np.max(np.abs(u / wanted - 1.0))),
-        lowest=float(u.min()),
-        highest=float(u.max()),
-    )
+    largest = float(np.max(np.abs(u / wanted - 1.0)))
+    return StageDeviation(largest, float(u.min()), float(u.max()))
 
 
-def outputs_at(circuit: Circuit, point: Equilibrium) -> Floats:
-    """Return the outputs (N,), V, at an equilibrium of a circuit."""
-    return np.array([out.sign * point[out.node] for out in circuit.outputs])
+def _outputs(board: LinearBoard, point: Equilibrium) -> Floats:
+    return np.array([out.sign * point[out.node] for out in board.circuit.outputs])

@@ -121,7 +121,7 @@ def better_plan(
 def _longer(design: Design, ideal: IdealAnswer, measured: Measurements) -> Plan | None:
     """Plan a longer record if a channel settles only after the end of the record."""
     scene = design.scene
-    automatic = scene.analysis.stop == "auto" and design.poles.stable
+    automatic = scene.analysis.stop == "auto" and design.poles.known_stable
     if not automatic or measured.settling_time is not None or not measured.amplitude:
         return None
     equilibrium = design.board.equilibrium.values

@@ -71,7 +71,7 @@ def measure_with_bounds(
         A second solution beside a record of ngspice.
     """
     solution = None
-    if design.poles.stable and is_exact(design.board) and (companion or own):
+    if design.poles.known_stable and is_exact(design.board) and (companion or own):
         solution = _on_the_solution(design, ideal)
     if companion is not None:
         measured, u = _measures_beside(design, ideal, wave, companion, solution)
@@ -186,7 +186,7 @@ def _curve(design: Design, waveforms: Waveforms) -> Curve | None:
 
 def _rest(design: Design, time: Floats, u: Floats) -> Rest | None:
     """Return where the outputs of a stable board come to rest after a record."""
-    if not design.poles.stable:
+    if not design.poles.known_stable:
         return None
     steady = SteadyState.of(design.board, design.scales)
     late = u[int(np.searchsorted(time, LATE * time[-1])) :]

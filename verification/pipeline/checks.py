@@ -125,7 +125,7 @@ class Evidence:
     def growth(self) -> str:
         """How an unstable board behaves, by its poles; empty if it is not known to be unstable."""
         pole = self.poles.rightmost
-        if self.poles.stable or not self.poles.certain:
+        if not self.poles.known_unstable:
             return ""
         frequency = show(abs(pole.imag) / math.tau, "Hz")
         verb = f"oscillates at {frequency}" if pole.imag else "runs away"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -17,6 +16,7 @@ from spice_models.errors import Complaint, InputError
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.pipeline.opamp_level import at_level, has_large_signal
 from verification.pipeline.transient_plan import plan_transient
+from verification.small_signal.poles import poles_behind
 from verification.small_signal.time_scales import time_scales
 
 
@@ -44,9 +44,9 @@ def deck_of(
     board = LinearBoard(circuit)
     scales = time_scales(board, initial=scene.analysis.initial)
     transient = plan_transient(scene, board, scales).transient
-    stable = not math.isfinite(scales.growth_time)
     leveled = board
     if has_large_signal(board):
+        stable = poles_behind(board, scales).known_stable
         leveled, _ = at_level(scene, board, transient, stable=stable)
     if leveled is not board:
         scales = time_scales(leveled, initial=scene.analysis.initial)

@@ -56,7 +56,7 @@ class Design:
 
     def loads(self) -> PartLoads:
         """Return what the op-amps of the board have to do."""
-        if not self.poles.stable or self.circuit.is_small_signal:
+        if not self.poles.known_stable or self.circuit.is_small_signal:
             return self.small
         found = PartLoads.of(self.board, transient=self.transient)
         return replace(found, simulated=tuple(x for x in self.small.worst if x.is_above))
@@ -95,7 +95,7 @@ def design_board(
     network = ideal_network(problem, scene)
     clock.begin("poles")
     design = _designed(scene, problem, board, network)
-    stable = design.poles.stable
+    stable = design.poles.known_stable
     leveled, small = at_level(scene, board, design.transient, stable=stable)
     if leveled is not board:
         design = _designed(scene, problem, leveled, network)
@@ -109,8 +109,6 @@ def _designed(
     poles = poles_behind(board, scales)
     scales = scales.with_slower(poles.rightmost)
     engine = choose_engine(scene)
-    unstable = poles.certain and not poles.stable
-    plan = plan_transient(
-        scene, board, scales, engine, stable=not unstable, resolution=poles.resolution
-    )
+    stable = not poles.known_unstable
+    plan = plan_transient(scene, board, scales, engine, stable=stable, resolution=poles.resolution)
     return Design(scene, problem, board, network, scales, poles, engine, plan)

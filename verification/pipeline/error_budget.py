@@ -1,143 +1,115 @@
-"""The error budget of the outputs: each part is measured separately."""
+"""The error budget of the outputs: a chain of solutions, whose differences are its parts.
+
+    true stress -> optimum -> pruned T -> resistors as built -> op-amps, one link for each group of
+    their figures -> end of the exact transient -> end of the record
+
+Each part is the signed difference of two solutions that follow each other, for every channel, so
+the parts add up to the difference of the record's end and the true stress. Noise has no sign: it
+stands beside the sum.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from functools import partial
 
-import numpy as np
-
-from netlist_gen.board.circuit import Circuit
-from netlist_gen.board.synthesis import realised_matrix
+from netlist_gen.board.ideal_stages import with_ideal_stages
 from netlist_gen.quantities import show
-from spice_models.array_types import Floats
-from verification.engines.statespace.linearised.equilibrium import Equilibrium
+from verification.engines.statespace.linearised.board import LinearBoard
 from verification.ideal.ideal_answer import IdealAnswer
-from verification.pipeline.antilog_error import AntilogError, antilog_error, outputs_at
+from verification.pipeline.antilog_error import stage_deviation
 from verification.pipeline.design import Design
+from verification.pipeline.error_chain import ErrorBudget, ErrorChain, ErrorPart, difference
+from verification.pipeline.opamp_links import opamp_stages, outputs_at_rest, with_ideal_opamps
 from verification.pipeline.output_noise import OutputNoise
 from verification.pipeline.pruning import PruningEffect, pruning_effect
-from verification.reference import IdealNetwork, lambda_times_resistance, solve
-
-
-@dataclass(frozen=True, slots=True)
-class ErrorPart:
-    """One part: the largest deviation of any channel, V, and the comparison that gives it.
-
-    `value` is None if the deviation cannot be known, `bound` a proven bound on the value, V, where
-    there is one.
-    """
-
-    name: str
-    value: float | None
-    how: str
-    bound: float | None = None
+from verification.pipeline.recording import Recording
+from verification.pipeline.rounding_forecast import predicted_change
 
 
 def error_budget(
-    design: Design,
-    ideal: IdealAnswer,
-    rest: Equilibrium,
-    final: Floats,
-    simulator: float,
-    noise: OutputNoise | None = None,
-) -> tuple[ErrorPart, ...]:
-    """Split the difference of the true stress and the simulated outputs into its parts.
+    design: Design, ideal: IdealAnswer, recording: Recording, noise: OutputNoise | None = None
+) -> ErrorBudget:
+    """Split the difference of the true stress and the record's end into its parts.
 
     Parameters
     ----------
-    rest : Equilibrium
-        Equilibrium of the board, from the state-space equations.
-    final : ndarray (N,)
-        Outputs at the end of the record, V.
-    simulator : float
-        Error of the simulation, V.
     noise : OutputNoise, optional
         Noise of the outputs, if it was computed.
 
     Raises
     ------
     SolverError
-        The steady state with the rounded resistors cannot be computed.
+        The problem with the pruned T cannot be solved.
     """
-    network, circuit, stress = design.network, design.circuit, design.problem.stress
+    stress, network = design.problem.stress, design.network
+    chain = ErrorChain(None if stress is None else stress * network.U0)
+    how = "regularised optimum against the true stress (regularisation and noise)"
+    chain.link("ill_posedness", how, ideal.target)
     pruning = pruning_effect(network, design.scene.design.prune, ideal.solution)
-    kept, pruned = (ideal.target, ()) if pruning is None else (pruning.target, (_pruned(pruning),))
-    rounded = solve(rounded_network(network, circuit).problem).u * network.U0
-    board, antilog = outputs_at(circuit, rest), antilog_error(design)
-    stages = board if antilog is None else antilog.outputs
-    truth = None if stress is None else stress * network.U0
-    return (
-        ErrorPart(
-            "ill_posedness",
-            None if truth is None else _largest(ideal.target - truth),
-            "regularised optimum against the true stress (regularisation and noise)",
-        ),
-        *pruned,
-        ErrorPart(
-            "resistors",
-            _largest(rounded - kept),
-            "optimum with the rounded resistors against that of the exact resistors",
-        ),
-        ErrorPart(
-            "opamps",
-            _largest(stages - rounded),
-            "equilibrium of the board against that optimum (finite gain, loading)",
-        ),
-        *(() if antilog is None else (_antilog(antilog, board),)),
-        ErrorPart(
-            "unsettled", _largest(final - board), "end of the record against that equilibrium"
-        ),
-        ErrorPart(
-            "simulator", simulator, "comparison with a second solution, or bound on the rounding"
-        ),
-        *_noise(noise),
+    if pruning is not None:
+        _pruned(chain, pruning)
+    stages = with_ideal_stages(design.circuit)
+    plain = design.board if stages is design.circuit else LinearBoard(stages)
+    chain.solve(
+        "resistors",
+        "board as built, with ideal op-amps, against that optimum",
+        partial(outputs_at_rest, LinearBoard(with_ideal_opamps(stages))),
+        partial(predicted_change, design),
     )
+    for link, board in opamp_stages(plain):
+        find = partial(outputs_at_rest, board)
+        if board is design.board:  # its equilibrium is known
+            chain.link(link.name, link.how, find())
+        else:
+            chain.solve(link.name, link.how, find)
+    if plain is not design.board:
+        _antilog(chain, design.board)
+    _transient(chain, recording)
+    if noise is not None:
+        chain.parts.append(_noise(noise))
+    whole = None
+    if chain.first is not None:
+        start = "optimum" if stress is None else "true stress"
+        whole = difference(
+            "total", f"end of the record against the {start}", chain.first, recording.u[-1]
+        )
+    return ErrorBudget(tuple(chain.parts), whole, chain.solves)
 
 
-def _noise(noise: OutputNoise | None) -> tuple[ErrorPart, ...]:
-    if noise is None:
-        return ()
-    value = None if noise.unknown else noise.largest
-    return (
-        ErrorPart(
-            "noise", value, "rms at rest over all frequencies: resistors, op-amps and sensors"
-        ),
-    )
-
-
-def rounded_network(network: IdealNetwork, circuit: Circuit) -> IdealNetwork:
-    """Return `network` with T and lambda of the resistor values of `circuit`."""
-    scalings = circuit.scalings
-    ohms = {resistor.name: resistor.ohms for resistor in circuit.resistors}
-    gains = [value for name, value in ohms.items() if name.startswith("s_")]
-    product = lambda_times_resistance(
-        network.amplifier,
-        s=gains[0] if gains else scalings.gain,
-        G0=scalings.unit_conductance,
-        U0=network.U0,
-        Ve=network.Ve,
-    )
-    integrator = circuit.topology == "integrator"
-    R = ohms["r_1"] if integrator else scalings.resistance
-    return replace(network, T=realised_matrix(circuit), lam=product / R)
-
-
-def _pruned(effect: PruningEffect) -> ErrorPart:
+def _pruned(chain: ErrorChain, effect: PruningEffect) -> None:
     bound = effect.bound if math.isfinite(effect.bound) else None
     proven = "no proven bound" if bound is None else f"proven bound {show(bound, 'V', 3)}"
     how = f"optimum without {effect.entries} entries of T against the requested optimum; {proven}"
-    return ErrorPart("pruning", effect.change, how, bound)
+    chain.link("pruning", how, effect.target, bound=bound)
+    chain.solves += 1
 
 
-def _antilog(error: AntilogError, board: Floats) -> ErrorPart:
+def _antilog(chain: ErrorChain, board: LinearBoard) -> None:
     how = (
-        "equilibrium with transistors against that with ideal antilog stages; the stages are up to"
-        f" {100.0 * error.deviation:.2g} % from U0 exp(v/Ve), measured at u from"
-        f" {show(error.lowest, 'V', 3)} to {show(error.highest, 'V', 3)}"
+        "equilibrium with transistors against that with ideal antilog stages; the stages are"
+        f" {stage_deviation(board)}"
     )
-    return ErrorPart("antilog", _largest(board - error.outputs), how)
+    chain.link("antilog", how, outputs_at_rest(board))
 
 
-def _largest(difference: Floats) -> float:
-    return float(np.max(np.abs(difference), initial=0.0))
+def _transient(chain: ErrorChain, recording: Recording) -> None:
+    """Add what the record's end lacks of the rest, and how far it is from the exact transient."""
+    error = recording.error.steady_state * (recording.measurements.amplitude or 1.0)
+    bound = error if math.isfinite(error) else None
+    if recording.exact_end is None:
+        chain.link("unsettled", "end of the record against that equilibrium", recording.u[-1])
+        chain.parts.append(ErrorPart("simulator", None, "there is no second solution", bound))
+        return
+    how = "end of a second transient against that equilibrium"
+    chain.link("unsettled", how, recording.exact_end)
+    how = "end of the record against that transient"
+    if bound is not None:
+        how += f"; error at most {show(bound, 'V', 3)}"
+    chain.link("simulator", how, recording.u[-1], bound=bound)
+
+
+def _noise(noise: OutputNoise) -> ErrorPart:
+    value = None if noise.unknown else noise.largest
+    how = "rms at rest over all frequencies: resistors, op-amps and sensors; not in the sum"
+    return ErrorPart("noise", value, how)

@@ -34,9 +34,11 @@ def headroom(evidence: Evidence) -> Check | None:
 
 
 def _limited(parts: PartLoads) -> Check:
-    """Return the check of a board whose simulated op-amps have slew rate and swing."""
+    """Return the check of a board whose simulated op-amps have their limits."""
     would = describe(parts.simulated[0]).replace(" reaches ", " would reach ")
     reason = f"{would}; the simulated op-amps have slew rate and swing"
+    if any(load.quantity == "current" for load in parts.simulated):
+        reason += " and largest output current"
     if not parts.loads:
         return Check(NAME, Outcome.PASS, None, None, FULL, None, "ratio", reason)
     worst = parts.loads[0]

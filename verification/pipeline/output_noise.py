@@ -16,6 +16,7 @@ from verification.pipeline.design import Design
 from verification.small_signal.noise_bands import noise_bands
 
 UNSTABLE = "an unstable board has no noise at rest"
+MAYBE_UNSTABLE = "the board may be unstable, and an unstable board has no noise at rest"
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,8 +46,8 @@ class OutputNoise:
         """Find the noise of the board of `design`; None if its scene has no limit for it."""
         if design.scene.checks.noise is None:
             return None
-        if not design.poles.stable:
-            return cls(unknown=UNSTABLE)
+        if not design.poles.known_stable:
+            return cls(unknown=UNSTABLE if design.poles.known_unstable else MAYBE_UNSTABLE)
         try:
             rms, error = output_noise(design.board)
             ngspice = design.engine == "ngspice"

@@ -64,14 +64,21 @@ class PartLoads:
         return tuple(sorted(above, key=lambda load: -load.rest / load.limit))
 
     @property
-    def remedy(self) -> str:
-        """The unit voltage with which no part limits the board, or empty."""
-        if self.unit_voltage is None:
-            return ""
+    def largest_unit_voltage(self) -> float | None:
+        """The largest U0 with which no part limits the board, V, two digits; None if unknown."""
+        if self.unit_voltage is None or not self.loads:
+            return None
         worst = self.loads[0]
         most = FULL * self.unit_voltage / (worst.share + worst.error / worst.limit)
         digit = 10.0 ** (math.floor(math.log10(most)) - 1)
-        most = digit * math.floor(most / digit)  # two digits, rounded down
+        return digit * math.floor(most / digit)  # rounded down
+
+    @property
+    def remedy(self) -> str:
+        """The unit voltage with which no part limits the board, or empty."""
+        most = self.largest_unit_voltage
+        if most is None:
+            return ""
         return f"; unit_voltage = {show(most, 'V', 2)} keeps every op-amp below {FULL:.0%}"
 
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
+
+import numpy as np
 
 from netlist_gen.analysis import Transient
 from netlist_gen.board.circuit import Circuit
@@ -16,15 +19,16 @@ from verification.pipeline.agreement import Agreement, compare_engines
 from verification.pipeline.attained_accuracy import Accuracy, attained, better_plan
 from verification.pipeline.bounded_measures import measure_outputs, measure_with_bounds
 from verification.pipeline.clock import Clock, Progress
-from verification.pipeline.companion import find_companion
+from verification.pipeline.companion import Companion, find_companion
 from verification.pipeline.design import Design, design_board
 from verification.pipeline.simulation import (
     Pending,
     Simulation,
     begin,
+    outputs,
     state_space_tolerance,
 )
-from verification.pipeline.state_space_error import state_space_error
+from verification.pipeline.state_space_error import StateSpaceError, state_space_error
 from verification.pipeline.step_error import StepError, step_error
 from verification.waveforms import Waveforms
 
@@ -64,6 +68,9 @@ class Recording:
         The error over all time.
     forever : bool
         Whether the measurements are those of the exact solution, which has no end.
+    exact_end : ndarray (N,) or None
+        Outputs of the second solution at the record's end, V, or of the record if it is exact
+        itself; None without a second solution.
     """
 
     simulation: Simulation
@@ -73,6 +80,7 @@ class Recording:
     agreement: Agreement | None
     accuracy: Accuracy
     forever: bool
+    exact_end: Floats | None
 
 
 def record_transient(
@@ -137,7 +145,7 @@ def _record(design: Design, ideal: IdealAnswer, pending: Pending, clock: Clock) 
     if wave.engine == ENGINE:
         tolerance = state_space_tolerance(design.plan.wanted)
         own = state_space_error(design.board, design.transient, wave, tolerance)
-    elif design.poles.stable:
+    elif design.poles.known_stable:
         companion = find_companion(design, wave)
     clock.begin("measures")
     found = measure_with_bounds(design, ideal, wave, own, companion)
@@ -154,4 +162,16 @@ def _record(design: Design, ideal: IdealAnswer, pending: Pending, clock: Clock) 
         agreement=agreement,
         accuracy=attained(design, wave, own, companion, amplitude),
         forever=found.forever,
+        exact_end=_exact_end(design, found.u[-1], own, companion),
     )
+
+
+def _exact_end(
+    design: Design, end: Floats, own: StateSpaceError | None, companion: Companion | None
+) -> Floats | None:
+    """Return the outputs of the second solution at the record's end, V, (N,)."""
+    if companion is not None:
+        return np.array(companion.other[-1])
+    if own is None or not math.isfinite(own.volts):
+        return None
+    return end if own.second is None else np.array(outputs(design.circuit, own.second)[-1])

@@ -14,8 +14,8 @@ def find_warnings(evidence: Evidence, notes: tuple[str, ...] = ()) -> tuple[str,
 
     `notes` are the remarks of the engine and of the plan; they come first.
     """
-    if not evidence.poles.stable:
-        return notes  # the stability check failed, so close tolerances no longer matter
+    if not evidence.poles.known_stable:
+        return notes  # the stability check does not pass, so close tolerances no longer matter
     warnings = list(notes)
     checks, error = evidence.checks, evidence.error
     remedy = "set a smaller analysis.error or a larger analysis.points_per_period"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from netlist_gen.quantities import show
-from verification.report.verdict.plots import figure_file
+from verification.report.picture import figure_file
 from verification.studies.tune import Tuning
 
 
@@ -13,7 +13,7 @@ def plot_tradeoff(tuning: Tuning, path: str) -> None:
     Raises
     ------
     InputError
-        See `verification.report.verdict.plots.figure_file`.
+        See `verification.report.picture.figure_file`.
     """
     with figure_file(path, 7, 5) as figure:
         axes = figure.add_subplot()

@@ -52,6 +52,12 @@ class Margin:
     doubt: str = ""
 
 
+def both_margins(board: LinearBoard, found: Poles) -> dict[str, Margin]:
+    """Return the margins in the capacitance and in the gain of a board with its poles."""
+    capacitance = capacitance_margin(board, found=found)
+    return {"capacitance": capacitance, "gain": gain_margin(board, found=found)}
+
+
 def with_capacitance(circuit: Circuit, farads: float) -> Circuit:
     """Return `circuit` with another C; all signal-plane capacitors scale by one factor."""
     signal, factor = set(signal_capacitors(circuit)), farads / circuit.scalings.capacitance
@@ -173,7 +179,7 @@ class _Search:
     def by_loci(self, ports: PortResponse, found: Poles | None) -> Margin:
         """Find the margin from the loci of the parts."""
         own = poles(ports.board) if found is None else found
-        if not (own.certain and own.stable):
+        if not own.known_stable:
             return _without(own)
         try:
             loci = trace_loci(ports, 1.0 / self.end)
@@ -186,7 +192,7 @@ class _Search:
     def by_scan(self, winding: Callable[[float], int], found: Poles | None) -> Margin:
         """Find the margin by the scan of `onset`; `winding` counts the poles at a factor."""
         own = self.read(1.0) if found is None else found
-        if not (own.certain and own.stable):
+        if not own.known_stable:
             return _without(own)
         count = 2 + math.ceil(PER_DECADE * math.log10(self.end))
         scanned = scan(self.read, np.geomspace(1.0, self.end, count).tolist())

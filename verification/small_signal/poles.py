@@ -63,6 +63,16 @@ class Poles:
         return bool(np.any(real > self.errors) or np.all(real < -self.errors))
 
     @property
+    def known_stable(self) -> bool:
+        """Whether the board is stable, beyond the rounding of the poles."""
+        return self.stable and self.certain
+
+    @property
+    def known_unstable(self) -> bool:
+        """Whether the board is unstable, beyond the rounding of the poles."""
+        return self.certain and not self.stable
+
+    @property
     def unstable_count(self) -> int:
         """Number of poles on or right of the imaginary axis."""
         return int(np.sum(self.poles.real >= 0.0))

@@ -1,47 +1,38 @@
-"""The paper's CONSOLE step: the design with the least settling time under a limit on overshoot.
+"""The paper's CONSOLE step: the design with the least settling time that every check accepts.
 
-The state-space engine simulates every candidate; the solution that the board computes does not
-change, because lambda is constant (R follows). Settling time jumps where a ringing peak crosses the
-band, so the search uses no gradient: a grid, then Nelder and Mead's simplex from its best points.
+The verdict of the state-space engine judges every candidate, by all checks of the scene and the
+limits of the search, and with values that can be bought. The solution that the board computes does
+not change, because lambda is constant (R follows). Settling time jumps where a ringing peak crosses
+the band, so the search uses no gradient: a grid, then Nelder and Mead's simplex from its best
+points.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
 from itertools import product
 from typing import Any
 
 import numpy as np
 
-from netlist_gen.board.synthesis import synthesise
-from netlist_gen.overrides.axes import with_values
-from netlist_gen.overrides.keys import find_key, own_value
-from netlist_gen.problem.inverse_problem import InverseProblem, make_problem
+from netlist_gen.board.buyable_values import buyable, series_of
+from netlist_gen.quantities import show
 from netlist_gen.scene.scene import ExcursionCheck, Scene, StabilityCheck
 from spice_models.array_types import Floats
-from spice_models.errors import Complaint, EngineError, InputError
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.engines.statespace.transients.exact import simulate
-from verification.ideal.ideal_answer import IdealAnswer, ideal_answer, ideal_network
-from verification.measures.measure import measure
-from verification.pipeline.simulation import outputs
-from verification.pipeline.transient_plan import plan_transient
-from verification.small_signal.margin import capacitance_margin
-from verification.small_signal.time_scales import time_scales
+from spice_models.errors import EngineError
+from verification.studies.remedies.axis_search import search_range
+from verification.studies.remedies.trials import Trial, Trials
+from verification.studies.tuning_ranges import Range, parse_ranges
 
 GRID = {1: 25, 2: 9, 3: 5}  # points of each parameter, by the number of parameters
-REACH = 20.0  # the grid spans the scene's value divided and multiplied by this factor
+REACH = 20.0  # the range is the scene's value divided and multiplied by this factor
 OVERSHOOT = 0.05  # default limit
 STARTS = 3  # points of the grid from which a simplex starts
 EVALUATIONS = 40  # of one simplex
-POINTS_PER_PERIOD = 40.0
-MAX_RECORD = 100_000  # points of a candidate's record; a longer record is no good design
 RESERVE = 0.99  # of the overshoot limit: the verification adds the simulator's error
-# Keys that change neither the solution nor the starting point if lambda is constant.
-SAME_ANSWER = {"design.gain", "design.capacitance", "design.unit_conductance"}
-INFEASIBLE = 1e6  # added to the objective where a constraint is broken
+INFEASIBLE = 1e6  # added to the objective for every check that does not pass
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +42,13 @@ class Candidate:
     values: dict[str, float]  # by dotted path
     settling_time: float  # s, the longer value of a fragile reading; infinite if it never settles
     overshoot: float  # fraction of the step amplitude; infinite for an unstable board
-    stable: bool  # with the requested margin
+    left: tuple[str, ...] = ()  # the checks that do not pass
+    refused: str = ""  # why there is no verdict, or which parts cannot be bought
+
+    @property
+    def good(self) -> bool:
+        """Whether every check passes with parts that can be bought."""
+        return not self.left and not self.refused
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +62,13 @@ class Tuning:
     tried: int  # candidates evaluated
     overshoot_limit: float
     margin: float
+    ranges: tuple[Range, ...]
+
+    @property
+    def at_edges(self) -> dict[str, float]:
+        """The ends of the ranges at which the best design lies, by dotted path."""
+        edges = {each.path: each.edge_of(self.after.values[each.path]) for each in self.ranges}
+        return {path: edge for path, edge in edges.items() if edge is not None}
 
 
 def tune(
@@ -73,6 +77,7 @@ def tune(
     *,
     overshoot: float | None = None,
     margin: float | None = None,
+    reach: float | None = None,
     progress: Callable[[str], None] = lambda stage: None,
 ) -> Tuning:
     """Search for the least settling time over `keys`.
@@ -80,37 +85,44 @@ def tune(
     Parameters
     ----------
     keys : iterable of str
-        One to three numeric keys of the scene's design.
+        One to three numeric keys of the scene's design, each with an optional range:
+        ``"gain=1M:10M"``.
     overshoot : float, optional
         Limit, fraction of the step amplitude; by default the scene's check, else `OVERSHOOT`.
     margin : float, optional
         Factor by which C may shrink; by default the scene's check.
+    reach : float, optional
+        A key without a range goes from the scene's value divided by it to the value times it, by
+        default `REACH`.
 
     Raises
     ------
     InputError
-        A key is unknown or not of the design, there are no keys or too many, or the design of the
-        scene cannot be built.
+        A key is unknown or not of the design, a range is none, there are no keys or too many, or
+        the design of the scene cannot be built.
     EngineError
-        No candidate keeps the limits.
+        No candidate passes the checks; the message has the one that came closest.
     """
-    paths = _paths(scene, keys)
+    ranges = parse_ranges(scene, keys, reach or REACH, max(GRID))
     check = scene.checks.overshoot
     limit = overshoot or (OVERSHOOT if check is None else check.max)
-    search = _Search(scene, paths, limit, margin or scene.checks.stability.margin)
-    centre = np.log([_scene_value(scene, path) for path in paths])
-    before = search.evaluate(centre)
-    offsets = np.linspace(-math.log(REACH), math.log(REACH), GRID[len(paths)])
-    grid = [centre + np.array(offset) for offset in product(offsets, repeat=len(paths))]
+    search = _Search(scene, ranges, limit, margin or scene.checks.stability.margin)
+    before = search.evaluate({each.path: each.own for each in ranges})
+    count = GRID[len(ranges)]
+    axes = [np.linspace(math.log(each.low), math.log(each.high), count) for each in ranges]
+    grid = [np.array(point) for point in product(*axes)]
     for number, point in enumerate(grid, 1):
         progress(f"grid {number} of {len(grid)}")
-        search.evaluate(point)
+        search.at(point)
+    if not search.feasible(search.best(1)[0]):
+        progress("from the scene outwards")
+        search.seed()
     for number, start in enumerate(search.best(STARTS), 1):
         progress(f"simplex {number} of {STARTS}")
-        search.descend(start, centre, float(offsets[1] - offsets[0]))
+        search.descend(start, [float(axis[1] - axis[0]) for axis in axes])
     after = search.best(1)[0]
-    if search.objective(after) >= INFEASIBLE:
-        raise search.no_design()
+    if not search.feasible(after):
+        raise search.no_design(after)
     return Tuning(
         before=before,
         after=after,
@@ -119,140 +131,137 @@ def tune(
         tried=len(search.candidates),
         overshoot_limit=limit,
         margin=search.margin,
+        ranges=ranges,
     )
 
 
-def _paths(scene: Scene, keys: Iterable[str]) -> list[str]:
-    paths = [find_key(scene, key).path for key in keys]
-    if not 1 <= len(set(paths)) == len(paths) <= max(GRID):
-        text = f"give one to {max(GRID)} different keys"
-        raise InputError("--over", Complaint("keys", repr(",".join(paths)), text))
-    for path in paths:
-        if not path.startswith("design."):
-            text = "only the design can be tuned, such as gain, capacitance or unit_conductance"
-            raise InputError("--over", Complaint(path, "", text))
-    return paths
-
-
-def _scene_value(scene: Scene, path: str) -> float:
-    key = find_key(scene, path)
-    value = own_value(scene, key) if key.kind == "real" else None
-    if value is None or not 0 < value < math.inf:
-        text = "the scene has no value above zero of this key, from which the search could start"
-        raise InputError("--over", Complaint(path, repr(value), text))
-    return value
-
-
 def _frontier(candidates: Iterable[Candidate]) -> tuple[Candidate, ...]:
-    """Return the Pareto-optimal candidates, by growing overshoot."""
+    """Return the Pareto-optimal candidates, by growing overshoot.
+
+    A candidate counts if it fails no check other than that of the overshoot.
+    """
     frontier: list[Candidate] = []
-    settling = [c for c in candidates if c.stable and math.isfinite(c.settling_time)]
+    kept = [c for c in candidates if not c.refused and set(c.left) <= {"overshoot"}]
+    settling = [c for c in kept if math.isfinite(c.settling_time)]
     for candidate in sorted(settling, key=lambda c: (c.overshoot, c.settling_time)):
         if not frontier or candidate.settling_time < frontier[-1].settling_time:
             frontier.append(candidate)
     return tuple(frontier)
 
 
+@dataclass(slots=True)
 class _Search:
-    """Candidates of one search, each simulated once."""
+    """Candidates of one search."""
 
-    def __init__(self, scene: Scene, paths: list[str], overshoot: float, margin: float) -> None:
-        changes = {"points_per_period": POINTS_PER_PERIOD, "stop": "auto"}
-        analysis = scene.analysis.model_copy(update=changes)
-        self.base = scene.model_copy(update={"analysis": analysis})
-        self.original, self.paths = scene, paths
-        self.overshoot, self.margin = overshoot, margin
-        self.problem: InverseProblem = make_problem(scene)
-        self.lam = ideal_network(self.problem, scene).lam
-        self.candidates: list[Candidate] = []
-        self._ideal: IdealAnswer | None = None
+    original: Scene
+    ranges: Sequence[Range]
+    overshoot: float
+    margin: float
+    candidates: list[Candidate] = field(default_factory=list)
+    trials: Trials = field(init=False)
 
-    def scene_at(self, values: dict[str, float], base: Scene) -> Scene:
-        """Return `base` with `values` and the same lambda."""
-        constant = {} if "design.resistance" in values else {"design.lambda": self.lam}
-        return with_values(base, {**constant, **values})
+    def __post_init__(self) -> None:
+        self.trials = Trials(self.limited)
 
-    def tuned_scene(self, candidate: Candidate) -> Scene:
-        """Return the original scene with the design of `candidate` and the limits as checks."""
+    @property
+    def limited(self) -> Scene:
+        """The original scene with the limits as checks."""
         limits: dict[str, Any] = {"overshoot": ExcursionCheck(max=self.overshoot)}
         limits |= {"stability": StabilityCheck(margin=self.margin)}
         checks = self.original.checks.model_copy(update=limits)
-        return self.scene_at(candidate.values, self.original.model_copy(update={"checks": checks}))
+        return self.original.model_copy(update={"checks": checks})
+
+    def tuned_scene(self, candidate: Candidate) -> Scene:
+        """Return the original scene with the design of `candidate` and the limits as checks."""
+        return self.trials.scene_at(candidate.values, self.limited)
+
+    def feasible(self, candidate: Candidate) -> bool:
+        """Whether a candidate passes, with a reserve for the simulator's error."""
+        return candidate.good and candidate.overshoot <= RESERVE * self.overshoot
 
     def objective(self, candidate: Candidate) -> float:
-        """Return ln(settling time), plus a penalty that grows with excess overshoot."""
-        if not candidate.stable or not math.isfinite(candidate.settling_time):
-            return 2 * INFEASIBLE
+        """Return ln(settling time), plus a penalty for every check that does not pass."""
+        broken = len(candidate.left) + bool(candidate.refused)
+        if not math.isfinite(candidate.settling_time):
+            return (100 + broken) * INFEASIBLE
         excess = max(candidate.overshoot - RESERVE * self.overshoot, 0.0)
-        return math.log(candidate.settling_time) + (INFEASIBLE * (1 + excess) if excess else 0.0)
+        penalty = INFEASIBLE * (broken + min(excess, 1.0) + bool(excess))
+        return math.log(candidate.settling_time) + penalty
 
     def best(self, count: int) -> list[Candidate]:
         """Return the best candidates so far."""
         return sorted(self.candidates, key=self.objective)[:count]
 
-    def no_design(self) -> EngineError:
-        """Return the error that no candidate keeps the limits, with the least overshoot."""
-        least = min((c.overshoot for c in self.candidates), default=math.inf)
-        reached = f"the least overshoot of them is {100 * least:.3g} %"
+    def no_design(self, closest: Candidate) -> EngineError:
+        """Return the error that no candidate passes, with the one that came closest."""
+        ends = ", ".join(
+            f"{each.path} from {show(each.low, each.unit, 3)} to {show(each.high, each.unit, 3)}"
+            for each in self.ranges
+        )
+        values = ", ".join(
+            f"{each.path} = {show(closest.values[each.path], each.unit)}" for each in self.ranges
+        )
+        failing = ", ".join(name.replace("_", " ") for name in closest.left) or "overshoot"
+        if closest.refused:
+            failing = closest.refused
+        reached = ""
+        if math.isfinite(closest.overshoot):
+            reached = f" with an overshoot of {100 * closest.overshoot:.3g} %"
         return EngineError(
-            f"no design within a factor of {REACH:g} keeps an overshoot of"
-            f" {100 * self.overshoot:g} % and a margin of {self.margin:g} in C; tried"
-            f" {len(self.candidates)}, {reached if math.isfinite(least) else 'none has the margin'}"
-            ". Loosen a limit, or tune another key, such as capacitance"
+            f"no design passes every check with an overshoot of {100 * self.overshoot:g} % and a"
+            f" margin of {self.margin:g} in C; tried {len(self.candidates)} over {ends}. The"
+            f" closest is {values}{reached}: it does not pass {failing}. Loosen a limit, give"
+            " another range, or tune another key, such as capacitance"
         )
 
-    def evaluate(self, point: Floats) -> Candidate:
-        """Simulate the design with the logarithmic parameter values `point`."""
-        values = dict(zip(self.paths, np.exp(point).tolist(), strict=True))
-        try:
-            settling, overshoot, stable = self._measure(self.scene_at(values, self.base))
-        except (EngineError, InputError):  # the board has no state space or cannot be built
-            if not self.candidates:
-                raise
-            settling, overshoot, stable = math.inf, math.inf, False
-        candidate = Candidate(values, settling, overshoot, stable)
+    def at(self, point: Floats) -> Candidate:
+        """Try the design at the logarithms `point`, with the nearest values that can be bought."""
+        values = {}
+        for each, place in zip(self.ranges, point.tolist(), strict=True):
+            value = min(max(math.exp(place), each.low), each.high)
+            values[each.path] = buyable(value, series_of(self.original.design, each.path))
+        return self.evaluate(values)
+
+    def evaluate(self, values: dict[str, float]) -> Candidate:
+        """Try the design with `values`."""
+        trial = self.trials.at(dict(values))
+        if not self.candidates and not trial.outcomes:
+            self.trials.board_at(dict(values))  # raises the error of the scene's own design
+        candidate = _candidate(values, trial)
         self.candidates.append(candidate)
         return candidate
 
-    def descend(self, start: Candidate, centre: Floats, spacing: float) -> None:
-        """Run a simplex from `start` within `REACH` of `centre`; the grid has this `spacing`."""
+    def seed(self) -> None:
+        """Search outwards from the scene's values for a design that passes, key by key.
+
+        The grid may step over a narrow window that this search halves its way into.
+        """
+        for each in self.ranges:
+
+            def accepts(trial: Trial, each: Range = each) -> bool:
+                value = float(trial.changes[each.path])
+                return trial.passes and each.low <= value <= each.high
+
+            found = search_range(self.trials, each.path, accepts)
+            if found is not None and found.found is not None:
+                own = {other.path: other.own for other in self.ranges}
+                value = float(found.found.changes[each.path])
+                self.evaluate(own | {each.path: value})
+
+    def descend(self, start: Candidate, spacings: Sequence[float]) -> None:
+        """Run a simplex from `start`; the grid has these `spacings`."""
         from scipy.optimize import minimize
 
-        x0 = np.log([start.values[path] for path in self.paths])
-        simplex = np.vstack([x0, x0 + 0.5 * spacing * np.eye(len(x0))])
+        x0 = np.log([start.values[each.path] for each in self.ranges])
+        simplex = np.vstack([x0, x0 + 0.5 * np.diag(spacings)])
         options: Any = {"initial_simplex": simplex, "maxfev": EVALUATIONS}
         options |= {"xatol": 1e-3, "fatol": 1e-4}
 
         def objective(point: Floats) -> float:
-            reach = math.log(REACH)
-            return self.objective(self.evaluate(np.clip(point, centre - reach, centre + reach)))
+            return self.objective(self.at(point))
 
         minimize(objective, x0.tolist(), method="Nelder-Mead", options=options)
 
-    def _measure(self, scene: Scene) -> tuple[float, float, bool]:
-        board = LinearBoard(synthesise(scene, self.problem))
-        scales = time_scales(board, initial=scene.analysis.initial)
-        if not np.all(scales.poles.real < 0):
-            return math.inf, math.inf, False
-        if self.margin > 1:
-            found = capacitance_margin(board, self.margin)
-            if found.doubt or found.factor - found.uncertainty < self.margin:
-                return math.inf, math.inf, False
-        plan = plan_transient(scene, board, scales, "statespace")
-        transient, instants = plan.transient, plan.instants(board)
-        if instants is None or len(instants) > MAX_RECORD:
-            return math.inf, math.inf, True
-        waveforms, ideal = simulate(board, transient, times=instants), self._reference(scene)
-        u, band = outputs(board.circuit, waveforms), scene.checks.settling_time.band
-        measured = measure(waveforms.time, u, ideal.target, ideal.start, band=band)
-        settling, reading = math.inf, measured.settling_time
-        if reading is not None:
-            settling = max(reading.value, reading.alternative or 0.0)
-        return settling, max(channel.overshoot for channel in measured.channels), True
 
-    def _reference(self, scene: Scene) -> IdealAnswer:
-        """Return the ideal answer, computed once where the tuned keys do not change it."""
-        if self._ideal is None or not SAME_ANSWER.issuperset(self.paths):
-            network = ideal_network(self.problem, scene)
-            self._ideal = ideal_answer(network, scene)
-        return self._ideal
+def _candidate(values: dict[str, float], trial: Trial) -> Candidate:
+    return Candidate(values, trial.settling_time, trial.overshoot, trial.left, trial.refused)

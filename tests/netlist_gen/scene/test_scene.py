@@ -122,7 +122,12 @@ def test_the_template_is_the_defaults(tmp_path: Path) -> None:
     default = make_scene()
     assert scene.problem == default.problem
     assert scene.analysis == default.analysis
-    assert scene.checks == default.checks
+    limits = scene.checks.steady_state, scene.checks.settling_time
+    assert [limits[0].tolerance, limits[1].band] == [0.01, 0.02]  # what 1 % resistors can keep
+    kept = {"steady_state": default.checks.steady_state}
+    kept["settling_time"] = default.checks.settling_time
+    assert scene.checks.model_copy(update=kept) == default.checks
+    assert scene.tolerances == default.tolerances
     assert make_scalings(scene) == make_scalings(default)
     spelled_out = scene.design.model_copy(update={"resistance": None})
     assert spelled_out == default.design

@@ -1,68 +1,237 @@
-"""The error budget, part by part, on a board whose errors are known."""
+"""The error budget: every part against a solution that is not taction's, and the sum of all."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from typing import Any
 
+import mpmath as mp
 import numpy as np
 import pytest
+from rich.console import Console
+from scipy.optimize import root
 
+from netlist_gen.board.circuit import Circuit
 from netlist_gen.board.synthesis import synthesise
-from tests.support.making import make_scene, matrix_problem
-from verification.ideal.ideal_answer import ideal_answer, ideal_network
-from verification.pipeline.clock import Clock
-from verification.pipeline.design import design_board
-from verification.pipeline.error_budget import error_budget, rounded_network
+from netlist_gen.problem.inverse_problem import InverseProblem
+from netlist_gen.scene.scene import Scene
+from spice_models.array_types import Floats
+from tests.support.making import make_scene, matrix_problem, realised_matrix
+from verification.pipeline.error_chain import ErrorBudget, ErrorChain, ErrorPart
+from verification.report.verdict.budget_table import budget_table
+from verification.report.verdict.json_document import budget_record, verdict_document
+from verification.report.verdict.table import verdict_text
+from verification.verify import Verdict, verify
+
+T = np.array([[1.0, -0.3, 0.05], [0.2, 0.8, 0.1], [0.0, 0.25, 1.1], [0.4, -0.1, 0.3]])
+STRESS = np.array([0.9, 0.3, 0.6])
+EPS = T @ STRESS + np.array([0.01, -0.02, 0.015, 0.0])
+LAM, U0, VE = 0.2, 0.5, 0.1
+POOR = {"base": "ideal", "dc_gain": 2e3, "gbw": "10MHz", "output_resistance": "75ohm"}
+BOARD: dict[str, Any] = {
+    "lambda": LAM,
+    "gain": "100kohm",
+    "unit_conductance": "10uS",
+    "unit_voltage": U0,
+    "capacitance": "470pF",
+    "stray_capacitance": 0,
+    "resistor_series": "E96",
+    "opamp": POOR,
+}
 
 
-def budget(design: dict[str, Any], final: float, stress: float | None = None) -> dict[str, Any]:
-    """One channel with T = 1, lam = 0.5 and eps = 3: the optimum is 2."""
-    design = {"lambda": 0.5, "gain": "1Mohm", "unit_conductance": "1uS", **design}
-    scene = make_scene(design={"unit_voltage": 0.5, "stray_capacitance": 0, **design})
-    problem = matrix_problem([[1.0]], [3.0])
-    if stress is not None:
-        problem = replace(problem, stress=np.array([stress]))
-    board = design_board(scene, Clock(lambda stage: None), problem=problem)
-    ideal, rest = ideal_answer(board.network, scene), board.board.equilibrium
-    parts = error_budget(board, ideal, rest, np.array([final]), 1e-9)
-    return {part.name: part.value for part in parts}
+def problem(*, known: bool) -> InverseProblem:
+    return replace(matrix_problem(T, EPS), stress=STRESS if known else None)
 
 
-def test_every_part_by_hand() -> None:
-    ideal = {"base": "ideal", "dc_gain": 1e13}
-    parts = budget({"opamp": ideal}, final=1.25, stress=3.0)
-    assert parts["ill_posedness"] == pytest.approx((3.0 - 2.0) * 0.5)
-    assert parts["resistors"] == pytest.approx(0.0, abs=1e-15)
-    assert parts["opamps"] == pytest.approx(0.0, abs=1e-9)
-    assert parts["unsettled"] == pytest.approx(0.25, rel=1e-9)
-    assert parts["simulator"] == 1e-9
+def a_scene(amplifier: str = "linear", engine: str = "statespace", **design: Any) -> Scene:
+    slope = {} if amplifier == "linear" else {"exponential_slope": VE}
+    design = {**BOARD, "amplifier": amplifier, **slope, **design}
+    checks = {"steady_state": {"tolerance": 0.5}, "settling_time": {"band": 0.1}}
+    return make_scene(design=design, analysis={"engine": engine, "error": 1e-4}, checks=checks)
 
 
-def test_an_unknown_truth_stays_unknown() -> None:
-    assert budget({}, final=1.0)["ill_posedness"] is None
+def judged(amplifier: str, engine: str = "statespace", *, known: bool = True) -> Verdict:
+    return verify(a_scene(amplifier, engine), problem=problem(known=known))
+
+
+def optimum(matrix: Floats, lam: float, amplifier: str) -> Floats:
+    """Solve in 30 digits (Tikhonov), or by MINPACK for the entropy ``sum u log u``; V."""
+    if amplifier == "linear":
+        with mp.workdps(30):
+            A = mp.matrix(matrix.tolist())
+            u = mp.lu_solve(A.T * A + lam * mp.eye(A.cols), A.T * mp.matrix(EPS.tolist()))
+            return np.array([float(value) for value in u]) * U0
+    found = root(
+        lambda v: 2 * matrix.T @ (matrix @ np.exp(v) - EPS) + lam * (v + 1.0),
+        np.zeros(3),
+        tol=1e-14,
+    )
+    return np.asarray(np.exp(found.x)) * U0
+
+
+def rounded(circuit: Circuit, amplifier: str) -> tuple[Floats, float]:
+    """T and lambda of the resistors of a board, from the formulas of the guide."""
+    ohms = {part.name: part.ohms for part in circuit.resistors}
+    lam = 1.0 / (ohms["r_1"] * ohms["s_1"] * 1e-5**2)
+    if amplifier != "linear":
+        lam *= 2.0 * VE / U0
+    return realised_matrix(circuit), lam
+
+
+@pytest.mark.parametrize("amplifier", ["linear", "exponential"])
+@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("engine", ["statespace", "ngspice"])
+def test_the_parts_add_up_and_each_is_right(
+    amplifier: str, engine: str, known: bool, request: pytest.FixtureRequest
+) -> None:
+    if engine == "ngspice":
+        request.getfixturevalue("ngspice")
+    verdict = judged(amplifier, engine, known=known)
+    parts = {part.name: np.array(part.channels) for part in verdict.budget}
+    assert list(parts) == ["ill_posedness", "resistors", "opamps", "unsettled", "simulator"]
+    best = optimum(T, LAM, amplifier)
+    built = optimum(*rounded(verdict.circuit, amplifier), amplifier)
+    whole = verdict.u[-1] - (STRESS * U0 if known else best)
+    assert verdict.budget.total is not None
+    assert verdict.budget.total.channels == pytest.approx(whole.tolist(), abs=1e-9)
+    assert np.all(np.abs(np.array(verdict.budget.summed) - whole) <= 0.01 * np.abs(whole))
+    if known:
+        assert parts["ill_posedness"] == pytest.approx(best - STRESS * U0, abs=1e-9)
+    assert parts["resistors"] == pytest.approx(built - best, abs=1e-9)
+    assert parts["opamps"] == pytest.approx(verdict.steady.values - built, abs=1e-9)
+    assert np.abs(parts["opamps"]).max() > 1e-4
+    rest = verdict.u[-1] - verdict.steady.values
+    assert parts["unsettled"] + parts["simulator"] == pytest.approx(rest, abs=1e-12)
+    assert np.abs(parts["simulator"]).max() < 1e-4
 
 
 def test_a_finite_gain_is_the_opamps_part() -> None:
-    """Each op-amp's gain error is about its noise gain over A0; five in the loop add up."""
-    parts = budget({"opamp": {"base": "ideal", "dc_gain": 1e4}}, final=1.0)
-    assert 1e-5 < parts["opamps"] < 1e-2
-    ten = budget({"opamp": {"base": "ideal", "dc_gain": 1e5}}, final=1.0)
-    assert parts["opamps"] / ten["opamps"] == pytest.approx(10.0, rel=0.01)
+    """The gain error of each op-amp goes as 1 / A0."""
+    sizes = []
+    for gain in (1e4, 1e5):
+        scene = a_scene(opamp={"base": "ideal", "dc_gain": gain})
+        budget = verify(scene, problem=problem(known=True)).budget
+        sizes.append(next(part.value for part in budget if part.name == "opamps"))
+    assert sizes[0] is not None
+    assert sizes[1] is not None
+    assert sizes[0] / sizes[1] == pytest.approx(10.0, rel=0.01)
 
 
-def test_rounding_is_the_resistors_part() -> None:
-    """G0 = 1.05 µS asks for 952.4 kohm, E24 has 910; s = 1 and R = 1.814 Mohm become 1 and 1.8."""
-    parts = budget({"unit_conductance": "1.05uS", "resistor_series": "E24"}, final=1.0)
-    T, lam = 1e6 / (0.91e6 * 1.05), 1 / (1.8e6 * 1e6 * 1.05e-6**2)
-    assert parts["resistors"] == pytest.approx(abs(3 * T / (T**2 + lam) - 2.0) * 0.5, rel=1e-9)
+def test_exact_resistors_have_no_part_and_no_prediction() -> None:
+    budget = verify(a_scene(resistor_series="exact"), problem=problem(known=True)).budget
+    part = next(part for part in budget if part.name == "resistors")
+    assert part.value is not None
+    assert part.value < 1e-13
+    assert part.predicted == ()
 
 
-def test_the_rounded_network_has_the_boards_own_numbers() -> None:
-    scene = make_scene(design={"resistor_series": "E24", "gain": 6.252e6, "resistance": 1.786e6})
-    problem = matrix_problem([[1.0, -0.3]], [1.0])
-    circuit = synthesise(scene, problem)
-    network = ideal_network(problem, scene)
-    rounded = rounded_network(network, circuit)
-    assert rounded.lam == pytest.approx(1 / (6.2e6 * 1.8e6 * 3.313e-7**2), rel=1e-14)
-    assert pytest.approx(1 / (np.array([[3.0e6, -10.0e6]]) * 3.313e-7)) == rounded.T
+@pytest.mark.parametrize("amplifier", ["linear", "exponential", "softplus"])
+@pytest.mark.parametrize("series", ["E96", "E192"])
+def test_first_order_predicts_the_effect_of_rounding(amplifier: str, series: str) -> None:
+    scene = a_scene(amplifier, resistor_series=series)
+    budget = verify(scene, problem=problem(known=True)).budget
+    part = next(part for part in budget if part.name == "resistors")
+    assert part.value is not None
+    assert np.abs(np.array(part.predicted) - part.channels).max() < 0.1 * part.value
+    assert part.value > 1e-4
+
+
+def test_the_prediction_of_the_passive_topology_has_each_resistor_of_its_own() -> None:
+    """There every R_n has another value, and its own rounding."""
+    design = {"topology": "passive", "opamp": {"base": "ideal", "dc_gain": 1e9}}
+    scene = a_scene(**design, **{"lambda": None, "resistance": "20kohm"})
+    verdict = verify(scene, problem=problem(known=False))
+    values = {part.name: part.ohms for part in verdict.circuit.resistors}
+    assert len({values[f"r_{n}"] for n in (1, 2, 3)}) == 3
+    part = next(part for part in verdict.budget if part.name == "resistors")
+    assert part.value is not None
+    assert np.abs(np.array(part.predicted) - part.channels).max() < 0.1 * part.value
+    # The equations of the network with a conductance of its own for each channel.
+    G = realised_matrix(verdict.circuit) * 1e-5
+    load = np.array([1.0 / values[f"r_{n}"] for n in (1, 2, 3)]) + np.abs(G).sum(axis=0)
+    s = values["s_1"]
+    rest = np.linalg.solve(np.diag(load) + s * G.T @ G, s * G.T @ EPS * 1e-5 * U0)
+    built = verdict.ideal.target + np.array(part.channels)
+    assert built == pytest.approx(rest, rel=1e-9)
+
+
+def test_an_inverter_that_is_off_counts_with_the_resistors() -> None:
+    """A ratio of 1.02 in the inverter of u_1 scales the positive entries of column 1 of T."""
+    scene = a_scene(resistor_series="exact", opamp={"base": "ideal", "dc_gain": 1e12})
+    circuit = synthesise(scene, problem(known=False))
+    parts = tuple(
+        replace(part, ohms=1.02 * part.ohms) if part.name == "a_1_fb" else part
+        for part in circuit.resistors
+    )
+    verdict = verify(scene, problem=problem(known=False), circuit=replace(circuit, resistors=parts))
+    forward = T.copy()
+    forward[:, 0] *= 1.02
+    rest = np.linalg.solve(T.T @ forward + LAM * np.eye(3), T.T @ EPS) * U0
+    part = next(part for part in verdict.budget if part.name == "resistors")
+    assert part.channels == pytest.approx((rest - verdict.ideal.target).tolist(), abs=1e-10)
+    assert part.predicted == pytest.approx(part.channels, rel=0.1, abs=1e-5)
+
+
+def test_limits_are_a_link_of_their_own() -> None:
+    """At the large-signal level the clamps move the rest a little."""
+    opamp = {"base": "ua741", "level": "large-signal"}
+    design = {"opamp": opamp, "unit_voltage": "4V", "resistor_series": "exact"}
+    budget = verify(a_scene(**design), problem=problem(known=True)).budget
+    parts = {part.name: part for part in budget}
+    assert list(parts)[1:4] == ["resistors", "opamps", "limits"]
+    assert parts["limits"].value is not None
+    assert 0.0 < parts["limits"].value < 1e-3
+    whole = np.array(budget.total.channels) if budget.total else np.zeros(3)
+    assert np.all(np.abs(np.array(budget.summed) - whole) <= 0.01 * np.abs(whole))
+
+
+def test_an_unstable_board_has_no_second_solution() -> None:
+    slow = {"base": "ideal", "dc_gain": 1e5, "gbw": "200kHz", "second_pole": "300kHz"}
+    verdict = verify(a_scene(opamp=slow, capacitance="1pF"), problem=problem(known=False))
+    parts = {part.name: part for part in verdict.budget}
+    assert not verdict.poles.stable
+    assert parts["ill_posedness"].value is None
+    assert parts["ill_posedness"].channels == ()
+    assert verdict.budget.total is not None
+    assert verdict.budget.summed == pytest.approx(verdict.budget.total.channels, rel=1e-9)
+
+
+def test_a_solution_that_fails_says_so_and_the_next_part_contains_it() -> None:
+    from spice_models.errors import EngineError
+
+    def fails() -> Floats:
+        raise EngineError("no equilibrium")
+
+    chain = ErrorChain(np.array([1.0, 2.0]))
+    chain.solve("a", "first against second", fails)
+    chain.link("b", "third", np.array([1.5, 1.0]))
+    assert chain.parts[0] == ErrorPart("a", None, "first against second: no equilibrium")
+    assert chain.parts[1].channels == (0.5, -1.0)
+    assert ErrorBudget(tuple(chain.parts)).summed == (0.5, -1.0)
+
+
+def test_table_and_document_have_every_part_the_sum_and_the_total() -> None:
+    verdict = judged("linear")
+    record = verdict_document(verdict)["error_budget"]
+    total = record["total"]
+    assert total["sum"] == pytest.approx(total["channels"], rel=1e-9)
+    assert total["solves"] == 2  # the board as built with ideal op-amps, and the sensitivities
+    assert verdict.timing["error budget"] > 0.0
+    added = np.sum([record[part.name]["channels"] for part in verdict.budget], axis=0)
+    assert added == pytest.approx(np.array(total["sum"]), rel=1e-12)
+    assert record["resistors"]["predicted"] == pytest.approx(
+        record["resistors"]["channels"], rel=0.1, abs=2e-5
+    )
+    assert record["simulator"]["bound"] > 0.0
+    text = verdict_text(verdict)
+    assert "first order predicts" in text
+    assert "error budget: 2 solutions of its own" in text
+
+
+def test_a_budget_without_details_is_empty() -> None:
+    console = Console(width=100)
+    with console.capture() as captured:
+        console.print(budget_table(ErrorBudget(), 0.0))
+    assert "channel" not in captured.get()
+    assert budget_record(ErrorBudget()) == {}

@@ -91,6 +91,27 @@ def test_an_output_stops_at_its_swing() -> None:
         assert 8.5 < -out < 9.0
 
 
+@pytest.mark.usefixtures("ngspice")
+def test_an_output_gives_its_largest_current() -> None:
+    """Into 100 ohm 20 mA are 2 V; the board asks for 10 V."""
+    loaded = replace(
+        stage(), resistors=(*stage().resistors, Resistor("load", "amp", GROUND, 100.0))
+    )
+    model = replace(loaded.models["ua741"], limits_current=True, output_current=20e-3)
+    loaded, stop = replace(loaded, models={"ua741": model}), 60e-6
+    times = np.linspace(0.0, stop, 2001)
+    exact = by_state_space(LinearBoard(loaded), Transient(stop, stop / 2000), times=times)
+    cell = opamp_subcircuit(model, noninverting_grounded=True, supply=15.0)
+    cards = [*str(cell).splitlines(), "Xone 0 sum amp ua741", "Rload amp 0 100.0"]
+    cards += [f"Rf amp sum {OHMS!r}", "Rg sum 0 10000.0", f"Istep 0 sum {STEP!r}"]
+    deck = transient(*cards, saved=("amp",), stop=stop, step=stop / 20_000)
+    simulated = by_ngspice(deck, find_simulator(), timeout=60.0)
+    for wave in (exact, simulated):
+        assert wave["amp"][-1] == pytest.approx(-20e-3 * 100.0, rel=2e-3)
+    apart = np.interp(exact.time, simulated.time, simulated["amp"]) - exact["amp"]
+    assert float(np.abs(apart).max()) < 1e-4 * 2.0
+
+
 def built(scene: Scene, level: str = "auto") -> LinearBoard:
     scene = with_values(scene, {"design.opamp.level": level})
     return design_board(scene, Clock(lambda stage: None)).board
@@ -145,9 +166,50 @@ def test_a_board_within_its_limits_stays_linear() -> None:
     assert not built(scene, "large-signal").circuit.is_linear
 
 
-def test_a_board_of_followers_has_no_large_signal_level() -> None:
-    scene = make_scene(design={"topology": "passive", "opamp": "ua741"})
-    assert built(scene, "large-signal").circuit.is_linear
+@pytest.mark.usefixtures("ngspice")
+def test_both_engines_agree_on_followers_that_slew() -> None:
+    design = {
+        "topology": "passive",
+        "opamp": "ua741",
+        "capacitance": "1nF",
+        "unit_voltage": "5V",
+        "lambda": 10.0,
+    }
+    scene = make_scene(design=design, analysis={"error": 5e-5})
+    verdict = verify(scene.with_engine("ngspice"))
+    agree = named(verdict, "engines_agree")
+    assert not verdict.circuit.is_small_signal
+    assert agree.value is not None
+    assert agree.value < 1e-4
+
+
+@pytest.mark.usefixtures("ngspice")
+@pytest.mark.parametrize(
+    ("channels", "figures", "reason"),
+    [
+        (3, {"output_current": "0.1mA"}, "and largest output current"),
+        (20, {}, "slew rate and swing"),  # 640 unknowns
+    ],
+)
+def test_both_engines_agree_beyond_a_current_and_on_large_boards(
+    channels: int, figures: dict[str, str], reason: str
+) -> None:
+    design = {
+        "opamp": {"base": "ua741", **figures},
+        "capacitance": "100pF",
+        "gain": "1Mohm",
+        "unit_conductance": "1uS",
+        "lambda": 1.0,
+        "unit_voltage": "5V",
+    }
+    problem = {"channels": channels, "span": 6.0 * channels / 7}
+    scene = make_scene(problem, design=design, analysis={"error": 5e-5})
+    verdict = verify(scene.with_engine("ngspice"))
+    agree = named(verdict, "engines_agree")
+    assert reason in named(verdict, "headroom").reason
+    assert verdict.outcome is Outcome.PASS
+    assert agree.value is not None
+    assert agree.value < 1e-4
 
 
 @pytest.mark.usefixtures("ngspice")

@@ -11,7 +11,7 @@ from netlist_gen.problem.inverse_problem import make_problem
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from tests.support.making import make_scene
-from verification.pipeline.error_budget import ErrorPart
+from verification.pipeline.error_chain import ErrorPart
 from verification.report.verdict.json_document import verdict_document
 
 PRUNE = 0.03  # the two corners of the kernel, 0.0256 of its largest entry

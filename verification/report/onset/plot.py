@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from spice_models.array_types import Floats
-from verification.report.verdict.plots import figure_file
+from verification.report.picture import BLUE, GREY, ORANGE, figure_file
 from verification.small_signal.scan_result import Sample
 from verification.studies.onset.onset import Onset
 
@@ -25,7 +25,12 @@ SHORT = 15.0  # ratio of the ends below which a logarithmic axis has labels betw
 MAX_DAMPING = 0.5  # damping ratio up to which a mode is on the pictures
 NEAR = 6  # modes of each sample, nearest the imaginary axis, that set the limits of the pictures
 UPPER_LEFT: dict[str, Any] = {"xytext": (0, -3), "textcoords": "offset points", "va": "top"}
-STATES = {True: ("C2", "confirmed"), None: ("C1", "undecided"), False: ("C3", "contradicted")}
+# colour, line and word of a crossing that the transients confirm, leave open, or contradict
+STATES = {
+    True: (BLUE, "--", "confirmed"),
+    None: (GREY, ":", "undecided"),
+    False: (ORANGE, "-.", "contradicted"),
+}
 
 Modes = tuple[Floats, Floats, Floats]  # value on the axis, real and imaginary part of the pole
 
@@ -36,7 +41,7 @@ def plot_onset(onset: Onset, path: str) -> None:
     Raises
     ------
     InputError
-        See `verification.report.verdict.plots.figure_file`.
+        See `verification.report.picture.figure_file`.
     """
     samples = [sample for sample in onset.scan.samples if not sample.failure]
     modes = _ringing(samples)
@@ -93,10 +98,10 @@ def _pole_map(
     norm = (LogNorm if onset.scan.logarithmic else Normalize)(samples[0].value, samples[-1].value)
     _damping_lines(axes, left, right, top, size)
     axes.axvline(0.0, color="k", lw=1)
-    axes.axvspan(0.0, right / size, color="C3", alpha=0.06, lw=0)
+    axes.axvspan(0.0, right / size, fc="none", ec=ORANGE, hatch="//", alpha=0.3, lw=0)
     dots = axes.scatter(real / size, imag / size, c=value, s=9, norm=norm, cmap="viridis", zorder=3)
     for each in onset.findings:
-        axes.plot(0.0, each.crossing.pole.imag / size, "o", mfc="none", mec="C3", ms=9, zorder=4)
+        axes.plot(0.0, each.crossing.pole.imag / size, "o", mfc="none", mec=ORANGE, ms=9, zorder=4)
     axes.set(xlim=(left / size, right / size), ylim=(0.0, top / size), title="pole map")
     axes.set(xlabel=f"real part ({unit}/s)", ylabel=f"imaginary part ({unit}rad/s)")
     label = onset.axis.name + (f" ({onset.axis.key.unit})" if onset.axis.key.unit else "")
@@ -136,10 +141,10 @@ def _over(axes: Axes, onset: Onset) -> None:
     _engineering(axes.xaxis, unit, low, high)
     axes.set_xlim(low, high)
     for low, high in onset.scan.stable_ranges:
-        axes.axvspan(low, high, color="C2", alpha=0.08, lw=0)
+        axes.axvspan(low, high, color=BLUE, alpha=0.08, lw=0)
     for each in onset.findings:
-        colour, _ = STATES[each.confirmation.confirmed]
-        axes.axvline(each.crossing.value, color=colour, lw=1, ls="--")
+        colour, line, _ = STATES[each.confirmation.confirmed]
+        axes.axvline(each.crossing.value, color=colour, lw=1.2, ls=line)
 
 
 def _damping(axes: Axes, onset: Onset, modes: Modes) -> None:
@@ -147,15 +152,15 @@ def _damping(axes: Axes, onset: Onset, modes: Modes) -> None:
     zeta = -real / np.hypot(real, imag)
     _over(axes, onset)
     axes.axhline(0.0, color="k", lw=1)
-    axes.plot(value, zeta, ".", ms=3, color="C0")
+    axes.plot(value, zeta, ".", ms=3, color="k")
     reach = 3.0 * float(np.percentile(np.abs(zeta), 50)) if len(zeta) else 0.1
     reach = min(max(reach, 1e-3), MAX_DAMPING)
     axes.set(ylim=(-reach, reach), ylabel="damping ratio (below 0: grows)", title="root locus")
     legend: list[Any] = []
-    for state, (colour, text) in STATES.items():
+    for state, (colour, line, text) in STATES.items():
         if any(each.confirmation.confirmed is state for each in onset.findings):
-            legend += axes.plot([], [], color=colour, ls="--", lw=1, label=f"crossing, {text}")
-    legend.append(axes.axvspan(np.nan, np.nan, color="C2", alpha=0.2, lw=0, label="stable"))
+            legend += axes.plot([], [], color=colour, ls=line, lw=1.2, label=f"crossing, {text}")
+    legend.append(axes.axvspan(np.nan, np.nan, color=BLUE, alpha=0.2, lw=0, label="stable"))
     axes.legend(handles=legend, fontsize="x-small", loc="upper right")
 
 
@@ -164,8 +169,8 @@ def _frequency(axes: Axes, onset: Onset, modes: Modes) -> None:
     _over(axes, onset)
     hertz = imag / (2.0 * math.pi)
     stable = real < 0.0
-    axes.plot(value[stable], hertz[stable], ".", ms=3, color="C0", label="decays")
-    axes.plot(value[~stable], hertz[~stable], ".", ms=3, color="C3", label="grows")
+    axes.plot(value[stable], hertz[stable], ".", ms=3, color=BLUE, label="decays")
+    axes.plot(value[~stable], hertz[~stable], "^", ms=3, color=ORANGE, label="grows")
     for crossing in (each.crossing for each in onset.findings if each.crossing.frequency):
         axes.plot(crossing.value, crossing.frequency, "o", mfc="none", mec="k", ms=7)
     if len(hertz) and hertz.max() > 5.0 * hertz.min():

@@ -7,7 +7,7 @@ import io
 import math
 from typing import TYPE_CHECKING
 
-from verification.report.verdict.plots import new_figure
+from verification.report.picture import new_figure
 from verification.studies.paper.pictures import Panel, Picture
 
 if TYPE_CHECKING:

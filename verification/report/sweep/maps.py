@@ -1,121 +1,141 @@
-"""Pictures of a sweep: curves over one axis, maps over two, with the stability boundary."""
+"""Maps of a sweep over two axes, and small maps for each value of a third axis."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from netlist_gen.overrides.axes import Axis
 from spice_models.array_types import Floats
-from spice_models.errors import Complaint, InputError
-from verification.report.sweep.files import OUTCOMES, grids
-from verification.report.verdict.plots import check_plot_file, figure_file
-from verification.studies.figures import FIGURES
-from verification.studies.sweep.plan import Plan
-from verification.studies.sweep.store import Store
+from verification.report.sweep.panels import PANELS, Kind, Panel, kinds_of
+from verification.report.sweep.rulers import Ruler, prefixes, tick
+from verification.studies.sweep.boundary import Boundary
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-COLOURS = ("#59a14f", "#e15759", "#edc948", "#b07aa1")  # of OUTCOMES
-MARKERS = ("o", "x", "^", "s")  # of OUTCOMES, for the second engine
-LINES = {"ngspice": ("o", "C1", 7.0), "statespace": ("-", "C0", 4.0)}
+MARKERS = {"pass": "o", "fail": "x", "inconclusive": "^", "error": "s"}  # of the other engine
 MOST_MARKERS = 2500  # above, marks would overlap
+MOST_MAPS = 6  # small maps beside each other
+SOLVED = "black: stability boundary, solved between the points (a pole crosses the imaginary axis)"
+INTERPOLATED = "black: stability boundary, interpolated, since {why}"
+Words = np.ndarray[Any, Any]
 
 
-@dataclass(frozen=True, slots=True)
-class Panel:
-    """One panel: a figure of the records, its title, its factor and the kind of its scale."""
+def draw_maps(
+    figure: Figure,
+    axes_of_plan: tuple[Axis, Axis],
+    data: dict[str, Any],
+    names: Words,
+    boundary: Boundary,
+    engines: tuple[str, ...],
+) -> None:
+    """Draw the figures of `PANELS` and what fails over two axes.
 
-    name: str
-    title: str
-    factor: float
-    scale: str
-
-    @property
-    def unit(self) -> str:
-        """Unit of the figure."""
-        return FIGURES[self.name].unit
-
-
-PANELS = (
-    Panel("settling_time", "settling time", 1.0, "log"),
-    Panel("overshoot", "overshoot (% of the step)", 100.0, "linear"),
-    Panel("undershoot", "undershoot (% of the step)", 100.0, "linear"),
-    Panel("steady_state_error", "steady-state error (% of the step)", 100.0, "log"),
-    Panel("growth_rate", "rightmost pole, real part (1/s)", 1.0, "symlog"),
-)
-
-
-def check_sweep_plot(plan: Plan, path: str) -> None:
-    """Refuse a picture that could not be drawn, before any work is done.
-
-    Raises
-    ------
-    InputError
-        More than two axes, or see `verification.report.verdict.plots.check_plot_file`.
+    `data` and `names` have the shape of the grid, and the engine last.
     """
-    check_plot_file(path)
-    if len(plan.groups) > 2:
-        text = (
-            f"{len(plan.groups)} axes; a picture has one or two axes, --export writes all of them"
-        )
-        raise InputError("--plot", Complaint("FILE", repr(path), text))
-
-
-def plot_sweep(plan: Plan, store: Store, path: str) -> None:
-    """Draw the figures of `PANELS` and the outcome over the grid.
-
-    Raises
-    ------
-    InputError
-        See `check_sweep_plot`; or the file cannot be written.
-    """
-    check_sweep_plot(plan, path)
-    title = f"{plan.scene.name}: {plan.points} points, {' and '.join(plan.engines)}"
-    with figure_file(path, 16.0, 8.2, title) as figure:
-        data = grids(plan, store)
-        for name in ("overshoot", "undershoot"):  # of a growing record: depends on its length
-            data[name][data["growth_rate"] > 0.0] = np.nan
-        draw = _maps if len(plan.groups) == 2 else _curves
-        draw(figure, plan, data)
-
-
-def _maps(figure: Figure, plan: Plan, data: dict[str, Any]) -> None:
-    panels = figure.subplots(2, 3)
-    across, down = (_Ruler(group[0]) for group in plan.groups)
+    across, down = (Ruler(axis) for axis in axes_of_plan)
     data = {name: array.swapaxes(0, 1) for name, array in data.items()}  # the first axis is x
-    growth = data["growth_rate"][..., -1]
+    panels = figure.subplots(2, 3)
     for axes, quantity in zip(panels.flat, PANELS, strict=False):
         _map(figure, axes, quantity, data[quantity.name][..., -1], (across, down))
-    _outcomes(panels.flat[-1], plan, data["outcome"], data["agreement"], (across, down))
+    last = panels.flat[-1]
+    kinds = kinds_of(names.ravel().tolist())
+    _results(last, names.swapaxes(0, 1)[..., -1], kinds, (across, down))
+    handles = _handles(kinds)
+    if len(engines) == 2:
+        handles += _marks(last, names.swapaxes(0, 1)[..., 0], engines[0], (across, down))
+        last.set_title(f"outcome{_disagreements(data['agreement'])}")
+    figure.legend(handles=handles, fontsize="small", loc="outside right lower")
     for axes in panels.flat:
-        across.mark(axes, "x")
-        down.mark(axes, "y")
-        axes.grid(visible=False)
-        if np.nanmin(growth, initial=0.0) < 0.0 < np.nanmax(growth, initial=0.0):
-            axes.contour(across.places, down.places, growth, [0.0], colors="k", linewidths=2.0)
-    text = "black line: stability boundary (a pole crosses the imaginary axis); grey: no value"
-    if len(plan.engines) == 2:
-        text += "\noutcome: squares are the state-space engine's verdicts, marks on them ngspice's"
+        _finish(axes, across, down, boundary, data["growth_rate"][..., -1])
+    text = f"{boundary_text(boundary)}; grey: no value"
+    if len(engines) == 2:
+        text += "\noutcome: cells are the state-space engine's verdicts, marks ngspice's"
     figure.supxlabel(text, fontsize="small")
 
 
-def _map(
-    figure: Figure, axes: Axes, quantity: Panel, values: Floats, rulers: tuple[_Ruler, _Ruler]
+def draw_multiples(
+    figure: Figure,
+    axes_of_plan: tuple[Axis, Axis, Axis],
+    data: dict[str, Any],
+    names: Words,
+    boundaries: list[Boundary],
+    chosen: list[int],
 ) -> None:
+    """Draw settling time and what fails over two axes, for the `chosen` values of the third."""
+    *plane, third = axes_of_plan
+    across, down = (Ruler(axis) for axis in plane)
+    panels = figure.subplots(2, len(chosen), squeeze=False, sharex=True, sharey=True)
+    kinds = kinds_of(names[:, :, chosen].ravel().tolist())
+    shared = PANELS[0].factor * data[PANELS[0].name][:, :, chosen, -1]
+    write = prefixes(third.key.unit)
+    for place, (upper, lower) in enumerate(panels.T):
+        k, value = chosen[place], third.values[chosen[place]]
+        growth = data["growth_rate"][:, :, k, -1].T
+        limits = (float(np.nanmin(shared)), float(np.nanmax(shared))) if _any(shared) else None
+        mesh = _mesh(upper, PANELS[0], shared[:, :, place].T, (across, down), limits)
+        if mesh is not None and place == len(chosen) - 1:
+            _bar(figure, panels[0].tolist(), PANELS[0], mesh, limits or (1.0, 1.0))
+        _results(lower, names[:, :, k, -1].T, kinds, (across, down))
+        for axes in (upper, lower):
+            _finish(axes, across, down, boundaries[place], growth)
+            axes.label_outer()
+        words = write(value) if isinstance(value, float) else str(value)
+        upper.set_title(f"{third.name} = {words}")
+    panels[0, 0].set_ylabel(f"settling time\n{down.axis.name}")
+    panels[1, 0].set_ylabel(f"outcome\n{down.axis.name}")
+    figure.legend(handles=_handles(kinds), fontsize="small", loc="outside right lower")
+    shown = f"{len(chosen)} of {len(third)} values of {third.name}; "
+    text = (shown if len(chosen) < len(third) else "") + boundary_text(boundaries[0])
+    figure.supxlabel(f"{text}; grey: no value", fontsize="small")
+
+
+def boundary_text(boundary: Boundary) -> str:
+    """Return what the black line is."""
+    return INTERPOLATED.format(why=boundary.unsolved) if boundary.unsolved else SOLVED
+
+
+def _any(values: Floats) -> bool:
+    return bool(np.isfinite(values).any())
+
+
+def _map(
+    figure: Figure, axes: Axes, quantity: Panel, values: Floats, rulers: tuple[Ruler, Ruler]
+) -> None:
+    axes.set_title(quantity.title)
+    shown = quantity.factor * values
+    mesh = _mesh(axes, quantity, shown, rulers, None)
+    if mesh is not None:
+        _bar(figure, [axes], quantity, mesh, (float(np.nanmin(shown)), float(np.nanmax(shown))))
+
+
+def _bar(
+    figure: Figure, axes: list[Axes], quantity: Panel, mesh: Any, limits: tuple[float, float]
+) -> None:
+    bar = figure.colorbar(mesh, ax=axes, pad=0.015)
+    if quantity.scale == "log":
+        tick(bar.ax.yaxis, quantity.unit, *limits)
+
+
+def _mesh(
+    axes: Axes,
+    quantity: Panel,
+    values: Floats,
+    rulers: tuple[Ruler, Ruler],
+    limits: tuple[float, float] | None,
+) -> Any:
+    """Draw the cells of a quantity; return None where no cell has a value."""
     from matplotlib.colors import LogNorm, Normalize, SymLogNorm
 
-    shown = np.ma.masked_invalid(quantity.factor * values)
+    shown = np.ma.masked_invalid(values)
     axes.set_facecolor("0.85")
-    axes.set_title(quantity.title)
     if not shown.count():
         axes.text(0.5, 0.5, "nowhere", transform=axes.transAxes, ha="center")
-        return
-    low, high = float(shown.min()), float(shown.max())
+        return None
+    low, high = limits or (float(shown.min()), float(shown.max()))
     if quantity.scale == "log":
         norm: Any = LogNorm(low, max(high, low * 1.01))
     elif quantity.scale == "symlog":
@@ -123,133 +143,80 @@ def _map(
         norm = SymLogNorm(1e-3 * reach, vmin=-reach, vmax=reach)
     else:
         norm = Normalize(low, max(high, low + 1e-12))
-    colours = "RdBu_r" if quantity.scale == "symlog" else "viridis"
+    colours = "PuOr_r" if quantity.scale == "symlog" else "viridis"
     across, down = rulers
-    mesh = axes.pcolormesh(across.edges, down.edges, shown, norm=norm, cmap=colours)
-    bar = figure.colorbar(mesh, ax=axes)
-    if quantity.scale == "log":
-        _tick(bar.ax.yaxis, quantity.unit, low, high)
+    return axes.pcolormesh(across.edges, down.edges, shown, norm=norm, cmap=colours)
 
 
-def _outcomes(
-    axes: Axes,
-    plan: Plan,
-    outcome: np.ndarray[Any, Any],
-    agreement: np.ndarray[Any, Any],
-    rulers: tuple[_Ruler, _Ruler],
+def _results(
+    axes: Axes, names: Words, kinds: tuple[Kind, ...], rulers: tuple[Ruler, Ruler]
 ) -> None:
-    """Fill the cells with the verdicts of the last engine; marks show those of the first engine."""
+    """Fill the cells with the colour and the hatching of their kind."""
     from matplotlib.colors import ListedColormap
+
+    across, down = rulers
+    axes.set_facecolor("white")
+    axes.set_title("outcome")
+    for kind in kinds:
+        cells = np.ma.masked_not_equal((names == kind.name).astype(np.int8), 1)
+        if cells.count():
+            axes.pcolor(
+                across.edges, down.edges, cells, cmap=ListedColormap([kind.colour]),
+                hatch=kind.hatch, edgecolor=("white" if kind.hatch else "none"), linewidth=0.0,
+            )  # fmt: skip
+
+
+def _handles(kinds: tuple[Kind, ...]) -> list[Any]:
     from matplotlib.patches import Patch
 
-    across, down = rulers
-    shown = np.ma.masked_less(outcome[..., -1], 0)
-    colours = ListedColormap(COLOURS)
-    axes.set_facecolor("white")
-    axes.pcolormesh(across.edges, down.edges, shown, cmap=colours, vmin=-0.5, vmax=3.5)
-    present = [k for k in range(len(OUTCOMES)) if np.any(outcome == k)]
-    handles: list[Any] = [Patch(color=COLOURS[k], label=OUTCOMES[k]) for k in present]
-    if len(plan.engines) == 2 and shown.size <= MOST_MARKERS:
-        x, y = np.meshgrid(across.places, down.places)
-        for k in present:
-            cells = outcome[..., 0] == k
-            size = max(4.0, min(40.0, 6e3 / shown.size))
-            marks = axes.scatter(x[cells], y[cells], size, c="k", marker=MARKERS[k], linewidths=0.8)
-            marks.set_label(f"{plan.engines[0]}: {OUTCOMES[k]}")
-            handles.append(marks)
-    axes.set_title(f"outcome{_disagreements(agreement)}" if len(plan.engines) == 2 else "outcome")
-    axes.legend(handles=handles, fontsize="x-small", loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    return [
+        Patch(facecolor=kind.colour, hatch=kind.hatch, edgecolor="white", label=kind.name)
+        for kind in kinds
+    ]
+
+
+def _marks(axes: Axes, names: Words, engine: str, rulers: tuple[Ruler, Ruler]) -> list[Any]:
+    """Mark the outcomes of the other engine on the cells."""
+    if names.size > MOST_MARKERS:
+        return []
+    x, y = np.meshgrid(rulers[0].places, rulers[1].places)
+    size, marks = max(4.0, min(40.0, 6e3 / names.size)), []
+    for outcome, marker in MARKERS.items():
+        cells = np.array([[name.startswith(outcome) for name in row] for row in names], np.bool_)
+        if cells.any():
+            label = f"{engine}: {outcome}"
+            marks.append(
+                axes.scatter(x[cells], y[cells], size, c="k", marker=marker, lw=0.8, label=label)
+            )
+    return marks
 
 
 def _disagreements(agreement: np.ndarray[Any, Any]) -> str:
-    count = int((agreement[..., 0] == OUTCOMES.index("fail")).sum())
+    count = int((agreement[..., 0] == 1).sum())
     return f", the engines disagree at {count} points" if count else ", the engines agree"
 
 
-def _curves(figure: Figure, plan: Plan, data: dict[str, Any]) -> None:
-    panels = figure.subplots(2, 3, sharex=True)
-    ruler = _Ruler(plan.groups[0][0])
-    unstable = np.nanmax(data["growth_rate"], axis=-1, initial=-np.inf) > 0.0
-    for axes, quantity in zip(panels.flat, PANELS, strict=False):
-        for k, engine in enumerate(plan.engines):
-            style, colour, size = LINES[engine]
-            values = quantity.factor * data[quantity.name][..., k]
-            style = style if len(ruler.places) > 1 else "o"
-            axes.plot(ruler.places, values, style, color=colour, ms=size, mfc="none", label=engine)
-        axes.set_title(quantity.title)
-        if quantity.scale == "symlog":
-            largest = float(np.nanmax(np.abs(data[quantity.name]), initial=1.0))
-            axes.set_yscale("symlog", linthresh=1e-3 * largest)
-            axes.axhline(0.0, color="k", lw=1.0)
-        elif quantity.scale == "log" and np.isfinite(data[quantity.name]).any():
-            axes.set_yscale("log")
-            ends = (float(limit(data[quantity.name])) for limit in (np.nanmin, np.nanmax))
-            _tick(axes.yaxis, quantity.unit, *ends)
-    _strip(panels.flat[-1], plan, data["outcome"], ruler)
-    for axes in panels.flat:
-        ruler.mark(axes, "x")
-        for left, right in zip(ruler.edges[:-1][unstable], ruler.edges[1:][unstable], strict=True):
-            axes.axvspan(left, right, color="C3", alpha=0.12, lw=0.0, zorder=0)
-    panels.flat[0].legend(fontsize="small")
-    figure.supxlabel("red: unstable by its poles", fontsize="small")
+def _finish(axes: Axes, across: Ruler, down: Ruler, boundary: Boundary, growth: Floats) -> None:
+    """Draw the boundary and the ticks."""
+    from matplotlib.collections import LineCollection
+
+    across.mark(axes, "x")
+    down.mark(axes, "y")
+    axes.grid(visible=False)
+    if boundary.unsolved:
+        if np.nanmin(growth, initial=0.0) < 0.0 < np.nanmax(growth, initial=0.0):
+            axes.contour(across.places, down.places, growth, [0.0], colors="k", linewidths=2.0)
+        return
+    axes.add_collection(LineCollection(list(boundary.segments), colors="k", linewidths=2.0))
+    if not boundary.segments:  # an axis is a list: a mark across each of its cells
+        ends = [_across_the_cell(point, across, down) for point in boundary.points]
+        axes.add_collection(LineCollection(ends, colors="k", linewidths=2.0))
 
 
-def _strip(axes: Axes, plan: Plan, outcome: np.ndarray[Any, Any], ruler: _Ruler) -> None:
-    for k, name in enumerate(OUTCOMES):
-        rows, columns = np.nonzero(outcome == k)
-        if rows.size:
-            places, colour, mark = ruler.places[rows], COLOURS[k], MARKERS[k]
-            axes.scatter(places, columns, 30, c=colour, marker=mark, label=name)
-    axes.set(title="outcome", ylim=(-0.6, len(plan.engines) - 0.4))
-    axes.set_yticks(range(len(plan.engines)), plan.engines)
-    axes.legend(fontsize="small", loc="best")
-
-
-class _Ruler:
-    """Positions (n,) of the values of an axis, and edges (n + 1,) of the cells around them.
-
-    Numbers stand at their values; words and lists stand one after the other.
-    """
-
-    def __init__(self, axis: Axis) -> None:
-        self.axis = axis
-        self.by_value = axis.key.kind != "choice" and axis.scale != "list"
-        self.log = self.by_value and axis.scale == "log"
-        values = axis.values if self.by_value else range(len(axis))
-        self.places: Floats = np.array([float(value) for value in values])
-        inner = np.log(self.places) if self.log else self.places
-        half = 0.5 * np.diff(inner) if len(inner) > 1 else np.array([0.5])
-        ends = np.concatenate([[inner[0] - half[0]], inner[:-1] + half, [inner[-1] + half[-1]]])
-        ends = ends if len(inner) > 1 else np.array([inner[0] - 0.5, inner[0] + 0.5])
-        self.edges: Floats = np.exp(ends) if self.log else ends
-
-    def mark(self, axes: Axes, which: str) -> None:
-        """Set scale, label and ticks of the x or the y axis."""
-        label: dict[str, Any] = {f"{which}label": self.axis.name}
-        if self.log:
-            label[f"{which}scale"] = "log"
-        axes.set(**label)
-        if self.by_value:
-            ruler = axes.xaxis if which == "x" else axes.yaxis
-            _tick(ruler, self.axis.key.unit, self.edges[0], self.edges[-1] if self.log else 0.0)
-        else:
-            write = _prefixes(self.axis.key.unit)
-            names = [write(v) if isinstance(v, float) else str(v) for v in self.axis.values]
-            (axes.set_xticks if which == "x" else axes.set_yticks)(self.places, names)
-
-
-def _tick(ruler: Any, unit: str, low: float, high: float) -> None:
-    """Write values with SI prefixes, at 1, 2 and 5 of each decade if there are few decades."""
-    from matplotlib.ticker import LogLocator, NullFormatter
-
-    ruler.set_major_formatter(_prefixes(unit))
-    if high > 0.0:
-        short = high < 300.0 * low
-        ruler.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if short else (1.0,)))
-        ruler.set_minor_formatter(NullFormatter())
-
-
-def _prefixes(unit: str) -> Any:
-    from matplotlib.ticker import EngFormatter, StrMethodFormatter
-
-    return EngFormatter(unit.replace("ohm", "Ω")) if unit else StrMethodFormatter("{x:g}")
+def _across_the_cell(
+    point: tuple[float, float], across: Ruler, down: Ruler
+) -> list[tuple[float, float]]:
+    x, y = point
+    if across.by_value:
+        return [(x, y - 0.5), (x, y + 0.5)]
+    return [(x - 0.5, y), (x + 0.5, y)]

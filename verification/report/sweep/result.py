@@ -11,7 +11,7 @@ from typing import Any
 from spice_models.errors import Complaint, InputError
 from verification.report.sweep.agreement import AgreementSummary, summarise
 from verification.report.sweep.files import dataset, frame
-from verification.report.sweep.maps import plot_sweep
+from verification.report.sweep.plot import plot_sweep
 from verification.report.sweep.records import records
 from verification.studies.sweep.plan import Plan
 from verification.studies.sweep.run import SweepCounts

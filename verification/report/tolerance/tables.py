@@ -10,10 +10,14 @@ from rich.table import Table
 from netlist_gen.quantities import UNITS
 from verification.report.tables import make_table, spaced, value_text
 from verification.studies.tolerance.corners import Corner
+from verification.studies.tolerance.remedy import Remedy
+from verification.studies.tolerance.steady_directions import Direction
 from verification.studies.tolerance.varied_board import Quantity
 from verification.studies.tolerance.yield_report import Spread, YieldReport
 
 TOP = 10  # sensitivities in the table; JSON has them all
+SHOWN = 4  # worst-case directions in the table; JSON has them all
+DIRECTION = ("channel", "sign", "predicted", "solved", "largest", "deviations")  # in JSON
 REASONS = 3  # for samples without verdict, the most frequent first
 
 
@@ -36,6 +40,28 @@ def print_yield(report: YieldReport, seed: int) -> None:
     console.print(_spreads(report.quantities))
     if report.sensitivities:
         console.print(_sensitivities(report))
+    if report.remedy is not None:
+        console.print(_remedy(report.remedy), markup=False, soft_wrap=True)
+
+
+def _remedy(remedy: Remedy) -> str:
+    """Return what to buy better, and the yield with it."""
+    wanted = _percent(remedy.target)
+    if not remedy.what:
+        return (
+            f"no resistor or capacitor that is sold better brings the yield closer to {wanted}: the"
+            " failures have other causes"
+        )
+    text = f"{remedy.what}: yield {_percent(remedy.fraction)}"
+    if remedy.predicted < remedy.target:
+        text = f"nothing that is sold better gives {wanted}; best: {text}"
+    if not remedy.samples:
+        return f"{text}, predicted from the samples"
+    return (
+        f"{text}, predicted {_percent(remedy.predicted)}; {remedy.passed} of the first"
+        f" {remedy.samples} samples pass with these parts, 95 % interval {_percent(remedy.low)} to"
+        f" {_percent(remedy.high)}"
+    )
 
 
 def print_corners(corners: tuple[Corner, ...], quantities: tuple[Quantity, ...]) -> None:
@@ -60,6 +86,24 @@ def print_corners(corners: tuple[Corner, ...], quantities: tuple[Quantity, ...])
         )
         if any(remarks):
             console.print(f"{_name(corner)}: {'; '.join(filter(None, remarks))}", markup=False)
+
+
+def print_directions(directions: tuple[Direction, ...]) -> None:
+    """Print the largest worst-case errors at rest, to first order and solved."""
+    rows = [
+        (
+            str(each.channel),
+            _figure(each.predicted, "step"),
+            _figure(each.solved, "step"),
+            " ".join(each.largest),
+        )
+        for each in directions[:SHOWN]
+    ]
+    titles = ("channel", "first order", "solved", "most moved by")
+    caption = "worst-case errors at rest, from the signs of the sensitivities"
+    if len(directions) > SHOWN:
+        caption += f"; and {len(directions) - SHOWN} smaller ones"
+    Console(highlight=False).print(make_table(titles, rows, caption=caption))
 
 
 def _name(corner: Corner) -> str:

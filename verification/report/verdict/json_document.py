@@ -8,7 +8,9 @@ from typing import Any
 
 from verification.measures.measurements import ChannelMeasure
 from verification.pipeline.checks import Check
+from verification.pipeline.error_chain import ErrorBudget, ErrorPart
 from verification.pipeline.output_noise import OutputNoise
+from verification.report.verdict.scene_keys import scene_keys
 from verification.small_signal.headroom import Load
 from verification.studies.figures import CHANNEL_FIGURES, FIGURES, figures_of, finite
 from verification.verify import Verdict
@@ -36,11 +38,13 @@ def verdict_document(verdict: Verdict) -> dict[str, Any]:
             "record_end": figures["end_error"],
         },
         "step_amplitude": figures["step_amplitude"],
+        "step_amplitude_uncertainty": finite(verdict.ideal.error * verdict.measurements.amplitude),
         "settling_time": figures["settling_time"],
         "settling_time_ideal": verdict.ideal.transient.settling_time,
         "stability": {
             "stable": verdict.poles.stable,
             "rightmost_pole": [verdict.poles.rightmost.real, verdict.poles.rightmost.imag],
+            "rightmost_pole_uncertainty": finite(verdict.poles.resolution),
             "damping_ratio": figures["damping_ratio"],
             "frequency": verdict.poles.frequency,
             "states": len(verdict.poles.poles) if verdict.poles.complete else None,
@@ -52,10 +56,7 @@ def verdict_document(verdict: Verdict) -> dict[str, Any]:
             "rise_time": verdict.energy and verdict.energy.time,
         },
         "constraint_plane": None if verdict.constraint is None else asdict(verdict.constraint),
-        "error_budget": {
-            part.name: {"value": part.value, "unit": "V", "how": part.how, "bound": part.bound}
-            for part in verdict.budget
-        },
+        "error_budget": budget_record(verdict.budget),
         "opamp_level": "small-signal" if verdict.circuit.is_small_signal else "large-signal",
         "headroom": [
             load_record(load) for load in (*verdict.parts.simulated, *verdict.parts.worst)
@@ -81,10 +82,25 @@ def verdict_document(verdict: Verdict) -> dict[str, Any]:
             "points": cost.points,
             "seconds": cost.seconds,
         },
+        "keys": scene_keys(verdict.scene),
         "omissions": [{"what": o.what, "why": o.why} for o in verdict.circuit.omissions],
         "warnings": list(verdict.warnings),
         "timing": verdict.timing,
     }
+
+
+def budget_record(budget: ErrorBudget) -> dict[str, Any]:
+    """Return the parts of an error budget by name, and ``total``, as plain data."""
+    records = {part.name: _part_record(part) for part in budget}
+    if budget.total is None:
+        return records
+    more = {"sum": list(budget.summed), "solves": budget.solves}
+    return records | {"total": _part_record(budget.total) | more}
+
+
+def _part_record(part: ErrorPart) -> dict[str, Any]:
+    known = {"value": part.value, "unit": "V", "how": part.how, "bound": part.bound}
+    return known | {"channels": list(part.channels), "predicted": list(part.predicted)}
 
 
 def load_record(load: Load) -> dict[str, Any]:

@@ -1,117 +1,134 @@
-"""Pictures of a verdict. matplotlib is imported where it is used."""
+"""The picture of a verdict: outputs, deviation from the reference, recovered stress, checks."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-from pathlib import Path
+import math
+import textwrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from netlist_gen.quantities import show
-from spice_models.atomic_files import replacing
+from spice_models.array_types import Floats
 from verification.pipeline.agreement import Agreement
-from verification.report.output_checks import check_file
+from verification.pipeline.checks import Check
+from verification.report.picture import (
+    BLUE,
+    GREY,
+    ORANGE,
+    OUTCOME_COLOURS,
+    figure_file,
+    label_ends,
+    time_unit,
+)
 from verification.report.tables import spaced
-from verification.report.verdict.table import amount
+from verification.report.verdict.table import amount, limit
 from verification.verify import Verdict
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MATPLOTLIB = ("matplotlib", "needs matplotlib: pip install 'taction[plot]'")
-PACKAGES = dict.fromkeys((".png", ".svg", ".pdf"), MATPLOTLIB)
-METADATA = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
-LEGEND_LIMIT = 12  # channels above which there is no legend
-UNITS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"), (1e-9, "ns"))
-STYLE: dict[Any, Any] = {
-    "axes.grid": True,
-    "grid.alpha": 0.3,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "svg.hashsalt": "taction",  # the same picture gives the same bytes
-}
-
-
-def check_plot_file(path: str) -> None:
-    """Refuse a picture that could not be drawn, before any work is done.
-
-    Raises
-    ------
-    InputError
-        The ending is not in `PACKAGES`, the folder is missing, or matplotlib is not installed.
-    """
-    check_file(path, "--plot", PACKAGES, PACKAGES)
-
-
-@contextmanager
-def new_figure(width: float, height: float) -> Iterator[Figure]:
-    """Give a figure of `width` by `height` inches in the style of all pictures."""
-    import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(width, height), layout="constrained")
-        FigureCanvasAgg(figure)
-        yield figure
-
-
-@contextmanager
-def figure_file(path: str, width: float, height: float, title: str = "") -> Iterator[Figure]:
-    """Give a `new_figure` and write the finished picture to `path`, always with the same bytes.
-
-    Raises
-    ------
-    InputError
-        See `check_plot_file`; or the file cannot be written.
-    """
-    check_plot_file(path)
-    with new_figure(width, height) as figure:
-        if title:
-            figure.suptitle(title, fontweight="bold")
-        yield figure
-        with replacing(path) as file:
-            figure.savefig(file, dpi=150, metadata=METADATA.get(Path(path).suffix.lower()))
+MOST_LABELS = 12  # channels above which a colour bar names the channels
+SAME = 2e-3  # of the height of a panel: lines that are closer look like one line
+TITLES = ("check", "outcome", "value", "limit")
+WIDTHS = (0.28, 0.28, 0.25, 0.19)
+LINE = 62  # characters of a line below the checks
+ROW = 0.062  # height of a row, share of the panel
+MOST_LINES = 12
+SHOWN = 10  # rise times, or periods of the oscillation
+CROWD = 24  # channels above which the marks are small
 
 
 def plot_verdict(verdict: Verdict, path: str) -> None:
-    """Draw outputs with targets and settling band, and the recovered stress beside the true one.
+    """Draw outputs with targets and settling band, recovered stress, and the checks.
 
     Raises
     ------
     InputError
-        See `figure_file`.
+        See `verification.report.picture.figure_file`.
     """
     agreement = verdict.agreement
     compared = agreement is not None and not agreement.reason
     heights = (1, 1, 0.55) if compared else (1, 1)
     title = f"{verdict.scene.name}: {verdict.outcome.value}"
-    with figure_file(path, 11, 9.2 if compared else 7.2, title) as figure:
+    with figure_file(path, 12, 9.2 if compared else 7.2, title) as figure:
         grid = figure.add_gridspec(len(heights), 2, width_ratios=(1.7, 1), height_ratios=heights)
-        _early(figure.add_subplot(grid[0, 0]), verdict)
-        _settling(figure.add_subplot(grid[1, 0]), verdict)
+        _early(figure, figure.add_subplot(grid[0, 0]), verdict)
+        settling = figure.add_subplot(grid[1, 0])
+        _settling(settling, verdict)
         _stress(figure.add_subplot(grid[0, 1]), verdict)
-        _summary(figure.add_subplot(grid[1, 1]), verdict)
+        _checks(figure.add_subplot(grid[1:, 1]), verdict)
         if agreement is not None and compared:
-            _difference(figure.add_subplot(grid[2, 0]), verdict, agreement)
+            _difference(figure.add_subplot(grid[2, 0], sharex=settling), verdict, agreement)
+            settling.tick_params(labelbottom=False)
+            settling.set_xlabel("")
 
 
-def time_unit(longest: float) -> tuple[float, str]:
-    """Return the unit of a time axis up to `longest`, s: its length in s, and its name."""
-    return next(((size, name) for size, name in UNITS if longest >= size), UNITS[-1])
+def _early(figure: Figure, axes: Axes, verdict: Verdict) -> None:
+    """Draw ten times the longest rise time, or ten periods of a board that oscillates."""
+    channels = verdict.measurements.channels
+    rises = [c.rise_time.value for c in channels if c.rise_time is not None]
+    if not rises and verdict.poles.frequency > 0.0:
+        rises = [1.0 / verdict.poles.frequency]
+    time, colours = verdict.waveforms.time, _colours(len(channels))
+    end = min(SHOWN * max(rises, default=math.inf), float(time[-1]))
+    shown = slice(0, int(np.searchsorted(time, end)) + 1)  # up to the right edge
+    size, name = time_unit(end)
+    u, targets = verdict.u[shown], np.array([c.target for c in channels])
+    low, high, note = _visible(u, targets, verdict.circuit.supply)
+    groups = _same_lines(u, SAME * (high - low))
+    for group in groups:
+        for place, k in enumerate(group):
+            style = "-" if place == 0 else (4.0 * place, (4.0, 4.0))
+            axes.plot(time[shown] / size, u[:, k], color=colours[k], ls=style, lw=1.2)
+            axes.axhline(targets[k], color=colours[k], ls=":", lw=0.8)
+    axes.set(xlabel=f"time ({name})", ylabel="output (V)", xlim=(0, end / size), ylim=(low, high))
+    axes.set_title(f"outputs, first rise; dotted: reference{note}")
+    if len(channels) > MOST_LABELS:
+        _channel_bar(figure, axes, len(channels))
+        return
+    names = [", ".join(f"$u_{{{k + 1}}}$" for k in group) for group in groups]
+    firsts = [group[0] for group in groups]
+    ends = np.clip(np.nan_to_num(u[-1, firsts]), low, high)
+    label_ends(axes, names, ends, [colours[k] for k in firsts])
 
 
-def _early(axes: Axes, verdict: Verdict) -> None:
-    """Draw the first rise: ten times the longest rise time."""
-    rises = [c.rise_time.value for c in verdict.measurements.channels if c.rise_time is not None]
-    end = min(10 * max(rises, default=verdict.transient.stop), verdict.transient.stop)
-    _traces(axes, verdict, end)
-    axes.set_title("outputs, first rise")
-    if len(verdict.measurements.channels) <= LEGEND_LIMIT:
-        axes.legend(fontsize="small", ncols=2, loc="best")
+def _visible(u: Floats, targets: Floats, supply: float) -> tuple[float, float, str]:
+    """Return the limits of the voltage axis, and what lies outside of them."""
+    finite = np.where(np.isfinite(u), u, 0.0)
+    low, high = min(finite.min(), targets.min()), max(finite.max(), targets.max())
+    largest, reach = max(-low, high), max(supply, 1.2 * float(np.abs(targets).max()))
+    note = ""
+    if largest > reach:
+        low, high = max(low, -reach), min(high, reach)
+        note = f"\nthe record goes to {show(largest, 'V', 2)}; supply ±{show(supply, 'V', 3)}"
+    room = 0.06 * max(high - low, 1e-30)
+    return low - room, high + room, note
+
+
+def _same_lines(u: Floats, distance: float) -> list[list[int]]:
+    """Return the channels in groups whose lines are nowhere further than `distance` apart."""
+    groups: list[list[int]] = []
+    for k in range(u.shape[1]):
+        for group in groups:
+            if np.nanmax(np.abs(u[:, k] - u[:, group[0]])) <= distance:
+                group.append(k)
+                break
+        else:
+            groups.append([k])
+    return groups
+
+
+def _channel_bar(figure: Figure, axes: Axes, count: int) -> None:
+    from matplotlib import colormaps
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import ListedColormap, Normalize
+
+    colours = ListedColormap(colormaps["viridis"](np.linspace(0.0, 0.9, 256)))
+    figure.colorbar(
+        ScalarMappable(Normalize(1, count), colours), ax=axes, label="channel", pad=0.01
+    )
 
 
 def _settling(axes: Axes, verdict: Verdict) -> None:
@@ -123,15 +140,19 @@ def _settling(axes: Axes, verdict: Verdict) -> None:
     for colour, column in zip(_colours(len(targets)), (verdict.u - targets).T, strict=True):
         axes.plot(t / size, scale * column, color=colour, lw=0.6)
     band = 100 * m.band
-    axes.axhspan(-band, band, color="0.85", zorder=0, label=f"±{band:g} % band")
+    axes.axhspan(-band, band, color="0.85", zorder=0)
+    title = f"deviation from the reference; grey: ±{band:g} % band"
     if m.settling_time is not None:
-        label = f"settled at {show(m.settling_time.value, 's')}"
-        axes.axvline(m.settling_time.value / size, color="k", ls="--", lw=1, label=label)
-    if m.settling_time is not None and verdict.outcome.value != "inconclusive":
-        axes.set_ylim(-6 * band, 6 * band)
-    axes.set(xlabel=f"time ({name})", ylabel="deviation (% of the step)", xlim=(0, t[-1] / size))
-    axes.set_title("deviation from the reference")
-    axes.legend(fontsize="small", loc="upper right")
+        axes.axvline(m.settling_time.value / size, color="k", ls="--", lw=1)
+        title += f"; dashed: settled at {show(m.settling_time.value, 's')}"
+        if verdict.outcome.value != "inconclusive":
+            axes.set_ylim(-6 * band, 6 * band)
+    else:
+        reach = 100.0 * verdict.circuit.supply / (m.amplitude or 1.0)
+        low, high = axes.get_ylim()
+        axes.set_ylim(max(low, -reach), min(high, reach))
+    axes.set(xlabel=f"time ({name})", ylabel="% of the step", xlim=(0, t[-1] / size))
+    axes.set_title(title)
 
 
 def _difference(axes: Axes, verdict: Verdict, agreement: Agreement) -> None:
@@ -146,19 +167,9 @@ def _difference(axes: Axes, verdict: Verdict, agreement: Agreement) -> None:
     axes.set_title("ngspice minus the state-space engine")
 
 
-def _traces(axes: Axes, verdict: Verdict, end: float) -> None:
-    t = verdict.waveforms.time
-    size, name = time_unit(end)
-    shown = t <= end
-    channels = verdict.measurements.channels
-    for channel, colour in zip(channels, _colours(len(channels)), strict=True):
-        label = f"$u_{{{channel.index + 1}}}$"
-        axes.plot(t[shown] / size, verdict.u[shown, channel.index], color=colour, label=label, lw=1)
-        axes.axhline(channel.target, color=colour, ls=":", lw=0.8)
-    axes.set(xlabel=f"time ({name})", ylabel="output (V); dotted: reference", xlim=(0, end / size))
-
-
 def _stress(axes: Axes, verdict: Verdict) -> None:
+    from matplotlib.ticker import MaxNLocator
+
     problem, U0 = verdict.problem, verdict.circuit.scalings.unit_voltage
     channels = verdict.measurements.channels
     if problem.positions is None:
@@ -166,27 +177,56 @@ def _stress(axes: Axes, verdict: Verdict) -> None:
     else:
         where, label = problem.positions, "y (in depths)"
         where = where / getattr(verdict.scene.problem, "depth", 1.0)
+    mark = 3.0 if len(channels) > CROWD else 6.0
     if problem.stress is not None:
-        axes.plot(where, problem.stress, "o-", color="0.6", label="true stress")
+        axes.plot(where, problem.stress, "o-", color=GREY, ms=mark, label="true stress")
     reference = np.array([c.target for c in channels]) / U0
-    axes.plot(where, reference, "s-", mfc="none", color="C0", label="regularised optimum")
+    name = "regularised optimum"
+    axes.plot(where, reference, "s-", ms=mark, mfc="none", color=BLUE, label=name)
     final = np.array([c.final for c in channels]) / U0
     if np.max(np.abs(final)) < 20 * (np.max(np.abs(reference)) + 1e-300):  # else off the scale
-        axes.plot(where, final, "x", color="C3", label="board, end of record")
-    axes.set(xlabel=label, ylabel="stress", title="recovered stress")
-    axes.legend(fontsize="small")
+        axes.plot(where, final, "x", color=ORANGE, ms=mark, label="board, end of record")
+    axes.axhline(0.0, color="k", lw=0.6)
+    if problem.positions is None:
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set(xlabel=label, ylabel="stress")
+    axes.set_title("recovered stress", pad=22)
+    axes.legend(
+        fontsize="small", ncols=3, loc="lower center", bbox_to_anchor=(0.5, 0.98),
+        frameon=False, columnspacing=1.0, handletextpad=0.4, borderpad=0.0,
+    )  # fmt: skip
 
 
-def _summary(axes: Axes, verdict: Verdict) -> None:
+def _checks(axes: Axes, verdict: Verdict) -> None:
+    """Write the checks with their limits, and below them why a check does not pass."""
+    from matplotlib.transforms import Bbox
+
     axes.axis("off")
-    colours = {"pass": "C2", "fail": "C3", "inconclusive": "C1"}
-    rows = [(spaced(c.name), c.outcome.value, amount(c.value, c.unit)) for c in verdict.checks]
-    table = axes.table(rows, colLabels=("check", "outcome", "value"), loc="upper left", edges="B")
+    rows = [
+        (spaced(c.name), c.outcome.value, amount(c.value, c.unit), amount(limit(c), c.unit))
+        for c in verdict.checks
+    ]
+    bottom = 1.0 - ROW * (len(rows) + 1)
+    table = axes.table(
+        rows, colLabels=TITLES, colWidths=WIDTHS, cellLoc="left", colLoc="left", edges="B",
+        bbox=Bbox.from_bounds(0.0, bottom, 1.0, 1.0 - bottom),
+    )  # fmt: skip
     table.auto_set_font_size(False)
     table.set_fontsize(9)
-    table.scale(1, 1.5)
     for row, check in enumerate(verdict.checks, 1):
-        table[row, 1].get_text().set_color(colours[check.outcome.value])
+        cell = table[row, 1].get_text()
+        cell.set(color=OUTCOME_COLOURS[check.outcome.value], weight="bold")
+    text = "\n".join(_reasons(verdict.checks))
+    axes.text(0.0, bottom - 0.03, text, va="top", fontsize=8)
+
+
+def _reasons(checks: tuple[Check, ...]) -> list[str]:
+    """Return the reasons of the checks that do not pass, and that of the stability."""
+    lines: list[str] = []
+    for check in sorted(checks, key=lambda check: check.outcome.value == "pass"):
+        if check.outcome.value != "pass" or check.name == "stability":
+            lines += textwrap.wrap(f"{spaced(check.name)}: {check.reason}", LINE)
+    return lines if len(lines) <= MOST_LINES else [*lines[: MOST_LINES - 1], "…"]
 
 
 def _colours(count: int) -> list[Any]:

@@ -19,6 +19,7 @@ from verification.pipeline.attained_accuracy import Accuracy
 from verification.pipeline.checks import Check, Outcome
 from verification.pipeline.part_limits import amount as amount_of
 from verification.report.tables import make_table, spaced, value_text, whole
+from verification.report.verdict.budget_table import budget_table
 from verification.verify import Verdict
 
 MOST_LOADS = 8
@@ -31,7 +32,7 @@ def print_verdict(verdict: Verdict, console: Console) -> None:
     console.print(_head(verdict))
     console.print(_checks(verdict))
     console.print(channel_table(verdict.measurements, verdict.steady.values, noise))
-    console.print(_budget(verdict))
+    console.print(budget_table(verdict.budget, verdict.measurements.amplitude))
     if verdict.parts.loads or verdict.parts.simulated:
         console.print(_headroom(verdict))
     for warning in verdict.warnings:
@@ -133,17 +134,6 @@ def _reading(reading: Reading | None) -> str:
     if reading.fragile and reading.alternative is not None:
         text += f" (fragile: or {show(reading.alternative, 's')})"
     return text
-
-
-def _budget(verdict: Verdict) -> Table:
-    amplitude, rows = verdict.measurements.amplitude, []
-    for part in verdict.budget:
-        value, share = "unknown", ""
-        if part.value is not None and math.isfinite(part.value):
-            value = show(part.value, "V", 3)
-            share = f"{100 * part.value / amplitude:.2g} %" if amplitude else "-"
-        rows.append((spaced(part.name), value, share, part.how))
-    return make_table(("error", "largest", "of the step", "how it was found"), rows)
 
 
 def _headroom(verdict: Verdict) -> Table:

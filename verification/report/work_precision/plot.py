@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from verification.report.verdict.plots import figure_file
+from verification.report.picture import figure_file
 from verification.studies.work_precision.methods import Method
 from verification.studies.work_precision.study import SettingResult, WorkPrecisionStudy
 
@@ -30,7 +30,7 @@ def plot_study(study: WorkPrecisionStudy, path: str) -> None:
     Raises
     ------
     InputError
-        See `verification.report.verdict.plots.figure_file`.
+        See `verification.report.picture.figure_file`.
     """
     rows = [pair for pair in PROBLEMS if pair[0] in study.problems]
     height, title = max(len(rows), 1), f"{study.scene.name}: {study.extent.text}"
@@ -39,7 +39,7 @@ def plot_study(study: WorkPrecisionStudy, path: str) -> None:
         for axes, (problem, name) in zip(grid, rows, strict=False):
             _work(axes[0], study, problem)
             _steps(axes[1], study, problem)
-            axes[0].set_title(f"{name}: error against run time")
+            axes[0].set_title(f"{name}: error against run time{_lonely(study, problem)}")
             axes[1].set_title("error against the mean step")
 
 
@@ -47,6 +47,15 @@ def _methods(study: WorkPrecisionStudy, problem: str) -> list[tuple[Method, str,
     """Return the methods of a problem with their colour and mark."""
     methods = dict.fromkeys(p.method for p in study.points if p.method.problem == problem)
     return [(m, f"C{k}", MARKERS[k % len(MARKERS)]) for k, m in enumerate(methods)]
+
+
+def _lonely(study: WorkPrecisionStudy, problem: str) -> str:
+    """Return that a single run shows no trend, or an empty text."""
+    points = [p for m, *_ in _methods(study, problem) for p in study.of(m)]
+    measured = [p for p in points if p.errors["maximum"] is not None]
+    if len(measured) > 1:
+        return ""
+    return "\nonly one run was measured: no trend" if measured else "\nno run was measured"
 
 
 def _error(point: SettingResult) -> float | None:
@@ -67,7 +76,8 @@ def _work(axes: Axes, study: WorkPrecisionStudy, problem: str) -> None:
             middle, errors, xerr=bars, label=method.name, color=colour,
             marker=mark, ms=5, lw=1.2, elinewidth=0.8, capsize=2,
         )  # fmt: skip
-    axes.set(xscale="log", yscale="log", xlabel="wall time (s), median", ylabel=ERROR_LABEL)
+    axes.set(xscale="log", yscale="log", xlabel="wall time, median", ylabel=ERROR_LABEL)
+    _in_seconds(axes)
     top = axes.get_ylim()[1]
     for method, colour, _ in _methods(study, problem):
         for point in study.of(method):
@@ -95,7 +105,20 @@ def _steps(axes: Axes, study: WorkPrecisionStudy, problem: str) -> None:
             label += f" (theory {method.order:g})" if method.order is not None else " (varies)"
             line = order.constant * ends**order.value
             axes.plot(ends / unit, line, color=colour, ls=":", lw=1.4, label=label)
-    name = "mean step (periods of the fastest ringing)" if problem == "board" else "mean step (s)"
+    periods = problem == "board"
+    name = "mean step (periods of the fastest ringing)" if periods else "mean step"
     axes.set(xscale="log", yscale="log", xlabel=name)
+    if not periods:
+        _in_seconds(axes)
     if axes.get_legend_handles_labels()[0]:
         axes.legend(fontsize="small")
+
+
+def _in_seconds(axes: Axes) -> None:
+    """Write the times of a logarithmic axis with SI prefixes, at 1, 2 and 5 of each decade."""
+    from matplotlib.ticker import EngFormatter, LogLocator, NullFormatter
+
+    low, high = axes.get_xlim()
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 300.0 * low else (1.0,)))
+    axes.xaxis.set_major_formatter(EngFormatter("s"))
+    axes.xaxis.set_minor_formatter(NullFormatter())

@@ -41,11 +41,12 @@ class Observation:
 def observe(verdict: Verdict, revision: str) -> Observation:
     """Return the entry of `verdict` with its record; `revision` is the commit checked out."""
     m, poles = verdict.measurements, verdict.poles
-    channels = m.channels if poles.stable else ()
+    channels = m.channels if poles.known_stable else ()
     time, u = np.asarray(verdict.waveforms.time), verdict.u
-    sampled = _instants(time, u) if poles.stable and np.all(np.isfinite(u)) else np.zeros(0, int)
+    steady = poles.known_stable and bool(np.all(np.isfinite(u)))
+    sampled = _instants(time, u) if steady else np.zeros(0, int)
     times: dict[str, list[float | None]] = {}
-    if poles.stable:
+    if poles.known_stable:
         times = {"record": [verdict.transient.stop], "settling_time": _values(m.settling_time)}
     times |= _by_channel(channels, _values, "rise_time", "settling_time")
     entry = Entry(

@@ -10,12 +10,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from netlist_gen.scene.file import load_scene
-from spice_models.errors import INTERRUPTED, Complaint, InputError, NoVerdictError
+from spice_models.errors import INTERRUPTED, InputError, NoVerdictError
 from spice_models.file_names import printable
 from verification.pipeline.checks import Check, Outcome
 from verification.studies.regression.baseline import Baseline, Entry, git_revision
 from verification.studies.regression.baseline_entry import observe
 from verification.studies.regression.compare import Difference, compare
+from verification.studies.running.in_order import for_each_file
+from verification.studies.scene_files import find_scenes
 from verification.verify import Verdict, verify
 
 
@@ -110,57 +112,47 @@ class RegressionReport:
         return {status.value: statuses.count(status) for status in Status if status in statuses}
 
 
-def find_scenes(folder: str | Path) -> tuple[Path, ...]:
-    """Return the ``*.toml`` files of `folder`, by name.
-
-    Raises
-    ------
-    InputError
-        There is no such folder, or it holds no scene.
-    """
-    folder = Path(folder)
-    if not folder.is_dir():
-        raise InputError(folder, Complaint("DIR", "", "no such folder; expected one with scenes"))
-    files = tuple(sorted(path for path in folder.glob("*.toml") if path.is_file()))
-    if not files:
-        raise InputError(folder, Complaint("DIR", "", "holds no scene; expected *.toml files"))
-    return files
-
-
 def regress(
     folder: str | Path,
     baseline_file: str | Path,
     baseline: Baseline,
     *,
     updated: bool = False,
+    jobs: int | None = 1,
     progress: Callable[[str], None] = lambda stage: None,
 ) -> RegressionReport:
     """Verify every scene of `folder` and compare it with its entry of `baseline`.
 
-    After Ctrl-C the report has the remaining scenes as `NOT_RUN`.
+    `jobs` is the number of processes, None for one a core; the results do not depend on it. After
+    Ctrl-C the report has the remaining scenes as `NOT_RUN`.
 
     Raises
     ------
     InputError
-        See `find_scenes`.
+        See `verification.studies.scene_files.find_scenes`.
+    NoVerdictError
+        The processes do not start.
     """
     files, revision = find_scenes(folder), git_revision(Path(folder))
-    results: list[SceneResult] = []
-    try:
-        for number, path in enumerate(files, 1):
-            progress(f"{number} of {len(files)}: {path.stem}")
-            results.append(compare_scene(path, baseline.get(printable(path.name)), revision))
-    except KeyboardInterrupt:
-        left = files[len(results) :]
-        results += [
-            SceneResult(printable(p.name), Status.NOT_RUN, (), (), (), "interrupted") for p in left
-        ]
+    names = [printable(path.name) for path in files]
+    arguments = [(baseline.get(name), revision) for name in names]
+    found = for_each_file(compare_scene, files, arguments, jobs=jobs, progress=progress)
+    results = [_result(name, result) for name, result in zip(names, found, strict=True)]
     reason = "in the baseline, but not in the folder"
     results += [
         SceneResult(name, Status.MISSING, reason=reason, baseline=baseline[name])
-        for name in sorted(set(baseline) - {printable(path.name) for path in files})
+        for name in sorted(set(baseline) - set(names))
     ]
     return RegressionReport(str(folder), str(baseline_file), revision, tuple(results), updated)
+
+
+def _result(name: str, found: SceneResult | BaseException | None) -> SceneResult:
+    """Return what was found for a scene, also if its process was killed or never began."""
+    if found is None:
+        return SceneResult(name, Status.NOT_RUN, reason="interrupted")
+    if isinstance(found, BaseException):
+        return SceneResult(name, Status.NO_VERDICT, reason=f"the process was killed: {found}")
+    return found
 
 
 def compare_scene(path: Path, then: Entry | None, revision: str) -> SceneResult:

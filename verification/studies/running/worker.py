@@ -30,7 +30,7 @@ T = TypeVar("T")
 
 START_UP = 60.0  # s to start Python and load SciPy on a busy machine
 STARTS = 5  # attempts to start a process
-WATCH, STOPPED = 5.0, 6  # s between two looks at a busy process; looks at a stopped process
+WATCH, STOPPED = 1.0, 30  # s between two looks at a busy process; looks at a stopped process
 PAUSE = 0.05  # s after the first failed attempt, then twice as long each time
 LONGEST_PLACE = 50  # bytes of a folder's name; the name of a socket has at most 107
 SAFE_PATH = {"PYTHONSAFEPATH": "1"}
@@ -124,6 +124,8 @@ class Worker:
         while (left := end - time.monotonic()) > 0.0:
             if pipe.poll(min(left, WATCH)):
                 return True
+            if self._ended:
+                raise EOFError("the process was ended, and did not end")
             stopped = stopped + 1 if self.pid is not None and is_stopped(self.pid) else 0
             if stopped > STOPPED:
                 raise EOFError(f"the process was stopped for {STOPPED * WATCH:g} s")
@@ -165,7 +167,7 @@ class Worker:
 
     def stop(self) -> None:
         """End the process; its `finally` clauses run first and end its simulator."""
-        if self._process is not None:
+        if self._process is not None and self._process.is_alive():
             self._process.terminate()
         if self._pipe is not None:
             self._pipe.close()
@@ -183,6 +185,8 @@ class Worker:
     def end(self) -> None:
         """End the process for good, from any thread; a running call is lost."""
         self._ended, process = True, self._process
+        # Python's end waits for the process; one that is stopped (SIGSTOP) needs SIGKILL.
+        util.Finalize(None, self.stop, exitpriority=1)
         with suppress(AttributeError, ValueError):  # no process, or it was just closed
             process.terminate()  # type: ignore[union-attr]
 

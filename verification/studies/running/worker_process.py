@@ -7,6 +7,7 @@ import multiprocessing
 import os
 import pickle
 import signal
+import socket
 import sys
 import threading
 from collections.abc import Mapping
@@ -15,6 +16,7 @@ from multiprocessing import connection
 from multiprocessing.connection import Connection
 
 GRACE = 2.0  # s between the clean-up's start and a hard end
+STATUS = 128 + signal.SIGTERM
 
 
 def serve(pipe: Connection, variables: Mapping[str, str]) -> None:
@@ -27,23 +29,23 @@ def serve(pipe: Connection, variables: Mapping[str, str]) -> None:
     for name in ("SIGINT", "SIGHUP"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, _unwind)
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_end_after, args=(parent.sentinel,), daemon=True).start()
+    ending = threading.Event()
+    _end_within_grace(ending)
     gc.freeze()  # no collection needs to visit the imported modules again
     with suppress(EOFError, OSError):
         pipe.send("ready")
         while True:
-            _answer(pipe, pipe.recv_bytes())
+            _answer(pipe, pipe.recv_bytes(), ending)
 
 
-def _answer(pipe: Connection, request: bytes) -> None:
+def _answer(pipe: Connection, request: bytes, ending: threading.Event) -> None:
     try:
         function, args, kw = pickle.loads(request)  # noqa: S301 - from the parent
         answer = (True, function(*args, **kw))
     except Exception as error:
         answer = (False, error)
+    if ending.is_set():  # a library caught the `SystemExit`, as pydantic's serializers do
+        sys.exit(STATUS)
     try:
         pipe.send(answer)
     except OSError:
@@ -52,15 +54,38 @@ def _answer(pipe: Connection, request: bytes) -> None:
         pipe.send((False, TypeError(f"{answer[1]!r:.200} cannot be sent: {error}")))
 
 
-def _unwind(number: int, frame: object) -> None:
-    """End this process through all its `finally` clauses."""
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # a second signal must not stop the clean-up
-    sys.exit(128 + number)
+def _end_within_grace(ending: threading.Event) -> None:
+    """Let SIGTERM, and the end of the parent, end this process through its `finally` clauses.
+
+    `GRACE` seconds later the process ends anyway: where a library drops the `SystemExit`, where
+    compiled code never returns to Python, and where the signal comes just before a read.
+    """
+    wake, woken = socket.socketpair()
+    woken.setblocking(False)
+    signal.set_wakeup_fd(woken.fileno(), warn_on_full_buffer=False)
+
+    def unwind(number: int, frame: object) -> None:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # a second one must not stop the clean-up
+        ending.set()
+        sys.exit(STATUS)
+
+    signal.signal(signal.SIGTERM, unwind)
+    threading.Thread(target=_watch, args=(wake, woken), daemon=True).start()
 
 
-def _end_after(sentinel: int) -> None:
-    """End this process when its parent ends, also during a computation."""
-    connection.wait([sentinel])
-    os.kill(os.getpid(), signal.SIGTERM)
+def _watch(wake: socket.socket, woken: socket.socket) -> None:
+    """Wait for SIGTERM at `wake`, or for the parent's end; then end this process after `GRACE`.
+
+    (`woken` is the other end of the pair, which must stay open.)
+    """
+    parent = multiprocessing.parent_process()
+    ends = [] if parent is None else [parent.sentinel]
+    while True:
+        ready = connection.wait([wake, *ends])
+        if wake in ready and signal.SIGTERM in wake.recv(16):
+            break
+        if ends and ends[0] in ready:
+            os.kill(os.getpid(), signal.SIGTERM)
+            break
     threading.Event().wait(GRACE)
-    os._exit(128 + signal.SIGTERM)
+    os._exit(STATUS)

@@ -138,7 +138,7 @@ class _Planner:
         start = time.process_time()
         design = design_board(scene, Clock(lambda stage: None))
         seconds = time.process_time() - start
-        board, stable = design.board, design.poles.stable
+        board, stable = design.board, design.poles.known_stable
         run = plan_transient(design.scene, board, design.scales, "ngspice", stable=stable)
         kind = "large" if board.descriptor.is_large else "small"
         kind = kind if board.circuit.is_linear else "nonlinear"

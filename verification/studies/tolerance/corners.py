@@ -1,11 +1,12 @@
 """Worst cases within the design tolerances, from the signs of the sensitivities or from a list.
 
 The sensitivity of a quantity to a component is a difference of two verifications by the
-state-space engine. In the worst corner of a quantity every component has the end of its tolerance
-with the sign of the sensitivity, which is exact for a quantity that is monotonic in each component.
-The steady-state error is not monotonic, since it is smallest near the nominal board: its corner is
-that of the channel with the largest signed error, which is monotonic. If the corner of one quantity
-is worse for another quantity than that quantity's own corner, it is reported for both.
+state-space engine; that of the steady state is analytic (`steady_directions`). In the worst corner
+of a quantity every component has the end of its tolerance with the sign of the sensitivity, which
+is exact for a quantity that is monotonic in each component. The steady-state error is not
+monotonic, since it is smallest near the nominal board: its corner is that of the channel with the
+largest signed error, which is monotonic. If the corner of one quantity is worse for another
+quantity than that quantity's own corner, it is reported for both.
 """
 
 from __future__ import annotations
@@ -16,12 +17,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from netlist_gen.board.variation import Parameter, vary
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from spice_models.errors import Complaint, InputError
-from verification.engines.statespace.linearised.board import LinearBoard
 from verification.studies.running.workers import Workers
+from verification.studies.tolerance.rest_slopes import largest_parts
+from verification.studies.tolerance.steady_directions import Direction, steady_directions
 from verification.studies.tolerance.varied_board import (
     BoardSample,
     Quantity,
@@ -49,10 +50,18 @@ class Corner:
     deviations: dict[str, float]  # in tolerances, without the components at their nominal values
 
 
+@dataclass(frozen=True, slots=True)
+class CornerStudy:
+    """Verified corners, and the worst-case direction of every channel at rest."""
+
+    corners: tuple[Corner, ...]
+    directions: tuple[Direction, ...] = ()
+
+
 def worst_corners(
     scene: Scene, workers: Workers, progress: Callable[[str], None] = lambda stage: None
-) -> tuple[Corner, ...]:
-    """Return the nominal board and, for every quantity, the corner that makes it worst.
+) -> CornerStudy:
+    """Return the nominal board, for every quantity the corner that makes it worst, and directions.
 
     Parameters
     ----------
@@ -70,24 +79,32 @@ def worst_corners(
     reported = quantities(scene)
     gradient = _gradient(replace(board, scene=scene.with_engine("statespace")), workers, progress)
     progress("sensitivities of the steady state")
-    gradient["steady_state"], *others = _steady_gradients(board)
+    directions = steady_directions(board)
+    gradient["steady_state"] = directions[0].slopes
     nominal = _corner(board, "nominal", np.zeros(len(board.varied)))
     tried = []
     for quantity in reported:
         progress(f"corner: {quantity.name}")
         tried.append(_corner(board, quantity.name, np.sign(gradient[quantity.name])))
-    tried += [_corner(board, "", np.sign(slope)) for slope in others]
+    tried += [_corner(board, "", found.corner) for found in directions[1:STEADY_CORNERS]]
     worst = [min(tried, key=lambda c: _goodness(c.result, q, c.name)) for q in reported]
     named = [
         replace(
             corner,
             name=f"worst {quantity.name}",
             quantity=quantity.name,
-            largest=_largest(gradient[quantity.name], board.varied, corner.deviations),
+            largest=_largest(gradient[quantity.name], board, corner.deviations),
         )
         for quantity, corner in zip(reported, worst, strict=True)
     ]
-    return (nominal, *named)
+    return CornerStudy((nominal, *named), directions)
+
+
+def _largest(
+    gradient: Floats, board: VariedBoard, deviations: Mapping[str, float]
+) -> tuple[str, ...]:
+    signs = np.array([deviations.get(parameter.name, 0.0) for parameter in board.varied])
+    return largest_parts(gradient, board.varied, signs, NAMED)
 
 
 def named_corner(board: VariedBoard, name: str, ends: Mapping[str, float]) -> Corner:
@@ -137,25 +154,6 @@ def _gradient(
     }
 
 
-def _steady_gradients(board: VariedBoard) -> list[Floats]:
-    """Return gradients of the signed channel errors, of both signs, the largest errors first.
-
-    They serve for the overshoot, too: a nominal board without overshoot has no sensitivity of it.
-    """
-    count = len(board.varied)
-
-    def error(z: Floats) -> Floats:
-        rest = LinearBoard(vary(board.nominal, board.scene.tolerances, z)).equilibrium
-        outputs = [output.sign * rest[output.node] for output in board.nominal.outputs]
-        return np.array(outputs) - board.ideal.target
-
-    centre = error(np.zeros(count))
-    slopes = np.array([error(PROBE * z) - centre for z in np.eye(count)]).T / PROBE
-    signed = [(sign * centre[n], sign * slopes[n]) for n in range(len(centre)) for sign in (1, -1)]
-    largest = sorted(signed, key=lambda pair: -float(pair[0] + np.abs(pair[1]).sum()))
-    return [slope for _, slope in largest[:STEADY_CORNERS]]
-
-
 def _goodness(sample: BoardSample, quantity: Quantity, corner: str) -> tuple[float, bool]:
     """Return a sort key that is least for the worst sample, then for the quantity's own corner."""
     value = getattr(sample, quantity.name)
@@ -169,11 +167,3 @@ def _worse(quantity: Quantity, moved: BoardSample, centre: BoardSample) -> float
     if after is None or before is None:
         return float(before is not None) - float(after is not None)
     return quantity.worse * float(after - before)
-
-
-def _largest(
-    gradient: Floats, varied: tuple[Parameter, ...], deviations: Mapping[str, float]
-) -> tuple[str, ...]:
-    order = np.argsort(-np.abs(gradient), kind="stable")[:NAMED].tolist()
-    names = [varied[index].name for index in order if varied[index].name in deviations]
-    return tuple(f"{'+' if deviations[name] > 0 else '-'}{name}" for name in names)

@@ -11,6 +11,8 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
 
+import numpy as np
+
 from netlist_gen.board.circuit import Circuit
 from netlist_gen.board.synthesis import synthesise
 from netlist_gen.board.variation import Parameter, parameters, vary
@@ -85,6 +87,11 @@ class VariedBoard:
     ideal: IdealAnswer  # independent of the components
     full_margin: bool  # see `verification.pipeline.effort.Effort`
     versions: Versions  # of the process that runs the study
+
+    @property
+    def step_amplitude(self) -> float:
+        """Largest step of any output of the ideal network, V; not a number without a step."""
+        return float(np.abs(self.ideal.target - self.ideal.start).max()) or math.nan
 
     @cached_property
     def _packed(self) -> bytes:

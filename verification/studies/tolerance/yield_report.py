@@ -17,6 +17,7 @@ from netlist_gen.board.variation import draw
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from verification.studies.running.workers import Workers
+from verification.studies.tolerance.remedy import Remedy
 from verification.studies.tolerance.sample_store import SampleStore
 from verification.studies.tolerance.varied_board import (
     BoardSample,
@@ -81,6 +82,7 @@ class YieldReport:
     reasons: dict[str, int]
     quantities: tuple[Spread, ...]
     sensitivities: tuple[Sensitivity, ...]
+    remedy: Remedy | None = None  # None: not looked for, or not needed
 
     def __repr__(self) -> str:
         return (
@@ -197,11 +199,11 @@ def _spread(scene: Scene, quantity: Quantity, samples: list[BoardSample]) -> Spr
     low = median = high = math.nan
     if len(known):
         low, median, high = np.quantile(known, QUANTILES, method="inverted_cdf").tolist()
-    least, most = _limits(scene, quantity.name)
+    least, most = limits_of(scene, quantity.name)
     return Spread(quantity.name, quantity.unit, least, most, low, median, high, missing)
 
 
-def _limits(scene: Scene, name: str) -> tuple[float | None, float | None]:
+def limits_of(scene: Scene, name: str) -> tuple[float | None, float | None]:
     """Return the least and the largest value that the scene's check of a quantity accepts."""
     checks = scene.checks
     rise, overshoot, undershoot = checks.rise_time, checks.overshoot, checks.undershoot

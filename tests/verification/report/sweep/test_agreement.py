@@ -16,7 +16,7 @@ from tests.support.sweeping import grid_plan, make_record, reading, store_record
 from verification.report.sweep.agreement import print_summary, summarise
 from verification.report.sweep.document import document_parts, print_sweep
 from verification.report.sweep.files import dataset, export_sweep, frame, grids
-from verification.report.sweep.maps import plot_sweep
+from verification.report.sweep.plot import plot_sweep
 from verification.report.sweep.records import records
 from verification.report.sweep.result import SweepResult
 from verification.studies.sweep.hybrid import sample

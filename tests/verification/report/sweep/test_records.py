@@ -20,7 +20,7 @@ from netlist_gen.overrides.axes import parse_axes
 from netlist_gen.scene.file import load_scene
 from tests.support.making import write_matrix_scene
 from verification.report.sweep import files
-from verification.report.sweep.maps import plot_sweep
+from verification.report.sweep.plot import plot_sweep
 from verification.studies.running import executors
 from verification.studies.running.workers import Workers
 from verification.studies.sweep.cost_forecast import CostForecast
@@ -163,7 +163,10 @@ def test_a_map_with_both_engines_and_a_boundary(
     fake["settling_time"][growth > 0] = np.nan
     outcome = (np.arange(40).reshape(shape) % 4).astype(np.int8)
     fake |= {"growth_rate": growth, "outcome": outcome, "agreement": outcome // 2}
-    monkeypatch.setattr("verification.report.sweep.maps.grids", lambda plan, store: fake)
+    words = np.array(["pass", "fail: stability", "inconclusive: rise time", ""], dtype=object)
+    monkeypatch.setattr("verification.report.sweep.plot.grids", lambda plan, store: fake)
+    names = words[outcome]
+    monkeypatch.setattr("verification.report.sweep.plot.result_names", lambda plan, store: names)
     with Store(str(folder / "a.sqlite")) as store:
         plot_sweep(plan, store, str(folder / "a.png"))
     assert (folder / "a.png").stat().st_size > 20_000
@@ -174,7 +177,10 @@ def test_what_cannot_be_written_is_refused_before_any_work(folder: Path) -> None
         (("--export", "a.xls"), ".csv, .parquet, .nc"),
         (("--export", "missing/a.csv"), "folder does not exist"),
         (("--plot", "a.gif"), ".png, .svg, .pdf"),
-        (("--plot", "a.png", "--over", "R=1M,2M"), "a picture has one or two axes"),
+        (
+            ("--plot", "a.png", "--over", "R=1M,2M", "--over", "stray_capacitance=1p,2p"),
+            "a picture has at most three",
+        ),
     ):
         done = taction(*OVER, *words)
         assert done.exit_code == 2, done.output

@@ -7,8 +7,9 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, wait
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -209,6 +210,46 @@ if __name__ == "__main__":
     pool.submit(time.sleep, 100)
     time.sleep(100)
 """
+
+
+def drop_the_end(seconds: float) -> str:
+    """Sleep, and drop the exception of SIGTERM, as the serializers of pydantic do."""
+    with suppress(SystemExit):
+        time.sleep(seconds)
+    return "an answer after the end"
+
+
+def never_end() -> None:
+    while True:
+        drop_the_end(60.0)
+
+
+@pytest.mark.parametrize(("function", "arguments"), [(drop_the_end, (60.0,)), (never_end, ())])
+def test_a_worker_ends_whatever_drops_its_end(
+    pool: LocalPool, function: Callable[..., object], arguments: tuple[float, ...]
+) -> None:
+    """Such a process ignores the next SIGTERM, and Python's end waited for the process for ever."""
+    first = pool.pids()
+    running = pool.submit(function, *arguments)
+    time.sleep(0.2)
+    start = time.monotonic()
+    pool.shutdown(wait=False)
+    with pytest.raises(BrokenExecutor):
+        running.result(20)
+    assert time.monotonic() - start < 15.0
+    assert all(gone(pid) for pid in first if pid is not None)
+
+
+def test_python_ends_although_a_worker_is_stopped() -> None:
+    script = """
+import os, signal
+from verification.studies.running.executors import local
+with local(1) as workers:
+    workers.executor.submit(pow, 2, 5).result()
+    os.kill(workers.executor.pids()[0], signal.SIGSTOP)
+"""
+    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, timeout=60, check=False)
+    assert done.returncode == 0
 
 
 def test_workers_do_not_outlive_a_killed_parent() -> None:

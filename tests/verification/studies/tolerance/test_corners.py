@@ -12,9 +12,16 @@ import pytest
 from click.testing import CliRunner, Result
 
 from cli.main import main
+from netlist_gen.board.variation import vary
+from netlist_gen.scene.tolerances import Tolerances
+from spice_models.array_types import Floats
 from spice_models.errors import InputError
-from tests.support.studying import QUIET, one_thread, scene_file, small_scene
+from tests.support.studying import DAMPED, QUIET, one_thread, scene_file, small_scene
+from verification.engines.statespace.linearised.board import LinearBoard
+from verification.report.tolerance.tables import print_directions
 from verification.studies.tolerance.corners import Corner, named_corner, worst_corners
+from verification.studies.tolerance.rest_slopes import rest_slopes
+from verification.studies.tolerance.steady_directions import steady_directions
 from verification.studies.tolerance.varied_board import evaluate, prepare
 from verification.studies.tolerance.yield_report import SampleCollection, run_samples
 
@@ -40,7 +47,7 @@ def test_no_corner_is_worse_than_the_worst() -> None:
     study = prepare(scene)
     assert [p.name for p in study.varied] == ["Cc_1", "Cc_2", "temperature"]
     with one_thread() as workers:
-        found = worst_corners(scene, workers)
+        found = worst_corners(scene, workers).corners
     every = [
         evaluate(study, 0, np.array(ends)) for ends in itertools.product((-1.0, 1.0), repeat=3)
     ]
@@ -53,7 +60,7 @@ def test_the_worst_corner_is_worse_than_any_random_sample() -> None:
     scene = small_scene(tolerances=WORN, checks=CHECKS)
     study, tally = prepare(scene), SampleCollection(60)
     with one_thread() as workers:
-        found = worst_corners(scene, workers)
+        found = worst_corners(scene, workers).corners
         list(run_samples(study, range(60), 1, workers, tally))
     for quantity in QUANTITIES:
         values = [getattr(sample, quantity) for sample in tally.samples]
@@ -65,7 +72,7 @@ def test_the_worst_corner_is_worse_than_any_random_sample() -> None:
 
 def test_the_nominal_board_comes_first_and_corners_say_what_moves_them() -> None:
     with one_thread() as workers:
-        found = worst_corners(small_scene(tolerances=FEW, checks=CHECKS), workers)
+        found = worst_corners(small_scene(tolerances=FEW, checks=CHECKS), workers).corners
     assert [corner.name for corner in found] == ["nominal", *(f"worst {q}" for q in QUANTITIES)]
     assert found[0].deviations == {}
     slowest = next(corner for corner in found if corner.quantity == "growth_rate")
@@ -86,7 +93,7 @@ def test_a_margin_that_is_checked_has_its_corner() -> None:
     checks = CHECKS | {"stability": {"margin": 1.5}}
     scene = small_scene(design=design, tolerances=tolerances, checks=checks)
     with one_thread() as workers:
-        found = worst_corners(scene, workers)
+        found = worst_corners(scene, workers).corners
     nominal, least = found[0].result.margin, worst(found, "margin")
     assert nominal is not None
     assert least < 0.9 * nominal
@@ -116,6 +123,7 @@ def test_the_command(tmp_path: Path) -> None:
     found = taction(scene, "--jobs", "1", "--engine", "statespace")
     assert found.exit_code == 1, found.stderr
     assert "worst steady" in found.stdout
+    assert "first order" in found.stdout
     assert "fails steady_state" in found.stdout
     mine = ["--corner", "resistor=0", "--corner", "capacitor=1,Rf_1_1=-1"]
     own = taction(scene, *mine, "--engine", "statespace", "--json")
@@ -130,3 +138,54 @@ def test_a_deviation_that_is_none(tmp_path: Path, text: str) -> None:
     found = taction(scene_file(tmp_path), "--corner", text)
     assert found.exit_code == 2
     assert f"KEY=Z = {text!r}: expected KEY=Z" in found.stderr
+
+
+def test_the_directions_are_those_of_every_corner_of_all_resistors_of_two_kinds() -> None:
+    """Two resistors R and the DC gains vary: no corner of a channel is worse than its direction."""
+    tolerances = QUIET | {"resistor": 0.02, "opamp_gain": 0.5}
+    opamp = {"base": "ideal", "dc_gain": 300}
+    study = prepare(small_scene(design=DAMPED | {"opamp": opamp}, tolerances=tolerances))
+    found = steady_directions(study)
+    assert [(d.channel, d.sign) for d in found] != sorted((d.channel, d.sign) for d in found)
+    assert {(d.channel, d.sign) for d in found} == set(itertools.product((1, 2), (1, -1)))
+    assert {name.rpartition(".")[2] for name in found[0].deviations} >= {"dc_gain", "Rr_1"}
+    random = np.random.default_rng(3)
+    for direction in found:
+        corner = named_corner(study, "", direction.deviations).result.errors
+        assert corner[direction.channel - 1] == pytest.approx(direction.solved, rel=1e-6)
+        assert direction.predicted == pytest.approx(direction.solved, rel=0.15)
+        for _ in range(20):
+            z = random.choice([-1.0, 1.0], len(study.varied))
+            error = evaluate(study, 0, z).errors[direction.channel - 1]
+            assert direction.sign * error <= direction.sign * direction.solved + 1e-12
+
+
+def test_slopes_are_those_of_the_solved_boards() -> None:
+    """Every kind of component, against central differences of the equilibrium."""
+    tolerances = {"resistor": 0.01, "opamp_gain": 0.2, "temperature": 20.0}
+    scene = small_scene(design=DAMPED | {"opamp": {"base": "ideal", "dc_gain": 300}})
+    scene = scene.model_copy(update={"tolerances": Tolerances(**tolerances)})
+    study = prepare(scene)
+    slopes = rest_slopes(study)
+
+    def rest(z: Floats) -> Floats:
+        board = LinearBoard(vary(study.nominal, study.scene.tolerances, z))
+        return np.array([o.sign * board.equilibrium[o.node] for o in study.nominal.outputs])
+
+    for place, unit in enumerate(0.01 * np.eye(len(study.varied))):
+        expected = (rest(unit) - rest(-unit)) / 0.02
+        assert slopes[place] == pytest.approx(expected, rel=1e-5, abs=1e-9)
+
+
+def test_the_worst_corner_at_rest_is_the_first_direction(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with one_thread() as workers:
+        study = worst_corners(small_scene(tolerances=WORN, checks=CHECKS), workers)
+    first = study.directions[0]
+    assert worst(study.corners, "steady_state") == pytest.approx(abs(first.solved), rel=1e-6)
+    assert first.predicted == pytest.approx(first.solved, rel=0.3)  # the parts vary by 5 %
+    print_directions(study.directions)
+    printed = capsys.readouterr().out
+    assert "first order" in printed
+    assert all(name in printed for name in first.largest)

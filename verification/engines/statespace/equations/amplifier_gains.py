@@ -1,7 +1,8 @@
 """The function ``g``, its slope and a safe coordinate for each kind of behavioural amplifier.
 
 `GAINS` has one entry for each kind of `spice_models.amplifier.AMPLIFIERS` except the linear one,
-which is an op-amp, and "clamp", that of an op-amp's swing (`spice_models.opamp`). The safe
+which is an op-amp, and the `OPAMP_KINDS`: input stage, swing and output current of an op-amp with
+limits (`spice_models.opamp`). The safe
 coordinate of a channel is ``q = y + h g(y)`` with ``h >= 0``. With strong feedback q is close to
 the amplifier's output, with weak feedback to its input, so a Newton step in q neither overflows nor
 becomes too short.
@@ -19,6 +20,7 @@ from spice_models.array_types import Floats
 from spice_models.errors import EngineError
 from spice_models.opamp import KNEE
 
+OPAMP_KINDS = INPUT_STAGE, CLAMP, LIMITER = ("stage", "clamp", "limiter")
 HUGE = 1e300
 NEWTON_STEPS = 200  # enough for bisection alone
 LARGEST_EXPONENT = 690.0  # exp(690) is near 1e300: a gain still fits without overflow
@@ -110,12 +112,25 @@ def _clamp_slope(y: Floats) -> Floats:
     return _sech2(y - KNEE) + _sech2(y + KNEE)
 
 
+def _beyond(y: Floats) -> Floats:
+    """Return nearly 0 between -1 and 1, and what y is beyond, with knees of ``1 / 2 KNEE``."""
+    K = 2.0 * KNEE
+    return (_softplus(K * (y - 1.0)) - _softplus(-K * (y + 1.0))) / K
+
+
+def _beyond_slope(y: Floats) -> Floats:
+    K = 2.0 * KNEE
+    return _sigmoid(K * (y - 1.0)) + _sigmoid(-K * (y + 1.0))
+
+
 GAINS: dict[str, Gain] = {
     "exponential": Gain(np.exp, np.exp, _exponential_from_coordinate, LARGEST_EXPONENT),
     "sinh": Gain(np.sinh, np.cosh, _by_newton(np.sinh, np.cosh), LARGEST_EXPONENT),
     "softplus": Gain(_softplus, _sigmoid, _by_newton(_softplus, _sigmoid), HUGE),
     "tanh": Gain(np.tanh, _sech2, _by_newton(np.tanh, _sech2), HUGE),
+    "stage": Gain(np.tanh, _sech2, _by_newton(np.tanh, _sech2), HUGE),
     "clamp": Gain(_clamped, _clamp_slope, _by_newton(_clamped, _clamp_slope), HUGE),
+    "limiter": Gain(_beyond, _beyond_slope, _by_newton(_beyond, _beyond_slope), HUGE),
 }
 
 

@@ -10,12 +10,13 @@ is the behavioural amplifiers, each in the row of its output. Only the resistor 
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from spice_models.array_types import Bools, Floats, Ints
 from spice_models.errors import EngineError
+from verification.engines.statespace.equations.amplifier_gains import OPAMP_KINDS, gain_of
 from verification.engines.statespace.equations.mirror_symmetry import Dense, Halves
 
 LARGE = 600  # unknowns above which structured solves replace dense ones
@@ -28,6 +29,11 @@ class Triplets:
     rows: Ints
     columns: Ints
     values: Floats
+
+    def joined(self, other: Triplets) -> Triplets:
+        """Return the sum with another matrix."""
+        fields = ("rows", "columns", "values")
+        return Triplets(*(np.concatenate([getattr(p, f) for p in (self, other)]) for f in fields))
 
     def dense(self, size: int) -> Floats:
         """Return the matrix, shape (size, size)."""
@@ -67,6 +73,19 @@ class Devices:
     def count(self) -> int:
         """Number of amplifiers."""
         return len(self.output)
+
+    def part(self, chosen: Bools) -> Devices:
+        """Return some of the amplifiers."""
+        kinds = tuple(k for k, keep in zip(self.kinds, chosen.tolist(), strict=True) if keep)
+        places = (self.input[chosen], self.output[chosen])
+        return Devices(kinds, *places, self.u_scale[chosen], self.v_scale[chosen])
+
+    def joined(self, *others: Devices) -> Devices:
+        """Return these amplifiers, then the others."""
+        parts = (self, *others)
+        kinds = tuple(kind for part in parts for kind in part.kinds)
+        fields = ("input", "output", "u_scale", "v_scale")
+        return Devices(kinds, *(np.concatenate([getattr(p, f) for p in parts]) for f in fields))
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,6 +150,25 @@ class Descriptor:
             values += [part.conductance.ravel(), part.conductance[:, part.loaded].ravel()]
         sums = np.bincount(np.concatenate(flat), np.concatenate(values), minlength=self.size**2)
         return sums.astype(np.float64, copy=False).reshape(self.size, self.size)
+
+    @property
+    def has_limits(self) -> bool:
+        """Whether op-amps have limits."""
+        return any(kind in OPAMP_KINDS for kind in self.devices.kinds)
+
+    @functools.cached_property
+    def without_limits(self) -> Descriptor:
+        """The equations with op-amps that are linear: the limits' slopes at zero in their place."""
+        devices = self.devices
+        limits = np.array([kind in OPAMP_KINDS for kind in devices.kinds], dtype=np.bool_)
+        removed, kept = devices.part(limits), devices.part(~limits)
+        slopes = (
+            -removed.u_scale
+            / removed.v_scale
+            * gain_of(removed.kinds).slope(np.zeros(removed.count))
+        )
+        added = Triplets(removed.output, removed.input, slopes)
+        return replace(self, local=self.local.joined(added), devices=kept)
 
     def stiffness_times(self, z: Floats, *, magnitudes: bool = False) -> Floats:
         """Return K z, or ``|K| |z|``, without forming K; shape (size,)."""

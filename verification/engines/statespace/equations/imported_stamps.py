@@ -16,9 +16,7 @@ from netlist_gen.board.circuit import OpAmpCell
 from spice_models.array_types import Ints
 from spice_models.errors import EngineError
 from spice_models.imported import LinearModel
-from verification.engines.statespace.equations.transistor_stamps import Stamper
-
-GROUND = -1
+from verification.engines.statespace.equations.stamper import Stamper
 
 
 def stamp_imported(stamper: Stamper, cells: Sequence[OpAmpCell], pins: Ints) -> None:
@@ -53,7 +51,7 @@ def _inputs(stamper: Stamper, model: LinearModel, pins: tuple[int, int]) -> None
         stamper.mass.add(one, one, np.array([model.capacitance]))
         # The conductance already takes its part of the current at the voltage of the measurement.
         part = model.conductance * (model.rest if pin == pins[1] else 0.0)
-        _bias(stamper, pin, -(model.bias_current - part))
+        stamper.constant_currents.append((one, np.array([part - model.bias_current])))
 
 
 def _states(
@@ -88,5 +86,4 @@ def _add(stamper: Stamper, row: int, terms: tuple[tuple[int, float], ...]) -> No
 
 
 def _bias(stamper: Stamper, row: int, value: float) -> None:
-    if row != GROUND:
-        stamper.bias(np.array([row], dtype=np.int64), np.array([value]))
+    stamper.constant_laws.append((np.array([row], dtype=np.int64), np.array([value])))

@@ -177,6 +177,8 @@ class Structure:
         from scipy.linalg import get_lapack_funcs
 
         o, i, couplings = self.outer, self.inner, self.couplings
+        if not o.size:  # a circuit without resistor matrices
+            return lambda r: Z @ r
         scale = np.abs(schur).max(axis=1, initial=0.0)
         scaled = np.asfortranarray(schur / scale[:, None])
         routines: Any = get_lapack_funcs(("getrf", "getrs"), (scaled,))

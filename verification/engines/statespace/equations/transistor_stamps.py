@@ -12,53 +12,16 @@ exponentials are devices with the outputs ``-U0 F / SCALE`` and ``-U0 R / SCALE`
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Protocol
-
 import numpy as np
 
 from netlist_gen.board.circuit import Circuit
 from spice_models.array_types import Floats, Ints
 from spice_models.transistor import thermal_voltage
 from verification.engines.statespace.equations.descriptor import Descriptor, Devices
+from verification.engines.statespace.equations.stamper import Stamper
 
 SCALE = 1e-4  # A
 KIND = "exponential"
-
-
-class Entries(Protocol):
-    """A growing matrix (`stamps._Entries`)."""
-
-    def add(self, rows: Ints, columns: Ints, values: Floats) -> None:
-        """Stamp one entry in each row."""
-
-    def branch(self, a: Ints, b: Ints, values: Floats) -> None:
-        """Stamp two-terminal elements between places a and b."""
-
-
-class Stamper(Protocol):
-    """What the stamps need of `stamps._Stamper`."""
-
-    circuit: Circuit
-    fixed: set[int]
-
-    @property
-    def currents(self) -> Entries:
-        """K in the rows of current balances."""
-
-    @property
-    def laws(self) -> Entries:
-        """K in all other rows."""
-
-    @property
-    def mass(self) -> Entries:
-        """M."""
-
-    def nodes(self, names: Iterable[str]) -> Ints:
-        """Return the places of nodes."""
-
-    def bias(self, rows: Ints, values: Floats) -> None:
-        """Add constants to rows."""
 
 
 def stamp_transistors(stamper: Stamper, pins: Ints) -> Devices:
@@ -93,7 +56,7 @@ def stamp_transistors(stamper: Stamper, pins: Ints) -> Devices:
         stamper.laws.add(junction, base, sign)
         stamper.laws.add(junction, far, -sign)
         stamper.laws.add(junction, junction, -np.ones_like(sign))
-        stamper.bias(junction, -volts * np.log(SCALE / IS))
+        stamper.constant_laws.append((junction, -volts * np.log(SCALE / IS)))
     # A row states the currents into its node; z[f] = -U0 F / SCALE.
     per_volt = sign * SCALE / circuit.scalings.unit_voltage
     for rows, of_f, of_r, constant in (
@@ -103,7 +66,7 @@ def stamp_transistors(stamper: Stamper, pins: Ints) -> Devices:
     ):
         stamper.currents.add(rows, f, per_volt * of_f)
         stamper.currents.add(rows, r, per_volt * of_r)
-        stamper.bias(rows, -sign * constant)
+        stamper.constant_currents.append((rows, -sign * constant))
     scales = (
         np.full(2 * len(models), circuit.scalings.unit_voltage),
         np.full(2 * len(models), volts),

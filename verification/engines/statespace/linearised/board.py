@@ -19,6 +19,7 @@ from verification.engines.statespace.equations.stamps import stamp
 from verification.engines.statespace.equations.structured_solve import Structure
 from verification.engines.statespace.linearised.equilibrium import (
     Equilibrium,
+    equilibrium_near,
     rounding,
     solve_equilibrium,
 )
@@ -58,7 +59,7 @@ class LinearBoard:
     @functools.cached_property
     def equilibrium(self) -> Equilibrium:
         """The equilibrium with the strain applied."""
-        return self.point or solve_equilibrium(self.descriptor, self._response)
+        return self.point or self._equilibrium(sources_on=True)
 
     @functools.cached_property
     def rounding(self) -> Floats:
@@ -68,7 +69,16 @@ class LinearBoard:
     @functools.cached_property
     def rest(self) -> Equilibrium:
         """The equilibrium without strain; voltage sources stay on."""
-        return solve_equilibrium(self.descriptor, self._response, sources_on=False)
+        return self._equilibrium(sources_on=False)
+
+    def _equilibrium(self, *, sources_on: bool) -> Equilibrium:
+        if self.descriptor.has_limits:
+            free = LinearBoard(self.circuit, self.descriptor.without_limits)
+            start = free._equilibrium(sources_on=sources_on)
+            near = equilibrium_near(self.descriptor, start.values, sources_on=sources_on)
+            if near is not None:
+                return near
+        return solve_equilibrium(self.descriptor, self._response, sources_on=sources_on)
 
     @functools.cached_property
     def _response(self) -> Response:

@@ -23,6 +23,7 @@ from verification.engines.statespace.linearised.natural_newton import natural_ne
 
 MAX_STEPS = 200
 STAGES = 10.0 ** np.arange(0, -17, -2)  # of the homotopy: added diagonal feedback, times H
+POLISHING = 4  # Newton steps on all unknowns
 POLISHED = 1e-13  # residual above which the last steps are taken on all unknowns
 CERTIFICATE = 1e-9  # largest residual accepted, relative to the terms that cancel in it
 # An unknown below this share of the largest counts as if it had it: where only rounding is left
@@ -113,6 +114,26 @@ def _near_solution(H: Floats, a: Floats, gain: Gain) -> tuple[Floats, int]:
         raise
 
 
+def equilibrium_near(
+    descriptor: Descriptor, z: Floats, *, sources_on: bool = True
+) -> Equilibrium | None:
+    """Return the equilibrium that Newton steps on all unknowns find from z, or None.
+
+    From the equilibrium without the limits of the op-amps it takes one or two steps, unless the
+    board rests beyond a limit.
+    """
+    drive, devices = descriptor.drive(sources_on=sources_on), descriptor.devices
+    z = _polish(descriptor, z, drive)
+    if not np.all(np.isfinite(z)):
+        return None
+    residual = _residual(descriptor, z, drive)
+    if not residual <= CERTIFICATE:
+        return None
+    y = z[devices.input] / devices.v_scale
+    slopes = -devices.u_scale / devices.v_scale * gain_of(devices.kinds).slope(y)
+    return Equilibrium(descriptor, z, slopes, residual, POLISHING)
+
+
 def _polish(descriptor: Descriptor, z: Floats, drive: Floats) -> Floats:
     """Take Newton steps on all unknowns at once, since the gain of the loop magnifies rounding.
 
@@ -120,7 +141,7 @@ def _polish(descriptor: Descriptor, z: Floats, drive: Floats) -> Floats:
     """
     devices = descriptor.devices
     gain = gain_of(devices.kinds)
-    for _ in range(4):
+    for _ in range(POLISHING):
         y = np.minimum(z[devices.input] / devices.v_scale, gain.upper)
         F = descriptor.stiffness_times(z) + drive
         F[devices.output] -= devices.u_scale * gain.value(y)
@@ -157,6 +178,11 @@ def rounding(rest: Equilibrium) -> Floats:
     noise = float(np.finfo(np.float64).eps) * terms[:, None] * draws
     moved = _newton_step(descriptor, rest.slopes, noise, np.abs(z))
     return np.asarray(SPREAD * np.abs(moved).max(axis=1))
+
+
+def balance(descriptor: Descriptor, z: Floats) -> Floats:
+    """Return ``K z + b + f(z)`` with the sources on, (size,): zero at the equilibrium."""
+    return _cancelling(descriptor, z, descriptor.drive(sources_on=True))[0]
 
 
 def _cancelling(descriptor: Descriptor, z: Floats, drive: Floats) -> tuple[Floats, Floats]:

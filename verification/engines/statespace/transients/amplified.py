@@ -19,7 +19,7 @@ from netlist_gen.analysis import Transient
 from netlist_gen.board.circuit import Circuit
 from spice_models.array_types import Complexes, Floats, Indices
 from spice_models.errors import DivergesError, EngineError
-from verification.engines.statespace.equations.amplifier_gains import gain_of
+from verification.engines.statespace.equations.amplifier_gains import LIMITER, gain_of
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.linearised.equilibrium import Equilibrium, solve_loop
 from verification.engines.statespace.linearised.initial_state import initial_unknowns
@@ -182,7 +182,10 @@ def simulate(
     began = clock.perf_counter()
     board = LinearBoard.of(circuit)
     wanted = board.reported(nodes)
-    system = (Wide if board.descriptor.is_large else Amplified)(board, wanted)
+    # A limited output current moves its own node, a loop without charge: `Wide` does not solve it
+    # at every evaluation.
+    looped = LIMITER in board.descriptor.devices.kinds
+    system = (Wide if looped or board.descriptor.is_large else Amplified)(board, wanted)
     z = system.start(analysis)
     floor = voltage_floor(system.magnitudes(board.equilibrium), z)
     largest = max(floor.max(initial=0.0), system.devices.u_scale.max(initial=0.0))

@@ -64,6 +64,8 @@ class Wide:
         """Return structured solvers of ``(shift M - K - f'(z)) x = r``."""
         y = z[self.devices.input] / self.devices.v_scale
         slopes = -self.devices.u_scale / self.devices.v_scale * self.gain.slope(y)
+        if not self.descriptor.is_large:
+            return [self._dense(shift, slopes) for shift in shifts.tolist()]
         structure = Structure(self.descriptor, slopes)
         solvers: list[Solve] = []
         for shift in shifts.tolist():
@@ -73,6 +75,23 @@ class Wide:
             else:
                 solvers.append(structure.factor(shift).solve)
         return solvers
+
+    def _dense(self, shift: complex, slopes: Floats) -> Solve:
+        """Return a dense solver of a small board, whose structure costs more than it saves."""
+        from scipy.linalg import lu_factor, lu_solve
+
+        devices, board = self.devices, self.descriptor.dense
+        matrix = (shift.real if shift.imag == 0.0 else shift) * board.mass - board.stiffness
+        matrix[devices.output, devices.input] -= slopes
+        scale, real = np.abs(matrix).max(axis=1), shift.imag == 0.0
+        factor = lu_factor(matrix / scale[:, None], check_finite=False)
+
+        def solve(r: Complexes) -> Complexes:
+            rows = (np.stack([r.real, r.imag], axis=1) if real else r[:, None]) / scale[:, None]
+            x = lu_solve(factor, rows, check_finite=False)
+            return np.asarray(x[:, 0] + 1j * x[:, 1] if real else x[:, 0])
+
+        return solve
 
     def watch(self, z: Floats) -> Floats:
         """Select the reported nodes, with amplifier inputs instead of amplifier outputs."""

@@ -13,6 +13,7 @@ import numpy as np
 
 from netlist_gen.analysis import Transient
 from netlist_gen.board.circuit import Circuit
+from netlist_gen.quantities import show
 from spice_models.array_types import Complexes, Floats, Ints
 from spice_models.errors import EngineError
 from verification.engines.statespace.linearised.board import LinearBoard
@@ -122,7 +123,8 @@ def exact_solution(
     Raises
     ------
     EngineError
-        The board is not linear, or has no equilibrium or no state space.
+        The board is not linear, or has no equilibrium or no state space, or rounding hides the
+        solution.
 
     Notes
     -----
@@ -243,9 +245,9 @@ def _choose_flow(
         slowest = float(np.abs(poles.real).min())
         stop = 10.0 / slowest if slowest > 0.0 else 1e3 / float(np.abs(poles).max())
     ladder = LadderFlow(space.A, C, deviation, stop)
-    if ladder.error < modal.error or not math.isfinite(modal.error):
-        return ladder, "exponential"
-    return modal, "modes"
+    if not min(ladder.error, modal.error) < math.inf:
+        raise EngineError(f"rounding hides the solution over {show(stop, 's', 3)}")
+    return (ladder, "exponential") if ladder.error < modal.error else (modal, "modes")
 
 
 def simulate(

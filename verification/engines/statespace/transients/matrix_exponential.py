@@ -192,12 +192,14 @@ class LadderFlow:
         levels = max(math.ceil(math.log2(max(2.0 * norm * stop, 1.0))), 0)
         self.step = stop / 2.0**levels if stop > 0.0 else 1.0
         self.powers = [_taylor(self.A * self.step, np.eye(len(A)))]
-        for _ in range(levels):
-            self.powers.append(self.powers[-1] @ self.powers[-1])
-        # Every squaring doubles the rounding error of the first power.
-        growth = max(float(np.abs(P).sum(axis=1).max()) for P in self.powers)
+        with np.errstate(over="ignore", invalid="ignore"):  # rounding lets a slow mode grow
+            for _ in range(levels):
+                self.powers.append(self.powers[-1] @ self.powers[-1])
+            # Every squaring doubles the rounding error of the first power.
+            growth = max(float(np.abs(P).sum(axis=1).max()) for P in self.powers)
         reach = float((np.abs(self.C) @ np.abs(self.deviation)).max(initial=0.0))
-        self.error = EPS * 2.0**levels * growth * reach
+        error = EPS * 2.0**levels * growth * reach
+        self.error = error if math.isfinite(error) else math.inf
 
     def at(self, times: Floats, order: int = 0) -> Floats:
         """See `Flow`."""

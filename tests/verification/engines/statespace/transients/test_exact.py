@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -171,3 +172,10 @@ def test_a_diverging_board_gives_what_comes_before_the_range_of_floats_ends() ->
     assert record.time[-1] == pytest.approx(np.log(1e308) / 7462.0, rel=0.05)
     with pytest.raises(EngineError, match="leaves the range of floats"):
         simulate(paper_board(5e-12), Transient(1.0, 1.0), times=np.array([0.5, 1.0]))
+
+
+def test_powers_beyond_the_range_of_floats_have_an_infinite_error() -> None:
+    """A pair of poles on the axis, to rounding: the last of its powers overflows."""
+    turning = np.array([[1e-8, 4.7e6], [-4.7e6, 1e-8]])
+    flow = LadderFlow(turning, np.eye(2), np.ones(2), 1e12)
+    assert flow.error == math.inf

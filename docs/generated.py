@@ -1,0 +1,202 @@
+"""Pages that the build makes: keys of a scene from its schema, commands from click, pictures.
+
+Everything here comes from the code or from a real run, so it cannot become out of date.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import click
+
+HERE = Path(__file__).resolve().parent
+ROOT, PLACE = HERE.parent, HERE / "_generated"
+PICTURES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
+    (
+        "The paper's board: it passes, and it rings for 2.4 ms",
+        "breadboard",
+        ("verify", "scenes/paper-breadboard.toml", "--engine", "statespace"),
+    ),
+    (
+        "A damped board: it settles after its first rise",
+        "tuned",
+        ("verify", "scenes/tuned-breadboard.toml", "--engine", "statespace"),
+    ),
+    (
+        "Exponential amplifiers: the outputs are positive",
+        "exponential",
+        ("verify", "scenes/paper-exponential.toml", "--engine", "statespace"),
+    ),
+    (
+        "Poles and crossings over C: the board oscillates below 9.02 pF",
+        "onset",
+        ("onset", "scenes/paper-breadboard.toml", "--over", "C", "--no-confirm"),
+    ),
+    (
+        "A sweep over C and gain: which check fails, and the boundary of oscillation",
+        "map",
+        (
+            "sweep", "scenes/tuned-breadboard.toml", "--over", "C=1pF:100pF:9",
+            "--over", "gain=1M:20M:7", "--fix", "lambda", "--engine", "statespace", "--jobs", "1",
+        ),
+    ),
+)  # fmt: skip
+
+
+def write_pages(app: object = None) -> None:
+    """Write all pages and pictures into `PLACE`."""
+    PLACE.mkdir(exist_ok=True)
+    _write("scene.md", "\n".join(_scene_page()))
+    _write("commands.md", "\n".join(_commands_page()))
+    _write("gallery.md", "\n".join(_gallery_page()))
+
+
+def _write(name: str, text: str) -> None:
+    path = PLACE / name
+    if not path.exists() or path.read_text("utf-8") != text:  # an unchanged page is not built anew
+        path.write_text(text, "utf-8")
+
+
+def _scene_page() -> Iterator[str]:
+    schema = json.loads((HERE / "scene.schema.json").read_text("utf-8"))
+    yield "# Keys of a scene file\n"
+    yield 'A scene is a TOML file. Every quantity is a number in SI units or a text such as `"10pF"`.'
+    yield "Unknown keys are refused, with the nearest known key. `scene.schema.json` beside this page"
+    yield "lets an editor complete and check scene files.\n"
+    yield from _section("", schema, schema["$defs"], 1)
+
+
+def _section(path: str, schema: dict[str, Any], kinds: dict[str, Any], level: int) -> Iterator[str]:
+    """Yield the table of the keys of a table, then the tables below it."""
+    below = []
+    if path:
+        yield f"\n{'#' * min(level, 5)} `{path}`\n"
+        if schema.get("description"):
+            yield f"{_plain(schema['description'])}\n"
+    rows = []
+    for key, about in schema.get("properties", {}).items():
+        about = {**_resolved(about, kinds), **{k: v for k, v in about.items() if k != "$ref"}}
+        own = f"{path}.{key}" if path else key
+        tables = [choice for choice in _choices(about, kinds) if "properties" in choice]
+        below += [(own, table) for table in tables]
+        rows.append(
+            f"| `{key}` | {_type(about, kinds)} | {_default(about)} | {_plain(about.get('description', ''))} |"
+        )
+    if rows:
+        yield "| key | value | default | meaning |"
+        yield "|---|---|---|---|"
+        yield from rows
+        yield ""
+    for own, table in below:
+        constant = table["properties"].get("kind", {}).get("const")
+        name = f'{own}` with `kind = "{constant}"' if constant else own
+        for line in _section(own, table, kinds, level + 1):
+            yield line.replace(f"`{own}`", f"`{name}`", 1) if line.startswith("\n#") else line
+
+
+def _resolved(about: dict[str, Any], kinds: dict[str, Any]) -> dict[str, Any]:
+    reference = about.get("$ref", "").rpartition("/")[2]
+    found: dict[str, Any] = kinds[reference] if reference else about
+    return found
+
+
+def _choices(about: dict[str, Any], kinds: dict[str, Any]) -> list[dict[str, Any]]:
+    several = about.get("oneOf") or about.get("anyOf") or [about]
+    return [_resolved(choice, kinds) for choice in several]
+
+
+def _type(about: dict[str, Any], kinds: dict[str, Any]) -> str:
+    words: list[str] = []
+    for choice in _choices(about, kinds):
+        if "const" in choice:
+            word = f"`{json.dumps(choice['const'])}`"
+        elif "enum" in choice:
+            word = ", ".join(f"`{json.dumps(value)}`" for value in choice["enum"])
+        elif "properties" in choice:
+            word = "table"
+        else:
+            word = {"null": "", "number": "number", "string": "text"}.get(
+                choice.get("type", ""), choice.get("type", "")
+            )
+            limits = [
+                f"{sign} {choice[name]:g}"
+                for name, sign in (
+                    ("gt", "above"), ("ge", "from"), ("lt", "below"), ("le", "to"),
+                    ("exclusiveMinimum", "above"), ("minimum", "from"),
+                    ("exclusiveMaximum", "below"), ("maximum", "to"),
+                )
+                if isinstance(choice.get(name), (int, float))
+            ]  # fmt: skip
+            word = " ".join([word, *limits]) if word else ""
+        if word and word not in words:
+            words.append(word)
+    return " or ".join(words).replace("|", "\\|") or "-"
+
+
+def _default(about: dict[str, Any]) -> str:
+    if "default" not in about or isinstance(about["default"], dict):
+        return "-"
+    return "none" if about["default"] is None else f"`{json.dumps(about['default'])}`"
+
+
+def _plain(text: str) -> str:
+    return " ".join(text.split()).replace("|", "\\|").replace("<", "&lt;")
+
+
+def _commands_page() -> Iterator[str]:
+    from cli.main import COMMANDS, main
+
+    yield "# Commands\n"
+    yield "`taction COMMAND --help` prints what is below. Exit status: 0 pass, 1 a check failed, 2 bad"
+    yield "input, 3 no verdict; 130, 143 and 129 after SIGINT, SIGTERM and SIGHUP; 141 for a closed pipe.\n"
+    with click.Context(main, info_name="taction") as context:
+        for name in COMMANDS:
+            command = main.get_command(context, name)
+            if command is None:
+                continue
+            yield from _command(command, f"taction {name}", context)
+
+
+def _command(command: click.Command, name: str, above: click.Context) -> Iterator[str]:
+    with click.Context(command, info_name=name.partition(" ")[2], parent=above) as context:
+        yield f"\n## `{name}`\n"
+        yield f"```text\n{command.get_help(context)}\n```"
+        if isinstance(command, click.Group):
+            for below in command.list_commands(context):
+                inner = command.get_command(context, below)
+                if inner is not None:
+                    yield from _command(inner, f"{name} {below}", context)
+
+
+def _gallery_page() -> Iterator[str]:
+    yield "# Gallery\n"
+    yield "The build of this documentation draws these pictures, by the commands below them.\n"
+    for title, name, words in PICTURES:
+        picture = PLACE / f"{name}.png"
+        shown = " ".join(word for word in words if word not in ("--jobs", "1"))
+        more: tuple[str, ...] = ()
+        if words[0] == "sweep":
+            more = ("-o", str(PLACE / f"{name}.sqlite"))
+        command = [sys.executable, "-m", "taction", *words, *more, "--plot", str(picture)]
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+        if not picture.exists():
+            raise RuntimeError(f"{shown}: no picture: {done.stderr}")
+        yield f"## {title}\n\n![{title}]({picture.name})\n\n```sh\ntaction {shown} --plot {name}.png\n```\n"
+
+
+def setup(app: Any) -> dict[str, bool]:
+    """Register with Sphinx."""
+    app.connect("builder-inited", write_pages)
+    app.connect("build-finished", lambda app, error: _publish(Path(app.outdir)))
+    return {"parallel_read_safe": True}
+
+
+def _publish(out: Path) -> None:
+    for schema in HERE.glob("*.schema.json"):
+        shutil.copy(schema, out)

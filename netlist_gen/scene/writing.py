@@ -1,0 +1,70 @@
+"""A scene as the text of a scene file: the keys that it has, without comments."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from netlist_gen.scene.scene import Scene
+
+FILES = ("matrix", "strain", "stress", "file")  # keys of `problem` and of its load that are files
+
+
+def scene_text(scene: Scene, folder: str | Path | None = None) -> str:
+    r"""Return a scene file that reads as `scene`; its name and regression are those of `scene`.
+
+    Parameters
+    ----------
+    folder : path, optional
+        Where the text will stand, by default beside the scene's own file: names of files are
+        relative to it.
+
+    Examples
+    --------
+    >>> from netlist_gen.scene.scene import parse_scene
+    >>> data = {"problem": {"kind": "tactile"}, "design": {"opamp": {"base": "tl084"}}}
+    >>> print(scene_text(parse_scene(data, "scene.toml")))
+    [problem]
+    kind = "tactile"
+    <BLANKLINE>
+    [design]
+    opamp = { base = "tl084" }
+    <BLANKLINE>
+    """
+    data = scene.model_dump(by_alias=True, exclude_unset=True)
+    if folder is not None:
+        _move(data.get("problem", {}), scene.folder, Path(folder))
+    plain = [f"{key} = {_value(v)}" for key, v in data.items() if not isinstance(v, dict)]
+    tables = [plain] if plain else []
+    for name, table in data.items():
+        if isinstance(table, dict):
+            lines = [f"{key} = {_value(v)}" for key, v in table.items() if v is not None]
+            tables.append([f"[{name}]", *lines])
+    return "\n\n".join("\n".join(lines) for lines in tables) + "\n"
+
+
+def _move(table: dict[str, Any], before: Path, after: Path) -> None:
+    for key, value in table.items():
+        if isinstance(value, dict):
+            _move(value, before, after)
+        elif key in FILES and isinstance(value, str):
+            moved = os.path.relpath(before / value, after)
+            table[key] = Path(moved).as_posix()
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, Mapping):
+        inner = ", ".join(f"{key} = {_value(v)}" for key, v in value.items() if v is not None)
+        return f"{{ {inner} }}" if inner else "{}"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        text = json.dumps(value, ensure_ascii=False)
+        return text.replace("\x7f", "\\u007f")
+    if isinstance(value, float) and not math.isfinite(value):
+        return "inf" if value > 0 else "-inf"
+    return repr(value)

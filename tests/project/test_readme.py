@@ -1,0 +1,27 @@
+"""The README is short, and what it names exists."""
+
+from __future__ import annotations
+
+import re
+
+from cli.main import COMMANDS
+from tests.support.paths import ROOT
+
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def test_it_has_at_most_120_lines() -> None:
+    assert len(README.splitlines()) <= 120
+
+
+def test_every_page_and_picture_that_it_names_exists() -> None:
+    named = set(re.findall(r"(?:docs|scenes)/[\w./-]+\.\w+", README))
+    assert len(named) > 15
+    assert [name for name in named if not (ROOT / name).exists()] == []
+
+
+def test_every_command_is_in_the_first_session() -> None:
+    session = README.partition("## A first session")[2].partition("```python")[0]
+    used = set(re.findall(r"^taction (\w+)", session, re.MULTILINE))
+    assert used <= set(COMMANDS)
+    assert set(COMMANDS) - used <= {"choose", "explore"}

@@ -1,0 +1,105 @@
+"""How far every resistor moves the outputs at rest: adjoint sensitivities of the equilibrium.
+
+With ``F(z, p) = K z + b + f(z) = 0`` at the equilibrium, a change of the value p moves an output
+``y = c z`` by ``-l dF`` with ``J' l = c``, where J is the Jacobian of F in z. So one factorisation
+of J and one right-hand side for each output give the sensitivity to every part of the board. A
+resistor R between the nodes a and b changes only the current balances of these nodes, so that
+``dy / d ln R = (l_a - l_b) (z_b - z_a) / R`` (Tellegen's theorem). For a board with behavioural
+amplifiers J is taken at the equilibrium: the linearised condition of the optimum.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from netlist_gen.board.circuit import GROUND, Circuit
+from spice_models.array_types import Floats
+from spice_models.errors import EngineError
+from verification.engines.statespace.equations.stamps import stamp
+from verification.engines.statespace.linearised.board import LinearBoard
+from verification.engines.statespace.linearised.equilibrium import balance
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RestSensitivity:
+    """First-order changes of the outputs at rest.
+
+    Attributes
+    ----------
+    board : LinearBoard
+        The board; its equilibrium is the point of linearisation.
+    adjoint : ndarray (N, size)
+        ``-dy / dF``: output n moves by ``-adjoint[n] @ dF``, V.
+    """
+
+    board: LinearBoard
+    adjoint: Floats
+
+    @classmethod
+    def of(cls, board: LinearBoard) -> RestSensitivity:
+        """Linearise `board` at its equilibrium.
+
+        Raises
+        ------
+        EngineError
+            The board has no equilibrium, or its Jacobian is singular.
+
+        Notes
+        -----
+        Costs one dense factorisation of all unknowns.
+        """
+        descriptor, rest = board.descriptor, board.equilibrium
+        J = descriptor.dense.stiffness.copy()
+        J[descriptor.devices.output, descriptor.devices.input] += rest.slopes
+        row, column = np.abs(J).max(axis=1), np.maximum(np.abs(rest.values), _least(rest.values))
+        scaled = J / row[:, None] * column
+        outputs = board.circuit.outputs
+        wanted = np.zeros((descriptor.size, len(outputs)))
+        for n, output in enumerate(outputs):
+            place = descriptor.place(output.node)
+            wanted[place, n] = output.sign * column[place]
+        try:
+            solved = np.linalg.solve(scaled.T, wanted)
+        except np.linalg.LinAlgError:
+            raise EngineError("the Jacobian of the equilibrium is singular") from None
+        return cls(board, np.asarray((solved / row[:, None]).T))
+
+    def towards(self, circuit: Circuit) -> Floats:
+        """Return how far the equations of `circuit` move the outputs, to first order, V, (N,).
+
+        The circuit has the parts of the board, with other values.
+        """
+        return -self.adjoint @ balance(stamp(circuit), self.board.equilibrium.values)
+
+    def resistors(self) -> dict[str, Floats]:
+        """Return ``dy / d ln R`` (N,), V, of every resistor, by its name in the deck."""
+        found: dict[str, Floats] = {}
+        for matrix in self.board.circuit.matrices:
+            elements = list(matrix.elements())
+            names = [f"{matrix.name}_{k + 1}_{n + 1}" for k, n, *_ in elements]
+            ends = [(a, b) for _, _, a, b, _ in elements]
+            found |= self._branches(names, ends, [ohms for *_, ohms in elements])
+        parts = self.board.circuit.resistors
+        ends, ohms = [(part.a, part.b) for part in parts], [part.ohms for part in parts]
+        return found | self._branches([f"R{part.name}" for part in parts], ends, ohms)
+
+    def _branches(
+        self, names: list[str], ends: list[tuple[str, str]], ohms: list[float]
+    ) -> dict[str, Floats]:
+        """Return the sensitivities to resistors between `ends`."""
+        descriptor, size = self.board.descriptor, self.board.descriptor.size
+        places = {GROUND: size} | descriptor.places
+        a, b = np.array([[places[node] for node in pair] for pair in ends]).reshape(-1, 2).T
+        z = np.append(self.board.equilibrium.values, 0.0)
+        # A node whose voltage a source determines has no current balance to change.
+        felt = np.where(descriptor.determined, 0.0, self.adjoint)
+        felt = np.append(felt, np.zeros((len(felt), 1)), axis=1)
+        change = (felt[:, a] - felt[:, b]) * ((z[b] - z[a]) / np.array(ohms))
+        return dict(zip(names, change.T, strict=True))
+
+
+def _least(values: Floats) -> float:
+    """Return the smallest size of an unknown that counts in the scaling."""
+    return 1e-12 * float(np.abs(values).max(initial=0.0)) or 1.0

@@ -1,0 +1,1 @@
+"""The difference of two verdicts: keys of the scenes, then readings."""

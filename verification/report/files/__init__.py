@@ -1,0 +1,1 @@
+"""The verdicts of several files as a table, JSON, JUnit and annotations."""

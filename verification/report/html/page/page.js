@@ -1,0 +1,151 @@
+"use strict";
+(() => {
+  const root = document.documentElement;
+  const dark = matchMedia("(prefers-color-scheme: dark)");
+  const coarse = matchMedia("(pointer: coarse)");
+  const all = (query, from = document) => [...from.querySelectorAll(query)];
+  const NARROW = 480;
+  let choice = "auto";
+
+  // Colours: the style sheet's variables, which pictures take by name.
+  const colour = (name) => getComputedStyle(root).getPropertyValue(name).trim();
+  const coloured = (value) => {
+    if (typeof value === "string") return /^--[a-z-]+$/.test(value) ? colour(value) : value;
+    if (Array.isArray(value)) return value.map(coloured);
+    if (value === null || typeof value !== "object") return value;
+    return Object.fromEntries(Object.entries(value).map(([key, each]) => [key, coloured(each)]));
+  };
+  const isDark = () => (choice === "auto" ? dark.matches : choice === "dark");
+  const paint = (theme) => { root.dataset.theme = theme || (isDark() ? "dark" : "light"); };
+
+  // Pictures.
+  const canvases = all(".canvas");
+  const specs = new Map(canvases.map((canvas) =>
+    [canvas, JSON.parse(document.querySelector(`script[data-for="${canvas.id}"]`).textContent)]));
+  const axis = {
+    gridcolor: "--grid", linecolor: "--muted", zerolinecolor: "--muted", tickcolor: "--muted",
+    automargin: true, exponentformat: "SI", minexponent: 3, zerolinewidth: 1, showline: true,
+    title: { standoff: 8, font: { size: 13 } },
+  };
+  const layoutOf = (spec, width) => ({
+    ...spec.layout,
+    width,
+    template: coloured({ layout: {
+      xaxis: axis, yaxis: axis, font: { color: "--ink", size: 12,
+        family: "system-ui, 'Segoe UI', Roboto, 'Noto Sans', sans-serif" },
+      paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", colorway: ["--pass"],
+      hoverlabel: { bgcolor: "--card", bordercolor: "--muted", font: { color: "--ink" } },
+      legend: { orientation: "h", y: 1.02, yanchor: "bottom", x: 0, bgcolor: "rgba(0,0,0,0)" },
+      margin: { l: 48, r: 14, t: 12, b: 44 }, modebar: { bgcolor: "rgba(0,0,0,0)", color: "--muted" },
+    } }),
+    ...coloured(spec.layout),
+    dragmode: coarse.matches ? false : "zoom",
+    uirevision: "kept",
+  });
+  const config = {
+    displaylogo: false, responsive: true, displayModeBar: coarse.matches ? false : "hover",
+    modeBarButtonsToRemove: ["select2d", "lasso2d", "zoomIn2d", "zoomOut2d", "autoScale2d"],
+  };
+  const draw = (canvas, width) => {
+    const spec = specs.get(canvas);
+    const data = coloured(spec.data);
+    if ((width || canvas.clientWidth) < NARROW) data.forEach((each) => delete each.texttemplate);
+    return Plotly.react(canvas, data, layoutOf(spec, width), config);
+  };
+  const drawAll = (width) => { if (window.Plotly) canvases.forEach((each) => draw(each, width)); };
+
+  const change = (canvas, layout) => Plotly.relayout(canvas, layout);
+  const zoom = (canvas, factor) => {
+    if (!factor) return change(canvas, { "xaxis.autorange": true, "yaxis.autorange": true });
+    const [low, high] = canvas._fullLayout.xaxis.range.map(Number);
+    const middle = (low + high) / 2, half = (high - low) / 2 * factor;
+    return change(canvas, { "xaxis.range": [middle - half, middle + half] });
+  };
+  const move = (canvas, share) => {
+    const [low, high] = canvas._fullLayout.xaxis.range.map(Number);
+    const by = (high - low) * share;
+    return change(canvas, { "xaxis.range": [low + by, high + by] });
+  };
+  const press = (button) => all("[aria-pressed]", button.parentElement).forEach((each) =>
+    each.setAttribute("aria-pressed", String(each === button)));
+  all(".picture").forEach((figure) => {
+    const canvas = figure.querySelector(".canvas");
+    all(".tools button", figure).forEach((button) => button.addEventListener("click", () => {
+      if (!window.Plotly) return;
+      press(button);
+      const { view, zoom: factor, move: share } = button.dataset;
+      if (view) change(canvas, JSON.parse(view));
+      else if (share) move(canvas, Number(share));
+      else zoom(canvas, Number(factor));
+    }));
+  });
+
+  // Plotly is packed into the page; the policy of the page knows its digest.
+  const unpack = async () => {
+    const packed = document.getElementById("plotly");
+    if (!packed) return;
+    const bytes = Uint8Array.from(atob(packed.textContent), (letter) => letter.charCodeAt(0));
+    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+    const program = document.createElement("script");
+    program.textContent = await new Response(stream).text();
+    document.head.append(program);
+    for (const canvas of canvases) {
+      await draw(canvas);
+      const first = canvas.parentElement.querySelector("[data-view]");
+      if (first) await change(canvas, JSON.parse(first.dataset.view));
+    }
+    root.dataset.ready = "true";
+  };
+
+  // Tables: a click sorts, the next click turns the order.
+  const key = (row, place) => {
+    const cell = row.cells[place], number = cell.dataset.number;
+    return number === undefined ? cell.textContent.trim() : Number(number);
+  };
+  const compare = (a, b) => {
+    if (typeof a === "number" && typeof b === "number") return a - b;
+    if (typeof a === typeof b) return a.localeCompare(b, "en", { numeric: true });
+    return typeof a === "number" ? -1 : 1;
+  };
+  all("table").forEach((table) => all("thead th", table).forEach((head, place) => {
+    head.firstElementChild.addEventListener("click", () => {
+      const turn = head.getAttribute("aria-sort") === "ascending" ? -1 : 1;
+      all("thead th", table).forEach((each) => each.removeAttribute("aria-sort"));
+      head.setAttribute("aria-sort", turn > 0 ? "ascending" : "descending");
+      const rows = all("tbody tr", table);
+      rows.sort((a, b) => turn * compare(key(a, place), key(b, place)));
+      table.tBodies[0].append(...rows);
+    });
+  }));
+
+  // Copy, also where the page may not use the clipboard of the system.
+  const copy = async (text, source) => {
+    try { await navigator.clipboard.writeText(text); return true; } catch { /* the older way */ }
+    const details = source.closest("details");
+    if (details) details.open = true;
+    getSelection().selectAllChildren(source);
+    return document.execCommand("copy");
+  };
+  all(".copy-button").forEach((button) => button.addEventListener("click", async () => {
+    const source = document.getElementById(button.dataset.copy);
+    const done = await copy(source.textContent, source);
+    button.parentElement.querySelector(".copied").textContent =
+      done ? "copied" : "not copied: this browser does not allow it; select the text and copy it";
+  }));
+
+  // Themes and paper.
+  const repaint = (theme, width) => { paint(theme); drawAll(width); };
+  all("[data-theme-choice]").forEach((button) => button.addEventListener("click", () => {
+    choice = button.dataset.themeChoice;
+    press(button);
+    repaint();
+  }));
+  dark.addEventListener("change", () => repaint());
+  addEventListener("beforeprint", () => repaint("light", 680));
+  addEventListener("afterprint", () => repaint());
+  paint();
+  unpack().catch((error) => {
+    root.dataset.ready = "failed";
+    canvases.forEach((each) => { each.textContent = `This browser cannot draw the picture: ${error}`; });
+  });
+})();

@@ -1,0 +1,1 @@
+"""The sections of reports: from results to blocks."""

@@ -1,0 +1,78 @@
+"""Where a report comes from: versions, engine, hashes, and the deck to copy."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from netlist_gen.deck.deck import write_deck
+from netlist_gen.scene.scene import Scene
+from verification.report.html.blocks import Block, Code, Facts, Notes, Section
+from verification.studies.running.digests import files_of, own_code
+from verification.studies.running.machine import describe_machine
+from verification.verify import Verdict
+
+LONGEST = 400_000  # characters of a deck in a report
+SHOWN = ("date", "taction", "python", "numpy", "scipy", "ngspice", "system", "processor", "cores")
+
+
+def origin_rows(scene: Scene) -> tuple[tuple[str, str], ...]:
+    """Return versions, machine, and the SHA-256 of every file that the scene was read from."""
+    machine = describe_machine()
+    rows = [(name, "none" if machine[name] is None else str(machine[name])) for name in SHOWN]
+    rows.append(("SHA-256 of taction's source", own_code().hex()))
+    for name, file in _files(scene).items():
+        rows.append((f"SHA-256 of {name}", hashlib.sha256(file.read_bytes()).hexdigest()))
+    return tuple(rows)
+
+
+def _files(scene: Scene) -> dict[str, Path]:
+    """Return the files of a scene that still exist, by the names that the user gave."""
+    named = {str(scene.file): Path(scene.file)}
+    for name in files_of(scene).values():
+        if name:
+            named[str(name)] = scene.folder / str(name)
+    return {name: file for name, file in named.items() if file.is_file()}
+
+
+def origin_section(scene: Scene, more: tuple[tuple[str, str], ...] = ()) -> Section:
+    """Return the versions and hashes behind a report, after the rows `more`."""
+    rows = (("scene file", str(scene.file)), *more, *origin_rows(scene))
+    return Section("Versions and hashes", (Facts("", rows),))
+
+
+def plain_origin(more: tuple[tuple[str, str], ...]) -> Section:
+    """Return the versions behind a report on many scenes."""
+    machine = describe_machine()
+    rows = tuple((name, "none" if machine[name] is None else str(machine[name])) for name in SHOWN)
+    return Section("Versions and hashes", (Facts("", (*more, *rows)),))
+
+
+def run_rows(document: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
+    """Return the engine of a verdict in words."""
+    names = ("simulator", "solver", "method")
+    return tuple((name, str(document[name] or "–")) for name in names)
+
+
+def deck_section(verdict: Verdict) -> Section:
+    """Return the deck of the simulated board, to copy."""
+    deck = write_deck(verdict.circuit, verdict.transient).text
+    digest = ("SHA-256 of the deck", hashlib.sha256(deck.encode()).hexdigest())
+    size = f"{len(deck.splitlines())} lines"
+    block: Block = Code(
+        "the deck", deck, f"{size}; it runs with: ngspice -b -r board.raw board.cir"
+    )
+    if len(deck) > LONGEST:
+        text = (
+            f"The deck has {size} and is too long for this page: taction netlist SCENE -o board.cir"
+        )
+        block = Notes("", (text,))
+    return Section("Deck", (block, Facts("", (digest,))))
+
+
+def today() -> str:
+    """Return the date and time, UTC."""
+    return time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime())

@@ -1,0 +1,262 @@
+"""The schematic of one channel and of one sensor row, with the values of the board."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from netlist_gen.board.circuit import Circuit
+from verification.report.html.blocks import Drawing
+from verification.report.html.texts import quantity
+
+COLOUR = "currentColor"  # of the page, in both themes
+SMALL = 10  # points
+ROW = -5.6  # height of the sensor row below the channel
+
+
+@dataclass(frozen=True, slots=True)
+class _Example:
+    """Channel `n` and row `k`, from 1: the middle channel and its largest entry of T."""
+
+    circuit: Circuit
+    n: int
+    k: int
+
+    @classmethod
+    def of(cls, circuit: Circuit) -> _Example:
+        ohms = circuit.matrices[0].ohms
+        n = (ohms.shape[1] - 1) // 2
+        if not np.isfinite(ohms[:, n]).any():
+            n = int(np.flatnonzero(np.isfinite(ohms).any(axis=0))[0])
+        return cls(circuit, n + 1, 1 + int(np.argmin(ohms[:, n])))
+
+    def ohms(self, name: str) -> float | None:
+        """Return the value of a resistor; None if the board has no such resistor."""
+        return next((r.ohms for r in self.circuit.resistors if r.name == name), None)
+
+    @property
+    def farads(self) -> float:
+        """C of the channel."""
+        return next(c.farads for c in self.circuit.capacitors if c.name == f"c_{self.n}")
+
+    @property
+    def entry(self) -> float:
+        """The matrix resistor, ohm."""
+        return float(self.circuit.matrices[0].ohms[self.k - 1, self.n - 1])
+
+    @property
+    def negative(self) -> bool:
+        """Whether the entry of T is negative."""
+        return bool(self.circuit.matrices[0].negative[self.k - 1, self.n - 1])
+
+    @property
+    def opamp(self) -> str:
+        """Name of the op-amp's model."""
+        return next(iter(self.circuit.models))
+
+    @property
+    def current(self) -> float | None:
+        """Strain current of the row, A; None without one."""
+        name = f"eps_{self.k}"
+        return next((c.amps for c in self.circuit.currents if c.name == name), None)
+
+    def count(self) -> tuple[int, int]:
+        """Return the numbers of matrix resistors into the channel and into the row."""
+        present = np.isfinite(self.circuit.matrices[0].ohms)
+        return int(present[:, self.n - 1].sum()), int(present[self.k - 1].sum())
+
+
+def schematic(circuit: Circuit) -> Drawing:
+    """Return the drawing of the middle channel and the sensor row that it drives most.
+
+    Examples
+    --------
+    >>> import taction
+    >>> board = taction.synthesise(taction.load_scene("scenes/paper-breadboard.toml"))
+    >>> "1.9 MΩ" in schematic(board).svg
+    True
+    """
+    import schemdraw
+
+    example = _Example.of(circuit)
+    schemdraw.use("svg")
+    drawing = schemdraw.Drawing(show=False, canvas="svg")
+    drawing.config(unit=2.4, fontsize=11, color=COLOUR, bgcolor="none", lw=1.5, margin=0.6)
+    passive = circuit.topology == "passive"
+    output = (_passive_node if passive else _integrator)(drawing, example)
+    _stage(drawing, example, output)
+    _row(drawing, example)
+    svg = drawing.get_imagedata("svg").decode()
+    return Drawing("One channel", svg[svg.index("<svg") :], _summary(example))
+
+
+def _summary(example: _Example) -> str:
+    into, row = example.count()
+    scalings = example.circuit.scalings
+    return (
+        f"Channel {example.n} with sensor row {example.k}, one of {into} resistors into the channel"
+        f" and of {row} resistors into the row. C = {quantity(example.farads, 'F')}, gain s ="
+        f" {quantity(scalings.gain, 'ohm')}, matrix resistor {quantity(example.entry, 'ohm')}"
+        f" (T is {'negative' if example.negative else 'positive'}), op-amps {example.opamp}."
+        " Stray capacitances are not drawn."
+    )
+
+
+def _put(drawing: Any, part: Any, name: str, value: str) -> Any:
+    """Add a part with its name over it and its value under it."""
+    return drawing.add(
+        part.label(name, "top", fontsize=SMALL).label(value, "bottom", fontsize=SMALL)
+    )
+
+
+def _opamp(drawing: Any, place: tuple[float, float], name: str) -> Any:
+    import schemdraw.elements as elm
+
+    cell = drawing.add(elm.Opamp(leads=True).right().anchor("in1").at(place))
+    drawing.add(elm.Line().down(0.5).at(cell.in2))
+    drawing.add(elm.Ground(lead=False))
+    _text(drawing, name, cell.center[0] - 0.15, cell.center[1])
+    return cell
+
+
+def _text(drawing: Any, text: str, x: float, y: float) -> None:
+    import schemdraw.elements as elm
+
+    drawing.add(elm.Label().at((x, y)).label(text, fontsize=SMALL))
+
+
+def _over(drawing: Any, cell: Any, part: Any, name: str, value: str, height: float) -> None:
+    """Draw a part from the output of an op-amp over it to its inverting input."""
+    import schemdraw.elements as elm
+
+    left, right, level = cell.in1[0], cell.out[0], cell.in1[1] + height
+    drawing.add(elm.Line().at(cell.in1).to((left, level)))
+    _put(drawing, part.at((left, level)).to((right, level)), name, value)
+    drawing.add(elm.Line().at((right, level)).to(cell.out))
+
+
+def _matrix_resistor(drawing: Any, example: _Example, *, feedback: bool, level: float) -> Any:
+    """Draw the matrix resistor from its driving node; return the place of its summing node."""
+    import schemdraw.elements as elm
+
+    matrix = example.circuit.matrices[1 if feedback else 0]
+    drive = example.k if feedback else example.n
+    source = (matrix.minus if example.negative else matrix.plus)[drive - 1]
+    start = drawing.add(elm.Dot(open=True).at((0, level)).label(source, "left"))
+    name = f"{matrix.name}_{example.k}_{example.n}"
+    _put(drawing, elm.Resistor().right().at(start.center), name, quantity(example.entry, "ohm"))
+    sink = matrix.sinks[(example.n if feedback else example.k) - 1]
+    return drawing.add(elm.Dot().label(sink, "top", fontsize=SMALL)).center
+
+
+def _integrator(drawing: Any, example: _Example) -> Any:
+    import schemdraw.elements as elm
+
+    n = example.n
+    node = _matrix_resistor(drawing, example, feedback=True, level=0.0)
+    biased = example.ohms(f"bias_{n}")
+    if biased is not None:
+        drawing.add(elm.Line().down(1.4).at(node))
+        _put(drawing, elm.Resistor().left(), f"Rbias_{n}", quantity(biased, "ohm"))
+        volts = quantity(example.circuit.scalings.exponential_slope, "V")
+        drawing.add(elm.Dot(open=True).label(f"Ve = {volts}", "left"))
+    cell = _opamp(drawing, (node[0] + 0.9, 0.0), f"v_{n}")
+    drawing.add(elm.Line().at(node).to(cell.in1))
+    value = quantity(example.ohms(f"r_{n}"), "ohm")
+    _over(drawing, cell, elm.Resistor(), f"Rr_{n}", value, 1.5)
+    _over(drawing, cell, elm.Capacitor(), f"Cc_{n}", quantity(example.farads, "F"), 3.1)
+    return cell.out
+
+
+def _passive_node(drawing: Any, example: _Example) -> Any:
+    import schemdraw.elements as elm
+
+    n = example.n
+    x, level = _matrix_resistor(drawing, example, feedback=True, level=0.0)
+    parts = (
+        (elm.Resistor(), f"Rr_{n}", quantity(example.ohms(f"r_{n}"), "ohm")),
+        (elm.Capacitor(), f"Cc_{n}", quantity(example.farads, "F")),
+    )
+    for place, (part, name, value) in zip((x + 0.6, x + 3.2), parts, strict=True):
+        text = f"{name}\n{value}"
+        drawing.add(part.down().at((place, level)).label(text, "bottom", fontsize=SMALL))
+        drawing.add(elm.Ground())
+    drawing.add(elm.Line().right().at((x, level)).to((x + 4.6, level)))
+    if example.circuit.amplifiers:
+        return (x + 4.6, level)
+    # A buffer, since the matrix must not load the node.
+    cell = drawing.add(elm.Opamp(leads=True).right().flip().anchor("in2").at((x + 4.6, level)))
+    _text(drawing, f"u_{n}", cell.center[0] - 0.15, cell.center[1])
+    low = cell.in1[1] - 0.9
+    drawing.add(elm.Line().at(cell.in1).to((cell.in1[0], low)))
+    drawing.add(elm.Line().to((cell.out[0], low)))
+    drawing.add(elm.Line().to(cell.out))
+    return cell.out
+
+
+def _stage(drawing: Any, example: _Example, output: Any) -> None:
+    """Draw the signal amplifier: an inverter, or an amplifier with its own characteristic."""
+    import schemdraw.elements as elm
+    from schemdraw import flow
+
+    n, circuit = example.n, example.circuit
+    place = drawing.add(elm.Dot().at(output)).center
+    amplifier = next((a for a in circuit.amplifiers if a.name == f"a_{n}"), None)
+    if circuit.transistors:
+        scalings = circuit.scalings
+        kind, pair = circuit.amplifier, next(iter(circuit.transistor_models))
+        scales = quantity(scalings.unit_voltage, "V"), quantity(scalings.exponential_slope, "V")
+        inverts = circuit.outputs[n - 1].sign < 0.0
+        text = f"{kind}, {pair}, 2 op-amps\nu = {scales[0]} exp(v / {scales[1]})"
+    elif amplifier is not None:
+        scales, inverts = (quantity(amplifier.u_scale, "V"), quantity(amplifier.v_scale, "V")), True
+        text = f"{amplifier.kind}\nu = {scales[0]} g(v / {scales[1]})"
+    else:
+        _text(drawing, f"+u_{n}", place[0], place[1] - 0.5)
+        if example.ohms(f"a_{n}_in") is not None:
+            _inverter(drawing, example, place, f"a_{n}", f"a_{n} = -u_{n}")
+        return
+    drawing.add(elm.Line().right(0.6).at(place))
+    box = drawing.add(flow.Box(w=4.6, h=1.6).anchor("W").label(text, "center", fontsize=SMALL))
+    drawing.add(elm.Line().right(0.6).at(box.E))
+    minus, plus = (f"a_{n}", f"a_{n} = -u_{n}"), (f"u_{n}", f"+u_{n}")
+    (_, label), (name, inverted) = (minus, plus) if inverts else (plus, minus)
+    place = drawing.add(elm.Dot().label(label, "top", fontsize=SMALL)).center
+    if example.ohms(f"{name}_in") is not None:
+        _inverter(drawing, example, place, name, inverted)
+
+
+def _inverter(drawing: Any, example: _Example, place: Any, name: str, output: str) -> None:
+    import schemdraw.elements as elm
+
+    drawing.add(elm.Line().right(0.4).at(place))
+    values = [quantity(example.ohms(f"{name}_{end}"), "ohm") for end in ("in", "fb")]
+    _put(drawing, elm.Resistor().right(), f"R{name}_in", values[0])
+    node = drawing.add(elm.Dot())
+    cell = _opamp(drawing, (node.center[0] + 0.6, place[1]), name)
+    drawing.add(elm.Line().at(node.center).to(cell.in1))
+    _over(drawing, cell, elm.Resistor(), f"R{name}_fb", values[1], 1.5)
+    drawing.add(elm.Dot(open=True).at(cell.out).label(output, "right"))
+
+
+def _row(drawing: Any, example: _Example) -> None:
+    """Draw the constraint amplifier of the row below the channel, with its inverter."""
+    import schemdraw.elements as elm
+
+    k = example.k
+    node = _matrix_resistor(drawing, example, feedback=False, level=ROW)
+    if example.current is not None:
+        drawing.add(elm.Line().down(0.4).at(node))
+        text = f"strain\n{quantity(example.current, 'A')}"
+        drawing.add(elm.SourceI().down().reverse().label(text, "top", fontsize=SMALL))
+        drawing.add(elm.Ground())
+    cell = _opamp(drawing, (node[0] + 0.9, ROW), f"w_{k}")
+    drawing.add(elm.Line().at(node).to(cell.in1))
+    value = quantity(example.ohms(f"s_{k}"), "ohm")
+    _over(drawing, cell, elm.Resistor(), f"Rs_{k}", value, 1.5)
+    place = drawing.add(elm.Dot().at(cell.out)).center
+    _text(drawing, f"w_{k}", place[0], place[1] - 0.5)
+    if example.ohms(f"z_{k}_in") is not None:
+        _inverter(drawing, example, place, f"z_{k}", f"z_{k} = -w_{k}")

@@ -1,0 +1,142 @@
+"""Poles of a board, and the values of C at which it is stable."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from netlist_gen.board.circuit import Circuit
+from spice_models.array_types import Complexes
+from spice_models.errors import EngineError
+from verification.engines.statespace.linearised.board import LinearBoard
+from verification.report.html.blocks import Facts, Picture, Section, View
+from verification.report.html.pictures import area, axis, label, line, numbers
+from verification.report.html.texts import figure, quantity
+from verification.small_signal.capacitance_ranges import AROUND, capacitance_ranges
+from verification.small_signal.poles import Poles
+
+SHOWN = 2000  # poles
+MOST = 100  # channels up to which the stable values of C cost some seconds
+RINGING = 0.5  # damping ratio up to which a pole is said to ring
+DAMPING = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 0.7)
+Window = tuple[float, float, float]
+
+LARGE = "not computed for a board of this size; `taction onset SCENE --over C` finds it"
+
+
+def stability_section(circuit: Circuit, poles: Poles) -> Section:
+    """Return the pole map, the numbers of the rightmost pole, and the stable values of C."""
+    lead = poles.rightmost
+    ranges = stable_capacitances(circuit, poles)
+    rows = (
+        ("rightmost pole, real part", figure(lead.real, "1/s")),
+        ("its frequency", quantity(abs(lead.imag) / math.tau, "Hz")),
+        ("damping ratio of the rightmost ringing pole", f"{poles.damping_ratio:.4g}"),
+        ("poles", str(len(poles.poles)) if poles.complete else f"rightmost {len(poles.poles)}"),
+        ("C of this board", quantity(circuit.scalings.capacitance, "F")),
+        ("stable values of C", ranges),
+    )
+    word = "stable" if poles.stable else "not stable"
+    text = f"The board is {word} at C = {quantity(circuit.scalings.capacitance, 'F')}."
+    return Section("Stability", (_map(poles, ranges), Facts("", rows)), text)
+
+
+def stable_capacitances(circuit: Circuit, poles: Poles) -> str:
+    """Return the stable values of C in words, or why they are not known."""
+    board = LinearBoard(circuit)
+    if len(circuit.outputs) > MOST or not (poles.complete or poles.stable):
+        return LARGE
+    try:
+        found = capacitance_ranges(board, found=poles)
+    except EngineError as error:
+        return f"not known: {error}"
+    parts = [_range(low, high, found.low, found.high) for low, high in found.stable]
+    text = "; ".join(parts) or "none"
+    if found.near:
+        text += f"; rounding decides near {', '.join(quantity(c, 'F') for c in found.near)}"
+    return f"{text} (from C/{AROUND:g} to {AROUND:g} C)"
+
+
+def _range(low: float, high: float, least: float, most: float) -> str:
+    if low <= least and high >= most:
+        return "every value"
+    if high >= most:
+        return f"above {quantity(low, 'F')}"
+    if low <= least:
+        return f"below {quantity(high, 'F')}"
+    return f"{quantity(low, 'F')} to {quantity(high, 'F')}"
+
+
+def _map(poles: Poles, ranges: str) -> Picture:
+    values = poles.poles[:SHOWN]
+    data = [
+        _dots(values[values.real < 0.0], "decays", "--pass", "circle"),
+        _dots(values[values.real >= 0.0], "grows", "--fail", "x"),
+    ]
+    views = _views(values)
+    left, right, top = views[0][1]
+    reach = 4.0 * float(np.abs(values).max(initial=top))
+    rays = [
+        {"type": "line", "x0": 0, "y0": 0, "x1": -zeta * reach, "layer": "below",
+         "y1": math.sqrt(1.0 - zeta**2) * reach / math.tau,
+         "line": {"color": "--band", "width": 1, "dash": "dash"}}
+        for zeta in DAMPING
+    ]  # fmt: skip
+    half = area(0.0, reach, across="x", colour="--fail-soft")
+    layout = {
+        "xaxis": axis("real part", "/s", range=[left, right]),
+        "yaxis": axis("frequency", "Hz", range=[0.0, top / math.tau]),
+        "shapes": [half, line(0.0, None), *rays],
+        "annotations": [
+            label("grows →", 1, 0, xref="paper", yref="paper", xanchor="right", yanchor="bottom"),
+            label(f"stable C: {ranges}", 0, 1.0, xref="paper", yref="paper",
+                  xanchor="left", yanchor="bottom", font={"size": 12, "color": "--ink"}),
+        ],
+        "showlegend": False,
+        "margin": {"l": 60, "r": 14, "t": 30, "b": 44},
+    }  # fmt: skip
+    summary = (
+        "Poles of the linearised board in the upper half plane. Circles decay, orange crosses in"
+        " the shaded half grow. On a dashed line the damping ratio is"
+        f" {', '.join(f'{zeta:g}' for zeta in DAMPING)}, from the axis to the left. Stable values"
+        f" of C: {ranges}."
+    )
+    shown = tuple(
+        View(name, {"xaxis.range": [low, high], "yaxis.range": [0.0, upper / math.tau]})
+        for name, (low, high, upper) in views
+    )
+    return Picture("Pole map", {"data": data, "layout": layout}, summary, 380, shown)
+
+
+def _dots(poles: Complexes, name: str, colour: str, symbol: str) -> dict[str, Any]:
+    upper = poles[poles.imag >= 0.0]
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "name": name,
+        "x": numbers(upper.real),
+        "y": numbers(upper.imag / math.tau),
+        "marker": {"color": colour, "symbol": symbol, "size": 9},
+        "hovertemplate": f"{name}: %{{x:.5s}}/s at %{{y:.5s}}Hz<extra></extra>",
+    }
+
+
+def _views(values: Complexes) -> list[tuple[str, Window]]:
+    """Return the parts of the pole map: the rightmost ringing poles, then all poles."""
+    views = [("all poles", _around(values, values.real.min(initial=0.0)))]
+    ringing = values[(values.imag > 0.0) & (-values.real < RINGING * np.abs(values))]
+    if len(ringing):
+        lead = ringing[:1]
+        views.insert(0, ("rightmost pair", _around(lead, -3.0 * abs(lead[0].real))))
+        views.insert(0, ("ringing poles", _around(ringing, ringing.real.min())))
+    return views
+
+
+def _around(values: Complexes, left: float) -> Window:
+    """Return the left, right and upper limit of a view, 1/s; the axis is always in it."""
+    right = max(float(values.real.max(initial=0.0)), 0.0)
+    width = (right - min(left, 0.0)) or 1.0
+    top = float(values.imag.max(initial=0.0)) or math.tau * width
+    return min(float(left), 0.0) - 0.1 * width, right + 0.3 * width, 1.25 * top

@@ -1,0 +1,69 @@
+"""Values as text, as an engineer writes them."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable
+
+from netlist_gen.quantities import show
+from verification.report.html.blocks import Cell, Outcome
+from verification.report.tables import value_text
+
+OHM = re.compile(r"ohm\b")
+MICRO = re.compile(r"(?<=\d )u(?=[A-Za-zΩ])|(?<=V/)u(?=s\b)")
+NONE = "–"
+
+
+def quantity(value: float | None, unit: str, digits: int = 4) -> str:
+    """Return a value with an SI prefix and its unit; a dash for no value.
+
+    Examples
+    --------
+    >>> quantity(1.9e6, "ohm"), quantity(2.4e-6, "s"), quantity(None, "V")
+    ('1.9 MΩ', '2.4 µs', '–')
+    """
+    if value is None or not math.isfinite(value):
+        return NONE
+    return readable(show(value, unit, digits))
+
+
+def figure(value: float | None, unit: str, digits: int = 4) -> str:
+    """Return a value as `value_text` does, with the signs for ohm and micro; "never" for infinity.
+
+    Examples
+    --------
+    >>> figure(0.0123, "step"), figure(float("inf"), "s"), figure(-1123.46, "1/s")
+    ('1.23 %', 'never', '-1123 /s')
+    """
+    if value is None or math.isnan(value):
+        return NONE
+    if math.isinf(value):
+        return "never"
+    return readable(value_text(float(value), "" if unit == "ratio" else unit, digits))
+
+
+def readable(text: str) -> str:
+    """Return `text` with the signs for ohm and micro."""
+    return MICRO.sub("µ", OHM.sub("Ω", text))
+
+
+def percent(share: float) -> str:
+    """Return a fraction as per cent."""
+    return f"{100 * share:.4g} %"
+
+
+def number_cell(value: float | None, unit: str, digits: int = 4) -> Cell:
+    """Return a cell that shows a value as `figure` and sorts by it."""
+    known = value is not None and math.isfinite(value)
+    return Cell(figure(value, unit, digits), value if known else None)
+
+
+def text_cells(texts: Iterable[object]) -> tuple[Cell, ...]:
+    """Return cells that sort by their texts."""
+    return tuple(Cell(str(text)) for text in texts)
+
+
+def outcome_cell(outcome: Outcome) -> Cell:
+    """Return a cell with the mark of an outcome."""
+    return Cell(outcome, None, outcome)

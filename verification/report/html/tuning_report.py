@@ -1,0 +1,111 @@
+"""The report of a tuning: before and after, the trade-off, and the verification of the design."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from netlist_gen.overrides.keys import find_key
+from verification.report.html.blocks import (
+    Block,
+    Cell,
+    Code,
+    Facts,
+    Picture,
+    Report,
+    Section,
+    Table,
+)
+from verification.report.html.pictures import axis, label, line, numbers
+from verification.report.html.texts import number_cell, percent, quantity
+from verification.report.html.verdict_report import verdict_report
+from verification.studies.tune import Candidate, Tuning
+from verification.verify import Verdict
+
+
+def tuning_report(tuning: Tuning, verdict: Verdict) -> Report:
+    """Return the report of a tuning; `verdict` is that of the tuned scene."""
+    verified = verdict_report(verdict, "taction tune")
+    before, after = tuning.before.settling_time, tuning.after.settling_time
+    summary = (
+        f"Settling time {quantity(after, 's')}, before {quantity(before, 's')}. {verified.summary}"
+    )
+    tuned = Section("Tuning", tuple(_blocks(tuning, verdict)))
+    return Report(
+        verified.title,
+        verified.command,
+        verified.outcome,
+        summary,
+        verified.lines,
+        (tuned, *verified.sections),
+    )
+
+
+def _blocks(tuning: Tuning, verdict: Verdict) -> Iterator[Block]:
+    keys = {path: find_key(tuning.scene, path).unit for path in tuning.after.values}
+    titles = ("design", *keys, "settling time", "overshoot")
+    rows = tuple(
+        (
+            Cell(name),
+            *(number_cell(value, keys[path]) for path, value in candidate.values.items()),
+            number_cell(candidate.settling_time, "s"),
+            number_cell(candidate.overshoot, "step"),
+        )
+        for name, candidate in (("before", tuning.before), ("after", tuning.after))
+    )
+    yield Table("Before and after", titles, rows)
+    yield _tradeoff(tuning, keys)
+    facts = (
+        ("designs tried", str(tuning.tried)),
+        ("limit of the overshoot", percent(tuning.overshoot_limit)),
+        ("margin of C", f"{tuning.margin:g}"),
+        ("lambda, unchanged", f"{verdict.circuit.scalings.lam:.4g}"),
+    )
+    yield Facts("", facts)
+    lines = [f"{path.removeprefix('design.')} = {v!r}" for path, v in tuning.after.values.items()]
+    lines.append(f"resistance = {verdict.circuit.scalings.resistance!r}")
+    yield Code("the values for the table [design]", "\n".join(lines))
+
+
+def _tradeoff(tuning: Tuning, keys: dict[str, str]) -> Picture:
+    def text(candidate: Candidate) -> str:
+        return ", ".join(
+            f"{path.removeprefix('design.')} {quantity(value, keys[path])}"
+            for path, value in candidate.values.items()
+        )
+
+    frontier = list(tuning.frontier)
+    data = [
+        {"type": "scatter", "mode": "lines+markers", "name": "no other design tried is better",
+         "x": numbers([100.0 * c.overshoot for c in frontier]),
+         "y": numbers([c.settling_time for c in frontier]), "text": list(map(text, frontier)),
+         "line": {"color": "--true"}, "marker": {"size": 6},
+         "hovertemplate": "%{text}: %{y:.4s}s, %{x:.3g} %<extra></extra>"}
+    ]  # fmt: skip
+    marks = (
+        ("before", tuning.before, "square-open", "--fail"),
+        ("after", tuning.after, "star", "--pass"),
+    )
+    notes = []
+    for name, candidate, symbol, colour in marks:
+        if not math.isfinite(candidate.settling_time + candidate.overshoot):
+            continue
+        x, y = 100.0 * candidate.overshoot, candidate.settling_time
+        data.append(
+            {"type": "scatter", "mode": "markers", "name": name, "x": [x], "y": [y],
+             "text": [text(candidate)], "marker": {"symbol": symbol, "size": 14, "color": colour},
+             "hovertemplate": f"{name}: %{{text}}, %{{y:.4s}}s, %{{x:.3g}} %<extra></extra>"}
+        )  # fmt: skip
+        notes.append(
+            label(f"{name}: {text(candidate)}", x, math.log10(y), yanchor="bottom", yshift=10)
+        )
+    layout = {
+        "xaxis": axis("overshoot (% of the step)"),
+        "yaxis": axis("settling time", "s", type="log"),
+        "shapes": [line(100.0 * tuning.overshoot_limit, None, "--ink", dash="dot")],
+        "annotations": notes,
+    }
+    summary = (
+        "Settling time against overshoot of the designs on the trade-off curve; dotted: the limit."
+    )
+    return Picture("Trade-off", {"data": data, "layout": layout}, summary, 380)

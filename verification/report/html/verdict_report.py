@@ -1,0 +1,85 @@
+"""The report of a verdict."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from verification.report.html.blocks import Report, Section
+from verification.report.html.file import write_report
+from verification.report.html.sections.board import (
+    board_lines,
+    board_section,
+    omissions_section,
+    parts_section,
+)
+from verification.report.html.sections.checks import checks_section, headroom_section
+from verification.report.html.sections.errors import budget_section, effort_section, stress_section
+from verification.report.html.sections.origin import deck_section, origin_section, run_rows
+from verification.report.html.sections.stability import stability_section
+from verification.report.html.sections.waveforms import waveforms_section
+from verification.report.html.texts import readable
+from verification.report.tables import spaced
+from verification.report.verdict.json_document import verdict_document
+from verification.verify import Verdict
+
+
+def write_verdict_report(verdict: Verdict, path: str) -> None:
+    """Write the report of `verdict` to `path`.
+
+    Raises
+    ------
+    InputError
+        See `verification.report.html.file.write_report`.
+    """
+    write_report(verdict_report(verdict), path)
+
+
+def verdict_report(verdict: Verdict, command: str = "taction verify") -> Report:
+    """Return the report of a verdict."""
+    document = verdict_document(verdict)
+    return Report(
+        title=verdict.scene.name,
+        command=command,
+        outcome=verdict.outcome.value,
+        summary=_summary(document),
+        lines=board_lines(verdict),
+        sections=verdict_sections(verdict, document),
+    )
+
+
+def verdict_sections(verdict: Verdict, document: dict[str, Any]) -> tuple[Section, ...]:
+    """Return the sections of a verdict; `document` is its JSON document."""
+    sections = (
+        checks_section(document, _least(verdict)),
+        waveforms_section(verdict),
+        stability_section(verdict.circuit, verdict.poles),
+        stress_section(verdict),
+        budget_section(document),
+        headroom_section(document["headroom"]),
+        effort_section(document),
+        board_section(verdict),
+        omissions_section(document),
+        parts_section(verdict.circuit, verdict.scene),
+        deck_section(verdict),
+        origin_section(verdict.scene, run_rows(document)),
+    )
+    return tuple(section for section in sections if section.blocks)
+
+
+def _least(verdict: Verdict) -> dict[str, float]:
+    """Return the smallest accepted times of the checks that have one."""
+    limits = {name: getattr(verdict.scene.checks, name) for name in ("settling_time", "rise_time")}
+    return {name: each.min for name, each in limits.items() if each and each.min is not None}
+
+
+def _summary(document: dict[str, Any]) -> str:
+    """Return what decides the outcome in a sentence."""
+    checks = document["checks"]
+    decisive = [check for check in checks if check["outcome"] == document["outcome"]]
+    if document["outcome"] == "pass":
+        return f"All {len(checks)} checks pass."
+    verb = "fail" if document["outcome"] == "fail" else "are not decided"
+    names = ", ".join(spaced(check["name"]) for check in decisive)
+    if len(decisive) == 1:
+        return readable(f"{names}: {decisive[0]['reason']}")
+    return f"{len(decisive)} of {len(checks)} checks {verb}: {names}."

@@ -1,0 +1,231 @@
+"""The report of a yield: the interval, histograms with limits, and the parts behind the spread."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from netlist_gen.scene.scene import Scene
+from verification.report.html.blocks import (
+    Block,
+    Cell,
+    Facts,
+    Notes,
+    Picture,
+    Range,
+    Ranges,
+    Report,
+    Section,
+    Table,
+)
+from verification.report.html.pictures import area, axis, line
+from verification.report.html.sections.origin import origin_section
+from verification.report.html.texts import figure, number_cell, percent
+from verification.report.tables import spaced
+from verification.studies.tolerance.varied_board import BoardSample
+from verification.studies.tolerance.yield_report import Spread, YieldReport
+
+BINS = 40  # of a histogram
+CULPRITS = 12  # parts of a picture
+MARGIN = 1.15  # of the largest value or limit: the width of a range
+UNITS = {"s": "s", "1/s": "/s", "step": "", "ratio": ""}
+
+
+def yield_report(
+    scene: Scene, result: YieldReport, samples: Sequence[BoardSample], seed: int
+) -> Report:
+    """Return the report of a yield.
+
+    Parameters
+    ----------
+    samples : sequence of BoardSample
+        The samples that `result` summarises.
+    """
+    low, high = percent(result.low), percent(result.high)
+    return Report(
+        title=scene.name,
+        command="taction montecarlo",
+        outcome="",
+        summary=f"Yield {percent(result.fraction)}, 95 % interval {low} to {high}."
+        if result.samples
+        else "No sample, no yield.",
+        lines=(f"{result.passed} of {result.samples} boards pass; seed {seed}.",),
+        sections=(
+            Section("Yield", tuple(_overview(result))),
+            Section("Spread and limits", tuple(_spreads(result))),
+            Section("Histograms", tuple(_histograms(result, samples))),
+            Section("Culprits", tuple(_culprits(result))),
+            origin_section(scene, (("seed", str(seed)), ("samples", str(result.samples)))),
+        ),
+    )
+
+
+def _overview(result: YieldReport) -> Iterator[Block]:
+    if not result.samples:
+        return
+    texts = (
+        f"95 % interval {percent(result.low)} to {percent(result.high)}",
+        f"estimate {percent(result.fraction)}",
+    )
+    row = Range("yield, from 0 to 100 %", result.low, result.fraction, result.high, (), "", texts)
+    yield Ranges("", (row,))
+    rows = (
+        ("samples", str(result.samples)),
+        ("pass", str(result.passed)),
+        ("without a verdict, counted as failed", str(result.without_verdict)),
+    )
+    yield Facts("", rows)
+    if result.failures:
+        cells = tuple(
+            (Cell(spaced(name)), Cell(str(count), count), Cell(percent(count / result.samples)))
+            for name, count in result.failures.items()
+        )
+        yield Table("Checks that do not pass", ("check", "samples", "of all"), cells)
+    if result.reasons:
+        lines = tuple(f"{count} samples: {reason}" for reason, count in result.reasons.items())
+        yield Notes("Why there is no verdict", lines)
+
+
+def _spreads(result: YieldReport) -> Iterator[Block]:
+    rows = [row for spread in result.quantities if (row := _range(spread)) is not None]
+    if rows:
+        note = (
+            "The bar goes from the 5 % to the 95 % quantile, the line in it is the median, the"
+            " black line the limit. Hatched: beyond the limit."
+        )
+        yield Ranges("5 %, median and 95 %, against the limits", tuple(rows), note)
+    titles = ("quantity", "at least", "at most", "5 %", "median", "95 %", "missing")
+    cells = tuple(
+        (
+            Cell(spaced(each.name)),
+            *(
+                number_cell(value, each.unit)
+                for value in (each.at_least, each.at_most, each.low, each.median, each.high)
+            ),
+            Cell(str(each.missing), each.missing),
+        )
+        for each in result.quantities
+    )
+    yield Table("Quantities", titles, cells)
+
+
+def _range(spread: Spread) -> Range | None:
+    values = (spread.low, spread.median, spread.high)
+    limits = [limit for limit in (spread.at_least, spread.at_most) if limit is not None]
+    if not all(map(math.isfinite, values)):
+        return None
+    bottom, top = min(0.0, *values, *limits), MARGIN * max(*values, *limits, 0.0)
+    width = (top - bottom) or 1.0
+    places = [(value - bottom) / width for value in values]
+    beyond = _beyond(spread, spread.low) or _beyond(spread, spread.high)
+    names = ("5 %", "median", "95 %")
+    texts = [f"{n} {figure(v, spread.unit)}" for n, v in zip(names, values, strict=True)]
+    texts += [f"limit {figure(limit, spread.unit)}" for limit in limits]
+    return Range(
+        spaced(spread.name),
+        *places,
+        tuple((limit - bottom) / width for limit in limits),
+        ("fail" if beyond else "pass") if limits else "",
+        tuple(texts),
+    )
+
+
+def _beyond(spread: Spread, value: float) -> bool:
+    least, most = spread.at_least, spread.at_most
+    return (least is not None and value < least) or (most is not None and value > most)
+
+
+def _histograms(result: YieldReport, samples: Sequence[BoardSample]) -> Iterator[Block]:
+    for spread in result.quantities:
+        found = [getattr(sample, spread.name) for sample in samples if not sample.reason]
+        values = np.array([value for value in found if value is not None], dtype=np.float64)
+        values = values[np.isfinite(values)]
+        if len(values) > 1:
+            yield _histogram(spread, values)
+
+
+def _histogram(spread: Spread, values: np.ndarray[Any, Any]) -> Picture:
+    factor, unit = (100.0, "%") if spread.unit == "step" else (1.0, UNITS.get(spread.unit, ""))
+    limits = [limit for limit in (spread.at_least, spread.at_most) if limit is not None]
+    inside = np.array([not _beyond(spread, value) for value in values.tolist()])
+    edges = np.histogram_bin_edges(factor * values, bins=min(BINS, 1 + int(len(values) ** 0.5 * 2)))
+    width, middle = float(edges[1] - edges[0]), 0.5 * (edges[1:] + edges[:-1])
+    data = []
+    for name, chosen, colour, shape in (
+        ("within the limit" if limits else "samples", inside, "--pass", ""),
+        ("beyond the limit", ~inside, "--fail-fill", "/"),
+    ):
+        if not chosen.any():
+            continue
+        counts, _ = np.histogram(factor * values[chosen], bins=edges)
+        pattern = {"shape": shape, "fgcolor": "--ink", "size": 7}
+        data.append(
+            {"type": "bar", "name": name, "x": middle.tolist(), "y": counts.tolist(),
+             "width": width, "marker": {"color": colour, "pattern": pattern},
+             "hovertemplate": f"%{{x:.4s}}{unit}: %{{y}} samples<extra>{name}</extra>"}
+        )  # fmt: skip
+    shapes = [line(factor * limit, None, "--ink", dash="dash") for limit in limits]
+    if spread.at_most is not None:
+        end = max(float(edges[-1]), factor * spread.at_most) + width
+        shapes.append(area(factor * spread.at_most, end, across="x", colour="--fail-soft"))
+    layout = {
+        "xaxis": axis(spaced(spread.name), unit) | ({"tickformat": ".4~g"} if unit == "%" else {}),
+        "yaxis": axis("samples"),
+        "shapes": shapes,
+        "barmode": "stack",
+        "bargap": 0.02,
+        "showlegend": True,
+    }
+    texts = ", ".join(figure(limit, spread.unit) for limit in limits) or "none"
+    beyond = int((~inside).sum())
+    summary = (
+        f"{len(values)} samples from {figure(float(values.min()), spread.unit)} to"
+        f" {figure(float(values.max()), spread.unit)}; limit: {texts}; {beyond} beyond it."
+        f" {spread.missing} samples do not have this quantity."
+    )
+    return Picture(spaced(spread.name), {"data": data, "layout": layout}, summary, 280)
+
+
+def _culprits(result: YieldReport) -> Iterator[Block]:
+    if not result.sensitivities:
+        text = "No part has an influence that stands out of the scatter of these samples."
+        yield Notes("", (text,))
+        return
+    shown = result.sensitivities[:CULPRITS]
+    names = [f"{spaced(s.quantity)}: {s.parameter}" for s in shown]
+    shares = [100.0 * s.correlation**2 for s in shown]
+    signs = ["+" if s.correlation > 0 else "−" for s in shown]
+    data = [
+        {"type": "bar", "orientation": "h", "y": names, "x": shares,
+         "marker": {"color": ["--pass" if sign == "+" else "--fail-fill" for sign in signs],
+                    "pattern": {"shape": ["" if sign == "+" else "/" for sign in signs]}},
+         "text": [f"{sign} {share:.0f} %" for sign, share in zip(signs, shares, strict=True)],
+         "textposition": "outside", "cliponaxis": False,
+         "hovertemplate": "%{y}: %{text} of the variance<extra></extra>"}
+    ]  # fmt: skip
+    layout = {
+        "xaxis": axis("share of the variance (%)", range=[0, 1.2 * max(shares)]),
+        "yaxis": {"autorange": "reversed"},
+        "margin": {"l": 60, "r": 40, "t": 8, "b": 44},
+    }
+    summary = (
+        "Parts with the largest share of the variance of a quantity. Solid with +: the quantity"
+        " grows with the part; hatched with −: it falls."
+    )
+    height = 110 + 26 * len(shown)
+    yield Picture("", {"data": data, "layout": layout}, summary, height, zoom=False)
+    rows = tuple(
+        (
+            Cell(spaced(s.quantity) + ("" if s.channel is None else f", channel {s.channel}")),
+            Cell(s.parameter),
+            Cell(s.kind),
+            Cell(f"{s.correlation:+.2f} ± {s.standard_error:.2f}", s.correlation),
+            Cell(f"{100 * s.correlation**2:.0f} %", s.correlation**2),
+        )
+        for s in result.sensitivities
+    )
+    titles = ("quantity", "part", "kind", "correlation", "of the variance")
+    yield Table("Sensitivities", titles, rows)

@@ -1,0 +1,65 @@
+"""Curves of a sweep over one axis."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from netlist_gen.overrides.axes import Axis
+from verification.report.picture import BLUE, ORANGE
+from verification.report.sweep.panels import PANELS, kinds_of
+from verification.report.sweep.rulers import Ruler, tick
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+LINES = {"ngspice": ("o", ORANGE, 7.0), "statespace": ("-", BLUE, 4.0)}
+MARKERS = "oxs^vD*P"
+
+
+def draw_curves(
+    figure: Figure,
+    axis: Axis,
+    data: dict[str, Any],
+    names: np.ndarray[Any, Any],
+    engines: tuple[str, ...],
+) -> None:
+    """Draw the figures of `PANELS` and what fails over one axis."""
+    panels = figure.subplots(2, 3, sharex=True)
+    ruler = Ruler(axis)
+    unstable = np.nanmax(data["growth_rate"], axis=-1, initial=-np.inf) > 0.0
+    for axes, quantity in zip(panels.flat, PANELS, strict=False):
+        for k, engine in enumerate(engines):
+            style, colour, size = LINES[engine]
+            values = quantity.factor * data[quantity.name][..., k]
+            style = style if len(ruler.places) > 1 and ruler.by_value else "o"
+            axes.plot(ruler.places, values, style, color=colour, ms=size, mfc="none", label=engine)
+        axes.set_title(quantity.title)
+        if quantity.scale == "symlog":
+            largest = float(np.nanmax(np.abs(data[quantity.name]), initial=1.0))
+            axes.set_yscale("symlog", linthresh=1e-3 * largest)
+            axes.axhline(0.0, color="k", lw=1.0)
+        elif quantity.scale == "log" and np.isfinite(data[quantity.name]).any():
+            axes.set_yscale("log")
+            ends = (float(limit(data[quantity.name])) for limit in (np.nanmin, np.nanmax))
+            tick(axes.yaxis, quantity.unit, *ends)
+    _strip(panels.flat[-1], names, ruler, engines)
+    for axes in panels.flat:
+        ruler.mark(axes, "x")
+        for left, right in zip(ruler.edges[:-1][unstable], ruler.edges[1:][unstable], strict=True):
+            axes.axvspan(left, right, fc="none", ec=ORANGE, hatch="//", alpha=0.4, lw=0.0, zorder=0)
+    panels.flat[0].legend(fontsize="small")
+    figure.supxlabel("hatched: unstable by its poles", fontsize="small")
+
+
+def _strip(axes: Axes, names: np.ndarray[Any, Any], ruler: Ruler, engines: tuple[str, ...]) -> None:
+    kinds = kinds_of(names.ravel().tolist())
+    for place, kind in enumerate(kinds):
+        rows, columns = np.nonzero(names == kind.name)
+        places, mark = ruler.places[rows], MARKERS[place % len(MARKERS)]
+        axes.scatter(places, columns, 30, c=kind.colour, marker=mark, label=kind.name)
+    axes.set(title="outcome", ylim=(-0.6, len(engines) - 0.4))
+    axes.set_yticks(range(len(engines)), engines)
+    axes.legend(fontsize="small", loc="upper left", bbox_to_anchor=(1.0, 1.0))

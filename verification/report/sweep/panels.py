@@ -1,0 +1,109 @@
+"""The panels that the pictures of a sweep share: quantities, outcomes, what fails."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import cycle
+from typing import Any
+
+import numpy as np
+
+from verification.report.picture import BLUE, GREY, HATCHES, ORANGE, PURPLE
+from verification.report.sweep.records import all_records
+from verification.report.tables import spaced
+from verification.studies.figures import FIGURES
+from verification.studies.sweep.plan import Plan
+from verification.studies.sweep.store import Store
+
+# of a check that fails, the same in every picture
+FAILS = {
+    "stability": (ORANGE, "////"),
+    "settling time": ("#e69f00", "\\\\\\\\"),
+    "overshoot": ("#f5c98a", "xxxx"),
+    "steady state": ("#8f3f00", "++++"),
+}
+OTHER_FAILS = (("#b8860b", "||||"), ("#f0e442", "----"), ("#a0522d", "oo"))
+MISSING = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """One panel: a figure of the records, its title, its factor and the kind of its scale."""
+
+    name: str
+    title: str
+    factor: float
+    scale: str
+
+    @property
+    def unit(self) -> str:
+        """Unit of the figure."""
+        return FIGURES[self.name].unit
+
+
+PANELS = (
+    Panel("settling_time", "settling time", 1.0, "log"),
+    Panel("overshoot", "overshoot (% of the step)", 100.0, "linear"),
+    Panel("undershoot", "undershoot (% of the step)", 100.0, "linear"),
+    Panel("steady_state_error", "steady-state error (% of the step)", 100.0, "log"),
+    Panel("growth_rate", "rightmost pole, real part (1/s)", 1.0, "symlog"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """A kind of result with its colour and hatching."""
+
+    name: str
+    colour: str
+    hatch: str
+
+
+def result_names(plan: Plan, store: Store) -> np.ndarray[Any, Any]:
+    """Return what each point and engine says, as words over the grid, the engine last.
+
+    ``"pass"``, ``"fail: stability"``, ``"inconclusive: rise time"``, ``"error: TimedOut"``; empty
+    for a point without a result. Of several checks the first one counts, stability before all.
+    """
+    shape = (*plan.shape, len(plan.engines))
+    names = np.full(shape, MISSING, dtype=object)
+    for place, record in zip(np.ndindex(*shape), all_records(plan, store), strict=True):
+        if record is not None:
+            names[place] = _name(record)
+    return names
+
+
+def _name(record: dict[str, Any]) -> str:
+    outcome: str = record["outcome"]
+    if outcome == "error":
+        return f"error: {record['failure']}"
+    found = [check["name"] for check in record["checks"] if check["outcome"] == outcome]
+    if outcome == "pass" or not found:
+        return outcome
+    return f"{outcome}: {spaced('stability' if 'stability' in found else found[0])}"
+
+
+def kinds_of(names: Iterable[str]) -> tuple[Kind, ...]:
+    """Return the kinds that occur, the most frequent ones of each outcome first."""
+    count = Counter(names)
+    count.pop(MISSING, None)
+    others = cycle(OTHER_FAILS)
+    unknown, broken = cycle(("....", "oo", "")), cycle(("xxxx", "**"))
+    kinds = []
+    for outcome in ("pass", "fail", "inconclusive", "error"):
+        for name, _ in count.most_common():
+            if name.partition(":")[0] != outcome:
+                continue
+            check = name.partition(": ")[2]
+            if outcome == "pass":
+                colour, hatch = BLUE, HATCHES["pass"]
+            elif outcome == "fail":
+                colour, hatch = FAILS[check] if check in FAILS else next(others)
+            elif outcome == "inconclusive":
+                colour, hatch = GREY, next(unknown)
+            else:
+                colour, hatch = PURPLE, next(broken)
+            kinds.append(Kind(name, colour, hatch))
+    return tuple(kinds)

@@ -1,0 +1,72 @@
+"""Pictures of a sweep: curves over one axis, maps over two, small maps over three."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from netlist_gen.overrides.axes import with_values
+from spice_models.errors import Complaint, InputError
+from verification.report.picture import check_plot_file, figure_file
+from verification.report.sweep.curves import draw_curves
+from verification.report.sweep.files import grids
+from verification.report.sweep.maps import MOST_MAPS, draw_maps, draw_multiples
+from verification.report.sweep.panels import result_names
+from verification.studies.sweep.boundary import Boundary, solve_boundary
+from verification.studies.sweep.plan import Plan
+from verification.studies.sweep.store import Store
+
+MOST_AXES = 3
+
+
+def check_sweep_plot(plan: Plan, path: str) -> None:
+    """Refuse a picture that could not be drawn, before any work is done.
+
+    Raises
+    ------
+    InputError
+        More than three axes, or see `verification.report.picture.check_plot_file`.
+    """
+    check_plot_file(path)
+    if len(plan.groups) > MOST_AXES:
+        text = f"{len(plan.groups)} axes; a picture has at most three, --export writes all of them"
+        raise InputError("--plot", Complaint("FILE", repr(path), text))
+
+
+def plot_sweep(plan: Plan, store: Store, path: str) -> None:
+    """Draw the figures of a sweep, what fails, and over two axes the stability boundary.
+
+    Raises
+    ------
+    InputError
+        See `check_sweep_plot`; or the file cannot be written.
+    """
+    check_sweep_plot(plan, path)
+    data, names = grids(plan, store), result_names(plan, store)
+    for name in ("overshoot", "undershoot"):  # of a growing record: depends on its length
+        data[name][data["growth_rate"] > 0.0] = np.nan
+    title = f"{plan.scene.name}: {plan.points} points, {' and '.join(plan.engines)}"
+    axes: Any = tuple(group[0] for group in plan.groups)
+    chosen = _chosen(len(axes[2])) if len(axes) == MOST_AXES else []
+    width = 16.0 if not chosen else 4.2 + 3.4 * len(chosen)
+    with figure_file(path, width, 8.2, title) as figure:
+        if len(axes) == 1:
+            draw_curves(figure, axes[0], data, names, plan.engines)
+        elif len(axes) == 2:
+            draw_maps(figure, axes, data, names, solve_boundary(plan), plan.engines)
+        else:
+            solved = [_boundary_at(plan, k) for k in chosen]
+            draw_multiples(figure, axes, data, names, solved, chosen)
+
+
+def _chosen(count: int) -> list[int]:
+    """Return the places of the values of the third axis that have a map: first, last, between."""
+    places = np.linspace(0, count - 1, min(count, MOST_MAPS)).round()
+    return [int(place) for place in np.unique(places)]
+
+
+def _boundary_at(plan: Plan, number: int) -> Boundary:
+    changes = {axis.key.path: axis.values[number] for axis in plan.groups[2]}
+    scene = with_values(plan.scene, changes)
+    return solve_boundary(Plan(scene, plan.groups[:2], plan.engines))

@@ -1,0 +1,142 @@
+"""The changes that mend a failed verdict, as text and as plain data."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from netlist_gen.overrides.keys import SYMBOLS, Value, find_key
+from netlist_gen.quantities import show
+from netlist_gen.scene.scene import Scene
+from verification.studies.remedies.remedies import Change, Remedies
+from verification.studies.remedies.stable_ranges import StableRange
+
+NAMES = {path: symbol for symbol, path in SYMBOLS.items()} | {"design.gain": "gain"}
+
+
+def remedies_text(scene: Scene, remedies: Remedies) -> str:
+    """Return the changes as lines of text.
+
+    Examples
+    --------
+    >>> import taction
+    >>> from verification.studies.remedies.remedies import find_remedies
+    >>> from netlist_gen.overrides.axes import with_value
+    >>> scene = taction.load_scene("scenes/tuned-breadboard.toml")
+    >>> slow = with_value(scene, "checks.settling_time.max", 4e-5)
+    >>> verdict = taction.verify(slow, engine="statespace")
+    >>> print(remedies_text(slow, find_remedies(verdict, 1000.0)).splitlines()[1])
+      C = 7.18 pF (verified)
+    """
+    return "\n".join(_lines(scene, remedies))
+
+
+def _lines(scene: Scene, remedies: Remedies) -> Iterator[str]:
+    yield "what to change (by the state-space engine; lambda stays unless it is named):"
+    if remedies.unmendable:
+        names = ", ".join(_words(remedies.unmendable))
+        yield f"  no change of the design mends: {names}"
+        return
+    stable = _stability(remedies)
+    if stable:
+        yield f"  stable {', or '.join(stable)}"
+    for change in remedies.changes:
+        yield f"  {_change(scene, change)}"
+    for searched in remedies.without:
+        where = ""
+        if searched.least is not None and searched.most is not None:
+            unit = find_key(scene, searched.paths[0]).unit
+            where = f" from {show(searched.least, unit, 3)} to {show(searched.most, unit, 3)}"
+        yield f"  no value of {' and '.join(map(name_of, searched.paths))}{where} mends it"
+    cut = [" and ".join(map(name_of, paths)) for paths in remedies.cut]
+    if cut:
+        yield f"  not searched to the end, within {show(remedies.limit, 's')}: {', '.join(cut)}"
+    yield f"  {remedies.trials} designs tried"
+
+
+def _stability(remedies: Remedies) -> list[str]:
+    parts = [text for each in remedies.stability if (text := edge_text(each))]
+    if remedies.opamps:
+        parts.append(f"with {' or '.join(remedies.opamps)}")
+    return parts
+
+
+def edge_text(found: StableRange) -> str:
+    """Return the nearest edge of a stable range: ``"from C = 9.023 pF"``; empty without one."""
+    name = name_of(found.path)
+    if found.edge is None:
+        return ""
+    side = "from" if found.edge == found.low else "up to"
+    text = f"{side} {name} = {show(found.edge, found.unit)}"
+    other = found.high if found.edge == found.low else found.low
+    if other is not None:
+        text += f" ({'to' if found.edge == found.low else 'from'} {show(other, found.unit)})"
+    return text
+
+
+def distance_text(found: StableRange) -> str:
+    """Return how far a board is from stability on one key."""
+    name, own = name_of(found.path), show(found.own, found.unit)
+    if found.reason:
+        return f"{name} = {own}: not known, {found.reason}"
+    if found.edge is None or found.factor is None:
+        ends = f"{show(found.least, found.unit)} to {show(found.most, found.unit)}"
+        return f"{name} = {own}: no value from {ends} makes the board stable"
+    return f"{name} = {own}: stable {edge_text(found)}, {found.factor:.4g} times the scene's value"
+
+
+def _change(scene: Scene, change: Change) -> str:
+    values = {path: v for path, v in change.values.items() if path != "design.lambda"}
+    if not values:
+        values = change.values
+    text = " and ".join(value_text(scene, path, value) for path, value in values.items())
+    if change.resistance is not None:
+        text += f" with R = {show(change.resistance, 'ohm')}"
+    if change.left:
+        mended = ", ".join(_words(change.mends))
+        return f"{text}: mends {mended}, but not {', '.join(_words(change.left))}"
+    return f"{text} (verified)"
+
+
+def value_text(scene: Scene, path: str, value: Value) -> str:
+    """Return ``"C = 9.76 pF"``."""
+    if isinstance(value, float):
+        value = show(value, find_key(scene, path).unit)
+    return f"{name_of(path)} = {value}"
+
+
+def name_of(path: str) -> str:
+    """Return the symbol of a key, or the last part of its path."""
+    return NAMES.get(path, path.removeprefix("design.").removeprefix("opamp."))
+
+
+def _words(names: Sequence[str]) -> list[str]:
+    return [name.replace("_", " ") for name in names]
+
+
+def remedies_document(remedies: Remedies) -> dict[str, Any]:
+    """Return the changes as plain data; `changes` holds values for the scene, in base units."""
+    return {
+        "failed": list(remedies.failed),
+        "stable_ranges": {each.path: range_record(each) for each in remedies.stability},
+        "stable_opamps": list(remedies.opamps),
+        "changes": [
+            asdict(change) | {"verified": not change.left, "engine": "statespace"}
+            for change in remedies.changes
+        ],
+        "without": [
+            {"keys": list(each.paths), "from": each.least, "to": each.most}
+            for each in remedies.without
+        ],
+        "not_searched": [list(paths) for paths in remedies.cut],
+        "unmendable": list(remedies.unmendable),
+        "trials": remedies.trials,
+        "time_limit": remedies.limit,
+    }
+
+
+def range_record(found: StableRange) -> Mapping[str, Any]:
+    """Return a stable range as plain data."""
+    known = {"edge": found.edge, "factor": found.factor}
+    return asdict(found) | known | {"text": distance_text(found), "doubt": ""}

@@ -1,0 +1,73 @@
+"""Every key of a scene with its value in base units, defaults and derived values filled in."""
+
+from __future__ import annotations
+
+import hashlib
+from operator import attrgetter
+from typing import Any
+
+import numpy as np
+
+from netlist_gen.board.scalings import choose_opamp
+from netlist_gen.overrides.keys import Key, all_keys, own_value
+from netlist_gen.scene.scene import Scene
+from spice_models.errors import TactionError
+from spice_models.file_names import printable
+from spice_models.foreign_files import LARGEST, UnusableFileError, read_bounded
+from verification.studies.figures import finite
+from verification.studies.running.digests import files_of
+
+
+def scene_keys(scene: Scene) -> dict[str, dict[str, Any]]:
+    """Return the value and the unit of each key by its path, as a scene file has it.
+
+    A file has the SHA-256 of its content beside its name, so that two scenes with the same name in
+    two folders can be told apart.
+
+    Examples
+    --------
+    >>> from netlist_gen.scene.file import load_scene
+    >>> keys = scene_keys(load_scene("scenes/paper-breadboard.toml"))
+    >>> keys["design.opamp.gbw"]
+    {'value': 4000000.0, 'unit': 'Hz'}
+    """
+    files = files_of(scene)
+    record: dict[str, dict[str, Any]] = {}
+    for key in all_keys(scene):
+        entry: dict[str, Any] = {"value": _value(scene, key), "unit": key.unit or None}
+        if files.get(key.path) is not None:
+            entry["sha256"] = _content(scene, files[key.path])
+        record[key.path] = entry
+    return record
+
+
+def _value(scene: Scene, key: Key) -> Any:
+    """Return the value of a key; an infinite number is None, as in JSON."""
+    try:
+        number = own_value(scene, key) if key.kind == "real" else None
+    except TactionError:  # what cannot be derived, such as lambda of a rule
+        number = None
+    value = _written(scene, key.path) if number is None else number
+    if value is None and key.path.startswith("design.opamp."):
+        value = getattr(choose_opamp(scene), key.path.rpartition(".")[2], None)
+    if isinstance(value, np.ndarray):
+        return f"array {' x '.join(map(str, value.shape))}"
+    if isinstance(value, float):
+        return finite(value)
+    return printable(value) if isinstance(value, str) else value
+
+
+def _written(scene: Scene, path: str) -> Any:
+    table, _, last = path.rpartition(".")
+    model = attrgetter(table)(scene) if table else scene
+    fields = type(model).model_fields
+    return getattr(model, next(n for n, field in fields.items() if last in (n, field.alias)))
+
+
+def _content(scene: Scene, name: Any) -> str | None:
+    if isinstance(name, np.ndarray):
+        return hashlib.sha256(np.ascontiguousarray(name, dtype="<f8").tobytes()).hexdigest()
+    try:
+        return hashlib.sha256(read_bounded(scene.folder / str(name), LARGEST)).hexdigest()
+    except UnusableFileError:  # gone since the run
+        return None

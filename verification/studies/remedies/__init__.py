@@ -1,0 +1,1 @@
+"""Changes of a design that mend a failed check."""

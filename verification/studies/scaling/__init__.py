@@ -1,0 +1,1 @@
+"""Proposals for the scalings of a design."""

@@ -1,0 +1,291 @@
+"""Scalings for given op-amps and supply: G0, U0, s and R from the matrix, lambda and the loads.
+
+The matrix sets G0: its resistors lie around `MIDDLE` on the logarithmic scale, inside the range
+that can be bought. The strain sets s: the constraint plane swings about as far as the outputs,
+``s G0 max|eps| = max|u|``, as far as R stays in that range; R follows from lambda. R and s are
+values of the scene's series (E24 if it names none), and G0 is adapted, so that lambda is exact. At
+last U0: the loads of the board (`headroom`) are proportional to U0 on a linear board, and the
+highest output voltage becomes the wanted share of the swing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from netlist_gen.board.buyable_values import buyable
+from netlist_gen.board.part_warnings import LEAST_OHMS, MOST_OHMS, part_warnings
+from netlist_gen.board.synthesis import synthesise
+from netlist_gen.overrides.axes import with_values
+from netlist_gen.problem.inverse_problem import InverseProblem, make_problem
+from netlist_gen.scene.scene import Scene
+from spice_models.errors import Complaint, EngineError, InputError
+from verification.engines.statespace.linearised.board import LinearBoard
+from verification.ideal.ideal_answer import IdealAnswer, ideal_answer, ideal_network
+from verification.pipeline.part_limits import PartLoads, describe
+from verification.pipeline.transient_plan import plan_transient
+from verification.reference import lambda_times_resistance
+from verification.small_signal.headroom import FULL, Load
+from verification.small_signal.poles import Poles, poles_behind
+from verification.small_signal.time_scales import time_scales
+from verification.studies.remedies.axis_search import search_range
+from verification.studies.remedies.stable_ranges import stable_ranges
+from verification.studies.remedies.trials import Trials, at_small_signal
+
+SHARE = 0.5  # of the swing, for the highest output voltage
+MIDDLE = 1e5  # ohm: geometric mean of the largest and the smallest matrix resistor
+ROUNDS = 4  # of U0 on a board whose loads are not proportional to it
+RESERVE = 2.0  # C over the value at which the board begins to oscillate
+
+
+@dataclass(frozen=True, slots=True)
+class Scaling:
+    """Scalings that were found.
+
+    Attributes
+    ----------
+    scene : Scene
+        With the scalings.
+    unit_conductance, unit_voltage, gain, resistance, capacitance : float
+        S, V, ohm, ohm and F.
+    lam : float
+        Lambda, as in the scene.
+    matrix_ohms : tuple of float
+        The smallest and the largest matrix resistor, ohm.
+    loads : tuple of Load
+        The largest load of each quantity, the largest share of a limit first.
+    notes : tuple of str
+        What could not be reached, and the warnings of the parts.
+    """
+
+    scene: Scene
+    unit_conductance: float
+    unit_voltage: float
+    gain: float
+    resistance: float
+    capacitance: float
+    lam: float
+    matrix_ohms: tuple[float, float]
+    loads: tuple[Load, ...]
+    notes: tuple[str, ...]
+
+
+def scale(scene: Scene, share: float = SHARE) -> Scaling:
+    """Return scalings with which the board uses its op-amps well; the solution does not change.
+
+    Parameters
+    ----------
+    scene : Scene
+        Lambda is a number.
+    share : float
+        Of the swing, for the highest output voltage of any op-amp at any time; slopes and currents
+        stay below 90 % of their limits.
+
+    Raises
+    ------
+    InputError
+        The problem or the design cannot be used, or T has a ratio of entries that no range of
+        resistors has.
+    EngineError
+        The board has no equilibrium.
+
+    Examples
+    --------
+    >>> import taction
+    >>> found = scale(taction.load_scene("scenes/tuned-breadboard.toml"))
+    >>> print(f"{found.gain:g} ohm, {found.resistance:g} ohm, lambda {found.lam:.3g}")
+    16000 ohm, 510000 ohm, lambda 0.0224
+    """
+    problem = make_problem(scene)
+    network = ideal_network(problem, scene)
+    notes: list[str] = []
+    answer = ideal_answer(network, scene)
+    values = _resistors(scene, problem, answer, notes)
+    scaled = with_values(at_small_signal(scene), {**values, "design.lambda": network.lam})
+    scaled = _with_voltage(scaled, problem, answer, share)
+    scaled = _with_stable_capacitance(scaled, problem, notes)
+    scaled, loads = _with_loads(scaled, problem, share, notes)
+    scaled = _with_passing_capacitance(scaled, notes)
+    design = scaled.design.model_copy(update={"opamp": scene.design.opamp})
+    scaled = scaled.model_copy(update={"design": design})
+    return _result(scaled, problem, loads, notes)
+
+
+def _result(
+    scene: Scene, problem: InverseProblem, loads: tuple[Load, ...], notes: list[str]
+) -> Scaling:
+    circuit = synthesise(scene, problem)
+    ohms = np.concatenate([matrix.ohms.ravel() for matrix in circuit.matrices])
+    ohms = ohms[np.isfinite(ohms)]
+    used = circuit.scalings
+    return Scaling(
+        scene=scene,
+        unit_conductance=used.unit_conductance,
+        unit_voltage=used.unit_voltage,
+        gain=used.gain,
+        resistance=used.resistance,
+        capacitance=used.capacitance,
+        lam=used.lam,
+        matrix_ohms=(float(ohms.min()), float(ohms.max())),
+        loads=loads,
+        notes=(*notes, *part_warnings(circuit)),
+    )
+
+
+def _resistors(
+    scene: Scene, problem: InverseProblem, answer: IdealAnswer, notes: list[str]
+) -> dict[str, float]:
+    """Return s and G0, with which R = lambda_times_resistance / lambda is in the series, too."""
+    sizes = np.abs(problem.matrix[problem.matrix != 0.0])
+    smallest, largest = float(sizes.min()), float(sizes.max())
+    pruned = sizes[sizes >= scene.design.prune * largest]
+    smallest = float(pruned.min())
+    if largest / smallest > MOST_OHMS / LEAST_OHMS:
+        ratio = LEAST_OHMS / MOST_OHMS
+        text = (
+            f"the entries of T differ by the factor {largest / smallest:.3g}, and resistors that"
+            f" can be bought by {1 / ratio:.3g}; leave out small entries with design.prune ="
+            f" {ratio:.1g} or more"
+        )
+        raise InputError(scene.file, Complaint("problem", "", text))
+    unit = 1.0 / (MIDDLE * math.sqrt(largest * smallest))
+    unit = min(max(unit, 1.0 / (MOST_OHMS * smallest)), 1.0 / (LEAST_OHMS * largest))
+    lam, product = answer.network.lam, _product(scene, unit)
+    strain = float(np.abs(problem.strain).max(initial=0.0))
+    drive = float(np.abs(answer.solution.u).max(initial=0.0))
+    balanced = drive / (unit * strain) if strain and drive else math.sqrt(product / lam)
+    low, high = product / lam / MOST_OHMS, product / lam / LEAST_OHMS
+    low, high = max(low, LEAST_OHMS), min(high, MOST_OHMS)
+    if low > high:
+        text = f"no s and R between {LEAST_OHMS:g} and {MOST_OHMS:g} ohm have this lambda"
+        raise InputError(scene.file, Complaint("design.lambda", f"{lam:g}", text))
+    series = scene.design.resistor_series
+    series = "E24" if series == "exact" else series
+    gain = buyable(min(max(balanced, low), high), series)
+    resistance = buyable(product / (lam * gain), series)
+    if not low <= balanced <= high:
+        notes.append("s is not balanced with the outputs: R would be out of its range")
+    unit *= math.sqrt(product / (lam * gain * resistance))
+    return {"design.gain": gain, "design.unit_conductance": unit}
+
+
+def _product(scene: Scene, unit: float) -> float:
+    """Return lambda R s, ohm²."""
+    design = scene.design
+    slope = design.exponential_slope or 1.0
+    return lambda_times_resistance(
+        design.amplifier, s=1.0, G0=unit, U0=design.unit_voltage, Ve=slope
+    )
+
+
+def _with_voltage(
+    scene: Scene, problem: InverseProblem, answer: IdealAnswer, share: float
+) -> Scene:
+    """Return the scene with the U0 that the outputs at rest allow; the loads refine it."""
+    model = next(iter(synthesise(scene, problem).models.values()))
+    swing, drive = model.swing(scene.design.supply), float(np.abs(answer.solution.u).max())
+    if not math.isfinite(swing) or not drive:
+        return scene
+    return _at_voltage(scene, share * swing / drive)
+
+
+def _at_voltage(scene: Scene, volts: float) -> Scene:
+    """Return the scene with U0 of two digits, rounded down; G0 keeps R and lambda if it must."""
+    digit = 10.0 ** (math.floor(math.log10(volts)) - 1)
+    rounded = float(f"{digit * math.floor(volts / digit * (1.0 + 1e-9)):.1e}")
+    changes = {"design.unit_voltage": rounded}
+    if scene.design.amplifier != "linear":
+        ratio = scene.design.unit_voltage / rounded
+        changes["design.unit_conductance"] = scene.design.unit_conductance * math.sqrt(ratio)
+    return with_values(scene, changes)
+
+
+def _with_stable_capacitance(scene: Scene, problem: InverseProblem, notes: list[str]) -> Scene:
+    """Return the scene with a larger C if it is unstable with its own."""
+    found = _poles(scene, problem)
+    if found.stable and found.certain:
+        return scene
+    (stable,) = stable_ranges(Trials(scene), ["design.capacitance"])
+    if stable.edge is None:
+        notes.append("no C within a factor of 100 makes the board stable")
+        return scene
+    series = scene.design.capacitor_series
+    farads = buyable(RESERVE * stable.edge, "E12" if series == "exact" else series)
+    notes.append(f"C is larger than the scene's: below {stable.edge:.3g} F the board oscillates")
+    return with_values(scene, {"design.capacitance": farads})
+
+
+def _with_passing_capacitance(scene: Scene, notes: list[str]) -> Scene:
+    """Return the scene with the nearest C with which the checks pass, if its own C fails them."""
+    trials, path = Trials(scene), "design.capacitance"
+    own = trials.at({path: scene.design.capacitance})
+    if own.passes:
+        return scene
+    found = search_range(trials, path, lambda trial: trial.passes)
+    if found is None or found.found is None:
+        left = own.refused or ", ".join(name.replace("_", " ") for name in own.left)
+        notes.append(f"no C makes the board pass: {left}")
+        return scene
+    farads = found.found.changes[path]
+    notes.append(f"C is another than the scene's, so that all checks pass: {farads:.3g} F")
+    return with_values(scene, {path: farads})
+
+
+def _poles(scene: Scene, problem: InverseProblem) -> Poles:
+    board = LinearBoard(synthesise(scene, problem))
+    return poles_behind(board, time_scales(board, initial=scene.analysis.initial))
+
+
+def _with_loads(
+    scene: Scene, problem: InverseProblem, share: float, notes: list[str]
+) -> tuple[Scene, tuple[Load, ...]]:
+    """Return the scene with the largest U0 that keeps the shares, and its loads."""
+    loads: tuple[Load, ...] = ()
+    for _ in range(ROUNDS):
+        board = LinearBoard(synthesise(scene, problem))
+        scales = time_scales(board, initial=scene.analysis.initial)
+        found = poles_behind(board, scales)
+        if not (found.stable and found.certain):
+            notes.append("the loads of an unstable board are not known: U0 is that of the outputs")
+            return scene, ()
+        plan = plan_transient(scene, board, scales, "statespace")
+        parts = PartLoads.of(board, initial=scene.analysis.initial, transient=plan.transient)
+        if parts.unknown:
+            raise EngineError(parts.unknown)
+        loads = parts.worst
+        if not loads:
+            notes.append("the op-amps have no limits: U0 is that of the scene")
+            return scene, ()
+        ratio = min(_allowed(load, share) for load in parts.loads)
+        if not math.isfinite(ratio):
+            notes.append("nothing moves with this strain: U0 is that of the scene")
+            return scene, loads
+        volts = scene.design.unit_voltage
+        after = _at_voltage(scene, volts * ratio)
+        if after.design.unit_voltage == volts:
+            break
+        scene = after
+    if loads[0].quantity != "voltage":
+        notes.append(f"{describe(loads[0])}: it sets U0, not the share of the swing")
+    return scene, loads
+
+
+def _allowed(load: Load, share: float) -> float:
+    """Return the factor by which a load may grow."""
+    limit = share if load.quantity == "voltage" else FULL * (1.0 - 1e-6)
+    margin = 0.0 if load.quantity == "voltage" else load.error
+    return limit * load.limit / (load.peak + margin) if load.peak else math.inf
+
+
+def scalings_of(scaling: Scaling) -> Mapping[str, tuple[float, str]]:
+    """Return the scalings by their symbols, with their units."""
+    return {
+        "G0": (scaling.unit_conductance, "S"),
+        "U0": (scaling.unit_voltage, "V"),
+        "s": (scaling.gain, "ohm"),
+        "R": (scaling.resistance, "ohm"),
+        "C": (scaling.capacitance, "F"),
+    }

@@ -1,0 +1,192 @@
+"""The stability boundary of a sweep over two axes, solved between the points of the grid."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import time as clock
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from netlist_gen.board.synthesis import synthesise
+from netlist_gen.overrides.axes import Axis, Point, with_values
+from netlist_gen.overrides.keys import Value
+from netlist_gen.problem.inverse_problem import make_problem
+from spice_models.array_types import Floats
+from spice_models.errors import TactionError
+from verification.small_signal.pole_scan import scan
+from verification.small_signal.poles import Poles, poles
+from verification.studies.sweep.plan import Plan
+
+TOLERANCE = 1e-3  # of a crossing's value, relative: less than a line of a picture is wide
+SAMPLES = 9  # least number of first evaluations along a line
+EVALUATIONS = 8  # of poles for one crossing of this tolerance
+SECONDS = 15.0  # of processor time: a boundary that would take longer is left to interpolation
+
+Place = tuple[float, float]  # values on the first and on the second axis
+Segment = tuple[Place, Place]
+
+
+@dataclass(frozen=True, slots=True)
+class Boundary:
+    """Where a board becomes unstable: its rightmost pole crosses the imaginary axis.
+
+    Attributes
+    ----------
+    points : tuple of pairs
+        Values on both axes of every crossing along a line of the grid; on a list the place of
+        the value.
+    segments : tuple of pairs of points
+        Neighbouring crossings of one cell of the grid, to be joined by a line. Empty if an axis is
+        a list: nothing lies between two of its values.
+    unsolved : str
+        Why the boundary was not solved, or empty.
+    """
+
+    points: tuple[Place, ...] = ()
+    segments: tuple[Segment, ...] = ()
+    unsolved: str = ""
+
+
+def solve_boundary(plan: Plan, *, seconds: float = SECONDS) -> Boundary:
+    """Find where stability ends along the lines of a grid of two axes, as `onset` does.
+
+    Along each line the scan of `verification.small_signal.pole_scan` follows all poles, so it
+    finds an unstable range that lies between two points of the grid, too.
+
+    Parameters
+    ----------
+    seconds : float
+        Estimated processor time above which nothing is solved.
+
+    Notes
+    -----
+    The cost is about one evaluation of the poles for every point and axis, and `EVALUATIONS` for
+    every crossing.
+    """
+    across, down = (group[0] for group in plan.groups)
+    lines = _Lines(plan)
+    try:
+        began = clock.process_time()
+        lines.poles_at(0, 0)
+        needed = (clock.process_time() - began) * 2 * plan.points
+    except TactionError:
+        needed = 0.0
+    if needed > seconds:
+        return Boundary(unsolved=f"solving the boundary would take {needed:.0f} s")
+    rows = {j: lines.crossings(0, j) for j in range(len(down))} if by_value(across) else {}
+    columns = {i: lines.crossings(1, i) for i in range(len(across))} if by_value(down) else {}
+    points = [(x, place_of(down, j)) for j, found in rows.items() for x in found]
+    points += [(place_of(across, i), y) for i, found in columns.items() for y in found]
+    segments: tuple[Segment, ...] = ()
+    if rows and columns:
+        segments = tuple(_joined(across, down, rows, columns))
+    return Boundary(tuple(points), segments)
+
+
+def by_value(axis: Axis) -> bool:
+    """Whether numbers lie between the values of an axis: it is a range, not a list."""
+    return axis.key.kind == "real" and axis.scale != "list"
+
+
+def place_of(axis: Axis, number: int) -> float:
+    """Return a value of a range, or the place in a list."""
+    return float(axis.values[number]) if by_value(axis) else float(number)
+
+
+class _Lines:
+    """Poles along the lines of a grid."""
+
+    def __init__(self, plan: Plan) -> None:
+        self.plan = plan
+        fixed = all(not axis.key.path.startswith("problem.") for axis in plan.axes)
+        self.problem = make_problem(plan.scene) if fixed else None
+        self.known: dict[tuple[tuple[str, Value], ...], Poles] = {}
+
+    def poles_at(self, i: int, j: int) -> Poles:
+        """Return the poles at a point of the grid."""
+        return self._poles(self.plan.values_at(int(np.ravel_multi_index((i, j), self.plan.shape))))
+
+    def crossings(self, along: int, other: int) -> list[float]:
+        """Return where stability changes along axis 0 or 1, at a place of the other axis."""
+        group, rest = self.plan.groups[along], self.plan.groups[1 - along]
+        fixed: Point = {axis.key.path: axis.values[other] for axis in rest}
+        axis = group[0]
+        values = [float(value) for value in axis.values]
+        logarithmic = axis.scale != "lin" and min(values) > 0.0
+        try:
+            found = scan(
+                lambda value: self._poles({**fixed, **_together(group, value)}),
+                _denser(values, logarithmic=logarithmic),
+                logarithmic=logarithmic,
+                tolerance=TOLERANCE,
+            )
+        except TactionError:  # this line has no poles
+            return []
+        return [each.value for each in found.crossings if each.changes_stability]
+
+    def _poles(self, changes: Point) -> Poles:
+        key = tuple(sorted(changes.items()))  # two lines share each point of the grid
+        if key not in self.known:
+            scene = with_values(self.plan.scene, changes)
+            self.known[key] = poles(synthesise(scene, self.problem or make_problem(scene)))
+        return self.known[key]
+
+
+def _denser(values: list[float], *, logarithmic: bool) -> list[float]:
+    """Return the values with middles between them, until there are `SAMPLES`."""
+    found = sorted(values)
+    while 1 < len(found) < SAMPLES:
+        pairs = list(itertools.pairwise(found))
+        middles = [math.sqrt(a * b) if logarithmic else 0.5 * (a + b) for a, b in pairs]
+        found = sorted([*found, *middles])
+    return found
+
+
+def _together(group: Sequence[Axis], value: float) -> Point:
+    """Return the values of axes that change together, interpolated at a value of the first axis."""
+    first = np.array([float(x) for x in group[0].values])
+    order = np.argsort(first)
+    changes: dict[str, float] = {group[0].key.path: value}
+    for axis in group[1:]:
+        own = np.array([float(x) for x in axis.values])
+        changes[axis.key.path] = float(np.interp(value, first[order], own[order]))
+    return changes
+
+
+def _joined(
+    across: Axis, down: Axis, rows: dict[int, list[float]], columns: dict[int, list[float]]
+) -> Iterator[Segment]:
+    """Join the crossings on the four sides of every cell, the nearest ones with each other."""
+    x, y = (_scaled(axis) for axis in (across, down))
+    for i, j in itertools.product(range(len(across) - 1), range(len(down) - 1)):
+        sides = [(v, place_of(down, k)) for k in (j, j + 1) for v in _within(rows[k], across, i)]
+        for k in (i, i + 1):
+            sides += [(place_of(across, k), v) for v in _within(columns[k], down, j)]
+        if len(sides) in (2, 4):
+            yield from _shortest(sides, lambda a, b: math.hypot(x(a[0], b[0]), y(a[1], b[1])))
+
+
+def _within(found: list[float], axis: Axis, k: int) -> list[float]:
+    ends = sorted((float(axis.values[k]), float(axis.values[k + 1])))
+    return [value for value in found if ends[0] <= value <= ends[1]]
+
+
+def _scaled(axis: Axis) -> Callable[[float, float], float]:
+    """Return the distance of two values, in parts of the axis."""
+    values: Floats = np.array([float(value) for value in axis.values])
+    if axis.scale == "lin" or values.min() <= 0.0:
+        return lambda a, b: abs(a - b) / float(np.ptp(values))
+    reach = math.log(float(values.max() / values.min()))
+    return lambda a, b: abs(math.log(a / b)) / reach
+
+
+def _shortest(places: list[Place], distance: Callable[[Place, Place], float]) -> list[Segment]:
+    """Return the pairs of two or four places whose segments are the shortest in sum."""
+    first, *rest = places
+    if len(rest) == 1:
+        return [(first, rest[0])]
+    ways = [[(first, rest[k]), (rest[k - 1], rest[k - 2])] for k in range(3)]
+    return min(ways, key=lambda way: sum(distance(*segment) for segment in way))

@@ -1,0 +1,187 @@
+"""Find the parts to buy better, and draw the samples again with them.
+
+Few single parts come first: one after the other, always the part that mends most samples, then the
+part that brings them closest to their limits. Where a handful does not suffice, every resistor, or
+every resistor and capacitor, has to be better. The samples are then drawn again with the smaller
+tolerances: the same deviations of the same boards, in smaller units.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from netlist_gen.board.variation import Parameter, parameters
+from spice_models.errors import EngineError
+from verification.pipeline.clock import Progress
+from verification.studies.running.workers import Workers
+from verification.studies.tolerance.drawing import draw_samples
+from verification.studies.tolerance.remedy import TARGET, Remedy
+from verification.studies.tolerance.varied_board import BoardSample, VariedBoard
+from verification.studies.tolerance.yield_forecast import YieldForecast
+from verification.studies.tolerance.yield_report import MIN_SAMPLES, SampleCollection, interval
+
+GRADES = {"resistor": (0.05, 0.01, 1e-3, 1e-4), "capacitor": (0.1, 0.05, 0.01)}
+"""Tolerances that are sold, by kind. Other kinds cannot be bought better."""
+WHOLE: tuple[dict[str, int], ...] = (
+    {"resistor": 1},
+    {"capacitor": 1},
+    {"resistor": 1, "capacitor": 1},
+    {"resistor": 2},
+    {"resistor": 2, "capacitor": 1},
+)
+"""How many grades better all parts of a kind are, the cheapest first."""
+FEW = 6  # single parts at most
+CANDIDATES = 40  # components that are tried at each step
+AGAIN = 300  # samples that are drawn again at most
+
+
+def find_remedy(
+    board: VariedBoard, samples: list[BoardSample], seed: int, target: float
+) -> Remedy | None:
+    """Return the smallest change that is predicted to reach `target`.
+
+    Returns
+    -------
+    Remedy or None
+        None with too few samples, and where they reach the target already. A remedy without parts:
+        nothing that can be bought better reaches more than the samples do.
+
+    Raises
+    ------
+    EngineError
+        The nominal board has no equilibrium.
+    """
+    passed = sum(sample.outcome == "pass" for sample in samples)
+    if len(samples) < MIN_SAMPLES or passed >= target * len(samples):
+        return None
+    start = YieldForecast.of(board, samples, seed)
+    few = _few(start, target)
+    if few.predicted >= target:
+        return few
+    tried = [few, *_kinds(start, target)]
+    enough = [remedy for remedy in tried if remedy.predicted >= target]
+    best = enough[0] if enough else max(tried, key=lambda remedy: remedy.predicted)
+    if best.predicted <= start.fraction:
+        return Remedy({}, {}, target, start.fraction)
+    return best
+
+
+def _grade(parameter: Parameter, steps: int = 1) -> float | None:
+    """Return the tolerance `steps` grades better than that of a component, if it is sold."""
+    below = [t for t in GRADES.get(parameter.kind, ()) if t < 0.99 * parameter.tolerance]
+    return below[min(steps, len(below)) - 1] if below else None
+
+
+def _few(start: YieldForecast, target: float) -> Remedy:
+    """Return the best few single parts."""
+    now, parts = start, dict[str, float]()
+    while now.fraction < target and len(parts) < FEW:
+        trials = [
+            (name, tolerance, now.better({place: tolerance}))
+            for place, name, tolerance in _candidates(now)
+            if name not in parts
+        ]
+        if not trials:
+            break
+        name, tolerance, following = min(trials, key=lambda trial: _badness(trial[2]))
+        if _badness(following) >= _badness(now):
+            break
+        now, parts[name] = following, tolerance
+    return Remedy(parts, {}, target, now.fraction)
+
+
+def _badness(forecast: YieldForecast) -> tuple[float, float]:
+    """Return a sort key: the samples that fail, then by how much."""
+    return -forecast.fraction, forecast.excess
+
+
+def _candidates(now: YieldForecast) -> list[tuple[int, str, float]]:
+    """Return place, name and better tolerance of the components behind the failures."""
+    failing = ~now.passes & ~now.lost
+    worst = np.nan_to_num(now.margins[failing]).argmax(axis=1)
+    behind = (now.z[failing] * now.slopes[:, worst].T).sum(axis=0)
+    found = []
+    for place in np.argsort(-behind, kind="stable")[:CANDIDATES].tolist():
+        tolerance = _grade(now.varied[place])
+        if tolerance is not None and behind[place] > 0.0:
+            found.append((place, now.varied[place].name, tolerance))
+    return found
+
+
+def _kinds(start: YieldForecast, target: float) -> Iterator[Remedy]:
+    """Yield the remedies that take better parts of whole kinds, the cheapest first."""
+    for steps in WHOLE:
+        kinds: dict[str, float] = {}
+        for kind, grades in steps.items():
+            loosest = [p for p in start.varied if p.kind == kind]
+            if loosest and (tolerance := _grade(max(loosest, key=_tolerance), grades)):
+                kinds[kind] = tolerance
+        chosen = {
+            place: kinds[parameter.kind]
+            for place, parameter in enumerate(start.varied)
+            if parameter.tolerance > kinds.get(parameter.kind, math.inf)
+        }
+        if len(kinds) == len(steps):
+            yield Remedy({}, kinds, target, start.better(chosen).fraction)
+
+
+def _tolerance(parameter: Parameter) -> float:
+    return parameter.tolerance
+
+
+def improved(board: VariedBoard, remedy: Remedy) -> VariedBoard:
+    """Return the board with the tolerances of a remedy."""
+    tolerances = board.scene.tolerances
+    parts = dict(tolerances.parts)
+    for parameter in board.varied:
+        if parameter.name in parts and parameter.kind in remedy.kinds:
+            parts[parameter.name] = min(parameter.tolerance, remedy.kinds[parameter.kind])
+    better = tolerances.model_copy(update={**remedy.kinds, "parts": parts | remedy.parts})
+    scene = board.scene.model_copy(update={"tolerances": better})
+    return replace(board, scene=scene, varied=parameters(board.nominal, better))
+
+
+def verified_remedy(
+    board: VariedBoard,
+    samples: list[BoardSample],
+    seed: int,
+    workers: Callable[[], AbstractContextManager[Workers]],
+    *,
+    target: float = TARGET,
+    output: str | Path | None = None,
+    progress: Progress = lambda stage: None,
+) -> Remedy | None:
+    """Find a remedy and draw up to `AGAIN` of the samples again with it.
+
+    None where none is needed, and for a board without a nominal equilibrium, whose sensitivities
+    are not known.
+
+    Parameters
+    ----------
+    workers : callable
+        Makes the context manager that starts processes, as for `draw_samples`.
+    output : path, optional
+        The database of the study; it keeps these samples, too.
+
+    Raises
+    ------
+    InputError, NoVerdictError, OutOfDisk
+        As `draw_samples`.
+    """
+    try:
+        remedy = find_remedy(board, samples, seed, target)
+    except EngineError:
+        return None
+    if remedy is None or not remedy.what:
+        return remedy
+    tally = SampleCollection(min(AGAIN, len(samples)))
+    progress(f"the samples again with {remedy.what}")
+    draw_samples(improved(board, remedy), seed, tally, workers(), output, progress)
+    low, high = interval(tally.passed, len(tally.samples))
+    return replace(remedy, samples=len(tally.samples), passed=tally.passed, low=low, high=high)
