@@ -17,7 +17,9 @@ from spice_models.transistor import ZERO_CELSIUS
 
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 SCENE_NAME = re.compile(r"[A-Za-z0-9_.-]*")
-VENDORS_GMIN = 1e-12  # S: ngspice's default, at which a vendor's model converges and was measured
+# S and A: ngspice's default conductance, at which a vendor's model converges and was measured, and
+# the tolerance of its bench; a board's own tolerances are below the rounding of its junctions.
+VENDORS_GMIN, VENDORS_AMPS = 1e-12, 1e-15
 FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 
 _NAMES: dict[str, Callable[[Any], tuple[str, ...]]] = {  # fields of the parts that hold a name
@@ -125,7 +127,7 @@ def tolerances(circuit: Circuit, relative: float) -> Tolerances:
     amps = max((abs(source.amps) for source in circuit.currents), default=0.0) or siemens * volts
     return Tolerances(
         relative=relative,
-        current=1e-3 * relative * amps,
+        current=max(1e-3 * relative * amps, VENDORS_AMPS * circuit.has_imported),
         voltage=1e-3 * relative * volts,
         charge=1e-3 * relative * scalings.capacitance * volts,
         gmin=1e-6 * relative * siemens,

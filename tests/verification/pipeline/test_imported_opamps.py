@@ -23,6 +23,7 @@ from verification.engines.ngspice.process import find_simulator, start
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.pipeline.checks import Outcome
 from verification.studies.importing.characterise import import_opamp
+from verification.studies.onset.onset import onset, parse_onset_axis
 from verification.verify import verify
 
 VENDOR = Path(__file__).parents[2] / "data" / "fet100.cir"
@@ -100,6 +101,13 @@ def test_without_ngspice_nothing_is_decided(write: Callable[..., Scene]) -> None
     verdict = verify(write().with_engine("statespace"))
     assert verdict.outcome is Outcome.INCONCLUSIVE
     assert "slew rate and limits of op-amp fet100 are in its netlist" in verdict.checks[0].reason
+
+
+def test_the_onset_is_confirmed_by_the_netlist(write: Callable[..., Scene]) -> None:
+    scene = write(problem={"channels": 2, "span": 1.0})
+    (finding,) = onset(scene, parse_onset_axis(scene, "C=0.9pF:2pF:3")).findings
+    assert finding.crossing.value == pytest.approx(1.2733e-12, rel=1e-3)
+    assert finding.confirmation.confirmed
 
 
 def test_noise_of_an_imported_opamp_is_not_known(write: Callable[..., Scene]) -> None:
