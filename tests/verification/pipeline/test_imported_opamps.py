@@ -105,7 +105,7 @@ def test_without_ngspice_nothing_is_decided(write: Callable[..., Scene]) -> None
 
 def test_the_onset_is_confirmed_by_the_netlist(write: Callable[..., Scene]) -> None:
     scene = write(problem={"channels": 2, "span": 1.0})
-    (finding,) = onset(scene, parse_onset_axis(scene, "C=0.9pF:2pF:3")).findings
+    (finding,) = onset(scene, parse_onset_axis(scene, "C=0.3pF:4pF:3")).findings
     assert finding.crossing.value == pytest.approx(1.2733e-12, rel=1e-3)
     assert finding.confirmation.confirmed
 
