@@ -5,7 +5,7 @@
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help setup ready demo test test-processors test-pythons test-simulators regress stress fuzz torture docs lint format bench lock build clean
+.PHONY: help setup ready demo test test-browser test-processors test-pythons test-simulators regress stress fuzz torture docs man schemas lint format bench lock build clean
 
 PYTHON_IN_VENV := .venv/bin/python
 JOBS ?= 2
@@ -30,6 +30,9 @@ demo: ready ## set up, then verify the seven-channel breadboard
 test: ready ## set up, then all tests; ARGS="-k deck -x" goes to pytest
 	$(PYTHON_IN_VENV) -m pytest -n $(JOBS) $(ARGS)
 
+test-browser: ready ## the reports in a headless Chromium, which is installed where missing
+	@browser=$$(bash scripts/chromium.sh) && TACTION_BROWSER=$$browser $(PYTHON_IN_VENV) -m pytest tests/browser $(ARGS)
+
 test-processors: ready ## the numerical tests with every BLAS kernel that this processor executes
 	$(PYTHON_IN_VENV) scripts/processors.py $(ARGS) -- -n $(JOBS)
 
@@ -52,6 +55,12 @@ torture: ready ## 200 kills of studies at random instants, in half an hour; ARGS
 
 docs: ready ## the documentation into docs/_build/html: pages, pictures and reference; a warning is an error
 	$(PYTHON_IN_VENV) -m sphinx -W --keep-going -q -b html docs docs/_build/html
+
+man: ready ## man pages of all commands into docs/_build/man, from the commands themselves
+	$(PYTHON_IN_VENV) scripts/man_pages.py
+
+schemas: ready ## docs/schemas: the schemas of all documents of --json, from their models
+	$(PYTHON_IN_VENV) scripts/write_schemas.py
 
 lint: ready ## ruff (rules and format) and mypy --strict
 	$(PYTHON_IN_VENV) -m ruff check .

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import sys
+
 import click
 
 from cli.common import (
+    STATUS,
     check_plot,
     check_report,
     console,
@@ -28,7 +31,10 @@ from cli.common import (
 def accuracy(
     scene: str, budget: float, plot: str | None, report: str | None, as_json: bool
 ) -> None:
-    """Compare the error and the run time of every engine, method and setting on SCENE."""
+    """Compare the error and the run time of every engine, method and setting on SCENE.
+
+    Exit status: 3 if no run of the board ended within the budget.
+    """
     from verification.ideal.lambda_rule import read_scene
 
     requested_scene = read_scene(scene)
@@ -39,13 +45,18 @@ def accuracy(
     from verification.studies.work_precision.study import run_study
 
     result = run_study(requested_scene, budget=budget, progress=lambda s: click.echo(s, err=True))
-    if as_json:
-        print_json(accuracy_document(result))
-    else:
-        print_study(result, console())
     if plot is not None:
         from verification.report.work_precision.plot import plot_study
 
         plot_study(result, plot)
         click.echo(f"drew {plot}", err=True)
     save_report(report, lambda: accuracy_report(result))
+    if as_json:
+        print_json(accuracy_document(result))
+    else:
+        print_study(result, console())
+    if not result.conclusive:
+        click.echo(
+            "taction: no run of the board has a known error; give a larger --budget", err=True
+        )
+        sys.exit(STATUS["inconclusive"])

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import errno
 import functools
 import sys
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, NoReturn
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING, Any
 
 import click
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from netlist_gen.overrides.axes import Axis
+    from netlist_gen.scene.scene import Scene
     from verification.report.html.blocks import Report
 
 STATUS = {"pass": 0, "fail": 1, "bad input": 2, "inconclusive": 3}
@@ -125,9 +126,34 @@ def _inputs(arguments: Mapping[str, Any]) -> Iterator[str | None]:
 
 def scene_command(function: Callable[..., None]) -> click.Command:
     """Return `function` as a `command` with the argument SCENE, the path of a scene file."""
-    made = command(function)
+    made = command(_with_questions(function))
     made.params.insert(0, click.Argument(["scene"], type=click.Path()))
     return made
+
+
+def _with_questions(function: Callable[..., None]) -> Callable[..., None]:
+    """Ask on stderr what may be a slip in the scene; the command reports its mistakes."""
+
+    @functools.wraps(function)
+    def asked(scene: str, *args: Any, **kwargs: Any) -> None:
+        from netlist_gen.scene.file import load_scene
+        from netlist_gen.scene.questions import questions
+        from spice_models.errors import InputError
+
+        with suppress(InputError):
+            for question in questions(load_scene(scene)):
+                say(f"question: {question}")
+        function(scene, *args, **kwargs)
+
+    return asked
+
+
+def ask_axes(scene: Scene, groups: Sequence[Sequence[Axis]]) -> None:
+    """Ask on stderr what may be a slip in the axes of a study."""
+    from netlist_gen.overrides.axis_questions import axis_questions
+
+    for question in axis_questions(scene, groups):
+        say(f"question: {question}")
 
 
 def say(text: str) -> None:
@@ -135,10 +161,20 @@ def say(text: str) -> None:
     click.echo(f"taction: {text}", err=True)
 
 
-def print_json(document: Any) -> None:
-    """Print one JSON document on stdout; NaN and infinities become null."""
+def print_json(document: Mapping[str, Any], schema: str | None = None) -> None:
+    """Print one JSON document on stdout; NaN and infinities become null.
+
+    Its field `taction` says what made it. `schema` is the name of its schema, by default that of
+    the command; an empty name leaves the document as it is.
+    """
     import json
 
+    context = click.get_current_context(silent=True)
+    name = (context.info_name if context else None) if schema is None else schema
+    if name:
+        from verification.report.schemas.head import document_head
+
+        document = document_head(name, document) | dict(document)
     click.echo(json.dumps(plain(document), indent=2, ensure_ascii=False, allow_nan=False))
 
 
@@ -167,14 +203,10 @@ def plain(value: Any) -> Any:
 
 
 def console(*, stderr: bool = False) -> Console:
-    """Return a console that prints numbers without colours; a closed pipe is BrokenPipeError."""
-    from rich.console import Console
+    """Return the console that reports print on."""
+    from verification.report.page import Page
 
-    class Page(Console):
-        def on_broken_pipe(self) -> NoReturn:  # rich would end with 1, a failed check
-            raise BrokenPipeError(errno.EPIPE, "closed pipe")
-
-    return Page(highlight=False, stderr=stderr)
+    return Page(stderr=stderr)
 
 
 @contextmanager

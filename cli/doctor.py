@@ -1,8 +1,7 @@
-"""``taction doctor``, and the list of ``taction models``."""
+"""``taction doctor``."""
 
 from __future__ import annotations
 
-import math
 import os
 import platform
 import sys
@@ -12,60 +11,15 @@ from typing import Any
 
 import click
 
-from cli.common import command, console, print_json
+from cli.common import command, print_json
 from spice_models.errors import SimulationError
 
-FIGURES = (
-    ("dc_gain", "", "gain"),
-    ("gbw", "Hz", "GBW"),
-    ("second_pole", "Hz", "second pole"),
-    ("input_resistance", "ohm", "input resistance"),
-    ("differential_capacitance", "F", "differential C"),
-    ("input_capacitance", "F", "input C"),
-    ("output_resistance", "ohm", "output resistance"),
-    ("slew_rate", "V/s", "slew rate"),
-    ("saturation", "V", "saturation"),
-    ("output_current", "A", "output current"),
-    ("least_supply", "V", "supply, at least ±"),
-    ("most_supply", "V", "supply, at most ±"),
-    ("voltage_noise", "V/rtHz", "voltage noise"),
-    ("current_noise", "A/rtHz", "current noise"),
-    ("supply_current", "A", "supply current"),
-    ("channels_per_package", "", "op-amps in a package"),
-)
 EXTRAS = (
     ("matplotlib", "--plot", "pip install 'taction[plot]'"),
     ("pyarrow", "waveforms and sweeps as Parquet", "pip install 'taction[parquet]'"),
     ("xarray", "sweeps as netCDF", "pip install 'taction[netcdf]'"),
     ("distributed", "sweeps on a cluster", "pip install 'taction[cluster]'"),
 )
-
-
-def list_presets(as_json: bool) -> None:
-    """List the op-amp presets with their figures in SI units and the sources of the figures."""
-    from netlist_gen.quantities import show
-    from spice_models.presets import load_presets
-
-    presets = load_presets()
-    if as_json:
-        print_json(
-            {
-                name: {figure: getattr(model, figure) for figure, _, _ in FIGURES}
-                | {"source": model.source}
-                for name, model in presets.items()
-            }
-        )
-        return
-    from rich.table import Table
-
-    table = Table("", *presets)
-    for figure, unit, title in FIGURES:
-        values = (getattr(model, figure) for model in presets.values())
-        table.add_row(title, *(show(x, unit) if math.isfinite(x) else "-" for x in values))
-    page = console()
-    page.print(table)
-    for name, model in presets.items():
-        page.print(f"[bold]{name}[/bold]: {model.source}")
 
 
 @command

@@ -70,7 +70,7 @@ def _status(function: Callable[[], object], as_json: bool, received: list[int]) 
         return _report(NoVerdictError("out of memory: the scene is too large"), as_json)
     except click.ClickException as error:
         if as_json:
-            print_json(plain_error("bad input", error, error.format_message()))
+            print_json(plain_error("bad input", error, error.format_message()), "error")
         error.show()
         return error.exit_code
     except (KeyboardInterrupt, click.Abort):
@@ -100,7 +100,7 @@ def _bug(error: Exception, as_json: bool) -> int:
 
     text = "this is a bug in taction; no verdict was reached"
     if as_json:
-        print_json(plain_error("inconclusive", error, f"{text}: {error}"))
+        print_json(plain_error("inconclusive", error, f"{text}: {error}"), "error")
     traceback.print_exception(error)
     click.echo(f"taction: {text}", err=True)
     return STATUS["inconclusive"]
@@ -108,7 +108,7 @@ def _bug(error: Exception, as_json: bool) -> int:
 
 def _report(error: TactionError, as_json: bool) -> int:
     if as_json:
-        print_json(error_document(error))
+        print_json(error_document(error), "error")
     click.echo(f"taction: {error}", err=True)
     return error.exit_status
 

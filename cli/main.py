@@ -25,6 +25,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "montecarlo": ("montecarlo", "Estimate the yield under component tolerances."),
     "corners": ("montecarlo", "Find the worst cases within the tolerances."),
     "tune": ("tune", "Find the gain with the least settling time."),
+    "choose": ("choose", "Choose op-amp, C and gain for given limits."),
     "scale": ("scale", "Propose G0, U0, s and R for op-amps and supply."),
     "onset": ("onset", "Find every stability crossing over a range."),
     "sweep": ("sweep", "Verify a grid of scenes, here or on a cluster; resumable."),
@@ -36,6 +37,17 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "new": ("new", "Write a scene file with comments."),
     "doctor": ("doctor", "List what is installed and what each part is for."),
 }
+
+
+REFERENCE = ({"--json", "--help"}, {"--json", "-h"})
+
+
+def print_reference(group: click.Group) -> None:
+    """Print all commands, options, schemas and exit statuses as one JSON document."""
+    from cli.common import print_json
+    from cli.reference import reference
+
+    print_json(reference(group), "")
 
 
 class LazyGroup(click.Group):
@@ -51,6 +63,9 @@ class LazyGroup(click.Group):
 
         def run() -> None:
             self._main_shell_completion({}, PROGRAM)
+            if set(words) in REFERENCE:
+                print_reference(self)
+                return
             with self.make_context(PROGRAM, words.copy(), **more) as context:
                 self.invoke(context)
 
@@ -92,7 +107,8 @@ class LazyGroup(click.Group):
 def main() -> None:
     """Design and verify regularising op-amp and resistor networks with SPICE.
 
-    Exit status: 0 pass, 1 a check failed, 2 bad input, 3 no verdict.
+    Exit status: 0 pass, 1 a check failed, 2 bad input, 3 no verdict. `taction --json --help` prints
+    all commands, options, schemas and exit statuses as one JSON document.
     """
     # ngspice uses the other cores. BLAS threads that wait for a busy core spin: the poles of 64
     # channels took a minute instead of a second. Users with free cores can set the variables.

@@ -1,95 +1,118 @@
-"""``taction models``: the op-amp presets, and ``taction models import``: a vendor's model."""
+"""``taction models``: the op-amps, and one of them with what its macromodel does."""
 
 from __future__ import annotations
 
-import re
-from typing import Any
+import math
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from cli.common import command, console, print_json
-from cli.doctor import list_presets
+from cli.common import check_plot, command, console, plot_option, print_json, say
+from cli.import_model import import_
+
+if TYPE_CHECKING:
+    from verification.characterise.witnesses import Witness
+
+COLUMNS = (
+    ("gbw", "Hz", "GBW"),
+    ("slew_rate", "V/s", "slew rate"),
+    ("output_current", "A", "output current"),
+    ("offset_voltage", "V", "offset"),
+    ("bias_current", "A", "bias current"),
+    ("voltage_noise", "V/rtHz", "voltage noise"),
+    ("supply_current", "A", "supply current"),
+)
+"""Figures of the list, beside the range of the supply; `show` has all."""
 
 
 @click.group(invoke_without_command=True)
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON document on stdout.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON document on stdout.")
 @click.pass_context
 def models(context: click.Context, as_json: bool) -> None:
-    """List the op-amp presets with their figures and sources, or import a vendor's model."""
+    """List the op-amp presets; `show NAME` has one with all figures, measured beside stated."""
     if context.invoked_subcommand is None:
-        list_presets(as_json)
+        _list(as_json)
+
+
+def _list(as_json: bool) -> None:
+    from netlist_gen.quantities import show as shown
+    from spice_models.presets import FIGURES, load_presets
+
+    presets = load_presets()
+    if as_json:
+        names = [name for name in FIGURES if name != "phase_margin"]
+        print_json(
+            {
+                name: {figure: getattr(model, figure) for figure in names}
+                | {"source": model.source}
+                for name, model in presets.items()
+            }
+        )
+        return
+    from verification.report.tables import make_table, whole
+
+    rows = []
+    for name, model in presets.items():
+        values = [(getattr(model, figure), unit) for figure, unit, _ in COLUMNS]
+        known = [shown(x, unit, 3) if x and math.isfinite(x) else "-" for x, unit in values]
+        ends = f"\N{PLUS-MINUS SIGN}{model.least_supply:g} to {model.most_supply:g} V"
+        rows.append((name, *known, ends if math.isfinite(model.most_supply) else "-"))
+    page = console()
+    page.print(make_table(whole("", *(title for _, _, title in COLUMNS), "supply"), rows))
+    page.print("all figures with their sources, and what the model does: taction models show NAME")
 
 
 @command
-@click.argument("file", type=click.Path())
-@click.option("--subckt", required=True, help="Name of the subcircuit in FILE.")
-@click.option(
-    "--pins", required=True, metavar="ROLE,ROLE,...",
-    help="Role of each port in its order: inp, inn, vcc, vee, out; nc for a port that stays open.",
-)  # fmt: skip
-@click.option("--supply", default="15V", show_default=True, help="Both supply voltages, as ±15V.")
-@click.option(
-    "-o", "--output", type=click.Path(dir_okay=False),
-    help="The file to write, to lie beside the scene; by default NAME.opamp.json.",
-)  # fmt: skip
-def import_(
-    file: str, subckt: str, pins: str, supply: str, output: str | None, as_json: bool
-) -> None:
-    """Import the op-amp macromodel of a vendor's netlist FILE for scenes.
+@click.argument("name")
+@plot_option("the Bode diagram and the steps of a follower")
+def show(name: str, plot: str | None, as_json: bool) -> None:
+    """Show all figures of the op-amp NAME with their sources, beside those of test benches.
 
-    Only known cards, devices and functions are accepted, and written anew. ngspice measures the
-    model; its response becomes a linear model for the state-space engine.
+    The benches are solved by our own equations and, where it is installed, by ngspice.
     """
-    import json
+    from spice_models.presets import figure_notes, load_presets
+    from verification.characterise.characterise import characterise
+    from verification.report.opamp.figures import figures_document, print_figures
 
-    from netlist_gen.quantities import parse
-    from netlist_gen.scene.fields import BOTH_SIGNS
-    from spice_models.atomic_files import write_atomically
-    from spice_models.errors import Complaint, InputError
-    from spice_models.imported import to_document
-    from verification.studies.importing.characterise import import_opamp
+    presets = load_presets()
+    if name not in presets:
+        raise click.BadParameter(_unknown(name, tuple(presets)), param_hint="NAME")
+    check_plot(plot)
+    opamp, notes, witnesses = presets[name], figure_notes(name), _witnesses()
+    results = {title: characterise(opamp, witness) for title, witness in witnesses.items()}
+    if plot is not None:
+        from verification.report.opamp.plot import measure_curves, plot_opamp
 
-    try:
-        volts = parse(BOTH_SIGNS.sub("", supply), "V")
-        if not 0.0 < volts <= 1e6:
-            raise ValueError("must be above zero, and at most 1 MV")
-    except ValueError as error:
-        raise InputError("--supply", Complaint("supply", repr(supply), str(error))) from None
-    name = re.sub(r"[^a-z0-9]", "_", subckt.lower())
-    name = name if name[:1].isalpha() else f"m{name}"
-    roles = tuple(word.strip().lower() for word in pins.split(","))
-    opamp = import_opamp(file, subckt, roles, volts)
-    found = to_document(name, opamp)
-    target = output or f"{name}.opamp.json"
-    write_atomically(target, json.dumps(found, indent=1) + "\n")
+        curves = {title: measure_curves(opamp, witness) for title, witness in witnesses.items()}
+        plot_opamp(opamp, curves, plot)
+        click.echo(f"wrote {plot}", err=True)
     if as_json:
-        print_json({"file": target, **{k: v for k, v in found.items() if k != "netlist"}})
+        print_json(figures_document(opamp, notes, results))
     else:
-        _report(found, target)
-    click.echo(f"wrote {target}", err=True)
+        print_figures(opamp, notes, results, console())
 
 
-import_.name = "import"
+models.add_command(show)
 models.add_command(import_)
 
 
-def _report(found: dict[str, Any], target: str) -> None:
-    from netlist_gen.quantities import show
+def _unknown(name: str, known: tuple[str, ...]) -> str:
+    import difflib
 
-    figures, linear = found["figures"], found["linear"]
-    page = console()
-    page.print(f"{found['name']}, simulated at ±{show(found['supply'], 'V')}")
-    for key, unit in (
-        ("dc_gain", ""), ("unity_gain_bandwidth", "Hz"), ("phase_margin", "degrees"),
-        ("output_resistance", "ohm"), ("supply_current", "A"),
-    ):  # fmt: skip
-        page.print(f"  {key.replace('_', ' '):22} {show(figures[key], unit)}")
-    if linear is not None:
-        poles = len(linear["gain"]["poles"])
-        page.print(
-            f"linear model: {poles} poles, within {100.0 * linear['error']:.2g} % of the simulated"
-            f" response up to {show(linear['band'][1], 'Hz', 3)}"
-        )
-    else:
-        page.print(f"{found['missing']}: boards with it stay inconclusive")
-    page.print(f'in a scene beside it: opamp = {{ file = "{target}" }}')
+    close = difflib.get_close_matches(name, known, n=1)
+    hint = f"did you mean {close[0]!r}? " if close else ""
+    return f"{name!r} is no preset; {hint}known: {', '.join(known)}"
+
+
+def _witnesses() -> dict[str, Witness]:
+    """Return our equations, and ngspice where it is installed."""
+    from spice_models.errors import SimulationError
+    from verification.characterise.witnesses import Equations, Simulation
+    from verification.engines.ngspice.executable import find_simulator
+
+    found: dict[str, Any] = {"state space": Equations()}
+    try:
+        found["ngspice"] = Simulation(find_simulator())
+    except SimulationError as error:
+        say(f"without ngspice: {error}")
+    return found

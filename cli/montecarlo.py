@@ -16,9 +16,11 @@ from cli.common import (
     JOBS,
     STATUS,
     EngineChoice,
+    check_plot,
     check_report,
     console,
     output_option,
+    plot_option,
     print_json,
     report_option,
     save_report,
@@ -52,6 +54,7 @@ if TYPE_CHECKING:
     "--engine", type=EngineChoice(ENGINES), default="statespace", help="Engine of all samples."
 )
 @output_option("Database that stores every sample; a later run computes only the missing ones.")
+@plot_option("histograms with limits, and the components behind the spread,")
 @report_option()
 @JOBS
 @CLUSTER
@@ -69,6 +72,7 @@ def montecarlo(scene: str, count: int, seed: int, as_json: bool, **options: Any)
     from verification.studies.tolerance.varied_board import prepare
     from verification.studies.tolerance.yield_report import SampleCollection, summarise_samples
 
+    check_plot(options["plot"])
     check_report(options["report"])
     tally = SampleCollection(count, half_width(options["until"]))
     study = prepare(read_scene(scene, options["engine"]))
@@ -97,7 +101,12 @@ def montecarlo(scene: str, count: int, seed: int, as_json: bool, **options: Any)
     else:
         from verification.report.tolerance.tables import print_yield
 
-        print_yield(result, seed)
+        print_yield(result, seed, console())
+    if options["plot"] is not None:
+        from verification.report.tolerance.yield_plot import plot_yield
+
+        plot_yield(study.scene.name, result, tally.samples, options["plot"])
+        click.echo(f"drew {options['plot']}", err=True)
     if options["report"] is not None:
         from verification.report.html.yield_report import yield_report
 
@@ -148,10 +157,10 @@ def corners(
         records = [asdict(corner) for corner in found.corners]
         print_json({"scene": requested_scene.name, "corners": records, "directions": directions})
     else:
-        print_corners(found.corners, quantities(requested_scene))
+        print_corners(found.corners, quantities(requested_scene), console())
         if found.directions:
-            print_directions(found.directions)
-    save_report(options["report"], lambda: corners_report(requested_scene, found.corners))
+            print_directions(found.directions, console())
+    save_report(options["report"], lambda: corners_report(requested_scene, found))
     outcomes = {corner.result.outcome for corner in found.corners}
     sys.exit(STATUS[next((o for o in ("fail", "inconclusive") if o in outcomes), "pass")])
 
@@ -173,7 +182,7 @@ def _verify_sample(
         sample = asdict(evaluate(study, number, z))
         deviations = {p.name: float(v) for p, v in zip(study.varied, z, strict=True)}
         head = {"seed": seed, "sample": sample, "deviations": deviations}
-        print_json(head | verdict_document(verdict))
+        print_json(head | verdict_document(verdict), "montecarlo-sample")
     else:
         from verification.report.verdict.table import print_verdict
 

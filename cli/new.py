@@ -47,7 +47,7 @@ def new(
     if schema:
         from netlist_gen.scene.scene import Scene
 
-        print_json(Scene.model_json_schema(by_alias=True))
+        print_json(Scene.model_json_schema(by_alias=True), "")
         return
     path = Path(file or output or "scene.toml")
     _check(path, file, output, force, asked)

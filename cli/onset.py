@@ -9,6 +9,7 @@ import click
 import taction
 from cli.common import (
     STATUS,
+    ask_axes,
     check_plot,
     check_report,
     console,
@@ -51,14 +52,15 @@ def onset(
     check_report(report)
     with stage_display() as progress:
         result = taction.onset(scene, over=over, transients=transients, progress=progress)
-    if as_json:
-        print_json(onset_document(result))
-    else:
-        print_onset(result, console())
-    if plot is not None:
+    ask_axes(result.scene, [[result.axis]])
+    if plot is not None:  # before the text: its reader may go
         from verification.report.onset.plot import plot_onset
 
         plot_onset(result, plot)
         click.echo(f"drew {plot}", err=True)
     save_report(report, lambda: onset_report(result))
+    if as_json:
+        print_json(onset_document(result))
+    else:
+        print_onset(result, console())
     sys.exit(STATUS["inconclusive"] if result.disagreement else 0)

@@ -91,6 +91,4 @@ def _show(report: RegressionReport, as_json: bool) -> None:
         return
     from verification.report.regression.text import print_regression
 
-    page = console()
-    page.soft_wrap = not sys.stdout.isatty()
-    print_regression(report, page)
+    print_regression(report, console())

@@ -8,8 +8,6 @@ import click
 
 from cli.common import STATUS, command, console, print_json, stage_display
 
-WIDTH = 160  # columns of a table in a file or a pipe: five columns of text
-
 
 @command
 @click.option(
@@ -41,10 +39,7 @@ def reproduce(output: str | None, quick: bool, as_json: bool) -> None:
     if as_json:
         print_json(paper_document(result))
     else:
-        page = console()
-        if not page.is_terminal:
-            page.width = WIDTH
-        print_paper(result, page)
+        print_paper(result, console())
     if output is not None:
         names = write_paper(result, output)
         click.echo(f"wrote {', '.join(names)} into {output}", err=True)

@@ -8,8 +8,6 @@ import click
 
 from cli.common import JOBS, command, console, print_json, stage_display
 
-WIDTH = 150  # columns of a table in a file or a pipe
-
 
 @command
 @click.option(
@@ -52,10 +50,7 @@ def stress(
     if as_json:
         print_json(stress_document(report))
     else:
-        terminal = console()
-        if not terminal.is_terminal:
-            terminal.width = WIDTH
-        print_stress(report, terminal)
+        print_stress(report, console())
     if report.interrupted:
         click.echo("taction: interrupted; the finished cases are in the report", err=True)
     sys.exit(report.exit_status)

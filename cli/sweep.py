@@ -16,6 +16,7 @@ from cli.common import (
     GRID_ENGINES,
     JOBS,
     STATUS,
+    ask_axes,
     check_report,
     console,
     output_option,
@@ -80,13 +81,15 @@ def sweep(scene: str, over: tuple[str, ...], as_json: bool, **options: Any) -> N
 
     keep = options["keep_waveforms"]
     plan = plan_sweep(scene, over, options["engine"], fix=options["fix"], keep_waveforms=keep)
+    ask_axes(plan.scene, plan.groups)
     _check_files(plan, options)
     start = time.perf_counter()
     with Store(options["output"] or f"{plan.scene.name}.sqlite") as store:
-        count = _run(plan, store, options)
-        _report(plan, store, count, time.perf_counter() - start, as_json=as_json)
-        _write_files(plan, store, options)
+        count = run_plan(plan, store, options)
+        seconds = time.perf_counter() - start
+        _write_files(plan, store, options)  # before the text: its reader may go
         save_report(options["report"], lambda: _page(plan, store, count))
+        _report(plan, store, count, seconds, as_json=as_json)
         disagree = len(plan.engines) > 1 and summarise(plan, store).disagree
     verdicts = count.outcomes["pass"] + count.outcomes["fail"]
     sys.exit(STATUS["fail" if disagree else "pass" if verdicts else "inconclusive"])
@@ -105,7 +108,11 @@ def _check_files(plan: Plan, options: dict[str, Any]) -> None:
         check_sweep_plot(plan, options["plot"])
 
 
-def _run(plan: Plan, store: Store, options: dict[str, Any]) -> SweepCounts:
+def run_plan(plan: Plan, store: Store, options: dict[str, Any]) -> SweepCounts:
+    """Compute what `store` lacks, with progress on stderr; Ctrl-C ends the command with 130.
+
+    `options` are those of the command: cluster, jobs and retry.
+    """
     from verification.studies.running.executors import workers_at
     from verification.studies.sweep.run import sweep as run
 

@@ -65,6 +65,9 @@ if TYPE_CHECKING:
     metavar="SECONDS",
     help="Time limit of the search for changes that mend a failed verdict; 0: no search.",
 )
+@click.option(
+    "-v", "--verbose", is_flag=True, help="Show also how the record and the reference were made."
+)
 def verify(scenes: tuple[str, ...], as_json: bool, **options: Any) -> None:
     """Simulate the board of each SCENE, solve its problem, and check the board.
 
@@ -97,6 +100,14 @@ def _verify_one(scene: str, as_json: bool, options: dict[str, Any]) -> None:
         remedies = _remedies(verdict, options["changes"], progress)
     plain = not (as_json or options["margins"] or options["annotate"])
     document = {} if plain else _description(options["margins"])(verdict)
+    if options["plot"] is not None:  # before the text: its reader may go
+        from verification.report.verdict.plots import plot_verdict
+
+        plot_verdict(verdict, options["plot"])
+        click.echo(f"drew {options['plot']}", err=True)
+    save_report(options["report"], lambda: _report(verdict, remedies))
+    if options["annotate"]:
+        _annotate(document)
     if as_json:
         if remedies is not None:
             from verification.report.verdict.remedies import remedies_document
@@ -106,21 +117,13 @@ def _verify_one(scene: str, as_json: bool, options: dict[str, Any]) -> None:
     else:
         from verification.report.verdict.table import print_verdict
 
-        print_verdict(verdict, console())
+        print_verdict(verdict, console(), verbose=options["verbose"])
         if remedies is not None:
             from verification.report.verdict.remedies import remedies_text
 
             click.echo(remedies_text(verdict.scene, remedies))
         for line in margin_lines(document):
             click.echo(line)
-    if options["annotate"]:
-        _annotate(document)
-    if options["plot"] is not None:
-        from verification.report.verdict.plots import plot_verdict
-
-        plot_verdict(verdict, options["plot"])
-        click.echo(f"drew {options['plot']}", err=True)
-    save_report(options["report"], lambda: _report(verdict))
     sys.exit(STATUS[verdict.outcome.value])
 
 
@@ -136,10 +139,12 @@ def _remedies(
     return find_remedies(verdict, seconds)
 
 
-def _report(verdict: taction.Verdict) -> Report:
+def _report(verdict: taction.Verdict, remedies: Remedies | None) -> Report:
     from verification.report.html.verdict_report import verdict_report
+    from verification.report.verdict.remedies import remedies_text
 
-    return verdict_report(verdict)
+    changes = "" if remedies is None else remedies_text(verdict.scene, remedies)
+    return verdict_report(verdict, changes=changes)
 
 
 def _verify_files(scenes: tuple[str, ...], as_json: bool, options: dict[str, Any]) -> None:
@@ -164,7 +169,7 @@ def _verify_files(scenes: tuple[str, ...], as_json: bool, options: dict[str, Any
         )
     written = junit is None or write_all({junit: lambda: files_junit(result)})
     if as_json:
-        print_json(files_document(result))
+        print_json(files_document(result), "verify-files")
     else:
         print_files(result, console())
     if options["annotate"]:

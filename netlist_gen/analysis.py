@@ -100,10 +100,10 @@ class Noise:
 
 
 @dataclass(frozen=True, slots=True)
-class Response:
-    """The small-signal response to the sources with an ``ac`` value, over a band."""
+class SmallSignal:
+    """The response at the operating point to the AC sources, over a band of frequencies."""
 
     band: Band
 
 
-Analysis = Transient | OperatingPoint | Noise  # of a board; `Response` is of a test bench
+Analysis = Transient | OperatingPoint | Noise | SmallSignal

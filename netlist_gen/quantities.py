@@ -97,9 +97,34 @@ def _read(text: str, unit: str, expected: str) -> tuple[float, str]:
 
 
 def show(value: float, unit: str, digits: int = 4) -> str:
-    """Return `value` as text with an SI prefix: ``show(1e-11, "F")`` is ``"10 pF"``."""
+    """Return `value` as text with an SI prefix: ``show(1e-11, "F")`` is ``"10 pF"``.
+
+    A rate has the unit ``1/s``: ``show(-23100.0, "1/s")`` is ``"-23.1 k/s"``.
+    """
+    unit = "/s" if unit == "1/s" else unit
     if value == 0 or not math.isfinite(value):
         return f"{value:g} {unit}".rstrip()
     if unit == "V/s":  # as data sheets have it
         return f"{1e-6 * value:.{digits}g} V/us"
     return str(Quantity(value, unit).render(prec=digits - 1, strip_zeros=True))
+
+
+def show_rate(rate: float, digits: int = 4) -> str:
+    """Return a growth rate, 1/s, with its sign: ``show_rate(1000.0)`` is ``"+1 k/s"``."""
+    return ("+" if rate > 0 else "") + show(rate, "1/s", digits)
+
+
+def show_pole(pole: complex, digits: int = 4) -> str:
+    """Return a pole, 1/s, as its growth rate and its frequency.
+
+    Examples
+    --------
+    >>> show_pole(complex(-23100.0, -307876.08))
+    '-23.1 k/s at 49 kHz'
+    >>> show_pole(complex(120.0, 0.0))
+    '+120 /s'
+    """
+    rate = show_rate(pole.real, digits)
+    if pole.imag == 0:
+        return rate
+    return f"{rate} at {show(abs(pole.imag) / (2.0 * math.pi), 'Hz', digits)}"

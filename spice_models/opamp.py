@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from spice_models.imported import ImportedOpAmp
 
@@ -88,7 +88,7 @@ class OpAmp:
     external_part: str = ""  # that every op-amp of the type needs beside it
     source: str = ""  # publication of the figures
     large_signal: bool = False  # whether the macromodel has slew rate and swing
-    limits_current: bool = False  # whether it has the largest output current, too
+    limits_current: bool = False  # whether it has the largest output current, too, if there is one
     input_errors: bool = False  # whether the macromodel has offset, bias and common-mode error
     imported: ImportedOpAmp | None = None  # a vendor's macromodel in the place of ours
 
@@ -114,9 +114,6 @@ class OpAmp:
         if self.input_errors and math.isinf(self.gbw) and math.isfinite(self.output_current):
             text = "offset and input currents of an op-amp with a largest current need a finite gbw"
             raise ValueError(f"input_errors = True: {text}")
-        if self.limits_current and not (self.large_signal and self.has_largest_current):
-            text = "needs large_signal, a finite output_current and an output_resistance"
-            raise ValueError(f"limits_current = True: {text}")
         if self.large_signal and not math.isfinite(self.input_range):
             raise ValueError("large_signal = True: needs a finite slew_rate and a finite gbw")
 
@@ -147,9 +144,19 @@ class OpAmp:
         return 10.0 ** (-self.common_mode_rejection / 20.0) if self.input_errors else 0.0
 
     @property
+    def small_signal(self) -> OpAmp:
+        """The op-amp without limits in its macromodel."""
+        return replace(self, large_signal=False, limits_current=False)
+
+    @property
     def has_largest_current(self) -> bool:
         """Whether the part has a largest output current that can be judged."""
         return math.isfinite(self.output_current) and self.output_resistance > 0.0
+
+    @property
+    def is_current_limited(self) -> bool:
+        """Whether the macromodel has a limit of the output current."""
+        return self.large_signal and self.limits_current and self.has_largest_current
 
     @property
     def is_limited(self) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import tomllib
 from dataclasses import replace
 from functools import cache
@@ -46,9 +47,13 @@ INPUT_ERRORS = {
 
 
 @cache
+def _text() -> str:
+    return (Path(__file__).parent / "presets.toml").read_text(encoding="utf-8")
+
+
+@cache
 def _presets() -> tuple[OpAmp, ...]:
-    with (Path(__file__).parent / "presets.toml").open("rb") as file:
-        tables = tomllib.load(file)
+    tables = tomllib.loads(_text())
     return tuple(_from_table(name, dict(table)) for name, table in tables.items())
 
 
@@ -72,6 +77,37 @@ def load_presets() -> dict[str, OpAmp]:
 def preset_names() -> tuple[str, ...]:
     """Return the names of the presets in the order of the data file."""
     return tuple(opamp.name for opamp in _presets())
+
+
+_NOTED = re.compile(r"(\w+)\s*=\s*[^#]*#\s*(.*)")
+_CONTINUED = re.compile(r"\s+#\s*(.*)")
+
+
+@cache
+def _notes() -> dict[str, dict[str, str]]:
+    found: dict[str, dict[str, str]] = {}
+    table, last = dict[str, str](), ""
+    for line in _text().splitlines():
+        if line.startswith("["):
+            table = found[line.strip("[] ")] = {}
+        elif noted := _NOTED.fullmatch(line):
+            key, note = noted.groups()
+            table[key] = table[last] if note == "likewise" else note
+            last = key
+        elif (more := _CONTINUED.fullmatch(line)) and last in table:
+            table[last] += f" {more[1]}"
+    return found
+
+
+def figure_notes(name: str) -> dict[str, str]:
+    """Return what the data file says about single figures of a preset, by their keys in the file.
+
+    Examples
+    --------
+    >>> figure_notes("ua741")["saturation"]
+    '14 V of 15 V into 10 kohm'
+    """
+    return dict(_notes()[name])
 
 
 def derive(base: OpAmp, name: str, **figures: float) -> OpAmp:

@@ -98,7 +98,7 @@ def opamp_subcircuit(
             cell.C(index, node, "0", STAGE_CAPACITANCE)
             control, gain = (node, "0"), 1.0
     if model.output_resistance > 0.0:
-        end = _limiter(cell, model, supply) if model.limits_current else "out"
+        end = _limiter(cell, model, supply) if model.is_current_limited else "out"
         cell.VCVS("o", "e", "0", *control, voltage_gain=gain)
         cell.R("o", "e", end, float(model.output_resistance), **silent)
     else:

@@ -8,6 +8,7 @@ from netlist_gen.analysis import Transient
 from netlist_gen.board.circuit import Circuit
 from netlist_gen.board.part_warnings import part_warnings
 from netlist_gen.problem.inverse_problem import InverseProblem
+from netlist_gen.scene.questions import questions
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from verification.engines.statespace.linearised.board import LinearBoard
@@ -162,6 +163,7 @@ def verify(
         warnings=find_warnings(
             evidence,
             (
+                *questions(design.scene),
                 *recording.simulation.notes,
                 *design.plan.notes,
                 *part_warnings(design.circuit),

@@ -103,6 +103,13 @@ def matrix_resistors(matrix: Floats, scene: Scene) -> tuple[Floats, Bools]:
     return nearest(ohms, scene.design.resistor_series), matrix < 0
 
 
+def realised_matrix(circuit: Circuit) -> Floats:
+    """Return the T (M, N) of the resistors of `circuit`, with their rounding."""
+    forward = circuit.matrices[0]
+    sign = np.where(forward.negative, -1.0, 1.0)
+    return sign / (forward.ohms * circuit.scalings.unit_conductance)
+
+
 class _Board:
     """A synthesis that places the parts plane by plane."""
 

@@ -14,7 +14,14 @@ from functools import lru_cache
 
 import numpy as np
 
-from netlist_gen.analysis import Analysis, Noise, OperatingPoint, Tolerances, Transient
+from netlist_gen.analysis import (
+    Analysis,
+    Noise,
+    OperatingPoint,
+    SmallSignal,
+    Tolerances,
+    Transient,
+)
 from netlist_gen.board.circuit import GROUND, Circuit, ResistorMatrix
 from netlist_gen.deck.checks import check_circuit, check_request, tolerances
 from netlist_gen.deck.header import header_lines
@@ -278,6 +285,8 @@ def _options(limits: Tolerances, analysis: Analysis, solver: str) -> list[str]:
 def _analysis_cards(circuit: Circuit, analysis: Analysis, nodes: Sequence[str]) -> list[str]:
     if isinstance(analysis, Noise):
         return noise_cards(analysis, nodes[0], circuit.noises)
+    if isinstance(analysis, SmallSignal):
+        raise ValueError("a board has no AC source; verification.characterise has benches with one")
     save = ".save " + " ".join(f"v({node})" for node in nodes)
     if isinstance(analysis, OperatingPoint):
         return [save, ".op"]

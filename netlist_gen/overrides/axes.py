@@ -218,7 +218,7 @@ def with_values(scene: Scene, changes: Point) -> Scene:
             section.pop(last, None)
         section, last = _section(data, path)
         section[last] = value
-    return parse_scene(data, scene.file)
+    return parse_scene(data, scene.file, asked=scene.written_questions)
 
 
 def _section(data: dict[str, Any], path: str) -> tuple[dict[str, Any], str]:

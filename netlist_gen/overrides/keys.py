@@ -25,6 +25,7 @@ SYMBOLS = {
     "G0": "design.unit_conductance",
     "U0": "design.unit_voltage",
     "Ve": "design.exponential_slope",
+    "opamp": "design.opamp.base",
 }
 # Tables that are searched for a name without a path, in this order.
 SECTIONS = ("", "design", "design.opamp", "problem", "problem.load", "problem.noise", "analysis")

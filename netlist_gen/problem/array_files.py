@@ -5,8 +5,9 @@ from __future__ import annotations
 import csv
 import io
 import math
+import re
 import tokenize
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,13 +19,23 @@ from spice_models.array_types import Floats
 from spice_models.errors import Complaint, InputError
 from spice_models.foreign_files import LARGEST, read_bounded
 
+SEPARATORS = {";": "';'", "\t": "tabs", " ": "blanks"}
+_COMMA = re.compile(r"[-+]?[0-9]*[.,]?[0-9]+([eE][-+]?[0-9]+)?")  # a number, perhaps 1,5
+_WORD = re.compile(r"[^\W\d]")  # of a title: a letter
 HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 
 
-def read_array(scene: Scene, key: str, name: str | Floats, shape: tuple[int | None, ...]) -> Floats:
+def read_array(
+    scene: Scene,
+    key: str,
+    name: str | Floats,
+    shape: tuple[int | None, ...],
+    *,
+    transposed: int | None = None,
+) -> Floats:
     """Return the array for `key` of `scene`: from the file `name`, or `name` itself.
 
-    `shape` is that of `fitted`.
+    `shape` is that of `fitted`, `transposed` the length of a vector if T were transposed.
 
     Raises
     ------
@@ -39,7 +50,18 @@ def read_array(scene: Scene, key: str, name: str | Floats, shape: tuple[int | No
     try:
         return fitted(values, shape)
     except ValueError as error:
-        raise InputError(path, Complaint(key, text, str(error))) from None
+        hint = _decimal_commas(values, shape)
+        if transposed is not None and values.size == transposed != shape[0]:
+            hint = "; is problem.matrix transposed? It has one row a sensor, one column a channel"
+        raise InputError(path, Complaint(key, text, f"{error}{hint}")) from None
+
+
+def _decimal_commas(values: Floats, shape: tuple[int | None, ...]) -> str:
+    """Return a question where a column of numbers seems to have decimal commas."""
+    pairs = values.ndim == 2 and values.shape[1] == 2 and len(shape) == 1
+    if pairs and shape[0] in (None, len(values)) and np.all(values[:, 1] % 1 == 0):
+        return "; is ',' a decimal comma here? It separates values; write 1.5 for 1,5"
+    return ""
 
 
 def read_profile(scene: Scene, key: str, name: str) -> tuple[Floats, Floats]:
@@ -137,6 +159,23 @@ def _rows(path: Path, key: str) -> Iterator[tuple[int, list[str]]]:
         raise InputError(path, Complaint(key, repr(path.name), text)) from None
 
 
+def _expected(cells: Sequence[str], line: int) -> str:
+    """Return what a line should have, by what it seems to be."""
+    text = ",".join(cells)
+    for sign, name in SEPARATORS.items():
+        parts = [part.strip() for part in text.split(sign)]
+        if len(parts) > 1 and all(_COMMA.fullmatch(part) for part in parts):
+            decimal = " and ',' is a decimal comma" if "," in text else ""
+            return (
+                f"the values seem to be separated by {name}{decimal}; expected ',' between values"
+                " and '.' as the decimal point: 1.5,2.5"
+            )
+    words = [cell.strip() for cell in cells]
+    if line == 1 and all(_WORD.search(word) for word in words):
+        return "is line 1 a header? Delete it, or begin it with '#'; expected numbers"
+    return "expected a number such as 1.5e-3"
+
+
 def _numbers(cells: list[str], path: Path, key: str, line: int) -> list[float]:
     numbers = []
     for column, cell in enumerate(cells, start=1):
@@ -146,7 +185,7 @@ def _numbers(cells: list[str], path: Path, key: str, line: int) -> list[float]:
             number = math.nan
         if not math.isfinite(number):
             problem = f"{cell.strip()!r} is not a finite number" if cell.strip() else "no value"
-            text = f"line {line}, column {column}: {problem}; expected a number such as 1.5e-3"
+            text = f"line {line}, column {column}: {problem}; {_expected(cells, line)}"
             raise InputError(path, Complaint(key, repr(path.name), text))
         numbers.append(number)
     return numbers

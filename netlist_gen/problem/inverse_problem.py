@@ -141,10 +141,12 @@ def _tactile(scene: Scene, problem: TactileProblem) -> InverseProblem:
 def _from_files(scene: Scene, problem: MatrixProblem) -> InverseProblem:
     matrix = read_array(scene, "problem.matrix", problem.matrix, (None, None))
     sensors, channels = matrix.shape
-    strain = read_array(scene, "problem.strain", problem.strain, (sensors,))
+    strain = read_array(scene, "problem.strain", problem.strain, (sensors,), transposed=channels)
     stress = None
     if problem.stress is not None:
-        stress = read_array(scene, "problem.stress", problem.stress, (channels,))
+        stress = read_array(
+            scene, "problem.stress", problem.stress, (channels,), transposed=sensors
+        )
     return InverseProblem(matrix, _noisy(strain, problem.noise), stress, None)
 
 

@@ -12,6 +12,8 @@ if TYPE_CHECKING:
 
     from spice_models.array_types import Floats
 
+EXPECTED = "expected the name of a file, or an array of real numbers: rows of one length"
+
 
 def in_memory(values: ArrayLike) -> Any:
     """Return `values` as an array, if possible, for a field `ArrayOrFile`."""
@@ -60,19 +62,38 @@ class _NameOrArray:
         """Return the name, or a read-only copy of the array."""
         if isinstance(value, str) and value:
             return value
+        if isinstance(value, list):  # in a TOML file
+            value = _from_lists(value)
         if getattr(getattr(value, "dtype", None), "kind", "") in ("i", "u", "f"):
             import numpy as np
 
             copy = np.array(value, dtype=np.float64, order="C")
             copy.setflags(write=False)
             return copy
-        raise ValueError("expected the name of a file, or an array of real numbers")
+        raise ValueError(EXPECTED)
 
     def __get_pydantic_core_schema__(self, source: object, handler: object) -> CoreSchema:
         return core_schema.no_info_plain_validator_function(self.check)
 
     def __get_pydantic_json_schema__(self, schema: object, handler: object) -> dict[str, Any]:
-        return {"type": "string", "minLength": 1}
+        numbers = {"type": "array", "items": {"type": "number"}, "minItems": 1}
+        rows = {"type": "array", "items": numbers, "minItems": 1}
+        return {"anyOf": [{"type": "string", "minLength": 1}, numbers, rows]}
+
+
+def _from_lists(values: list[Any]) -> Any:
+    """Return numbers, or rows of numbers of one length, as an array; ValueError for others."""
+    import numpy as np
+
+    rows = values if all(isinstance(row, list) for row in values) else [values]
+    flat = [number for row in rows for number in row]
+    numbers = all(isinstance(x, (int, float)) and not isinstance(x, bool) for x in flat)
+    if not numbers or len({len(row) for row in rows}) != 1:
+        raise ValueError(EXPECTED)
+    try:
+        return np.array(values, dtype=np.float64)
+    except OverflowError:
+        raise ValueError(f"a number is out of range; {EXPECTED}") from None
 
 
 ArrayOrFile = Annotated[Any, _NameOrArray()]

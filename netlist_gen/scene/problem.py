@@ -69,11 +69,13 @@ class TactileProblem(Model):
 
 
 class MatrixProblem(Model):
-    """A matrix and a strain vector: names of files beside the scene, or arrays in memory."""
+    """A matrix and a strain vector: names of files beside the scene, or arrays of numbers."""
 
     kind: Literal["matrix"]
-    matrix: ArrayOrFile = Field(description="M rows, N columns; .csv or .npy")
-    strain: ArrayOrFile = Field(description="M values; .csv or .npy")
+    matrix: ArrayOrFile = Field(
+        description="M rows, N columns: [[1.0, 0.2], [0.2, 1.0]], or a file .csv or .npy"
+    )
+    strain: ArrayOrFile = Field(description="M values: [1.0, 0.5], or a file .csv or .npy")
     stress: ArrayOrFile | None = Field(None, description="N values, the truth, where it is known")
     noise: Noise = Noise()
 

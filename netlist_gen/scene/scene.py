@@ -10,14 +10,13 @@ from pydantic import Field, PrivateAttr, StrictBool, model_validator
 
 from netlist_gen.scene.antilog_choice import AntilogChoice
 from netlist_gen.scene.arrays import in_memory
+from netlist_gen.scene.checks import Checks, unitless_times
 from netlist_gen.scene.fields import (
-    Count,
     CurrentDensityOrZero,
     Farads,
     FaradsOrZero,
     LambdaOrRule,
     Model,
-    NonNegative,
     Ohms,
     Positive,
     Real,
@@ -33,13 +32,11 @@ from netlist_gen.scene.problem import MatrixProblem, TactileProblem
 from netlist_gen.scene.regression import Regression
 from netlist_gen.scene.tolerances import Tolerances
 from spice_models.amplifier import AMPLIFIERS
-from spice_models.definitions import SETTLING_BAND
 from spice_models.errors import Complaint, InputError
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-AGREE = 1e-3  # of the step amplitude: how far the engines may differ where a scene says nothing
 NAME_PATTERN = r"^[A-Za-z0-9_.-]+$"
 DEFAULT_RESISTANCE = 1.786e6
 GRID_ENGINES = ("both", "hybrid")  # of a sweep, not of a scene
@@ -116,73 +113,6 @@ class AnalysisChoice(Model):
         return self
 
 
-class SteadyStateCheck(Model):
-    """Final outputs against the reference, as a fraction of the step amplitude."""
-
-    tolerance: Positive = 1e-3
-
-
-class SettlingTimeCheck(Model):
-    """Settling to ``±band`` (a fraction of the step amplitude) within `max`, not before `min`."""
-
-    band: Annotated[Positive, Field(lt=1)] = SETTLING_BAND
-    max: Seconds | None = None
-    min: Seconds | None = None
-
-
-class ExcursionCheck(Model):
-    """Overshoot or undershoot as a fraction of the step amplitude."""
-
-    max: NonNegative = Field(description="fraction of the step amplitude")
-
-
-class RiseTimeCheck(Model):
-    """10-90 % rise time of one channel, by default the middle channel."""
-
-    max: Seconds | None = None
-    min: Seconds | None = None
-    channel: Count | None = None
-
-
-class NoiseCheck(Model):
-    """Output noise of every channel at rest, rms over all frequencies, V."""
-
-    max: Volts
-
-
-class StabilityCheck(Model):
-    """`margin`: factor by which C can shrink until the board oscillates; 1: only stability."""
-
-    margin: Annotated[Real, Field(ge=1)] = 1.0
-
-
-class EnginesAgreeCheck(Model):
-    """Largest difference between ngspice and the state-space engine, over all time.
-
-    Without a tolerance, `AGREE` of the step amplitude, or `analysis.error` if that is larger.
-    """
-
-    tolerance: Positive | None = None
-
-    @property
-    def limit(self) -> float:
-        """The tolerance, or its default."""
-        return AGREE if self.tolerance is None else self.tolerance
-
-
-class Checks(Model):
-    """The checks of a verdict and their limits."""
-
-    steady_state: SteadyStateCheck = SteadyStateCheck()
-    settling_time: SettlingTimeCheck = SettlingTimeCheck()
-    overshoot: ExcursionCheck | None = None
-    undershoot: ExcursionCheck | None = None
-    rise_time: RiseTimeCheck | None = None
-    noise: NoiseCheck | None = None
-    stability: StabilityCheck = StabilityCheck()
-    engines_agree: EnginesAgreeCheck = EnginesAgreeCheck()
-
-
 class Scene(Model):
     """Problem, design, analysis and checks; file names are relative to `folder`."""
 
@@ -197,6 +127,7 @@ class Scene(Model):
     regression: Regression = Regression()
     _file: Path = PrivateAttr(Path("scene.toml"))
     _lambda_rule: str = PrivateAttr("")
+    _questions: tuple[str, ...] = PrivateAttr(())
 
     def __repr__(self) -> str:
         return f"Scene({self.name!r}, {str(self.file)!r})"
@@ -270,6 +201,11 @@ class Scene(Model):
         return self._file
 
     @property
+    def written_questions(self) -> tuple[str, ...]:
+        """What may be a slip in the way that values are written; see `questions`."""
+        return self._questions
+
+    @property
     def lambda_rule(self) -> str:
         """The rule that chose lambda; empty if the scene has a number."""
         return self._lambda_rule
@@ -298,8 +234,14 @@ class Scene(Model):
         return self._file.parent
 
 
-def parse_scene(data: Mapping[str, Any], file: str | Path) -> Scene:
-    """Return the `data` of `file` as a scene; InputError lists all mistakes."""
+def parse_scene(
+    data: Mapping[str, Any], file: str | Path, *, asked: tuple[str, ...] | None = None
+) -> Scene:
+    """Return the `data` of `file` as a scene; InputError lists all mistakes.
+
+    `asked` are the scene's `written_questions` where `data` is not what the user wrote.
+    """
     scene = validated(Scene, data, file)
     scene._file = Path(file)
+    scene._questions = tuple(unitless_times(data)) if asked is None else asked
     return scene

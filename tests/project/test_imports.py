@@ -21,7 +21,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("spice_models",),
     ("netlist_gen", "verification.waveforms", "verification.reference", "verification.measures"),
     ("verification.engines.ngspice", "verification.engines.statespace", "verification.ideal"),
-    ("verification.small_signal",),
+    ("verification.small_signal", "verification.characterise"),
     ("verification.pipeline",),
     ("verification.verify",),
     ("verification.studies",),

@@ -10,7 +10,7 @@ import pytest
 
 import spice_models
 from spice_models.opamp import OpAmp, phase_margin, unity_gain_bandwidth
-from spice_models.presets import derive, load_presets, preset_names
+from spice_models.presets import derive, figure_notes, load_presets, preset_names
 
 PRINTED = tomllib.loads((Path(spice_models.__file__).parent / "presets.toml").read_text("utf-8"))
 OLD = ("ideal", "ua741", "lf353", "tl084", "lf356", "ne5534", "op27")
@@ -34,6 +34,25 @@ def test_figures_are_those_of_the_file(name: str) -> None:
     assert unity_gain_bandwidth(model) == pytest.approx(f_u, rel=1e-12)
     assert phase_margin(model) == pytest.approx(margin, abs=1e-9)
     assert {key: getattr(model, key) for key in printed} == printed
+
+
+def test_notes_are_those_beside_the_figures() -> None:
+    assert figure_notes("ideal") == {}
+    assert figure_notes("ua741")["current_noise"].startswith("no figure: shot noise of the sheet's")
+    assert figure_notes("lm324")["output_resistance"] == figure_notes("lm324")["phase_margin"]
+    assert figure_notes("ne5534")["output_resistance"].endswith("leaves a loop gain of 70")
+
+
+def test_every_real_part_has_every_figure() -> None:
+    optional = {
+        "external_part",
+        "input_resistance",
+        "differential_capacitance",
+        "input_capacitance",
+    }
+    every = set().union(*PRINTED.values()) - optional
+    for name in NAMES[1:]:
+        assert every <= set(PRINTED[name]), name
 
 
 def test_the_dictionary_is_the_callers_own() -> None:

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from netlist_gen.board.circuit import Circuit
 from netlist_gen.problem.inverse_problem import InverseProblem
 from netlist_gen.scene.scene import Scene, parse_scene
 
@@ -22,13 +21,6 @@ def make_scene(problem: dict[str, Any] | None = None, **tables: Any) -> Scene:
 
 def matrix_problem(T: ArrayLike, eps: ArrayLike) -> InverseProblem:
     return InverseProblem(np.array(T, float), np.array(eps, float), None, None)
-
-
-def realised_matrix(circuit: Circuit) -> NDArray[np.float64]:
-    """Return the T (M, N) of the resistors of `circuit`, with their rounding."""
-    forward = circuit.matrices[0]
-    sign = np.where(forward.negative, -1.0, 1.0)
-    return sign / (forward.ohms * circuit.scalings.unit_conductance)
 
 
 def write_matrix_scene(folder: Path, T: ArrayLike, eps: ArrayLike, rest: str = "") -> Path:

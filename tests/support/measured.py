@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from netlist_gen.scene.scene import AGREE, Checks
+from netlist_gen.scene.checks import AGREE, Checks
 from verification.measures.measurements import ChannelMeasure, Measurements
 from verification.measures.readings import Reading
 from verification.measures.settling import ChannelState

@@ -74,7 +74,7 @@ def test_a_type_checker_sees_the_public_names(tmp_path: Path) -> None:
 
 def without_times(text: str) -> list[str]:
     """The table up to the lines that state how long everything took."""
-    return text[: text.index("\nrequested error ")].splitlines()
+    return text[: text.index("\nsimulated by ")].splitlines()
 
 
 @pytest.mark.parametrize("name", ["paper-breadboard", "custom-matrix"])

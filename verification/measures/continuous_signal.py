@@ -66,6 +66,8 @@ class ContinuousSignal(SampledSignal):
         after = np.clip(np.searchsorted(self.time, at), 1, self.time.size - 1)
         gap = self.time[after] - self.time[after - 1]
         places = np.flatnonzero((doubt > 0.0) & (doubt <= gap) & ~np.isnan(at))
+        if not places.size:
+            return found
         reach = WIDER * doubt[places]
         low, high = (np.clip(at[places] + s * reach, *self.time[[0, -1]]) for s in (-1.0, 1.0))
         f_low, f_high = excess(low, places), excess(high, places)

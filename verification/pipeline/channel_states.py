@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from netlist_gen.quantities import show
+from netlist_gen.quantities import show, show_rate
 from verification.measures.measurements import ChannelMeasure, Measurements
 from verification.measures.settling import ChannelState
 
@@ -24,6 +24,6 @@ def describe_states(measurements: Measurements) -> str:
         if first.frequency is not None:
             text += f" at {show(first.frequency, 'Hz')}"
         if first.growth_rate is not None:
-            text += f", growth rate {first.growth_rate:+.4g} /s"
+            text += f", growth rate {show_rate(first.growth_rate)}"
         parts.append(text)
     return "; ".join(parts)

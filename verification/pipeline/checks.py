@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from netlist_gen.quantities import show
-from netlist_gen.scene.scene import Checks
+from netlist_gen.quantities import show, show_rate
+from netlist_gen.scene.checks import Checks
 from verification.measures.measurements import Measurements
 from verification.measures.settling import ChannelState
 from verification.pipeline.agreement import Agreement
@@ -118,7 +118,7 @@ class Evidence:
     @property
     def obstacle(self) -> str:
         """Why nothing can be judged against the reference, or an empty text."""
-        doubt = "" if self.poles.certain else MAYBE.format(self.poles.resolution)
+        doubt = "" if self.poles.certain else doubtful(self.poles.resolution)
         return self.reference_problem or self.no_step or doubt
 
     @property
@@ -129,7 +129,7 @@ class Evidence:
             return ""
         frequency = show(abs(pole.imag) / math.tau, "Hz")
         verb = f"oscillates at {frequency}" if pole.imag else "runs away"
-        return f"{verb}, growth rate {pole.real:+.4g} /s"
+        return f"{verb}, growth rate {show_rate(pole.real)}"
 
     @property
     def unsteady(self) -> str:
@@ -199,7 +199,6 @@ ROUNDING = (
     "nothing to judge: the step amplitude is below the rounding of the board's equilibrium,"
     " or below the error of the reference solution"
 )
-MAYBE = "the rightmost pole is known to ±{:.1g} /s: the board may be stable or unstable"
 UNSTEADY = (ChannelState.OSCILLATING, ChannelState.CLIPPED, ChannelState.DIVERGED)
 
 
@@ -229,6 +228,12 @@ def failed(name: str, reason: str, limit: float | None) -> Check:
 def undecided(name: str, unit: str, reason: str, limit: float | None) -> Check:
     """Return an inconclusive check without a value."""
     return Check(name, Outcome.INCONCLUSIVE, None, None, limit, None, unit, reason)
+
+
+def doubtful(resolution: float) -> str:
+    """Return what rounding, 1/s, leaves open of the rightmost pole."""
+    known = show(resolution, "1/s", 2)
+    return f"the rightmost pole is known to ±{known}: the board may be stable or unstable"
 
 
 def joined(*texts: str) -> str:

@@ -110,6 +110,5 @@ def _transient(chain: ErrorChain, recording: Recording) -> None:
 
 
 def _noise(noise: OutputNoise) -> ErrorPart:
-    value = None if noise.unknown else noise.largest
     how = "rms at rest over all frequencies: resistors, op-amps and sensors; not in the sum"
-    return ErrorPart("noise", value, how)
+    return ErrorPart("noise", noise.known, how)

@@ -13,7 +13,11 @@ from verification.pipeline.checks import (
 )
 
 NAME, UNIT = "noise", "V"
-UNSTATED = "the voltage noise of op-amp {} is not given (design.opamp.voltage_noise)"
+UNSTATED = (
+    "the voltage noise of op-amp {} is not given: set design.opamp.voltage_noise, such as"
+    " '20nV/rtHz', or take a preset that has one (taction models)"
+)
+NOISELESS = "op-amp {} is ideal and has no noise: only resistors and sensors count"
 AGREE = 0.01  # of the noise: the largest difference of the two engines
 
 
@@ -33,4 +37,6 @@ def noise(evidence: Evidence) -> Check | None:
     elif outcome is Outcome.PASS and found.unstated:
         outcome = Outcome.INCONCLUSIVE
         reason = joined(reason, UNSTATED.format(", ".join(found.unstated)))
+    if found.noiseless:
+        reason = joined(reason, NOISELESS.format(", ".join(found.noiseless)))
     return Check(NAME, outcome, value, error, limited.max, None, UNIT, reason)

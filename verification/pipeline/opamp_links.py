@@ -59,8 +59,26 @@ LINKS = (
         "finite gain and impedances of the op-amps: equilibrium with against without",
     ),
     OpAmpLink(
+        "offset_voltage",
+        ("offset_voltage",),
+        "offset voltage of the op-amps: equilibrium with against without",
+        switch="input_errors",
+    ),
+    OpAmpLink(
+        "input_currents",
+        ("bias_current", "offset_current"),
+        "bias and offset current of the op-amps: equilibrium with against without",
+        switch="input_errors",
+    ),
+    OpAmpLink(
+        "common_mode",
+        ("common_mode_rejection",),
+        "common-mode rejection of the op-amps: equilibrium with against without",
+        switch="input_errors",
+    ),
+    OpAmpLink(
         "limits",
-        ("slew_rate", "saturation", "output_current"),
+        ("slew_rate", "saturation", "output_current", "limits_current"),
         "limits of the op-amps: equilibrium with against without",
         switch="large_signal",
     ),

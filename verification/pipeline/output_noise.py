@@ -33,6 +33,8 @@ class OutputNoise:
         Noise of the channel with the largest one from ngspice, V; None without ngspice.
     unstated : tuple of str
         Op-amps with poles whose voltage noise is not given.
+    noiseless : tuple of str
+        Ideal op-amps: without poles and without voltage noise.
     """
 
     rms: tuple[float, ...] = ()
@@ -40,6 +42,7 @@ class OutputNoise:
     unknown: str = ""
     simulated: float | None = None
     unstated: tuple[str, ...] = ()
+    noiseless: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, design: Design) -> OutputNoise | None:
@@ -54,12 +57,11 @@ class OutputNoise:
             simulated = _simulated(design, int(rms.argmax())) if ngspice else None
         except (EngineError, SimulationError) as problem:
             return cls(unknown=f"the noise is not known: {problem}")
-        unstated = tuple(
-            model.name
-            for model in design.circuit.models.values()
-            if math.isfinite(model.gbw) and model.voltage_noise == 0.0
-        )
-        return cls(tuple(rms.tolist()), tuple(error.tolist()), "", simulated, unstated)
+        models = design.circuit.models.values()
+        silent = [model for model in models if model.voltage_noise == 0.0]
+        unstated = tuple(model.name for model in silent if math.isfinite(model.gbw))
+        noiseless = tuple(model.name for model in silent if math.isinf(model.gbw))
+        return cls(tuple(rms.tolist()), tuple(error.tolist()), "", simulated, unstated, noiseless)
 
     @property
     def worst(self) -> int:
@@ -70,6 +72,11 @@ class OutputNoise:
     def largest(self) -> float:
         """The largest noise of any channel, V."""
         return self.rms[self.worst]
+
+    @property
+    def known(self) -> float | None:
+        """The largest noise of any channel, V; None where it is not known."""
+        return None if self.unknown else self.largest
 
     @property
     def difference(self) -> float:

@@ -13,13 +13,13 @@ from functools import partial
 
 import numpy as np
 
-from netlist_gen.quantities import show
+from netlist_gen.quantities import show, show_pole
 from verification.pipeline.checks import (
-    MAYBE,
     Check,
     Evidence,
     Outcome,
     at_most,
+    doubtful,
     joined,
     percent,
     undecided,
@@ -92,7 +92,7 @@ def _unconfirmed(evidence: Evidence) -> str:
 
 def _stability(evidence: Evidence) -> Check:
     pole, required = evidence.poles.rightmost, evidence.checks.stability.margin
-    text = f"rightmost pole {pole.real:+.4g} {pole.imag:+.4g}j /s"
+    text = f"rightmost pole {show_pole(pole)}"
     margin = evidence.margin
 
     def check(outcome: Outcome, reason: str) -> Check:
@@ -103,7 +103,7 @@ def _stability(evidence: Evidence) -> Check:
         return Check("stability", outcome, margin.factor, error, required, None, "ratio", reason)
 
     if not evidence.poles.certain:
-        doubt = MAYBE.format(evidence.poles.resolution)
+        doubt = doubtful(evidence.poles.resolution)
         return check(Outcome.INCONCLUSIVE, f"{text}; {doubt}")
     if evidence.growth:
         return check(Outcome.FAIL, f"{evidence.growth}: {text}")

@@ -6,7 +6,8 @@ import math
 from dataclasses import dataclass
 
 from netlist_gen.analysis import Transient
-from netlist_gen.scene.scene import Checks, Scene
+from netlist_gen.scene.checks import Checks
+from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from spice_models.errors import EngineError
 from verification.engines.statespace.linearised.board import LinearBoard

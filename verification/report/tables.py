@@ -7,29 +7,30 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
-from rich.box import SIMPLE_HEAD
-from rich.console import RenderableType
-from rich.table import Column, Table
+from rich.table import Column
+from rich.text import Text
 
 from netlist_gen.quantities import UNITS, show
+from verification.report.fitted_table import FittedTable
 
 MARKDOWN = re.compile(r"([\\`*_{}\[\]<>#|~&])")
 
 
 def make_table(
-    titles: Iterable[str | Column], rows: Iterable[Sequence[RenderableType]], **style: Any
-) -> Table:
-    """Return a table of `rows` under `titles`; `style` goes to `rich.table.Table`."""
+    titles: Iterable[str | Column], rows: Iterable[Sequence[str | Text]], **style: Any
+) -> FittedTable:
+    """Return a table of `rows` under `titles`; a cell that is a string may have rich's markup."""
+    columns = [title if isinstance(title, Column) else Column(title) for title in titles]
+    cells = [
+        [Text.from_markup(cell) if isinstance(cell, str) else cell for cell in row] for row in rows
+    ]
     left: dict[str, Any] = {"title_justify": "left", "caption_justify": "left"}
-    table = Table(*titles, box=SIMPLE_HEAD, pad_edge=False, **left, **style)
-    for row in rows:
-        table.add_row(*row)
-    return table
+    return FittedTable(columns, cells, left | style)
 
 
 def whole(*titles: str) -> tuple[Column, ...]:
-    """Return columns whose cells are never cut or wrapped."""
-    return tuple(Column(title, no_wrap=True, overflow="ignore") for title in titles)
+    """Return columns whose cells stay in one line wherever the page is wide enough."""
+    return tuple(Column(title, no_wrap=True) for title in titles)
 
 
 def markdown_table(titles: Sequence[str], rows: Iterable[Iterable[str]]) -> Iterator[str]:
@@ -49,11 +50,23 @@ def value_text(value: object, unit: str, digits: int = 4) -> str:
         return "-" if value is None else str(value)
     if math.isnan(value):
         return "-"
-    if unit in UNITS:
+    if unit in (*UNITS, "1/s"):
         return show(value, unit, digits)
     if unit == "step":
         return f"{100 * value:.3g} %"
-    return f"{value:.{digits}g}" + (" /s" if unit == "1/s" else "")
+    return f"{value:.{digits}g}"
+
+
+def rounded_up(value: float) -> float:
+    """Return the least number of one digit that is not below a positive value.
+
+    Examples
+    --------
+    >>> rounded_up(1.2e-15), rounded_up(0.07)
+    (2e-15, 0.07)
+    """
+    exponent = math.floor(math.log10(value))
+    return float(f"{math.ceil(value / 10.0**exponent * (1.0 - 1e-12))}e{exponent}")
 
 
 def spaced(name: str) -> str:

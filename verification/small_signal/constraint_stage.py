@@ -70,7 +70,7 @@ def _alone(circuit: Circuit, row: int, siemens: float) -> Circuit:
     node = f"c_{row}"
     return replace(
         circuit,
-        models={name: replace(m, large_signal=False) for name, m in circuit.models.items()},
+        models={name: model.small_signal for name, model in circuit.models.items()},
         opamps=tuple(cell for cell in circuit.opamps if cell.name == node),
         amplifiers=(),
         transistors=(),

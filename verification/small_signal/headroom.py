@@ -143,7 +143,7 @@ def _rows(circuit: Circuit) -> Iterator[_Row]:
             yield _Row(cell.name, "voltage", (out,), (1.0 / swing,), swing)
         if math.isfinite(model.slew_rate) and not model.large_signal:
             yield _Row(cell.name, "slope", (out,), (1.0 / model.slew_rate,), model.slew_rate)
-        if model.has_largest_current and not model.limits_current:
+        if model.has_largest_current and not model.is_current_limited:
             nodes, gains = _behind_the_output(circuit, cell)
             weight = 1.0 / (model.output_resistance * model.output_current)
             weights = (*(weight * gain for gain in gains), -weight)

@@ -42,6 +42,7 @@ FIGURES: dict[str, Figure[Verdict]] = {
     "frequency": Figure("Hz", lambda v: abs(v.poles.rightmost.imag) / (2.0 * math.pi)),
     "damping_ratio": Figure("", lambda v: v.poles.damping_ratio),
     "margin": Figure("", lambda v: None if v.margin is None else v.margin.factor),
+    "noise": Figure("V", lambda v: None if v.noise is None else v.noise.known),
     "step_amplitude": Figure("V", lambda v: v.measurements.amplitude),
     "lambda": Figure("", lambda v: v.circuit.scalings.lam),
     "resistance": Figure("ohm", lambda v: v.circuit.scalings.resistance),

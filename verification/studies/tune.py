@@ -19,7 +19,8 @@ import numpy as np
 
 from netlist_gen.board.buyable_values import buyable, series_of
 from netlist_gen.quantities import show
-from netlist_gen.scene.scene import ExcursionCheck, Scene, StabilityCheck
+from netlist_gen.scene.checks import ExcursionCheck, StabilityCheck
+from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from spice_models.errors import EngineError
 from verification.studies.remedies.axis_search import search_range

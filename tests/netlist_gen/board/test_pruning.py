@@ -9,9 +9,9 @@ import pytest
 
 from netlist_gen.board.circuit import Circuit
 from netlist_gen.board.pruning import pruned
-from netlist_gen.board.synthesis import synthesise
+from netlist_gen.board.synthesis import realised_matrix, synthesise
 from spice_models.errors import InputError
-from tests.support.making import make_scene, matrix_problem, realised_matrix
+from tests.support.making import make_scene, matrix_problem
 
 T = [[2.0, -0.01, 0.0], [0.5, 1.0, 0.019], [0.002, 0.0, -0.015]]
 

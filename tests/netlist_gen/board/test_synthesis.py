@@ -17,10 +17,10 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import ArrayLike, NDArray
 
 from netlist_gen.board.circuit import Circuit
-from netlist_gen.board.synthesis import synthesise
+from netlist_gen.board.synthesis import realised_matrix, synthesise
 from netlist_gen.scene.scene import Scene
 from spice_models.errors import InputError
-from tests.support.making import NEAR_IDEAL, make_scene, matrix_problem, realised_matrix
+from tests.support.making import NEAR_IDEAL, make_scene, matrix_problem
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.ideal.ideal_answer import ideal_network
 from verification.reference import solve

@@ -49,17 +49,18 @@ def test_a_bound_of_the_samples_shifts_the_level():
 
 
 def test_a_channel_that_is_never_outside_has_no_crossing_to_refine():
-    """The second channel is half the first, and always within the level; its curve is not asked."""
+    """The second channel is always within the level, and both are within 2: no curve is asked."""
     time = np.linspace(0.0, 8.0, 60)
     errors = np.stack([np.exp(-time), 0.4 * np.exp(-time)])
 
     def curve(t, channel):
+        assert t.size
         assert not np.isnan(t).any()
         return np.stack([np.exp(-t), 0.4 * np.exp(-t)])[channel, np.arange(t.size)]
 
-    found = ContinuousSignal(time, errors, 0.0, curve=curve).last_outside(
-        np.array([0.5]), np.zeros(1)
-    )
+    signal = ContinuousSignal(time, errors, 0.0, curve=curve)
+    found = signal.last_outside(np.array([0.5]), np.zeros(1))
+    assert np.isnan(signal.last_outside(np.array([2.0]), np.zeros(1)).time).all()
     assert found.time[0, 0] == pytest.approx(np.log(2.0), rel=1e-9)
     assert np.isnan(found.time[0, 1])
 

@@ -12,11 +12,11 @@ from rich.console import Console
 from scipy.optimize import root
 
 from netlist_gen.board.circuit import Circuit
-from netlist_gen.board.synthesis import synthesise
+from netlist_gen.board.synthesis import realised_matrix, synthesise
 from netlist_gen.problem.inverse_problem import InverseProblem
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
-from tests.support.making import make_scene, matrix_problem, realised_matrix
+from tests.support.making import make_scene, matrix_problem
 from verification.pipeline.error_chain import ErrorBudget, ErrorChain, ErrorPart
 from verification.report.verdict.budget_table import budget_table
 from verification.report.verdict.json_document import budget_record, verdict_document
@@ -171,6 +171,32 @@ def test_an_inverter_that_is_off_counts_with_the_resistors() -> None:
     part = next(part for part in verdict.budget if part.name == "resistors")
     assert part.channels == pytest.approx((rest - verdict.ideal.target).tolist(), abs=1e-10)
     assert part.predicted == pytest.approx(part.channels, rel=0.1, abs=1e-5)
+
+
+def test_offset_and_input_currents_are_links_of_their_own() -> None:
+    """One channel, T = 1, s = 1/G0: against Kirchhoff's law at the three inverting inputs."""
+    opamp = {"base": "ideal", "dc_gain": 1e12, "offset_voltage": 1e-3, "bias_current": 1e-9}
+    design = {"opamp": opamp | {"input_errors": True}, "resistor_series": "exact"}
+    design |= {"inverter_resistance": "10kohm", "unit_voltage": 1.0}
+    scene = a_scene(**design)
+    verdict = verify(scene, problem=matrix_problem([[1.0]], [1.2]))
+    parts = {part.name: part for part in verdict.budget}
+    assert list(parts)[2:5] == ["opamps", "offset_voltage", "input_currents"]
+    causes = {"offset_voltage": (1e-3, 0.0), "input_currents": (0.0, 1e-9)}
+    for name, (volts, amps) in causes.items():
+        moved = _moved(volts, amps, lam=LAM, R=1e5, r=1e4)
+        assert abs(parts[name].channels[0]) == pytest.approx(abs(moved), rel=1e-6)
+    assert verdict.budget.total is not None
+    assert verdict.budget.summed == pytest.approx(verdict.budget.total.channels, rel=1e-9)
+
+
+def _moved(e: float, current: float, *, lam: float, R: float, r: float) -> float:
+    """Solve Kirchhoff's law at the three inverting inputs, each at e, for u without strain."""
+    G, Gl = 1.0 / R, lam / R
+    # Unknowns u, a, w; the current leaves each node into its input.
+    A = np.array([[1 / r, 1 / r, 0.0], [0.0, G, G], [Gl, 0.0, G]])
+    b = np.array([2 * e / r, 2 * e * G, e * (Gl + G)]) + current
+    return float(np.linalg.solve(A, b)[0])
 
 
 def test_limits_are_a_link_of_their_own() -> None:

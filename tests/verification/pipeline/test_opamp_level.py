@@ -187,7 +187,7 @@ def test_both_engines_agree_on_followers_that_slew() -> None:
 @pytest.mark.parametrize(
     ("channels", "figures", "reason"),
     [
-        (3, {"output_current": "0.1mA"}, "and largest output current"),
+        (3, {"output_current": "0.25mA"}, "and largest output current"),
         (20, {}, "slew rate and swing"),  # 640 unknowns
     ],
 )

@@ -214,3 +214,25 @@ def test_a_board_whose_noise_has_no_bound_is_undecided(design: dict[str, Any], r
     assert check.outcome is Outcome.INCONCLUSIVE
     assert reason in check.reason
     assert next(part for part in verdict.budget if part.name == "noise").value is None
+
+
+@pytest.mark.parametrize(
+    ("opamp", "outcome", "reason"),
+    [
+        ({"base": "ideal"}, Outcome.PASS, "op-amp ideal is ideal and has no noise: only resistors"),
+        (
+            {"base": "ideal", "gbw": "1MHz"},
+            Outcome.INCONCLUSIVE,
+            "voltage noise of op-amp ideal_changed is not given: set design.opamp.voltage_noise",
+        ),
+        ({"base": "ideal", "gbw": "1MHz", "voltage_noise": "9nV/rtHz"}, Outcome.PASS, "channel"),
+    ],
+)
+def test_an_ideal_opamp_says_what_its_noise_is(
+    opamp: dict[str, Any], outcome: Outcome, reason: str
+) -> None:
+    scene = small(checks={"noise": {"max": "1mV"}}, opamp=opamp).with_engine("statespace")
+    check = next(check for check in verify(scene).checks if check.name == "noise")
+    assert check.outcome is outcome
+    assert reason in check.reason
+    assert ("ideal" in check.reason) is ("voltage_noise" not in opamp)

@@ -16,7 +16,7 @@ from verification.report.tables import markdown_table, value_text
         (math.nan, "step", "-"),
         (1.5e-5, "s", "15 us"),
         (0.0123, "step", "1.23 %"),
-        (-1234.5, "1/s", "-1234 /s"),
+        (-1234.5, "1/s", "-1.234 k/s"),
         (2.0, "ratio", "2"),
         (12345, "", "12345"),
         ("ua741", "", "ua741"),

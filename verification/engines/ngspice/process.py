@@ -33,7 +33,7 @@ from verification.engines.ngspice.evidence import accepted_waveforms
 from verification.engines.ngspice.executable import Simulator, environment, find_simulator
 from verification.engines.ngspice.noise_evidence import integrated_noise
 from verification.engines.ngspice.parent_death import guard_of_process
-from verification.engines.ngspice.response_evidence import accepted_response
+from verification.engines.ngspice.response_evidence import small_signal_response
 from verification.engines.ngspice.run_folder import make_folder
 from verification.engines.ngspice.screening import Deck, screen
 from verification.waveforms import Waveforms
@@ -158,13 +158,13 @@ class Run:
         )
         return self._accept(accepted)
 
+    def response(self) -> tuple[Floats, Complexes]:
+        """Wait for the end and return frequencies and voltages; see `small_signal_response`."""
+        return self._accept(small_signal_response)
+
     def noise(self) -> float:
         """Wait for the end and return the noise of the saved node, V; see `integrated_noise`."""
         return self._accept(integrated_noise)
-
-    def response(self) -> tuple[Floats, Complexes]:
-        """Wait for the end and return the small-signal response; see `accepted_response`."""
-        return self._accept(accepted_response)
 
     def _accept(self, evidence: Callable[[Deck, Ending], Result]) -> Result:
         """Wait for the end and return what `evidence` accepts; else keep the folder."""

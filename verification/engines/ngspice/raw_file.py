@@ -15,12 +15,12 @@ from pathlib import Path
 
 import numpy as np
 
-from spice_models.array_types import Floats
+from spice_models.array_types import Complexes, Floats
 from spice_models.errors import BadEvidence, OutOfDisk
 from spice_models.foreign_files import UnusableFileError, open_regular
 from verification.waveforms import Waveforms
 
-DOUBLE = np.dtype("<f8")
+DOUBLE, COMPLEX = np.dtype("<f8"), np.dtype("<c16")
 _LONGEST_HEADER = 1 << 24
 _MOST_DIGITS = 18  # of a count
 _END = b"\nBinary:\n"  # of the header
@@ -53,16 +53,10 @@ class _Header:
     @property
     def width(self) -> int:
         """Bytes of one point."""
-        return self.columns * DOUBLE.itemsize
-
-    @property
-    def columns(self) -> int:
-        """Numbers in one point."""
-        parts = 2 if "complex" in self.fields.get("flags", "").lower() else 1
-        return parts * len(self.vectors)
+        return len(self.vectors) * DOUBLE.itemsize
 
 
-def read_raw(path: Path, *, partial: bool = False, kind: str = "real") -> Plot:
+def read_raw(path: Path, *, partial: bool = False) -> Plot:
     """Map the one plot of a raw file.
 
     Parameters
@@ -72,8 +66,6 @@ def read_raw(path: Path, *, partial: bool = False, kind: str = "real") -> Plot:
     partial : bool
         True for the file of an interrupted run: the header's number of points (0 until ngspice
         has finished) is ignored, and every complete point on the disk is read.
-    kind : str
-        ``"real"``, or ``"complex"``: then every vector has two columns.
 
     Raises
     ------
@@ -84,12 +76,25 @@ def read_raw(path: Path, *, partial: bool = False, kind: str = "real") -> Plot:
         The file has fewer bytes than points x vectors x 8.
     """
     content = _map(path)
-    header = _read_header(content, path, kind=kind)
+    header = _read_header(content, path)
     promised = _number(header, "no. points", path)
     points = (len(content) - header.size) // header.width if partial else promised
     if not partial:
         _check_size(path, content, header.size, promised * header.width)
     return _plot(content, header, promised, points)
+
+
+def read_complex(path: Path) -> tuple[str, tuple[str, ...], Complexes]:
+    """Return name, vectors and values (P, K) of the one complex plot of a raw file.
+
+    The errors are those of `read_raw`.
+    """
+    content = _map(path)
+    header = _read_header(content, path, flags="complex")
+    points, count = _number(header, "no. points", path), len(header.vectors)
+    _check_size(path, content, header.size, points * count * COMPLEX.itemsize)
+    data = np.frombuffer(content, COMPLEX, points * count, header.size).reshape(points, count)
+    return header.fields.get("plotname", ""), header.vectors, data.copy()
 
 
 def read_plots(path: Path) -> list[Plot]:
@@ -105,7 +110,7 @@ def read_plots(path: Path) -> list[Plot]:
 
 
 def _plot(content: mmap.mmap | bytes, header: _Header, promised: int, points: int) -> Plot:
-    count = header.columns
+    count = len(header.vectors)
     data = np.frombuffer(content, DOUBLE, points * count, header.size).reshape(points, count)
     title, name = (header.fields.get(key, "") for key in ("title", "plotname"))
     return Plot(title, name, header.vectors, promised, data)
@@ -146,7 +151,7 @@ def _map(path: Path) -> mmap.mmap | bytes:
 
 
 def _read_header(
-    content: mmap.mmap | bytes, path: Path, start: int = 0, kind: str = "real"
+    content: mmap.mmap | bytes, path: Path, start: int = 0, flags: str = "real"
 ) -> _Header:
     """Read the header that begins at `start`, including the ``Binary:`` line."""
     end = content.find(_END, start, start + _LONGEST_HEADER)
@@ -170,16 +175,17 @@ def _read_header(
     if end < 0:
         raise BadEvidence(f"{path.name}: the header has no end ({len(vectors)} vectors were named)")
     header = _Header(fields, tuple(vectors), end + len(_END))
-    _check_header(header, path, kind)
+    _check_header(header, path, flags)
     return header
 
 
-def _check_header(header: _Header, path: Path, kind: str) -> None:
+def _check_header(header: _Header, path: Path, expected: str) -> None:
     flags = header.fields.get("flags", "").lower().split()
-    if flags != [kind]:
+    if flags != [expected]:
+        others = "complex" if expected == "real" else "real"
         raise BadEvidence(
-            f"{path.name}: flags are {' '.join(flags) or 'missing'!r}; only {kind!r} is"
-            " read, without padding"
+            f"{path.name}: flags are {' '.join(flags) or 'missing'!r}; only {expected!r} is read"
+            f" (no {others} or padded vectors)"
         )
     count = _number(header, "no. variables", path)
     if count != len(header.vectors) or count == 0:

@@ -1,52 +1,55 @@
-"""The evidence that a small-signal run must show before its result is accepted."""
+"""Evidence of a small-signal analysis: one complex plot with the requested frequencies."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from netlist_gen.analysis import Response
+from netlist_gen.analysis import SmallSignal
 from spice_models.array_types import Complexes, Floats
 from spice_models.errors import BadEvidence, SimulationError
 from verification.engines.ngspice.ending import Ending
 from verification.engines.ngspice.evidence import check_ending, documented
-from verification.engines.ngspice.raw_file import read_raw
+from verification.engines.ngspice.noise_evidence import FREQUENCY_TOLERANCE
+from verification.engines.ngspice.raw_file import read_complex
 from verification.engines.ngspice.screening import Deck
 
 PLOT = "AC Analysis"
-SAME = 1e-9  # relative difference of a frequency that ngspice reached by multiplication
 
 
-def accepted_response(deck: Deck, ending: Ending) -> tuple[Floats, Complexes]:
-    """Return the frequencies (P,), Hz, and the voltages of the saved nodes (P, K).
+def small_signal_response(deck: Deck, ending: Ending) -> tuple[Floats, Complexes]:
+    """Return the frequencies (P,), Hz, and the voltages of the saved nodes (P, K), V.
 
     Raises
     ------
     SimulationError
-        As for a transient: the process failed, or points, vectors or values are not those asked
-        for.
+        One of its kinds; `BadEvidence` where the plot, its vectors or frequencies are others than
+        those asked for, or a value is not finite.
     """
     try:
         check_ending(ending)
-        plot = read_raw(ending.raw, kind="complex")
-        expected = ["frequency", *(f"v({node.lower()})" for node in deck.saved)]
-        if plot.name != PLOT or sorted(plot.vectors) != sorted(expected):
-            raise BadEvidence(
-                f"plot {plot.name!r} with {', '.join(plot.vectors)} was not asked for"
-            )
-        values = np.array(plot.data).view(np.complex128)
-        columns = values[:, [plot.vectors.index(name) for name in expected]]
-        _check(deck, columns)
+        return _checked(deck, *read_complex(ending.raw))
     except SimulationError as error:
         raise documented(error, ending) from None
-    return np.ascontiguousarray(columns[:, 0].real), np.ascontiguousarray(columns[:, 1:])
 
 
-def _check(deck: Deck, columns: Complexes) -> None:
-    if not isinstance(deck.analysis, Response):
-        raise BadEvidence("the deck has no small-signal analysis")
-    if not np.all(np.isfinite(columns)):
-        raise BadEvidence("the response is not finite")
-    band = deck.analysis.band
-    wanted = band.start * 10.0 ** (np.arange(band.steps + 1) / band.density)
-    if columns.shape[0] != wanted.size or not np.allclose(columns[:, 0].real, wanted, SAME, 0.0):
-        raise BadEvidence(f"{columns.shape[0]} frequencies; {wanted.size} were asked for")
+def _checked(
+    deck: Deck, name: str, vectors: tuple[str, ...], data: Complexes
+) -> tuple[Floats, Complexes]:
+    if not isinstance(deck.analysis, SmallSignal):
+        raise BadEvidence(f"the analysis is {type(deck.analysis).__name__}, not SmallSignal")
+    wanted = tuple(f"v({node.lower()})" for node in deck.saved)
+    if name != PLOT or vectors[:1] != ("frequency",) or set(vectors[1:]) != set(wanted):
+        text = f"the plot is {name!r} with {', '.join(vectors)}"
+        raise BadEvidence(f"{text}; {PLOT!r} with frequency and {', '.join(wanted)} was asked for")
+    band, found = deck.analysis.band, data[:, 0].real
+    expected = band.start * 10.0 ** (np.arange(band.steps + 1) / band.density)
+    if found.shape != expected.shape or not np.allclose(
+        found, expected, rtol=FREQUENCY_TOLERANCE, atol=0.0
+    ):
+        raise BadEvidence(
+            f"{len(found)} frequencies; {len(expected)} from {band.start:g} to {band.stop:g} Hz"
+            " were asked for"
+        )
+    if not np.isfinite(data).all():
+        raise BadEvidence("a voltage is not finite")
+    return found, data[:, [vectors.index(vector) for vector in wanted]]

@@ -17,7 +17,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from netlist_gen.analysis import Analysis, Response
+from netlist_gen.analysis import Analysis
 from spice_models.errors import DidNotLoad, SingularCircuit
 
 
@@ -35,7 +35,7 @@ class Deck(Protocol):
     @property
     def saved(self) -> tuple[str, ...]: ...  # noqa: D102
     @property
-    def analysis(self) -> Analysis | Response: ...  # noqa: D102
+    def analysis(self) -> Analysis: ...  # noqa: D102
 
 
 _CARDS = """

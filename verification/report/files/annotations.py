@@ -15,7 +15,8 @@ def annotation_lines(document: Document) -> Iterator[str]:
 
     Examples
     --------
-    >>> list(annotation_lines({"file": "a.toml", "outcome": "bad input", "error": {"message": "50%"}}))
+    >>> bad = {"file": "a.toml", "outcome": "bad input", "error": {"message": "50%"}}
+    >>> list(annotation_lines(bad))
     ['::error file=a.toml,title=taction verify (bad input)::50%25']
     """
     file = _escaped(document["file"], _PROPERTY)

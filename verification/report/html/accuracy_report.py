@@ -122,7 +122,7 @@ def _picture(document: dict[str, Any], problem: str) -> Picture:
         "Each mark is one setting of a method: further left is faster, further down is more"
         " accurate. The dashed line is the error of the reference."
     )
-    return Picture("", {"data": data, "layout": layout}, summary, 460)
+    return Picture("Runs by time and error", {"data": data, "layout": layout}, summary, 460)
 
 
 def _cheapest(document: dict[str, Any]) -> Table:

@@ -7,20 +7,21 @@ from collections.abc import Iterator, Sequence
 
 from netlist_gen.scene.scene import Scene
 from verification.report.html.blocks import Block, Cell, Range, Ranges, Report, Section, Table
+from verification.report.html.ranges import value_range
 from verification.report.html.sections.origin import origin_section
-from verification.report.html.texts import figure, number_cell, outcome_cell
+from verification.report.html.texts import number_cell, outcome_cell
 from verification.report.tables import spaced
-from verification.studies.tolerance.corners import Corner
+from verification.studies.tolerance.corners import Corner, CornerStudy
 from verification.studies.tolerance.varied_board import Quantity, quantities
 from verification.studies.tolerance.yield_report import limits_of
 
-MARGIN = 1.15  # of the largest value or limit: the width of a range
 WORST = ("fail", "inconclusive", "pass")
 MOST = 200  # deviations in a table
 
 
-def corners_report(scene: Scene, corners: Sequence[Corner]) -> Report:
+def corners_report(scene: Scene, study: CornerStudy) -> Report:
     """Return the report of the corners of `scene`."""
+    corners = study.corners
     outcomes = [corner.result.outcome for corner in corners]
     outcome = next((each for each in WORST if each in outcomes), "")
     counts = ", ".join(f"{outcomes.count(each)} {each}" for each in WORST if each in outcomes)
@@ -33,6 +34,7 @@ def corners_report(scene: Scene, corners: Sequence[Corner]) -> Report:
         sections=(
             Section("Least, typical and largest values", tuple(_ranges(scene, corners))),
             Section("Corners", tuple(_tables(scene, corners))),
+            *([Section("Channels at rest", (_directions(study),))] if study.directions else []),
             Section("Deviations", tuple(_deviations(corners))),
             origin_section(scene),
         ),
@@ -51,29 +53,11 @@ def _range(scene: Scene, quantity: Quantity, corners: Sequence[Corner]) -> Range
     if not values:
         return None
     nominal = found[0] if found[0] in values else values[0]
-    limits = [each for each in limits_of(scene, quantity.name) if each is not None]
-    bottom, top = min(0.0, *values, *limits), MARGIN * max(0.0, *values, *limits)
-    width = (top - bottom) or 1.0
-    least, most = limits_of(scene, quantity.name)
-    beyond = (most is not None and max(values) > most) or (
-        least is not None and min(values) < least
-    )
-    missing = len(found) - len(values)
-    texts = [
-        f"least {figure(min(values), quantity.unit)}",
-        f"typical {figure(nominal, quantity.unit)}",
-        f"largest {figure(max(values), quantity.unit)}",
-        *(f"limit {figure(limit, quantity.unit)}" for limit in limits),
-        *([f"{missing} corners without a value"] if missing else []),
-    ]
-    return Range(
-        spaced(quantity.name),
-        (min(values) - bottom) / width,
-        (nominal - bottom) / width,
-        (max(values) - bottom) / width,
-        tuple((limit - bottom) / width for limit in limits),
-        ("fail" if beyond or missing else "pass") if limits else "",
-        tuple(texts),
+    count = len(found) - len(values)
+    shown = {"least": min(values), "typical": nominal, "largest": max(values)}
+    missing = f"{count} corners without a value" if count else ""
+    return value_range(
+        quantity.name, quantity.unit, shown, limits_of(scene, quantity.name), missing
     )
 
 
@@ -99,13 +83,33 @@ def _tables(scene: Scene, corners: Sequence[Corner]) -> Iterator[Block]:
     yield Table("Corners", titles, rows)
 
 
+def _directions(study: CornerStudy) -> Table:
+    rows = tuple(
+        (
+            Cell(f"u{each.channel}", each.channel),
+            Cell("above" if each.sign > 0 else "below"),
+            number_cell(each.predicted, "step"),
+            number_cell(each.solved, "step"),
+            Cell(" ".join(each.largest)),
+        )
+        for each in study.directions
+    )
+    titles = ("channel", "side of the reference", "predicted", "solved", "most moved by")
+    return Table("Largest error of each channel at rest", titles, rows)
+
+
 def _deviations(corners: Sequence[Corner]) -> Iterator[Block]:
-    for corner in corners:
-        if corner.deviations:
-            rows = tuple(
-                (Cell(name), Cell(f"{value:+g}", value))
-                for name, value in list(corner.deviations.items())[:MOST]
-            )
-            more = len(corner.deviations) - len(rows)
-            note = f"and {more} more (--json has all)" if more > 0 else ""
-            yield Table(spaced(corner.name), ("part", "deviation in tolerances"), rows, note)
+    """Yield one table of the deviations, in tolerances, with a column for each corner."""
+    moved = [corner for corner in corners if corner.deviations]
+    names = list(dict.fromkeys(name for corner in moved for name in corner.deviations))
+    rows = tuple(
+        (Cell(name), *(_deviation(corner.deviations.get(name)) for corner in moved))
+        for name in names[:MOST]
+    )
+    more = len(names) - MOST
+    note = "In tolerances of the part." + (f" {more} more parts: --json." if more > 0 else "")
+    yield Table("Deviations", ("part", *(spaced(corner.name) for corner in moved)), rows, note)
+
+
+def _deviation(value: float | None) -> Cell:
+    return Cell("–") if value is None else Cell(f"{value:+g}", value)

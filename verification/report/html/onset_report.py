@@ -14,14 +14,15 @@ from verification.report.html.blocks import (
     Cell,
     Facts,
     Notes,
+    Outcome,
     Picture,
     Report,
     Section,
     Table,
 )
-from verification.report.html.pictures import area, axis, label, line, numbers, words
+from verification.report.html.pictures import area, axis, label, line, log_axis, numbers, words
 from verification.report.html.sections.origin import origin_section
-from verification.report.html.texts import Outcome, number_cell, quantity, readable
+from verification.report.html.texts import number_cell, quantity, readable
 from verification.report.onset.tables import direction
 from verification.studies.onset.onset import Finding, Onset
 
@@ -118,8 +119,10 @@ def _pictures(onset: Onset) -> Iterator[Block]:
 
 
 def _values(onset: Onset) -> dict[str, Any]:
-    made = axis(onset.axis.name, onset.axis.key.unit)
-    return made | ({"type": "log"} if onset.scan.logarithmic else {})
+    name, unit = onset.axis.name, onset.axis.key.unit
+    if onset.scan.logarithmic:
+        return log_axis(name, unit, [sample.value for sample in onset.scan.samples])
+    return axis(name, unit)
 
 
 def _dots(x: Any, y: Any, value: Any, damping: Any, unit: str) -> Iterator[dict[str, Any]]:
@@ -153,6 +156,7 @@ def _over(
               math.log10(each.crossing.value) if log else each.crossing.value,
               1, yref="paper", yanchor="bottom", xanchor="left")
         for each in onset.findings
+        if each.crossing.changes_stability
     ]  # fmt: skip
     ends: dict[str, Any] = {}
     if not unit:

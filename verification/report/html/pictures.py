@@ -13,7 +13,10 @@ from spice_models.array_types import Floats
 
 # One lightness between the two papers: at least 3 to 1 against white and against the dark page.
 SERIES = ("#2f7fc1", "#c4661f", "#7d6bc4", "#2b8f8f", "#a8628f", "#8a7a2a", "#5c7a9a", "#b8574d")
+SIGNS = {"ohm": "Ω"}
+HATCH = {"shape": "/", "fgcolor": "--fail-fill", "bgcolor": "--fail-soft", "fillmode": "overlay"}
 DASHES = ("solid", "dash", "dot", "dashdot")
+FEW_DECADES = 2.5
 SPREAD = ((47, 127, 193), (125, 107, 196), (168, 98, 143), (196, 102, 31))
 MARKS = ("circle", "x", "diamond", "square-open", "triangle-up", "star", "cross", "triangle-down")
 OUTCOMES = {
@@ -55,8 +58,16 @@ def axis(title: str, unit: str = "", **more: Any) -> dict[str, Any]:
     """Return an axis; with a `unit`, its numbers have SI prefixes and the unit."""
     made: dict[str, Any] = {"title": {"text": words(title)}, **more}
     if unit:
-        made |= {"ticksuffix": unit, "tickformat": "~s", "hoverformat": ".5s"}
+        made |= {"ticksuffix": SIGNS.get(unit, unit), "tickformat": "~s", "hoverformat": ".5s"}
     return made
+
+
+def log_axis(title: str, unit: str, values: ArrayLike) -> dict[str, Any]:
+    """Return a logarithmic axis over positive `values`; a short one is labelled at 1, 2 and 5."""
+    array = np.asarray(values, dtype=np.float64)
+    known = array[np.isfinite(array) & (array > 0.0)]
+    decades = float(np.log10(known.max() / known.min())) if len(known) else 0.0
+    return axis(title, unit, type="log", dtick="D2" if decades < FEW_DECADES else 1)
 
 
 def channel_colours(count: int) -> list[str]:

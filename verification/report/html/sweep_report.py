@@ -22,11 +22,11 @@ from verification.report.html.blocks import (
     Table,
 )
 from verification.report.html.pictures import OUTCOMES as LOOKS
-from verification.report.html.pictures import axis, numbers, words
+from verification.report.html.pictures import axis, log_axis, numbers, words
 from verification.report.html.sections.origin import origin_section
 from verification.report.html.texts import figure, number_cell, quantity, readable
 from verification.report.sweep.agreement import summarise
-from verification.report.sweep.document import COLUMNS
+from verification.report.sweep.document import columns_of
 from verification.report.sweep.files import OUTCOMES, grids
 from verification.report.sweep.records import records
 from verification.report.tables import spaced
@@ -61,8 +61,10 @@ class _Ruler:
         name = self.axis.name
         if not self.is_number:
             return axis(name, type="category")
-        logarithmic = self.axis.scale == "log" and min(self.axis.values, key=float) > 0  # type: ignore[operator]
-        return axis(name, self.axis.key.unit or " ", **({"type": "log"} if logarithmic else {}))
+        unit, values = self.axis.key.unit or " ", [float(value) for value in self.axis.values]
+        if self.axis.scale == "log" and min(values) > 0.0:
+            return log_axis(name, unit, values)
+        return axis(name, unit)
 
 
 def sweep_report(plan: Plan, store: Store, count: SweepCounts) -> Report:
@@ -113,6 +115,7 @@ def _pictures(plan: Plan, store: Store) -> Iterator[Block]:
 def _outcome_map(rulers: list[_Ruler], codes: Any) -> Picture:
     """Return the outcomes as marks: circle, cross, square and triangle."""
     across, down = rulers
+    names = [words(ruler.axis.name) for ruler in rulers]
     data = []
     for name, (colour, symbol) in LOOKS.items():
         places = np.argwhere(codes == OUTCOMES.index(name)).tolist()
@@ -122,7 +125,7 @@ def _outcome_map(rulers: list[_Ruler], codes: Any) -> Picture:
                  "x": [across.values[i] for i, _ in places],
                  "y": [down.values[k] for _, k in places],
                  "marker": {"color": colour, "symbol": symbol, "size": 9},
-                 "hovertemplate": f"{name}: {words(across.axis.name)} %{{x}}, {words(down.axis.name)} %{{y}}<extra></extra>"}
+                 "hovertemplate": f"{name}: {names[0]} %{{x}}, {names[1]} %{{y}}<extra></extra>"}
             )  # fmt: skip
     layout = {"xaxis": across.layout, "yaxis": down.layout, "showlegend": True}
     summary = "Outcome of every point: circles pass, crosses fail, squares are inconclusive."
@@ -151,7 +154,9 @@ def _map(rulers: list[_Ruler], name: str, values: Floats) -> Picture:
     if signed:
         heat |= {"zmin": -1, "zmax": 1}
     layout = {"xaxis": across.layout, "yaxis": down.layout}
-    more = " Blue decays, orange grows." if signed else " Dark is large."
+    more = (
+        " Blue decays, orange grows." if signed else " The strongest colour is the largest value."
+    )
     summary = f"{spaced(name)} over {across.axis.name} and {down.axis.name}.{more} Empty: no value."
     return Picture(spaced(name), {"data": [heat], "layout": layout}, summary, 400)
 
@@ -184,16 +189,19 @@ def _curve(plan: Plan, ruler: _Ruler, name: str, data: dict[str, Any]) -> Pictur
             label = f"{outcome}, {engine}" if len(plan.engines) > 1 else outcome
             traces.append(
                 {"type": "scatter", "mode": "markers", "name": label, "x": ruler.values,
-                 "y": numbers(y), "marker": {"color": colour, "symbol": symbol, "size": 9 - 3 * place},
+                 "y": numbers(y), "marker": {
+                     "color": colour, "symbol": symbol, "size": 9 - 3 * place},
                  "text": [figure(v, unit) for v in (y / factor).tolist()],
                  "hovertemplate": f"%{{x}}: %{{text}}<extra>{label}</extra>"}
             )  # fmt: skip
     known = np.abs(data[name][np.isfinite(data[name])])
     spread = len(known) and known.min() > 0.0 and known.max() > 10.0 * known.min()
-    kind = {"type": "log"} if spread and name != "growth_rate" else {}
     title = f"{spaced(name)} (% of the step)" if unit == "step" else spaced(name)
     shown = {"s": "s", "1/s": "/s"}.get(unit, "")
-    layout = {"xaxis": ruler.layout, "yaxis": axis(title, shown, **kind), "showlegend": True}
+    height = axis(title, shown)
+    if spread and name != "growth_rate":
+        height = log_axis(title, shown, factor * known)
+    layout = {"xaxis": ruler.layout, "yaxis": height, "showlegend": True}
     summary = f"{spaced(name)} over {ruler.axis.name}; the mark is the outcome of the point."
     return Picture(spaced(name), {"data": traces, "layout": layout}, summary, 320)
 
@@ -214,13 +222,14 @@ def _engines(plan: Plan, store: Store) -> Iterator[Block]:
 
 def _points(plan: Plan, store: Store, count: SweepCounts) -> Iterator[Block]:
     listed = list(itertools.islice(records(plan, store), LISTED))
-    titles = (*(a.name for a in plan.axes), "engine", "outcome", *map(spaced, COLUMNS), "why")
+    figures = columns_of(plan.scene)
+    titles = (*(a.name for a in plan.axes), "engine", "outcome", *map(spaced, figures), "why")
     rows = tuple(
         (
             *(_value(record["values"][each.name], each) for each in plan.axes),
             Cell(record["engine"]),
             Cell(record["outcome"], None, record["outcome"]),
-            *(number_cell(record[name], FIGURES[name].unit) for name in COLUMNS),
+            *(number_cell(record[name], FIGURES[name].unit) for name in figures),
             Cell(readable(record["reason"].split("\n")[0])),
         )
         for record in listed

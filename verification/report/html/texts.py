@@ -48,6 +48,17 @@ def readable(text: str) -> str:
     return MICRO.sub("µ", OHM.sub("Ω", text))
 
 
+def counted(number: int, noun: str) -> str:
+    """Return a number with its noun.
+
+    Examples
+    --------
+    >>> counted(1, "channel"), counted(7, "channel")
+    ('1 channel', '7 channels')
+    """
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
 def percent(share: float) -> str:
     """Return a fraction as per cent."""
     return f"{100 * share:.4g} %"

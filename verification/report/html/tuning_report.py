@@ -16,7 +16,7 @@ from verification.report.html.blocks import (
     Section,
     Table,
 )
-from verification.report.html.pictures import axis, label, line, numbers
+from verification.report.html.pictures import axis, label, line, log_axis, numbers
 from verification.report.html.texts import number_cell, percent, quantity
 from verification.report.html.verdict_report import verdict_report
 from verification.studies.tune import Candidate, Tuning
@@ -101,7 +101,7 @@ def _tradeoff(tuning: Tuning, keys: dict[str, str]) -> Picture:
         )
     layout = {
         "xaxis": axis("overshoot (% of the step)"),
-        "yaxis": axis("settling time", "s", type="log"),
+        "yaxis": log_axis("settling time", "s", [c.settling_time for c in frontier]),
         "shapes": [line(100.0 * tuning.overshoot_limit, None, "--ink", dash="dot")],
         "annotations": notes,
     }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from verification.report.html.blocks import Report, Section
+from verification.report.html.blocks import Block, Notes, Report, Section
 from verification.report.html.file import write_report
 from verification.report.html.sections.board import (
     board_lines,
@@ -34,8 +34,8 @@ def write_verdict_report(verdict: Verdict, path: str) -> None:
     write_report(verdict_report(verdict), path)
 
 
-def verdict_report(verdict: Verdict, command: str = "taction verify") -> Report:
-    """Return the report of a verdict."""
+def verdict_report(verdict: Verdict, command: str = "taction verify", changes: str = "") -> Report:
+    """Return the report of a verdict; `changes` says in lines what can mend it."""
     document = verdict_document(verdict)
     return Report(
         title=verdict.scene.name,
@@ -43,14 +43,17 @@ def verdict_report(verdict: Verdict, command: str = "taction verify") -> Report:
         outcome=verdict.outcome.value,
         summary=_summary(document),
         lines=board_lines(verdict),
-        sections=verdict_sections(verdict, document),
+        sections=verdict_sections(verdict, document, changes),
     )
 
 
-def verdict_sections(verdict: Verdict, document: dict[str, Any]) -> tuple[Section, ...]:
+def verdict_sections(
+    verdict: Verdict, document: dict[str, Any], changes: str
+) -> tuple[Section, ...]:
     """Return the sections of a verdict; `document` is its JSON document."""
     sections = (
         checks_section(document, _least(verdict)),
+        Section("What to change", _notes(changes)),
         waveforms_section(verdict),
         stability_section(verdict.circuit, verdict.poles),
         stress_section(verdict),
@@ -64,6 +67,11 @@ def verdict_sections(verdict: Verdict, document: dict[str, Any]) -> tuple[Sectio
         origin_section(verdict.scene, run_rows(document)),
     )
     return tuple(section for section in sections if section.blocks)
+
+
+def _notes(text: str) -> tuple[Block, ...]:
+    lines = tuple(readable(line.strip()) for line in text.splitlines() if line.strip())
+    return (Notes("", lines),) if lines else ()
 
 
 def _least(verdict: Verdict) -> dict[str, float]:

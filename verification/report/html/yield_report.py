@@ -20,17 +20,19 @@ from verification.report.html.blocks import (
     Report,
     Section,
     Table,
+    View,
 )
-from verification.report.html.pictures import area, axis, line
+from verification.report.html.pictures import HATCH, area, axis, line
+from verification.report.html.ranges import is_beyond, value_range
 from verification.report.html.sections.origin import origin_section
 from verification.report.html.texts import figure, number_cell, percent
 from verification.report.tables import spaced
+from verification.report.tolerance.tables import remedy_text
 from verification.studies.tolerance.varied_board import BoardSample
 from verification.studies.tolerance.yield_report import Spread, YieldReport
 
 BINS = 40  # of a histogram
 CULPRITS = 12  # parts of a picture
-MARGIN = 1.15  # of the largest value or limit: the width of a range
 UNITS = {"s": "s", "1/s": "/s", "step": "", "ratio": ""}
 
 
@@ -84,6 +86,8 @@ def _overview(result: YieldReport) -> Iterator[Block]:
             for name, count in result.failures.items()
         )
         yield Table("Checks that do not pass", ("check", "samples", "of all"), cells)
+    if result.remedy is not None:
+        yield Notes("What to buy better", (remedy_text(result.remedy),))
     if result.reasons:
         lines = tuple(f"{count} samples: {reason}" for reason, count in result.reasons.items())
         yield Notes("Why there is no verdict", lines)
@@ -113,29 +117,10 @@ def _spreads(result: YieldReport) -> Iterator[Block]:
 
 
 def _range(spread: Spread) -> Range | None:
-    values = (spread.low, spread.median, spread.high)
-    limits = [limit for limit in (spread.at_least, spread.at_most) if limit is not None]
-    if not all(map(math.isfinite, values)):
+    values = {"5 %": spread.low, "median": spread.median, "95 %": spread.high}
+    if not all(map(math.isfinite, values.values())):
         return None
-    bottom, top = min(0.0, *values, *limits), MARGIN * max(*values, *limits, 0.0)
-    width = (top - bottom) or 1.0
-    places = [(value - bottom) / width for value in values]
-    beyond = _beyond(spread, spread.low) or _beyond(spread, spread.high)
-    names = ("5 %", "median", "95 %")
-    texts = [f"{n} {figure(v, spread.unit)}" for n, v in zip(names, values, strict=True)]
-    texts += [f"limit {figure(limit, spread.unit)}" for limit in limits]
-    return Range(
-        spaced(spread.name),
-        *places,
-        tuple((limit - bottom) / width for limit in limits),
-        ("fail" if beyond else "pass") if limits else "",
-        tuple(texts),
-    )
-
-
-def _beyond(spread: Spread, value: float) -> bool:
-    least, most = spread.at_least, spread.at_most
-    return (least is not None and value < least) or (most is not None and value > most)
+    return value_range(spread.name, spread.unit, values, (spread.at_least, spread.at_most))
 
 
 def _histograms(result: YieldReport, samples: Sequence[BoardSample]) -> Iterator[Block]:
@@ -150,27 +135,36 @@ def _histograms(result: YieldReport, samples: Sequence[BoardSample]) -> Iterator
 def _histogram(spread: Spread, values: np.ndarray[Any, Any]) -> Picture:
     factor, unit = (100.0, "%") if spread.unit == "step" else (1.0, UNITS.get(spread.unit, ""))
     limits = [limit for limit in (spread.at_least, spread.at_most) if limit is not None]
-    inside = np.array([not _beyond(spread, value) for value in values.tolist()])
+    inside = np.array(
+        [not is_beyond(value, (spread.at_least, spread.at_most)) for value in values.tolist()]
+    )
     edges = np.histogram_bin_edges(factor * values, bins=min(BINS, 1 + int(len(values) ** 0.5 * 2)))
     width, middle = float(edges[1] - edges[0]), 0.5 * (edges[1:] + edges[:-1])
     data = []
-    for name, chosen, colour, shape in (
-        ("within the limit" if limits else "samples", inside, "--pass", ""),
-        ("beyond the limit", ~inside, "--fail-fill", "/"),
-    ):
+    looks: tuple[tuple[str, Any, str, dict[str, Any]], ...] = (
+        ("within the limit" if limits else "samples", inside, "--pass", {}),
+        ("beyond the limit", ~inside, "--fail-fill", HATCH),
+    )
+    for name, chosen, colour, pattern in looks:
         if not chosen.any():
             continue
         counts, _ = np.histogram(factor * values[chosen], bins=edges)
-        pattern = {"shape": shape, "fgcolor": "--ink", "size": 7}
         data.append(
             {"type": "bar", "name": name, "x": middle.tolist(), "y": counts.tolist(),
              "width": width, "marker": {"color": colour, "pattern": pattern},
              "hovertemplate": f"%{{x:.4s}}{unit}: %{{y}} samples<extra>{name}</extra>"}
         )  # fmt: skip
     shapes = [line(factor * limit, None, "--ink", dash="dash") for limit in limits]
+    ends = [float(edges[0]), float(edges[-1]), *(factor * limit for limit in limits)]
+    first, last = min(ends) - width, max(ends) + width
     if spread.at_most is not None:
-        end = max(float(edges[-1]), factor * spread.at_most) + width
-        shapes.append(area(factor * spread.at_most, end, across="x", colour="--fail-soft"))
+        shapes.append(area(factor * spread.at_most, last, across="x", colour="--fail-soft"))
+    if spread.at_least is not None:
+        shapes.append(area(first, factor * spread.at_least, across="x", colour="--fail-soft"))
+    views = (
+        View("samples", {"xaxis.range": [float(edges[0]) - width, float(edges[-1]) + width]}),
+        View("with the limits", {"xaxis.range": [first, last]}),
+    )
     layout = {
         "xaxis": axis(spaced(spread.name), unit) | ({"tickformat": ".4~g"} if unit == "%" else {}),
         "yaxis": axis("samples"),
@@ -186,7 +180,7 @@ def _histogram(spread: Spread, values: np.ndarray[Any, Any]) -> Picture:
         f" {figure(float(values.max()), spread.unit)}; limit: {texts}; {beyond} beyond it."
         f" {spread.missing} samples do not have this quantity."
     )
-    return Picture(spaced(spread.name), {"data": data, "layout": layout}, summary, 280)
+    return Picture(spaced(spread.name), {"data": data, "layout": layout}, summary, 280, views)
 
 
 def _culprits(result: YieldReport) -> Iterator[Block]:
@@ -201,7 +195,7 @@ def _culprits(result: YieldReport) -> Iterator[Block]:
     data = [
         {"type": "bar", "orientation": "h", "y": names, "x": shares,
          "marker": {"color": ["--pass" if sign == "+" else "--fail-fill" for sign in signs],
-                    "pattern": {"shape": ["" if sign == "+" else "/" for sign in signs]}},
+                    "pattern": HATCH | {"shape": ["" if sign == "+" else "/" for sign in signs]}},
          "text": [f"{sign} {share:.0f} %" for sign, share in zip(signs, shares, strict=True)],
          "textposition": "outside", "cliponaxis": False,
          "hovertemplate": "%{y}: %{text} of the variance<extra></extra>"}
@@ -216,7 +210,7 @@ def _culprits(result: YieldReport) -> Iterator[Block]:
         " grows with the part; hatched with −: it falls."
     )
     height = 110 + 26 * len(shown)
-    yield Picture("", {"data": data, "layout": layout}, summary, height, zoom=False)
+    yield Picture("Shares", {"data": data, "layout": layout}, summary, height, zoom=False)
     rows = tuple(
         (
             Cell(spaced(s.quantity) + ("" if s.channel is None else f", channel {s.channel}")),

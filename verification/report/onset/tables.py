@@ -8,10 +8,10 @@ from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
 from netlist_gen.overrides.keys import own_value
 from netlist_gen.quantities import show
+from verification.report.fitted_table import FittedTable
 from verification.report.tables import make_table
 from verification.small_signal.scan_result import AxisCrossing
 from verification.studies.onset.onset import Finding, Onset
@@ -130,7 +130,7 @@ def _counts(onset: Onset) -> str:
     return f"winding numbers agree with the poles in {counted} of {len(onset.counts)} ranges"
 
 
-def _table(onset: Onset) -> Table:
+def _table(onset: Onset) -> FittedTable:
     titles = ("crossing", "frequency", "unstable", "confirmed", "rate below", "rate above")
     complete = onset.scan.complete
     rows = [

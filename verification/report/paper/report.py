@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console, RenderableType
+from rich.console import Console
 from rich.markup import escape
 from rich.text import Text
 
@@ -75,7 +75,7 @@ def print_paper(result: Reproduction, console: Console) -> None:
     console.print(f"{summary(result)} {result.seconds:.0f} s.")
 
 
-def _row(each: Judged) -> list[RenderableType]:
+def _row(each: Judged) -> list[str | Text]:
     claim, finding = each.claim, each.finding
     texts = (f"{claim.claim} ({claim.place})", claim.printed, finding.run, finding.ours)
     outcome = finding.outcome

@@ -6,7 +6,7 @@ import math
 from dataclasses import asdict
 from typing import Any
 
-from rich.console import Console, RenderableType
+from rich.console import Console
 from rich.markup import escape
 from rich.table import Column
 from rich.text import Text
@@ -98,7 +98,7 @@ def value_text(value: float | str | None, unit: str) -> str:
 
 def print_regression(report: RegressionReport, console: Console) -> None:
     """Print the scenes, then the changes of each scene."""
-    rows: list[list[RenderableType]] = []
+    rows: list[list[str | Text]] = []
     for result in report.results:
         file, status, *others = map(escape, summary_row(result))
         rows.append([file, Text(status, style=COLOUR.get(result.status, "red")), *others])

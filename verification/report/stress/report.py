@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from rich.console import Console, RenderableType
+from rich.console import Console
 from rich.markup import escape
 from rich.text import Text
 
@@ -48,7 +48,7 @@ def error_text(error: float, unit: str) -> str:
 
 def print_stress(report: StressReport, console: Console) -> None:
     """Print the table, what is wrong, and the counts."""
-    rows: list[list[RenderableType]] = []
+    rows: list[list[str | Text]] = []
     for run in report.runs:
         name, engine, outcome, *others = case_row(run)
         coloured = Text(outcome, style=COLOUR[run.judgement])

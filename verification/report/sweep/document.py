@@ -8,14 +8,16 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Any
 
-from rich.console import Console, RenderableType
+from rich.console import Console
 from rich.markup import escape
 from rich.text import Text
 
 from netlist_gen.overrides.axes import Axis
+from netlist_gen.scene.scene import Scene
+from verification.report import tables
+from verification.report.schemas.head import document_head
 from verification.report.sweep.agreement import print_summary, summarise
 from verification.report.sweep.records import records
-from verification.report.tables import make_table, spaced, value_text
 from verification.studies.figures import FIGURES
 from verification.studies.sweep.plan import Plan
 from verification.studies.sweep.run import SweepCounts
@@ -24,6 +26,11 @@ from verification.studies.sweep.store import Store
 LINES = 40  # points in the table; of a larger sweep only those without a verdict
 COLOUR = {"pass": "green", "fail": "red", "inconclusive": "yellow", "error": "magenta"}
 COLUMNS = ("settling_time", "overshoot", "undershoot", "growth_rate", "frequency")
+
+
+def columns_of(scene: Scene) -> tuple[str, ...]:
+    """Return the figures in the table of a sweep: `COLUMNS`, and the noise if it has a limit."""
+    return COLUMNS if scene.checks.noise is None else (*COLUMNS, "noise")
 
 
 def document_parts(plan: Plan, store: Store, count: SweepCounts, seconds: float) -> Iterator[str]:
@@ -42,7 +49,10 @@ def document_parts(plan: Plan, store: Store, count: SweepCounts, seconds: float)
         "seconds": seconds,
         "estimated_seconds": count.estimate,
     }
-    yield json.dumps(head, indent=2, ensure_ascii=False, allow_nan=False)[:-2]
+    units = document_head(
+        "sweep", {**head, "points": list(itertools.islice(records(plan, store), 1))}
+    )
+    yield json.dumps(units | head, indent=2, ensure_ascii=False, allow_nan=False)[:-2]
     yield ',\n  "points": ['
     between = "\n    "
     for record in records(plan, store):
@@ -67,10 +77,16 @@ def print_sweep(plan: Plan, store: Store, count: SweepCounts, console: Console) 
     """Print the outcomes, and the points if they are few, else the points without a verdict."""
     whole = count.total <= LINES
     listed = (r for r in records(plan, store) if whole or r["outcome"] == "error")
-    if rows := [_row(plan, record) for record in itertools.islice(listed, LINES)]:
-        titles = map(spaced, COLUMNS)
+    if shown := list(itertools.islice(listed, LINES)):
         names = [axis.name for axis in plan.axes]
-        console.print(make_table((*names, "engine", "outcome", *titles, "why"), rows))
+        titles = tables.whole(
+            *names, "engine", "outcome", *map(tables.spaced, columns_of(plan.scene))
+        )
+        rows = (_row(plan, record) for record in shown)
+        console.print(tables.make_table(titles, rows, padding=(0, 1, 0, 0)))
+    for record in shown:
+        if reason := record["reason"].split("\n")[0][:160]:
+            console.print(Text(f"{_place(plan, record)}: {reason}"))
     outcomes = ", ".join(
         f"[{COLOUR[name]}]{count.outcomes[name]} {name}[/{COLOUR[name]}]"
         for name in COLOUR
@@ -85,11 +101,16 @@ def print_sweep(plan: Plan, store: Store, count: SweepCounts, console: Console) 
         console.print("--retry failed computes the points without a verdict (error) again")
 
 
-def _row(plan: Plan, record: dict[str, Any]) -> list[RenderableType]:
+def _place(plan: Plan, record: dict[str, Any]) -> str:
+    values = record["values"]
+    texts = (f"{a.name} = {tables.value_text(values[a.name], a.key.unit)}" for a in plan.axes)
+    return f"{', '.join(texts)}, {record['engine']}"
+
+
+def _row(plan: Plan, record: dict[str, Any]) -> list[str | Text]:
     return [
-        *(value_text(record["values"][axis.name], axis.key.unit) for axis in plan.axes),
+        *(tables.value_text(record["values"][axis.name], axis.key.unit) for axis in plan.axes),
         record["engine"],
         Text(record["outcome"], style=COLOUR[record["outcome"]]),
-        *(value_text(record[name], FIGURES[name].unit) for name in COLUMNS),
-        escape(record["reason"].split("\n")[0][:160]),
+        *(tables.value_text(record[name], FIGURES[name].unit) for name in columns_of(plan.scene)),
     ]

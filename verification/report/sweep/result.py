@@ -85,6 +85,20 @@ class SweepResult:
         """
         plot_sweep(self.plan, self.store, str(path))
 
+    def report(self, path: str | Path) -> None:
+        """Write a report as one HTML file: outcomes, maps or curves, and the points.
+
+        Raises
+        ------
+        InputError
+            The name does not end in ``.html``, the file cannot be written, or a package of
+            ``taction[report]`` is missing.
+        """
+        from verification.report.html.file import write_report
+        from verification.report.html.sweep_report import sweep_report
+
+        write_report(sweep_report(self.plan, self.store, self.count), str(path))
+
 
 def _need(package: str) -> None:
     if importlib.util.find_spec(package) is None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 from rich.console import Console
-from rich.table import Table
 
 from netlist_gen.quantities import UNITS
+from verification.report.fitted_table import FittedTable
 from verification.report.tables import make_table, spaced, value_text
 from verification.studies.tolerance.corners import Corner
 from verification.studies.tolerance.remedy import Remedy
@@ -21,9 +21,8 @@ DIRECTION = ("channel", "sign", "predicted", "solved", "largest", "deviations") 
 REASONS = 3  # for samples without verdict, the most frequent first
 
 
-def print_yield(report: YieldReport, seed: int) -> None:
+def print_yield(report: YieldReport, seed: int, console: Console) -> None:
     """Print the yield with its interval, the failed checks, the quantities and sensitivities."""
-    console = Console(highlight=False)
     if not report.samples:
         console.print("no sample: no yield")
         return
@@ -41,10 +40,10 @@ def print_yield(report: YieldReport, seed: int) -> None:
     if report.sensitivities:
         console.print(_sensitivities(report))
     if report.remedy is not None:
-        console.print(_remedy(report.remedy), markup=False, soft_wrap=True)
+        console.print(remedy_text(report.remedy), markup=False, soft_wrap=True)
 
 
-def _remedy(remedy: Remedy) -> str:
+def remedy_text(remedy: Remedy) -> str:
     """Return what to buy better, and the yield with it."""
     wanted = _percent(remedy.target)
     if not remedy.what:
@@ -64,9 +63,10 @@ def _remedy(remedy: Remedy) -> str:
     )
 
 
-def print_corners(corners: tuple[Corner, ...], quantities: tuple[Quantity, ...]) -> None:
+def print_corners(
+    corners: tuple[Corner, ...], quantities: tuple[Quantity, ...], console: Console
+) -> None:
     """Print every corner with its outcome, its failed checks and the components behind them."""
-    console = Console(highlight=False)
     rows = [
         (
             _name(corner),
@@ -88,7 +88,7 @@ def print_corners(corners: tuple[Corner, ...], quantities: tuple[Quantity, ...])
             console.print(f"{_name(corner)}: {'; '.join(filter(None, remarks))}", markup=False)
 
 
-def print_directions(directions: tuple[Direction, ...]) -> None:
+def print_directions(directions: tuple[Direction, ...], console: Console) -> None:
     """Print the largest worst-case errors at rest, to first order and solved."""
     rows = [
         (
@@ -103,7 +103,7 @@ def print_directions(directions: tuple[Direction, ...]) -> None:
     caption = "worst-case errors at rest, from the signs of the sensitivities"
     if len(directions) > SHOWN:
         caption += f"; and {len(directions) - SHOWN} smaller ones"
-    Console(highlight=False).print(make_table(titles, rows, caption=caption))
+    console.print(make_table(titles, rows, caption=caption))
 
 
 def _name(corner: Corner) -> str:
@@ -111,7 +111,7 @@ def _name(corner: Corner) -> str:
     return spaced(corner.name) if corner.quantity else corner.name
 
 
-def _spreads(spreads: tuple[Spread, ...]) -> Table:
+def _spreads(spreads: tuple[Spread, ...]) -> FittedTable:
     rows = []
     for spread in spreads:
         limits = [
@@ -125,7 +125,7 @@ def _spreads(spreads: tuple[Spread, ...]) -> Table:
     return make_table(("quantity", "limit", "5 %", "median", "95 %", "missing"), rows)
 
 
-def _sensitivities(report: YieldReport) -> Table:
+def _sensitivities(report: YieldReport) -> FittedTable:
     rows = [
         (
             spaced(item.quantity) + ("" if item.channel is None else f", channel {item.channel}"),

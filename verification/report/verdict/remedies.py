@@ -24,10 +24,10 @@ def remedies_text(scene: Scene, remedies: Remedies) -> str:
     >>> from verification.studies.remedies.remedies import find_remedies
     >>> from netlist_gen.overrides.axes import with_value
     >>> scene = taction.load_scene("scenes/tuned-breadboard.toml")
-    >>> slow = with_value(scene, "checks.settling_time.max", 4e-5)
+    >>> slow = with_value(scene, "design.capacitance", 1e-10)
     >>> verdict = taction.verify(slow, engine="statespace")
     >>> print(remedies_text(slow, find_remedies(verdict, 1000.0)).splitlines()[1])
-      C = 7.18 pF (verified)
+      C = 77.3 pF (verified)
     """
     return "\n".join(_lines(scene, remedies))
 

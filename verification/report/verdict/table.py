@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from rich.console import Console, Group, RenderableType
 from rich.markup import escape
-from rich.table import Column, Table
+from rich.table import Column
 from rich.text import Text
 
 from netlist_gen.quantities import show
@@ -18,7 +18,9 @@ from verification.measures.readings import Reading
 from verification.pipeline.attained_accuracy import Accuracy
 from verification.pipeline.checks import Check, Outcome
 from verification.pipeline.part_limits import amount as amount_of
-from verification.report.tables import make_table, spaced, value_text, whole
+from verification.report.fitted_table import FittedTable
+from verification.report.page import Page
+from verification.report.tables import make_table, rounded_up, spaced, value_text, whole
 from verification.report.verdict.budget_table import budget_table
 from verification.verify import Verdict
 
@@ -26,24 +28,26 @@ MOST_LOADS = 8
 COLOUR = {Outcome.PASS: "green", Outcome.FAIL: "red", Outcome.INCONCLUSIVE: "yellow"}
 
 
-def print_verdict(verdict: Verdict, console: Console) -> None:
-    """Print the checks, the channels, the error budget and the cost."""
+def print_verdict(verdict: Verdict, console: Console, *, verbose: bool = False) -> None:
+    """Print the checks, the channels, the error budget and the cost, `verbose` in detail."""
     noise = () if verdict.noise is None else verdict.noise.rms
     console.print(_head(verdict))
     console.print(_checks(verdict))
     console.print(channel_table(verdict.measurements, verdict.steady.values, noise))
-    console.print(budget_table(verdict.budget, verdict.measurements.amplitude))
+    amplitude, error = verdict.measurements.amplitude, verdict.ideal.error
+    rounding = error * amplitude if math.isfinite(error) else 0.0
+    console.print(budget_table(verdict.budget, amplitude, rounding))
     if verdict.parts.loads or verdict.parts.simulated:
         console.print(_headroom(verdict))
     for warning in verdict.warnings:
         console.print(f"[yellow]warning[/yellow] {escape(warning)}")
-    console.print(_foot(verdict))
+    console.print(_foot(verdict, verbose=verbose))
 
 
 def verdict_text(verdict: Verdict) -> str:
     """Return the text of `print_verdict` without colours."""
     text = io.StringIO()
-    print_verdict(verdict, Console(file=text, highlight=False, color_system=None))
+    print_verdict(verdict, Page(file=text))
     return text.getvalue().removesuffix("\n")
 
 
@@ -91,7 +95,7 @@ def amount(value: float | None, unit: str) -> str:
 
 def channel_table(
     measurements: Measurements, equilibrium: Floats | None = None, noise: Sequence[float] = ()
-) -> Table:
+) -> FittedTable:
     """Return the table of channels, numbered from 1.
 
     `equilibrium` (N,) and `noise` (N,), V, have a column where they are known.
@@ -112,8 +116,8 @@ def channel_table(
             show(channel.final, "V"),
             _reading(channel.rise_time),
             _reading(channel.settling_time),
-            _percent(channel.overshoot),
-            _percent(channel.undershoot),
+            _percent(channel.overshoot, channel.overshoot_error),
+            _percent(channel.undershoot, channel.undershoot_error),
             *(show(volts, "V", 3) for volts in noise[channel.index : channel.index + 1]),
             channel.state.value,
         )
@@ -123,8 +127,13 @@ def channel_table(
     return make_table(titles, rows, caption=caption, padding=0)
 
 
-def _percent(share: float | None) -> str:
-    return "-" if share is None else f"{100 * share:.3g} %"
+def _percent(share: float | None, error: float | None) -> str:
+    """Return a share of the step; below its own error only that error is known."""
+    if share is None:
+        return "-"
+    if error is not None and 0.0 < abs(share) <= error < 1.0:
+        return f"<{100 * rounded_up(2.0 * error):.1g} %"
+    return f"{100 * share:.3g} %"
 
 
 def _reading(reading: Reading | None) -> str:
@@ -136,7 +145,7 @@ def _reading(reading: Reading | None) -> str:
     return text
 
 
-def _headroom(verdict: Verdict) -> Table:
+def _headroom(verdict: Verdict) -> FittedTable:
     shown = (*verdict.parts.simulated, *verdict.parts.worst)
     rows = [
         (
@@ -167,17 +176,28 @@ def _accuracy(accuracy: Accuracy) -> str:
     )
 
 
-def _foot(verdict: Verdict) -> Group:
-    cost, ideal, plane, energy = (
-        verdict.waveforms.cost, verdict.ideal, verdict.constraint, verdict.energy
-    )  # fmt: skip
-    lines = [
+def _cost(verdict: Verdict) -> str:
+    """Return the cost and the error of the simulation in one line."""
+    accuracy = verdict.accuracy
+    error = "error unknown" if accuracy.achieved is None else f"error {accuracy.achieved:.2g}"
+    missed = "" if accuracy.reached else ", NOT reached"
+    return (
+        f"simulated by {verdict.waveforms.simulator}: {error} of the step, {accuracy.wanted:g}"
+        f" allowed{missed}; {show(verdict.timing['total'], 's', 3)} in all"
+    )
+
+
+def _effort(verdict: Verdict) -> Iterator[str]:
+    """Yield how the record and the reference were made, and what that took."""
+    cost, ideal = verdict.waveforms.cost, verdict.ideal
+    plane, energy = verdict.constraint, verdict.energy
+    yield (
         f"{verdict.waveforms.simulator}: {cost.points} points to"
         f" {show(verdict.transient.stop, 's')},"
-        f" at most {show(verdict.waveforms.spacing, 's')} apart",
-        _accuracy(verdict.accuracy),
-    ]
-    lines.append(
+        f" at most {show(verdict.waveforms.spacing, 's')} apart"
+    )
+    yield _accuracy(verdict.accuracy)
+    yield (
         f"reference: {ideal.solution.certificate_kind} {ideal.solution.certificate:.2g}"
         f" (bound {ideal.solution.bound:.2g}); the ideal network settles in"
         f" {show(ideal.transient.settling_time, 's')}"
@@ -190,15 +210,20 @@ def _foot(verdict: Verdict) -> Group:
                 f" {100 * plane.stage_overshoot:.0f} % overshoot"
             )
         rise = show(plane.amplifier_rise_time, "s")
-        lines.append(f"constraint plane: amplifier alone rises in {rise}, {stage}")
+        yield f"constraint plane: amplifier alone rises in {rise}, {stage}"
     if energy is not None:
-        lines.append(
+        yield (
             f"energy: rises by {100 * energy.rise:.2g} % of its fall, at {show(energy.time, 's')};"
             " the energy of an ideal network never rises (identity to"
             f" {ideal.transient.energy_residual:.1g})"
         )
     stages = ", ".join(f"{name} {seconds:.2f} s" for name, seconds in verdict.timing.items())
+    yield f"time: {stages}"
+
+
+def _foot(verdict: Verdict, *, verbose: bool) -> Group:
+    lines = (_cost(verdict), *(_effort(verdict) if verbose else ()))
     return Group(
-        *(Text(line, style="dim") for line in (*lines, f"time: {stages}")),
+        *(Text(line, style="dim") for line in lines),
         Text(verdict.outcome.value.upper(), style=f"bold {COLOUR[verdict.outcome]}"),
     )

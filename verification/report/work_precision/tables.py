@@ -7,9 +7,10 @@ from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Column, Table
+from rich.table import Column
 
 from netlist_gen.quantities import show
+from verification.report.fitted_table import FittedTable
 from verification.report.tables import make_table, value_text
 from verification.studies.work_precision.convergence_order import Order
 from verification.studies.work_precision.methods import Method
@@ -129,7 +130,7 @@ def print_study(study: WorkPrecisionStudy, console: Console) -> None:
     console.print(f"{facts}; the study took {study.seconds:.3g} s", style="dim")
 
 
-def _points(study: WorkPrecisionStudy, problem: str) -> Table:
+def _points(study: WorkPrecisionStudy, problem: str) -> FittedTable:
     points = _of(study, problem)
     norms = [n for n in NORMS if any(p.errors[n] is not None for p in points)]
     titles = (
@@ -183,7 +184,7 @@ def _scale_text(errors: ProblemErrors) -> str:
     return f"{text}; step {show(scale.amplitude, 'V')}; ±{100 * scale.band:g} % at {settling}"
 
 
-def _orders(study: WorkPrecisionStudy) -> Table:
+def _orders(study: WorkPrecisionStudy) -> FittedTable:
     rows = []
     for name, order in study.orders.items():
         points = [point for point in study.points if point.method.name == name]
@@ -200,7 +201,7 @@ def _order(order: Order) -> str:
     return f"{order.value:.2f} ± {order.sigma:.2f}"
 
 
-def _cheapest_table(study: WorkPrecisionStudy) -> Table:
+def _cheapest_table(study: WorkPrecisionStudy) -> FittedTable:
     rows = [
         (
             f"{error:.0e}",

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from netlist_gen.analysis import Analysis, Band, OperatingPoint, Response
+from netlist_gen.analysis import Analysis, Band, OperatingPoint, SmallSignal
 from spice_models.array_types import Complexes, Floats
 from spice_models.foreign_netlist import Subcircuit
 from spice_models.imported import instance
@@ -25,7 +25,7 @@ SAVED = ("out", "inn", "amps")
 @dataclass(frozen=True, slots=True)
 class _BenchDeck:
     text: str
-    analysis: Analysis | Response
+    analysis: Analysis
     saved: tuple[str, ...] = SAVED
     files: Mapping[str, str] = field(default_factory=dict)
 
@@ -97,7 +97,7 @@ def _rest(cards: list[str]) -> Floats:
 
 def _respond(cards: list[str]) -> tuple[Floats, Complexes]:
     card = f".ac dec {BAND.density} {BAND.start!r} {BAND.stop!r}"
-    deck = _BenchDeck("\n".join([*cards, card, ".end", ""]), Response(BAND))
+    deck = _BenchDeck("\n".join([*cards, card, ".end", ""]), SmallSignal(BAND))
     with start(deck, find_simulator(), timeout=TIMEOUT) as run:
         frequencies, values = run.response()
     return np.asarray(frequencies), values

@@ -18,6 +18,7 @@ import numpy as np
 from netlist_gen.analysis import Transient
 from netlist_gen.board.circuit import Circuit, CurrentSource
 from netlist_gen.deck.deck import write_deck
+from netlist_gen.quantities import show, show_rate
 from spice_models.array_types import Complexes
 from spice_models.errors import EngineError, InputError, SimulationError
 from verification.engines.ngspice.executable import Simulator
@@ -271,10 +272,10 @@ def _compare(trial: _Trial, waveforms: Waveforms) -> Side:
         agrees, reason = None, f"the fit is uncertain: {mode.doubt}"
     elif difference and abs(mode.growth_rate - trial.pole.real) < 3.0 * mode.growth_sigma:
         agrees = None
-        reason = f"{difference}, with an uncertainty of {mode.growth_sigma:.2g} /s"
+        reason = f"{difference}, with an uncertainty of {show(mode.growth_sigma, '1/s', 2)}"
     elif difference and trial.fastest > max(trial.pole.real, 0.0):
         agrees = None
-        reason = f"an instability of {trial.fastest:.4g} /s hides the mode ({difference})"
+        reason = f"an instability of {show_rate(trial.fastest)} hides the mode ({difference})"
     return Side(
         value=trial.value,
         predicted=trial.pole,

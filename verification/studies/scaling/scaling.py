@@ -1,43 +1,44 @@
 """Scalings for given op-amps and supply: G0, U0, s and R from the matrix, lambda and the loads.
 
-The matrix sets G0: its resistors lie around `MIDDLE` on the logarithmic scale, inside the range
-that can be bought. The strain sets s: the constraint plane swings about as far as the outputs,
-``s G0 max|eps| = max|u|``, as far as R stays in that range; R follows from lambda. R and s are
-values of the scene's series (E24 if it names none), and G0 is adapted, so that lambda is exact. At
-last U0: the loads of the board (`headroom`) are proportional to U0 on a linear board, and the
-highest output voltage becomes the wanted share of the swing.
+The matrix sets G0: on the logarithmic scale its resistors lie in the middle of the range that can
+be bought. The strain sets s: the constraint plane swings about as far as the outputs,
+``s G0 max|eps| = max|u|``, as far as R stays in that range; where the slew rate would keep the
+outputs low, s is up to ten times smaller. At last U0: the loads of the board (`headroom`) are
+proportional to U0 on a linear board, and the highest output voltage becomes the wanted share of the
+swing.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from netlist_gen.board.buyable_values import buyable
-from netlist_gen.board.part_warnings import LEAST_OHMS, MOST_OHMS, part_warnings
+from netlist_gen.board.part_warnings import part_warnings
 from netlist_gen.board.synthesis import synthesise
 from netlist_gen.overrides.axes import with_values
 from netlist_gen.problem.inverse_problem import InverseProblem, make_problem
 from netlist_gen.scene.scene import Scene
-from spice_models.errors import Complaint, EngineError, InputError
+from spice_models.errors import EngineError
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.ideal.ideal_answer import IdealAnswer, ideal_answer, ideal_network
 from verification.pipeline.part_limits import PartLoads, describe
 from verification.pipeline.transient_plan import plan_transient
-from verification.reference import lambda_times_resistance
 from verification.small_signal.headroom import FULL, Load
 from verification.small_signal.poles import Poles, poles_behind
 from verification.small_signal.time_scales import time_scales
 from verification.studies.remedies.axis_search import search_range
 from verification.studies.remedies.stable_ranges import stable_ranges
 from verification.studies.remedies.trials import Trials, at_small_signal
+from verification.studies.scaling.resistors import scaled_resistors
 
 SHARE = 0.5  # of the swing, for the highest output voltage
-MIDDLE = 1e5  # ohm: geometric mean of the largest and the smallest matrix resistor
+SMALLER = (1.0, 0.3, 0.1)  # times the balanced s, while slopes or currents set U0
 ROUNDS = 4  # of U0 on a board whose loads are not proportional to it
+PATIENCE = 10.0  # s: time limit of the search for a C with which the checks pass
 RESERVE = 2.0  # C over the value at which the board begins to oscillate
 
 
@@ -100,18 +101,61 @@ def scale(scene: Scene, share: float = SHARE) -> Scaling:
     16000 ohm, 510000 ohm, lambda 0.0224
     """
     problem = make_problem(scene)
-    network = ideal_network(problem, scene)
+    answer = ideal_answer(ideal_network(problem, scene), scene)
+    found: list[_Scaled] = []
+    for factor in SMALLER:
+        found.append(_scaled(scene, problem, answer, share, factor))
+        if found[-1].reaches or not found[-1].loads:
+            break
+    best = _passing(found)
+    if best.loads and not best.reaches:
+        best.notes.append(f"{describe(best.loads[0])}: it sets U0, not the share of the swing")
+    design = best.scene.design.model_copy(update={"opamp": scene.design.opamp})
+    scaled = best.scene.model_copy(update={"design": design})
+    return _result(scaled, problem, best.loads, best.notes)
+
+
+def _passing(found: list[_Scaled]) -> _Scaled:
+    """Return the first that passes its checks, that with the highest voltage first."""
+    ordered = sorted(found, key=lambda one: -one.voltage)
+    for one in ordered:
+        passing = _with_passing_capacitance(one.scene, one.notes)
+        if passing is not None:
+            return replace(one, scene=passing)
+    return ordered[0]
+
+
+@dataclass(slots=True)
+class _Scaled:
+    """The scene with one gain s, and its loads; `share` is that of the swing that is wanted."""
+
+    scene: Scene
+    loads: tuple[Load, ...]
+    notes: list[str]
+    share: float
+
+    @property
+    def reaches(self) -> bool:
+        """Whether the voltage sets U0, not a slope or a current; U0 has two digits."""
+        return self.voltage >= FULL * self.share
+
+    @property
+    def voltage(self) -> float:
+        """The highest output voltage, as a share of the swing."""
+        return max((load.share for load in self.loads if load.quantity == "voltage"), default=0.0)
+
+
+def _scaled(
+    scene: Scene, problem: InverseProblem, answer: IdealAnswer, share: float, factor: float
+) -> _Scaled:
+    """Return the scene scaled with `factor` times the balanced s."""
     notes: list[str] = []
-    answer = ideal_answer(network, scene)
-    values = _resistors(scene, problem, answer, notes)
-    scaled = with_values(at_small_signal(scene), {**values, "design.lambda": network.lam})
+    values = scaled_resistors(scene, problem, answer, factor, notes)
+    scaled = with_values(at_small_signal(scene), {**values, "design.lambda": answer.network.lam})
     scaled = _with_voltage(scaled, problem, answer, share)
     scaled = _with_stable_capacitance(scaled, problem, notes)
     scaled, loads = _with_loads(scaled, problem, share, notes)
-    scaled = _with_passing_capacitance(scaled, notes)
-    design = scaled.design.model_copy(update={"opamp": scene.design.opamp})
-    scaled = scaled.model_copy(update={"design": design})
-    return _result(scaled, problem, loads, notes)
+    return _Scaled(scaled, loads, notes, share)
 
 
 def _result(
@@ -132,52 +176,6 @@ def _result(
         matrix_ohms=(float(ohms.min()), float(ohms.max())),
         loads=loads,
         notes=(*notes, *part_warnings(circuit)),
-    )
-
-
-def _resistors(
-    scene: Scene, problem: InverseProblem, answer: IdealAnswer, notes: list[str]
-) -> dict[str, float]:
-    """Return s and G0, with which R = lambda_times_resistance / lambda is in the series, too."""
-    sizes = np.abs(problem.matrix[problem.matrix != 0.0])
-    smallest, largest = float(sizes.min()), float(sizes.max())
-    pruned = sizes[sizes >= scene.design.prune * largest]
-    smallest = float(pruned.min())
-    if largest / smallest > MOST_OHMS / LEAST_OHMS:
-        ratio = LEAST_OHMS / MOST_OHMS
-        text = (
-            f"the entries of T differ by the factor {largest / smallest:.3g}, and resistors that"
-            f" can be bought by {1 / ratio:.3g}; leave out small entries with design.prune ="
-            f" {ratio:.1g} or more"
-        )
-        raise InputError(scene.file, Complaint("problem", "", text))
-    unit = 1.0 / (MIDDLE * math.sqrt(largest * smallest))
-    unit = min(max(unit, 1.0 / (MOST_OHMS * smallest)), 1.0 / (LEAST_OHMS * largest))
-    lam, product = answer.network.lam, _product(scene, unit)
-    strain = float(np.abs(problem.strain).max(initial=0.0))
-    drive = float(np.abs(answer.solution.u).max(initial=0.0))
-    balanced = drive / (unit * strain) if strain and drive else math.sqrt(product / lam)
-    low, high = product / lam / MOST_OHMS, product / lam / LEAST_OHMS
-    low, high = max(low, LEAST_OHMS), min(high, MOST_OHMS)
-    if low > high:
-        text = f"no s and R between {LEAST_OHMS:g} and {MOST_OHMS:g} ohm have this lambda"
-        raise InputError(scene.file, Complaint("design.lambda", f"{lam:g}", text))
-    series = scene.design.resistor_series
-    series = "E24" if series == "exact" else series
-    gain = buyable(min(max(balanced, low), high), series)
-    resistance = buyable(product / (lam * gain), series)
-    if not low <= balanced <= high:
-        notes.append("s is not balanced with the outputs: R would be out of its range")
-    unit *= math.sqrt(product / (lam * gain * resistance))
-    return {"design.gain": gain, "design.unit_conductance": unit}
-
-
-def _product(scene: Scene, unit: float) -> float:
-    """Return lambda R s, ohm²."""
-    design = scene.design
-    slope = design.exponential_slope or 1.0
-    return lambda_times_resistance(
-        design.amplifier, s=1.0, G0=unit, U0=design.unit_voltage, Ve=slope
     )
 
 
@@ -218,17 +216,18 @@ def _with_stable_capacitance(scene: Scene, problem: InverseProblem, notes: list[
     return with_values(scene, {"design.capacitance": farads})
 
 
-def _with_passing_capacitance(scene: Scene, notes: list[str]) -> Scene:
-    """Return the scene with the nearest C with which the checks pass, if its own C fails them."""
-    trials, path = Trials(scene), "design.capacitance"
+def _with_passing_capacitance(scene: Scene, notes: list[str]) -> Scene | None:
+    """Return the scene with the nearest C with which the checks pass; None if none does."""
+    trials, path = Trials(scene, PATIENCE), "design.capacitance"
     own = trials.at({path: scene.design.capacitance})
     if own.passes:
         return scene
     found = search_range(trials, path, lambda trial: trial.passes)
     if found is None or found.found is None:
         left = own.refused or ", ".join(name.replace("_", " ") for name in own.left)
-        notes.append(f"no C makes the board pass: {left}")
-        return scene
+        within = "" if found is None or found.complete else f" was found in {PATIENCE:g} s that"
+        notes.append(f"no C{within} makes the board pass: {left}")
+        return None
     farads = found.found.changes[path]
     notes.append(f"C is another than the scene's, so that all checks pass: {farads:.3g} F")
     return with_values(scene, {path: farads})
@@ -268,8 +267,6 @@ def _with_loads(
         if after.design.unit_voltage == volts:
             break
         scene = after
-    if loads[0].quantity != "voltage":
-        notes.append(f"{describe(loads[0])}: it sets U0, not the share of the swing")
     return scene, loads
 
 

@@ -100,7 +100,7 @@ class Case:
         problem = tables.get("problem", {})
         for key in ("matrix", "strain", "stress"):
             if key in problem:
-                problem[key] = _array(make_array(problem[key]))
+                problem[key] = make_array(problem[key])
         scene = parse_scene(tables | {"name": self.name}, FOLDER / f"{self.family}.toml")
         return scene if engine is None else scene.with_engine(engine)
 
@@ -181,9 +181,3 @@ def _laid_over(base: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any
         whole = both and not {"make", "kind"} & value.keys()  # such a table is replaced
         merged[key] = _laid_over(merged[key], value) if whole else value
     return merged
-
-
-def _array(values: Any) -> Any:
-    import numpy as np
-
-    return values if isinstance(values, str) else np.asarray(values, dtype=np.float64)

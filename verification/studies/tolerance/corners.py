@@ -20,6 +20,7 @@ import numpy as np
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from spice_models.errors import Complaint, InputError
+from verification.studies.running.pace import Pace
 from verification.studies.running.workers import Workers
 from verification.studies.tolerance.rest_slopes import largest_parts
 from verification.studies.tolerance.steady_directions import Direction, steady_directions
@@ -143,9 +144,11 @@ def _gradient(
     count = len(board.varied)
     probes = [(NOMINAL, np.zeros(count)), *enumerate(PROBE * np.eye(count))]
     samples: dict[int, BoardSample] = {}
+    pace = Pace()
     for sample in evaluate_all(board, probes, workers):
         samples[sample.number] = sample
-        progress(f"sensitivities: {len(samples)} of {len(probes)} boards")
+        left = pace.ended(len(probes) - len(samples))
+        progress(f"sensitivities: {len(samples)} of {len(probes)} boards{left}")
     return {
         quantity.name: np.array(
             [_worse(quantity, samples[index], samples[NOMINAL]) for index in range(count)]

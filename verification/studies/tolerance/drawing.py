@@ -7,6 +7,7 @@ from pathlib import Path
 
 from spice_models.errors import Complaint, InputError
 from verification.pipeline.clock import Progress
+from verification.studies.running.pace import Pace
 from verification.studies.running.workers import Workers
 from verification.studies.sweep.store import Store
 from verification.studies.tolerance.sample_store import SampleStore
@@ -41,9 +42,11 @@ def draw_samples(
         if output is not None:
             store = SampleStore(stack.enter_context(Store(str(output))), board, seed)
         ready = stack.enter_context(workers)
+        pace = Pace()
         for _ in run_samples(board, range(collection.limit), seed, ready, collection, store):
             count = f"{len(collection.samples)} of {collection.limit} samples"
-            progress(f"{count}, {collection.passed} pass")
+            left = pace.ended(collection.limit - len(collection.samples))
+            progress(f"{count}, {collection.passed} pass{left}")
 
 
 def half_width(until: str | float | None) -> float | None:

@@ -45,6 +45,7 @@ class BoardSample:
     overshoot: float | None = None  # fraction of the step amplitude
     undershoot: float | None = None  # fraction of the step amplitude
     steady_state: float | None = None  # largest magnitude in `errors`
+    noise: float | None = None  # of the loudest channel, V rms; only where the scene checks it
     growth_rate: float | None = None  # real part of the rightmost pole, 1/s
     margin: float | None = None  # factor by which C may shrink, within the range of the scan
     errors: tuple[float, ...] = ()  # final value minus reference by channel, in step amplitudes
@@ -69,6 +70,8 @@ def quantities(scene: Scene) -> tuple[Quantity, ...]:
         reported.append(Quantity("rise_time", "s"))
     if scene.checks.stability.margin > 1:
         reported.append(Quantity("margin", "ratio", -1.0))
+    if scene.checks.noise is not None:
+        reported.append(Quantity("noise", "V"))
     return tuple(reported)
 
 
@@ -170,6 +173,7 @@ def sample_of(verdict: Verdict, number: int) -> BoardSample:
         overshoot=figures["overshoot"],
         undershoot=figures["undershoot"],
         steady_state=figures["steady_state_error"],
+        noise=figures["noise"],
         growth_rate=figures["growth_rate"],
         margin=figures["margin"],
         errors=errors if all(map(math.isfinite, errors)) else (),

@@ -20,13 +20,17 @@ from verification.studies.tolerance.varied_board import BoardSample, Quantity, V
 from verification.studies.tolerance.yield_report import SIGNIFICANT, limits_of
 
 # Checks that fail because of a reading below: any other failure stays in the prediction.
-EXPLAINED = {"steady_state", "settling_time", "rise_time", "overshoot", "undershoot", "stability"}
+EXPLAINED = {
+    *("steady_state", "settling_time", "rise_time", "overshoot", "undershoot", "stability"),
+    "noise",
+}
 READINGS = (
     Quantity("settling_time", "s"),
     Quantity("rise_time", "s"),
     Quantity("overshoot", "step"),
     Quantity("undershoot", "step"),
     Quantity("growth_rate", "1/s"),
+    Quantity("noise", "V"),
 )
 
 

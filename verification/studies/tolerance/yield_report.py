@@ -215,6 +215,7 @@ def limits_of(scene: Scene, name: str) -> tuple[float | None, float | None]:
         "steady_state": (None, checks.steady_state.tolerance),
         "growth_rate": (None, 0.0),
         "margin": (checks.stability.margin, None),
+        "noise": (None, checks.noise.max if checks.noise else None),
     }
     return table[name]
 

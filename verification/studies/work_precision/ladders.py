@@ -81,9 +81,15 @@ def run_ladders(
 
 
 def _schedule(methods: Sequence[Method]) -> Iterator[tuple[Method, float]]:
-    """Yield method and setting, coarse to fine: first the cheap ideal network, then the board."""
+    """Yield method and setting: the coarsest of each method, then the others, coarse to fine.
+
+    The board's come first at the start, since a study without them answers nothing; then the cheap
+    ideal network.
+    """
+    for problem in ("board", "ideal"):
+        yield from ((m, m.ladder[0]) for m in methods if m.problem == problem)
     for problem in ("ideal", "board"):
-        ladders = [[(m, setting) for setting in m.ladder] for m in methods if m.problem == problem]
+        ladders = [[(m, s) for s in m.ladder[1:]] for m in methods if m.problem == problem]
         for level in zip_longest(*ladders):
             yield from (pair for pair in level if pair is not None)
 

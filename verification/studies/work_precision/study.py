@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import math
 import statistics
 import time as clock
 from collections.abc import Iterable, Sequence
@@ -31,6 +32,7 @@ from verification.studies.work_precision.run_errors import ProblemErrors, measur
 
 BUDGET = 30.0  # s
 LADDERS = 0.7  # of the budget; the rest is for the references
+LEAST = 0.25  # of the budget: for the ladders, however long a busy machine takes to start
 REFERENCE_TIME = 20.0  # s for the references at least
 NEVER_RUN = (
     "ngspice Gear of order 3 to 6 (maxord): not run, not stable for poles near the imaginary axis",
@@ -71,6 +73,11 @@ class WorkPrecisionStudy:
     omissions: tuple[str, ...]  # methods and settings that were not run, and why
     machine: dict[str, str | int | float | None]  # see `describe_machine`
     seconds: float  # wall time of the study
+
+    @property
+    def conclusive(self) -> bool:
+        """Whether the board was run, and the error of a run is known."""
+        return self.cheapest(math.inf) is not None
 
     def of(self, method: Method) -> tuple[SettingResult, ...]:
         """Return the points of one method."""
@@ -129,6 +136,7 @@ def run_study(
     with Worker() as worker:
         worker.call(START_UP, load_integrators)
         limit = LADDERS * budget - (clock.perf_counter() - started)
+        limit = max(limit, LEAST * budget)
         entries, not_run = run_ladders(task, applicable, limit, worker, progress)
         progress("references")
         limit = max(started + budget - clock.perf_counter(), REFERENCE_TIME)

@@ -77,7 +77,7 @@ def test_the_unit_of_a_time_axis(longest: float, size: float, name: str) -> None
         (None, "s", "-"),
         (float("inf"), "s", "-"),
         (2.42e-3, "s", "2.42 ms"),
-        (-1123.46, "1/s", "-1123 /s"),
+        (-1123.46, "1/s", "-1.123 k/s"),
         (2.41911, "ratio", "2.42"),
         (4.73e-5, "step", "0.00473 %"),
     ],

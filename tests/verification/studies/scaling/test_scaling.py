@@ -11,6 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from cli.main import main
+from netlist_gen.board.buyable_values import buyable, values_between
 from netlist_gen.board.synthesis import synthesise
 from netlist_gen.overrides.axes import with_values
 from netlist_gen.scene.file import load_scene
@@ -37,7 +38,8 @@ def test_lambda_stays_and_the_parts_can_be_bought(name: str) -> None:
     product = found.resistance * found.gain * found.unit_conductance**2
     assert product * found.lam == pytest.approx(1.0, rel=1e-12)
     assert 100.0 <= found.matrix_ohms[0] <= found.matrix_ohms[1] <= 50e6
-    assert f"{found.gain:.1e}"[:3] in ("1.0", "1.6", "2.2", "3.3", "6.8")  # values of E24
+    assert found.gain in values_between(100.0, 50e6, "E24")
+    assert found.resistance == pytest.approx(buyable(found.resistance, "E24"), rel=1e-12)
     assert max(load.share for load in found.loads) <= 0.9
 
 
@@ -52,12 +54,26 @@ def test_ngspice_measures_the_loads_that_were_promised(ngspice: str) -> None:
     assert largest <= 0.4 * 13.5  # volts of 15 V less 1.5 V
 
 
-def test_an_unstable_board_gets_a_larger_capacitance() -> None:
+def test_an_unstable_board_becomes_stable() -> None:
     scene = with_values(shipped("tuned-breadboard", "tl084"), {"design.capacitance": 1e-12})
+    assert not verify(scene).poles.stable
+    assert verify(scale(scene).scene).outcome.value == "pass"
+
+
+def test_a_larger_capacitance_is_named() -> None:
+    scene = with_values(shipped("tuned-breadboard", "ideal"), {"design.opamp.gbw": 3e6})
     found = scale(scene)
-    verdict = verify(found.scene)
-    assert verdict.poles.stable
-    assert any("board oscillates" in note for note in found.notes)
+    assert found.capacitance > scene.design.capacitance
+    assert any("C is another than the scene's" in note for note in found.notes)
+
+
+def test_a_smaller_gain_lets_the_outputs_use_the_swing() -> None:
+    """With the balanced s the slew rate keeps the outputs of this board at 16 % of the swing."""
+    found = scale(shipped("tuned-breadboard", "tl084"))
+    assert max(load.share for load in found.loads if load.quantity == "voltage") > 0.45
+    assert not any("it sets U0" in note for note in found.notes)
+    slow = scale(shipped("tuned-breadboard", "ua741"))
+    assert any("it sets U0" in note for note in slow.notes)
 
 
 def test_parts_without_limits_keep_the_voltage() -> None:

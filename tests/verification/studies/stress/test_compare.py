@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from netlist_gen.scene.scene import ExcursionCheck
+from netlist_gen.scene.checks import ExcursionCheck
 from verification.studies.stress.catalogue import load_catalogue, select
 from verification.studies.stress.compare import Comparison, compare, worst, wrong_checks
 from verification.studies.stress.true_values import TrueValues

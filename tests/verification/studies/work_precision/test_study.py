@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -246,3 +249,39 @@ def test_the_command_prints_one_document_and_keeps_progress_apart(
     assert "references" in result.stderr
     refused = CliRunner().invoke(main, ["accuracy", str(scene), "--plot", "nowhere/a.png"])
     assert refused.exit_code == 2
+
+
+def test_a_machine_that_uses_the_budget_before_the_ladders_gives_fewer_rows(
+    ngspice: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A start that takes longer than the budget leaves a quarter of it to the ladders."""
+    offsets = itertools.chain([0.0], itertools.repeat(1e4))  # s, at the start and later
+    late = SimpleNamespace(perf_counter=lambda: time.perf_counter() + next(offsets))
+    monkeypatch.setattr(study_module, "clock", late)
+    monkeypatch.setattr(ladders, "REPEATS", 1)
+    study = run_study(small(), budget=BUDGET, methods=FEW[:3])
+    assert study.conclusive
+    assert study.of(FEW[0])
+    assert study.cheapest(1.0) is not None
+
+
+def test_the_coarsest_setting_of_every_method_runs_first() -> None:
+    found = list(ladders._schedule(FEW))
+    assert [method.name for method, _ in found[: len(FEW)]] == [method.name for method in FEW]
+    assert sorted((m.name, s) for m, s in found) == sorted(
+        (m.name, s) for m in FEW for s in m.ladder
+    )
+
+
+def test_a_study_without_a_run_of_the_board_is_inconclusive(
+    found: WorkPrecisionStudy, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ideal = tuple(point for point in found.points if point.method.problem == "ideal")
+    empty = replace(found, points=ideal)
+    monkeypatch.setattr(study_module, "run_study", lambda *args, **options: empty)
+    scene = tmp_path / "a.toml"
+    scene.write_text("[problem]\nkind = 'tactile'\n")
+    result = CliRunner().invoke(main, ["accuracy", str(scene)])
+    assert result.exit_code == 3
+    assert "give a larger --budget" in result.stderr
+    assert not empty.conclusive

@@ -194,7 +194,7 @@ class _OpAmps:
         limiters = self._limiters(signal)
         ideal = resistance == 0.0
         plain = ~ideal
-        plain[self._where([model.limits_current for model in self.models])] = False
+        plain[self._where([model.is_current_limited for model in self.models])] = False
         g = np.divide(1.0, resistance, out=np.ones_like(resistance), where=~ideal)
         driven = signal.times(g)
         for laws, chosen in ((True, ideal), (False, plain)):
@@ -209,7 +209,7 @@ class _OpAmps:
         The unknown ``d = v_out + b - x`` is the voltage over the output resistance, and b the drop
         of the limiter behind it.
         """
-        which = self._where([model.limits_current for model in self.models])
+        which = self._where([model.is_current_limited for model in self.models])
         drop, out = self._unknowns("drop", which), self.out[which]
         ohms = self._figures(which, [model.output_resistance for model in self.models])
         volts = ohms * self._figures(which, [model.output_current for model in self.models])

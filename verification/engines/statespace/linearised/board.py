@@ -23,6 +23,7 @@ from verification.engines.statespace.linearised.equilibrium import (
     rounding,
     solve_equilibrium,
 )
+from verification.engines.statespace.linearised.settling import settled
 from verification.engines.statespace.linearised.state_space import (
     StateSpace,
     linearise,
@@ -76,6 +77,10 @@ class LinearBoard:
             free = LinearBoard(self.circuit, self.descriptor.without_limits)
             start = free._equilibrium(sources_on=sources_on)
             near = equilibrium_near(self.descriptor, start.values, sources_on=sources_on)
+            if near is None and not self.descriptor.is_large:  # it rests beyond a limit
+                drive = self.descriptor.drive(sources_on=sources_on)
+                there = settled(self.descriptor, drive)
+                near = equilibrium_near(self.descriptor, there, sources_on=sources_on)
             if near is not None:
                 return near
         return solve_equilibrium(self.descriptor, self._response, sources_on=sources_on)

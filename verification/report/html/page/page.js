@@ -48,9 +48,14 @@
   };
   const draw = (canvas, width) => {
     const spec = specs.get(canvas);
-    const data = coloured(spec.data);
+    const data = coloured(spec.data), layout = layoutOf(spec, width);
+    for (const [name, axis] of Object.entries(canvas.layout || {})) {
+      if (/^[xy]axis/.test(name) && layout[name] && axis.range) {
+        layout[name] = { ...layout[name], range: [...axis.range], autorange: axis.autorange };
+      }
+    }
     if ((width || canvas.clientWidth) < NARROW) data.forEach((each) => delete each.texttemplate);
-    return Plotly.react(canvas, data, layoutOf(spec, width), config);
+    return Plotly.react(canvas, data, layout, config);
   };
   const drawAll = (width) => { if (window.Plotly) canvases.forEach((each) => draw(each, width)); };
 
@@ -83,7 +88,7 @@
   // Plotly is packed into the page; the policy of the page knows its digest.
   const unpack = async () => {
     const packed = document.getElementById("plotly");
-    if (!packed) return;
+    if (!packed) { root.dataset.ready = "true"; return; }
     const bytes = Uint8Array.from(atob(packed.textContent), (letter) => letter.charCodeAt(0));
     const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
     const program = document.createElement("script");

@@ -9,16 +9,15 @@ import numpy as np
 
 from netlist_gen.board.bill_of_materials import bill_of_materials
 from netlist_gen.board.circuit import Circuit
-from netlist_gen.board.synthesis import realised_matrix
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.pipeline.board_power import board_power
-from verification.report.html.blocks import Facts, Notes, Picture, Section, Table
+from verification.report.html.blocks import Cell, Facts, Notes, Picture, Section, Table
 from verification.report.html.pictures import axis, numbers
 from verification.report.html.sections.schematic import schematic
 from verification.report.html.texts import (
-    Cell,
+    counted,
     number_cell,
     percent,
     quantity,
@@ -39,8 +38,8 @@ def board_lines(verdict: Verdict) -> tuple[str, ...]:
     rows, columns = c.matrices[0].ohms.shape
     rule = f" (chosen by {verdict.scene.lambda_rule})" if verdict.scene.lambda_rule else ""
     return (
-        f"{columns} channels, {rows} sensors, {c.amplifier} amplifiers, topology {c.topology},"
-        f" op-amps {', '.join(c.models)}",
+        f"{counted(columns, 'channel')}, {counted(rows, 'sensor')}, {c.amplifier} amplifiers,"
+        f" topology {c.topology}, op-amps {', '.join(c.models)}",
         f"C = {quantity(s.capacitance, 'F')}, R = {quantity(s.resistance, 'ohm')}, s ="
         f" {quantity(s.gain, 'ohm')}, G0 = {quantity(s.unit_conductance, 'S')}, lambda ="
         f" {s.lam:.4g}{rule}",
@@ -59,20 +58,20 @@ def board_section(verdict: Verdict) -> Section:
             ("output resistance", model.output_resistance, "ohm"),
         )
     ]
+    level = "small signal" if circuit.is_small_signal else "large signal"
     rows += [
         ("unit voltage U0", quantity(circuit.scalings.unit_voltage, "V")),
         ("supply", f"±{quantity(circuit.supply, 'V')}"),
-        (
-            "level of the op-amp models",
-            "small signal" if circuit.is_small_signal else "large signal",
-        ),
+        ("level of the op-amp models", level),
     ]
     return Section("Board", (schematic(circuit), matrix_picture(circuit), Facts("", tuple(rows))))
 
 
 def matrix_picture(circuit: Circuit) -> Picture:
     """Return T as a heat map with signs: orange is negative, blue is positive."""
-    T, ohms = realised_matrix(circuit), circuit.matrices[0].ohms
+    forward = circuit.matrices[0]
+    ohms = forward.ohms
+    T = np.where(forward.negative, -1.0, 1.0) / (ohms * circuit.scalings.unit_conductance)
     M, N = T.shape
     note = ""
     if max(M, N) > LARGEST:
@@ -86,7 +85,8 @@ def matrix_picture(circuit: Circuit) -> Picture:
     ]
     rows, columns = T.shape
     data: dict[str, Any] = {
-        "type": "heatmap", "z": [numbers(row) for row in levels], "customdata": texts, "zmin": -1, "zmax": 1,
+        "type": "heatmap", "z": [numbers(row) for row in levels], "zmin": -1, "zmax": 1,
+        "customdata": texts,
         "x": list(range(1, columns + 1)), "y": list(range(1, rows + 1)), "xgap": 1, "ygap": 1,
         "colorscale": [[0, "--negative"], [0.5, "--neutral"], [1, "--positive"]],
         "colorbar": {
@@ -109,9 +109,9 @@ def matrix_picture(circuit: Circuit) -> Picture:
     present = int(np.isfinite(circuit.matrices[0].ohms).sum())
     minus = int((circuit.matrices[0].negative & np.isfinite(circuit.matrices[0].ohms)).sum())
     summary = (
-        f"The matrix T of {M} sensors and {N} channels as the resistors realise it: {present}"
-        f" entries, of which {minus} are negative (orange, with a minus); an empty square has no"
-        f" resistor. The colour follows the square root of the size.{note}"
+        f"The matrix T of {counted(M, 'sensor')} and {counted(N, 'channel')} as the resistors"
+        f" realise it: {present} entries, of which {minus} are negative (orange, with a minus); an"
+        f" empty square has no resistor. The colour follows the square root of the size.{note}"
     )
     height = int(min(max(28 * rows + 110, 240), 620))
     return Picture("Matrix", {"data": [data], "layout": layout}, summary, height, zoom=False)

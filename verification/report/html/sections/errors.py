@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from verification.report.html.blocks import Block, Facts, Notes, Picture, Section, Table
-from verification.report.html.pictures import axis, label, line, numbers
-from verification.report.html.texts import Cell, figure, number_cell, percent, quantity
+from verification.report.html.blocks import Cell, Facts, Notes, Picture, Section, Table, View
+from verification.report.html.pictures import HATCH, axis, line, numbers
+from verification.report.html.texts import figure, number_cell, percent, quantity, readable
 from verification.report.tables import spaced
 from verification.verify import Verdict
 
@@ -48,35 +48,47 @@ def stress_section(verdict: Verdict) -> Section:
          "hovertemplate": f"{name}: %{{y:.5g}} at %{{x:.4g}}<extra></extra>"}
         for name, values, mode, colour, symbol, dash in curves
     ]  # fmt: skip
-    ticks = {"dtick": 1} if problem.positions is None and len(channels) <= FEW else {}
+    ticks: dict[str, Any] = (
+        {"dtick": 1} if problem.positions is None and len(channels) <= FEW else {}
+    )
     layout = {"xaxis": axis(title, **ticks), "yaxis": axis("stress"), "hovermode": "closest"}
     summary = f"Stress by channel: {', '.join(curve[0] for curve in curves)}.{text}"
-    return Section(
-        "Recovered stress",
-        (Picture("", {"data": data, "layout": layout}, summary, 340, zoom=False),),
+    picture = Picture(
+        "Stress by channel", {"data": data, "layout": layout}, summary, 340, zoom=False
     )
+    return Section("Recovered stress", (picture,))
 
 
 def budget_section(document: Mapping[str, Any]) -> Section:
-    """Return the error budget as a waterfall and as a table."""
+    """Return the error budget as a waterfall of one channel and as a table."""
     parts: Mapping[str, Mapping[str, Any]] = document["error_budget"]
     amplitude = document["step_amplitude"] or 0.0
     if not parts:
         return Section("Error budget", ())
+    total = parts.get("total")
+    worst = None if total is None else int(np.argmax(np.abs(total["channels"])))
+    signed = () if worst is None else (f"channel {worst + 1}",)
     rows = tuple(
         (
             Cell(spaced(name)),
             _volts(part["value"], amplitude),
             _share(part["value"], amplitude),
-            Cell(part["how"]),
+            *(() if worst is None else (_signed(part["channels"], worst, amplitude),)),
+            Cell(readable(part["how"])),
         )
         for name, part in parts.items()
     )
-    table = Table(
-        "Parts of the error", ("error", "largest", "of the step", "how it was found"), rows
-    )
-    lead = "Each part is measured by itself: the largest deviation of any channel."
-    return Section("Error budget", (_waterfall(document, amplitude), table), lead)
+    titles = ("error", "largest of any channel", "of the step", *signed, "how it was found")
+    table = Table("Parts of the error", titles, rows)
+    if total is None or worst is None:
+        text = "The parts do not add up: a solution between them is not known."
+        return Section("Error budget", (Notes("", (text,)), table))
+    lead = "From one solution to the next; the parts of a channel add up to its whole error."
+    return Section("Error budget", (_waterfall(parts, worst), table), lead)
+
+
+def _signed(channels: Sequence[float], place: int, amplitude: float) -> Cell:
+    return _volts(channels[place], amplitude) if channels else Cell("–")
 
 
 def _is_known(value: float | None) -> bool:
@@ -97,56 +109,57 @@ def _share(value: float | None, amplitude: float) -> Cell:
     return Cell(f"{100 * value / amplitude:.2g} %" if amplitude else "–", value)
 
 
-def _waterfall(document: Mapping[str, Any], amplitude: float) -> Block:
-    """Return the parts, the smallest first, each on top of the sum of those before."""
-    least = ROUNDING * amplitude
-    known = [
-        (name, part["value"])
-        for name, part in document["error_budget"].items()
-        if _is_known(part["value"]) and part["value"] > least
-    ]
-    if not known:
-        return Notes("", ("No part of the error is above rounding.",))
-    known.sort(key=lambda pair: pair[1])
-    sums = np.cumsum([value for _, value in known])
-    floor = 10.0 ** math.floor(math.log10(known[0][1]) - 0.3)
-    names = [spaced(name) for name, _ in known]
-    bases = [floor, *sums[:-1].tolist()]
-    tops = [max(float(top - base), 0.0) for top, base in zip(sums, bases, strict=True)]
-    common = {"type": "bar", "orientation": "v"}
-    texts = [quantity(value, "V", 3) for _, value in known]
+def _waterfall(parts: Mapping[str, Mapping[str, Any]], worst: int) -> Picture:
+    """Return the signed parts of a channel, each from the sum of those before."""
+    links = {n: p["channels"][worst] for n, p in parts.items() if p["channels"] and n != "total"}
+    whole = parts["total"]["channels"][worst]
+    steps = list(links.values())
+    ends = np.cumsum([0.0, *steps]).tolist()
+    falls = [step < 0.0 for step in steps]
     data = [
-        {**common, "x": names, "y": tops, "base": bases, "text": texts, "textposition": "outside",
-         "marker": {"color": "--pass"}, "cliponaxis": False,
-         "hovertemplate": "%{x}: %{text}<extra></extra>"},
-        {**common, "x": ["sum"], "y": [float(sums[-1]) - floor], "base": [floor],
-         "text": [quantity(float(sums[-1]), "V", 3)], "textposition": "outside",
-         "marker": {"color": "--band", "pattern": {"shape": "/", "fgcolor": "--muted"}},
-         "cliponaxis": False, "hovertemplate": "sum: %{text}<extra></extra>"},
+        {"type": "bar", "x": [*map(spaced, links), "total"], "y": [*steps, whole],
+         "base": [*ends[:-1], 0.0], "textposition": "outside", "cliponaxis": False,
+         "text": [quantity(step, "V", 3) for step in (*steps, whole)],
+         "marker": {
+             "color": [*("--fail-fill" if fall else "--pass" for fall in falls), "--band"],
+             "pattern": HATCH | {"shape": [*("/" if fall else "" for fall in falls), ""]}},
+         "hovertemplate": "%{x}: %{text}<extra></extra>"}
     ]  # fmt: skip
-    top = math.log10(float(sums[-1])) + 0.5
-    unknown = [spaced(k) for k, p in document["error_budget"].items() if not _is_known(p["value"])]
-    meaning = "bounds the difference of the simulated outputs and the true stress"
-    if unknown:
-        meaning = f"is their sum; not known, and not in it: {', '.join(unknown)}"
-    layout: dict[str, Any] = {
+    layout = {
         "xaxis": axis(""),
-        "yaxis": axis("error", "V", type="log", range=[math.log10(floor), top], dtick=1),
+        "yaxis": axis("error", "V"),
+        "shapes": [line(None, 0.0)],
         "showlegend": False,
         "margin": {"l": 64, "r": 14, "t": 24, "b": 44},
     }
-    if amplitude:
-        layout["shapes"] = [line(None, amplitude, "--muted", dash="dash")]
-        layout["annotations"] = [
-            label(
-                "step", 0.005, math.log10(amplitude), xref="paper", xanchor="left", yanchor="bottom"
-            )
-        ]
+    unknown = [spaced(n) for n, p in parts.items() if not _is_known(p["value"]) and n != "total"]
     summary = (
-        "Waterfall on a logarithmic scale: the parts that are above rounding, the smallest first,"
-        f" each on top of the sum of the others. {quantity(float(sums[-1]), 'V', 3)} {meaning}."
+        f"Channel {worst + 1}, which has the largest whole error, {quantity(whole, 'V', 3)}."
+        " Solid blue bars raise the output, hatched orange bars lower it."
+        + f" Not known: {', '.join(unknown)}."
+        * bool(unknown)
     )
-    return Picture("", {"data": data, "layout": layout}, summary, 340, zoom=False)
+    picture = {"data": data, "layout": layout}
+    return Picture("Waterfall", picture, summary, 340, _steps_views(ends, whole), zoom=False)
+
+
+def _steps_views(ends: Sequence[float], whole: float) -> tuple[View, ...]:
+    """Return the whole waterfall, and one from which the largest part is left out."""
+    sizes = np.abs(np.diff(ends))
+    if len(sizes) < 2:
+        return ()
+    everything = View("every part", {"yaxis.range": _around([0.0, whole, *ends])})
+    large = int(np.argmax(sizes))
+    if large not in (0, len(sizes) - 1):
+        return (everything,)
+    rest = ends[1:] if large == 0 else ends[:-1]
+    return everything, View("without the largest part", {"yaxis.range": _around(rest)})
+
+
+def _around(values: Sequence[float]) -> list[float]:
+    low, high = min(values), max(values)
+    room = 0.15 * ((high - low) or abs(high) or 1.0)
+    return [low - room, high + room]
 
 
 def effort_section(document: Mapping[str, Any]) -> Section:
@@ -180,6 +193,7 @@ def effort_section(document: Mapping[str, Any]) -> Section:
         "yaxis": {"autorange": "reversed"},
         "margin": {"l": 90, "r": 60, "t": 8, "b": 44},
     }
-    summary = f"Run time by stage; {figure(document['timing']['total'], 's', 3)} in all. The simulation runs beside the reference."
+    total = figure(document["timing"]["total"], "s", 3)
+    summary = f"Run time by stage; {total} in all. The simulation runs beside the reference."
     picture = Picture("Run time", {"data": data, "layout": layout}, summary, 260, zoom=False)
     return Section("Error and run time", (Facts("", rows), picture))

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from netlist_gen.deck.deck import write_deck
 from netlist_gen.scene.scene import Scene
 from verification.report.html.blocks import Block, Code, Facts, Notes, Section
-from verification.studies.running.digests import files_of, own_code
+from verification.studies.running.digests import digest, files_of, own_code
 from verification.studies.running.machine import describe_machine
 from verification.verify import Verdict
 
@@ -19,23 +18,33 @@ LONGEST = 400_000  # characters of a deck in a report
 SHOWN = ("date", "taction", "python", "numpy", "scipy", "ngspice", "system", "processor", "cores")
 
 
+def machine_rows() -> tuple[tuple[str, str], ...]:
+    """Return the versions and the machine."""
+    machine = describe_machine()
+    return tuple((name, "none" if machine[name] is None else str(machine[name])) for name in SHOWN)
+
+
 def origin_rows(scene: Scene) -> tuple[tuple[str, str], ...]:
     """Return versions, machine, and the SHA-256 of every file that the scene was read from."""
-    machine = describe_machine()
-    rows = [(name, "none" if machine[name] is None else str(machine[name])) for name in SHOWN]
+    rows = [*machine_rows()]
     rows.append(("SHA-256 of taction's source", own_code().hex()))
-    for name, file in _files(scene).items():
-        rows.append((f"SHA-256 of {name}", hashlib.sha256(file.read_bytes()).hexdigest()))
+    rows += [(f"SHA-256 of {name}", text) for name, text in _hashes(scene)]
     return tuple(rows)
 
 
-def _files(scene: Scene) -> dict[str, Path]:
-    """Return the files of a scene that still exist, by the names that the user gave."""
-    named = {str(scene.file): Path(scene.file)}
-    for name in files_of(scene).values():
-        if name:
-            named[str(name)] = scene.folder / str(name)
-    return {name: file for name, file in named.items() if file.is_file()}
+def _hashes(scene: Scene) -> Iterator[tuple[str, str]]:
+    """Yield the hashes of the files of a scene that still exist, and of its arrays in memory."""
+    yield from _file_hash(str(scene.file), Path(scene.file))
+    for key, value in files_of(scene).items():
+        if isinstance(value, str | Path):
+            yield from _file_hash(str(value), scene.folder / value)
+        elif value is not None:
+            yield f"{key}, an array", digest(value).hex()
+
+
+def _file_hash(name: str, file: Path) -> Iterator[tuple[str, str]]:
+    if file.is_file():
+        yield name, hashlib.sha256(file.read_bytes()).hexdigest()
 
 
 def origin_section(scene: Scene, more: tuple[tuple[str, str], ...] = ()) -> Section:
@@ -46,9 +55,7 @@ def origin_section(scene: Scene, more: tuple[tuple[str, str], ...] = ()) -> Sect
 
 def plain_origin(more: tuple[tuple[str, str], ...]) -> Section:
     """Return the versions behind a report on many scenes."""
-    machine = describe_machine()
-    rows = tuple((name, "none" if machine[name] is None else str(machine[name])) for name in SHOWN)
-    return Section("Versions and hashes", (Facts("", (*more, *rows)),))
+    return Section("Versions and hashes", (Facts("", (*more, *machine_rows())),))
 
 
 def run_rows(document: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
@@ -71,8 +78,3 @@ def deck_section(verdict: Verdict) -> Section:
         )
         block = Notes("", (text,))
     return Section("Deck", (block, Facts("", (digest,))))
-
-
-def today() -> str:
-    """Return the date and time, UTC."""
-    return time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime())

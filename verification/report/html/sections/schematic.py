@@ -104,6 +104,13 @@ def _summary(example: _Example) -> str:
     )
 
 
+def _elements() -> Any:
+    """Return the parts that can be drawn; the library's types are incomplete."""
+    from schemdraw import elements
+
+    return elements
+
+
 def _put(drawing: Any, part: Any, name: str, value: str) -> Any:
     """Add a part with its name over it and its value under it."""
     return drawing.add(
@@ -112,8 +119,7 @@ def _put(drawing: Any, part: Any, name: str, value: str) -> Any:
 
 
 def _opamp(drawing: Any, place: tuple[float, float], name: str) -> Any:
-    import schemdraw.elements as elm
-
+    elm = _elements()
     cell = drawing.add(elm.Opamp(leads=True).right().anchor("in1").at(place))
     drawing.add(elm.Line().down(0.5).at(cell.in2))
     drawing.add(elm.Ground(lead=False))
@@ -122,15 +128,13 @@ def _opamp(drawing: Any, place: tuple[float, float], name: str) -> Any:
 
 
 def _text(drawing: Any, text: str, x: float, y: float) -> None:
-    import schemdraw.elements as elm
-
+    elm = _elements()
     drawing.add(elm.Label().at((x, y)).label(text, fontsize=SMALL))
 
 
 def _over(drawing: Any, cell: Any, part: Any, name: str, value: str, height: float) -> None:
     """Draw a part from the output of an op-amp over it to its inverting input."""
-    import schemdraw.elements as elm
-
+    elm = _elements()
     left, right, level = cell.in1[0], cell.out[0], cell.in1[1] + height
     drawing.add(elm.Line().at(cell.in1).to((left, level)))
     _put(drawing, part.at((left, level)).to((right, level)), name, value)
@@ -139,8 +143,7 @@ def _over(drawing: Any, cell: Any, part: Any, name: str, value: str, height: flo
 
 def _matrix_resistor(drawing: Any, example: _Example, *, feedback: bool, level: float) -> Any:
     """Draw the matrix resistor from its driving node; return the place of its summing node."""
-    import schemdraw.elements as elm
-
+    elm = _elements()
     matrix = example.circuit.matrices[1 if feedback else 0]
     drive = example.k if feedback else example.n
     source = (matrix.minus if example.negative else matrix.plus)[drive - 1]
@@ -152,8 +155,7 @@ def _matrix_resistor(drawing: Any, example: _Example, *, feedback: bool, level: 
 
 
 def _integrator(drawing: Any, example: _Example) -> Any:
-    import schemdraw.elements as elm
-
+    elm = _elements()
     n = example.n
     node = _matrix_resistor(drawing, example, feedback=True, level=0.0)
     biased = example.ohms(f"bias_{n}")
@@ -171,8 +173,7 @@ def _integrator(drawing: Any, example: _Example) -> Any:
 
 
 def _passive_node(drawing: Any, example: _Example) -> Any:
-    import schemdraw.elements as elm
-
+    elm = _elements()
     n = example.n
     x, level = _matrix_resistor(drawing, example, feedback=True, level=0.0)
     parts = (
@@ -198,9 +199,9 @@ def _passive_node(drawing: Any, example: _Example) -> Any:
 
 def _stage(drawing: Any, example: _Example, output: Any) -> None:
     """Draw the signal amplifier: an inverter, or an amplifier with its own characteristic."""
-    import schemdraw.elements as elm
     from schemdraw import flow
 
+    elm = _elements()
     n, circuit = example.n, example.circuit
     place = drawing.add(elm.Dot().at(output)).center
     amplifier = next((a for a in circuit.amplifiers if a.name == f"a_{n}"), None)
@@ -220,7 +221,7 @@ def _stage(drawing: Any, example: _Example, output: Any) -> None:
         return
     drawing.add(elm.Line().right(0.6).at(place))
     box = drawing.add(flow.Box(w=4.6, h=1.6).anchor("W").label(text, "center", fontsize=SMALL))
-    drawing.add(elm.Line().right(0.6).at(box.E))
+    drawing.add(elm.Line().right(1.6).at(box.E))
     minus, plus = (f"a_{n}", f"a_{n} = -u_{n}"), (f"u_{n}", f"+u_{n}")
     (_, label), (name, inverted) = (minus, plus) if inverts else (plus, minus)
     place = drawing.add(elm.Dot().label(label, "top", fontsize=SMALL)).center
@@ -229,8 +230,7 @@ def _stage(drawing: Any, example: _Example, output: Any) -> None:
 
 
 def _inverter(drawing: Any, example: _Example, place: Any, name: str, output: str) -> None:
-    import schemdraw.elements as elm
-
+    elm = _elements()
     drawing.add(elm.Line().right(0.4).at(place))
     values = [quantity(example.ohms(f"{name}_{end}"), "ohm") for end in ("in", "fb")]
     _put(drawing, elm.Resistor().right(), f"R{name}_in", values[0])
@@ -243,8 +243,7 @@ def _inverter(drawing: Any, example: _Example, place: Any, name: str, output: st
 
 def _row(drawing: Any, example: _Example) -> None:
     """Draw the constraint amplifier of the row below the channel, with its inverter."""
-    import schemdraw.elements as elm
-
+    elm = _elements()
     k = example.k
     node = _matrix_resistor(drawing, example, feedback=False, level=ROW)
     if example.current is not None:

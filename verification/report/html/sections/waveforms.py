@@ -18,7 +18,7 @@ from verification.report.html.pictures import (
     packed,
     thinned,
 )
-from verification.report.html.texts import figure, number_cell, outcome_cell, quantity
+from verification.report.html.texts import counted, number_cell, quantity
 from verification.verify import Verdict
 
 POINTS = 60_000  # of all curves of a picture
@@ -115,7 +115,7 @@ def _outputs(verdict: Verdict) -> Picture:
     if second is not None:
         engines += "; open circles: state-space engine"
     summary = (
-        f"Outputs of {count} {'channel' if count == 1 else 'channels'} from 0 to"
+        f"Outputs of {counted(count, 'channel')} from 0 to"
         f" {quantity(end, 's')} by {engines}. Dotted: the target of each channel, from the"
         f" numerical solution.{' Dashed curves: the second half of the channels.' * (count > 1)}"
         f"{' The picture ends where the record grows beyond it.' * cut}"

@@ -1,0 +1,162 @@
+"""``taction choose``: op-amp, C and gain for given limits, over all presets."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from cli.common import (
+    CLUSTER,
+    JOBS,
+    STATUS,
+    check_plot,
+    console,
+    plot_option,
+    print_json,
+    scene_command,
+)
+from spice_models.errors import Complaint, InputError
+
+if TYPE_CHECKING:
+    from netlist_gen.scene.scene import Scene
+    from verification.studies.choose.ranking import Confirmation, Design
+    from verification.studies.choose.request import Request
+
+
+@scene_command
+@click.option("--settling", metavar="TIME", help="Largest settling time: 10us.")
+@click.option("--rise", metavar="TIME", help="Largest rise time.")
+@click.option("--overshoot", metavar="SHARE", help="Largest overshoot: 5% or 0.05.")
+@click.option("--noise", metavar="VOLTS", help="Largest output noise of a channel: 1mV.")
+@click.option("--margin", metavar="FACTOR", help="Factor by which C must be able to shrink.")
+@click.option("--supply", metavar="VOLTS", help="Supply of the op-amps: 15V.")
+@click.option("--opamps", metavar="A,B,C", help="Presets; by default all of them.")
+@click.option("--c-range", metavar="LOW:HIGH", help="By default the scene's C /10 to *10.")
+@click.option("--gain-range", metavar="LOW:HIGH", help="By default the scene's gain /10 to *10.")
+@click.option("--points", type=click.IntRange(1, 101), default=9, help="Values of C and of gain.")
+@click.option(
+    "-o", "folder", metavar="FOLDER", type=click.Path(file_okay=False),
+    help="Write the best three designs as scene files into FOLDER.",
+)  # fmt: skip
+@click.option(
+    "--store", metavar="FILE", type=click.Path(dir_okay=False),
+    help="Database of the results; by default the scene's name with -choose.sqlite.",
+)  # fmt: skip
+@plot_option("maps of C and gain for every op-amp")
+@JOBS
+@CLUSTER
+def choose(scene: str, as_json: bool, **options: Any) -> None:
+    """Choose op-amp, C and gain of SCENE: all designs of a grid, ranked by checks and headroom.
+
+    Lambda, and with it the solution, stays; C and gain take values that can be bought. The
+    state-space engine verifies every design, and ngspice the best three. The same command continues
+    an interrupted one. Exit status: 0 if a design passes on both engines, 1 if none passes.
+    """
+    from cli.sweep import run_plan
+    from verification.ideal.lambda_rule import read_scene
+    from verification.studies.choose.ranking import best_designs, confirmed, design_scene, designs
+    from verification.studies.choose.request import choice_plan
+    from verification.studies.sweep.store import Store
+
+    check_plot(options["plot"])
+    _check_folder(options["folder"])
+    original = read_scene(scene)
+    plan = choice_plan(original, _request(options))
+    with Store(options["store"] or f"{plan.scene.name}-choose.sqlite") as store:
+        run_plan(plan, store, options | {"retry": None})
+        ranked = designs(plan, store)
+    best = best_designs(ranked)
+    scenes = [design_scene(plan, original, design, k) for k, design in enumerate(best, 1)]
+    said = [confirmed(one) for one in scenes]
+    files = _write(options["folder"], best, scenes)
+    _show(ranked, best, said, files, as_json=as_json)
+    if options["plot"] is not None:
+        from verification.report.choose.picture import plot_choice
+
+        title = f"{original.name}: worst value over its limit, for {len(ranked)} designs"
+        plot_choice(ranked, best, title, options["plot"])
+        click.echo(f"drew {options['plot']}", err=True)
+    sys.exit(_status(said))
+
+
+def _status(said: list[Confirmation]) -> int:
+    """Return the exit status: pass if ngspice contradicts not every one of the best."""
+    outcomes = {"pass" if c.outcome is None else c.outcome.value for c in said}
+    best = next((name for name in ("pass", "inconclusive") if name in outcomes), "fail")
+    return STATUS[best]
+
+
+def _request(options: dict[str, Any]) -> Request:
+    from verification.studies.choose.request import Request
+
+    limits = {
+        "checks.settling_time.max": options["settling"],
+        "checks.rise_time.max": options["rise"],
+        "checks.overshoot.max": _share(options["overshoot"]),
+        "checks.noise.max": options["noise"],
+        "checks.stability.margin": _number("--margin", options["margin"]),
+        "design.supply": options["supply"],
+    }
+    return Request(
+        opamps=[name.strip() for name in (options["opamps"] or "").split(",") if name.strip()],
+        capacitances=options["c_range"] or "",
+        gains=options["gain_range"] or "",
+        points=options["points"],
+        limits={path: value for path, value in limits.items() if value is not None},
+    )
+
+
+def _share(text: str | None) -> float | None:
+    """Read a fraction, ``0.05`` or ``5%``."""
+    if text is not None and text.strip().endswith("%"):
+        value = _number("--overshoot", text.strip().removesuffix("%"))
+        return None if value is None else value / 100.0
+    return _number("--overshoot", text)
+
+
+def _number(option: str, text: str | None) -> float | None:
+    try:
+        return None if text is None else float(text)
+    except ValueError:
+        complaint = Complaint("value", repr(text), "expected a number, such as 0.05 or 5%")
+        raise InputError(option, complaint) from None
+
+
+def _check_folder(folder: str | None) -> None:
+    if folder is not None and Path(folder).exists() and any(Path(folder).iterdir()):
+        text = "the folder is not empty; give another name"
+        raise InputError("-o", Complaint("FOLDER", repr(folder), text))
+
+
+def _write(folder: str | None, best: list[Design], scenes: list[Scene]) -> dict[int, str]:
+    """Write the scenes of the best designs; return their files by place of the grid."""
+    if folder is None:
+        return {}
+    from cli.scale import write_scene
+
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    files = {}
+    for design, scene in zip(best, scenes, strict=True):
+        files[design.place] = str(Path(folder) / f"{scene.name}.toml")
+        write_scene(scene, files[design.place])
+        click.echo(f"wrote {files[design.place]}", err=True)
+    return files
+
+
+def _show(
+    ranked: list[Design],
+    best: list[Design],
+    said: list[Confirmation],
+    files: dict[int, str],
+    *,
+    as_json: bool,
+) -> None:
+    from verification.report.choose.tables import choice_document, print_choice
+
+    if as_json:
+        print_json(choice_document(ranked, best, said, files))
+    else:
+        print_choice(ranked, best, said, console())

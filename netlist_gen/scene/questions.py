@@ -1,0 +1,42 @@
+"""Values that are accepted but look like a slip: each is a question to the user, no error."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from netlist_gen.quantities import show
+from netlist_gen.scene.checks import TIMES
+from netlist_gen.scene.scene import Scene
+
+USUAL = (1e-14, 1e-4)  # F: from a fraction of a stray capacitance to the largest film capacitors
+
+
+def questions(scene: Scene) -> tuple[str, ...]:
+    """Return what may be a slip in a scene: in the way it is written, and in its values.
+
+    Examples
+    --------
+    >>> from netlist_gen.scene.scene import parse_scene
+    >>> scene = parse_scene({"problem": {"kind": "tactile"}, "design": {"capacitance": 1}}, "a")
+    >>> print(questions(scene)[0][:72])
+    design.capacitance = 1 F is not between 10 fF and 100 uF; is the prefix
+    """
+    return (*scene.written_questions, *value_questions(scene))
+
+
+def value_questions(scene: Scene) -> Iterator[str]:
+    """Yield the capacitances that no board has, and limits that exclude each other."""
+    farads = scene.design.capacitance
+    if not USUAL[0] <= farads <= USUAL[1]:
+        low, high = (show(limit, "F") for limit in USUAL)
+        yield (
+            f"design.capacitance = {show(farads, 'F')} is not between {low} and {high}; is the"
+            " prefix right? 'm' is milli, 'u' micro, 'n' nano, 'p' pico"
+        )
+    for name in TIMES:
+        check = getattr(scene.checks, name)
+        if check is not None and None not in (check.min, check.max) and check.min > check.max:
+            yield (
+                f"checks.{name}: min = {show(check.min, 's')} is above max ="
+                f" {show(check.max, 's')}, so nothing passes; are they swapped?"
+            )

@@ -1,0 +1,224 @@
+"""Reports in a real browser: silent, without the network, usable, accessible, printable."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.browser.conftest import DESK, NAMES, PHONE, Open
+from tests.support.report_pages import page as report_of
+from verification.report.html.blocks import Code
+
+AXE = "axe.run({resultTypes: ['violations']})"
+RANGE = "canvas => canvas._fullLayout.xaxis.range.map(Number)"
+BACKGROUND = "getComputedStyle(document.body).backgroundColor"
+INK = "document.querySelector('.canvas .xtick text').style.fill"
+
+
+def violations(page: Any) -> list[tuple[str, str, str]]:
+    """Return rule, impact and element of every finding of axe-core."""
+    from axe_playwright_python.base import AXE_SCRIPT
+
+    page.evaluate(AXE_SCRIPT)
+    found = page.evaluate(AXE)["violations"]
+    return [(each["id"], each["impact"], each["nodes"][0]["html"]) for each in found]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_report_is_silent_and_asks_for_nothing(open_report: Open, name: str) -> None:
+    opened = open_report(name)
+    opened.page.wait_for_timeout(100)
+    assert opened.messages == []
+    assert [url for url in opened.requests if not url.startswith(("file:", "data:", "blob:"))] == []
+    assert opened.page.evaluate("document.documentElement.dataset.ready") == "true"
+    drawn = opened.page.locator(".canvas .main-svg").count()
+    assert drawn >= opened.page.locator(".canvas").count()
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_nothing(open_report: Open, name: str, scheme: str) -> None:
+    opened = open_report(name, color_scheme=scheme)
+    assert violations(opened.page) == []
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_phone_scrolls_in_one_direction(open_report: Open, name: str) -> None:
+    opened = open_report(name, viewport=PHONE, has_touch=True, is_mobile=True)
+    assert opened.page.evaluate("document.documentElement.scrollWidth") <= PHONE["width"]
+
+
+def test_axe_finds_nothing_on_a_phone(open_report: Open) -> None:
+    assert violations(open_report("passing", viewport=PHONE, has_touch=True).page) == []
+
+
+def test_a_drag_zooms_and_the_buttons_move(open_report: Open) -> None:
+    page = open_report("passing").page
+    figure = page.locator(".picture", has_text="Outputs").first
+    canvas = figure.locator(".canvas")
+    canvas.scroll_into_view_if_needed()
+    low, high = canvas.evaluate(RANGE)
+    box = canvas.locator(".nsewdrag").first.bounding_box()
+    assert box is not None
+    middle = box["y"] + box["height"] / 2
+    page.mouse.move(box["x"] + 0.25 * box["width"], middle)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 0.5 * box["width"], middle, steps=5)
+    page.mouse.up()
+    page.wait_for_timeout(300)
+    left, right = canvas.evaluate(RANGE)
+    width = high - low
+    assert left == pytest.approx(low + 0.25 * width, abs=0.02 * width)
+    assert right == pytest.approx(low + 0.5 * width, abs=0.02 * width)
+    figure.get_by_role("button", name="zoom out").click()
+    assert width_of(canvas) == pytest.approx(2 * (right - left))
+    wide = canvas.evaluate(RANGE)
+    figure.get_by_role("button", name="move right").click()
+    moved = [place + 0.25 * (wide[1] - wide[0]) for place in wide]
+    assert canvas.evaluate(RANGE) == pytest.approx(moved)
+    figure.get_by_role("button", name="whole record").click()
+    view = json.loads(figure.get_by_role("button", name="whole record").get_attribute("data-view"))
+    assert canvas.evaluate(RANGE) == pytest.approx(view["xaxis.range"])
+
+
+def width_of(canvas: Any) -> float:
+    low, high = canvas.evaluate(RANGE)
+    return float(high - low)
+
+
+def test_hover_names_the_channel_and_its_value(open_report: Open) -> None:
+    page = open_report("passing").page
+    canvas = page.locator(".picture", has_text="Outputs").first.locator(".canvas")
+    canvas.scroll_into_view_if_needed()
+    canvas.evaluate("each => Plotly.Fx.hover(each, [{curveNumber: 1, pointNumber: 9}])")
+    text = canvas.locator(".hoverlayer").text_content()
+    assert text is not None
+    assert "u2" in text
+    assert "V at" in text
+
+
+def test_copy_copies_the_whole_deck(open_report: Open) -> None:
+    opened = open_report("passing", permissions=["clipboard-read", "clipboard-write"])
+    page = opened.page
+    page.get_by_role("button", name="Copy the deck").click()
+    page.wait_for_selector(".copied:not(:empty)")
+    assert page.locator(".copied").first.inner_text() == "copied"
+    blocks = [b for section in report_of("passing").sections for b in section.blocks]
+    (deck,) = (b.text for b in blocks if isinstance(b, Code))
+    assert page.evaluate("navigator.clipboard.readText()") == deck
+
+
+def test_a_click_sorts_a_table_and_the_next_turns_it(open_report: Open) -> None:
+    page = open_report("passing").page
+    table = page.locator("table", has_text="Bill of materials")
+    button = table.get_by_role("button", name="value", exact=True)
+
+    def column() -> list[float]:
+        cells = table.locator("tbody tr").evaluate_all(
+            "rows => rows.map(row => Number(row.cells[1].dataset.number))"
+        )
+        return [float(cell) for cell in cells]
+
+    before = column()
+    assert len(before) > 3
+    button.click()
+    assert column() == sorted(before)
+    assert table.locator("th[aria-sort=ascending]").count() == 1
+    button.press("Enter")  # by keyboard
+    assert column() == sorted(before, reverse=True)
+    table.get_by_role("button", name="part", exact=True).click()
+    names = table.locator("tbody th").all_inner_texts()
+    assert names == sorted(names)
+
+
+def test_the_switch_changes_page_and_pictures(open_report: Open) -> None:
+    page = open_report("passing", color_scheme="light").page
+    light = page.evaluate(BACKGROUND), page.evaluate(INK)
+    page.get_by_role("button", name="dark").click()
+    page.wait_for_timeout(200)
+    dark = page.evaluate(BACKGROUND), page.evaluate(INK)
+    assert light[0] != dark[0]
+    assert light[1] != dark[1]
+    page.get_by_role("button", name="auto").click()
+    page.wait_for_timeout(200)
+    assert (page.evaluate(BACKGROUND), page.evaluate(INK)) == light
+    page.emulate_media(color_scheme="dark")
+    page.wait_for_timeout(200)
+    assert (page.evaluate(BACKGROUND), page.evaluate(INK)) == dark
+
+
+def test_a_zoom_survives_the_switch(open_report: Open) -> None:
+    page = open_report("passing").page
+    figure = page.locator(".picture", has_text="Outputs").first
+    figure.get_by_role("button", name="zoom in").click()
+    zoomed = figure.locator(".canvas").evaluate(RANGE)
+    page.get_by_role("button", name="dark").click()
+    page.wait_for_timeout(200)
+    assert figure.locator(".canvas").evaluate(RANGE) == pytest.approx(zoomed)
+
+
+def test_the_keyboard_reaches_everything(open_report: Open) -> None:
+    page = open_report("passing").page
+    page.keyboard.press("Tab")
+    assert page.evaluate("document.activeElement.className") == "skip"
+    reached = set()
+    for _ in range(60):
+        page.keyboard.press("Tab")
+        reached.add(page.evaluate("document.activeElement.textContent.trim().slice(0, 20)"))
+    assert {"light", "dark", "Waveforms", "first rise", "whole record", "+"} <= reached
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_paper_is_white_and_complete(open_report: Open, tmp_path: Path, scheme: str) -> None:
+    page = open_report("passing", color_scheme=scheme).page
+    file = tmp_path / "report.pdf"
+    page.pdf(path=str(file), format="A4")
+    content = file.read_bytes()
+    assert content.startswith(b"%PDF")
+    assert content.count(b"/Type /Page\n") + content.count(b"/Type /Page ") >= 4
+    page.emulate_media(media="print")
+    page.set_viewport_size({"width": 720, "height": 1000})
+    page.evaluate("dispatchEvent(new Event('beforeprint'))")
+    page.wait_for_timeout(300)
+    assert page.evaluate(BACKGROUND) == "rgb(255, 255, 255)"
+    assert page.evaluate(INK) == "rgb(26, 32, 40)"
+    assert page.locator(".tools").first.is_hidden()
+    widths = page.locator(".canvas .main-svg").evaluate_all(
+        "all => all.map(each => each.getBoundingClientRect().width)"
+    )
+    assert max(widths) <= 720
+
+
+def test_texts_that_look_like_markup_do_nothing(open_report: Open) -> None:
+    opened = open_report("hostile")
+    assert opened.page.evaluate("typeof window.hacked") == "undefined"
+    assert opened.page.locator("img").count() == 0
+    assert opened.messages == []
+
+
+def test_a_script_that_got_into_the_page_does_not_run(
+    browser: Any, files: Callable[[str], Path], tmp_path: Path
+) -> None:
+    text = files("one channel").read_text("utf-8")
+    file = tmp_path / "changed.html"
+    file.write_text(text.replace("<h2", "<script>window.hacked = 1</script><h2"), "utf-8")
+    page = browser.new_context(viewport=DESK).new_page()
+    page.goto(file.as_uri())
+    page.wait_for_selector("html[data-ready]", state="attached")
+    assert page.evaluate("typeof window.hacked") == "undefined"
+    page.context.close()
+
+
+def test_without_javascript_the_text_is_complete(
+    browser: Any, files: Callable[[str], Path]
+) -> None:
+    page = browser.new_context(viewport=DESK, java_script_enabled=False).new_page()
+    page.goto(files("passing").as_uri())
+    assert "need JavaScript" in page.locator("noscript").inner_text()
+    assert page.locator("table").count() >= 4
+    assert page.locator(".sheet svg").count() == 1
+    page.context.close()

@@ -1,0 +1,101 @@
+"""``taction --json --help``, shell completion and man pages."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+
+from cli.main import COMMANDS, main
+from cli.reference import EXIT_STATUSES, reference
+from scripts.man_pages import pages
+from tests.support.paths import ROOT
+from tests.support.running import document, taction
+
+CODE = "from cli.main import main; main()"
+
+
+@pytest.mark.parametrize("words", [("--json", "--help"), ("--help", "--json"), ("-h", "--json")])
+def test_one_document_has_all_commands(words: tuple[str, ...]) -> None:
+    result = taction(*words)
+    assert result.exit_code == 0
+    found = document(result)
+    assert [command["name"] for command in found["commands"]] == list(COMMANDS)
+    assert set(found["exit_statuses"]) == {str(status) for status in EXIT_STATUSES}
+    for command in found["commands"]:
+        assert set(command["schemas"]) <= set(found["schemas"])
+        assert "--json" in {flag for option in command["options"] for flag in option["flags"]}
+    assert found["scene_schema"]["properties"]["design"]
+
+
+def test_options_are_those_of_the_help_text() -> None:
+    for command in document(taction("--json", "--help"))["commands"]:
+        shown = set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", taction(command["name"], "-h").stdout))
+        flags = {flag for option in command["options"] for flag in option["flags"]}
+        assert {flag for flag in flags if flag.startswith("--")} <= shown
+
+
+def test_types_defaults_and_arguments() -> None:
+    commands = {c["name"]: c for c in document(taction("--json", "--help"))["commands"]}
+    options = {o["name"]: o for o in commands["montecarlo"]["options"]}
+    assert (options["count"]["type"], options["count"]["default"]) == ("integer", 1000)
+    assert options["engine"]["choices"] == ["auto", "ngspice", "statespace"]
+    (scenes,) = commands["verify"]["arguments"]
+    assert (scenes["name"], scenes["required"], scenes["several"]) == ("scenes", True, True)
+    assert "taction_ngspice" in map(str.lower, document(taction("--json", "--help"))["environment"])
+
+
+def complete(shell: str, *words: str) -> str:
+    """What the shell is told for the last word."""
+    line = " ".join(["taction", *words])
+    place = str(len(words)) if shell != "fish" else words[-1]
+    variables = {"COMP_WORDS": line, "COMP_CWORD": place, "_TACTION_COMPLETE": f"{shell}_complete"}
+    run = subprocess.run(
+        [sys.executable, "-c", CODE],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PYTHONPATH": str(ROOT), **variables},
+    )
+    assert run.returncode == 0, run.stderr
+    return run.stdout
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_every_shell_completes_commands_and_options(shell: str) -> None:
+    assert "verify" in complete(shell, "ver")
+    assert "netlist" not in complete(shell, "ver")
+    assert "--exclude" in complete(shell, "verify", "--ex")
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_every_shell_gets_its_script(shell: str) -> None:
+    run = subprocess.run(
+        [sys.executable, "-c", CODE],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PYTHONPATH": str(ROOT), "_TACTION_COMPLETE": f"{shell}_source"},
+    )
+    assert run.returncode == 0, run.stderr
+    assert f"_TACTION_COMPLETE={shell}_complete" in run.stdout
+    if shell == "bash":
+        checked = subprocess.run(["bash", "-n"], input=run.stdout, text=True, check=False)
+        assert checked.returncode == 0
+
+
+def test_a_man_page_for_every_command() -> None:
+    made = dict(pages(reference(main)))
+    assert set(made) == {"taction", *(f"taction-{name}" for name in COMMANDS)}
+    for name, text in made.items():
+        assert text.startswith(f".TH {name.upper()} 1 ")
+        assert ".SH EXIT STATUS" in text
+        assert all(
+            line.startswith((".TH", ".SH", ".TP", ".PP"))
+            for line in text.splitlines()
+            if line[:1] == "."
+        )
+    assert "\\fB\\-\\-exclude PATTERN\\fR" in made["taction-verify"]

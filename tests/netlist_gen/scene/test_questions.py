@@ -1,0 +1,102 @@
+"""Values that look like a slip are asked about; what is usual is not."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from netlist_gen.overrides.axes import parse_axes, with_value
+from netlist_gen.overrides.axis_questions import axis_questions
+from netlist_gen.scene.questions import questions
+from netlist_gen.scene.scene import parse_scene
+from spice_models.errors import InputError
+from tests.support.making import make_scene
+
+
+def asked(**tables: Any) -> str:
+    return "\n".join(questions(make_scene(**tables)))
+
+
+@pytest.mark.parametrize(
+    ("check", "value", "name", "expected"),
+    [
+        ("settling_time", "10us", "max", 1e-5),
+        ("rise_time", 2e-6, "max", 2e-6),
+        ("overshoot", 0.1, "max", 0.1),
+        ("undershoot", 0, "max", 0.0),
+        ("noise", "1mV", "max", 1e-3),
+    ],
+)
+def test_a_plain_value_is_the_upper_limit_of_its_check(
+    check: str, value: Any, name: str, expected: float
+) -> None:
+    scene = make_scene(checks={check: value})
+    assert scene == make_scene(checks={check: {name: value}})
+    assert getattr(getattr(scene.checks, check), name) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("value", ["10xs", True, "10 F", [1]])
+def test_a_plain_value_that_is_no_limit_is_refused_by_the_name_of_its_check(value: Any) -> None:
+    with pytest.raises(InputError, match=r"checks\.settling_time"):
+        make_scene(checks={"settling_time": value})
+
+
+@pytest.mark.parametrize("value", [10, 10.0, {"max": 10}])
+def test_a_long_time_without_a_unit_is_asked_about(value: Any) -> None:
+    assert "has no unit and is 10 s" in asked(checks={"settling_time": value})
+
+
+@pytest.mark.parametrize("value", ["10s", "10us", 1e-5, {"max": "10s"}, {"band": 0.5}])
+def test_a_time_with_a_unit_is_not(value: Any) -> None:
+    assert asked(checks={"settling_time": value}) == ""
+
+
+def test_another_value_of_a_scene_raises_no_question_that_its_file_does_not() -> None:
+    scene = make_scene(checks={"settling_time": "10s"})
+    assert questions(with_value(scene, "design.gain", 1e6)) == ()
+
+
+@pytest.mark.parametrize("value", ["1e-20F", "1F", "10mF"])
+def test_a_capacitance_that_no_board_has_is_asked_about(value: str) -> None:
+    assert "is the prefix right?" in asked(design={"capacitance": value})
+
+
+@pytest.mark.parametrize("value", ["0.5pF", "10pF", "1uF", "47uF"])
+def test_a_usual_capacitance_is_not(value: str) -> None:
+    assert asked(design={"capacitance": value}) == ""
+
+
+def test_limits_that_exclude_each_other_are_asked_about() -> None:
+    text = asked(checks={"rise_time": {"min": "10us", "max": "1us"}})
+    assert "min = 10 us is above max = 1 us, so nothing passes; are they swapped?" in text
+
+
+@pytest.mark.parametrize(
+    ("over", "text"),
+    [
+        ("C=1nF:1pF:4", "falls from 1 nF to 1 pF; are its bounds swapped?"),
+        ("gain=2M:1M:4:lin", "falls from 2 Mohm to 1 Mohm"),
+        ("C=1pF:1F:4", "design.capacitance = 1 F is not between"),
+        ("C=2p,1p", ""),
+        ("C=1pF:1nF:4", ""),
+        ("opamp=ua741,op27", ""),
+    ],
+)
+def test_axes_that_look_like_a_slip_are_asked_about(over: str, text: str) -> None:
+    scene = make_scene()
+    found = "\n".join(axis_questions(scene, parse_axes(scene, over)))
+    assert text in found
+    assert bool(text) == bool(found)
+
+
+@pytest.mark.parametrize("design", [{}, {"opamp": "lf353"}, {"opamp": {"gbw": "1MHz"}}])
+def test_opamp_is_the_key_of_its_preset(design: dict[str, Any]) -> None:
+    scene = parse_scene({"problem": {"kind": "tactile"}, "design": design}, "a.toml")
+    ((axis,),) = parse_axes(scene, "opamp=ua741,op27")
+    assert axis.values == ("ua741", "op27")
+    changed = with_value(scene, axis.key.path, "op27")
+    assert changed.design.opamp.base == "op27"
+    assert changed.design.opamp.gbw == scene.design.opamp.gbw
+    with pytest.raises(InputError, match="did you mean 'op27'"):
+        parse_axes(scene, "opamp=op72")

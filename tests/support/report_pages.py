@@ -1,0 +1,216 @@
+"""Reports of every command on small boards, made in this process."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import taction
+from netlist_gen.analysis import Transient
+from netlist_gen.scene.scene import Scene
+from tests.support.entries import entry
+from tests.support.making import make_scene
+from tests.support.studying import one_thread, small_scene
+from tests.support.sweeping import grid_plan, make_record, store_records
+from verification.pipeline.checks import Check, Outcome
+from verification.report.html.accuracy_report import accuracy_report
+from verification.report.html.blocks import (
+    Bar,
+    Bars,
+    Cell,
+    Code,
+    Facts,
+    Notes,
+    Picture,
+    Report,
+    Section,
+    Table,
+)
+from verification.report.html.corners_report import corners_report
+from verification.report.html.onset_report import onset_report
+from verification.report.html.regression_report import regression_report
+from verification.report.html.sweep_report import sweep_report
+from verification.report.html.tuning_report import tuning_report
+from verification.report.html.verdict_report import verdict_report
+from verification.report.html.yield_report import yield_report
+from verification.studies.regression.compare import Difference
+from verification.studies.regression.run import RegressionReport, SceneResult, Status
+from verification.studies.sweep.run import SweepCounts
+from verification.studies.sweep.store import Store
+from verification.studies.tolerance.corners import worst_corners
+from verification.studies.tolerance.varied_board import prepare
+from verification.studies.tolerance.yield_report import (
+    SampleCollection,
+    run_samples,
+    summarise_samples,
+)
+from verification.studies.tune import Candidate, Tuning
+from verification.studies.work_precision.convergence_order import Order
+from verification.studies.work_precision.extent import Extent
+from verification.studies.work_precision.methods import METHODS, Method
+from verification.studies.work_precision.norms import NORMS
+from verification.studies.work_precision.run_errors import ProblemErrors
+from verification.studies.work_precision.study import SettingResult, WorkPrecisionStudy
+from verification.verify import Verdict, verify
+
+HOSTILE = '<script>window.hacked = 1</script><img src=x onerror="window.hacked = 2">\'"&</style>'
+STATESPACE: dict[str, Any] = {"engine": "statespace"}
+WORN = {"resistor": 0.05, "capacitor": 0.1}
+
+
+def from_matrix(T: Any, eps: Any, **values: Any) -> Verdict:
+    """Verify a matrix by the state-space engine."""
+    return verify(Scene.from_arrays(T, eps, **STATESPACE, **values))
+
+
+@functools.cache
+def verdicts() -> dict[str, Verdict]:
+    """Verdicts that pass, fail, oscillate and are exponential, of 1 to 64 channels."""
+    three = {"channels": 3, "span": 2.0}
+    calm = {"capacitance": "100pF", "gain": "100kohm"}
+    matrix = [[1.0, 0.2], [-0.3, 0.8], [0.0, 0.5]]
+    wide = [[1.0 / (1 + 4 * abs(k - n)) for n in range(64)] for k in range(64)]
+    stress = {"unit_conductance": "2uS", "capacitance": "1nF", "gain": "100kohm"}
+    limited = {"settling_time": {"band": 0.01, "max": "1ns"}, "overshoot": {"max": 1e-9}}
+    return {
+        "passing": verify(make_scene(three, design=calm, analysis=STATESPACE)),
+        "failing": verify(make_scene(three, design=calm, analysis=STATESPACE, checks=limited)),
+        "oscillating": from_matrix([[2.0]], [1.0], capacitance="10pF"),
+        "exponential": from_matrix(
+            matrix, [0.4, 0.2, 0.1], amplifier="exponential", capacitance="1nF", gain="100kohm"
+        ),
+        "passive": from_matrix(
+            matrix, [0.4, 0.2, 0.1], topology="passive", unit_conductance="2uS", lam=5.0
+        ),
+        "one channel": from_matrix([[2.0]], [1.0], capacitance="1nF", gain="10kohm"),
+        "64 channels": from_matrix(wide, [1.0] * 64, **stress),
+    }
+
+
+def _yield() -> Report:
+    checks = {"steady_state": {"tolerance": 0.03}, "settling_time": {"band": 0.2}}
+    board = prepare(small_scene(tolerances=WORN, checks=checks))
+    tally = SampleCollection(60)
+    with one_thread() as workers:
+        list(run_samples(board, range(60), 5, workers, tally))
+    return yield_report(board.scene, summarise_samples(board, tally.samples, 5), tally.samples, 5)
+
+
+def _corners() -> Report:
+    scene = small_scene(tolerances=WORN | {"distribution": "uniform"})
+    with one_thread() as workers:
+        return corners_report(scene, worst_corners(scene, workers))
+
+
+def _onset() -> Report:
+    scene = make_scene({"channels": 3, "span": 2.0}, analysis=STATESPACE)
+    return onset_report(taction.onset(scene, over="C=1pF:100pF:13", transients=False))
+
+
+def _tuning() -> Report:
+    verdict = verdicts()["passing"]
+    curve = [
+        Candidate({"design.gain": 1e5 * k, "design.capacitance": 1e-10}, 1e-4 / k, 0.01 * k**2)
+        for k in (1, 2, 3, 4)
+    ]
+    before = Candidate(curve[0].values, 2e-4, 0.09)
+    return tuning_report(
+        Tuning(before, curve[2], verdict.scene, tuple(curve), 57, 0.1, 1.2, ()), verdict
+    )
+
+
+def _sweep(*over: str) -> Report:
+    plan = grid_plan(*over, engines=("statespace",))
+    outcomes = ("pass", "fail", "inconclusive", "error")
+    stored = {
+        ("statespace", place): make_record(
+            outcome=outcomes[place % 4],
+            settling_time=1e-6 * (1 + place),
+            growth_rate=-1e4 + 3e3 * place,
+            reason=HOSTILE if place % 4 else "",
+        )
+        for place in range(plan.points)
+    }
+    with Store(":memory:") as store:
+        store_records(plan, store, stored)
+        count = SweepCounts(plan.total)
+        count.done = plan.total
+        count.outcomes.update(record["outcome"] for record in stored.values())
+        return sweep_report(plan, store, count)
+
+
+def _setting(method: Method, setting: float, k: int) -> SettingResult:
+    errors = dict.fromkeys(NORMS) | {"maximum": 1e-2 * 0.1**k, "final": 1e-3 * 0.1**k}
+    seconds = 0.01 * 2.0**k
+    return SettingResult(
+        method, setting, f"{setting:g}", "done", seconds, 0.9 * seconds, 1.1 * seconds, 3,
+        100 * 2**k, None, 1e-7 * 0.5**k, errors, "another", HOSTILE if k else "",
+    )  # fmt: skip
+
+
+def _accuracy() -> Report:
+    methods = [method for method in METHODS if method.problem == "board"]
+    points = [_setting(m, s, k) for m in methods for k, s in enumerate(m.ladder[:4])]
+    floor = dict.fromkeys(NORMS) | {"maximum": 1e-7}
+    study = WorkPrecisionStudy(
+        scene=small_scene(),
+        points=tuple(points),
+        orders={method.name: Order(2.0, 0.1, 1.0, (0,), HOSTILE) for method in methods},
+        problems={"board": ProblemErrors(floor=floor)},
+        extent=Extent(Transient(1e-3, 1e-6), 2e-3, 1e-5, None),
+        omissions=(HOSTILE,),
+        machine={},
+        seconds=2.0,
+    )
+    return accuracy_report(study)
+
+
+def _regression() -> Report:
+    check = Check("settling_time", Outcome.FAIL, 2e-3, 1e-6, 1e-3, None, "s", HOSTILE)
+    change = Difference("levels", "u_1.final", 1.5, 1.0, 0.01, 50.0, "V", HOSTILE)
+    results = (
+        SceneResult("same.toml", Status.SAME, (check,), (), (), "", entry(), entry()),
+        SceneResult("a.toml", Status.BROKEN, (check,), (change,), (HOSTILE,), "", entry(), entry()),
+        SceneResult("gone.toml", Status.MISSING, reason=HOSTILE, baseline=entry()),
+    )
+    return regression_report(
+        RegressionReport(HOSTILE, "baseline.json", "unknown", results, updated=False)
+    )
+
+
+def hostile() -> Report:
+    """Return a report in which every text is markup."""
+    spec = {"data": [{"type": "scatter", "x": [0, 1], "y": [0, 1], "name": HOSTILE}], "layout": {}}
+    blocks = (
+        Bars(HOSTILE, (Bar(HOSTILE, "fail", 2.0, 0.5, HOSTILE, HOSTILE, HOSTILE),), HOSTILE),
+        Table(HOSTILE, (HOSTILE,), ((Cell(HOSTILE),),), HOSTILE),
+        Picture(HOSTILE, spec, HOSTILE),
+        Facts(HOSTILE, ((HOSTILE, HOSTILE),)),
+        Code(HOSTILE, HOSTILE, HOSTILE),
+        Notes(HOSTILE, (HOSTILE,)),
+    )
+    section = Section(HOSTILE, blocks, HOSTILE)
+    return Report(HOSTILE, HOSTILE, "fail", HOSTILE, (HOSTILE,), (section,))
+
+
+STUDIES: dict[str, Callable[[], Report]] = {
+    "montecarlo": _yield,
+    "corners": _corners,
+    "onset": _onset,
+    "tune": _tuning,
+    "sweep, a map": lambda: _sweep("C=10pF:100pF:4", "gain=10k:100k:3"),
+    "sweep, a curve": lambda: _sweep("C=10pF:100pF:8"),
+    "sweep, op-amps": lambda: _sweep("opamp.base=ua741,op27", "C=10pF:100pF:3"),
+    "accuracy": _accuracy,
+    "regress": _regression,
+}
+VERDICTS = (
+    "passing", "failing", "oscillating", "exponential", "passive", "one channel", "64 channels"
+)  # fmt: skip
+
+
+@functools.cache
+def page(name: str) -> Report:
+    """Return a report by its name in `STUDIES` or `VERDICTS`."""
+    return STUDIES[name]() if name in STUDIES else verdict_report(verdicts()[name])

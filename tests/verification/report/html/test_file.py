@@ -1,0 +1,131 @@
+"""Report files: self-contained, escaped, small, and refused before any work where impossible."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import hashlib
+import importlib.util
+import re
+from importlib.resources import files
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from lxml import html
+
+from cli.main import main
+from spice_models.errors import InputError
+from tests.support.entries import write_fast
+from tests.support.report_pages import HOSTILE, STUDIES, VERDICTS, hostile, page, verdicts
+from verification.report.html.blocks import Facts, Report, Section
+from verification.report.html.file import check_report_file, report_html, write_report
+
+MOST = 6_000_000  # bytes
+SAMPLE = ("passing", "exponential", "64 channels", "sweep, a map", "regress")
+
+
+def small(text: str = "1") -> Report:
+    return Report("a", "b", "pass", "c", (), (Section("d", (Facts("", (("e", text),)),)),))
+
+
+@pytest.mark.parametrize("name", SAMPLE)
+def test_a_report_names_nothing_outside_itself_and_is_small(name: str) -> None:
+    text = report_html(page(name))
+    assert len(text.encode()) < MOST
+    tree = html.document_fromstring(text)
+    assert not tree.xpath("//*[@src] | //link | //iframe | //object | //*[starts-with(@href, 'h')]")
+    assert [a for a in tree.xpath("//@href") if not a.startswith("#")] == []
+    style = tree.xpath("string(//style)")
+    assert "@import" not in style
+    assert re.findall(r"url\((?!#)", style) == []
+
+
+def test_the_policy_lets_only_the_two_programs_of_the_page_run() -> None:
+    tree = html.document_fromstring(report_html(page("passing")))
+    (policy,) = tree.xpath("//meta[@http-equiv='Content-Security-Policy']/@content")
+    (program,) = tree.xpath("//script[not(@type)]/text()")
+    (packed,) = tree.xpath("//script[@id='plotly']/text()")
+    plotly = gzip.decompress(base64.b64decode(packed))
+    assert plotly == (files("plotly") / "package_data" / "plotly.min.js").read_bytes()
+    for text in (program.encode(), plotly):
+        assert base64.b64encode(hashlib.sha256(text).digest()).decode() in policy
+    assert "default-src 'none'" in policy
+    assert "script-src 'sha256-" in policy
+    assert "unsafe-eval" not in policy
+    assert "http" not in policy
+
+
+@pytest.mark.parametrize("make", [hostile, lambda: page("regress"), lambda: page("accuracy")])
+def test_texts_are_never_markup(make: object) -> None:
+    assert callable(make)
+    text = report_html(make())
+    tree = html.document_fromstring(text)
+    assert HOSTILE not in text
+    assert "<script>window" not in text
+    assert "<img" not in text
+    kinds = [each.get("type") or each.get("id") for each in tree.xpath("//script")]
+    assert kinds.count(None) == 1
+    assert HOSTILE in tree.text_content()
+
+
+def test_a_report_without_pictures_has_no_plotly() -> None:
+    assert len(report_html(small())) < 40_000
+
+
+def test_a_report_is_the_same_twice() -> None:
+    assert report_html(small()) == report_html(small())
+
+
+def test_a_file_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
+    for name, part in (
+        ("a.pdf", "expected a file that ends in .html"),
+        ("missing/a.html", "its folder does not exist"),
+    ):
+        with pytest.raises(InputError, match=part):
+            check_report_file(str(tmp_path / name))
+    write_report(small(), str(tmp_path / "a.html"))
+    assert (tmp_path / "a.html").read_text("utf-8").startswith("\n<!DOCTYPE html>") or (
+        "<!DOCTYPE html>" in (tmp_path / "a.html").read_text("utf-8")[:200]
+    )
+
+
+def test_missing_packages_are_named_before_any_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    find = importlib.util.find_spec
+    absent = {"plotly", "schemdraw"}
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name, *more: None if name in absent else find(name)
+    )
+    scene, out = write_fast(tmp_path / "a.toml"), tmp_path / "a.html"
+    run = CliRunner().invoke(main, ["verify", str(scene), "--report", str(out)])
+    assert run.exit_code == 2
+    assert "needs plotly and schemdraw: pip install 'taction[report]'" in run.output
+    assert not out.exists()
+
+
+def test_the_command_and_the_verdict_write_the_same_report(tmp_path: Path) -> None:
+    import taction
+
+    scene = write_fast(tmp_path / "a.toml")
+    first, second = tmp_path / "a.html", tmp_path / "b.html"
+    run = CliRunner().invoke(main, ["verify", str(scene), "--report", str(first)])
+    assert run.exit_code == 0, run.output
+    taction.verify(scene).report(second)
+    texts = [html.document_fromstring(file.read_text("utf-8")) for file in (first, second)]
+    names = [[each.text for each in text.xpath("//h2")] for text in texts]
+    assert names[0] == names[1]
+    assert "Checks" in names[0]
+
+
+def test_the_scene_is_not_overwritten(tmp_path: Path) -> None:
+    scene = write_fast(tmp_path / "a.html")
+    run = CliRunner().invoke(main, ["verify", str(scene), "--report", str(scene)])
+    assert run.exit_code == 2
+    assert "[problem]" in scene.read_text("utf-8")
+
+
+def test_every_study_and_kind_of_board_has_a_report() -> None:
+    assert {"montecarlo", "corners", "onset", "tune", "accuracy", "regress"} <= STUDIES.keys()
+    assert set(VERDICTS) == verdicts().keys()

@@ -1,0 +1,1 @@
+"""What an op-amp's macromodel does, measured on test benches by both engines."""

@@ -1,0 +1,1 @@
+"""A choice of op-amp, C and gain as table, data and picture."""

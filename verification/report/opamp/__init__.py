@@ -1,0 +1,1 @@
+"""One op-amp: its figures beside what its macromodel does, and a picture."""

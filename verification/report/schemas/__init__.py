@@ -1,0 +1,1 @@
+"""The documents of ``--json`` as models, from which their published schemas are made."""

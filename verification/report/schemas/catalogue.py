@@ -1,0 +1,67 @@
+"""The schemas of all documents, as they are published in ``docs/schemas``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from typing import Any
+
+from pydantic import BaseModel
+
+from verification.report.schemas import plain, shared, studies, verdict
+from verification.report.schemas.head import ERROR, schema_name
+from verification.report.schemas.units import UNIT_OF
+
+MODELS: dict[str, type[BaseModel]] = {
+    "verify": verdict.VerifyDocument,
+    "verify-files": verdict.VerifyFilesDocument,
+    "diff": verdict.DiffDocument,
+    "netlist": plain.NetlistDocument,
+    "bom": plain.BomDocument,
+    "solve": plain.SolveDocument,
+    "simulate": verdict.SimulateDocument,
+    "montecarlo": studies.MontecarloDocument,
+    "montecarlo-sample": verdict.SampleDocument,
+    "corners": studies.CornersDocument,
+    "tune": plain.TuneDocument,
+    "scale": plain.ScaleDocument,
+    "onset": studies.OnsetDocument,
+    "sweep": studies.SweepDocument,
+    "regress": studies.RegressDocument,
+    "stress": studies.StressDocument,
+    "accuracy": studies.AccuracyDocument,
+    "reproduce": studies.ReproduceDocument,
+    "models": plain.ModelsDocument,
+    "new": plain.NewDocument,
+    "help": plain.HelpDocument,
+    "doctor": plain.DoctorDocument,
+    ERROR: shared.ErrorDocument,
+}
+"""By the name of the schema: that of the command, or of one of its documents."""
+
+
+def schemas() -> Iterator[tuple[str, str]]:
+    """Yield the name of each file in ``docs/schemas`` and its text."""
+    for name in MODELS:
+        text = json.dumps(schema(name), indent=1, ensure_ascii=False)
+        yield f"{schema_name(name)}.json", f"{text}\n"
+
+
+def schema(name: str) -> dict[str, Any]:
+    """Return the JSON Schema of the documents `name`; a field with a unit has it as `unit`."""
+    made = MODELS[name].model_json_schema(by_alias=True)
+    _with_units(made)
+    head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": schema_name(name)}
+    return head | made
+
+
+def _with_units(part: Any) -> None:
+    if isinstance(part, dict):
+        for name, field in part.get("properties", {}).items():
+            if name in UNIT_OF and "unit" not in part["properties"] and "$ref" not in field:
+                field["unit"] = UNIT_OF[name]
+        for item in part.values():
+            _with_units(item)
+    elif isinstance(part, list):
+        for item in part:
+            _with_units(item)

@@ -1,0 +1,138 @@
+"""Parts that documents of several commands share."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Number = float | None  # null: unknown, or infinite
+Word = str | None
+
+
+class Part(BaseModel):
+    """A part of a document; every field is listed, and no other may occur."""
+
+    model_config = ConfigDict(extra="forbid")
+
+
+class Head(Part):
+    """What made a document: `units` has the unit of every field of the document that has one."""
+
+    version: str
+    document: str = Field(alias="schema", description="name and version of the schema")
+    simulator: Word = Field(description="ngspice of this machine; null where there is none")
+    solver: Word = Field(description="its matrix solver")
+    units: dict[str, str]
+
+
+class Document(Part):
+    """The part that all documents have."""
+
+    taction: Head
+
+
+class Complaint(Part):
+    """One mistake in the input."""
+
+    key: str
+    value: str
+    accepted: str
+
+
+class Failure(Part):
+    """Why there is no result."""
+
+    kind: str
+    message: str
+    file: str = Field(default="", description="of bad input")
+    complaints: list[Complaint] = Field([])
+    log: str = ""
+    folder: Word = None
+
+
+class ErrorDocument(Document):
+    """Any command that ended without its document."""
+
+    outcome: str = Field(description="'bad input' or 'inconclusive'")
+    error: Failure
+
+
+class Check(Part):
+    """One check of a verdict."""
+
+    name: str
+    outcome: str = Field(description="'pass', 'fail' or 'inconclusive'")
+    value: Number
+    uncertainty: Number
+    expected: Number
+    tolerance: Number
+    unit: str
+    reason: str
+
+
+class PlainChannel(Part):
+    """Readings of one output; `index` counts from 1."""
+
+    index: int
+    reference: Number
+    final: Number
+    rise_time: Number
+    settling_time: Number
+    overshoot: Number
+    undershoot: Number
+    frequency: Number
+    growth_rate: Number
+    state: str
+    fragile: bool
+    alternatives: list[Number]
+    reason: str
+
+
+class Omission(Part):
+    """A part that the board leaves out."""
+
+    what: str
+    why: str
+
+
+class Certificate(Part):
+    """The certificate of a numerical solution."""
+
+    kind: str
+    value: Number
+    bound: Number
+
+
+class Sample(Part):
+    """A board within its tolerances."""
+
+    number: int
+    outcome: str
+    failed: list[str]
+    settling_time: Number
+    rise_time: Number
+    overshoot: Number
+    undershoot: Number
+    steady_state: Number
+    growth_rate: Number
+    margin: Number
+    errors: list[Number]
+    reason: str
+
+
+class Load(Part):
+    """What an op-amp has to do, beside its limit."""
+
+    part: str
+    quantity: str
+    peak: Number
+    limit: Number
+    rest: Number
+    error: Number
+    time: Number
+    share: Number
+    unit: str
+
+
+Free = dict[str, Any]

@@ -1,0 +1,1 @@
+"""Op-amp, C and gain chosen over all presets."""

@@ -1,0 +1,34 @@
+"""How long a study of equal tasks still takes, from the tasks that ended."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+LEAST = 3  # tasks before anything is said
+
+
+class Pace:
+    """The pace of a study since this object was made."""
+
+    def __init__(self, clock: Callable[[], float] = time.perf_counter) -> None:
+        self._clock, self._start, self._done = clock, clock(), 0
+
+    def ended(self, left: int) -> str:
+        """Count one task that ended; return the time that the `left` others need.
+
+        Empty for the first tasks, and where none is left.
+
+        Examples
+        --------
+        >>> seconds = iter([0.0, 10.0, 20.0, 30.0])
+        >>> pace = Pace(lambda: next(seconds))
+        >>> [pace.ended(left) for left in (602, 601, 600)]
+        ['', '', ', about 1:40:00 left']
+        """
+        self._done += 1
+        each = (self._clock() - self._start) / self._done
+        if self._done < LEAST or not left:
+            return ""
+        seconds = round(each * left)
+        return f", about {seconds // 3600}:{seconds // 60 % 60:02}:{seconds % 60:02} left"
