@@ -23,10 +23,13 @@ from verification.engines.statespace.equations.descriptor import Descriptor
 from verification.engines.statespace.equations.transistor_stamps import transistor_currents
 
 
-def noise_intensities(circuit: Circuit, descriptor: Descriptor, point: Floats) -> Floats:
+def noise_intensities(
+    circuit: Circuit, descriptor: Descriptor, point: Floats | None = None
+) -> Floats:
     """Return the covariance of the noise in each pair of rows, over positive and negative f.
 
-    `point` (size,) is the equilibrium, which sets the currents of transistors.
+    `point` (size,) is the equilibrium, which sets the currents of transistors; without it they are
+    silent.
 
     Returns
     -------
@@ -44,7 +47,7 @@ def noise_intensities(circuit: Circuit, descriptor: Descriptor, point: Floats) -
         place = descriptor.place(source.node)
         density[place, place] += source.density**2
     taken = np.append(descriptor.determined, True)  # an ideal source takes up the current
-    if circuit.transistors:
+    if point is not None and circuit.transistors:
         _transistors(density, circuit, descriptor, point)
     density[taken] = 0.0
     density[:, taken] = 0.0
