@@ -33,7 +33,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "stress": ("stress", "Run stiff and extreme scenes whose results are known."),
     "accuracy": ("accuracy", "Compare error and run time of engines and methods."),
     "reproduce": ("reproduce", "Test the paper, claim by claim and figure by figure."),
-    "models": ("models", "List the op-amp presets and their figures."),
+    "models": ("models", "List the op-amp presets, or import a vendor's model."),
     "new": ("new", "Write a scene file with comments."),
     "doctor": ("doctor", "List what is installed and what each part is for."),
 }

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cli.common import check_plot, command, console, plot_option, print_json, say
+from cli.import_model import import_
 
 if TYPE_CHECKING:
     from verification.characterise.witnesses import Witness
@@ -90,6 +91,7 @@ def show(name: str, plot: str | None, as_json: bool) -> None:
 
 
 models.add_command(show)
+models.add_command(import_)
 
 
 def _unknown(name: str, known: tuple[str, ...]) -> str:

@@ -20,7 +20,8 @@ class Tolerances:
     current: float  # absolute, A
     voltage: float  # absolute, V
     charge: float  # absolute, C
-    gmin: float  # parallel conductance and smallest pivot, S
+    gmin: float  # smallest pivot, S
+    junction: float  # parallel conductance of junctions, S
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,8 @@ import math
 import re
 from dataclasses import dataclass, replace
 
+from spice_models.imported import ImportedOpAmp
+
 KNEE = 50.0
 """Swing over the width of the knee of a clamp. At 90 % of the swing the clamp draws 1e-4 of the
 slew rate, which the loop replaces with some microvolts at the input."""
@@ -14,6 +16,7 @@ OVERDRIVE = 100.0
 output that is overdriven by the whole supply gives 1 % more than its limit. Newton's method
 converges on a steep drop from any start. A current source with flat ends made ngspice 46 fail
 where an output entered its limit: the iteration alternates between both ends."""
+
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 ABOVE_ZERO = (
@@ -87,6 +90,7 @@ class OpAmp:
     large_signal: bool = False  # whether the macromodel has slew rate and swing
     limits_current: bool = False  # whether it has the largest output current, too, if there is one
     input_errors: bool = False  # whether the macromodel has offset, bias and common-mode error
+    imported: ImportedOpAmp | None = None  # a vendor's macromodel in the place of ours
 
     def __post_init__(self) -> None:
         if not _NAME.fullmatch(self.name):

@@ -24,6 +24,7 @@ from verification.pipeline.design import Design, design_board
 from verification.pipeline.effort import FULL, Effort
 from verification.pipeline.error_budget import error_budget
 from verification.pipeline.error_chain import ErrorBudget
+from verification.pipeline.imported_parts import missing_witness, notes
 from verification.pipeline.output_noise import OutputNoise
 from verification.pipeline.part_limits import PartLoads
 from verification.pipeline.recording import record_and_measure
@@ -131,6 +132,7 @@ def verify(
         contradiction=find_contradiction(design.circuit, ideal, recording.u[0]),
         parts=parts,
         noise=noise,
+        unwitnessed=missing_witness(design.circuit, design.engine),
     )
     checks = run_checks(evidence)
     energy = energy_rise(design.network, wave.time, recording.u) if effort.details else None
@@ -165,6 +167,7 @@ def verify(
                 *recording.simulation.notes,
                 *design.plan.notes,
                 *part_warnings(design.circuit),
+                *notes(design.circuit),
             ),
         ),
         outcome=overall(checks),

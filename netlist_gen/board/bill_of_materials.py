@@ -118,7 +118,7 @@ def bill_of_materials(circuit: Circuit, scene: Scene) -> BillOfMaterials:
     capacitors = _lines("capacitor", [f"C{part.name}" for part in signal], farads, scene)
     return BillOfMaterials(
         lines=(*resistors, *capacitors),
-        opamp=scene.design.opamp.base,
+        opamp=scene.design.opamp.file or scene.design.opamp.base,
         packages=tuple(_packages(circuit)),
         not_listed=tuple(_not_listed(circuit, scene)),
     )
@@ -185,7 +185,7 @@ def _packages(circuit: Circuit) -> Iterator[Package]:
 
 def _not_listed(circuit: Circuit, scene: Scene) -> Iterator[str]:
     choice = scene.design.opamp
-    changed = sorted(choice.model_fields_set - {"base"})
+    changed = sorted(choice.model_fields_set - {"base", "file"})
     if changed:
         yield f"op-amps with the scene's {', '.join(changed)}, which {choice.base} does not have"
     if not any(model.supply_current for model in circuit.models.values()):
@@ -196,8 +196,10 @@ def _not_listed(circuit: Circuit, scene: Scene) -> Iterator[str]:
             yield f"{number} times the {model.external_part} of {choice.base}"
     if circuit.currents:
         yield f"{len(circuit.currents)} current sources of the strain, switched on at t = 0"
-    if circuit.voltages:
-        yield "the voltage source of the bias current"
+    yield from (f"the voltage source {source.name!r}" for source in circuit.voltages)
+    if circuit.transistors:
+        pair = scene.design.antilog.transistors
+        yield f"{len(circuit.transistors) // 2} matched pairs {pair}"
     if circuit.amplifiers:
         yield f"{len(circuit.amplifiers)} {circuit.amplifier} amplifiers: ideal in the circuit"
     yield f"the supply of ±{circuit.supply:g} V and its decoupling capacitors"

@@ -7,12 +7,14 @@ equations. Node ``"0"`` is ground. Matrices are arrays, never N² objects.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from spice_models.array_types import Bools, Floats
+from spice_models.imported import LinearModel
 from spice_models.opamp import OpAmp
+from spice_models.transistor import NOMINAL, Transistor
 
 GROUND = "0"
 
@@ -41,6 +43,17 @@ class SignalAmplifier:
     output: str
     u_scale: float
     v_scale: float
+
+
+@dataclass(frozen=True, slots=True)
+class TransistorCell:
+    """One transistor: `model` is a key of `Circuit.transistor_models`; the rest are node names."""
+
+    name: str
+    model: str
+    collector: str
+    base: str
+    emitter: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,6 +179,9 @@ class Circuit:
     omissions: tuple[Omission, ...]
     supply: float = 15.0  # both supply voltages of the op-amps, ±V
     noises: tuple[NoiseCurrent, ...] = ()  # of the sensors; for noise analyses only
+    transistors: tuple[TransistorCell, ...] = ()
+    transistor_models: dict[str, Transistor] = field(default_factory=dict)  # types by name
+    temperature: float = NOMINAL  # of the transistors, degrees C
 
     @property
     def is_small_signal(self) -> bool:
@@ -174,14 +190,30 @@ class Circuit:
 
     @property
     def is_linear(self) -> bool:
-        """Whether no amplifier is behavioural, and no op-amp at the large-signal level."""
-        return not self.amplifiers and self.is_small_signal
+        """Whether no signal amplifier is nonlinear, and no op-amp at the large-signal level."""
+        return not self.has_nonlinear_amplifiers and self.is_small_signal
+
+    @property
+    def has_nonlinear_amplifiers(self) -> bool:
+        """Whether signal amplifiers are behavioural, or have transistors."""
+        return bool(self.amplifiers or self.transistors)
+
+    @property
+    def has_imported(self) -> bool:
+        """Whether op-amps are a vendor's macromodel."""
+        return any(model.imported is not None for model in self.models.values())
+
+    def linear_model(self, cell: OpAmpCell) -> LinearModel | None:
+        """Return the linear model of an imported op-amp; None for others, or where it has none."""
+        imported = self.models[cell.model].imported
+        return None if imported is None else imported.linear
 
     @property
     def has_constant_sources(self) -> bool:
         """Whether the board without strain may rest at other voltages than zero."""
         errors = any(model.input_errors for model in self.models.values())
-        return bool(self.voltages or self.amplifiers or errors)
+        nonlinear = self.has_nonlinear_amplifiers
+        return bool(self.voltages or nonlinear or errors or self.has_imported)
 
     def __repr__(self) -> str:
         size = f"{len(self.outputs)} channels, {len(self.constraint_nodes)} sensors"

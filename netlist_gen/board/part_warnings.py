@@ -42,7 +42,14 @@ _INVERTER = _Kind(
     "a smaller design.inverter_resistance",
     "a larger design.inverter_resistance",
 )
-_BY_PREFIX = {"r": _FEEDBACK, "bias": _FEEDBACK, "s": _GAIN}  # of names; all others: inverters
+_DIVIDER = _Kind(
+    "resistors of the antilog stages",
+    "a larger design.antilog.reference_current",
+    "a larger design.antilog.divider_resistance or emitter_resistance",
+)
+_STAGE = dict.fromkeys(("div", "base", "ref", "em", "out"), _DIVIDER)
+# Of names; all others: inverters.
+_BY_PREFIX = {"r": _FEEDBACK, "bias": _FEEDBACK, "s": _GAIN, **_STAGE}
 
 
 def part_warnings(circuit: Circuit) -> tuple[str, ...]:
@@ -124,7 +131,7 @@ def _capacitors(circuit: Circuit) -> Iterator[tuple[str, BrokenLimit]]:
     """Yield a warning if C is below the stray capacitance: then the layout sets the dynamics."""
     farads = {part.name: part.farads for part in circuit.capacitors}
     strays = [value for name, value in farads.items() if name.startswith("stray_")]
-    signal = {name: value for name, value in farads.items() if not name.startswith("stray_")}
+    signal = {name: value for name, value in farads.items() if name.startswith("c_")}
     small = [name for name, value in signal.items() if value < max(strays, default=0.0)]
     if small:
         name = min(small, key=signal.__getitem__)

@@ -13,6 +13,7 @@ from netlist_gen.board.circuit import (
     Resistor,
     ResistorMatrix,
     SignalAmplifier,
+    TransistorCell,
     VoltageSource,
 )
 
@@ -26,6 +27,7 @@ class Parts:
     inverter: float  # both resistors of every inverter, ohm
     opamps: list[OpAmpCell] = field(default_factory=list)
     amplifiers: list[SignalAmplifier] = field(default_factory=list)
+    transistors: list[TransistorCell] = field(default_factory=list)
     resistors: list[Resistor] = field(default_factory=list)
     matrices: list[ResistorMatrix] = field(default_factory=list)
     capacitors: list[Capacitor] = field(default_factory=list)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from netlist_gen.board.circuit import Scalings
+from netlist_gen.board.imported_opamp import imported_opamp
 from netlist_gen.board.preferred_values import nearest
 from netlist_gen.scene.fields import LARGE, LEAST, MOST, SMALL
 from netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene
@@ -75,6 +76,8 @@ def choose_opamp(scene: Scene) -> OpAmp:
         The changed figures contradict each other, or the op-amp does not work at the supply.
     """
     choice, supply = scene.design.opamp, scene.design.supply
+    if choice.file is not None:
+        return imported_opamp(scene, choice.file)
     opamp = load_presets()[choice.base]
     figures = {name: value for name, value in choice if name in FIGURES and value is not None}
     try:

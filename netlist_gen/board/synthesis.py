@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from netlist_gen.board.antilog import AntilogStage
 from netlist_gen.board.circuit import (
     GROUND,
     Capacitor,
@@ -65,7 +66,8 @@ def synthesise(scene: Scene, problem: InverseProblem | None = None) -> Circuit:
     ohms, negative = matrix_resistors(kept, scene)
     inverter = preferred(scene.design.inverter_resistance, scene)
     parts = Parts(model.name, scene.design.stray_capacitance, inverter)
-    board = _Board(scene, scalings, ohms, negative, parts)
+    stage = AntilogStage.of(scene, model) if scene.design.antilog.has_devices else None
+    board = _Board(scene, scalings, ohms, negative, parts, stage)
     board.signal_plane()
     board.constraint_plane(problem.strain * scalings.unit_conductance * scalings.unit_voltage)
     board.connect()
@@ -88,6 +90,9 @@ def synthesise(scene: Scene, problem: InverseProblem | None = None) -> Circuit:
         omissions=list_omissions(scene, problem, kept, model),
         supply=scene.design.supply,
         noises=tuple(parts.noises),
+        transistors=tuple(parts.transistors),
+        transistor_models={} if stage is None else {stage.pair.name: stage.pair},
+        temperature=scene.design.antilog.temperature,
     )
 
 
@@ -109,11 +114,17 @@ class _Board:
     """A synthesis that places the parts plane by plane."""
 
     def __init__(
-        self, scene: Scene, scalings: Scalings, ohms: Floats, negative: Bools, parts: Parts
+        self,
+        scene: Scene,
+        scalings: Scalings,
+        ohms: Floats,
+        negative: Bools,
+        parts: Parts,
+        stage: AntilogStage | None,
     ) -> None:
         self.scene, self.design, self.parts = scene, scene.design, parts
         self.resistance, self.capacitance = scalings.resistance, scalings.capacitance
-        self.ohms, self.negative = ohms, negative
+        self.ohms, self.negative, self.stage = ohms, negative, stage
         self.present = np.isfinite(ohms)
         self.rounded = preferred(scalings.resistance, scene)
         self.linear = scene.design.amplifier == "linear"
@@ -130,10 +141,14 @@ class _Board:
         place = self._passive_node if self.passive else self._integrator
         for n in self.channels:
             place(n)
+            minus, plus = needs_minus[n - 1], needs_plus[n - 1]
             if self.linear:
-                self._linear_stage(n, minus=needs_minus[n - 1])
+                self._linear_stage(n, minus=minus)
+            elif self.stage is None:
+                self._antilog_stage(n)
+                self._invert_minus(n, plus=plus)
             else:
-                self._antilog_stage(n, plus=needs_plus[n - 1])
+                self._transistor_stage(n, self.stage, minus=minus, plus=plus)
 
     def constraint_plane(self, amps: Floats) -> None:
         """Place constraint nodes, strain currents `amps` (M,) and inverters of w."""
@@ -199,15 +214,27 @@ class _Board:
         if self.passive:
             u = f"u_{n}"
             self.parts.follower(f"u_{n}", f"v_{n}", u)
+        self._invert_plus(n, u, minus=minus)
+
+    def _invert_plus(self, n: int, u: str, *, minus: bool) -> None:
         self.plus_u[n] = u
         self.outputs.append(Output(u, 1.0))
         if minus:
             self.parts.inverting(f"a_{n}", u, f"a_{n}")
 
-    def _antilog_stage(self, n: int, *, plus: bool) -> None:
+    def _antilog_stage(self, n: int) -> None:
         scales = self.design.unit_voltage, self.design.exponential_slope or 1.0
         stage = SignalAmplifier(f"a_{n}", self.design.amplifier, f"v_{n}", f"a_{n}", *scales)
         self.parts.amplifiers.append(stage)
+
+    def _transistor_stage(self, n: int, stage: AntilogStage, *, minus: bool, plus: bool) -> None:
+        output = stage.place(self.parts, n)
+        if stage.pair.polarity == "npn":
+            self._invert_plus(n, output, minus=minus)
+        else:
+            self._invert_minus(n, plus=plus)
+
+    def _invert_minus(self, n: int, *, plus: bool) -> None:
         self.outputs.append(Output(f"a_{n}", -1.0))
         if plus:
             self.parts.inverting(f"u_{n}", f"a_{n}", f"u_{n}")

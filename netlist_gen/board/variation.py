@@ -60,6 +60,8 @@ def _names(circuit: Circuit) -> Iterator[tuple[str, str]]:
     for capacitor in circuit.capacitors:
         yield f"C{capacitor.name}", "stray" if capacitor.name.startswith("stray_") else "capacitor"
     for cell in circuit.opamps:
+        if circuit.models[cell.model].imported is not None:
+            continue  # a vendor's netlist is as it is
         if math.isfinite(circuit.models[cell.model].gbw):
             yield f"{cell.name}.gbw", "opamp_gbw"
         yield f"{cell.name}.dc_gain", "opamp_gain"
@@ -99,6 +101,10 @@ def vary(circuit: Circuit, tolerances: Tolerances, z: Floats) -> Circuit:
     models, cells = {}, []
     for cell in circuit.opamps:
         model = circuit.models[cell.model]
+        if model.imported is not None:
+            models[model.name] = model
+            cells.append(cell)
+            continue
         faster = scale.get(f"{cell.name}.gbw", 1.0) * hot_gbw
         varied_model = _opamp(model, cell.name, faster, scale.get(f"{cell.name}.dc_gain", 1.0))
         models[varied_model.name] = varied_model
@@ -107,6 +113,7 @@ def vary(circuit: Circuit, tolerances: Tolerances, z: Floats) -> Circuit:
         circuit,
         models=models,
         opamps=tuple(cells),
+        temperature=circuit.temperature + kelvin,
         matrices=tuple(_matrix(matrix, scale, hot_r) for matrix in circuit.matrices),
         resistors=tuple(
             replace(part, ohms=part.ohms * scale.get(f"R{part.name}", 1.0) * hot_r)

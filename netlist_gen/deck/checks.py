@@ -13,9 +13,13 @@ import numpy as np
 
 from netlist_gen.analysis import Analysis, Noise, Tolerances, Transient
 from netlist_gen.board.circuit import GROUND, Circuit
+from spice_models.transistor import ZERO_CELSIUS
 
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 SCENE_NAME = re.compile(r"[A-Za-z0-9_.-]*")
+# S and A: ngspice's default conductance, at which a vendor's model converges and was measured, and
+# the tolerance of its bench; a board's own tolerances are below the rounding of its junctions.
+VENDORS_GMIN, VENDORS_AMPS = 1e-12, 1e-15
 FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 
 _NAMES: dict[str, Callable[[Any], tuple[str, ...]]] = {  # fields of the parts that hold a name
@@ -23,6 +27,7 @@ _NAMES: dict[str, Callable[[Any], tuple[str, ...]]] = {  # fields of the parts t
     "capacitors": attrgetter("name", "a", "b"),
     "opamps": attrgetter("name", "model", "noninverting", "inverting", "output"),
     "amplifiers": attrgetter("name", "input", "output"),
+    "transistors": attrgetter("name", "model", "collector", "base", "emitter"),
     "currents": attrgetter("name", "node"),
     "noises": attrgetter("name", "node"),
     "voltages": attrgetter("name", "node"),
@@ -64,6 +69,7 @@ def check_circuit(circuit: Circuit) -> None:
         _check_value(noise.name, noise.density)
     for voltage in circuit.voltages:
         _check_value(voltage.name, abs(voltage.volts))
+    _check_value("the absolute temperature", circuit.temperature + ZERO_CELSIUS)
     for matrix in circuit.matrices:
         if not np.all(matrix.ohms > 0):
             raise ValueError(f"matrix {matrix.name} has a resistance that is not above zero")
@@ -121,10 +127,11 @@ def tolerances(circuit: Circuit, relative: float) -> Tolerances:
     amps = max((abs(source.amps) for source in circuit.currents), default=0.0) or siemens * volts
     return Tolerances(
         relative=relative,
-        current=1e-3 * relative * amps,
+        current=max(1e-3 * relative * amps, VENDORS_AMPS * circuit.has_imported),
         voltage=1e-3 * relative * volts,
         charge=1e-3 * relative * scalings.capacitance * volts,
         gmin=1e-6 * relative * siemens,
+        junction=VENDORS_GMIN if circuit.has_imported else 1e-6 * relative * siemens,
     )
 
 

@@ -29,6 +29,7 @@ from netlist_gen.deck.noise_cards import noise_cards
 from spice_models.array_types import Floats
 from spice_models.opamp import OpAmp
 from spice_models.subcircuits import amplifier_lines, opamp_subcircuit
+from spice_models.transistor import model_card
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +109,7 @@ def write_decks(
         tail = [
             *_current_sources(circuit, analysis),
             *_options(limits, analysis, solver),
+            *_temperature(circuit),
             *_analysis_cards(circuit, analysis, nodes),
             ".end",
             "",
@@ -197,12 +199,15 @@ def _text(circuit: Circuit, before: Iterable[str], after: Iterable[str], noisy: 
         _opamp_text(model, grounded[model.name], circuit.supply, noisy) for model in models
     )
     biases = [f"V{bias.name} {bias.node} {GROUND} {bias.volts!r}" for bias in circuit.voltages]
-    head = [".title taction board", *header_lines(circuit), *before, ""]
+    cards = [model_card(model) for model in circuit.transistor_models.values()]
+    head = [".title taction board", *header_lines(circuit), *cards, *before, ""]
     return "\n".join(head) + cells + "\n".join([*after, *biases, ""])
 
 
 @lru_cache(maxsize=64)
 def _opamp_text(model: OpAmp, grounded: bool, supply: float, noisy: bool) -> str:
+    if model.imported is not None:
+        return model.imported.text(model.name)
     return str(opamp_subcircuit(model, noninverting_grounded=grounded, supply=supply, noisy=noisy))
 
 
@@ -229,6 +234,7 @@ def _parts(circuit: Circuit) -> list[str]:
         *(f"X{c.name} {c.noninverting} {c.inverting} {c.output} {c.model}" for c in circuit.opamps),
         *(f"R{r.name} {r.a} {r.b} {text[r.ohms]}" for r in circuit.resistors),
         *(f"C{c.name} {c.a} {c.b} {text[c.farads]}" for c in circuit.capacitors),
+        *(f"Q{q.name} {q.collector} {q.base} {q.emitter} {q.model}" for q in circuit.transistors),
     ]
 
 
@@ -254,6 +260,13 @@ def _starts_from_rest(circuit: Circuit, analysis: Transient) -> bool:
     return analysis.initial == "rest" and circuit.has_constant_sources
 
 
+def _temperature(circuit: Circuit) -> list[str]:
+    """Return the option for the temperature; the figures of the models are those at it."""
+    if not circuit.transistors:
+        return []
+    return [f".options temp={circuit.temperature!r} tnom={circuit.temperature!r}"]
+
+
 def _options(limits: Tolerances, analysis: Analysis, solver: str) -> list[str]:
     lines = [
         f".options {'noopiter' if isinstance(analysis, Noise) else solver}",
@@ -262,7 +275,7 @@ def _options(limits: Tolerances, analysis: Analysis, solver: str) -> list[str]:
     charge = limits.charge
     if isinstance(analysis, Transient) and analysis.charge is not None:
         charge = analysis.charge
-    lines.append(f".options chgtol={charge!r} gmin={limits.gmin!r} pivtol={limits.gmin!r}")
+    lines.append(f".options chgtol={charge!r} gmin={limits.junction!r} pivtol={limits.gmin!r}")
     if isinstance(analysis, Transient):
         method = "trap" if analysis.method == "trapezoidal" else "gear"
         lines.append(f".options method={method} trtol={analysis.truncation / limits.relative!r}")
@@ -282,6 +295,15 @@ def _analysis_cards(circuit: Circuit, analysis: Analysis, nodes: Sequence[str]) 
     begin = repr(10.0 * analysis.begin)  # ngspice's first step is a tenth of the card's figure
     cards = [f".tran {begin} {analysis.stop!r} 0.0 {step}" + ("" if rest else " uic")]
     if analysis.voltages:
-        pairs = " ".join(f"v({node})={volts!r}" for node, volts in analysis.voltages.items())
+        known = {node: volts for node, volts in analysis.voltages.items() if _is_node(node)}
+        pairs = " ".join(f"v({node})={volts!r}" for node, volts in known.items())
         cards.insert(0, f".ic {pairs}")
     return [save, *cards]
+
+
+def _is_node(name: str) -> bool:
+    """Whether an unknown of the state-space engine is a node of the deck, also in an op-amp.
+
+    The inner unknowns of a transistor are not: ngspice takes its charges from the outer nodes.
+    """
+    return "." not in name or name.rpartition(".")[2] in ("p1", "p2")

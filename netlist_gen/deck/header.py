@@ -21,7 +21,7 @@ def header_lines(circuit: Circuit) -> list[str]:
         f"R = {s.resistance!r} ohm, C = {s.capacitance!r} F, s = {s.gain!r} ohm",
         f"lambda = {s.lam!r}",
     ]
-    if circuit.amplifiers:
+    if circuit.has_nonlinear_amplifiers:
         lines.append(f"Ve = {s.exponential_slope!r} V   (u = U0 g(v/Ve))")
     outputs = ", ".join(
         f"u_{n} = {'-' if out.sign < 0 else ''}v({out.node})"

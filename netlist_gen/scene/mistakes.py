@@ -86,6 +86,10 @@ def contradictions(design: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         for key in ("exponential_slope", "bias"):
             if design.get(key) is not None:
                 yield key, "needs a nonlinear amplifier, such as 'exponential'"
+    antilog = design.get("antilog")
+    stage = antilog.get("stage", "ideal") if isinstance(antilog, Mapping) else antilog
+    if stage == "device" and design.get("amplifier", "linear") != "exponential":
+        yield "antilog", "'device' needs amplifier = 'exponential'"
 
 
 def _contradictions(data: Mapping[str, Any]) -> Iterator[Complaint]:

@@ -13,6 +13,7 @@ from netlist_gen.scene.fields import (
     Count,
     CurrentDensityOrZero,
     FaradsOrZero,
+    FileName,
     Hertz,
     Model,
     Ohms,
@@ -33,6 +34,9 @@ class OpAmpChoice(Model):
     """A preset, or a preset with some figures changed."""
 
     base: str = "ua741"
+    file: FileName | None = Field(
+        None, description="an imported op-amp (`taction models import`), in the place of a preset"
+    )
     level: Literal["auto", "small-signal", "large-signal"] = Field(
         "auto",
         description="of the macromodel; auto: with slew rate and swing, and with the largest output"
@@ -77,6 +81,13 @@ class OpAmpChoice(Model):
     @classmethod
     def _by_name(cls, data: Any) -> Any:
         return {"base": data} if isinstance(data, str) else data
+
+    @model_validator(mode="after")
+    def _file_alone(self) -> OpAmpChoice:
+        others = sorted(self.model_fields_set - {"file"})
+        if self.file is not None and others:
+            raise ValueError(f"'file' excludes {others[0]!r}: an imported op-amp is as measured")
+        return self
 
     @classmethod
     def __get_pydantic_json_schema__(

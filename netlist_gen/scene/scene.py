@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, get_args
 
 from pydantic import Field, PrivateAttr, StrictBool, model_validator
 
+from netlist_gen.scene.antilog_choice import AntilogChoice
 from netlist_gen.scene.arrays import in_memory
 from netlist_gen.scene.checks import Checks, unitless_times
 from netlist_gen.scene.fields import (
@@ -57,6 +58,9 @@ class Design(Model):
     unit_voltage: Volts = 1.0
     exponential_slope: Volts | None = None
     bias: StrictBool | None = Field(None, description="bias current I_b = Ve/R")
+    antilog: AntilogChoice = Field(
+        AntilogChoice(), description="exponential amplifiers: ideal, or of transistors"
+    )
     opamp: OpAmpChoice = OpAmpChoice()
     supply: SupplyVolts = Field(15.0, description="both supply voltages of the op-amps, as '±15V'")
     stray_capacitance: FaradsOrZero = 1e-11

@@ -86,6 +86,8 @@ class Evidence:
         What the op-amps have to do, beside their limits.
     noise : OutputNoise or None
         Noise of the outputs; None if the scene has no limit for it.
+    unwitnessed : str
+        Why the board has no state-space witness, or empty; then its values are estimates.
     contradiction : str
         Which number of the board or the record differs from the reference's, or empty.
     """
@@ -105,6 +107,7 @@ class Evidence:
     contradiction: str = ""
     parts: PartLoads = NOT_LIMITED
     noise: OutputNoise | None = None
+    unwitnessed: str = ""
 
     @property
     def no_step(self) -> str:

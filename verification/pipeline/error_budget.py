@@ -13,9 +13,11 @@ from __future__ import annotations
 import math
 from functools import partial
 
+from netlist_gen.board.ideal_stages import with_ideal_stages
 from netlist_gen.quantities import show
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.ideal.ideal_answer import IdealAnswer
+from verification.pipeline.antilog_error import stage_deviation
 from verification.pipeline.design import Design
 from verification.pipeline.error_chain import ErrorBudget, ErrorChain, ErrorPart, difference
 from verification.pipeline.opamp_links import opamp_stages, outputs_at_rest, with_ideal_opamps
@@ -47,18 +49,22 @@ def error_budget(
     pruning = pruning_effect(network, design.scene.design.prune, ideal.solution)
     if pruning is not None:
         _pruned(chain, pruning)
+    stages = with_ideal_stages(design.circuit)
+    plain = design.board if stages is design.circuit else LinearBoard(stages)
     chain.solve(
         "resistors",
         "board as built, with ideal op-amps, against that optimum",
-        partial(outputs_at_rest, LinearBoard(with_ideal_opamps(design.circuit))),
+        partial(outputs_at_rest, LinearBoard(with_ideal_opamps(stages))),
         partial(predicted_change, design),
     )
-    for link, board in opamp_stages(design.board):
+    for link, board in opamp_stages(plain):
         find = partial(outputs_at_rest, board)
         if board is design.board:  # its equilibrium is known
             chain.link(link.name, link.how, find())
         else:
             chain.solve(link.name, link.how, find)
+    if plain is not design.board:
+        _antilog(chain, design.board)
     _transient(chain, recording)
     if noise is not None:
         chain.parts.append(_noise(noise))
@@ -77,6 +83,14 @@ def _pruned(chain: ErrorChain, effect: PruningEffect) -> None:
     how = f"optimum without {effect.entries} entries of T against the requested optimum; {proven}"
     chain.link("pruning", how, effect.target, bound=bound)
     chain.solves += 1
+
+
+def _antilog(chain: ErrorChain, board: LinearBoard) -> None:
+    how = (
+        "equilibrium with transistors against that with ideal antilog stages; the stages are"
+        f" {stage_deviation(board)}"
+    )
+    chain.link("antilog", how, outputs_at_rest(board))
 
 
 def _transient(chain: ErrorChain, recording: Recording) -> None:

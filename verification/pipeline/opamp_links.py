@@ -55,7 +55,7 @@ class OpAmpLink:
 LINKS = (
     OpAmpLink(
         "opamps",
-        ("dc_gain", "gbw", "second_pole", "input_resistance", "output_resistance"),
+        ("dc_gain", "gbw", "second_pole", "input_resistance", "output_resistance", "imported"),
         "finite gain and impedances of the op-amps: equilibrium with against without",
     ),
     OpAmpLink(

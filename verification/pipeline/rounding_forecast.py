@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from netlist_gen.board.circuit import Circuit
+from netlist_gen.board.ideal_stages import with_ideal_stages
 from netlist_gen.board.synthesis import synthesise
 from spice_models.array_types import Floats
 from verification.engines.statespace.linearised.board import LinearBoard
@@ -34,8 +35,8 @@ def predicted_change(design: Design) -> Floats | None:
     """
     chosen = design.scene.design.model_copy(update={"resistor_series": "exact"})
     scene = design.scene.model_copy(update={"design": chosen})
-    exact = synthesise(scene, design.problem)
-    wanted, built = resistances(exact), resistances(design.circuit)
+    exact = with_ideal_stages(synthesise(scene, design.problem))
+    wanted, built = resistances(exact), resistances(with_ideal_stages(design.circuit))
     if wanted.keys() != built.keys():
         return None
     deviations = {name: 1.0 - ohms / built[name] for name, ohms in wanted.items()}

@@ -40,7 +40,15 @@ def run_checks(evidence: Evidence) -> tuple[Check, ...]:
 
     A value without a bound of its error passes nothing: no error is exactly 0.
     """
-    return tuple(_bounded(check) for make in CHECKS if (check := make(evidence)) is not None)
+    checks = (_bounded(check) for make in CHECKS if (check := make(evidence)) is not None)
+    return tuple(_witnessed(check, evidence.unwitnessed) for check in checks)
+
+
+def _witnessed(check: Check, missing: str) -> Check:
+    """Return a check as inconclusive if `missing` says that there is no state-space witness."""
+    if not missing:
+        return check
+    return replace(check, outcome=Outcome.INCONCLUSIVE, reason=joined(missing, check.reason))
 
 
 def _bounded(check: Check) -> Check:

@@ -45,13 +45,16 @@ class ConstraintPlane:
 def constraint_plane(circuit: Circuit) -> ConstraintPlane | None:
     """Measure the step response of the constraint stage with the largest load.
 
-    Returns None for a board whose op-amps have no poles: its rise time is zero.
+    Returns None for a board whose op-amps have no poles: its rise time is zero; also for imported
+    op-amps, which have offsets, and input capacitances that cannot be left out.
 
     Raises
     ------
     EngineError
         The stage has no state-space form.
     """
+    if circuit.has_imported:
+        return None
     load = np.sum(1.0 / circuit.matrices[0].ohms, axis=1)
     row = int(np.argmax(load)) + 1
     stage = _alone(circuit, row, float(load[row - 1]))
@@ -70,6 +73,7 @@ def _alone(circuit: Circuit, row: int, siemens: float) -> Circuit:
         models={name: model.small_signal for name, model in circuit.models.items()},
         opamps=tuple(cell for cell in circuit.opamps if cell.name == node),
         amplifiers=(),
+        transistors=(),
         resistors=(
             *(part for part in circuit.resistors if part.name == f"s_{row}"),
             Resistor("load", node, GROUND, 1.0 / siemens),

@@ -154,7 +154,7 @@ def gain_margin(
         return f"the gain can grow by the factor {factor:.4g}, to {show(gain * factor, 'ohm')}"
 
     search = _Search(lambda by: poles(built(by)), reach, words, f"{reach:g} times the gain")
-    if circuit.amplifiers:
+    if circuit.has_nonlinear_amplifiers:
         return search.by_scan(lambda by: count_unstable(built(by)), found)
     return search.by_loci(PortResponse(board, gain_resistors(circuit)), found)
 

@@ -11,12 +11,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from netlist_gen.analysis import Transient
-from netlist_gen.board.circuit import Circuit
+from netlist_gen.board.circuit import Circuit, CurrentSource
 from netlist_gen.deck.deck import write_deck
 from netlist_gen.quantities import show, show_rate
 from spice_models.array_types import Complexes
@@ -38,6 +38,7 @@ POINTS = 100  # time points a period: the error of the trapezoidal rule is 1e-3 
 FEWEST_PERIODS, MOST_PERIODS = 12.0, 200.0
 FOLDS = 1.5  # e-foldings in a record
 RIVAL_FOLDS = 12.0  # most e-foldings of a faster mode in a record
+STRAINED = 0.1  # of U0: the step at a constraint node of a strain that only excites a mode
 SMALL_SIGNAL = 0.02  # largest swing at an amplifier's input, in its v_scale: there it is linear
 GROWTH_TOLERANCE, FREQUENCY_TOLERANCE = 0.05, 0.01  # relative
 FAINT = 0.01  # of the strongest mode: fainter modes are not compared
@@ -130,7 +131,8 @@ def _prepare(build: Build, crossing: AxisCrossing, side: int, logarithmic: bool)
         distance *= 0.5
     rivals = [p.real for p in board_poles if p not in (pole, pole.conjugate())]
     fastest = max([0.0, *rivals])
-    return _Trial(value, pole, fastest, board.circuit, along(board, pole, fastest))
+    circuit = strained_along(board, pole) if board.circuit.has_imported else board.circuit
+    return _Trial(value, pole, fastest, circuit, along(board, pole, fastest))
 
 
 def _follow(
@@ -164,7 +166,8 @@ def along(board: LinearBoard, pole: complex, fastest: float = 0.0) -> Transient:
     Returns
     -------
     Transient
-        `FOLDS` e-foldings long, but at least `FEWEST_PERIODS` and at most `MOST_PERIODS`.
+        `FOLDS` e-foldings long, but at least `FEWEST_PERIODS` and at most `MOST_PERIODS`. With
+        imported op-amps it starts at rest instead, with the strain of `strained_along`.
 
     Raises
     ------
@@ -173,6 +176,8 @@ def along(board: LinearBoard, pole: complex, fastest: float = 0.0) -> Transient:
     """
     space = board.state_space
     length, step = _span(pole, fastest)
+    if board.circuit.has_imported:  # the states inside a vendor's netlist cannot be set
+        return Transient(length, step, truncation_for(POINTS), initial="rest")
     shape = space.C @ _mode(space, pole)
     nodes = shape[: space.descriptor.node_count]
     scale = board.circuit.scalings.unit_voltage / float(np.abs(nodes).max())
@@ -187,6 +192,26 @@ def along(board: LinearBoard, pole: complex, fastest: float = 0.0) -> Transient:
         truncation=truncation_for(POINTS),
         voltages=dict(zip(space.nodes, start_at.tolist(), strict=True)),
     )
+
+
+def strained_along(board: LinearBoard, pole: complex) -> Circuit:
+    """Return the board with a small strain in the shape of a mode, which excites the mode.
+
+    For boards whose states cannot be set: a strain moves no pole of a board with linear amplifiers.
+    """
+    circuit, space = board.circuit, board.state_space
+    shape = (space.C @ _mode(space, pole)).real
+    present = [node for node in circuit.constraint_nodes if node in space.descriptor.places]
+    pattern = shape[[space.descriptor.place(node) for node in present]]
+    largest = STRAINED * circuit.scalings.unit_voltage / circuit.scalings.gain
+    amps = largest * pattern / np.abs(pattern).max()
+    names = [node.removeprefix("w_") for node in present]
+    currents = [
+        CurrentSource(f"eps_{k}", f"c_{k}", value)
+        for k, value in zip(names, amps.tolist(), strict=True)
+        if value
+    ]
+    return replace(circuit, currents=tuple(currents))
 
 
 def _span(pole: complex, fastest: float) -> tuple[float, float]:

@@ -3,7 +3,8 @@
 A resistor has the thermal current ``4 k T / R`` (A²/Hz). An op-amp has a voltage noise, which adds
 to the input of its gain stages behind the input impedances, and a current noise into each input
 that is not on ground. The impedances of an op-amp's model are no resistors of the part: they make
-no noise of their own.
+no noise of their own. A transistor has the shot noise ``2 q I`` of collector and base current, and
+the thermal noise of its bulk resistance.
 """
 
 from __future__ import annotations
@@ -17,11 +18,18 @@ from netlist_gen.board.circuit import GROUND, Circuit, OpAmpCell
 from spice_models.array_types import Floats, Ints
 from spice_models.opamp import OpAmp
 from spice_models.thermal_noise import THERMAL
+from spice_models.transistor import ELECTRON
 from verification.engines.statespace.equations.descriptor import Descriptor
+from verification.engines.statespace.equations.transistor_stamps import transistor_currents
 
 
-def noise_intensities(circuit: Circuit, descriptor: Descriptor) -> Floats:
+def noise_intensities(
+    circuit: Circuit, descriptor: Descriptor, point: Floats | None = None
+) -> Floats:
     """Return the covariance of the noise in each pair of rows, over positive and negative f.
+
+    `point` (size,) is the equilibrium, which sets the currents of transistors; without it they are
+    silent.
 
     Returns
     -------
@@ -39,6 +47,8 @@ def noise_intensities(circuit: Circuit, descriptor: Descriptor) -> Floats:
         place = descriptor.place(source.node)
         density[place, place] += source.density**2
     taken = np.append(descriptor.determined, True)  # an ideal source takes up the current
+    if point is not None and circuit.transistors:
+        _transistors(density, circuit, descriptor, point)
     density[taken] = 0.0
     density[:, taken] = 0.0
     for cell in circuit.opamps:
@@ -53,7 +63,26 @@ def _resistors(density: Floats, circuit: Circuit, descriptor: Descriptor) -> Non
         parts += [element[2:] for element in matrix.elements()]
     a = _places(descriptor, (end for end, _, _ in parts))
     b = _places(descriptor, (end for _, end, _ in parts))
-    current = THERMAL / np.array([ohms for _, _, ohms in parts])
+    _between(density, a, b, THERMAL / np.array([ohms for _, _, ohms in parts]))
+
+
+def _transistors(density: Floats, circuit: Circuit, descriptor: Descriptor, point: Floats) -> None:
+    """Add shot noise of collector and base current, and thermal noise of the bulk resistance."""
+    cells = circuit.transistors
+    collector, base, emitter = (
+        _places(descriptor, (getattr(cell, leg) for cell in cells))
+        for leg in ("collector", "base", "emitter")
+    )
+    inner = _places(descriptor, (f"q{cell.name}.e" for cell in cells))
+    models = [circuit.transistor_models[cell.model] for cell in cells]
+    currents = np.abs(transistor_currents(circuit, descriptor, point))
+    _between(density, collector, inner, 2.0 * ELECTRON * currents[0])
+    _between(density, base, inner, 2.0 * ELECTRON * currents[1])
+    _between(density, emitter, inner, THERMAL / np.array([m.emitter_resistance for m in models]))
+
+
+def _between(density: Floats, a: Ints, b: Ints, current: Floats) -> None:
+    """Add noise currents, A²/Hz, between places."""
     for p, q in ((a, b), (b, a)):
         np.add.at(density, (p, p), current)
         np.add.at(density, (p, q), -current)

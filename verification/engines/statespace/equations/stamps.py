@@ -5,6 +5,8 @@ All parts of a kind are stamped at once, as arrays; `opamp_stamps` has the op-am
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from netlist_gen.board.circuit import Circuit
@@ -15,9 +17,11 @@ from verification.engines.statespace.equations.descriptor import (
     Devices,
     Triplets,
 )
+from verification.engines.statespace.equations.imported_stamps import stamp_imported
 from verification.engines.statespace.equations.mirror_symmetry import proposed_mirror
 from verification.engines.statespace.equations.opamp_stamps import stamp_opamps
 from verification.engines.statespace.equations.stamper import GROUND, Stamper
+from verification.engines.statespace.equations.transistor_stamps import stamp_transistors
 
 
 def _claim_rows(stamper: Stamper) -> None:
@@ -54,10 +58,16 @@ def stamp(circuit: Circuit) -> Descriptor:
     EngineError
         Two ideal sources drive one node, or an amplifier's input is grounded.
     """
+    imported = tuple(cell for cell in circuit.opamps if circuit.linear_model(cell) is not None)
+    circuit = replace(circuit, opamps=tuple(c for c in circuit.opamps if c not in imported))
     stamper = Stamper(circuit)
+    foreign = stamper.nodes(
+        n for cell in imported for n in (cell.noninverting, cell.inverting, cell.output)
+    ).reshape(-1, 3)
     pins = (n for cell in circuit.opamps for n in (cell.noninverting, cell.inverting, cell.output))
     wired = stamper.nodes(pins).reshape(-1, 3)
     devices = _devices(stamper)
+    legs = stamper.nodes(n for q in circuit.transistors for n in (q.collector, q.base, q.emitter))
     resistors = stamper.nodes(n for part in circuit.resistors for n in (part.a, part.b))
     capacitors = stamper.nodes(n for part in circuit.capacitors for n in (part.a, part.b))
     stamper.nodes(source.node for source in circuit.currents)
@@ -66,7 +76,9 @@ def stamp(circuit: Circuit) -> Descriptor:
     for matrix in circuit.matrices:
         stamper.matrix(matrix)
     node_count = len(stamper.places)
-    devices = devices.joined(*stamp_opamps(stamper, wired))
+    stamp_imported(stamper, imported, foreign)
+    transistors = stamp_transistors(stamper, legs.reshape(-1, 3))
+    devices = devices.joined(transistors, *stamp_opamps(stamper, wired))
     ohms = np.array([part.ohms for part in circuit.resistors], dtype=np.float64)
     stamper.currents.branch(resistors[0::2], resistors[1::2], -1.0 / ohms)
     farads = np.array([part.farads for part in circuit.capacitors], dtype=np.float64)

@@ -19,6 +19,7 @@ from verification.engines.statespace.equations.amplifier_gains import Gain, gain
 from verification.engines.statespace.equations.dc_solve import Response
 from verification.engines.statespace.equations.descriptor import Descriptor
 from verification.engines.statespace.equations.structured_solve import Structure
+from verification.engines.statespace.linearised.natural_newton import natural_newton
 
 MAX_STEPS = 200
 STAGES = 10.0 ** np.arange(0, -17, -2)  # of the homotopy: added diagonal feedback, times H
@@ -85,7 +86,7 @@ def solve_equilibrium(
         return Equilibrium(descriptor, z, np.zeros(0), _residual(descriptor, z, drive), 0)
     gain = gain_of(devices.kinds)
     H = columns[devices.input] * devices.u_scale / devices.v_scale[:, None]
-    y, steps = solve_loop(H, z[devices.input] / devices.v_scale, gain)
+    y, steps = _near_solution(H, z[devices.input] / devices.v_scale, gain)
     z = solve(-drive) - columns @ (devices.u_scale * gain.value(y))
     z[devices.input] = devices.v_scale * y
     z[devices.output] = -devices.u_scale * gain.value(y)
@@ -98,6 +99,19 @@ def solve_equilibrium(
         raise EngineError(message)
     slopes = -devices.u_scale / devices.v_scale * gain.slope(y)
     return Equilibrium(descriptor, z, slopes, residual, steps)
+
+
+def _near_solution(H: Floats, a: Floats, gain: Gain) -> tuple[Floats, int]:
+    """Return ``y + H g(y) = a`` and the steps, near enough for `_polish`."""
+    try:
+        return solve_loop(H, a, gain)
+    except EngineError:
+        h = coordinate(H)
+        for begin in (a, h * gain.value(np.zeros_like(a))):
+            y, steps, done = natural_newton(H, h, a, gain, begin)
+            if done:
+                return y, steps
+        raise
 
 
 def equilibrium_near(
@@ -208,8 +222,7 @@ def solve_loop(H: Floats, a: Floats, gain: Gain) -> tuple[Floats, int]:
     EngineError
         A stage did not converge within `MAX_STEPS`.
     """
-    diagonal = np.diag(H)
-    h = np.maximum(diagonal, 1e-12 * np.abs(H).max(initial=1e-300))
+    h = coordinate(H)
     y, steps, done = _newton(H, h, a, gain, a.copy())
     if done:
         return y, steps
@@ -225,6 +238,11 @@ def solve_loop(H: Floats, a: Floats, gain: Gain) -> tuple[Floats, int]:
 amplifiers has no bounded solution within the range of floats, or is not monotone"
         raise EngineError(message)
     return y, steps
+
+
+def coordinate(H: Floats) -> Floats:
+    """Return the h of the safe coordinate ``q = y + h g(y)``, (m,)."""
+    return np.asarray(np.maximum(np.diag(H), 1e-12 * np.abs(H).max(initial=1e-300)))
 
 
 def _newton(H: Floats, h: Floats, a: Floats, gain: Gain, q: Floats) -> tuple[Floats, int, bool]:

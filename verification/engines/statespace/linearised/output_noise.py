@@ -18,6 +18,7 @@ import numpy as np
 
 from spice_models.array_types import Floats
 from spice_models.errors import EngineError
+from spice_models.transistor import NOMINAL
 from verification.engines.statespace.equations.noise_sources import noise_intensities
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.linearised.state_space import driven
@@ -51,7 +52,11 @@ def output_noise(board: LinearBoard) -> tuple[Floats, Floats]:
     if descriptor.size > MOST:
         text = f"the board has {descriptor.size} unknowns; the noise of up to {MOST} is computed"
         raise EngineError(text)
-    density = noise_intensities(board.circuit, descriptor)
+    if board.circuit.transistors and board.circuit.temperature != NOMINAL:
+        raise EngineError(f"the noise of transistors is computed at {NOMINAL:g} degrees C only")
+    if board.circuit.has_imported:
+        raise EngineError("the noise of an imported op-amp is not known to the state-space engine")
+    density = noise_intensities(board.circuit, descriptor, board.equilibrium.values)
     live = np.flatnonzero(density.diagonal())
     inputs = np.zeros((descriptor.size, SOURCES + len(live)))
     inputs[live, SOURCES + np.arange(len(live))] = 1.0

@@ -133,7 +133,8 @@ def exact_solution(
     board = LinearBoard.of(circuit)
     if not (board.circuit.is_linear or linearised):
         name, kind = board.circuit.name, board.circuit.amplifier
-        what = f"{kind} amplifiers" if board.circuit.amplifiers else "op-amps with limits"
+        nonlinear = board.circuit.has_nonlinear_amplifiers
+        what = f"{kind} amplifiers" if nonlinear else "op-amps with limits"
         raise EngineError(f"board {name!r} has {what}: the board is not linear")
     if not voltages and nodes is None:
         return _outputs_solution(board, initial, stop)

@@ -205,19 +205,28 @@ def _stage(drawing: Any, example: _Example, output: Any) -> None:
     n, circuit = example.n, example.circuit
     place = drawing.add(elm.Dot().at(output)).center
     amplifier = next((a for a in circuit.amplifiers if a.name == f"a_{n}"), None)
-    if amplifier is None:
+    if circuit.transistors:
+        scalings = circuit.scalings
+        kind, pair = circuit.amplifier, next(iter(circuit.transistor_models))
+        scales = quantity(scalings.unit_voltage, "V"), quantity(scalings.exponential_slope, "V")
+        inverts = circuit.outputs[n - 1].sign < 0.0
+        text = f"{kind}, {pair}, 2 op-amps\nu = {scales[0]} exp(v / {scales[1]})"
+    elif amplifier is not None:
+        scales, inverts = (quantity(amplifier.u_scale, "V"), quantity(amplifier.v_scale, "V")), True
+        text = f"{amplifier.kind}\nu = {scales[0]} g(v / {scales[1]})"
+    else:
         _text(drawing, f"+u_{n}", place[0], place[1] - 0.5)
         if example.ohms(f"a_{n}_in") is not None:
             _inverter(drawing, example, place, f"a_{n}", f"a_{n} = -u_{n}")
         return
     drawing.add(elm.Line().right(0.6).at(place))
-    scales = quantity(amplifier.u_scale, "V"), quantity(amplifier.v_scale, "V")
-    text = f"{amplifier.kind}\nu = {scales[0]} g(v / {scales[1]})"
     box = drawing.add(flow.Box(w=4.6, h=1.6).anchor("W").label(text, "center", fontsize=SMALL))
     drawing.add(elm.Line().right(1.6).at(box.E))
-    place = drawing.add(elm.Dot().label(f"a_{n} = -u_{n}", "top", fontsize=SMALL)).center
-    if example.ohms(f"u_{n}_in") is not None:
-        _inverter(drawing, example, place, f"u_{n}", f"+u_{n}")
+    minus, plus = (f"a_{n}", f"a_{n} = -u_{n}"), (f"u_{n}", f"+u_{n}")
+    (_, label), (name, inverted) = (minus, plus) if inverts else (plus, minus)
+    place = drawing.add(elm.Dot().label(label, "top", fontsize=SMALL)).center
+    if example.ohms(f"{name}_in") is not None:
+        _inverter(drawing, example, place, name, inverted)
 
 
 def _inverter(drawing: Any, example: _Example, place: Any, name: str, output: str) -> None:

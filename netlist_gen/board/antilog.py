@@ -1,0 +1,140 @@
+"""The antilog stage of a channel as parts: a matched pair, two op-amps and an input divider.
+
+The collector currents of two equal transistors with one emitter node have the ratio
+``exp((v_b2 - v_b1) / V_T)`` (NPN; PNP: of the opposite sign). One op-amp drives the emitters so
+that transistor 1 carries I_ref, the divider sets one base to ``v V_T / Ve``, the other base is on
+ground, so transistor 2 carries ``I_ref exp(v / Ve)``. The second op-amp turns this current into a
+voltage by ``R_t = U0 / I_ref``. `docs/exponential-stage.md` derives it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from netlist_gen.board.circuit import GROUND, Capacitor, Resistor, TransistorCell, VoltageSource
+from netlist_gen.board.parts import Parts
+from netlist_gen.board.preferred_values import nearest
+from netlist_gen.board.scalings import preferred
+from netlist_gen.scene.scene import Scene
+from spice_models.errors import Complaint, InputError
+from spice_models.opamp import OpAmp
+from spice_models.transistor import Transistor, load_pairs, thermal_voltage
+
+REFERENCE, REFERENCE_VOLTS = "reference", 5.0
+RESISTORS = ("div", "base", "ref", "em", "out")  # heads of the names of a stage's parts
+CAPACITORS = ("ref", "out")
+SUMMING_NODES = ("y", "t")  # of the reference op-amp and of the output op-amp
+
+
+@dataclass(frozen=True, slots=True)
+class AntilogStage:
+    """The values of the parts of every stage, ohm and F; a capacitor of 0 is left out."""
+
+    pair: Transistor
+    divider: float  # from v to the divided base
+    base: float  # from there to ground
+    reference: float  # from the reference voltage to collector 1
+    emitter: float  # from the reference op-amp to the emitters
+    output: float  # R_t
+    reference_capacitor: float  # across the reference op-amp
+    output_capacitor: float  # across R_t
+
+    @classmethod
+    def of(cls, scene: Scene, opamp: OpAmp) -> AntilogStage:
+        """Choose the parts for a scene.
+
+        Raises
+        ------
+        InputError
+            The slope is not above the thermal voltage, so no divider gives it, or the board does
+            not start at rest, or its topology is passive.
+        """
+        _check(scene)
+        design, choice = scene.design, scene.design.antilog
+        pair = load_pairs()[choice.transistors]
+        volts = thermal_voltage(choice.nominal_temperature)
+        ratio = (design.exponential_slope or 1.0) / volts - 1.0
+        if not ratio > 0.0:
+            text = f"a divider only reduces v: must be above the thermal voltage of {volts:.5g} V"
+            slope = f"{design.exponential_slope} V"
+            raise InputError(scene.file, Complaint("design.exponential_slope", slope, text))
+        emitter = preferred(choice.emitter_resistance, scene)
+        output = preferred(design.unit_voltage / choice.reference_current, scene)
+        node = design.stray_capacitance + opamp.input_capacitance + opamp.differential_capacitance
+        node += pair.collector_capacitance
+        capacitors = [compensation(ohms, opamp.gbw, node) for ohms in (emitter, output)]
+        first, second = nearest(np.array(capacitors), design.capacitor_series).tolist()
+        return cls(
+            pair=pair,
+            divider=preferred(choice.divider_resistance * ratio, scene),
+            base=preferred(choice.divider_resistance, scene),
+            reference=preferred(REFERENCE_VOLTS / choice.reference_current, scene),
+            emitter=emitter,
+            output=output,
+            reference_capacitor=first,
+            output_capacitor=second,
+        )
+
+    def place(self, parts: Parts, n: int) -> str:
+        """Place the stage of channel `n`; return its output: -u of a PNP pair, +u of an NPN pair.
+
+        The divider is at the base at which the output current rises with v.
+        """
+        npn = self.pair.polarity == "npn"
+        source, output = f"v_{n}", f"u_{n}" if npn else f"a_{n}"
+        base, emitters, collector, drive, current = (f"{letter}_{n}" for letter in "beydt")
+        if n == 1:
+            volts = self.pair.sign * REFERENCE_VOLTS
+            parts.voltages.append(VoltageSource(REFERENCE, REFERENCE, volts))
+        parts.opamp(drive, collector, drive)
+        parts.opamp(output, current, output)
+        parts.resistors += [
+            Resistor(f"div_{n}", source, base, self.divider),
+            Resistor(f"base_{n}", base, GROUND, self.base),
+            Resistor(f"ref_{n}", REFERENCE, collector, self.reference),
+            Resistor(f"em_{n}", drive, emitters, self.emitter),
+            Resistor(f"out_{n}", output, current, self.output),
+        ]
+        if self.reference_capacitor > 0.0:
+            parts.capacitors += [
+                Capacitor(f"ref_{n}", drive, collector, self.reference_capacitor),
+                Capacitor(f"out_{n}", output, current, self.output_capacitor),
+            ]
+        first, second = (GROUND, base) if npn else (base, GROUND)
+        parts.transistors += [
+            TransistorCell(f"ref_{n}", self.pair.name, collector, first, emitters),
+            TransistorCell(f"out_{n}", self.pair.name, current, second, emitters),
+        ]
+        return output
+
+
+def compensation(ohms: float, gbw: float, node: float) -> float:
+    """Return the capacitor from the output of an op-amp to its inverting input, F.
+
+    The input has a capacitance `node` to ground, and the output drives it through `ohms` as well.
+    With ``g = 1 / ohms`` the gain of the loop is ``w_t / s (s C + g) / (s (C + node))``. The C
+    returned puts its zero at half of the crossover, ``C² / (C + node) = 2 g / w_t``: a phase margin
+    of atan 2 = 63 degrees without further poles. It is 0 for an op-amp without poles.
+
+    Examples
+    --------
+    >>> C = compensation(1e4, 1e6, 45e-12)
+    >>> round(C**2 / (C + 45e-12) * 1e4 * 2e6 * math.pi, 9)
+    2.0
+    """
+    if math.isinf(gbw):
+        return 0.0
+    share = 1.0 / (ohms * 2.0 * math.pi * gbw)
+    return share + math.sqrt(share**2 + 2.0 * share * node)
+
+
+def _check(scene: Scene) -> None:
+    if scene.design.topology != "integrator":
+        text = "a divider would load the nodes of 'passive'; expected 'integrator'"
+        raise InputError(scene.file, Complaint("design.topology", "'passive'", text))
+    if scene.analysis.initial != "rest":
+        text = "transistors start at their operating point; expected 'rest' with antilog 'device'"
+        raise InputError(scene.file, Complaint("analysis.initial", "'zero'", text))

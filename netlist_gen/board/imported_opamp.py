@@ -1,0 +1,62 @@
+"""An imported op-amp of a scene: the file beside it that `taction models import` wrote."""
+
+from __future__ import annotations
+
+import json
+
+from netlist_gen.scene.scene import Scene
+from spice_models.errors import Complaint, InputError
+from spice_models.foreign_files import MEGABYTE, UnusableFileError, read_bounded
+from spice_models.imported import ImportedOpAmp, from_document
+from spice_models.opamp import OpAmp, poles_from_phase_margin
+
+ACCEPTED = "a file that `taction models import` writes"
+
+
+def imported_opamp(scene: Scene, file: str) -> OpAmp:
+    """Return the op-amp of a file, beside the scene; its netlist is checked again.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read or is not accepted, the scene has another supply than the
+        measurement, or it does not start at rest.
+    """
+    path = scene.folder / file
+    try:
+        name, imported = from_document(json.loads(read_bounded(path, MEGABYTE)))
+    except (UnusableFileError, ValueError, RecursionError) as error:
+        text = f"{str(error) or 'nested too deeply'}; expected {ACCEPTED}"
+        raise InputError(scene.file, Complaint("design.opamp.file", repr(file), text)) from None
+    if abs(scene.design.supply - imported.supply) > 1e-9 * imported.supply:
+        found = f"±{scene.design.supply:g} V"
+        text = f"{file} was measured at ±{imported.supply:g} V; import it again with --supply"
+        raise InputError(scene.file, Complaint("design.supply", found, text))
+    if scene.analysis.initial != "rest":
+        text = "a vendor's model starts at its operating point; expected 'rest'"
+        raise InputError(scene.file, Complaint("analysis.initial", "'zero'", text))
+    return as_opamp(name, imported)
+
+
+def as_opamp(name: str, imported: ImportedOpAmp) -> OpAmp:
+    """Return the op-amp with the measured figures; a second pole where the phase margin has one."""
+    figures, linear = imported.figures, imported.linear
+    try:
+        gbw, second_pole = poles_from_phase_margin(
+            figures.dc_gain, figures.unity_gain_bandwidth, figures.phase_margin
+        )
+    except ValueError:
+        gbw, second_pole = figures.unity_gain_bandwidth, float("inf")
+    conductance = 0.0 if linear is None else linear.conductance
+    return OpAmp(
+        name=name,
+        dc_gain=figures.dc_gain,
+        gbw=gbw,
+        second_pole=second_pole,
+        input_resistance=1.0 / conductance if conductance > 0.0 else float("inf"),
+        input_capacitance=0.0 if linear is None else linear.capacitance,
+        output_resistance=figures.output_resistance,
+        supply_current=figures.supply_current,
+        source=f"imported from a netlist, measured at ±{imported.supply:g} V",
+        imported=imported,
+    )

@@ -1,0 +1,154 @@
+"""A vendor's subcircuit from a foreign netlist: checked against a list, and written anew.
+
+Nothing of the file reaches ngspice as it is: every card that the subcircuit needs is taken apart,
+checked and written from its parts. All other cards of the file are checked by their kind only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from spice_models.foreign_devices import Names, assignments, device, model_card, split_fields
+from spice_models.foreign_expressions import NAME
+from spice_models.foreign_lines import Line, RefusedError, logical_lines
+
+CARDS = (".subckt", ".ends", ".model", ".param", ".end")
+MOST_LINES = 5000  # of all cards of a subcircuit and those that it calls
+
+
+@dataclass(frozen=True, slots=True)
+class Subcircuit:
+    """A checked subcircuit: its ports, and its text with those that it calls, outermost last."""
+
+    name: str
+    ports: tuple[str, ...]
+    lines: tuple[str, ...]
+
+
+@dataclass(slots=True)
+class _Block:
+    """A subcircuit: its ``.subckt`` card, and those up to ``.ends``."""
+
+    head: Line
+    cards: list[Line] = field(default_factory=list)
+
+
+def read_subcircuit(content: bytes, name: str, prefix: str) -> Subcircuit:
+    """Return the subcircuit `name` of a netlist, its name and those that it calls with a `prefix`.
+
+    Raises
+    ------
+    RefusedError
+        A card is not accepted, or the file has no such subcircuit; the text has the line.
+    """
+    whole, blocks = _blocks(logical_lines(content))
+    wanted = name.lower()
+    if wanted not in blocks:
+        known = ", ".join(sorted(blocks)[:10]) or "none"
+        raise RefusedError(1, f"the file has no subcircuit {name!r}; it has {known}")
+    order = _called(wanted, blocks)
+    new = {old: f"{prefix}_{old}".replace("-", "_").replace("+", "_") for old in order}
+    lines: list[str] = []
+    for old in order:
+        lines += _write(blocks[old], whole, new, new[old])
+    if len(lines) > MOST_LINES:
+        raise RefusedError(1, f"{len(lines)} cards; at most {MOST_LINES} are read")
+    return Subcircuit(new[wanted], _ports(blocks[wanted]), tuple(lines))
+
+
+def _blocks(lines: Iterable[Line]) -> tuple[list[Line], dict[str, _Block]]:
+    """Sort the cards into the top level and the subcircuits."""
+    whole, blocks, inside = list[Line](), dict[str, _Block](), None
+    for line in lines:
+        card = line.text.split()[0]
+        if card.startswith(".") and card not in CARDS:
+            raise line.refused(f"the card {card!r} is not accepted; accepted: {', '.join(CARDS)}")
+        if card == ".subckt":
+            words = line.text.split()
+            if inside is not None or len(words) < 3 or not NAME.fullmatch(words[1]):
+                raise line.refused("a subcircuit within another, or without name and ports")
+            if words[1] in blocks:
+                raise line.refused(f"a second subcircuit {words[1]!r}")
+            inside = blocks[words[1]] = _Block(line)
+        elif card == ".ends":
+            if inside is None:
+                raise line.refused("no subcircuit is open")
+            inside = None
+        elif card == ".end":
+            break
+        else:
+            (whole if inside is None else inside.cards).append(line)
+    if inside is not None:
+        raise inside.head.refused("this subcircuit has no .ends")
+    return whole, blocks
+
+
+def _called(name: str, blocks: dict[str, _Block]) -> list[str]:
+    """Return a subcircuit and those that it calls, the innermost first."""
+    order: list[str] = []
+
+    def visit(name: str, path: tuple[str, ...]) -> None:
+        for line in blocks[name].cards:
+            if not line.text.startswith("x"):
+                continue
+            words = [w for w in line.text.split() if "=" not in w and w != "params:"]
+            if words[-1] in (*path, name):
+                raise line.refused("a subcircuit that calls itself")
+            if words[-1] in blocks and words[-1] not in order:
+                visit(words[-1], (*path, name))
+        order.append(name)
+
+    visit(name, ())
+    return order
+
+
+def _head(block: _Block) -> tuple[tuple[str, ...], list[str], Line]:
+    """Return the ports of a subcircuit, its parameters, and its line."""
+    try:
+        fields = [f for f in split_fields(block.head.text)[2:] if f != "params:"]
+    except ValueError as error:
+        raise block.head.refused(str(error)) from None
+    ports = tuple(f for f in fields if "=" not in f)
+    if not all(map(NAME.fullmatch, ports)) or len(set(ports)) < len(ports) or "0" in ports:
+        raise block.head.refused("the ports must be different names, without ground")
+    return ports, [f for f in fields if "=" in f], block.head
+
+
+def _ports(block: _Block) -> tuple[str, ...]:
+    return _head(block)[0]
+
+
+def _write(block: _Block, whole: list[Line], new: dict[str, str], name: str) -> list[str]:
+    """Write a subcircuit; models and parameters of the top level become its own."""
+    ports, given, head = _head(block)
+    own = [line for line in block.cards if line.text.startswith(".model ")]
+    models = {line.text.split()[1]: line for line in (*whole, *own) if _is(line, ".model")}
+    given_by_file = [line for line in (*whole, *block.cards) if _is(line, ".param")]
+    keys = {text.partition("=")[0].strip() for text in given}
+    names = Names(keys, models, new)
+    written: list[str] = []
+    for line in given_by_file:
+        try:
+            fields = split_fields(line.text.removeprefix(".param").strip())
+            written.append(".param " + " ".join(assignments(fields, names)))
+        except ValueError as error:
+            raise line.refused(str(error)) from None
+        keys |= {text.partition("=")[0].strip() for text in fields}
+    devices = [line for line in block.cards if not line.text.startswith(".")]
+    written += [model_card(line, names) for line in models.values()]
+    places: dict[str, Line] = {}
+    for line in devices:
+        card = device(line, names)
+        if places.setdefault(card.split()[0], line) is not line:
+            raise line.refused("a second device of this name")
+        written.append(card)
+    try:
+        defaults = assignments(given, names)
+    except ValueError as error:
+        raise head.refused(str(error)) from None
+    return [" ".join((".subckt", name, *ports, *defaults)), *written, f".ends {name}"]
+
+
+def _is(line: Line, card: str) -> bool:
+    return line.text.startswith(f"{card} ")

@@ -1,0 +1,191 @@
+"""An imported op-amp as data: a vendor's subcircuit, its measured figures, its linear model."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from spice_models.foreign_lines import RefusedError
+from spice_models.foreign_netlist import Subcircuit, read_subcircuit
+
+ROLES = ("inp", "inn", "vcc", "vee", "out")
+"""What a port of the subcircuit is: inputs, supplies, output; `REST` for a port left open."""
+REST = "nc"
+FORMAT = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Rational:
+    """``constant + sum residues / (s - poles)``, each with its complex conjugates; poles in 1/s."""
+
+    constant: float
+    poles: tuple[complex, ...]
+    residues: tuple[complex, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class LinearModel:
+    """The small-signal model of an op-amp at its operating point, all from its simulation.
+
+    ``v_out = rest + gain (v_p - v_n - offset) + impedance i`` with the current i into the output,
+    gain and impedance with the same poles, since they share the states of the op-amp;
+    each input has `conductance` and `capacitance` to ground, and the inverting one takes
+    `bias_current` at rest. `error` is the largest relative error of gain and impedance over the
+    `band` (lowest and highest frequency, Hz).
+    """
+
+    gain: Rational
+    impedance: Rational
+    conductance: float  # S
+    capacitance: float  # F
+    offset: float  # of v_p - v_n at rest, V
+    rest: float  # of the output, V
+    bias_current: float  # A
+    error: float
+    band: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    """What the simulation of an imported op-amp shows, SI base units, degrees."""
+
+    dc_gain: float
+    unity_gain_bandwidth: float
+    phase_margin: float
+    output_resistance: float  # open loop, at the unity-gain bandwidth
+    supply_current: float
+
+
+@dataclass(frozen=True, slots=True)
+class ImportedOpAmp:
+    """An imported op-amp; without a `linear` model, `missing` says why there is none."""
+
+    subcircuit: Subcircuit
+    pins: tuple[str, ...]  # the role of each port
+    supply: float  # of each supply voltage at which it was measured, V
+    figures: Figures
+    linear: LinearModel | None
+    missing: str = ""
+
+    def text(self, name: str) -> str:
+        """Return the cards of the op-amp `name` with the ports inp, inn, out and own supplies."""
+        return "\n".join(
+            [
+                *self.subcircuit.lines,
+                f".subckt {name} inp inn out",
+                f"Vcc vcc 0 {self.supply!r}",
+                f"Vee vee 0 {-self.supply!r}",
+                instance(self.subcircuit, self.pins),
+                f".ends {name}",
+                "",
+            ]
+        )
+
+
+def instance(subcircuit: Subcircuit, pins: tuple[str, ...]) -> str:
+    """Return the card that calls a subcircuit with nodes named after the roles of its ports."""
+    nodes = [f"nc{k}" if role == REST else role for k, role in enumerate(pins)]
+    resistors = [f"Rnc{k} nc{k} 0 1e12" for k, role in enumerate(pins) if role == REST]
+    return "\n".join([" ".join(("Xdevice", *nodes, subcircuit.name)), *resistors])
+
+
+def check_pins(pins: tuple[str, ...], ports: tuple[str, ...]) -> None:
+    """Check that every port has a role, and every role but `REST` one port.
+
+    Raises
+    ------
+    ValueError
+        The text says what is expected.
+    """
+    named = [role for role in pins if role != REST]
+    if len(pins) != len(ports) or sorted(named) != sorted(ROLES):
+        raise ValueError(
+            f"expected one role for each of the {len(ports)} ports ({' '.join(ports)}):"
+            f" {', '.join(ROLES)}, each once, and {REST!r} for a port that stays open"
+        )
+
+
+def to_document(name: str, opamp: ImportedOpAmp) -> dict[str, Any]:
+    """Return an imported op-amp as JSON data."""
+    linear = opamp.linear
+    return {
+        "taction_opamp": FORMAT,
+        "name": name,
+        "subcircuit": opamp.subcircuit.name,
+        "netlist": list(opamp.subcircuit.lines),
+        "pins": list(opamp.pins),
+        "supply": opamp.supply,
+        "figures": {key: getattr(opamp.figures, key) for key in Figures.__dataclass_fields__},
+        "linear": None if linear is None else _linear_document(linear),
+        "missing": opamp.missing,
+    }
+
+
+def from_document(data: Any) -> tuple[str, ImportedOpAmp]:
+    """Return the name and the op-amp of JSON data; the netlist is checked again.
+
+    Raises
+    ------
+    ValueError
+        The data is no imported op-amp; the text says where.
+    """
+    try:
+        if data["taction_opamp"] != FORMAT:
+            raise ValueError(f"format {data['taction_opamp']!r}; this version reads {FORMAT}")
+        name, pins = str(data["name"]), tuple(map(str, data["pins"]))
+        content = "\n".join(map(str, data["netlist"])).encode()
+        subcircuit = read_subcircuit(content, str(data["subcircuit"]), name)
+        check_pins(pins, subcircuit.ports)
+        figures = Figures(**{key: _finite(value) for key, value in data["figures"].items()})
+        linear = None if data["linear"] is None else _linear(data["linear"])
+        supply = _finite(data["supply"])
+    except RefusedError as error:
+        raise ValueError(f"netlist: {error}") from None
+    except (KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f"not an imported op-amp ({type(error).__name__}: {error})") from None
+    if not (name.isidentifier() and name.isascii() and supply > 0.0):
+        raise ValueError(f"the name {name!r} or the supply {supply!r} V is not accepted")
+    return name, ImportedOpAmp(subcircuit, pins, supply, figures, linear, str(data["missing"]))
+
+
+def _linear_document(linear: LinearModel) -> dict[str, Any]:
+    document: dict[str, Any] = {
+        key: getattr(linear, key) for key in LinearModel.__dataclass_fields__
+    }
+    for key in ("gain", "impedance"):
+        rational = getattr(linear, key)
+        document[key] = {
+            "constant": rational.constant,
+            "poles": [[pole.real, pole.imag] for pole in rational.poles],
+            "residues": [[each.real, each.imag] for each in rational.residues],
+        }
+    return document
+
+
+def _linear(data: Any) -> LinearModel:
+    values = {
+        key: _finite(data[key])
+        for key in ("conductance", "capacitance", "offset", "rest", "bias_current", "error")
+    }
+    low, high = map(_finite, data["band"])
+    gain, impedance = _rational(data["gain"]), _rational(data["impedance"])
+    if gain.poles != impedance.poles:
+        raise ValueError("linear: gain and impedance must have the same poles")
+    return LinearModel(gain, impedance, **values, band=(low, high))
+
+
+def _rational(data: Any) -> Rational:
+    pairs = [
+        tuple(complex(_finite(real), _finite(imag)) for real, imag in data[key])
+        for key in ("poles", "residues")
+    ]
+    if len(pairs[0]) != len(pairs[1]) or any(pole.real >= 0.0 for pole in pairs[0]):
+        raise ValueError("linear: as many residues as poles, and stable poles, are expected")
+    return Rational(_finite(data["constant"]), pairs[0], pairs[1])
+
+
+def _finite(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(f"{value!r} is not a finite number")
+    return float(value)

@@ -1,0 +1,230 @@
+"""Foreign netlists: hostile files are refused with their line, and what passes is written anew."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+from netlist_gen.analysis import OperatingPoint
+from spice_models.foreign_expressions import FUNCTIONS, expression, number, polynomial
+from spice_models.foreign_lines import RefusedError, logical_lines
+from spice_models.foreign_netlist import read_subcircuit
+from tests.support.small_decks import SmallDeck
+from verification.engines.ngspice.process import find_simulator, start
+
+VENDOR = Path(__file__).parents[1] / "data" / "fet100.cir"
+
+
+def refused(body: str, line: int, reason: str) -> None:
+    """The subcircuit begins on line 1, so the first line of `body` is line 2."""
+    content = f".subckt part a b\n{body}\n.ends\n".encode()
+    with pytest.raises(RefusedError, match=reason) as caught:
+        read_subcircuit(content, "part", "m")
+    assert caught.value.number == line
+
+
+@pytest.mark.parametrize(
+    ("body", "line", "reason"),
+    [
+        ("r1 a b 1k\n.control\nshell touch /tmp/x\n.endc", 3, "card '.control' is not accepted"),
+        (".include other.cir", 2, "'.include'"),
+        (".lib 'other.lib' tt", 2, 'character "\'"'),
+        (".lib other.lib tt", 2, "card '.lib'"),
+        (".inc /etc/passwd", 2, "card '.inc'"),
+        (".func f(x) {x}", 2, "card '.func'"),
+        (".options klu", 2, "card '.options'"),
+        (".csparam a=1", 2, "card '.csparam'"),
+        (".if (1)", 2, "card '.if'"),
+        (".hdl ekv.va", 2, "card '.hdl'"),
+        ("a1 a b gain", 2, "device 'A' is not accepted"),
+        ("n1 a b osdi", 2, "device 'N'"),
+        ("k1 l1 l2 0.9", 2, "device 'K'"),
+        ("w1 a b v1 sw", 2, "device 'W'"),
+        ("b1 a b v={agauss(0,1,3)}", 2, "function 'agauss' is not accepted"),
+        ("b1 a b v=table(v(a),0,0,1,1)", 2, "function 'table'"),
+        ("b1 a b v=time", 2, "name 'time' is no parameter"),
+        ("b1 a b v=v(a)\nshell ls", 3, "none of the fields is the model"),
+        ("e1 a b laplace {v(a)} = {1/(1+s)}", 2, "braces"),
+        ("e1 a b value={v(a)*foo}", 2, "name 'foo'"),
+        ("e1 a b poly(2) a 0 b 0 0 1 1 1 1 1 1", 2, "only degree 2"),
+        ("v1 a b pwl(0 0 1 1)", 2, "constant|not accepted"),
+        ("v1 a b dc 1 ac 1", 2, "only a constant"),
+        ("i1 a b pulse(0 1 0)", 2, "constant|not accepted"),
+        ("r1 a b 0", 2, "resistor of 0 ohm"),
+        ("r1 a b 1.2.3k", 2, "not a number"),
+        ("r1 a b 1e999", 2, "not finite"),
+        ("c1 a b 1n ic=5", 2, "key 'ic'"),
+        ("q1 a b a nosuch", 2, "none of the fields is the model"),
+        (".model q npn(level=4)\nq1 a b a q", 2, "level=4.0 is not accepted"),
+        (".model q vdmos(vto=1)", 2, "model 'vdmos'"),
+        (".model q d(file=data)", 2, "not a number"),
+        ("r1 a b 1k\\", 2, r"character '\\\\'"),
+        ("r1 a b 1k\x0bshell ls", 2, r"character '\\x0b'"),
+        ("r1 a b 1k\rshell ls", 2, r"character '\\r'"),
+        ("r1 a b 1k\x85shell ls", 2, "is not accepted"),
+        ("r1 a b 1k`ls`", 2, "character '`'"),
+        ('r1 a b "1k"', 2, "character '\"'"),
+        ("r1 a b 1k\0", 2, r"character '\\x00'"),
+        ("r1 a #echo 1k", 2, "character '#'"),
+        ("x1 a b part", 2, "calls itself"),
+        ("x1 a b other", 2, "'other' is not in the file"),
+        ("r1 a b 1k\nr1 a b 2k", 3, "second device of this name"),
+        (".subckt inner a b", 2, "within another"),
+        ("r1 a b {x", 2, "braces"),
+        ("b1 a b v=max(v(a),1", 2, "parentheses"),
+        ("d1 a b", 2, "model"),
+        ("r1", 2, "at least 2 fields"),
+    ],
+)
+def test_a_hostile_card_is_refused_with_its_line(body: str, line: int, reason: str) -> None:
+    refused(body, line, reason)
+
+
+def test_a_continuation_belongs_to_the_line_where_it_begins() -> None:
+    refused("* comment\nr1 a\n* more\n+ b\n+ 0", 3, "0 ohm")
+
+
+@pytest.mark.parametrize("text", [b"+ r1 a b 1\n", b".ends\n", b".subckt a\n.ends\n"])
+def test_a_file_that_begins_wrongly_is_refused(text: bytes) -> None:
+    with pytest.raises(RefusedError, match=r"^line 1"):
+        read_subcircuit(text, "a", "m")
+
+
+def test_a_missing_subcircuit_is_named_with_those_of_the_file() -> None:
+    with pytest.raises(RefusedError, match="no subcircuit 'lm741'; it has fet100"):
+        read_subcircuit(VENDOR.read_bytes(), "lm741", "m")
+
+
+def test_comments_hold_anything_and_reach_nothing() -> None:
+    content = (
+        b"*# shell ls\n* \xb5\x85 \x0b\n*ng_script\n.subckt p a b ; 'x'\n"
+        b'r1 a b 1k $ \\ `ls`\n.ends // "\n.end\n.control\n'
+    )
+    found = read_subcircuit(content, "P", "m")
+    assert found.lines == (".subckt m_p a b", "r1 a b 1000.0", ".ends m_p")
+
+
+def test_what_is_written_is_read_again_as_the_same() -> None:
+    once = read_subcircuit(VENDOR.read_bytes(), "FET100", "m")
+    again = read_subcircuit("\n".join(once.lines).encode(), once.name, "n")
+    assert again.lines[1:-1] == once.lines[1:-1]
+    assert again.ports == ("1", "2", "3", "4", "5")
+    assert "b_egnd 99 0 v=0.5*v(3,0)+0.5*v(4,0)" in once.lines
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [("1m", 1e-3), ("1meg", 1e6), ("2mil", 50.8e-6), ("1e3k", 1e6), ("-3pf", -3e-12), ("+7v", 7.0)],
+)
+def test_numbers_have_the_suffixes_of_spice(text: str, value: float) -> None:
+    assert number(text) == pytest.approx(value, rel=1e-15)
+
+
+def test_every_function_of_the_list_passes_and_no_other() -> None:
+    for name in FUNCTIONS:
+        assert expression(f"{name}(v(a))", ()) == f"{name}(v(a))"
+    with pytest.raises(ValueError, match="function 'system'"):
+        expression("system(v(a))", ())
+
+
+def test_a_polynomial_has_the_order_of_spice2() -> None:
+    """The terms of two inputs: 1, x, y, x², xy, y²."""
+    text = polynomial(["v(a,0)", "v(b,0)"], [1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
+    x, y = 0.7, -1.3
+    found = eval(text.replace("v(a,0)", "x").replace("v(b,0)", "y"), {"x": x, "y": y})  # noqa: S307
+    assert found == pytest.approx(1 + 2 * x + 3 * y + 4 * x * x + 5 * x * y + 6 * y * y)
+    assert polynomial(["i(v1)"], [2.0]) == "2.0*i(v1)"
+    assert polynomial(["i(v1)"], [0.0, 0.0, 0.0, 4.0]) == "4.0*i(v1)*i(v1)*i(v1)"
+
+
+def test_logical_lines_join_continuations() -> None:
+    lines = logical_lines(b"R1 a b\r\n*c\r\n+ 1K\r\n\r\nC1 a b 1n\n")
+    assert [(line.number, line.text) for line in lines] == [(1, "r1 a b 1k"), (5, "c1 a b 1n")]
+
+
+EVERY_CARD = """
+.param half=0.5 third={1/3}
+.model dx d(is=1e-14 n=1)
+.model qn npn(is=1e-15 bf=100)
+.model jn njf(vto=-2 beta=1m)
+.model mn nmos(level=1 vto=1 kp=2m)
+.model sx sw(vt=0.5 ron=1 roff=1g)
+.subckt inner p q params: ohms=1k
+r1 p q {ohms}
+.ends inner
+.subckt every in r e g f h b d q j m s x l
+v1 one 0 dc 1
+i1 0 r 1m
+r1 r 0 1k tc1=0
+c1 r 0 1p
+e1 e 0 one 0 2.5
+e2 e2 0 poly(2) (one,0) (in,0) 1 2 3
+re2 e2 0 1k
+g1 0 g one 0 1m
+rg g 0 3k
+vs one sense 0
+rs sense 0 100
+f1 0 f vs 0.5
+rf f 0 1k
+h1 h 0 vs 200
+b1 b 0 v={max(v(one),third)*half+tanh(0)}
+id 0 d 1m
+d1 d 0 dx
+iq 0 q 1m
+q1 q q 0 qn
+ej jd 0 value={5*v(one)}
+j1 jd 0 js jn
+rj js 0 1k
+bj j 0 v=v(js)
+vm md 0 5
+m1 md md ms ms mn l=1u w=1u
+rm ms 0 1k
+bm m 0 v=v(ms)
+s1 one s one 0 sx
+rsw s 0 1
+x1 one x inner params: ohms=3k
+rx x 0 1k
+l1 one l 1u
+rl l 0 1k
+.ends every
+"""
+
+
+def test_every_kind_of_card_has_its_value_in_ngspice(ngspice: str) -> None:
+    found = read_subcircuit(EVERY_CARD.encode(), "every", "m")
+    nodes = found.ports[1:]
+    text = "\n".join(
+        [
+            "* every card",
+            *found.lines,
+            "Vin in 0 0.5",
+            f"X1 in {' '.join(nodes)} {found.name}",
+            "Rin in 0 1k",
+            *(f"Rload_{node} {node} 0 1e12" for node in nodes),
+            ".options reltol=1e-9 abstol=1e-15 vntol=1e-12",
+            ".save " + " ".join(f"v({node})" for node in nodes),
+            ".op",
+            ".end",
+            "",
+        ]
+    )
+    with start(SmallDeck(text, nodes, OperatingPoint()), find_simulator(), timeout=60.0) as run:
+        value = dict(zip(nodes, run.result().values[-1].tolist(), strict=True))
+    VT = 1.380649e-23 * 300.15 / 1.602176634e-19
+    assert value["r"] == pytest.approx(1.0, rel=1e-6)
+    assert value["e"] == pytest.approx(2.5, rel=1e-6)
+    assert value["g"] == pytest.approx(3.0, rel=1e-6)
+    assert value["f"] == pytest.approx(0.01 * 0.5 * 1e3, rel=1e-6)  # 10 mA through the sensor
+    assert value["h"] == pytest.approx(2.0, rel=1e-6)
+    assert value["b"] == pytest.approx(0.5, rel=1e-6)
+    assert value["d"] == pytest.approx(VT * math.log(1e-3 / 1e-14), rel=1e-4)
+    assert value["q"] == pytest.approx(VT * math.log(1e-3 / 1.01 / 1e-15), rel=1e-4)
+    # JFET with a resistor: i = beta (vgs - vto)² with vgs = -1000 i; MOS: i = kp/2 (vgs - vto)².
+    assert value["j"] == pytest.approx(1.0, rel=1e-4)
+    drop = 5.0 - value["m"] - 1.0
+    assert value["m"] == pytest.approx(1e3 * 1e-3 * drop**2, rel=1e-4)
+    assert value["s"] == pytest.approx(0.5, rel=1e-6)
+    assert value["x"] == pytest.approx(0.25, rel=1e-6)
+    assert value["l"] == pytest.approx(1.0, rel=1e-6)
