@@ -11,7 +11,7 @@ import pytest
 from tests.support.entries import write_fast
 from tests.support.running import document, taction
 
-VARYING = ("timing", "simulation", "accuracy")  # hold wall times
+VARYING = ("timing", "simulation", "accuracy", "taction")  # wall times, and the head
 
 
 @pytest.fixture
