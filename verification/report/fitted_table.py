@@ -114,9 +114,11 @@ class FittedTable:
             yield Text(f"\n{title}", style="italic", **ends)
         if not self.rows:
             yield Text("\n " + "\n ".join(titles), **ends)
+        head = Text("")
         for row in self.rows:
+            head = row[0] if row[0].plain else head  # an empty first cell means the one above
             yield Text("", **ends)
-            for name, cell in zip(titles, row, strict=True):
+            for name, cell in zip(titles, (head, *row[1:]), strict=True):
                 first, *others = broken(cell, max(width - indent - 1, 1)) or [Text("")]
                 yield Text(f" {name.ljust(indent)}", **ends).append_text(first)
                 for line in others:

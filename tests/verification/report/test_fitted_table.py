@@ -55,3 +55,9 @@ def test_a_word_that_is_longer_than_the_page_stays_whole() -> None:
 )
 def test_a_cell_is_broken_between_words_only(cell: str, width: int, lines: list[str]) -> None:
     assert [line.plain for line in broken(Text(cell), width)] == lines
+
+
+def test_a_list_repeats_the_name_that_a_table_leaves_out() -> None:
+    rows = (("trapezoidal", "16", "9.65 ms"), ("", "32", "11.1 ms"))
+    lines = shown_at(20, [make_table(whole("method", "points", "time"), rows)]).splitlines()
+    assert sum(line.split() == ["method", "trapezoidal"] for line in lines) == 2

@@ -26,6 +26,7 @@ from verification.studies.sweep.store import Store
 LINES = 40  # points in the table; of a larger sweep only those without a verdict
 COLOUR = {"pass": "green", "fail": "red", "inconclusive": "yellow", "error": "magenta"}
 COLUMNS = ("settling_time", "overshoot", "undershoot", "growth_rate", "frequency")
+TITLES = {"overshoot": "over", "undershoot": "under"}  # short, as in the table of channels
 
 
 def columns_of(scene: Scene) -> tuple[str, ...]:
@@ -79,11 +80,10 @@ def print_sweep(plan: Plan, store: Store, count: SweepCounts, console: Console) 
     listed = (r for r in records(plan, store) if whole or r["outcome"] == "error")
     if shown := list(itertools.islice(listed, LINES)):
         names = [axis.name for axis in plan.axes]
-        titles = tables.whole(
-            *names, "engine", "outcome", *map(tables.spaced, columns_of(plan.scene))
-        )
+        titles = [TITLES.get(name, tables.spaced(name)) for name in columns_of(plan.scene)]
         rows = (_row(plan, record) for record in shown)
-        console.print(tables.make_table(titles, rows, padding=(0, 1, 0, 0)))
+        columns = tables.whole(*names, "engine", "outcome", *titles)
+        console.print(tables.make_table(columns, rows, padding=(0, 1, 0, 0)))
     for record in shown:
         if reason := record["reason"].split("\n")[0][:160]:
             console.print(Text(f"{_place(plan, record)}: {reason}"))
