@@ -118,7 +118,6 @@ class Sample(Part):
     noise: Number
     growth_rate: Number
     margin: Number
-    noise: Number
     errors: list[Number]
     reason: str
 
