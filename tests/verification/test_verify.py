@@ -83,7 +83,9 @@ def assert_same_measures(verdict: Verdict, other: Verdict) -> None:
 
 def assert_budget_adds_up(verdict: Verdict) -> None:
     parts = {part.name: part.value for part in verdict.budget if part.name != "noise"}
-    assert set(parts) == {"ill_posedness", "resistors", "opamps", "unsettled", "simulator"}
+    stages = {"antilog"} if verdict.circuit.transistors else set()
+    expected = {"ill_posedness", "resistors", "opamps", "unsettled", "simulator"}
+    assert set(parts) == expected | stages
     stress = verdict.problem.stress
     assert stress is not None
     final = np.array([channel.final for channel in verdict.measurements.channels])
