@@ -92,7 +92,7 @@ def amount(load: Load, value: float) -> str:
 
 def describe(load: Load) -> str:
     """Return what a part has to do, and its limit."""
-    when = f" at {show(load.at, 's', 3)}"
+    when = " at rest" if math.isinf(load.at) else f" at {show(load.at, 's', 3)}"
     return (
         f"the output {load.quantity} of op-amp {load.part} reaches {amount(load, load.peak)}{when};"
         f" the limit is {amount(load, load.limit)}"

@@ -212,7 +212,7 @@ class _Search:
             f"no design passes every check with an overshoot of {100 * self.overshoot:g} % and a"
             f" margin of {self.margin:g} in C; tried {len(self.candidates)} over {ends}. The"
             f" closest is {values}{reached}: it does not pass {failing}. Loosen a limit, give"
-            " another range, or tune another key, such as capacitance"
+            " another range, or tune another key"
         )
 
     def at(self, point: Floats) -> Candidate:

@@ -59,7 +59,10 @@ def scaled_resistors(
     low, high = product / lam / MOST_OHMS, product / lam / LEAST_OHMS
     low, high = max(low, LEAST_OHMS), min(high, MOST_OHMS)
     if low > high:
-        text = f"no s and R between {LEAST_OHMS:g} and {MOST_OHMS:g} ohm have this lambda"
+        text = (
+            f"no s and R between {LEAST_OHMS:g} and {MOST_OHMS:g} ohm have this lambda; expected"
+            f" about {product / MOST_OHMS**2:.1g} to {product / LEAST_OHMS**2:.1g}"
+        )
         raise InputError(scene.file, Complaint("design.lambda", f"{lam:g}", text))
     series = scene.design.resistor_series
     series = "E24" if series == "exact" else series
