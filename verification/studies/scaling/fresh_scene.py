@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,8 +20,10 @@ from spice_models.array_types import Floats
 from spice_models.errors import Complaint, InputError, SolverError
 from verification.reference import Problem
 from verification.reference.lambda_choice import RuleInputs, choose
+from verification.studies.scaling.fresh_limits import with_limits
 from verification.studies.scaling.scaling import SHARE, Scaling, scale
 
+WIDTH = 98  # of a comment
 DEFAULT = 0.01  # lambda without a noise level, in squared spectral norms of T
 
 
@@ -113,10 +116,12 @@ def fresh_scene(
             path = output.with_name(f"{output.stem}-{key}.csv")
             files[path] = _csv(table.values)
         names[f"problem.{key}"] = Path(os.path.relpath(path, output.parent)).as_posix()
-    scene = with_values(scaling.scene, names)
+    limited, limits = with_limits(scaling.scene)
+    scene = with_values(limited, names)
     notes = [f"{t.path.name}: {t.changed}" for t in (first, second) if t.changed]
     head = [f"# Scaled by taction for a matrix of {_shape(first.values)}; lambda: {rule}."]
-    text = "\n".join([*head, *(f"# {note}" for note in notes), "", scene_text(scene)])
+    remarks = [*notes, *textwrap.wrap(f"Limits: {limits}.", WIDTH)]
+    text = "\n".join([*head, *(f"# {remark}" for remark in remarks), "", scene_text(scene)])
     return FreshScene(scaling, text, files, rule, tuple(notes))
 
 
