@@ -32,8 +32,17 @@ def pool() -> Iterator[LocalPool]:
 def gone(pid: int) -> bool:
     try:
         return Path(f"/proc/{pid}/stat").read_text().split()[2] == "Z"
-    except FileNotFoundError:
+    except (FileNotFoundError, ProcessLookupError):
         return True
+
+
+def gone_within(seconds: float, *pids: int | None) -> bool:
+    end = time.monotonic() + seconds
+    while not all(gone(pid) for pid in pids if pid is not None):
+        if time.monotonic() > end:
+            return False
+        time.sleep(0.01)
+    return True
 
 
 def parent_of(pid: int | None) -> int:
@@ -116,7 +125,7 @@ def test_a_fork_server_that_does_not_answer_is_replaced(
     os.kill(server, signal.SIGSTOP)
     os.kill(pool.pids()[0], signal.SIGKILL)
     assert [pool.submit(pow, 2, k).result(60) for k in range(4)] == [1, 2, 4, 8]
-    assert gone(server)
+    assert gone_within(60.0, server)
 
 
 def test_a_stopped_worker_is_replaced(pool: LocalPool, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -232,12 +241,10 @@ def test_a_worker_ends_whatever_drops_its_end(
     first = pool.pids()
     running = pool.submit(function, *arguments)
     time.sleep(0.2)
-    start = time.monotonic()
     pool.shutdown(wait=False)
     with pytest.raises(BrokenExecutor):
-        running.result(20)
-    assert time.monotonic() - start < 15.0
-    assert all(gone(pid) for pid in first if pid is not None)
+        running.result(60)
+    assert gone_within(60.0, *first)
 
 
 def test_python_ends_although_a_worker_is_stopped() -> None:
