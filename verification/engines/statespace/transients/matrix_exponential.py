@@ -196,10 +196,10 @@ class LadderFlow:
             for _ in range(levels):
                 self.powers.append(self.powers[-1] @ self.powers[-1])
             # Every squaring doubles the rounding error of the first power.
-            growth = max(float(np.abs(P).sum(axis=1).max()) for P in self.powers)
+            growth = float(np.max([np.abs(P).sum(axis=1).max() for P in self.powers]))
         reach = float((np.abs(self.C) @ np.abs(self.deviation)).max(initial=0.0))
         error = EPS * 2.0**levels * growth * reach
-        self.error = error if math.isfinite(error) else math.inf
+        self.error = error if math.isfinite(error) else math.inf  # not a number, too
 
     def at(self, times: Floats, order: int = 0) -> Floats:
         """See `Flow`."""
