@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from typing import TYPE_CHECKING
 
 import click
 
@@ -17,6 +18,10 @@ from cli.common import (
     save_report,
     scene_command,
 )
+
+if TYPE_CHECKING:
+    from verification.report.html.blocks import Report
+    from verification.studies.work_precision.study import WorkPrecisionStudy
 
 
 @scene_command
@@ -40,7 +45,6 @@ def accuracy(
     requested_scene = read_scene(scene)
     check_plot(plot)
     check_report(report)
-    from verification.report.html.accuracy_report import accuracy_report
     from verification.report.work_precision.tables import accuracy_document, print_study
     from verification.studies.work_precision.study import run_study
 
@@ -50,7 +54,7 @@ def accuracy(
 
         plot_study(result, plot)
         click.echo(f"drew {plot}", err=True)
-    save_report(report, lambda: accuracy_report(result))
+    save_report(report, lambda: _page(result))
     if as_json:
         print_json(accuracy_document(result))
     else:
@@ -60,3 +64,9 @@ def accuracy(
             "taction: no run of the board has a known error; give a larger --budget", err=True
         )
         sys.exit(STATUS["inconclusive"])
+
+
+def _page(result: WorkPrecisionStudy) -> Report:
+    from verification.report.html.accuracy_report import accuracy_report
+
+    return accuracy_report(result)

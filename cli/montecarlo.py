@@ -31,6 +31,9 @@ from cli.common import (
 from spice_models.errors import Complaint, InputError
 
 if TYPE_CHECKING:
+    from netlist_gen.scene.scene import Scene
+    from verification.report.html.blocks import Report
+    from verification.studies.tolerance.corners import CornerStudy
     from verification.studies.tolerance.varied_board import VariedBoard
     from verification.studies.tolerance.yield_report import YieldReport
 
@@ -136,7 +139,6 @@ def corners(
     Exit status: 1 if a corner fails, else 3 if a corner has no verdict.
     """
     from verification.ideal.lambda_rule import read_scene
-    from verification.report.html.corners_report import corners_report
     from verification.report.tolerance.tables import DIRECTION, print_corners, print_directions
     from verification.studies.running.executors import workers_at
     from verification.studies.tolerance.corners import CornerStudy, named_corner, worst_corners
@@ -160,7 +162,7 @@ def corners(
         print_corners(found.corners, quantities(requested_scene), console())
         if found.directions:
             print_directions(found.directions, console())
-    save_report(options["report"], lambda: corners_report(requested_scene, found))
+    save_report(options["report"], lambda: _corners_page(requested_scene, found))
     outcomes = {corner.result.outcome for corner in found.corners}
     sys.exit(STATUS[next((o for o in ("fail", "inconclusive") if o in outcomes), "pass")])
 
@@ -216,3 +218,9 @@ def _deviations(text: str) -> dict[str, float]:
             raise InputError("--corner", Complaint("KEY=Z", repr(part), accepted))
         deviations[name.strip()] = number
     return deviations
+
+
+def _corners_page(scene: Scene, found: CornerStudy) -> Report:
+    from verification.report.html.corners_report import corners_report
+
+    return corners_report(scene, found)

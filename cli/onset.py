@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from typing import TYPE_CHECKING
 
 import click
 
@@ -20,6 +21,10 @@ from cli.common import (
     scene_command,
     stage_display,
 )
+
+if TYPE_CHECKING:
+    from verification.report.html.blocks import Report
+    from verification.studies.onset.onset import Onset
 
 
 @scene_command
@@ -45,7 +50,6 @@ def onset(
 
     Exit status: 0 if the question was answered, 3 if a transient contradicts a crossing.
     """
-    from verification.report.html.onset_report import onset_report
     from verification.report.onset.tables import onset_document, print_onset
 
     check_plot(plot)
@@ -58,9 +62,15 @@ def onset(
 
         plot_onset(result, plot)
         click.echo(f"drew {plot}", err=True)
-    save_report(report, lambda: onset_report(result))
+    save_report(report, lambda: _page(result))
     if as_json:
         print_json(onset_document(result))
     else:
         print_onset(result, console())
     sys.exit(STATUS["inconclusive"] if result.disagreement else 0)
+
+
+def _page(result: Onset) -> Report:
+    from verification.report.html.onset_report import onset_report
+
+    return onset_report(result)

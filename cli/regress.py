@@ -51,8 +51,6 @@ def regress(
     """
     from pathlib import Path
 
-    from verification.report.html.file import report_html
-    from verification.report.html.regression_report import regression_report
     from verification.report.output_checks import check_folder
     from verification.report.regression.junit import regression_junit
     from verification.report.regression.markdown import regression_markdown
@@ -75,6 +73,9 @@ def regress(
     if markdown is not None:
         texts[markdown] = lambda: regression_markdown(result)
     if report is not None:
+        from verification.report.html.file import report_html
+        from verification.report.html.regression_report import regression_report
+
         texts[report] = lambda: report_html(regression_report(result))
     written = write_all(texts)
     _show(result, as_json)

@@ -22,6 +22,7 @@ from cli.common import (
 )
 
 if TYPE_CHECKING:
+    from verification.report.html.blocks import Report
     from verification.studies.tune import Tuning
     from verification.verify import Verdict
 
@@ -67,7 +68,6 @@ def tune(
     checks include the limits of the search.
     """
     from verification.ideal.lambda_rule import read_scene
-    from verification.report.html.tuning_report import tuning_report
     from verification.studies.tune import tune as run
     from verification.verify import verify
 
@@ -88,7 +88,7 @@ def tune(
         print_json(_document(tuning, verdict))
     else:
         _show(tuning, verdict, reach)
-    save_report(report, lambda: tuning_report(tuning, verdict))
+    save_report(report, lambda: _page(tuning, verdict))
     sys.exit(STATUS[verdict.outcome.value])
 
 
@@ -138,3 +138,9 @@ def _show(tuning: Tuning, verdict: Verdict, reach: float) -> None:
             f" design, such as --over {name}=LOW:HIGH or --reach {2 * reach:g}"
         )
     print_verdict(verdict, page)
+
+
+def _page(tuning: Tuning, verdict: Verdict) -> Report:
+    from verification.report.html.tuning_report import tuning_report
+
+    return tuning_report(tuning, verdict)
