@@ -20,7 +20,7 @@ from spice_models.errors import SimulationError
 from verification.engines.ngspice import process
 from verification.engines.ngspice.executable import find_simulator
 from verification.engines.statespace.linearised.board import LinearBoard
-from verification.engines.statespace.transients import exact
+from verification.engines.statespace.transients import exact, simulate
 from verification.measures.resampling import CUBIC, lagrange
 from verification.small_signal.step_forecast import StepModel
 from verification.waveforms import Waveforms
@@ -72,7 +72,7 @@ def true_solution(board: LinearBoard, transient: Transient) -> Truth:
     if not (board.circuit.amplifiers or board.descriptor.is_large):
         return exact.exact_solution(board, stop=transient.stop).at
     times = StepModel.of(board, transient.stop, transient.initial, stable=True).instants(BETWEEN)
-    found = exact.simulate(board, transient, times=times, tolerance=TOLERANCE)
+    found = simulate.simulate(board, transient, times=times, tolerance=TOLERANCE)
     return lambda at: lagrange(times, found.values, at, CUBIC)
 
 

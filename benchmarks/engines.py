@@ -24,7 +24,7 @@ from netlist_gen.scene.file import load_scene
 from netlist_gen.scene.scene import Scene
 from tests.support.precise import precise_step
 from verification.engines.statespace.linearised.board import LinearBoard
-from verification.engines.statespace.transients import exact
+from verification.engines.statespace.transients import exact, simulate
 from verification.pipeline.transient_plan import Plan, plan_transient
 from verification.small_signal.poles import poles
 from verification.small_signal.time_scales import time_scales
@@ -67,7 +67,7 @@ class Board:
         """Simulate by the state-space engine, from the circuit on."""
         transient = self.plan.transient
         transient = replace(transient, max_step=transient.stop / points)
-        exact.simulate(self.linear.circuit, transient)
+        simulate.simulate(self.linear.circuit, transient)
 
     def ngspice(self) -> float:
         """Return the wall time of the ngspice process, s."""

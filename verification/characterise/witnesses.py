@@ -16,7 +16,7 @@ from verification.engines.ngspice.executable import Simulator
 from verification.engines.ngspice.process import simulate, start
 from verification.engines.statespace.equations.noise_sources import noise_intensities
 from verification.engines.statespace.linearised.board import LinearBoard
-from verification.engines.statespace.transients.exact import simulate as integrate
+from verification.engines.statespace.transients.simulate import simulate as integrate
 
 POINTS = 2000  # of a transient
 TIMEOUT = 60.0  # s, of one run of ngspice

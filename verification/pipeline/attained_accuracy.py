@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from verification.engines.statespace.transients.exact import ENGINE
+from verification.engines.statespace.transients.simulate import ENGINE
 from verification.ideal.ideal_answer import IdealAnswer
 from verification.measures.measurements import Measurements
 from verification.pipeline.companion import Companion

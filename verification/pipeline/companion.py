@@ -123,7 +123,7 @@ def state_space_companion(
     EngineError
         The state-space engine has no solution for the whole record, or none with a known error.
     """
-    from verification.engines.statespace.transients.exact import simulate
+    from verification.engines.statespace.transients.simulate import simulate
 
     last = len(record.time) - 1  # a record without its end would prove no settling time
     shown = np.append(np.arange(0, last, max(last // MAX_INSTANTS, 1)), last)

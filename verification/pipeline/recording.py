@@ -12,7 +12,7 @@ from netlist_gen.board.circuit import Circuit
 from netlist_gen.problem.inverse_problem import InverseProblem
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
-from verification.engines.statespace.transients.exact import ENGINE
+from verification.engines.statespace.transients.simulate import ENGINE
 from verification.ideal.ideal_answer import IdealAnswer, ideal_answer
 from verification.measures.measurements import Measurements
 from verification.pipeline.agreement import Agreement, compare_engines

@@ -157,7 +157,8 @@ def growing_record(board: LinearBoard, plan: Plan) -> Waveforms:
     EngineError
         A large board has no such record.
     """
-    from verification.engines.statespace.transients.exact import ENGINE, exact_solution, simulate
+    from verification.engines.statespace.transients.exact import exact_solution
+    from verification.engines.statespace.transients.simulate import ENGINE, simulate
 
     stop, initial = plan.grown, plan.transient.initial
     try:
@@ -226,7 +227,7 @@ def _at_the_start(error: StepTooSmall, analysis: Transient) -> bool:
 
 
 def _statespace(scene: Scene, board: LinearBoard, plan: Plan) -> Pending:
-    from verification.engines.statespace.transients.exact import simulate
+    from verification.engines.statespace.transients.simulate import simulate
 
     tolerance = state_space_tolerance(plan.wanted)
     instants, analysis = plan.instants(board), plan.transient

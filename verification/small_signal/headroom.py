@@ -20,7 +20,8 @@ from netlist_gen.board.circuit import Circuit, OpAmpCell
 from spice_models.array_types import Floats, Ints
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.linearised.initial_state import Initial
-from verification.engines.statespace.transients.exact import Exact, combinations, simulate
+from verification.engines.statespace.transients.exact import Exact, combinations
+from verification.engines.statespace.transients.simulate import simulate
 from verification.small_signal.exact_crossings import ExactSignal
 
 FULL = 0.9  # of a limit: above it the small-signal solution is not taken for true

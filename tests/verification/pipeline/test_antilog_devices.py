@@ -20,7 +20,7 @@ from tests.support.paths import SCENES
 from verification.engines.ngspice.process import find_simulator, start
 from verification.engines.statespace.equations import descriptor
 from verification.engines.statespace.linearised.board import LinearBoard
-from verification.engines.statespace.transients.exact import simulate
+from verification.engines.statespace.transients.simulate import simulate
 from verification.pipeline.checks import Outcome
 from verification.pipeline.clock import Clock
 from verification.pipeline.design import design_board

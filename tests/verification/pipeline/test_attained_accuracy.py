@@ -15,7 +15,7 @@ from netlist_gen.scene.scene import Scene
 from spice_models.errors import EngineError, InputError
 from tests.support.making import make_scene
 from tests.support.paths import SCENES
-from verification.engines.statespace.transients import exact
+from verification.engines.statespace.transients import simulate
 from verification.engines.statespace.transients.exact import exact_solution
 from verification.ideal.ideal_answer import ideal_answer
 from verification.pipeline import companion, transient_plan
@@ -100,7 +100,7 @@ def test_a_board_that_the_other_engine_cannot_answer_runs_twice(
     def no_answer(*_: object, **__: object) -> None:
         raise EngineError("no answer")
 
-    monkeypatch.setattr(exact, "simulate", no_answer)
+    monkeypatch.setattr(simulate, "simulate", no_answer)
     verdict = verify(small(error=1e-3, engine="ngspice"))
     found = verdict.accuracy
     assert "twice the step" in found.how
@@ -186,7 +186,7 @@ def test_a_thinned_companion_keeps_both_ends(monkeypatch: pytest.MonkeyPatch, co
     monkeypatch.setattr(companion, "MAX_INSTANTS", 10)
     design = design_board(small(engine="ngspice"), Clock(lambda stage: None))
     times = np.linspace(0.0, design.transient.stop, count)
-    record = exact.simulate(design.board, design.transient, times=times)
+    record = simulate.simulate(design.board, design.transient, times=times)
     found = companion.state_space_companion(design.board, design.transient, record, 1e-6)
     assert (found.instants[0], found.instants[-1]) == (times[0], times[-1])
     assert np.all(np.diff(found.instants) > 0.0)

@@ -22,7 +22,7 @@ from tests.support.small_decks import transient
 from verification.engines.ngspice.process import find_simulator
 from verification.engines.ngspice.process import simulate as by_ngspice
 from verification.engines.statespace.linearised.board import LinearBoard
-from verification.engines.statespace.transients.exact import simulate as by_state_space
+from verification.engines.statespace.transients.simulate import simulate as by_state_space
 from verification.pipeline.checks import Check, Outcome
 from verification.pipeline.clock import Clock
 from verification.pipeline.deck import deck_of

@@ -12,7 +12,7 @@ import pytest
 
 from netlist_gen.scene.scene import parse_scene
 from tests.support.paths import SCENES
-from verification.engines.statespace.transients.exact import simulate
+from verification.engines.statespace.transients.simulate import simulate
 from verification.ideal.ideal_answer import IdealAnswer, ideal_answer
 from verification.pipeline import bounded_measures, recording
 from verification.pipeline.clock import Clock

@@ -7,7 +7,7 @@ import pytest
 
 from spice_models.errors import DivergesError
 from tests.support.making import make_scene
-from verification.engines.statespace.transients import exact
+from verification.engines.statespace.transients import simulate
 from verification.pipeline.clock import Clock
 from verification.pipeline.design import Design, design_board
 from verification.pipeline.simulation import begin
@@ -30,7 +30,7 @@ def test_the_record_of_a_diverging_transient_is_kept(
         raise DivergesError("the board diverges", partial)
 
     made = design()
-    monkeypatch.setattr(exact, "simulate", diverging)
+    monkeypatch.setattr(simulate, "simulate", diverging)
     if partial is None:
         with pytest.raises(DivergesError):
             begin(made.scene, made.board, made.plan, "statespace")

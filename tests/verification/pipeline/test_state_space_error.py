@@ -15,7 +15,8 @@ from spice_models.errors import EngineError
 from tests.support.boards import board, kernel, single_mode, strain, two_pole
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.transients import structured_radau
-from verification.engines.statespace.transients.exact import exact_solution, simulate
+from verification.engines.statespace.transients.exact import exact_solution
+from verification.engines.statespace.transients.simulate import simulate
 from verification.pipeline.state_space_error import HALVED, StateSpaceError, state_space_error
 from verification.waveforms import Waveforms
 

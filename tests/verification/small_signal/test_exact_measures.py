@@ -17,7 +17,7 @@ from spice_models.opamp import OpAmp
 from tests.support.boards import lags, paper_board, single_mode
 from tests.support.making import make_scene
 from verification.engines.statespace.linearised.board import LinearBoard
-from verification.engines.statespace.transients.exact import simulate
+from verification.engines.statespace.transients.simulate import simulate
 from verification.measures.measure import measure
 from verification.measures.settling import ChannelState
 from verification.small_signal.exact_measures import measure_exact

@@ -22,7 +22,9 @@ from verification.engines.ngspice.executable import find_simulator
 from verification.engines.ngspice.process import LONGEST_LOG, PHYSICAL_BOUND
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.transients import amplified, structured_radau
-from verification.engines.statespace.transients.exact import ENGINE, exact_solution
+from verification.engines.statespace.transients.exact import exact_solution
+from verification.engines.statespace.transients.record_times import record_times
+from verification.engines.statespace.transients.simulate import ENGINE
 from verification.pipeline.even_steps import coarser
 from verification.pipeline.simulation import outputs
 from verification.reference import IdealNetwork
@@ -127,7 +129,7 @@ def exact(task: Task, _: float) -> MethodRun:
     started = clock.perf_counter()
     transient = task.transient
     solution = exact_solution(task.circuit, initial=transient.initial, stop=transient.stop)
-    time = amplified.record_times(transient, transient.stop)
+    time = record_times(transient, transient.stop)
     values = solution.uniform(float(time[1]), len(time))
     cost = Cost(clock.perf_counter() - started, 0, 1)
     return _thinned(task, Waveforms(time, solution.nodes, values, ENGINE, cost))

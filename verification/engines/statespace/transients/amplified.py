@@ -25,6 +25,7 @@ from verification.engines.statespace.linearised.equilibrium import Equilibrium, 
 from verification.engines.statespace.linearised.initial_state import initial_unknowns
 from verification.engines.statespace.transients.amplified_large import Wide
 from verification.engines.statespace.transients.radau import Dense, Radau, Solve
+from verification.engines.statespace.transients.record_times import record_times
 from verification.waveforms import Cost, Waveforms
 
 METHOD = "Radau IIA"
@@ -157,7 +158,7 @@ def simulate(
     Parameters
     ----------
     circuit, analysis, nodes, times
-        See `exact.simulate`; the error estimate controls the step.
+        See `simulate.simulate`; the error estimate controls the step.
     tolerance : float
         Relative, of one step.
 
@@ -215,15 +216,6 @@ def simulate(
     if given and dense.escaped:
         raise DivergesError(diverges, waveforms)
     return waveforms
-
-
-def record_times(analysis: Transient, end: float) -> Floats:
-    """Return uniform instants up to `end`, s, with a spacing of at most `max_step`."""
-    count = math.ceil(analysis.stop / analysis.max_step * (1.0 - 1e-12)) + 1
-    times = np.linspace(0.0, analysis.stop, count)
-    if end >= analysis.stop * (1.0 - 1e-9):
-        return times
-    return np.append(times[times < end], end)
 
 
 def voltage_floor(rest: Floats, z: Floats) -> Floats:

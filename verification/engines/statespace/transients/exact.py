@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import functools
 import math
-import time as clock
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from netlist_gen.analysis import Transient
 from netlist_gen.board.circuit import Circuit
 from netlist_gen.quantities import show
 from spice_models.array_types import Complexes, Floats, Ints
@@ -19,16 +17,13 @@ from spice_models.errors import EngineError
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.linearised.initial_state import Initial, initial_unknowns
 from verification.engines.statespace.linearised.state_space import StateSpace
-from verification.engines.statespace.transients import amplified
 from verification.engines.statespace.transients.matrix_exponential import (
     EPS,
     Flow,
     LadderFlow,
     ModalFlow,
 )
-from verification.waveforms import Cost, Waveforms
 
-ENGINE, METHOD = "statespace", "exact"
 TRUSTED = 1e-9  # modal error, in step amplitudes, below which the matrix exponential is not tried
 
 
@@ -248,71 +243,3 @@ def _choose_flow(
     if not min(ladder.error, modal.error) < math.inf:
         raise EngineError(f"rounding hides the solution over {show(stop, 's', 3)}")
     return (ladder, "exponential") if ladder.error < modal.error else (modal, "modes")
-
-
-def simulate(
-    circuit: Circuit | LinearBoard,
-    analysis: Transient,
-    *,
-    nodes: Iterable[str] | None = None,
-    times: Floats | None = None,
-    tolerance: float | None = None,
-) -> Waveforms:
-    """Simulate a transient: exactly if the board is linear, else by `amplified.simulate`.
-
-    A large linear board is simulated by `structured_radau.simulate`.
-
-    Parameters
-    ----------
-    circuit : Circuit or LinearBoard
-        The board.
-    analysis : Transient
-        `max_step` only sets the spacing of the points; `method` is not used.
-    nodes : iterable of str, optional
-        By default the outputs' nodes.
-    times : ndarray (P,), optional
-        Requested instants, strictly increasing, s; by default uniform from 0 to `stop`.
-    tolerance : float, optional
-        Of one step in `amplified` and `structured_radau`; by default theirs.
-
-    Returns
-    -------
-    Waveforms
-        The record of a board that leaves the range of floats ends before (with given `times`, an
-        `EngineError` is raised).
-
-    Raises
-    ------
-    EngineError
-        As `exact_solution` and `amplified.simulate`.
-    """
-    began, board = clock.perf_counter(), LinearBoard.of(circuit)
-    if not board.circuit.is_linear or board.descriptor.is_large:
-        from verification.engines.statespace.transients import structured_radau
-
-        run = structured_radau.simulate if board.circuit.is_linear else amplified.simulate
-        given = {} if tolerance is None else {"tolerance": tolerance}
-        return run(board, analysis, nodes=nodes, times=times, **given)
-    solution = exact_solution(
-        board,
-        initial=analysis.initial,
-        voltages=analysis.voltages,
-        nodes=nodes,
-        stop=analysis.stop if times is None else max(analysis.stop, float(times[-1])),
-    )
-    if times is None:
-        instants = amplified.record_times(analysis, analysis.stop)
-        values = solution.uniform(float(instants[1]), len(instants))
-    else:
-        instants, values = times, solution.at(times)
-    flags: tuple[str, ...] = ()
-    overflow = np.flatnonzero(~np.isfinite(values).all(axis=1))
-    if overflow.size:
-        if times is not None or overflow[0] < 2:
-            raise EngineError("the board is unstable and leaves the range of floats")
-        instants, values = instants[: overflow[0]], values[: overflow[0]]
-        flags = (f"the board diverges: it leaves the range of floats after {instants[-1]!r} s",)
-    cost = Cost(clock.perf_counter() - began, len(instants), 1)
-    return Waveforms(
-        instants, solution.nodes, values, ENGINE, cost, flags, solution.error, method=METHOD
-    )

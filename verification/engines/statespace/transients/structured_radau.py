@@ -22,8 +22,8 @@ from spice_models.errors import EngineError
 from verification.engines.statespace.equations.structured_solve import Structure
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.linearised.initial_state import initial_unknowns
-from verification.engines.statespace.transients.amplified import record_times
 from verification.engines.statespace.transients.radau_tableau import tableau
+from verification.engines.statespace.transients.record_times import record_times
 from verification.waveforms import Cost, Waveforms
 
 METHOD = "Radau IIA, structured"
@@ -225,7 +225,7 @@ def simulate(
     Parameters
     ----------
     circuit, analysis, nodes, times
-        See `exact.simulate`; the first step tried is `POINTS` times `max_step`.
+        See `simulate.simulate`; the first step tried is `POINTS` times `max_step`.
     tolerance : float
         Of one step, in step amplitudes. Errors of the steps of a ringing add up over its decay.
 

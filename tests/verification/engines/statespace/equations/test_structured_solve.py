@@ -22,7 +22,8 @@ from verification.engines.statespace.linearised.rightmost_poles import (
     rightmost_poles,
 )
 from verification.engines.statespace.transients import amplified, structured_radau
-from verification.engines.statespace.transients.exact import exact_solution, simulate
+from verification.engines.statespace.transients.exact import exact_solution
+from verification.engines.statespace.transients.simulate import simulate
 from verification.small_signal.poles import count_unstable, poles
 from verification.small_signal.time_scales import time_scales
 

@@ -22,7 +22,7 @@ from spice_models.errors import DivergesError, EngineError
 from tests.support.boards import board, kernel, single_mode, strain, two_pole
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.transients.amplified import Amplified
-from verification.engines.statespace.transients.exact import simulate
+from verification.engines.statespace.transients.simulate import simulate
 from verification.waveforms import Waveforms
 
 

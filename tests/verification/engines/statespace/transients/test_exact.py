@@ -16,8 +16,9 @@ from tests.support.boards import IDEAL, board, kernel, lags, paper_board, strain
 from tests.support.precise import precise_step
 from verification.engines.statespace.equations.stamps import stamp
 from verification.engines.statespace.linearised.board import LinearBoard
-from verification.engines.statespace.transients.exact import exact_solution, simulate
+from verification.engines.statespace.transients.exact import exact_solution
 from verification.engines.statespace.transients.matrix_exponential import LadderFlow, ModalFlow
+from verification.engines.statespace.transients.simulate import simulate
 
 TAU = 1e-6
 

@@ -1,0 +1,99 @@
+"""Transients by the state-space engine: the method that suits the board."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Iterable
+
+import numpy as np
+
+from netlist_gen.analysis import Transient
+from netlist_gen.board.circuit import Circuit
+from spice_models.array_types import Floats
+from spice_models.errors import EngineError
+from verification.engines.statespace.linearised.board import LinearBoard
+from verification.engines.statespace.transients.exact import Exact, exact_solution
+from verification.engines.statespace.transients.record_times import record_times
+from verification.waveforms import Cost, Waveforms
+
+ENGINE, METHOD = "statespace", "exact"
+
+
+def simulate(
+    circuit: Circuit | LinearBoard,
+    analysis: Transient,
+    *,
+    nodes: Iterable[str] | None = None,
+    times: Floats | None = None,
+    tolerance: float | None = None,
+) -> Waveforms:
+    """Simulate a transient: by `amplified` if the board is not linear, else by `exact`.
+
+    A large linear board is simulated by `structured_radau`.
+
+    Parameters
+    ----------
+    circuit : Circuit or LinearBoard
+        The board.
+    analysis : Transient
+        `max_step` only sets the spacing of the points; `method` is not used.
+    nodes : iterable of str, optional
+        By default the outputs' nodes.
+    times : ndarray (P,), optional
+        Requested instants, strictly increasing, s; by default uniform from 0 to `stop`.
+    tolerance : float, optional
+        Of one step in `amplified` and `structured_radau`; by default theirs.
+
+    Returns
+    -------
+    Waveforms
+        The record of a board that leaves the range of floats ends before (with given `times`, an
+        `EngineError` is raised).
+
+    Raises
+    ------
+    EngineError
+        As `exact.exact_solution` and `amplified.simulate`.
+    """
+    board = LinearBoard.of(circuit)
+    given = {} if tolerance is None else {"tolerance": tolerance}
+    if not board.circuit.is_linear:
+        from verification.engines.statespace.transients import amplified
+
+        return amplified.simulate(board, analysis, nodes=nodes, times=times, **given)
+    if board.descriptor.is_large:
+        from verification.engines.statespace.transients import structured_radau
+
+        return structured_radau.simulate(board, analysis, nodes=nodes, times=times, **given)
+    began = clock.perf_counter()
+    solution = exact_solution(
+        board,
+        initial=analysis.initial,
+        voltages=analysis.voltages,
+        nodes=nodes,
+        stop=analysis.stop if times is None else max(analysis.stop, float(times[-1])),
+    )
+    instants, values, flags = _sampled(solution, analysis, times)
+    cost = Cost(clock.perf_counter() - began, len(instants), 1)
+    return Waveforms(
+        instants, solution.nodes, values, ENGINE, cost, flags, solution.error, method=METHOD
+    )
+
+
+def _sampled(
+    solution: Exact, analysis: Transient, times: Floats | None
+) -> tuple[Floats, Floats, tuple[str, ...]]:
+    """Return the instants, the voltages and the flags of a record of `solution`."""
+    if times is None:
+        instants = record_times(analysis, analysis.stop)
+        values = solution.uniform(float(instants[1]), len(instants))
+    else:
+        instants, values = times, solution.at(times)
+    overflow = np.flatnonzero(~np.isfinite(values).all(axis=1))
+    if not overflow.size:
+        return instants, values, ()
+    if times is not None or overflow[0] < 2:
+        raise EngineError("the board is unstable and leaves the range of floats")
+    instants, values = instants[: overflow[0]], values[: overflow[0]]
+    flag = f"the board diverges: it leaves the range of floats after {instants[-1]!r} s"
+    return instants, values, (flag,)
