@@ -27,7 +27,7 @@ from verification.pipeline.error_chain import ErrorBudget
 from verification.pipeline.imported_parts import missing_witness, notes
 from verification.pipeline.output_noise import OutputNoise
 from verification.pipeline.part_limits import PartLoads
-from verification.pipeline.recording import record_and_measure
+from verification.pipeline.recording import Recording, record_and_measure
 from verification.pipeline.run_checks import run_checks
 from verification.pipeline.simulation import begin
 from verification.pipeline.steady_state import SteadyState
@@ -115,26 +115,9 @@ def verify(
     steady = SteadyState.of(design.board, design.scales)
     constraint = constraint_plane(design.circuit) if effort.details else None
     design, recording = record_and_measure(design, ideal, pending, clock)
-    wave = recording.simulation.waveforms
-    evidence = Evidence(
-        checks=design.scene.checks,
-        measurements=recording.measurements,
-        error=recording.error,
-        steady=steady,
-        end=float(wave.time[-1]),
-        forever=recording.forever,
-        wanted=design.plan.wanted,
-        agreement=recording.agreement,
-        poles=design.poles,
-        margin=margin,
-        reference_error=ideal.error,
-        reference_problem=ideal.problem,
-        contradiction=find_contradiction(design.circuit, ideal, recording.u[0]),
-        parts=parts,
-        noise=noise,
-        unwitnessed=missing_witness(design.circuit, design.engine),
-    )
+    evidence = _evidence(design, ideal, recording, steady, margin, parts, noise)
     checks = run_checks(evidence)
+    wave = recording.simulation.waveforms
     energy = energy_rise(design.network, wave.time, recording.u) if effort.details else None
     clock.begin("error budget")
     budget = error_budget(design, ideal, recording, noise) if effort.details else ErrorBudget()
@@ -160,16 +143,7 @@ def verify(
         parts=parts,
         noise=noise,
         checks=checks,
-        warnings=find_warnings(
-            evidence,
-            (
-                *questions(design.scene),
-                *recording.simulation.notes,
-                *design.plan.notes,
-                *part_warnings(design.circuit),
-                *notes(design.circuit),
-            ),
-        ),
+        warnings=_warnings(design, recording, evidence),
         outcome=overall(checks),
         timing=clock.seconds,
     )
@@ -181,3 +155,45 @@ def _margin(design: Design, full: bool) -> Margin | None:
         return None
     reach = max(required, REACH) if full else required
     return capacitance_margin(design.board, reach, design.poles)
+
+
+def _evidence(
+    design: Design,
+    ideal: IdealAnswer,
+    recording: Recording,
+    steady: SteadyState,
+    margin: Margin | None,
+    parts: PartLoads,
+    noise: OutputNoise | None,
+) -> Evidence:
+    """Return what the checks judge."""
+    return Evidence(
+        checks=design.scene.checks,
+        measurements=recording.measurements,
+        error=recording.error,
+        steady=steady,
+        end=float(recording.simulation.waveforms.time[-1]),
+        forever=recording.forever,
+        wanted=design.plan.wanted,
+        agreement=recording.agreement,
+        poles=design.poles,
+        margin=margin,
+        reference_error=ideal.error,
+        reference_problem=ideal.problem,
+        contradiction=find_contradiction(design.circuit, ideal, recording.u[0]),
+        parts=parts,
+        noise=noise,
+        unwitnessed=missing_witness(design.circuit, design.engine),
+    )
+
+
+def _warnings(design: Design, recording: Recording, evidence: Evidence) -> tuple[str, ...]:
+    """Return the warnings of the scene, the parts, the plan, the engine and the readings."""
+    known = (
+        *questions(design.scene),
+        *recording.simulation.notes,
+        *design.plan.notes,
+        *part_warnings(design.circuit),
+        *notes(design.circuit),
+    )
+    return find_warnings(evidence, known)

@@ -13,7 +13,8 @@ from verification.measures.measurements import ChannelMeasure, Measurements
 from verification.measures.readings import Reading
 from verification.measures.settling import ChannelState
 from verification.pipeline.agreement import Agreement
-from verification.pipeline.checks import Evidence
+from verification.pipeline.checks import Check, Evidence
+from verification.pipeline.run_checks import run_checks
 from verification.pipeline.steady_state import SteadyState
 from verification.pipeline.step_error import StepError
 from verification.small_signal.margin import Margin
@@ -116,3 +117,8 @@ def agreement(difference: float, step_error: float = 0.0, reason: str = "") -> A
 
 def margin(factor: float, uncertainty: float = 0.0, doubt: str = "") -> Margin:
     return Margin(factor, uncertainty, f"C may shrink by {factor:g}", doubt)
+
+
+def check(name: str, given: Evidence) -> Check:
+    """Return the check `name` of all that `given` is judged by."""
+    return next(found for found in run_checks(given) if found.name == name)

@@ -11,6 +11,7 @@ from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from spice_models.errors import EngineError
 from verification.engines.statespace.linearised.board import LinearBoard
+from verification.engines.statespace.linearised.initial_state import Initial
 from verification.small_signal.step_forecast import StepForecast, StepModel
 from verification.small_signal.time_scales import GROWN, TimeScales
 
@@ -150,20 +151,13 @@ def plan_transient(
     initial = scene.analysis.initial
     if engine == "statespace":
         return _without_steps(scene, board, scales, stop, growing=growing)
+    model = StepModel.of(board, stop, initial, stable=not growing)
+    step_seconds, points = seconds_per_step(board), scene.analysis.points_per_period
     notes: tuple[str, ...] = ()
-    model, points = (
-        StepModel.of(board, stop, initial, stable=not growing),
-        scene.analysis.points_per_period,
-    )
-    step_seconds = seconds_per_step(board)
     if points is not None:
         forecast = model.even(scales.max_step_for(points))
     elif growing:
-        forecast = model.cheapest(GROWTH_ERROR * GROWN)
-        if forecast.steps * step_seconds > UNSTABLE_SECONDS:
-            stop = model.reached(forecast, UNSTABLE_SECONDS / step_seconds)
-            notes = (TOO_SLOW.format(stop=stop, seconds=UNSTABLE_SECONDS),)
-            forecast = StepModel.of(board, stop, initial).cheapest(GROWTH_ERROR)
+        stop, forecast, notes = _growing(board, model, initial, step_seconds)
     else:
         forecast = model.cheapest(max(AIM * error if aim is None else aim, LEAST_ERROR))
     transient = Transient(
@@ -176,6 +170,18 @@ def plan_transient(
     )
     seconds, grown = forecast.steps * step_seconds, min(scales.growth_time, stop)
     return Plan(transient, error, forecast, seconds, growing, grown, notes)
+
+
+def _growing(
+    board: LinearBoard, model: StepModel, initial: Initial, step_seconds: float
+) -> tuple[float, StepForecast, tuple[str, ...]]:
+    """Return the end of a growing record, s, its step control, and a note if the end is early."""
+    forecast = model.cheapest(GROWTH_ERROR * GROWN)
+    if forecast.steps * step_seconds <= UNSTABLE_SECONDS:
+        return float(model.time[-1]), forecast, ()
+    stop = model.reached(forecast, UNSTABLE_SECONDS / step_seconds)
+    note = TOO_SLOW.format(stop=stop, seconds=UNSTABLE_SECONDS)
+    return stop, StepModel.of(board, stop, initial).cheapest(GROWTH_ERROR), (note,)
 
 
 def _without_steps(

@@ -19,7 +19,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeVar
 
 import numpy as np
 
@@ -28,9 +27,8 @@ from spice_models.subcircuits import STAGE_CAPACITANCE
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.linearised.initial_state import Initial, initial_unknowns
 from verification.engines.statespace.linearised.state_space import StateSpace
+from verification.small_signal.mode_sums import TINY, integral, limited_exp, real_magnitude, slip
 from verification.small_signal.time_scales import RESOLVED
-
-Array = TypeVar("Array", Floats, Complexes)
 
 CKTTERR = 72.0  # 12 of the trapezoidal rule's local error times 3! of the divided difference
 INSTANTS = 240  # number of instants of the forecast, in geometric progression
@@ -51,8 +49,6 @@ CLOSE = 0.8  # of the allowed error: the search stops above this fraction
 SPREAD = 1e-3  # relative perturbation of a matrix with defective modes
 TRIES = 12
 LEAST, MOST = 1e-15, 0.5  # truncation errors
-TINY = 1e-280  # in the place of zero
-LARGEST = 300.0  # exponent
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,7 +153,7 @@ class StepModel:
     @cached_property
     def growth(self) -> Complexes:
         """``exp(p t)`` of the modes that show, shape (T, n)."""
-        return _exp(self.exponents)
+        return limited_exp(self.exponents)
 
     @cached_property
     def limits(self) -> tuple[Floats, Floats]:
@@ -166,11 +162,11 @@ class StepModel:
         By `charge`, which grows with the third root of the truncation error, and by the currents,
         which grows with the second root.
         """
-        growth = _exp(np.multiply.outer(self.time, self.all_poles))
-        third = _real(growth, self.all_poles[:, None] ** 3 * self.charges)
+        growth = limited_exp(np.multiply.outer(self.time, self.all_poles))
+        third = real_magnitude(growth, self.all_poles[:, None] ** 3 * self.charges)
         third = np.maximum(third, TINY)
         by_charge = np.cbrt(CKTTERR * self.charge / third.max(axis=1, initial=TINY))
-        current = _real(growth, self.all_poles[:, None] * self.charges)
+        current = real_magnitude(growth, self.all_poles[:, None] * self.charges)
         by_current = np.sqrt(CKTTERR * (current / third).min(axis=1, initial=math.inf))
         return by_charge, by_current
 
@@ -183,15 +179,15 @@ class StepModel:
     def forecast(self, truncation: float, max_step: float) -> StepForecast:
         """Forecast the run of ngspice with a truncation error and a maximum step, s."""
         step = self.step_lengths(truncation, max_step)[:, None]
-        drift = _integral(_slip(step, self.poles), self.time)
-        off = _exp(self.exponents + drift) - self.growth
+        drift = integral(slip(step, self.poles), self.time)
+        off = limited_exp(self.exponents + drift) - self.growth
         return StepForecast(
             truncation=truncation,
             charge=self.charge,
             max_step=max_step,
             first_step=FIRST * float(step[0, 0]),
-            steps=float(_integral(1.0 / step[:, 0], self.time)[-1]),
-            error=float(_real(off, self.shares).max(initial=0.0)),
+            steps=float(integral(1.0 / step[:, 0], self.time)[-1]),
+            error=float(real_magnitude(off, self.shares).max(initial=0.0)),
         )
 
     def even(self, max_step: float) -> StepForecast:
@@ -202,7 +198,7 @@ class StepModel:
     def reached(self, forecast: StepForecast, steps: float) -> float:
         """Return the instant at which a run of `forecast` has taken `steps` steps, s."""
         rate = 1.0 / self.step_lengths(forecast.truncation, forecast.max_step)
-        return float(np.interp(steps, _integral(rate, self.time), self.time))
+        return float(np.interp(steps, integral(rate, self.time), self.time))
 
     def instants(self, error: float) -> Floats:
         """Return the instants of a record whose cubic interpolation errs by `error`, s.
@@ -219,7 +215,7 @@ class StepModel:
         bend = np.maximum(bend.max(axis=1, initial=0.0), TINY)
         longest = np.minimum(self.time[-1] / FEWEST_INSTANTS, MOVE / rate)
         spacing = np.minimum((128.0 / 3.0 * error / bend) ** 0.25, longest)
-        count = _integral(1.0 / spacing, self.time)
+        count = integral(1.0 / spacing, self.time)
         places = np.linspace(0.0, count[-1], min(math.ceil(count[-1]) + 1, MOST_INSTANTS))
         return np.asarray(np.interp(places, count, self.time))
 
@@ -276,35 +272,3 @@ def _modes(space: StateSpace, C: Floats, deviation: Floats) -> tuple[Complexes, 
 def _instants(poles: Complexes, stop: float) -> Floats:
     earliest = min(EARLIEST / float(np.abs(poles).max(initial=1.0 / stop)), 0.5 * stop)
     return np.concatenate([[0.0], np.geomspace(earliest, stop, INSTANTS)])
-
-
-def _slip(step: Floats, poles: Complexes) -> Complexes:
-    """Return ``(log((1 + z) / (1 - z)) - 2 z) / step`` with ``z = step poles / 2``, Im z >= 0.
-
-    Functions of real numbers take a third of the time of a complex logarithm. A step of exactly
-    ``-2 / p`` removes a mode p; its logarithm is limited to that of `TINY`.
-    """
-    x, y = 0.5 * step * poles.real, 0.5 * step * poles.imag
-    square = y * y
-    before, after = (1.0 + x) ** 2 + square, (1.0 - x) ** 2 + square
-    decay = 0.5 * np.log(np.maximum(before / after, TINY)) - 2.0 * x
-    turn = np.arctan2(2.0 * y, 1.0 - x * x - square) - 2.0 * y
-    return np.asarray((decay + 1j * turn) / step)
-
-
-def _integral(rate: Array, time: Floats) -> Array:
-    """Integrate `rate`, (T,) or (T, n), over `time` by the trapezoidal rule; the same shape."""
-    integral = np.zeros_like(rate)
-    between = np.diff(time) if rate.ndim == 1 else np.diff(time)[:, None]
-    np.cumsum(0.5 * (rate[1:] + rate[:-1]) * between, axis=0, out=integral[1:])
-    return integral
-
-
-def _exp(exponents: Complexes) -> Complexes:
-    """Return the exponential, limited to ``exp(LARGEST)``."""
-    return np.asarray(np.exp(np.minimum(exponents.real, LARGEST) + 1j * exponents.imag))
-
-
-def _real(growth: Complexes, shares: Complexes) -> Floats:
-    """Return ``|Re(growth @ shares)|``, computed in real arithmetic."""
-    return np.abs(growth.real @ shares.real - growth.imag @ shares.imag)

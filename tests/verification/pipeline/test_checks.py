@@ -3,42 +3,26 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
-from typing import Any
 
-import numpy as np
 import pytest
 
-from netlist_gen.quantities import show
 from tests.support.measured import (
-    UNSTABLE,
     agreement,
     channel,
+    check,
     evidence,
     margin,
     measured,
-    oscillating,
-    steady,
 )
-from verification.measures.readings import Reading
-from verification.measures.settling import ChannelState
-from verification.pipeline.channel_states import describe_states
 from verification.pipeline.checks import (
     Check,
-    Evidence,
     Outcome,
     at_most,
     overall,
 )
 from verification.pipeline.run_checks import run_checks
-from verification.pipeline.step_error import StepError
-from verification.small_signal.poles import summarise
 
 PASS, FAIL, UNDECIDED = Outcome.PASS, Outcome.FAIL, Outcome.INCONCLUSIVE
-
-
-def check(name: str, given: Evidence) -> Check:
-    return next(found for found in run_checks(given) if found.name == name)
 
 
 @pytest.mark.parametrize(
@@ -76,224 +60,10 @@ def test_the_whole_is_its_worst_part(outcomes: tuple[Outcome, ...], whole: Outco
     assert overall(checks) is whole
 
 
-@pytest.mark.parametrize(
-    ("rest", "error", "reference_error", "outcome"),
-    [
-        (1.0009, 1e-12, 0.0, PASS),
-        (1.0009, 0.0, 0.0, UNDECIDED),
-        (1.0011, 0.0, 0.0, FAIL),
-        (0.9989, 0.0, 0.0, FAIL),
-        (1.0009, 2e-4, 0.0, UNDECIDED),
-        (1.0009, 0.0, 2e-4, UNDECIDED),
-    ],
-)
-def test_a_steady_state_is_judged_at_the_equilibrium(
-    rest: float, error: float, reference_error: float, outcome: Outcome
-) -> None:
-    given = evidence(
-        channel(final=rest),
-        steady=steady(rest, error=error),
-        reference_error=reference_error,
-    )
-    found = check("steady_state", given)
-    assert found.outcome is outcome
-    assert found.value == pytest.approx(abs(rest - 1.0))
-    assert found.tolerance == 1e-3
-
-
-@pytest.mark.parametrize("error", [1.5, math.inf])
-def test_a_step_below_the_rounding_of_the_equilibrium_is_nothing_to_judge(error: float) -> None:
-    found = check("steady_state", evidence(channel(final=1.0), steady=steady(1.0, error=error)))
-    assert (found.outcome, found.value) == (UNDECIDED, None)
-    assert found.reason.startswith("nothing to judge: the step amplitude is below the rounding")
-
-
-def test_the_end_of_a_record_confirms_the_equilibrium_and_decides_nothing() -> None:
-    """A record that ends on target does not save a board that comes to rest beside it."""
-    beside = check("steady_state", evidence(channel(final=1.0), steady=steady(1.002, left=0.01)))
-    assert beside.outcome is FAIL
-    assert beside.value == pytest.approx(2e-3)
-    assert beside.reason.endswith("0 % at the record's end")
-    off = check("steady_state", evidence(channel(final=1.0005), steady=steady(1.0)))
-    assert off.outcome is UNDECIDED  # the end differs by more than the wanted error of 2.5e-4
-    assert "the record ends 0.05 % from the equilibrium" in off.reason
-    explained = evidence(channel(final=1.0005), steady=steady(1.0, left=3e-4))
-    assert check("steady_state", explained).outcome is PASS
-
-
-def test_a_record_that_is_too_short_decides_nothing_and_says_what_would() -> None:
-    given = evidence(channel(final=1.0), steady=steady(1.0, left=0.1), forever=False)
-    found = check("steady_state", given)
-    assert found.outcome is UNDECIDED
-    needed = 1.2 * (1.0 + math.log(100.0))  # a mode of 1 s from 0.1 to 1e-3 of the step
-    assert found.reason.endswith(f"ends after 1 s: analysis.stop = {needed:.4g} s is needed")
-    assert check("settling_time", given).outcome is UNDECIDED
-    assert check("stability", given).outcome is PASS
-    known = evidence(channel(final=1.0), steady=steady(1.0, left=0.1), forever=True)
-    assert {found.outcome for found in run_checks(known)} == {PASS}
-
-
-def test_a_steady_state_is_a_fraction_of_the_step_amplitude() -> None:
-    given = evidence(measurements=measured(channel(final=1.001), amplitude=0.5))
-    assert check("steady_state", given).value == pytest.approx(2e-3)
-
-
-def test_an_oscillating_board_has_no_steady_state_even_on_target() -> None:
-    """Behavioural amplifiers may sustain an oscillation about a stable equilibrium."""
-    given = evidence(oscillating(), steady=steady(1.0, linear=False))
-    found = check("steady_state", given)
-    assert found.outcome is FAIL
-    assert "no steady state: channel 1 oscillating at 40 kHz, growth rate +1 k/s" in found.reason
-    assert check("settling_time", given).outcome is FAIL
-    assert check("settling_time", given).value is None
-
-
-def test_a_linear_board_that_oscillates_contradicts_its_stable_poles() -> None:
-    given = evidence(oscillating(), checks={"overshoot": {"max": 0.5}})
-    for name in ("steady_state", "settling_time", "overshoot", "stability"):
-        assert check(name, given).outcome is UNDECIDED
-    assert "the poles are stable, the transient is not" in check("steady_state", given).reason
-
-
-def test_an_unstable_board_fails_whatever_its_transient_shows() -> None:
-    wanted = {"overshoot": {"max": 0.5}, "undershoot": {"max": 0.5}, "rise_time": {"max": 1.0}}
-    given = evidence(poles=UNSTABLE, checks=wanted, reference_problem="the gap is too wide")
-    for name in ("steady_state", "settling_time", "overshoot", "undershoot", "stability"):
-        assert check(name, given).outcome is FAIL
-        assert "oscillates at 15.92 kHz, growth rate +1 k/s" in check(name, given).reason
-    assert check("rise_time", given).outcome is UNDECIDED
-
-
-def test_a_pole_within_rounding_of_the_axis_decides_nothing() -> None:
-    given = evidence(
-        poles=summarise(np.array([1e-9, -1e6], dtype=np.complex128), complete=True),
-        checks={"overshoot": {"max": 0.5}, "rise_time": {"max": 1.0}},
-    )
-    for name in ("steady_state", "settling_time", "rise_time", "overshoot", "stability"):
-        assert check(name, given).outcome is UNDECIDED
-        assert "the board may be stable or unstable" in check(name, given).reason
-
-
-def test_an_equilibrium_outside_the_band_never_settles() -> None:
-    given = evidence(channel(settling_time=Reading(1e-3, 0.0)), steady=steady(1.02))
-    found = check("settling_time", given)
-    assert found.outcome is FAIL
-    assert found.reason == (
-        "the equilibrium is 2 % off the reference, outside ±1 % of the step amplitude"
-    )
-
-
-def test_a_board_that_is_outside_its_band_after_the_limit_settles_too_late() -> None:
-    late = channel(final=1.05, settling_time=None, state=ChannelState.NOT_SETTLED)
-    for limit, outcome in ((0.5, FAIL), (2.0, UNDECIDED), (None, UNDECIDED)):
-        wanted = {"settling_time": {"max": limit} if limit else {}}
-        given = evidence(late, steady=steady(1.0, left=0.05), checks=wanted)
-        found = check("settling_time", given)
-        assert found.outcome is outcome
-    assert "analysis.stop = " in found.reason
-
-
-def test_an_outputs_later_excursion_may_exceed_the_limit() -> None:
-    wanted = {"overshoot": {"max": 0.15}}
-    for left, outcome in ((0.04, PASS), (0.2, UNDECIDED)):
-        given = evidence(channel(), steady=steady(1.0, left=left), checks=wanted)
-        assert check("overshoot", given).outcome is outcome
-    high = evidence(channel(overshoot=0.3), steady=steady(1.0, left=0.2), checks=wanted)
-    assert check("overshoot", high).outcome is FAIL
-
-
-@pytest.mark.parametrize(
-    ("limit", "uncertainty", "outcome"),
-    [
-        (None, 1e-7, PASS),
-        (2e-3, 1e-7, PASS),
-        (1e-3, 1e-7, UNDECIDED),
-        (1.01e-3, 2e-5, UNDECIDED),
-        (0.9e-3, 1e-7, FAIL),
-        (None, math.inf, UNDECIDED),
-    ],
-)
-def test_settling_time(limit: float | None, uncertainty: float, outcome: Outcome) -> None:
-    given = evidence(
-        channel(settling_time=Reading(1e-3, uncertainty)),
-        checks={"settling_time": {"max": limit} if limit else {}},
-    )
-    assert check("settling_time", given).outcome is outcome
-
-
 def test_a_contradiction_fails_and_no_contradiction_is_no_check() -> None:
     found = check("same_problem", evidence(contradiction="the board states lambda = 2.0"))
     assert (found.outcome, found.reason) == (FAIL, "the board states lambda = 2.0")
     assert "same_problem" not in {made.name for made in run_checks(evidence())}
-
-
-@pytest.mark.parametrize(("least", "outcome"), [(0.9e-3, PASS), (1e-3, UNDECIDED), (1.1e-3, FAIL)])
-def test_a_settling_time_below_its_lower_limit_fails(least: float, outcome: Outcome) -> None:
-    given = evidence(checks={"settling_time": {"min": least, "max": 2e-3}})
-    found = check("settling_time", given)
-    assert found.outcome is outcome
-    assert found.reason.endswith(f"at least {show(least, 's')}")
-    assert (found.expected, found.value) == (2e-3, 1e-3)
-
-
-@pytest.mark.parametrize(
-    ("limits", "alternative", "outcome"),
-    [
-        ({"max": 11e-6, "min": 9e-6}, None, PASS),
-        ({"max": 9e-6}, None, FAIL),
-        ({"min": 11e-6}, None, FAIL),
-        ({"min": 10e-6}, None, UNDECIDED),
-        ({"max": 11e-6}, 4e-6, PASS),
-        ({"max": 11e-6}, 14e-6, UNDECIDED),
-        ({"min": 9e-6}, 4e-6, UNDECIDED),
-        ({"min": 3e-6}, 4e-6, PASS),
-        ({"max": 3e-6}, 4e-6, FAIL),
-    ],
-)
-def test_a_fragile_rise_time(
-    limits: dict[str, float], alternative: float | None, outcome: Outcome
-) -> None:
-    reading = Reading(10e-6, 1e-9, alternative is not None, alternative)
-    given = evidence(channel(rise_time=reading), checks={"rise_time": limits})
-    assert check("rise_time", given).outcome is outcome
-
-
-def test_rise_time_of_the_channel_that_is_named_or_the_middle_one() -> None:
-    channels = [channel(n, rise_time=Reading((n + 1) * 1e-6, 0.0)) for n in range(4)]
-    for named, value in ((None, 2e-6), (4, 4e-6)):
-        wanted: dict[str, Any] = {"max": 1.0, **({"channel": named} if named else {})}
-        assert check("rise_time", evidence(*channels, checks={"rise_time": wanted})).value == value
-    none = evidence(*channels, checks={"rise_time": {"channel": 5}})
-    assert check("rise_time", none).outcome is UNDECIDED
-    small = evidence(
-        channel(rise_time=None, rise_reason="step too small"), checks={"rise_time": {"max": 1}}
-    )
-    assert check("rise_time", small).outcome is UNDECIDED
-    assert "step too small" in check("rise_time", small).reason
-
-
-@pytest.mark.parametrize(
-    ("limit", "error", "outcome"),
-    [(0.11, 1e-9, PASS), (0.11, 0.0, UNDECIDED), (0.09, 1e-9, FAIL), (0.1, 1e-3, UNDECIDED)],
-)
-def test_overshoot_and_undershoot(limit: float, error: float, outcome: Outcome) -> None:
-    checks = {"overshoot": {"max": limit}, "undershoot": {"max": limit}}
-    both = channel(overshoot=0.1, undershoot=0.1)
-    given = evidence(both, checks=checks, error=StepError(0.0, 0.0, 0.0, error, error))
-    for name in checks:
-        assert check(name, given).outcome is outcome
-        cycle = evidence(oscillating(), checks=checks, steady=steady(1.0, linear=False))
-        assert check(name, cycle).outcome is FAIL
-
-
-def test_overshoot_and_undershoot_have_their_own_limits() -> None:
-    checks = {"overshoot": {"max": 0.1}, "undershoot": {"max": 0.01}}
-    given = evidence(
-        channel(0, overshoot=0.09), channel(1, overshoot=0.05, undershoot=0.02), checks=checks
-    )
-    assert check("overshoot", given).outcome is PASS
-    under = check("undershoot", given)
-    assert (under.outcome, under.value, under.expected) == (FAIL, 0.02, 0.01)
 
 
 def test_checks_that_nobody_asked_for_are_not_made() -> None:
@@ -302,16 +72,6 @@ def test_checks_that_nobody_asked_for_are_not_made() -> None:
         "settling_time",
         "stability",
     ]
-
-
-def test_stability_is_the_poles_word_and_the_transient_may_object() -> None:
-    assert check("stability", evidence()).outcome is PASS
-    unstable = check("stability", evidence(poles=UNSTABLE))
-    assert unstable.outcome is FAIL
-    assert "oscillates at 15.92 kHz, growth rate +1 k/s" in unstable.reason
-    objected = check("stability", evidence(oscillating()))
-    assert objected.outcome is UNDECIDED
-    assert "the transient is not" in objected.reason
 
 
 @pytest.mark.parametrize(
@@ -361,65 +121,3 @@ def test_two_engines_may_agree_that_nothing_moves(difference: float, outcome: Ou
     found = check("engines_agree", given)
     assert (found.outcome, found.value) == (outcome, difference)
     assert "nothing moves" in found.reason
-
-
-def test_an_untrusted_reference_decides_nothing_but_stability() -> None:
-    wanted = {"rise_time": {"max": 1.0}, "overshoot": {"max": 1.0}}
-    given = evidence(checks=wanted, reference_problem="the gap is too wide")
-    for found in run_checks(given):
-        if found.name != "stability":
-            assert found.outcome is UNDECIDED
-            assert found.reason == "the gap is too wide"
-    assert overall(run_checks(given)) is UNDECIDED
-
-
-def test_a_board_that_need_not_move_is_no_verdict() -> None:
-    given = evidence(measurements=measured(channel(target=0.0, final=0.3), amplitude=0.0))
-    assert check("steady_state", given).outcome is UNDECIDED
-    assert check("settling_time", given).outcome is UNDECIDED
-
-
-def test_states_are_told_in_words() -> None:
-    stuck = channel(2, state=ChannelState.NOT_SETTLED, settling_time=None)
-    found = describe_states(measured(oscillating(0), oscillating(1), stuck, channel(3)))
-    assert found == (
-        "channel 1, 2 oscillating at 40 kHz, growth rate +1 k/s; channel 3 not settled"
-    )
-    assert describe_states(measured(oscillating(0), oscillating(1))).startswith("every channel")
-    assert describe_states(measured(channel())) == ""
-
-
-def test_a_ringing_that_may_persist_leaves_its_checks_undecided() -> None:
-    both = "if it decays, the settling time is 1 ms; if it does not, it never settles"
-    unclear = channel(state=ChannelState.UNDECIDED, settling_time=None, reason=both)
-    wanted = {"overshoot": {"max": 0.5}}
-    given = evidence(unclear, channel(1), checks=wanted, steady=steady(1.0, 1.0, linear=False))
-    for name in ("steady_state", "settling_time", "overshoot"):
-        assert check(name, given).outcome is UNDECIDED
-        assert both in check(name, given).reason
-    worse = evidence(unclear, oscillating(1), checks=wanted, steady=steady(1.0, 1.0, linear=False))
-    assert check("settling_time", worse).outcome is FAIL
-    assert check("steady_state", worse).outcome is FAIL
-
-
-def test_a_pole_within_its_rounding_of_the_axis_is_undecided() -> None:
-    for real, outcome in ((-1.0, PASS), (-1e-7, UNDECIDED), (1e-7, UNDECIDED), (1.0, FAIL)):
-        given = summarise(np.array([real + 1e6j, real - 1e6j, -1e8]), complete=True)
-        assert check("stability", evidence(poles=given)).outcome is outcome
-
-
-def test_a_step_below_the_references_error_is_nothing_to_judge() -> None:
-    given = evidence(channel(final=3.0, settling_time=None), reference_error=1.5)
-    for name in ("steady_state", "settling_time"):
-        assert check(name, given).outcome is UNDECIDED
-        assert "nothing to judge" in check(name, given).reason
-
-
-def test_a_record_within_the_limit_confirms_where_the_remainder_is_an_estimate() -> None:
-    for end, estimated, outcome in (
-        (1.0005, False, UNDECIDED),
-        (1.0005, True, PASS),
-        (1.002, True, UNDECIDED),
-    ):
-        rest = replace(steady(1.0), estimated=estimated)
-        assert check("steady_state", evidence(channel(final=end), steady=rest)).outcome is outcome

@@ -13,9 +13,7 @@ import contextlib
 import errno
 import functools
 import os
-import shlex
 import signal
-import subprocess
 import threading
 import time
 import weakref
@@ -30,9 +28,9 @@ from spice_models.orphans import end_orphans
 from spice_models.own_folders import keep_folder, remove_own_folder
 from verification.engines.ngspice.ending import Ending, longest
 from verification.engines.ngspice.evidence import accepted_waveforms
-from verification.engines.ngspice.executable import Simulator, environment, find_simulator
+from verification.engines.ngspice.executable import Simulator, find_simulator
+from verification.engines.ngspice.launch import STREAMS, command_line, launch
 from verification.engines.ngspice.noise_evidence import integrated_noise
-from verification.engines.ngspice.parent_death import guard_of_process
 from verification.engines.ngspice.response_evidence import small_signal_response
 from verification.engines.ngspice.run_folder import make_folder
 from verification.engines.ngspice.screening import Deck, screen
@@ -49,9 +47,6 @@ LONGEST_LOG = MEGABYTE
 """Bytes of an error stream that are read; of a longer stream only the beginning and the end."""
 
 LOOK_INTERVAL = 0.5  # s between two looks at the length of the files
-_STREAMS = ("stdout.txt", "stderr.txt")
-_HERE = Path("$PWD")
-_ARGUMENTS = ("-b", "-n", "-r", "out.raw", "deck.cir")
 
 
 class _Process:
@@ -63,7 +58,7 @@ class _Process:
     def __init__(self, simulator: Simulator, folder: Path) -> None:
         self.folder = folder
         self.started = self.ended = time.perf_counter()
-        self._popen = _launch(simulator, folder)
+        self._popen = launch(simulator, folder)
         self._over = threading.Event()
         _thread.start_new_thread(self._watch, ())  # `Thread` would wait until it runs
 
@@ -88,7 +83,7 @@ class _Process:
 
     def flooded_file(self) -> str:
         """Return the name of a file of the run folder that is too long, or nothing."""
-        for name in (*_STREAMS, "out.raw"):
+        for name in (*STREAMS, "out.raw"):
             with contextlib.suppress(OSError):  # no such file
                 if os.stat(f"{self.folder}/{name}").st_size > longest(name):  # noqa: PTH116
                     return name
@@ -244,7 +239,7 @@ def start(
         The deck could not be written.
     """
     screen(deck)
-    place = make_folder(deck, _command(simulator), folder)
+    place = make_folder(deck, command_line(simulator), folder)
     try:
         if not os.access(simulator.executable, os.X_OK):
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
@@ -271,35 +266,7 @@ def simulate(
 def _error_stream(folder: Path) -> str:
     """Return the error stream of a run; a simulator that removed it shows no evidence."""
     try:
-        return read_ends(f"{folder}/{_STREAMS[1]}", LONGEST_LOG)
+        return read_ends(f"{folder}/{STREAMS[1]}", LONGEST_LOG)
     except UnusableFileError as error:
-        text = f"the error stream cannot be read: {_STREAMS[1]}: {error}"
+        text = f"the error stream cannot be read: {STREAMS[1]}: {error}"
         raise BadEvidence(text, folder=folder) from None
-
-
-def _command(simulator: Simulator) -> str:
-    """Return a command line that repeats the run in its folder, also after the folder was moved."""
-    return _quoted(simulator.executable, tuple(environment(_HERE).items()))
-
-
-@functools.lru_cache(maxsize=4)
-def _quoted(executable: str, variables: tuple[tuple[str, str], ...]) -> str:
-    words = [f"{name}={value}" for name, value in variables if value != str(_HERE)]
-    homes = " ".join(f'{name}="$PWD"' for name, value in variables if value == str(_HERE))
-    return f"{shlex.join(['env', '-i', *words])} {homes} {shlex.join([executable, *_ARGUMENTS])}\n"
-
-
-def _launch(simulator: Simulator, folder: Path) -> subprocess.Popen[bytes]:
-    with (
-        open(f"{folder}/{_STREAMS[0]}", "wb", buffering=0) as out,  # noqa: PTH123 - quicker
-        open(f"{folder}/{_STREAMS[1]}", "wb", buffering=0) as err,  # noqa: PTH123
-    ):
-        return subprocess.Popen(
-            [*guard_of_process(), simulator.executable, *_ARGUMENTS],
-            cwd=folder,
-            env=environment(folder),
-            stdin=subprocess.DEVNULL,
-            stdout=out,
-            stderr=err,
-            start_new_session=True,  # a new process group, which a timeout ends as a whole
-        )
