@@ -198,24 +198,29 @@ def simulate(
     first = min(FIRST / speed if speed > 0.0 else stop, stop)
     dense = Radau(system, z, tolerance, floor, first, limit).run(stop)
     diverges = f"the board diverges: it passes {limit:.3g} V at {dense.ends[-1]!r} s"
-    given = times is not None
-    if times is None:
-        times = record_times(analysis, dense.ends[-1])
-    elif dense.escaped:
-        times = np.append(times[times < dense.ends[-1]], dense.ends[-1])
-    values = system.report(dense.at(times))
+    instants = _instants(dense, analysis, times)
+    values = system.report(dense.at(instants))
     if not np.all(np.isfinite(values)):
         raise EngineError("an amplifier left the range of floats between two steps")
     cost = Cost(clock.perf_counter() - began, dense.steps, dense.factorisations)
     blurred = f"rounding leaves up to {dense.rounding:.3g} V, in a step more than its tolerance"
     flags = (diverges,) * dense.escaped + (blurred,) * dense.coarse
     waveforms = Waveforms(
-        times, wanted, values, "statespace", cost, flags, dense.rounding,
+        instants, wanted, values, "statespace", cost, flags, dense.rounding,
         curve=Curve(system, dense), method=METHOD,
     )  # fmt: skip
-    if given and dense.escaped:
+    if times is not None and dense.escaped:
         raise DivergesError(diverges, waveforms)
     return waveforms
+
+
+def _instants(dense: Dense, analysis: Transient, times: Floats | None) -> Floats:
+    """Return the instants of the record, s: `times` as far as the board is followed."""
+    if times is None:
+        return record_times(analysis, dense.ends[-1])
+    if dense.escaped:
+        return np.append(times[times < dense.ends[-1]], dense.ends[-1])
+    return times
 
 
 def voltage_floor(rest: Floats, z: Floats) -> Floats:
