@@ -40,7 +40,12 @@ if TYPE_CHECKING:
 
 @scene_command
 @click.option(
-    "-n", "count", default=1000, type=click.IntRange(1, 10_000_000), help="Most samples to draw."
+    "-n",
+    "--samples",
+    "count",
+    default=1000,
+    type=click.IntRange(1, 10_000_000),
+    help="Most samples to draw.",
 )
 @click.option("--seed", default=1, type=click.IntRange(0), help="Seed of the samples.")
 @click.option("--sample", type=click.IntRange(0), help="Verify only the sample with this number.")

@@ -20,10 +20,13 @@ from spice_models.array_types import Floats
 from spice_models.errors import Complaint, InputError, SolverError
 from verification.reference import Problem
 from verification.reference.lambda_choice import RuleInputs, choose
-from verification.studies.scaling.fresh_limits import with_limits
+from verification.studies.scaling.fresh_limits import BAND, WANTED, with_limits
+from verification.studies.scaling.fresh_pruning import Pruning, pruning_for
 from verification.studies.scaling.scaling import SHARE, Scaling, scale
 
 WIDTH = 98  # of a comment
+LOOSE = {"steady_state": {"tolerance": WANTED}, "settling_time": {"band": BAND * WANTED}}
+"""Checks while the scalings are searched; the limits of the scene follow from the scaled board."""
 DEFAULT = 0.01  # lambda without a noise level, in squared spectral norms of T
 
 
@@ -54,7 +57,7 @@ class FreshScene:
     rule : str
         How lambda was chosen.
     notes : tuple of str
-        What was recognised in the files.
+        What was recognised in the files, and which entries of T are left out.
     """
 
     scaling: Scaling
@@ -88,7 +91,8 @@ def fresh_scene(
     lam : float, optional
         Lambda in the place of a rule. Without both it is `DEFAULT` times the squared norm of T.
     design : mapping, optional
-        Keys of the scene's table ``[design]``.
+        Keys of the scene's table ``[design]``. Without ``prune`` the entries of T are left out
+        that do not move the solution (see `pruning_for`).
     share : float
         As in `scale`.
 
@@ -103,10 +107,16 @@ def fresh_scene(
     chosen, rule = _lambda(first.values, second.values, noise, lam)
     name = "".join(c if c.isascii() and (c.isalnum() or c in "-_.") else "-" for c in output.stem)
     arrays = {"kind": "matrix", "matrix": first.values, "strain": second.values}
+    asked = dict(design or {})
+    pruning = Pruning()
+    if "prune" not in asked:
+        pruning = pruning_for(first.values, second.values, chosen)
+        asked |= {"prune": pruning.fraction} if pruning.entries else {}
     data = {
         "name": name[:64] or "scene",
         "problem": arrays,
-        "design": {"amplifier": "linear", **(design or {}), "lambda": chosen},
+        "design": {"amplifier": "linear", **asked, "lambda": chosen},
+        "checks": LOOSE,
     }
     scaling = scale(parse_scene(data, output), share)
     names, files = {}, {}
@@ -119,8 +129,10 @@ def fresh_scene(
     limited, limits = with_limits(scaling.scene)
     scene = with_values(limited, names)
     notes = [f"{t.path.name}: {t.changed}" for t in (first, second) if t.changed]
+    notes += [pruning.note] if pruning.entries else []
     head = [f"# Scaled by taction for a matrix of {_shape(first.values)}; lambda: {rule}."]
-    remarks = [*notes, *textwrap.wrap(f"Limits: {limits}.", WIDTH)]
+    wrapped = [line for note in notes for line in textwrap.wrap(note, WIDTH)]
+    remarks = [*wrapped, *textwrap.wrap(f"Limits: {limits}.", WIDTH)]
     text = "\n".join([*head, *(f"# {remark}" for remark in remarks), "", scene_text(scene)])
     return FreshScene(scaling, text, files, rule, tuple(notes))
 

@@ -145,3 +145,42 @@ def test_a_file_that_exists_stays(tmp_path: Path, problem: tuple[Matrix, Matrix]
     file.write_text("mine", encoding="utf-8")
     assert new(*write(tmp_path, *problem), "-o", str(file)).exit_code == 2
     assert file.read_text("utf-8") == "mine"
+
+
+def gaussian() -> tuple[Matrix, Matrix]:
+    """A kernel of 12 sensors and 9 channels whose entries differ by the factor 2e19."""
+    T = 40.0 * np.exp(
+        -((np.subtract.outer(np.linspace(-1, 1, 12), np.linspace(-1, 1, 9)) / 0.3) ** 2)
+    )
+    return T, T @ np.exp(-((np.linspace(-1, 1, 9) / 0.4) ** 2))
+
+
+def test_a_decaying_kernel_gives_a_board_that_passes(tmp_path: Path) -> None:
+    """Its small entries have no resistors; what that changes is that of the normal equations."""
+    T, eps = gaussian()
+    file = tmp_path / "board.toml"
+    found = new(*write(tmp_path, T, eps), "--lambda", "90", str(file))
+    assert found.exit_code == 0, found.output
+    scene = load_scene(file)
+    assert scene.design.prune == 3e-4
+    kept = np.where(3e-4 * T.max() > T, 0.0, T)
+    before, after = (np.linalg.solve(A.T @ A + 90.0 * np.eye(9), A.T @ eps) for A in (T, kept))
+    share = 100.0 * np.abs(after - before).max() / np.abs(before).max()
+    assert f"leaves out {np.count_nonzero(kept != T)} of the entries" in found.stdout
+    assert f"changes by {share:.2g} %" in found.stdout
+    assert verify(scene.with_engine("statespace")).outcome.value == "pass"
+
+
+def test_a_given_pruning_stays(tmp_path: Path) -> None:
+    file = tmp_path / "board.toml"
+    arguments = write(tmp_path, *gaussian())
+    assert new(*arguments, "--lambda", "90", "--prune", "0.01", str(file)).exit_code == 0
+    assert load_scene(file).design.prune == 0.01
+
+
+def test_a_matrix_without_small_entries_is_not_pruned(
+    tmp_path: Path, problem: tuple[Matrix, Matrix]
+) -> None:
+    file = tmp_path / "board.toml"
+    assert new(*write(tmp_path, *problem), str(file)).exit_code == 0
+    assert "prune" not in file.read_text(encoding="utf-8")
