@@ -7,10 +7,11 @@ import shlex
 import tomllib
 from typing import Any
 
+import click
 import pytest
 import yaml
 
-from cli.main import COMMANDS
+from cli.main import COMMANDS, main
 from cli.regress import regress
 from netlist_gen.scene.regression import Regression
 from tests.support.paths import ROOT
@@ -29,7 +30,9 @@ def accepts(command: str) -> dict[str, Any]:
     """Parse a command line as `taction regress` would, without running it."""
     words = shlex.split(command.partition("#")[0])
     assert words[:2] == ["taction", "regress"]
-    return regress.make_context("regress", words[2:]).params
+    # Without the group's settings click would keep a command without -h for the tests that follow.
+    parent = click.Context(main, **main.context_settings)
+    return regress.make_context("regress", words[2:], parent=parent).params
 
 
 def steps(workflow: dict[str, Any]) -> list[dict[str, Any]]:
