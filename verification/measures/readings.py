@@ -208,7 +208,7 @@ def excursions(signal: Signal, step: Step) -> tuple[Excursions, Excursions]:
 
 def _from_zero(values: Floats, doubts: Floats) -> Excursions:
     """Return values of at least 0, and bounds of their errors of at least rounding."""
-    low, value, high = (np.maximum(values + s * doubts, 0.0) for s in (-1.0, 0.0, 1.0))
+    low, value, high = (np.maximum(x, 0.0) for x in (values - doubts, values, values + doubts))
     errors = np.maximum(np.maximum(high - value, value - low), np.spacing(1.0 + value))
     return tuple(value.tolist()), tuple(errors.tolist())
 

@@ -70,6 +70,8 @@ class PartLoads:
             return None
         worst = self.loads[0]
         most = FULL * self.unit_voltage / (worst.share + worst.error / worst.limit)
+        if not most > 0.0:  # the error of the load has no bound
+            return None
         digit = 10.0 ** (math.floor(math.log10(most)) - 1)
         return digit * math.floor(most / digit)  # rounded down
 

@@ -29,7 +29,7 @@ from verification.small_signal.port_response import PortResponse
 SPACING = 0.5  # of the first frequencies: times the distance to the nearest pole
 TINY = 1e-9  # relative distance of a pole from the axis below which steps get no shorter
 BOTTOM, TOP = 1e-2, 10.0  # of the frequencies: times the slowest and the fastest pole
-SMALLEST = 1e-12  # of w: a smaller w has a share far from the interval
+SMALLEST = 1e-12  # of w and of a share: a smaller one has a share far from the interval
 NEAR = 1e-10  # height of a locus, relative to the share: below it rounding may count
 FLAT = 1e-14  # largest bend of the step in which a locus turns back near the axis
 CLUSTER = 1e-2  # relative width of a cluster of shares where a locus comes near
@@ -131,7 +131,8 @@ class _Trace:
         if not np.all(np.isfinite(response)):
             raise EngineError("a pole of the board is on the imaginary axis")
         w = np.linalg.eigvals(response)
-        return np.log(1.0 - 1.0 / np.where(np.abs(w) < SMALLEST, SMALLEST, w))
+        shares = 1.0 - 1.0 / np.where(np.abs(w) < SMALLEST, SMALLEST, w)
+        return np.log(np.where(np.abs(shares) < SMALLEST, SMALLEST, shares))
 
     def run(self, omega: Floats) -> None:
         """Follow all loci from the lowest to the highest frequency."""

@@ -69,6 +69,14 @@ def test_every_channel_has_bounds_of_its_own() -> None:
     assert all(0.0 < bound < 1e-4 for bound in exact)
 
 
+def test_an_error_without_a_bound_leaves_the_value() -> None:
+    signal, step = swings((0.0, 1.0, 0.3))
+    blurred = SampledSignal(signal.time, signal.errors, error=np.inf)
+    (over, doubt), _ = excursions(blurred, step)
+    assert over[0] == pytest.approx(0.3, abs=1e-3)
+    assert doubt == (np.inf,)
+
+
 def test_the_largest_value_may_be_that_of_an_uncertain_channel() -> None:
     assert largest_error((0.3, 0.2), (0.01, 0.15)) == pytest.approx(0.05)
     assert largest_error((0.3, 0.2), (0.01, 0.0)) == pytest.approx(0.01)

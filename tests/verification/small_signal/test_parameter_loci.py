@@ -20,7 +20,7 @@ from verification.engines.statespace.equations import descriptor
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.small_signal import port_response
 from verification.small_signal.margin import gain_resistors, signal_capacitors, with_capacitance
-from verification.small_signal.parameter_loci import Loci, trace_loci
+from verification.small_signal.parameter_loci import Loci, _Trace, trace_loci
 from verification.small_signal.poles import count_unstable, poles
 from verification.small_signal.port_response import PortResponse
 
@@ -146,3 +146,16 @@ def test_random_boards_cross_where_their_poles_do(seed: int) -> None:
     for share in np.geomspace(0.011, 0.99, 23).tolist():
         counted = poles(with_capacitance(circuit, share * farads)).unstable_count
         assert counted == own + found.unstable_at(share)
+
+
+def test_a_share_of_zero_is_far_below_every_interval() -> None:
+    """Where the parts alone carry the current, w is 1 and the share ``1 - 1/w`` is 0."""
+
+    class AllCurrent:
+        def at(self, omega: np.ndarray) -> np.ndarray:
+            return np.broadcast_to(np.eye(2, dtype=complex), (len(omega), 2, 2))
+
+    trace = _Trace(AllCurrent(), math.log(1e-3), 0.0)  # type: ignore[arg-type]
+    loci = trace.loci(np.array([1.0, 2.0]))
+    assert np.all(np.isfinite(loci))
+    assert loci.real.max() < math.log(1e-9)

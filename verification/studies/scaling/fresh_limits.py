@@ -8,6 +8,7 @@ above the error that one of N channels exceeds in 2 % of the boards.
 from __future__ import annotations
 
 import math
+from statistics import NormalDist
 
 import numpy as np
 
@@ -48,11 +49,9 @@ def with_limits(scene: Scene) -> tuple[Scene, str]:
 
 def exceeded(board: VariedBoard, beyond: float) -> float:
     """Return the error at rest that a share of the boards exceeds in a channel, in steps."""
-    from scipy.stats import norm
-
     slopes = rest_slopes(board)
     sigma = np.sqrt((slopes**2).sum(axis=0)) / 3.0
-    quantile = float(norm.ppf(1.0 - beyond / (2.0 * slopes.shape[1])))
+    quantile = NormalDist().inv_cdf(1.0 - beyond / (2.0 * slopes.shape[1]))
     share = quantile * float(sigma.max(initial=0.0)) / board.step_amplitude
     return share if math.isfinite(share) else 0.0  # without a step nothing is judged
 

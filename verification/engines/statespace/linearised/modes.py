@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -87,9 +86,7 @@ class Modes:
 
 def _decomposed(A: Floats, size: Floats, exactness: Exactness | None) -> Block:
     block = decompose_block(A, size)
-    if exactness is None or not math.isfinite(block.defect):
-        return block
-    return polished(A, block, exactness)
+    return block if exactness is None else polished(A, block, exactness)
 
 
 def decompose(

@@ -33,15 +33,18 @@ def polished(A: Floats, block: Block, exactness: Exactness) -> Block:
     """Return the modes of the matrix before rounding, by Newton steps with accurate residuals.
 
     What remains is the rounding of the elements from which A was computed, and of the result.
-    Modes that a step cannot separate are separated by an eigenproblem of their own first.
+    Modes that a step cannot separate are separated by an eigenproblem of their own first. The block
+    is returned as it is where its rows are too far from the inverse of its columns for a step, as
+    for defective modes: a step would lead away from the modes.
     """
+    refined = block
     for _ in range(ROUNDS):
+        if not block.is_refinable:
+            return refined
         refined, inner, close = _step(A, block, exactness)
         if not close.any() or not (groups := mode_groups(close, block.real)):
             return refined
         block = separated(block, inner, groups)
-        if not np.all(np.isfinite(block.left)):
-            break
     return refined
 
 

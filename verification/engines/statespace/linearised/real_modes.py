@@ -83,11 +83,21 @@ class Block:
         return row_sizes(self.left, self.real)
 
     @functools.cached_property
+    def rest(self) -> Floats:
+        """``1 - left right``, (n, n)."""
+        with np.errstate(invalid="ignore", over="ignore"):
+            return np.asarray(np.eye(len(self.right)) - self.left @ self.right)
+
+    @property
     def defect(self) -> float:
         """Largest element of ``left right - 1``; infinite where the modes are defective."""
-        with np.errstate(invalid="ignore"):
-            off = np.abs(self.left @ self.right - np.eye(len(self.right))).max(initial=0.0)
+        off = np.abs(self.rest).max(initial=0.0)
         return float(off) if np.isfinite(off) else math.inf
+
+    @property
+    def is_refinable(self) -> bool:
+        """Whether Newton's steps converge: the rows are close to the inverse of the columns."""
+        return self.defect * len(self.right) < 1.0
 
     def rounding(self) -> Floats:
         """Return what the rounding of A's elements adds to ``left A right``, (n, n), 1/s.
@@ -141,13 +151,17 @@ def decompose_block(A: Floats, size: Floats) -> Block:
 
     The eigensolver's error is ``eps |A|``, which the fastest mode determines. `_refine` reduces it
     to the rounding of each mode by itself, which is smaller by orders of magnitude for slow modes.
-    `polished_modes` goes on to the modes of the matrix before rounding.
+    `polished_modes` goes on to the modes of the matrix before rounding. Modes that are (nearly)
+    defective stay as the eigensolver gives them: a step would lead away from them.
     """
     block, before = _basis(*np.linalg.eig(A), size), math.inf
     for _ in range(STEPS):
-        if not np.all(np.isfinite(block.left)):
+        if not block.is_refinable:
             break
-        block, turned = _refine(A, block)
+        refined, turned = _refine(A, block)
+        if not refined.is_refinable:
+            break
+        block = refined
         if turned < CONVERGED or turned > STALLED * before:
             break
         before = turned
@@ -189,8 +203,7 @@ def _refine(A: Floats, block: Block) -> tuple[Block, float]:
     step must follow (infinite turn). A coupling that is left is an error (`Block.coupled`).
     """
     R, L, real, count = block.right, block.left, block.real, len(block.kept)
-    one = np.eye(len(A))
-    rest = one - L @ R
+    one, rest = np.eye(len(A)), block.rest
     inner = L @ (A @ R) + times_poles(rest, block.kept, real)
     reduced = complex_columns(complex_rows(inner, real, count), real)
     kept = reduced.diagonal().copy()

@@ -5,10 +5,15 @@ from __future__ import annotations
 import mpmath as mp
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
+from netlist_gen.board.synthesis import synthesise
+from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Complexes, Floats
+from verification.engines.statespace.linearised.board import LinearBoard
 from verification.engines.statespace.linearised.modes import decompose
 from verification.engines.statespace.linearised.real_modes import EPS
+from verification.engines.statespace.transients.exact import exact_solution
 from verification.engines.statespace.transients.matrix_exponential import ModalFlow
 
 
@@ -77,3 +82,40 @@ def test_equal_poles_of_separate_parts_keep_a_basis() -> None:
     assert modes.defect < 1e-9
     off = np.abs(modes.poles[:, None] - true_poles(part)).min(axis=1)
     assert np.all(off <= 1e-10 * np.abs(modes.poles))
+
+
+def chain(channels: int, C: float, gain: float) -> LinearBoard:
+    """A board for first differences: equal op-amps drive one another in chains of equal poles."""
+    T = np.eye(channels) - np.eye(channels, k=1)
+    eps = T @ np.exp(-4.0 * np.linspace(-1.0, 1.0, channels) ** 2)
+    scene = Scene.from_arrays(
+        T, eps, capacitance=C, gain=gain, opamp="tl084", lam=0.02, unit_conductance="10uS"
+    )
+    return LinearBoard(synthesise(scene))
+
+
+@pytest.mark.parametrize("gain", [2400.0, 6e6])
+@pytest.mark.parametrize("C", [1e-12, 4e-12, 1.6e-11, 6.4e-11])
+def test_no_step_leads_away_from_nearly_defective_modes(C: float, gain: float) -> None:
+    """LAPACK's eigenvalues alone are backward stable; the slow ones are well conditioned."""
+    space = chain(9, C, gain).state_space
+    wanted = np.linalg.eigvals(space.A)
+    found = space.modes.poles
+    assert found[0].real == pytest.approx(wanted.real.max(), rel=1e-6)
+    assert np.abs(found).max() == pytest.approx(np.abs(wanted).max(), rel=1e-6)
+
+
+def test_a_board_of_nearly_defective_modes_has_its_transient() -> None:
+    """Against a general solver of ordinary differential equations."""
+    board = chain(6, 4e-12, 2400.0)
+    space, times = board.state_space, np.array([1e-7, 1e-6, 1e-5])
+    solution = exact_solution(board, stop=1e-5)
+    assert not space.modes.defect < 1e-3
+    drive = space.B.sum(axis=1)
+    run = solve_ivp(
+        lambda t, x: space.A @ x + drive, (0.0, 1e-5), np.zeros(space.n), "Radau", times,
+        jac=space.A, rtol=1e-8, atol=1e-12,
+    )  # fmt: skip
+    C, D = space.rows(solution.nodes)
+    wanted = (C @ run.y).T + D.sum(axis=1)
+    assert np.abs(solution.at(times) - wanted).max() < 1e-6 * np.abs(wanted).max()
