@@ -7,12 +7,8 @@ of text, because an object per part costs twenty times as much. Every number is 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
-
-import numpy as np
 
 from netlist_gen.analysis import (
     Analysis,
@@ -22,14 +18,10 @@ from netlist_gen.analysis import (
     Tolerances,
     Transient,
 )
-from netlist_gen.board.circuit import GROUND, Circuit, ResistorMatrix
+from netlist_gen.board.circuit import GROUND, Circuit
+from netlist_gen.deck.board_cards import board_text
 from netlist_gen.deck.checks import check_circuit, check_request, tolerances
-from netlist_gen.deck.header import header_lines
 from netlist_gen.deck.noise_cards import noise_cards
-from spice_models.array_types import Floats
-from spice_models.opamp import OpAmp
-from spice_models.subcircuits import amplifier_lines, opamp_subcircuit
-from spice_models.transistor import model_card
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +93,7 @@ def write_decks(
     for analysis in analyses:
         check_request(analysis, nodes, solver, matrix_file)
     kinds = {isinstance(analysis, Noise) for analysis in analyses}
-    texts = {noisy: _board_text(circuit, matrix_file, noisy) for noisy in kinds}
+    texts = {noisy: board_text(circuit, matrix_file, noisy) for noisy in kinds}
     limits = tolerances(circuit, relative)
     decks = []
     for analysis in analyses:
@@ -116,131 +108,6 @@ def write_decks(
         ]
         decks.append(Deck(parts + "\n".join(tail), nodes, analysis, files))
     return decks
-
-
-def matrix_lines(matrices: Iterable[ResistorMatrix]) -> list[str]:
-    """Return one line per resistor, by matrices and rows: ``Rf_3_5`` is row 3, column 5."""
-    lines: list[str] = []
-    printed: dict[int, list[list[str]]] = {}  # forward and feedback resistors are one array
-    for matrix in matrices:
-        if id(matrix.ohms) not in printed:
-            printed[id(matrix.ohms)] = _printed(matrix.ohms)
-        for k, row in enumerate(printed[id(matrix.ohms)]):
-            name = f"{matrix.name}_{k + 1}_"
-            lines += [
-                f"{name}{n} {drive} {sink} {ohms}"
-                for n, (drive, sink, ohms) in enumerate(zip(*_ends(matrix, k), row, strict=True), 1)
-                if ohms
-            ]
-    return lines
-
-
-def _printed(ohms: Floats) -> list[list[str]]:
-    """Return the text of every entry, "" if infinite; each distinct value is printed once."""
-    values, places = np.unique(ohms, return_inverse=True)
-    texts = np.array([repr(v) if v != math.inf else "" for v in values.tolist()], dtype=object)
-    rows: list[list[str]] = texts[places].reshape(ohms.shape).tolist()
-    return rows
-
-
-def _ends(matrix: ResistorMatrix, k: int) -> tuple[Sequence[str], Sequence[str]]:
-    """Return the driving and the summing nodes of row `k`."""
-    signs = matrix.negative[k].tolist()
-    if not matrix.by_column:
-        ends = matrix.plus[k], matrix.minus[k]
-        return [ends[sign] for sign in signs], matrix.sinks
-    pairs = zip(matrix.plus, matrix.minus, signs, strict=True)
-    drives = [minus if negative else plus for plus, minus, negative in pairs]
-    return drives, [matrix.sinks[k]] * len(drives)
-
-
-def _board_text(
-    circuit: Circuit, matrix_file: str | None, noisy: bool
-) -> tuple[str, dict[str, str]]:
-    """Return the text of all parts except the current sources, and the text of further files."""
-    if matrix_file is not None:
-        return _split(circuit, matrix_file, noisy)
-    lines = [*_amplifiers(circuit), *matrix_lines(circuit.matrices)]
-    return _text(circuit, lines, _parts(circuit), noisy), {}
-
-
-def _split(circuit: Circuit, matrix_file: str, noisy: bool) -> tuple[str, dict[str, str]]:
-    """Return the same with two subcircuits: amplifiers and, in `matrix_file`, matrices."""
-    pads = _pads(circuit)
-    nodes = [*circuit.signal_nodes, *circuit.constraint_nodes, *(o.node for o in circuit.outputs)]
-    nodes += [source.node for source in circuit.voltages]
-    ports = list(dict.fromkeys([*pads, *nodes]))
-    parts = [
-        *([""] if circuit.opamps else []),
-        *_subcircuit("amplifiers", ports, [*_amplifiers(circuit), *_parts(circuit)]),
-        " ".join(["Xamplifiers", *ports, "amplifiers"]),
-        " ".join(["Xmatrix", *pads, "matrix"]),
-    ]
-    text = [
-        "* the resistor matrix of a taction board: swap this file for another of the same ports",
-        *_subcircuit("matrix", pads, matrix_lines(circuit.matrices)),
-        "",
-    ]
-    board = _text(circuit, [f".include {matrix_file}"], parts, noisy)
-    return board, {matrix_file: "\n".join(text)}
-
-
-def _subcircuit(name: str, ports: Sequence[str], lines: Iterable[str]) -> list[str]:
-    return [f".subckt {name} " + " ".join(ports), *lines, f".ends {name}"]
-
-
-def _text(circuit: Circuit, before: Iterable[str], after: Iterable[str], noisy: bool) -> str:
-    """Return header, `before`, subcircuits of the op-amps in use, `after` and bias sources."""
-    grounded: dict[str, bool] = {}
-    for cell in circuit.opamps:
-        grounded[cell.model] = cell.noninverting == GROUND and grounded.get(cell.model, True)
-    models = [model for model in circuit.models.values() if model.name in grounded]
-    cells = "\n".join(
-        _opamp_text(model, grounded[model.name], circuit.supply, noisy) for model in models
-    )
-    biases = [f"V{bias.name} {bias.node} {GROUND} {bias.volts!r}" for bias in circuit.voltages]
-    cards = [model_card(model) for model in circuit.transistor_models.values()]
-    head = [".title taction board", *header_lines(circuit), *cards, *before, ""]
-    return "\n".join(head) + cells + "\n".join([*after, *biases, ""])
-
-
-@lru_cache(maxsize=64)
-def _opamp_text(model: OpAmp, grounded: bool, supply: float, noisy: bool) -> str:
-    if model.imported is not None:
-        return model.imported.text(model.name)
-    return str(opamp_subcircuit(model, noninverting_grounded=grounded, supply=supply, noisy=noisy))
-
-
-def _pads(circuit: Circuit) -> list[str]:
-    """Return the nodes that connect the matrices with the amplifiers, each once."""
-    nodes: dict[str, None] = {}
-    for matrix in circuit.matrices:
-        for _, _, drive, sink, _ in matrix.elements():
-            nodes[drive] = nodes[sink] = None
-    return list(nodes)
-
-
-class _Texts(dict[float, str]):
-    """The text of each number, printed once; many parts have the same value."""
-
-    def __missing__(self, number: float) -> str:
-        return self.setdefault(number, repr(number))
-
-
-def _parts(circuit: Circuit) -> list[str]:
-    """Return the lines of op-amps, resistors and capacitors."""
-    text = _Texts()
-    return [
-        *(f"X{c.name} {c.noninverting} {c.inverting} {c.output} {c.model}" for c in circuit.opamps),
-        *(f"R{r.name} {r.a} {r.b} {text[r.ohms]}" for r in circuit.resistors),
-        *(f"C{c.name} {c.a} {c.b} {text[c.farads]}" for c in circuit.capacitors),
-        *(f"Q{q.name} {q.collector} {q.base} {q.emitter} {q.model}" for q in circuit.transistors),
-    ]
-
-
-def _amplifiers(circuit: Circuit) -> list[str]:
-    """Return the lines of the behavioural amplifiers."""
-    return [line for stage in circuit.amplifiers for line in amplifier_lines(stage)]
 
 
 def _current_sources(circuit: Circuit, analysis: Analysis) -> list[str]:

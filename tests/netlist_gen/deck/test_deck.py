@@ -16,7 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from netlist_gen.analysis import Analysis, OperatingPoint, Transient
 from netlist_gen.board.circuit import Circuit, Resistor
 from netlist_gen.board.synthesis import synthesise
-from netlist_gen.deck.deck import Deck, matrix_lines, write_deck
+from netlist_gen.deck.deck import Deck, write_deck
+from netlist_gen.deck.matrix_cards import matrix_lines
 from netlist_gen.problem.inverse_problem import make_problem
 from netlist_gen.scene.file import load_scene
 from tests.support.making import NEAR_IDEAL, make_scene, matrix_problem
