@@ -3,10 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from typing import Any
 
 import click
 
 from cli.common import output_option, print_json, scene_command
+
+NAMES = (
+    "ngspice",
+    "ltspice",
+    "hspice",
+    "xyce",
+    "spectre",
+)  # keys of `DIALECTS`, which --help does not load
 
 
 @scene_command
@@ -21,15 +30,34 @@ from cli.common import output_option, print_json, scene_command
     is_flag=True,
     help="Write the amplifiers into FILE and the resistor matrix into a second file; needs -o.",
 )
-def netlist(scene: str, output: str | None, explain: bool, split: bool, as_json: bool) -> None:
-    """Write the ngspice deck of SCENE; `ngspice -b -r out.raw FILE` runs it."""
+@click.option(
+    "--dialect",
+    type=click.Choice(NAMES),
+    default=NAMES[0],
+    show_default=True,
+    help="The simulator that reads the deck.",
+)
+@click.option(
+    "--parameters",
+    is_flag=True,
+    help="Write C, gain and lambda as .param cards, and R as an expression of them.",
+)
+@click.option(
+    "--measure",
+    is_flag=True,
+    help="Add .meas cards of rise time, settling time, overshoot; `ngspice -b FILE` prints them.",
+)
+def netlist(
+    scene: str, output: str | None, explain: bool, as_json: bool, measure: bool, **kind: Any
+) -> None:
+    """Write the deck of SCENE; `ngspice -b -r out.raw FILE` runs it."""
     from netlist_gen.board.part_warnings import part_warnings
     from verification.ideal.lambda_rule import read_scene
-    from verification.pipeline.deck import deck_of, write_files
+    from verification.pipeline.deck import DeckChoice, deck_of, write_files
     from verification.pipeline.pruning_saving import pruning_of
 
     read = read_scene(scene)
-    circuit, deck = deck_of(read, output=output, split=split)
+    circuit, deck = deck_of(read, output=output, choice=DeckChoice(measures=measure, **kind))
     pruning = None
     if explain:
         click.echo(f"{circuit.name}: left out, not needed by the scene:", err=True)

@@ -14,9 +14,15 @@ if TYPE_CHECKING:
 
 
 def netlist(
-    scene: str | Path | Scene, *, split: bool = False, output: str | Path | None = None
+    scene: str | Path | Scene,
+    *,
+    split: bool = False,
+    output: str | Path | None = None,
+    dialect: str = "ngspice",
+    parameters: bool = False,
+    measure: bool = False,
 ) -> Deck:
-    """Return the ngspice deck of a scene's transient; the same scene gives the same bytes.
+    """Return the deck of a scene's transient; the same scene gives the same bytes.
 
     Parameters
     ----------
@@ -26,6 +32,12 @@ def netlist(
         Write the resistor matrices into a second file; needs `output`.
     output : path, optional
         Write the deck into this file.
+    dialect : str
+        ``"ngspice"``, ``"ltspice"``, ``"hspice"``, ``"xyce"`` or ``"spectre"``.
+    parameters : bool
+        Write C, gain and lambda as ``.param`` cards, and R as an expression of them.
+    measure : bool
+        Add ``.meas`` cards of rise time, settling time and overshoot.
 
     Returns
     -------
@@ -35,7 +47,7 @@ def netlist(
     Raises
     ------
     InputError
-        The scene cannot be used, or the file cannot be written.
+        The scene cannot be used, the dialect cannot express it, or the file cannot be written.
 
     Examples
     --------
@@ -43,11 +55,20 @@ def netlist(
     >>> deck = taction.netlist("scenes/paper-breadboard.toml")
     >>> deck.saved
     ('v_1', 'v_2', 'v_3', 'v_4', 'v_5', 'v_6', 'v_7')
+    >>> deck = taction.netlist("scenes/paper-breadboard.toml", dialect="hspice", parameters=True)
+    >>> "Rr_1 v_1 x_1 'R'" in deck.text
+    True
     """
+    from netlist_gen.deck.dialects.table import DIALECTS
+    from spice_models.errors import Complaint, InputError
     from verification.ideal.lambda_rule import read_scene
-    from verification.pipeline.deck import deck_of, write_files
+    from verification.pipeline.deck import DeckChoice, deck_of, write_files
 
-    _, deck = deck_of(read_scene(scene), output=output, split=split)
+    if dialect not in DIALECTS:
+        text = f"expected one of {', '.join(DIALECTS)}"
+        raise InputError("netlist", Complaint("dialect", repr(dialect), text))
+    choice = DeckChoice(dialect, split, parameters, measure)
+    _, deck = deck_of(read_scene(scene), output=output, choice=choice)
     if output is not None:
         write_files(deck, output)
     return deck

@@ -8,22 +8,29 @@ from functools import lru_cache
 from netlist_gen.board.circuit import GROUND, Circuit
 from netlist_gen.deck.header import header_lines
 from netlist_gen.deck.matrix_cards import matrix_lines
+from netlist_gen.deck.parameters import NO_PARAMETERS, Parameters
 from spice_models.opamp import OpAmp
 from spice_models.subcircuits import amplifier_lines, opamp_subcircuit
 from spice_models.transistor import model_card
 
 
 def board_text(
-    circuit: Circuit, matrix_file: str | None, noisy: bool
+    circuit: Circuit,
+    matrix_file: str | None,
+    noisy: bool,
+    parameters: Parameters = NO_PARAMETERS,
 ) -> tuple[str, dict[str, str]]:
     """Return the text of all parts except the current sources, and the text of further files."""
     if matrix_file is not None:
-        return _split(circuit, matrix_file, noisy)
+        return _split(circuit, matrix_file, noisy, parameters)
     lines = [*_amplifiers(circuit), *matrix_lines(circuit.matrices)]
-    return _text(circuit, lines, _parts(circuit), noisy), {}
+    parts = _parts(circuit, parameters)
+    return _text(circuit, [*parameters.lines, *lines], parts, noisy), {}
 
 
-def _split(circuit: Circuit, matrix_file: str, noisy: bool) -> tuple[str, dict[str, str]]:
+def _split(
+    circuit: Circuit, matrix_file: str, noisy: bool, parameters: Parameters
+) -> tuple[str, dict[str, str]]:
     """Return the same with two subcircuits: amplifiers and, in `matrix_file`, matrices."""
     pads = _pads(circuit)
     nodes = [*circuit.signal_nodes, *circuit.constraint_nodes, *(o.node for o in circuit.outputs)]
@@ -31,7 +38,7 @@ def _split(circuit: Circuit, matrix_file: str, noisy: bool) -> tuple[str, dict[s
     ports = list(dict.fromkeys([*pads, *nodes]))
     parts = [
         *([""] if circuit.opamps else []),
-        *_subcircuit("amplifiers", ports, [*_amplifiers(circuit), *_parts(circuit)]),
+        *_subcircuit("amplifiers", ports, [*_amplifiers(circuit), *_parts(circuit, parameters)]),
         " ".join(["Xamplifiers", *ports, "amplifiers"]),
         " ".join(["Xmatrix", *pads, "matrix"]),
     ]
@@ -40,7 +47,7 @@ def _split(circuit: Circuit, matrix_file: str, noisy: bool) -> tuple[str, dict[s
         *_subcircuit("matrix", pads, matrix_lines(circuit.matrices)),
         "",
     ]
-    board = _text(circuit, [f".include {matrix_file}"], parts, noisy)
+    board = _text(circuit, [*parameters.lines, f".include {matrix_file}"], parts, noisy)
     return board, {matrix_file: "\n".join(text)}
 
 
@@ -86,13 +93,14 @@ class _Texts(dict[float, str]):
         return self.setdefault(number, repr(number))
 
 
-def _parts(circuit: Circuit) -> list[str]:
-    """Return the lines of op-amps, resistors and capacitors."""
+def _parts(circuit: Circuit, parameters: Parameters) -> list[str]:
+    """Return the lines of op-amps, resistors, capacitors and transistors."""
     text = _Texts()
+    own = {card: f"{{{value}}}" for card, value in parameters.expressions.items()}.get
     return [
         *(f"X{c.name} {c.noninverting} {c.inverting} {c.output} {c.model}" for c in circuit.opamps),
-        *(f"R{r.name} {r.a} {r.b} {text[r.ohms]}" for r in circuit.resistors),
-        *(f"C{c.name} {c.a} {c.b} {text[c.farads]}" for c in circuit.capacitors),
+        *(f"R{r.name} {r.a} {r.b} {own(f'R{r.name}', text[r.ohms])}" for r in circuit.resistors),
+        *(f"C{c.name} {c.a} {c.b} {own(f'C{c.name}', text[c.farads])}" for c in circuit.capacitors),
         *(f"Q{q.name} {q.collector} {q.base} {q.emitter} {q.model}" for q in circuit.transistors),
     ]
 

@@ -3,25 +3,66 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from netlist_gen.board.circuit import Circuit
 from netlist_gen.board.synthesis import synthesise
 from netlist_gen.deck.checks import FILE_NAME
 from netlist_gen.deck.deck import Deck, write_deck
-from netlist_gen.problem.inverse_problem import make_problem
+from netlist_gen.deck.dialects.dialect import NATIVE
+from netlist_gen.deck.dialects.table import DIALECTS
+from netlist_gen.deck.parameters import NO_PARAMETERS, Parameters, parameters_of
+from netlist_gen.problem.inverse_problem import InverseProblem, make_problem
 from netlist_gen.scene.scene import Scene
 from spice_models.atomic_files import replacing
-from spice_models.errors import Complaint, InputError
+from spice_models.errors import Complaint, InputError, SolverError
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.pipeline.opamp_level import at_level, has_large_signal
 from verification.pipeline.transient_plan import plan_transient
 from verification.small_signal.poles import poles_behind
 from verification.small_signal.time_scales import time_scales
 
+if TYPE_CHECKING:
+    from netlist_gen.deck.measures import Measures
+
+EVEN_POINTS = 125.0  # on a period of ringing: an error of about 1e-4 of the step in ngspice
+
+
+@dataclass(frozen=True, slots=True)
+class DeckChoice:
+    """What a deck is to be beside the board itself.
+
+    Attributes
+    ----------
+    dialect : str
+        Key of `DIALECTS`.
+    split : bool
+        Whether the resistor matrices go into a second file.
+    parameters : bool
+        Whether C, gain and lambda are ``.param`` cards.
+    measures : bool
+        Whether the deck measures rise time, settling time and overshoot; lambda is then fixed.
+    """
+
+    dialect: str = NATIVE
+    split: bool = False
+    parameters: bool = False
+    measures: bool = False
+
+    @property
+    def has_even_steps(self) -> bool:
+        """Whether the transient has even steps.
+
+        Step control is tuned for ngspice alone, and a measure is exact only to the spacing of the
+        points, which it joins by straight lines.
+        """
+        return self.measures or self.dialect != NATIVE
+
 
 def deck_of(
-    scene: Scene, *, output: str | Path | None = None, split: bool = False
+    scene: Scene, *, output: str | Path | None = None, choice: DeckChoice = DeckChoice()
 ) -> tuple[Circuit, Deck]:
     """Return the board of `scene` and the deck of its transient.
 
@@ -31,16 +72,22 @@ def deck_of(
         Scene with a number for lambda.
     output : path, optional
         File of the deck; the name of the matrix file follows from this name.
-    split : bool
-        Whether the resistor matrices go into a second file.
+    choice : DeckChoice
+        The kind of deck.
 
     Raises
     ------
     InputError
-        The scene cannot be built, or `split` has no `output` whose name a deck can contain.
+        The scene cannot be built, the dialect cannot express the board, parameters or measures, or
+        ``split`` has no `output` whose name a deck can contain.
+    SolverError
+        The deck is to measure, but the problem has no solution to compare with.
     """
-    matrix_file = _matrix_file(output) if split else None
-    circuit = synthesise(scene, make_problem(scene))
+    matrix_file = _matrix_file(output) if choice.split else None
+    problem = make_problem(scene)
+    circuit = synthesise(scene, problem)
+    if choice.has_even_steps:
+        scene = _with_even_steps(scene)
     board = LinearBoard(circuit)
     scales = time_scales(board, initial=scene.analysis.initial)
     transient = plan_transient(scene, board, scales).transient
@@ -51,7 +98,68 @@ def deck_of(
     if leveled is not board:
         scales = time_scales(leveled, initial=scene.analysis.initial)
         transient = plan_transient(scene, leveled, scales).transient
-    return leveled.circuit, write_deck(leveled.circuit, transient, matrix_file=matrix_file)
+    circuit = leveled.circuit
+    _check(scene, circuit, choice)
+    return circuit, write_deck(
+        circuit,
+        transient,
+        matrix_file=matrix_file,
+        dialect=choice.dialect,
+        parameters=_parameters(circuit, choice),
+        measures=_measures(scene, problem, circuit) if choice.measures else None,
+    )
+
+
+def _with_even_steps(scene: Scene) -> Scene:
+    """Return `scene` with even steps; its own number of points, if it has one."""
+    if scene.analysis.points_per_period is not None:
+        return scene
+    even = {"points_per_period": EVEN_POINTS, "error": "auto"}
+    return scene.model_copy(update={"analysis": scene.analysis.model_copy(update=even)})
+
+
+def _check(scene: Scene, circuit: Circuit, choice: DeckChoice) -> None:
+    """Raise an InputError for what a deck cannot have, all mistakes at once."""
+    dialect = DIALECTS[choice.dialect]()
+    complaints = list(dialect.refusals(circuit))
+    wanted = {
+        "--parameters": (choice.parameters, "parameters"),
+        "--measure": (choice.measures, "measures"),
+    }
+    for option, (asked, what) in wanted.items():
+        if asked and not getattr(dialect, what):
+            able = [name for name, load in DIALECTS.items() if getattr(load(), what)]
+            text = f"no free program checks the {what} of this dialect; expected {', '.join(able)}"
+            complaints.append(Complaint("--dialect", choice.dialect, f"{option}: {text}"))
+    for key in ("resistor_series", "capacitor_series"):
+        series = getattr(scene.design, key)
+        if choice.parameters and series != "exact":
+            text = "a value in a series does not follow a parameter; expected 'exact'"
+            complaints.append(Complaint(f"design.{key}", repr(series), f"--parameters: {text}"))
+    if complaints:
+        raise InputError(scene.file, *complaints)
+
+
+def _parameters(circuit: Circuit, choice: DeckChoice) -> Parameters:
+    if not choice.parameters:
+        return NO_PARAMETERS
+    return parameters_of(circuit, fixed_lambda=choice.measures)
+
+
+def _measures(scene: Scene, problem: InverseProblem, circuit: Circuit) -> Measures:
+    """Return what the measures compare with: the reference solution, at the output nodes."""
+    from netlist_gen.deck.measures import Measures
+    from verification.ideal.ideal_answer import ideal_answer, ideal_network
+
+    ideal = ideal_answer(ideal_network(problem, scene), scene)
+    if ideal.problem:
+        raise SolverError(f"--measure needs a reference solution: {ideal.problem}")
+    signs = [output.sign for output in circuit.outputs]
+    targets, starts = (
+        tuple(float(sign * u) for sign, u in zip(signs, values, strict=True))
+        for values in (ideal.target, ideal.start)
+    )
+    return Measures(targets, starts, ideal.band)
 
 
 def _matrix_file(output: str | Path | None) -> str:

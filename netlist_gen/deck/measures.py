@@ -1,0 +1,102 @@
+"""Rise time, settling time and overshoot as ``.meas`` cards of a deck.
+
+The definitions are those of `verification.measures.measure`; the distance of each channel from its
+target, and the largest of them, are nodes of their own, so that one crossing, the last one, is the
+settling time. A simulator interpolates its points by straight lines.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from netlist_gen.board.circuit import Circuit
+from spice_models.definitions import RISE_LEVELS, SMALL_STEP
+
+NOT_SETTLED = 1e99  # s: the settling time of a record that ends outside the band
+
+
+@dataclass(frozen=True, slots=True)
+class Measures:
+    """What the measures of a deck compare with.
+
+    Attributes
+    ----------
+    targets, starts : tuple of float
+        Of each output node, V: the numerical solution, and the voltage before the step.
+    band : float
+        Half width of the settling band, fraction of the largest step.
+    """
+
+    targets: tuple[float, ...]
+    starts: tuple[float, ...]
+    band: float
+
+    @property
+    def amplitude(self) -> float:
+        """The largest step of any channel, V."""
+        return max(abs(b - a) for a, b in zip(self.starts, self.targets, strict=True))
+
+
+def measure_lines(circuit: Circuit, measures: Measures, stop: float) -> list[str]:
+    """Return sources and ``.meas`` cards in the words of ngspice.
+
+    Parameters
+    ----------
+    stop : float
+        End of the transient, s.
+
+    Raises
+    ------
+    ValueError
+        No channel has a step.
+    """
+    if not measures.amplitude > 0.0:
+        raise ValueError("no channel has a step, so there is nothing to measure")
+    numbered = range(1, len(measures.targets) + 1)
+    largest = "V(err_1)"
+    for n in numbered[1:]:
+        largest = f"max({largest},V(err_{n}))"
+    width = measures.band * measures.amplitude
+    lines = [
+        f"* targets: the numerical solution at lambda = {circuit.scalings.lam!r}; a lambda that is"
+        " edited needs a new deck",
+        f"* step amplitude A = {measures.amplitude!r} V; settling band {measures.band!r} A;"
+        f" {NOT_SETTLED!r} s: not settled",
+    ]
+    channels = list(zip(circuit.outputs, measures.starts, measures.targets, strict=True))
+    for n, (output, _, target) in enumerate(channels, 1):
+        lines.append(f"Berr_{n} err_{n} 0 V=abs(V({output.node})-({target!r}))")
+    lines += [f"Berr err 0 V={largest}", *_settling("", "err", width, stop)]
+    for n, (output, start, target) in enumerate(channels, 1):
+        step = target - start
+        if abs(step) > width:
+            lines += _settling(f"_{n}", f"err_{n}", width, stop)
+        else:
+            lines.append(f"* channel {n} starts inside the band: t_settle_{n} is left out")
+        if abs(step) >= SMALL_STEP * measures.amplitude:
+            lines += _rise(n, output.node, start, step)
+            lines += _overshoot(n, output.node, target, step, measures.amplitude)
+        else:
+            lines.append(f"* channel {n} has a step under {SMALL_STEP:g} A: no rise, no overshoot")
+    return lines
+
+
+def _settling(suffix: str, node: str, width: float, stop: float) -> Iterator[str]:
+    """Yield the last crossing of the band, and the settling time that it is inside at the end."""
+    yield f".meas tran last{suffix} WHEN V({node})={width!r} CROSS=LAST"
+    yield f".meas tran end{suffix} FIND V({node}) AT={stop!r}"
+    value = f"last{suffix}+{NOT_SETTLED!r}*(end{suffix}>{width!r})"
+    yield f".meas tran t_settle{suffix} param='{value}'"
+
+
+def _rise(n: int, node: str, start: float, step: float) -> Iterator[str]:
+    low, high = (start + level * step for level in RISE_LEVELS)
+    edges = f"TRIG V({node}) VAL={low!r} CROSS=1 TARG V({node}) VAL={high!r} CROSS=1"
+    yield f".meas tran t_rise_{n} {edges}"
+
+
+def _overshoot(n: int, node: str, target: float, step: float, amplitude: float) -> Iterator[str]:
+    extreme, sign = ("MAX", "") if step > 0.0 else ("MIN", "-")
+    yield f".meas tran peak_{n} {extreme} V({node})"
+    yield f".meas tran overshoot_{n} param='max(0,{sign}(peak_{n}-({target!r}))/{amplitude!r})'"
