@@ -20,6 +20,8 @@ from netlist_gen.deck.dialects.table import DIALECTS
 from netlist_gen.deck.parameters import NO_PARAMETERS, Parameters
 
 if TYPE_CHECKING:
+    from PySpice.Spice.Netlist import Circuit as PySpiceCircuit
+
     from netlist_gen.deck.measures import Measures
 
 
@@ -32,6 +34,31 @@ class Deck:
     analysis: Analysis
     files: Mapping[str, str] = field(default_factory=dict, repr=False)  # included files by name
     dialect: str = NATIVE
+
+    def to_pyspice(self) -> PySpiceCircuit:
+        """Return the board as a ``PySpice.Spice.Netlist.Circuit`` to go on with.
+
+        It has subcircuits, models and elements by name, parameters and options; analysis and saved
+        nodes are PySpice's. ``str(circuit)`` is a deck without an analysis.
+
+        Raises
+        ------
+        ValueError
+            The deck is in another dialect than ngspice's.
+
+        Examples
+        --------
+        >>> import taction
+        >>> circuit = taction.netlist("scenes/paper-breadboard.toml").to_pyspice()
+        >>> circuit.Cc_4.capacitance = 12e-12
+        >>> "Cc_4 v_4 x_4 1.2e-11" in str(circuit)
+        True
+        """
+        if self.dialect != NATIVE:
+            raise ValueError(f"dialect {self.dialect!r} has no PySpice circuit; expected {NATIVE}")
+        from netlist_gen.deck.pyspice_circuit import pyspice_circuit
+
+        return pyspice_circuit(self.text, self.files)
 
 
 def write_deck(

@@ -70,10 +70,9 @@ def measure_lines(circuit: Circuit, measures: Measures, stop: float) -> list[str
     lines += [f"Berr err 0 V={largest}", *_settling("", "err", width, stop)]
     for n, (output, start, target) in enumerate(channels, 1):
         step = target - start
-        if abs(step) > width:
-            lines += _settling(f"_{n}", f"err_{n}", width, stop)
-        else:
-            lines.append(f"* channel {n} starts inside the band: t_settle_{n} is left out")
+        if abs(step) <= width:
+            lines.append(f"* channel {n} starts inside the band: t_settle_{n} fails if it stays")
+        lines += _settling(f"_{n}", f"err_{n}", width, stop)
         if abs(step) >= SMALL_STEP * measures.amplitude:
             lines += _rise(n, output.node, start, step)
             lines += _overshoot(n, output.node, target, step, measures.amplitude)
