@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from PySpice.Spice.Netlist import Circuit, Netlist
 
 _MODEL = re.compile(r"\.model (\w+) (\w+)\((.*)\)")
-_ANALYSES = (".title", ".save", ".tran", ".op", ".meas", ".noise", ".ic", ".end")
+_ANALYSES = {".title", ".save", ".tran", ".op", ".meas", ".noise", ".ic", ".end"}
 _TWO_ENDED = {"R": "R", "C": "C", "I": "I", "V": "V"}  # letter of a card: method of a netlist
 _CONTROLLED = {"E": ("VCVS", "voltage_gain"), "G": ("VCCS", "transconductance")}
 _PARTS = {*_TWO_ENDED, *_CONTROLLED, "B", "X", "Q"}
@@ -46,7 +46,7 @@ def pyspice_circuit(text: str, files: Mapping[str, str]) -> Circuit:
             circuit.model(found[1], found[2], **figures)
         elif line[0] in _PARTS:
             _add_parts(circuit, [line])
-        elif not line.startswith(_ANALYSES):
+        elif words[0] not in _ANALYSES:
             circuit.raw_spice += line + "\n"
     return circuit
 

@@ -1,0 +1,184 @@
+"""Every kind of board in every dialect: written and run by a program that is not ours, or refused.
+
+The deck of ngspice is run by other tests; here its record is what the other decks are compared
+with, at equal largest steps.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from netlist_parser import NetlistParser
+from spicelib import SpiceEditor
+
+from netlist_gen.analysis import OperatingPoint, Transient
+from netlist_gen.board.circuit import Circuit
+from netlist_gen.board.synthesis import synthesise
+from netlist_gen.deck.deck import Deck, write_deck
+from netlist_gen.deck.dialects.table import DIALECTS
+from netlist_gen.scene.file import load_scene
+from netlist_gen.scene.scene import Scene
+from tests.support.making import make_scene
+from tests.support.other_simulators import distance, gnucap_record, ngspice_record
+from tests.support.paths import SCENES
+
+MODES = {"ltspice": "ltpsa", "hspice": "hsa", "xyce": ""}  # compatibility modes of ngspice
+LINEAR = (
+    "custom-matrix",  # with the noise of its sensors, which a transient does not have
+    "eleven-channel",
+    "known-readings",
+    "paper-breadboard",
+    "tuned-breadboard",
+    "passive",
+)
+NONLINEAR = (
+    "paper-exponential",
+    "paper-exponential-devices",
+    "tangential-exponential",
+    "large-signal",
+    "current-limit",
+    "input-errors",
+    "sinh",
+    "softplus",
+)
+DESIGN: dict[str, Any] = {"lambda": 0.05, "gain": "1Mohm", "unit_conductance": "2uS"}
+LIMITED = {"base": "ua741", "level": "large-signal"}
+MADE: dict[str, dict[str, Any]] = {
+    "passive": {"lambda": 20.0, "topology": "passive"},
+    "large-signal": {"opamp": LIMITED, "supply": 10.0},
+    "current-limit": {"opamp": LIMITED | {"output_current": "50uA"}},
+    "input-errors": {"opamp": {"base": "ua741", "input_errors": True}},
+    "sinh": {"amplifier": "sinh", "exponential_slope": 0.3},
+    "softplus": {"amplifier": "softplus", "exponential_slope": 0.3},
+}
+STEP, STEPS = 2.5e-8, 400  # s: the boards' fastest ringing has a period of some microseconds
+
+
+def scene_of(name: str) -> Scene:
+    if name not in MADE:
+        return load_scene(SCENES / f"{name}.toml")
+    return make_scene({"channels": 3, "span": 2.0}, design=DESIGN | MADE[name])
+
+
+def at_its_level(circuit: Circuit, name: str) -> Circuit:
+    """The board with the limits of its op-amps, where it is to have them."""
+    from dataclasses import replace
+
+    if name not in ("large-signal", "current-limit"):
+        return circuit
+    limited = {
+        key: replace(model, large_signal=True, limits_current=name == "current-limit")
+        for key, model in circuit.models.items()
+    }
+    return replace(circuit, models=limited)
+
+
+def decks(name: str, *dialects: str, **options: Any) -> list[Deck]:
+    scene = scene_of(name)
+    circuit = at_its_level(synthesise(scene), name)
+    transient = Transient(STEPS * STEP, STEP, initial=scene.analysis.initial)
+    return [write_deck(circuit, transient, dialect=word, **options) for word in dialects]
+
+
+@pytest.mark.parametrize("dialect", MODES)
+@pytest.mark.parametrize("name", [*LINEAR, *NONLINEAR])
+def test_ngspice_reads_the_dialect_and_finds_the_same_waveforms(
+    name: str, dialect: str, ngspice: str, tmp_path: Path
+) -> None:
+    native, foreign = decks(name, "ngspice", dialect)
+    expected = ngspice_record(native, tmp_path)
+    found = ngspice_record(foreign, tmp_path, MODES[dialect])
+    assert found[0][-1] == pytest.approx(STEPS * STEP, rel=1e-9)
+    assert distance(expected, found) < 1e-3
+
+
+@pytest.mark.parametrize("dialect", ["ngspice", "ltspice", "hspice", "xyce", "spectre"])
+@pytest.mark.parametrize("name", LINEAR)
+def test_gnucap_finds_the_same_waveforms_of_linear_boards(
+    name: str, dialect: str, ngspice: str, gnucap: str, tmp_path: Path
+) -> None:
+    native, foreign = decks(name, "ngspice", dialect)
+    assert distance(ngspice_record(native, tmp_path), gnucap_record(gnucap, foreign)) < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("name", "key"),
+    [
+        ("paper-exponential", r"design.amplifier = 'exponential': .*expected 'linear'"),
+        ("paper-exponential-devices", "design.amplifier = 'exponential'"),
+        ("tangential-exponential", "design.amplifier"),
+        ("sinh", "design.amplifier = 'sinh'"),
+        ("softplus", "design.amplifier = 'softplus'"),
+        ("large-signal", "design.opamp.level = 'large-signal': .*expected 'small-signal'"),
+        ("current-limit", "design.opamp.level"),
+        ("input-errors", "design.opamp.input_errors = true: .*expected false"),
+    ],
+)
+def test_spectre_refuses_what_no_free_program_reads(name: str, key: str) -> None:
+    with pytest.raises(ValueError, match=key):
+        decks(name, "spectre")
+
+
+def test_every_part_of_an_ltspice_deck_is_what_spicelib_reads(tmp_path: Path) -> None:
+    (deck,) = decks("paper-exponential-devices", "ltspice")
+    (tmp_path / "deck.cir").write_text(deck.text)
+    editor = SpiceEditor(str(tmp_path / "deck.cir"), encoding="utf-8")
+    circuit = synthesise(scene_of("paper-exponential-devices"))
+    expected = {f"R{part.name}": part.ohms for part in circuit.resistors}
+    for matrix in circuit.matrices:
+        for k, n, _, _, ohms in matrix.elements():
+            expected[f"{matrix.name}_{k + 1}_{n + 1}"] = ohms
+    found = {name: editor.get_component_floatvalue(name) for name in editor.get_components("R")}
+    assert {name.upper(): value for name, value in expected.items()} == pytest.approx(
+        {name.upper(): value for name, value in found.items()}, rel=1e-12
+    )
+    assert len(editor.get_components("X")) == len(circuit.opamps)
+    assert len(editor.get_components("Q")) == len(circuit.transistors)
+
+
+def test_the_subcircuits_of_a_spectre_deck_are_what_a_parser_reads(tmp_path: Path) -> None:
+    (deck,) = decks("paper-breadboard", "spectre", matrix_file="m.inc")
+    circuit = synthesise(scene_of("paper-breadboard"))
+    (tmp_path / "deck.scs").write_text(deck.text)
+    (tmp_path / "matrix.scs").write_text(deck.files["m.inc"])
+    parser = NetlistParser()
+    cells = parser.read(str(tmp_path / "deck.scs")).cells
+    (matrix,) = parser.read(str(tmp_path / "matrix.scs")).cells
+    (amplifiers,) = (cell for cell in cells if cell.name == "amplifiers")
+    read = {part.name: float(part.number) for part in amplifiers.instances if part.number}
+    expected = {f"R{part.name}": part.ohms for part in circuit.resistors}
+    expected |= {f"C{part.name}": part.farads for part in circuit.capacitors}
+    assert read == expected
+    assert sum(part.code == "x" for part in amplifiers.instances) == len(circuit.opamps)
+    count = sum(int(np.isfinite(each.ohms).sum()) for each in circuit.matrices)
+    assert len(matrix.instances) == count == 74
+
+
+@pytest.mark.parametrize("dialect", MODES)
+def test_a_split_deck_in_any_dialect_runs(dialect: str, ngspice: str, tmp_path: Path) -> None:
+    (native,) = decks("paper-exponential", "ngspice")
+    (split,) = decks("paper-exponential", dialect, matrix_file="m.inc")
+    expected = ngspice_record(native, tmp_path)
+    assert distance(expected, ngspice_record(split, tmp_path, MODES[dialect])) < 1e-3
+
+
+@pytest.mark.parametrize("dialect", [name for name in DIALECTS if name != "ngspice"])
+def test_the_head_says_what_checked_the_deck_and_what_did_not(dialect: str) -> None:
+    (deck,) = decks("known-readings", dialect)
+    head = "\n".join(deck.text.split("\n")[:6])
+    assert re.search(rf"written for {dialect}; .*checked with", head, re.IGNORECASE)
+    assert re.search(rf"not run by\W+{dialect} itself", head, re.IGNORECASE)
+
+
+@pytest.mark.parametrize("dialect", [name for name in DIALECTS if name != "ngspice"])
+def test_other_analyses_are_for_ngspice_only(dialect: str) -> None:
+    circuit = synthesise(scene_of("known-readings"))
+    with pytest.raises(ValueError, match=f"dialect '{dialect}' has transients"):
+        write_deck(circuit, OperatingPoint(), dialect=dialect)
+    charged = Transient(1e-6, 1e-8, voltages={"v_1": 1.0})
+    with pytest.raises(ValueError, match="from zero or rest only"):
+        write_deck(circuit, charged, dialect=dialect)
