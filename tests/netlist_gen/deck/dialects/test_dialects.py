@@ -7,6 +7,7 @@ with, at equal largest steps.
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -66,8 +67,6 @@ def scene_of(name: str) -> Scene:
 
 def at_its_level(circuit: Circuit, name: str) -> Circuit:
     """The board with the limits of its op-amps, where it is to have them."""
-    from dataclasses import replace
-
     if name not in ("large-signal", "current-limit"):
         return circuit
     limited = {
