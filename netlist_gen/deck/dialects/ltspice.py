@@ -21,7 +21,8 @@ class LTspice(ForeignSpice):
     name = "ltspice"
     checked = (
         "written for LTspice; checked with ngspice in its LTspice mode (waveforms) and spicelib",
-        "(names and values); not run by LTspice itself. plotwinsize and numdgt: no compression",
+        "(names and values); not run by LTspice itself: plotwinsize and numdgt (no compression) and",
+        ".meas PARAM are from its manual, and unchecked",
     )
 
     def behavioural(self, name: str, node: str, other: str, value: str) -> str:
