@@ -28,6 +28,7 @@ demo: ready ## set up, then verify the seven-channel breadboard
 	.venv/bin/taction verify scenes/paper-breadboard.toml
 
 test: ready ## set up, then all tests; ARGS="-k deck -x" goes to pytest
+	@bash scripts/gnucap.sh .venv/.gnucap-tried
 	$(PYTHON_IN_VENV) -m pytest -n $(JOBS) $(ARGS)
 
 test-browser: ready ## the reports in a headless Chromium, which is installed where missing

@@ -33,19 +33,19 @@ settings.load_profile("taction")
 @pytest.fixture(scope="session")
 def ngspice() -> str:
     """Path of the ngspice executable; without one the test skips, in CI it fails."""
-    return _program(os.environ.get("TACTION_NGSPICE") or "ngspice")
+    return _program(os.environ.get("TACTION_NGSPICE") or "ngspice", "make setup")
 
 
 @pytest.fixture(scope="session")
 def gnucap() -> str:
     """Path of gnucap, a simulator that is not ngspice; without it as for `ngspice`."""
-    return _program("gnucap")
+    return _program("gnucap", "make test")
 
 
-def _program(name: str) -> str:
+def _program(name: str, command: str) -> str:
     path = shutil.which(name)
     if path is None:
-        reason = f"{name} is not on the PATH; `make setup` installs it where it may"
+        reason = f"{name} is not on the PATH; `{command}` installs it where it may"
         if os.environ.get("CI"):
             pytest.fail(reason)
         pytest.skip(reason)

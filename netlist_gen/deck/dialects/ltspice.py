@@ -21,7 +21,7 @@ class LTspice(ForeignSpice):
     name = "ltspice"
     checked = (
         "written for LTspice; checked with ngspice in its LTspice mode (waveforms) and spicelib",
-        "(names and values); not run by LTspice itself: plotwinsize and numdgt (no compression) and",
+        "(names and values); not run by LTspice itself: plotwinsize, numdgt (no compression) and",
         ".meas PARAM are from its manual, and unchecked",
     )
 
