@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import taction
 from netlist_gen.analysis import OperatingPoint
 from netlist_gen.board.synthesis import synthesise
 from netlist_gen.board.variation import parameters
@@ -76,6 +77,14 @@ def test_a_board_passes_with_the_vendors_netlist_in_the_deck(write: Callable[...
     assert agree.value is not None
     assert agree.value < 3e-4
     assert any("fet100 is imported" in warning for warning in verdict.warnings)
+
+
+@pytest.mark.parametrize("dialect", ["ltspice", "hspice", "xyce", "spectre"])
+def test_a_vendors_netlist_is_for_ngspice_only(dialect: str, write: Callable[..., Scene]) -> None:
+    text = rf"design.opamp.file = 'fet100': .*not for {dialect}; expected a preset"
+    with pytest.raises(InputError, match=text):
+        taction.netlist(write(), dialect=dialect)
+    assert "Xdevice" in str(taction.netlist(write()).to_pyspice())
 
 
 def test_both_engines_have_one_rest_with_offset(write: Callable[..., Scene]) -> None:

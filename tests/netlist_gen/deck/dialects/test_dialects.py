@@ -92,7 +92,7 @@ def test_ngspice_reads_the_dialect_and_finds_the_same_waveforms(
     expected = ngspice_record(native, tmp_path)
     found = ngspice_record(foreign, tmp_path, MODES[dialect])
     assert found[0][-1] == pytest.approx(STEPS * STEP, rel=1e-9)
-    assert distance(expected, found) < 1e-3
+    assert distance(expected, found) < 2e-4
 
 
 @pytest.mark.parametrize("dialect", ["ngspice", "ltspice", "hspice", "xyce", "spectre"])
@@ -101,7 +101,7 @@ def test_gnucap_finds_the_same_waveforms_of_linear_boards(
     name: str, dialect: str, ngspice: str, gnucap: str, tmp_path: Path
 ) -> None:
     native, foreign = decks(name, "ngspice", dialect)
-    assert distance(ngspice_record(native, tmp_path), gnucap_record(gnucap, foreign)) < 1e-3
+    assert distance(ngspice_record(native, tmp_path), gnucap_record(gnucap, foreign)) < 3e-4
 
 
 @pytest.mark.parametrize(
@@ -162,7 +162,7 @@ def test_a_split_deck_in_any_dialect_runs(dialect: str, ngspice: str, tmp_path: 
     (native,) = decks("paper-exponential", "ngspice")
     (split,) = decks("paper-exponential", dialect, matrix_file="m.inc")
     expected = ngspice_record(native, tmp_path)
-    assert distance(expected, ngspice_record(split, tmp_path, MODES[dialect])) < 1e-3
+    assert distance(expected, ngspice_record(split, tmp_path, MODES[dialect])) < 2e-4
 
 
 @pytest.mark.parametrize("dialect", [name for name in DIALECTS if name != "ngspice"])
