@@ -53,10 +53,6 @@ def measure_lines(circuit: Circuit, measures: Measures, stop: float) -> list[str
     """
     if not measures.amplitude > 0.0:
         raise ValueError("no channel has a step, so there is nothing to measure")
-    numbered = range(1, len(measures.targets) + 1)
-    largest = "V(err_1)"
-    for n in numbered[1:]:
-        largest = f"max({largest},V(err_{n}))"
     width = measures.band * measures.amplitude
     lines = [
         f"* targets: the numerical solution at lambda = {circuit.scalings.lam!r}; a lambda that is"
@@ -67,7 +63,7 @@ def measure_lines(circuit: Circuit, measures: Measures, stop: float) -> list[str
     channels = list(zip(circuit.outputs, measures.starts, measures.targets, strict=True))
     for n, (output, _, target) in enumerate(channels, 1):
         lines.append(f"Berr_{n} err_{n} 0 V=abs(V({output.node})-({target!r}))")
-    lines += [f"Berr err 0 V={largest}", *_settling("", "err", width, stop)]
+    lines += [*_largest(len(channels)), *_settling("", "err", width, stop)]
     for n, (output, start, target) in enumerate(channels, 1):
         step = target - start
         if abs(step) <= width:
@@ -79,6 +75,14 @@ def measure_lines(circuit: Circuit, measures: Measures, stop: float) -> list[str
         else:
             lines.append(f"* channel {n} has a step under {SMALL_STEP:g} A: no rise, no overshoot")
     return lines
+
+
+def _largest(channels: int) -> Iterator[str]:
+    """Yield the sources of the largest distance, node ``err``: short lines, whatever the board."""
+    for n in range(1, channels):
+        before = f"V(most_{n - 1})" if n > 1 else "V(err_1)"
+        yield f"Bmost_{n} most_{n} 0 V=max({before},V(err_{n + 1}))"
+    yield f"Berr err 0 V=V({f'most_{channels - 1}' if channels > 1 else 'err_1'})"
 
 
 def _settling(suffix: str, node: str, width: float, stop: float) -> Iterator[str]:

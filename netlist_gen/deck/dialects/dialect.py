@@ -7,6 +7,7 @@ its own, so a new card of the board needs no change in a dialect that writes it 
 from __future__ import annotations
 
 import re
+import textwrap
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from netlist_gen.board.circuit import Circuit
 from spice_models.errors import Complaint
 
 NATIVE = "ngspice"
+LONGEST = 500  # characters of a line: HSPICE cuts off a line of more than 1024
 _EXPRESSION = re.compile(r"\{([^{}]*)\}")
 
 
@@ -78,11 +80,12 @@ class ForeignSpice(Dialect):
         lines = [self._card(line) for line in rest.split("\n")]
         if title.startswith(".title"):  # the deck itself, not an included file
             lines = [*(f"* {note}" for note in self.checked), *lines]
-        return "\n".join([title, *lines])
+        return "\n".join([title, *map(_folded, lines)])
 
     def closing(self, request: Request) -> list[str]:
         """Return what follows the board, for a transient."""
-        return [*self._transient(request, transient_of(request, self.name)), ".end", ""]
+        cards = self._transient(request, transient_of(request, self.name))
+        return [*map(_folded, cards), ".end", ""]
 
     def _card(self, line: str) -> str:
         if line.startswith("B"):
@@ -102,6 +105,15 @@ class ForeignSpice(Dialect):
     def expression(self, text: str) -> str:
         """Return an expression of parameters in the place of a number."""
         return f"{{{text}}}"
+
+
+def _folded(line: str) -> str:
+    """Return a card of at most `LONGEST` characters a line, where it has spaces."""
+    if len(line) <= LONGEST or line.startswith("*"):
+        return line
+    return textwrap.fill(
+        line, LONGEST, subsequent_indent="+ ", break_long_words=False, break_on_hyphens=False
+    )
 
 
 def transient_of(request: Request, dialect: str) -> Transient:

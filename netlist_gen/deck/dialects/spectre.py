@@ -54,8 +54,9 @@ class Spectre(Dialect):
         lines = [_statement(line) for line in text.split("\n")]
         if not text.startswith(".title"):
             return "\n".join([LANGUAGE, *lines])
-        head = [f"// {note}" for note in self.checked]
-        return "\n".join([lines[0], *head, LANGUAGE, "global 0", *lines[1:]])
+        notes = [f"// {note}" for note in self.checked]
+        # Before this statement only the first line, a title, is a comment in any language.
+        return "\n".join([lines[0], LANGUAGE, *notes, "global 0", *lines[1:]])
 
     def closing(self, request: Request) -> list[str]:
         """Return options, saved nodes and the transient."""

@@ -165,6 +165,21 @@ def test_a_split_deck_in_any_dialect_runs(dialect: str, ngspice: str, tmp_path: 
     assert distance(expected, ngspice_record(split, tmp_path, MODES[dialect])) < 2e-4
 
 
+@pytest.mark.parametrize("dialect", MODES)
+def test_no_line_is_longer_than_hspice_reads(dialect: str, ngspice: str, tmp_path: Path) -> None:
+    design = DESIGN | {"lambda": 1.0, "capacitance": "1nF", "prune": 0.05}
+    circuit = synthesise(make_scene({"channels": 36, "span": 36.0}, design=design))
+    run = Transient(1e-6, 1e-8)
+    native, foreign = (
+        write_deck(circuit, run, dialect=name, matrix_file="m.inc") for name in ("ngspice", dialect)
+    )
+    texts = [foreign.text, *foreign.files.values()]
+    lines = "\n".join(texts).split("\n")
+    assert max(map(len, native.text.split("\n"))) > 1024 > 500 >= max(map(len, lines))
+    expected = ngspice_record(native, tmp_path)
+    assert distance(expected, ngspice_record(foreign, tmp_path, MODES[dialect])) < 2e-4
+
+
 @pytest.mark.parametrize("dialect", [name for name in DIALECTS if name != "ngspice"])
 def test_the_head_says_what_checked_the_deck_and_what_did_not(dialect: str) -> None:
     (deck,) = decks("known-readings", dialect)
