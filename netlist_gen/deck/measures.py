@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from netlist_gen.board.circuit import Circuit
 from spice_models.definitions import RISE_LEVELS, SMALL_STEP
 
+END = 0.9  # of the record: from there on a channel that has settled is inside the band
 NOT_SETTLED = 1e99  # s: the settling time of a record that ends outside the band
 
 
@@ -86,9 +87,12 @@ def _largest(channels: int) -> Iterator[str]:
 
 
 def _settling(suffix: str, node: str, width: float, stop: float) -> Iterator[str]:
-    """Yield the last crossing of the band, and the settling time that it is inside at the end."""
+    """Yield the last crossing of the band, which counts if the end of the record is inside.
+
+    The end is a stretch, since an oscillation is inside for an instant in each period.
+    """
     yield f".meas tran last{suffix} WHEN V({node})={width!r} CROSS=LAST"
-    yield f".meas tran end{suffix} FIND V({node}) AT={stop!r}"
+    yield f".meas tran end{suffix} MAX V({node}) FROM={END * stop!r} TO={stop!r}"
     value = f"last{suffix}+{NOT_SETTLED!r}*(end{suffix}>{width!r})"
     yield f".meas tran t_settle{suffix} param='{value}'"
 
