@@ -74,7 +74,8 @@ def measure_lines(circuit: Circuit, measures: Measures, stop: float) -> list[str
             lines += _rise(n, output.node, start, step)
             lines += _overshoot(n, output.node, target, step, measures.amplitude)
         else:
-            lines.append(f"* channel {n} has a step under {SMALL_STEP:g} A: no rise, no overshoot")
+            lines.append(f"* channel {n} has a step under {SMALL_STEP:g} A: no rise time")
+            lines += _excursion(n, output.node, (start, target), measures.amplitude)
     return lines
 
 
@@ -107,3 +108,12 @@ def _overshoot(n: int, node: str, target: float, step: float, amplitude: float) 
     extreme, sign = ("MAX", "") if step > 0.0 else ("MIN", "-")
     yield f".meas tran peak_{n} {extreme} V({node})"
     yield f".meas tran overshoot_{n} param='max(0,{sign}(peak_{n}-({target!r}))/{amplitude!r})'"
+
+
+def _excursion(n: int, node: str, ends: tuple[float, float], amplitude: float) -> Iterator[str]:
+    """Yield the overshoot of a small step: outside start and target, on either side."""
+    low, high = min(ends), max(ends)
+    yield f".meas tran peak_{n} MAX V({node})"
+    yield f".meas tran low_{n} MIN V({node})"
+    value = f"max(0,max(peak_{n}-({high!r}),({low!r})-low_{n})/{amplitude!r})"
+    yield f".meas tran overshoot_{n} param='{value}'"
