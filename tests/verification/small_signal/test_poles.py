@@ -7,9 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from netlist_gen.board.synthesis import synthesise
+from netlist_gen.scene.scene import Scene
 from tests.support.boards import lags, paper_board, single_mode
 from verification.engines.statespace.transients.exact import exact_solution
-from verification.small_signal.poles import poles, summarise
+from verification.small_signal.poles import count_unstable, poles, summarise
 from verification.small_signal.time_scales import time_scales
 
 TAU = 0.455e-6
@@ -91,3 +93,16 @@ def test_a_board_without_a_step_still_has_time_scales() -> None:
     scales = time_scales(replace(paper_board(), currents=()))
     assert 0.0 < scales.stop < np.inf
     assert 0.0 < scales.max_step < np.inf
+
+
+@pytest.mark.parametrize(("opamp", "gain", "unstable"), [("ua741", 1e3, 0), ("tl084", 3e5, 10)])
+def test_the_winding_counts_nearly_defective_cells(opamp: str, gain: float, unstable: int) -> None:
+    """Ten fF beside poles of 35 /s: the true poles, of 80 digits, are -25189 +- 73794j and so on."""
+    T = np.eye(5, k=1)
+    scene = Scene.from_arrays(
+        T, T @ np.ones(5), capacitance=1e-14, gain=gain, opamp=opamp, lam=0.1,
+        unit_conductance="10uS",
+    )  # fmt: skip
+    circuit = synthesise(scene)
+    assert count_unstable(circuit) == unstable
+    assert poles(circuit).unstable_count == unstable

@@ -21,6 +21,7 @@ from verification.engines.statespace.equations.structured_solve import Structure
 
 TOP = 1e5  # of the line, in units of the board's fastest rate
 FREQUENCY_RATIO = 4.0  # largest ratio of neighbouring frequencies
+INFINITE = 1e-13  # fastest rate over a pole: a smaller ratio is a pole at infinity
 LARGEST_TURN = 1.0  # of one eigenvalue in a step, rad
 ROUNDING = 16.0 * float(np.finfo(np.float64).eps)
 """Distance of a pole from the line, in units of the fastest rate, at which rounding may decide its
@@ -101,12 +102,23 @@ def cell_poles(structure: Structure) -> tuple[Floats, Complexes]:
         if not len(rate):
             continue
         rates.append(rate)
-        shift = 1.1 * float(rate.max())
-        theta = np.linalg.eigvals(np.linalg.solve(shift * M - K, M))
-        theta = theta[np.abs(theta) > 1e-13 * np.abs(theta).max()]
-        poles.append(shift - 1.0 / theta)
+        poles += [_finite_poles(*cell, float(rate.max())) for cell in zip(M, K, strict=True)]
     if len(structure.outer):
         M, K = (abs(part).max(axis=1).toarray().ravel() for part in structure.parts["oo"])
         rates.append(K[M > 0.0] / M[M > 0.0])
     all_poles = np.concatenate([*poles, np.zeros(0)]).astype(np.complex128)
     return np.concatenate([*rates, np.zeros(0)]), all_poles
+
+
+def _finite_poles(M: Floats, K: Floats, fastest: float) -> Complexes:
+    """Return the finite s with ``det(s M - K) = 0``, 1/s, slow ones as accurately as fast ones.
+
+    The QZ method needs no inverse; a shift to the fastest rate would round the slow poles to
+    ``eps fastest``, and even their sign where a cell is nearly defective.
+    """
+    from scipy.linalg import eig
+
+    rows = np.abs(K).max(axis=1, keepdims=True)
+    alpha, beta = eig(K / rows, fastest * M / rows, right=False, homogeneous_eigvals=True)
+    finite = np.abs(beta) > INFINITE * np.abs(alpha)
+    return np.asarray(fastest * alpha[finite] / beta[finite], dtype=np.complex128)
