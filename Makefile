@@ -37,6 +37,9 @@ test-install: ready ## wheel and sdist by pip, pipx and uv into empty environmen
 	@bash scripts/shells.sh
 	TACTION_INSTALL=1 $(PYTHON_IN_VENV) -m pytest tests/install $(ARGS)
 
+test-kicad: ready ## the KiCad projects in a real kicad-cli, which is installed where missing
+	@kicad=$$(bash scripts/kicad.sh) && TACTION_KICAD=$$kicad $(PYTHON_IN_VENV) -m pytest tests/kicad $(ARGS)
+
 test-processors: ready ## the numerical tests with every BLAS kernel that this processor executes
 	$(PYTHON_IN_VENV) scripts/processors.py $(ARGS) -- -n $(JOBS)
 

@@ -18,7 +18,8 @@ SHELLS = {  # how each starts without the user's files, and how it loads the com
     "bash": (("--norc", "--noprofile", "-i"), 'eval "$(_TACTION_COMPLETE=bash_source taction)"'),
     "zsh": (
         ("-f", "-i"),
-        'autoload -U compinit && compinit -u -d dump; eval "$(_TACTION_COMPLETE=zsh_source taction)"',
+        "autoload -U compinit && compinit -u -d dump; "
+        'eval "$(_TACTION_COMPLETE=zsh_source taction)"',
     ),
     "fish": (("--no-config", "-i"), "_TACTION_COMPLETE=fish_source taction | source"),
 }

@@ -1,4 +1,4 @@
-"""The wheel and the source archive of taction, built from a copy so that the checkout stays clean."""
+"""The wheel and the source archive of taction, built from a copy: the checkout stays clean."""
 
 from __future__ import annotations
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from pathlib import Path
 
 from netlist_gen.board.circuit import Circuit
@@ -11,7 +10,7 @@ from netlist_gen.deck.checks import FILE_NAME
 from netlist_gen.deck.deck import Deck, write_deck
 from netlist_gen.problem.inverse_problem import make_problem
 from netlist_gen.scene.scene import Scene
-from spice_models.atomic_files import replacing
+from spice_models.atomic_files import write_together
 from spice_models.errors import Complaint, InputError
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.pipeline.opamp_level import at_level, has_large_signal
@@ -75,7 +74,5 @@ def write_files(deck: Deck, output: str | Path) -> list[Path]:
     """
     path = Path(output)
     files = {path: deck.text} | {path.with_name(n): text for n, text in deck.files.items()}
-    with ExitStack() as stack:  # all files are moved to their places when all are complete
-        for file, text in files.items():
-            stack.enter_context(replacing(file)).write_text(text, encoding="utf-8")
+    write_together(files)
     return list(files)
