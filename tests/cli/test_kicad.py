@@ -21,7 +21,7 @@ def test_the_folder_holds_a_project(tmp_path: Path) -> None:
         "custom-matrix-bom.csv",
     }
     assert all(Path(name).is_file() for name in found["files"])
-    assert (found["channel"], found["row"]) == (2, 3)
+    assert (found["channel"], found["row"]) == (2, 2)
     assert any("stray" in text for text in found["not_drawn"])
     # A second channel of the board goes beside the first.
     assert taction("kicad", CUSTOM, "-o", str(folder), "--channel", "1").exit_code == 0
