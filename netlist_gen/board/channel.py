@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -56,8 +56,10 @@ class Channel:
 
     def rungs(self, matrix: ResistorMatrix) -> list[Resistor]:
         """Return the resistors of `matrix` into this channel's or row's node, `a` their driver."""
-        node = matrix.sinks[(self.k if matrix.by_column else self.n) - 1]
-        return [each for each in matrix.resistors() if each.b == node]
+        place = (self.k if matrix.by_column else self.n) - 1
+        chosen = np.zeros_like(matrix.negative)
+        chosen[(place,) if matrix.by_column else (slice(None), place)] = True
+        return list(replace(matrix, ohms=np.where(chosen, matrix.ohms, np.inf)).resistors())
 
     def resistor(self, name: str) -> Resistor | None:
         """Return a resistor of the board, None without one of this name."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 from netlist_gen.board.bill_of_materials import packages, tolerance_of
 from netlist_gen.board.circuit import (
@@ -34,6 +34,7 @@ from netlist_gen.kicad.symbols import (
 )
 from netlist_gen.quantities import show
 from netlist_gen.scene.scene import Scene
+from spice_models.presets import load_presets
 
 INNER = re.compile(r"(_\d+)(_[a-z]+)$")
 ODD = re.compile(r"[^A-Za-z0-9_.+-]")  # not in the name of a symbol
@@ -41,6 +42,7 @@ DIGITS = 4  # of a value; the field Exact has all of them
 DECOUPLING = 100e-9  # F, from each supply pin to ground: no part of the deck
 
 
+@cache
 def value_text(value: float) -> str:
     """Return a value as a schematic has it.
 
@@ -88,6 +90,7 @@ class Catalogue:
         count = next(iter(self.circuit.models.values())).channels_per_package
         choice = self.scene.design.opamp
         usual = choice.file is None and choice.base in USUAL_PINS
+        usual = usual and count == load_presets()[choice.base].channels_per_package
         return opamp(ODD.sub("_", self.opamp_name), count, usual=usual)
 
     @cached_property

@@ -100,6 +100,9 @@ def _not_drawn(circuit: Circuit, channel: Channel) -> Iterator[str]:
     others = len(circuit.signal_nodes) - 1
     if others:
         yield f"{others} other channels: their signals are global labels"
+    for model in circuit.models.values():
+        if model.external_part:
+            yield f"the {model.external_part} of each op-amp"
     if channel.amplifier is not None:
         yield f"parts of the {circuit.amplifier} amplifier, which is ideal in this scene"
 
@@ -132,12 +135,10 @@ def parts_list(catalogue: Catalogue) -> str:
     Parts of one value, tolerance and kind share a row. Supplies have decoupling capacitors here,
     which the deck does not have.
     """
-    rows: dict[tuple[str, ...], list[str]] = {}
+    rows: dict[tuple[str, ...], dict[str, None]] = {}  # names in their order, each once
     for part in _parts(catalogue):
         key = (part.value, *(part.fields.get(name, "") for name in OWN))
-        found = rows.setdefault(key, [])
-        if part.reference not in found:
-            found.append(part.reference)
+        rows.setdefault(key, {})[part.reference] = None
     text = io.StringIO()
     table = csv.writer(text, quoting=csv.QUOTE_ALL, lineterminator="\n")
     table.writerow((*COLUMNS, *OWN))

@@ -6,7 +6,7 @@ The grid is KiCad's, 1.27 mm; all ends of pins and wires are on it.
 from __future__ import annotations
 
 import uuid
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -158,14 +158,16 @@ class Sheet:
         for placed in self.placed:
             for place in range(len(placed.part.symbol.units[placed.part.unit - 1])):
                 ends[placed.pin(place)] += 1
-        through = Counter(point for each in self.segments for point in _between(each, ends))
+        grid = _Lines(ends)
+        through = Counter(point for each in self.segments for point in grid.between(*each))
         return sorted(point for point, count in ends.items() if count + 2 * through[point] >= 3)
 
     def _connect(self) -> None:
         """Draw the wires, cut at the junctions as KiCad wants them, and the junctions."""
         junctions = self._junctions()
+        grid = _Lines(junctions)
         for start, end in self.segments:
-            points = sorted({start, end, *_between((start, end), junctions)})
+            points = sorted({start, end, *grid.between(start, end)})
             for a, b in pairwise(points):
                 stroke = ["stroke", ["width", 0], ["type", "default"]]
                 pts = ["pts", ["xy", *_mm(a)], ["xy", *_mm(b)]]
@@ -227,12 +229,18 @@ def _mm(point: Point) -> Point:
     return GRID * point[0], GRID * point[1]
 
 
-def _between(segment: tuple[Point, Point], points: Iterable[Point]) -> list[Point]:
-    """Return the points on a wire that are not its ends."""
-    (x, y), (other, below) = segment
-    low, high = sorted((x, other)), sorted((y, below))
-    return [
-        point
-        for point in points
-        if point not in segment and low[0] <= point[0] <= low[1] and high[0] <= point[1] <= high[1]
-    ]
+class _Lines:
+    """Points by their columns and rows, to find those on a wire."""
+
+    def __init__(self, points: Iterable[Point]) -> None:
+        self.lines: dict[tuple[int, float], list[Point]] = defaultdict(list)
+        for point in points:
+            for along in (0, 1):
+                self.lines[along, point[1 - along]].append(point)
+
+    def between(self, start: Point, end: Point) -> list[Point]:
+        """Return the points on a wire that are not its ends."""
+        along = 1 if start[0] == end[0] else 0
+        low, high = sorted((start[along], end[along]))
+        found = self.lines[along, start[1 - along]]
+        return [point for point in found if low < point[along] < high]
