@@ -143,3 +143,22 @@ def test_every_package_has_as_many_pins_as_its_op_amps_need(name: str) -> None:
         assert not any(pin.isdigit() for pin in pins)
     else:
         assert max(map(int, pins)) <= {1: 8, 2: 8, 4: 14}[count]
+
+
+def test_a_package_of_another_size_has_no_pin_numbers() -> None:
+    opamp = {"base": "tl084", "channels_per_package": 3}
+    tree = schematic(project_of(make_scene(design={"opamp": opamp})))
+    symbols = items(items(tree, "lib_symbols")[0], "symbol")
+    (package,) = (symbol for symbol in symbols if symbol[1] == "taction:TL084")
+    drawn = [pin for unit in items(package, "symbol") for pin in items(unit, "pin")]
+    pins = [items(pin, "number")[0][1] for pin in drawn]
+    assert pins[:6] == ["A-", "A+", "Aout", "B-", "B+", "Bout"]
+    (unit, *_) = (
+        fields(each) for each in items(tree, "symbol") if fields(each)["Value"] == "TL084"
+    )
+    assert unit["MPN"] == ""  # no TL084 has three op-amps
+
+
+def test_what_is_missing_is_said() -> None:
+    decompensated = project_of(make_scene(design={"opamp": "ne5534"}))
+    assert "the compensation capacitor of 22 pF of each op-amp" in decompensated.not_drawn
