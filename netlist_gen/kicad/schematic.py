@@ -158,11 +158,12 @@ class _Drawing:
         left, right = x + 44, x + 56
         for cell, unit, place, mirrored in ((first, 1, left, False), (second, 2, right, True)):
             part, out = self.catalogue.transistor(n, unit), 4 if mirrored else -4
+            aside = place + 1.2 * out
+            self.sheet.text(f"Q{cell.name}", (aside, y - 6.2), middle=True)
+            texts = (aside, y - 4.4), (aside, y - 2.6)
             placed = self.sheet.place(
-                part, (place, y), mirrored=mirrored,
-                reference=(place + 1.2 * out, y - 3), value=(place + 1.2 * out, y + 3),
-            )  # fmt: skip
-            self.sheet.text(f"Q{cell.name}", (place + 1.2 * out, y - 5), middle=True)
+                part, (place, y), mirrored=mirrored, reference=texts[0], value=texts[1]
+            )
             end, collector = placed.pin(0), placed.pin(1)
             if cell.base == GROUND_NODE:
                 self.stages.port(GROUND, self.sheet.wire(end, (end[0], y + 6)))

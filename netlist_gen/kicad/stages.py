@@ -120,7 +120,8 @@ class Stages:
         x, y = at
         drawn = self.across(self.catalogue.resistor(enters), (x + 7, y))
         self.sheet.wire(at, drawn.pin(0))
-        end = self.summing(drawn.pin(1), self.cell_of(name), [back])
+        start = self.sheet.wire(drawn.pin(1), (x + 12, y))
+        end = self.summing(start, self.cell_of(name), [back])
         return self.out(end, name)
 
     def catalogue_resistor(self, name: str) -> Resistor:

@@ -22,10 +22,10 @@ EXTRAS = {
     for name, needs in PROJECT["optional-dependencies"].items()
     if name != "dev"
 }
-# Options that need an extra, and the extra that the message names.
+# Command lines that need an extra, and the extra that the message names.
 REFUSED = {
-    "--plot=a.png": "plot",
-    "--report=a.html": "report",
+    ("verify", BOARD, "--plot=a.png", *LIGHT): "plot",
+    ("verify", BOARD, "--report=a.html", *LIGHT): "report",
 }
 
 
@@ -70,12 +70,12 @@ def test_doctor_names_the_extra_of_everything_that_is_missing(by_pip: Environmen
     assert named == set(EXTRAS)
 
 
-@pytest.mark.parametrize(("option", "extra"), REFUSED.items())
+@pytest.mark.parametrize(("words", "extra"), REFUSED.items(), ids=REFUSED.values())
 def test_a_missing_extra_is_named_before_any_work(
-    by_pip: Environment, option: str, extra: str
+    by_pip: Environment, words: tuple[str, ...], extra: str
 ) -> None:
     shutil.copy(SCENES / BOARD, by_pip.folder)
-    run = by_pip.run("verify", BOARD, option, *LIGHT)
+    run = by_pip.run(*words)
     assert run.returncode == 2
     assert f"pip install 'taction[{extra}]'" in run.stderr
     assert "Traceback" not in run.stderr
