@@ -113,10 +113,14 @@ def _settings(name: str) -> dict[str, object]:
         {"group_by": field in GROUPED, "label": label, "name": field, "show": True}
         for field, label in _fields()
     ]
-    bom = {"exclude_dnp": False, "fields_ordered": fields, "name": "taction", "sort_asc": True}
+    preset = {
+        **{"name": LIBRARY, "fields_ordered": fields, "sort_field": "Reference", "sort_asc": True},
+        **{"filter_string": "", "group_symbols": True, "exclude_dnp": False},
+        "include_excluded_from_bom": False,
+    }
     return {
         "meta": {"filename": f"{name}.kicad_pro", "version": 3},
-        "schematic": {"bom_settings": bom | {"sort_field": "Reference"}},
+        "schematic": {"bom_settings": preset, "bom_presets": [preset]},
         "sheets": [],
         "text_variables": {},
     }

@@ -3,7 +3,7 @@
 Above is the signal plane: all feedback resistors into the channel's summing node, the integrator
 with R and C, and the signal amplifier. Below is the constraint plane: all forward resistors into
 the row's summing node, the strain, and the amplifier with its gain. Signals of the rest of the
-board have global labels, so the drawings of all channels of a board can be sheets of one project.
+board have global labels.
 """
 
 from __future__ import annotations

@@ -217,6 +217,11 @@ def test_the_list_has_the_rows_that_kicad_makes(opened: Opened) -> None:
     assert not (whole and listed)
 
 
+def test_the_preset_of_the_project_gives_the_same_list(opened: Opened) -> None:
+    words = ("export", "bom", "--preset", "taction", "--ref-range-delimiter", "")
+    assert rows(opened.kicad(*words, out="preset.csv")) == opened.bill
+
+
 def test_it_is_drawn_on_one_page(opened: Opened, tmp_path: Path) -> None:
     made = opened.kicad("export", "pdf", out="drawing.pdf").read_bytes()
     assert made.startswith(b"%PDF")
