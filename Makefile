@@ -5,7 +5,7 @@
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help setup ready demo test test-browser test-processors test-pythons test-simulators regress stress fuzz torture docs man schemas lint format bench lock build clean
+.PHONY: help setup ready demo test test-browser test-install test-kicad test-processors test-pythons test-simulators regress stress fuzz torture docs man schemas lint format bench lock build clean
 
 PYTHON_IN_VENV := .venv/bin/python
 JOBS ?= 2
@@ -33,6 +33,13 @@ test: ready ## set up, then all tests; ARGS="-k deck -x" goes to pytest
 
 test-browser: ready ## the reports in a headless Chromium, which is installed where missing
 	@browser=$$(bash scripts/chromium.sh) && TACTION_BROWSER=$$browser $(PYTHON_IN_VENV) -m pytest tests/browser $(ARGS)
+
+test-install: ready ## wheel and sdist by pip, pipx and uv into empty environments; completion in bash, zsh and fish
+	@bash scripts/shells.sh
+	TACTION_INSTALL=1 $(PYTHON_IN_VENV) -m pytest tests/install $(ARGS)
+
+test-kicad: ready ## the KiCad projects in a real kicad-cli, which is installed where missing
+	@kicad=$$(bash scripts/kicad.sh) && TACTION_KICAD=$$kicad $(PYTHON_IN_VENV) -m pytest tests/kicad $(ARGS)
 
 test-processors: ready ## the numerical tests with every BLAS kernel that this processor executes
 	$(PYTHON_IN_VENV) scripts/processors.py $(ARGS) -- -n $(JOBS)
@@ -78,9 +85,9 @@ bench: ready ## docs/benchmarks.md in minutes; ARGS=--full measures everything, 
 lock: ## write requirements/*.txt anew from pyproject.toml, newest versions; ARGS=--keep pins only what is new
 	bash scripts/lock.sh $(ARGS)
 
-build: ready ## wheel into dist/
+build: ready ## source archive, and the wheel made from it, into dist/
 	rm -rf build
-	$(PYTHON_IN_VENV) -m pip wheel . --no-deps --no-build-isolation --wheel-dir dist
+	$(PYTHON_IN_VENV) -m uv build --quiet --no-build-isolation --python $(PYTHON_IN_VENV) --out-dir dist .
 
 clean: ## remove .venv, caches and build products; leaves ngspice alone
 	rm -rf .venv .venv-* .ngspice-39 build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis fuzz-failures

@@ -13,12 +13,24 @@ import traceback
 
 from threadpoolctl import threadpool_limits
 
-from benchmarks import boards, deck, engines, grid, page, polemap, reference, startup, sweeps
+from benchmarks import (
+    boards,
+    deck,
+    engines,
+    grid,
+    package,
+    page,
+    polemap,
+    reference,
+    startup,
+    sweeps,
+)
 from benchmarks.measuring import ROOT, Extent, Result, machine
 from verification.studies.running.threads import THREADS
 
 SECTIONS = {
     "startup": startup,
+    "package": package,
     "grid": grid,
     "boards": boards,
     "sweeps": sweeps,

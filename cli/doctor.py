@@ -21,6 +21,8 @@ EXTRAS = (
     ("schemdraw", "--report", "pip install 'taction[report]'"),
     ("pyarrow", "waveforms and sweeps as Parquet", "pip install 'taction[parquet]'"),
     ("xarray", "sweeps as netCDF", "pip install 'taction[netcdf]'"),
+    ("pandas", "to_pandas() of studies, in Python", "pip install 'taction[data]'"),
+    ("nicegui", "taction explore", "pip install 'taction[explore]'"),
     ("distributed", "sweeps on a cluster", "pip install 'taction[cluster]'"),
 )
 

@@ -20,6 +20,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "diff": ("diff", "Compare the keys and the readings of two boards."),
     "netlist": ("netlist", "Write the ngspice deck of a scene."),
     "bom": ("bom", "List the parts to buy, with packages and power."),
+    "kicad": ("kicad", "Draw one channel of a board for KiCad, and list its parts."),
     "solve": ("solve", "Solve the problem numerically, with a certificate."),
     "simulate": ("simulate", "Run the transient: waveforms and measurements."),
     "montecarlo": ("montecarlo", "Estimate the yield under component tolerances."),

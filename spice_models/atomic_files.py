@@ -10,7 +10,7 @@ import re
 import shutil
 import stat
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from spice_models.errors import Complaint, InputError
@@ -37,6 +37,19 @@ def write_atomically(path: str | Path, content: str | bytes) -> None:
     with replacing(path) as file:
         data = content if isinstance(content, bytes) else content.encode(errors="backslashreplace")
         file.write_bytes(data)
+
+
+def write_together(files: Mapping[Path, str]) -> None:
+    """Write several texts, all or none: they go to their places when all are complete.
+
+    Raises
+    ------
+    InputError
+        A file cannot be written.
+    """
+    with contextlib.ExitStack() as stack:
+        for file, text in files.items():
+            stack.enter_context(replacing(file)).write_text(text, encoding="utf-8")
 
 
 @contextlib.contextmanager

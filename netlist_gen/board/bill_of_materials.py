@@ -119,7 +119,7 @@ def bill_of_materials(circuit: Circuit, scene: Scene) -> BillOfMaterials:
     return BillOfMaterials(
         lines=(*resistors, *capacitors),
         opamp=scene.design.opamp.file or scene.design.opamp.base,
-        packages=tuple(_packages(circuit)),
+        packages=tuple(packages(circuit)),
         not_listed=tuple(_not_listed(circuit, scene)),
     )
 
@@ -135,11 +135,16 @@ def _resistors(circuit: Circuit) -> tuple[list[str], Floats]:
     return names, np.concatenate(values)
 
 
-def _lines(kind: str, names: list[str], values: Floats, scene: Scene) -> Iterator[PartLine]:
-    """Yield one line for each value and tolerance; values closer than `SAME` count as one."""
+def tolerance_of(scene: Scene, kind: str, name: str) -> float | None:
+    """Return the tolerance of a part by its name in the deck, fraction; None if none is given."""
     given = kind in scene.tolerances.model_fields_set
     common = float(getattr(scene.tolerances, kind)) if given else None
-    own = [scene.tolerances.parts.get(name, common) for name in names]
+    return scene.tolerances.parts.get(name, common)
+
+
+def _lines(kind: str, names: list[str], values: Floats, scene: Scene) -> Iterator[PartLine]:
+    """Yield one line for each value and tolerance; values closer than `SAME` count as one."""
+    own = [tolerance_of(scene, kind, name) for name in names]
     for tolerance in sorted(set(own), key=lambda part: math.inf if part is None else -part):
         chosen = [place for place, part in enumerate(own) if part == tolerance]
         yield from _equal(kind, [names[k] for k in chosen], values[chosen], tolerance)
@@ -171,7 +176,7 @@ def _nearest(value: float, series: str) -> Preferred:
     return Preferred(series, near, near / value - 1.0)
 
 
-def _packages(circuit: Circuit) -> Iterator[Package]:
+def packages(circuit: Circuit) -> Iterator[Package]:
     """Yield packages that are filled in the order of the op-amps, each with one type."""
     number = 0
     for name, model in circuit.models.items():

@@ -123,6 +123,11 @@ class ResistorMatrix:
             source = self.minus[drive] if self.negative[k, n] else self.plus[drive]
             yield k, n, source, self.sinks[sink], float(self.ohms[k, n])
 
+    def resistors(self) -> Iterator[Resistor]:
+        """Yield every resistor by rows; `a` is the driving node, `b` the summing node."""
+        for k, n, source, sink, ohms in self.elements():
+            yield Resistor(f"{self.name}_{k + 1}_{n + 1}", source, sink, ohms)
+
 
 @dataclass(frozen=True, slots=True)
 class Output:

@@ -31,6 +31,7 @@ LINES: dict[str, tuple[str, ...]] = {
     "diff": ("diff", "a.toml", "slow.toml"),
     "netlist": ("netlist", "a.toml", "--explain"),
     "bom": ("bom", "a.toml"),
+    "kicad": ("kicad", "a.toml", "-o", "drawing"),
     "solve": ("solve", "exponential.toml"),
     "simulate": ("simulate", "ringing.toml"),
     "montecarlo": ("montecarlo", "a.toml", "-n", "20", "--jobs", "1"),

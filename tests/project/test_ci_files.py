@@ -52,7 +52,7 @@ def test_the_workflow_runs_what_anybody_can_run() -> None:
 def test_ci_run_compares_the_scenes_after_the_tests() -> None:
     lines = (ROOT / ".ci" / "run").read_text().splitlines()
     assert lines.index("make regress || status=1") > lines.index("make test || status=1")
-    others = ("simulators", "pythons", "browser")
+    others = ("simulators", "pythons", "browser", "install", "kicad")
     assert {f"make test-{name} || status=1" for name in others} <= set(lines)
     assert "taction regress scenes/ --baseline scenes/baseline.json" in (
         ROOT / "Makefile"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
 import sys
 import sysconfig
@@ -12,23 +11,13 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from packaging.metadata import Metadata
 
+from tests.support.archives import FILES, MOVED, PACKAGES, build_archives
 from tests.support.entries import write_fast
 from tests.support.paths import ROOT
 
-MOVED = ("spice_models", "netlist_gen", "verification", "cli")
-PACKAGES = (*MOVED, "taction")
 SHIPPED = (".py", ".toml", ".json", ".typed", ".html", ".css", ".js")
-FILES = ("pyproject.toml", "setup.py", "README.md", "LICENSE")
-
-BUILD = """
-import sys
-from setuptools import build_meta
-
-out = sys.argv[1]  # each build changes sys.argv
-print(build_meta.build_wheel(out), build_meta.build_sdist(out))
-"""
-
 RIVAL_TEST = """
 import sys
 from pathlib import Path
@@ -65,20 +54,8 @@ if __name__ == "__main__":
 
 @pytest.fixture(scope="module")
 def archives(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """A wheel and a source archive, built from a copy so that the checkout stays clean."""
-    copy = tmp_path_factory.mktemp("checkout")
-    for package in PACKAGES:
-        shutil.copytree(ROOT / package, copy / package, symlinks=True)
-    shutil.copytree(ROOT / "scenes", copy / "scenes")
-    for name in FILES:
-        shutil.copy(ROOT / name, copy)
-    out = tmp_path_factory.mktemp("dist")
-    run = subprocess.run(
-        [sys.executable, "-c", BUILD, str(out)], cwd=copy, capture_output=True, text=True
-    )
-    assert run.returncode == 0, run.stderr
-    wheel, sdist = run.stdout.splitlines()[-1].split()
-    return out / wheel, out / sdist
+    """A wheel and a source archive."""
+    return build_archives(tmp_path_factory.mktemp("checkout"), tmp_path_factory.mktemp("dist"))
 
 
 @pytest.fixture(scope="module")
@@ -148,6 +125,20 @@ def test_the_source_archive_holds_every_module_and_data_file(archives: tuple[Pat
     with tarfile.open(archives[1]) as sdist:
         found = {name.partition("/")[2] for name in sdist.getnames()}
     assert (sources() | set(FILES)) - found == set()
+    assert not [name for name in found if name.startswith(("tests/", "docs/", "benchmarks/"))]
+
+
+def test_the_metadata_is_valid_for_an_index(archives: tuple[Path, Path]) -> None:
+    about = Metadata.from_email(read(archives[0], ".dist-info/METADATA"), validate=True)
+    assert about.requires_python == ">=3.11"
+    assert about.description_content_type == "text/markdown"
+    assert about.license_expression == "GPL-3.0-or-later"
+    assert "Topic :: Scientific/Engineering :: Electronic Design Automation (EDA)" in (
+        about.classifiers or []
+    )
+    assert not [each for each in about.classifiers or [] if each.startswith("License ::")]
+    extras = set(about.provides_extra or [])
+    assert extras >= {"plot", "report", "explore", "cluster", "data"}
 
 
 def test_the_command_and_the_plugin_are_parts_of_taction(archives: tuple[Path, Path]) -> None:

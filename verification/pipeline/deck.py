@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,7 +15,7 @@ from netlist_gen.deck.dialects.table import DIALECTS
 from netlist_gen.deck.parameters import NO_PARAMETERS, Parameters, parameters_of
 from netlist_gen.problem.inverse_problem import InverseProblem, make_problem
 from netlist_gen.scene.scene import Scene
-from spice_models.atomic_files import replacing
+from spice_models.atomic_files import write_together
 from spice_models.errors import Complaint, InputError, SolverError
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.pipeline.opamp_level import at_level, has_large_signal
@@ -183,7 +182,5 @@ def write_files(deck: Deck, output: str | Path) -> list[Path]:
     """
     path = Path(output)
     files = {path: deck.text} | {path.with_name(n): text for n, text in deck.files.items()}
-    with ExitStack() as stack:  # all files are moved to their places when all are complete
-        for file, text in files.items():
-            stack.enter_context(replacing(file)).write_text(text, encoding="utf-8")
+    write_together(files)
     return list(files)

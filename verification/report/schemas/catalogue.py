@@ -18,6 +18,7 @@ MODELS: dict[str, type[BaseModel]] = {
     "diff": verdict.DiffDocument,
     "netlist": plain.NetlistDocument,
     "bom": plain.BomDocument,
+    "kicad": plain.KicadDocument,
     "solve": plain.SolveDocument,
     "simulate": verdict.SimulateDocument,
     "montecarlo": studies.MontecarloDocument,

@@ -76,6 +76,16 @@ class BomDocument(Document):
     not_listed: list[str]
 
 
+class KicadDocument(Document):
+    """``taction kicad``; `channel` and `row` count from 1."""
+
+    scene: str
+    files: list[str]
+    channel: int
+    row: int
+    not_drawn: list[str]
+
+
 class SolveDocument(Document):
     """``taction solve``."""
 

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
+from netlist_gen.board.channel import Channel
 from netlist_gen.board.circuit import Circuit
 from verification.report.html.blocks import Drawing
 from verification.report.html.texts import quantity
@@ -14,58 +12,6 @@ from verification.report.html.texts import quantity
 COLOUR = "currentColor"  # of the page, in both themes
 SMALL = 10  # points
 ROW = -5.6  # height of the sensor row below the channel
-
-
-@dataclass(frozen=True, slots=True)
-class _Example:
-    """Channel `n` and row `k`, from 1: the middle channel and its largest entry of T."""
-
-    circuit: Circuit
-    n: int
-    k: int
-
-    @classmethod
-    def of(cls, circuit: Circuit) -> _Example:
-        ohms = circuit.matrices[0].ohms
-        n = (ohms.shape[1] - 1) // 2
-        if not np.isfinite(ohms[:, n]).any():
-            n = int(np.flatnonzero(np.isfinite(ohms).any(axis=0))[0])
-        return cls(circuit, n + 1, 1 + int(np.argmin(ohms[:, n])))
-
-    def ohms(self, name: str) -> float | None:
-        """Return the value of a resistor; None if the board has no such resistor."""
-        return next((r.ohms for r in self.circuit.resistors if r.name == name), None)
-
-    @property
-    def farads(self) -> float:
-        """C of the channel."""
-        return next(c.farads for c in self.circuit.capacitors if c.name == f"c_{self.n}")
-
-    @property
-    def entry(self) -> float:
-        """The matrix resistor, ohm."""
-        return float(self.circuit.matrices[0].ohms[self.k - 1, self.n - 1])
-
-    @property
-    def negative(self) -> bool:
-        """Whether the entry of T is negative."""
-        return bool(self.circuit.matrices[0].negative[self.k - 1, self.n - 1])
-
-    @property
-    def opamp(self) -> str:
-        """Name of the op-amp's model."""
-        return next(iter(self.circuit.models))
-
-    @property
-    def current(self) -> float | None:
-        """Strain current of the row, A; None without one."""
-        name = f"eps_{self.k}"
-        return next((c.amps for c in self.circuit.currents if c.name == name), None)
-
-    def count(self) -> tuple[int, int]:
-        """Return the numbers of matrix resistors into the channel and into the row."""
-        present = np.isfinite(self.circuit.matrices[0].ohms)
-        return int(present[:, self.n - 1].sum()), int(present[self.k - 1].sum())
 
 
 def schematic(circuit: Circuit) -> Drawing:
@@ -80,7 +26,7 @@ def schematic(circuit: Circuit) -> Drawing:
     """
     import schemdraw
 
-    example = _Example.of(circuit)
+    example = Channel.of(circuit)
     schemdraw.use("svg")
     drawing = schemdraw.Drawing(show=False, canvas="svg")
     drawing.config(unit=2.4, fontsize=11, color=COLOUR, bgcolor="none", lw=1.5, margin=0.6)
@@ -92,15 +38,15 @@ def schematic(circuit: Circuit) -> Drawing:
     return Drawing("One channel", svg[svg.index("<svg") :], _summary(example))
 
 
-def _summary(example: _Example) -> str:
-    into, row = example.count()
+def _summary(example: Channel) -> str:
+    into, row = (len(example.rungs(m)) for m in (example.feedback, example.forward))
     scalings = example.circuit.scalings
     return (
         f"Channel {example.n} with sensor row {example.k}, one of {into} resistors into the channel"
         f" and of {row} resistors into the row. C = {quantity(example.farads, 'F')}, gain s ="
         f" {quantity(scalings.gain, 'ohm')}, matrix resistor {quantity(example.entry, 'ohm')}"
-        f" (T is {'negative' if example.negative else 'positive'}), op-amps {example.opamp}."
-        " Stray capacitances are not drawn."
+        f" (T is {'negative' if example.negative else 'positive'}), op-amps"
+        f" {next(iter(example.circuit.models))}. Stray capacitances are not drawn."
     )
 
 
@@ -141,7 +87,7 @@ def _over(drawing: Any, cell: Any, part: Any, name: str, value: str, height: flo
     drawing.add(elm.Line().at((right, level)).to(cell.out))
 
 
-def _matrix_resistor(drawing: Any, example: _Example, *, feedback: bool, level: float) -> Any:
+def _matrix_resistor(drawing: Any, example: Channel, *, feedback: bool, level: float) -> Any:
     """Draw the matrix resistor from its driving node; return the place of its summing node."""
     elm = _elements()
     matrix = example.circuit.matrices[1 if feedback else 0]
@@ -154,7 +100,7 @@ def _matrix_resistor(drawing: Any, example: _Example, *, feedback: bool, level: 
     return drawing.add(elm.Dot().label(sink, "top", fontsize=SMALL)).center
 
 
-def _integrator(drawing: Any, example: _Example) -> Any:
+def _integrator(drawing: Any, example: Channel) -> Any:
     elm = _elements()
     n = example.n
     node = _matrix_resistor(drawing, example, feedback=True, level=0.0)
@@ -172,7 +118,7 @@ def _integrator(drawing: Any, example: _Example) -> Any:
     return cell.out
 
 
-def _passive_node(drawing: Any, example: _Example) -> Any:
+def _passive_node(drawing: Any, example: Channel) -> Any:
     elm = _elements()
     n = example.n
     x, level = _matrix_resistor(drawing, example, feedback=True, level=0.0)
@@ -197,7 +143,7 @@ def _passive_node(drawing: Any, example: _Example) -> Any:
     return cell.out
 
 
-def _stage(drawing: Any, example: _Example, output: Any) -> None:
+def _stage(drawing: Any, example: Channel, output: Any) -> None:
     """Draw the signal amplifier: an inverter, or an amplifier with its own characteristic."""
     from schemdraw import flow
 
@@ -229,7 +175,7 @@ def _stage(drawing: Any, example: _Example, output: Any) -> None:
         _inverter(drawing, example, place, name, inverted)
 
 
-def _inverter(drawing: Any, example: _Example, place: Any, name: str, output: str) -> None:
+def _inverter(drawing: Any, example: Channel, place: Any, name: str, output: str) -> None:
     elm = _elements()
     drawing.add(elm.Line().right(0.4).at(place))
     values = [quantity(example.ohms(f"{name}_{end}"), "ohm") for end in ("in", "fb")]
@@ -241,14 +187,14 @@ def _inverter(drawing: Any, example: _Example, place: Any, name: str, output: st
     drawing.add(elm.Dot(open=True).at(cell.out).label(output, "right"))
 
 
-def _row(drawing: Any, example: _Example) -> None:
+def _row(drawing: Any, example: Channel) -> None:
     """Draw the constraint amplifier of the row below the channel, with its inverter."""
     elm = _elements()
     k = example.k
     node = _matrix_resistor(drawing, example, feedback=False, level=ROW)
-    if example.current is not None:
+    if example.strain is not None:
         drawing.add(elm.Line().down(0.4).at(node))
-        text = f"strain\n{quantity(example.current, 'A')}"
+        text = f"strain\n{quantity(example.strain.amps, 'A')}"
         drawing.add(elm.SourceI().down().reverse().label(text, "top", fontsize=SMALL))
         drawing.add(elm.Ground())
     cell = _opamp(drawing, (node[0] + 0.9, ROW), f"w_{k}")

@@ -1,0 +1,228 @@
+"""KiCad's own reading of the projects: rules, nets pin by pin, values, parts lists."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from netlist_gen.board.circuit import Circuit
+from netlist_gen.board.synthesis import synthesise
+from netlist_gen.scene.file import load_scene
+from netlist_gen.scene.scene import Scene, parse_scene
+from tests.kicad.conftest import Opened, rows
+from tests.support.making import make_scene
+from tests.support.paths import SCENES
+
+DEVICES = {"amplifier": "exponential", "exponential_slope": "100mV", "antilog": "device"}
+NPN = {**DEVICES, "antilog": {"stage": "device", "transistors": "ssm2212"}}
+PASSIVE = {"topology": "passive", "lambda": 100.0}
+# Pins -, +, output of the op-amps A, B ... as the data sheets of the TL084 and the TL072 draw them.
+SHEETS = {
+    "TL084": (("2", "3", "1"), ("6", "5", "7"), ("9", "10", "8"), ("13", "12", "14")),
+    "TL072": (("2", "3", "1"), ("6", "5", "7")),
+    "UA741": (("2", "3", "6"),),
+}
+RAILS = {"TL084": ("4", "11"), "TL072": ("8", "4"), "UA741": ("7", "4")}
+# What a drawing of one channel cannot avoid: signals of other channels, and the op-amps of other
+# channels in the same packages.
+EXPECTED = {
+    ("warning", "global_label_dangling"),
+    ("warning", "missing_unit"),
+    ("warning", "missing_input_pin"),
+}
+
+
+def one_by_one() -> Scene:
+    tables: dict[str, Any] = {
+        "problem": {"kind": "matrix", "matrix": np.array([[-0.7]]), "strain": np.array([0.3])},
+        "design": {"opamp": "tl084", "bias": True, **NPN},
+        "analysis": {"initial": "rest"},
+        "tolerances": {"resistor": 0.01},
+    }
+    return parse_scene(tables, "scene.toml")
+
+
+def scene_of(name: str) -> Scene:
+    if name.endswith(".toml"):
+        return load_scene(SCENES / name)
+    rest = {"analysis": {"initial": "rest"}}
+    if name == "one by one":
+        return one_by_one()
+    made = {
+        "npn": ({"channels": 3}, {"opamp": "tl072", **NPN}),
+        "pnp": ({"channels": 3}, {"opamp": "ua741", **DEVICES}),
+        "passive": ({"channels": 3}, {"opamp": "tl072", **PASSIVE}),
+        "passive exponential": (
+            {"channels": 3},
+            {"amplifier": "exponential", "exponential_slope": "1V", "bias": False, **PASSIVE},
+        ),
+        "wide": ({"channels": 70, "span": 40.0}, {"opamp": "tl084"}),
+    }
+    problem, design = made[name]
+    return make_scene(problem, design=design, **rest)
+
+
+NAMES = (
+    "paper-breadboard.toml",
+    "paper-exponential.toml",
+    "paper-exponential-devices.toml",
+    "custom-matrix.toml",
+    "one by one",
+    "npn",
+    "pnp",
+    "passive",
+    "passive exponential",
+    "wide",
+)
+
+
+@pytest.fixture(scope="module", params=NAMES)
+def opened(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Opened:
+    scene = scene_of(request.param)
+    channel = 2 if len(synthesise(scene).signal_nodes) > 1 else 1
+    return Opened.of(scene, tmp_path_factory.mktemp("project"), channel)
+
+
+def test_the_rules_are_kept(opened: Opened) -> None:
+    assert set(opened.violations) <= EXPECTED
+    text = opened.file(".kicad_sch").read_text("utf-8")
+    labels = re.findall(r'\(global_label "(\w+)"', text)
+    inputs = re.findall(r'\(global_label "(\w+)"\s+\(shape input\)', text)
+    alone = sum(labels.count(label) == 1 for label in inputs)
+    assert opened.violations["warning", "global_label_dangling"] == alone
+
+
+def own_nodes(opened: Opened) -> set[str]:
+    """The nodes of which the drawing has every part."""
+    n, k = opened.project.channel, opened.project.row
+    names = {f"{kind}_{n}" for kind in ("x", "ja", "ju", "b", "e", "y", "t")}
+    names |= {f"c_{k}", f"jz_{k}"}
+    return names | ({f"v_{n}"} if opened.circuit.topology == "passive" else set())
+
+
+def deck_pins(circuit: Circuit) -> Iterator[tuple[str, dict[str, str]]]:
+    """Every part of the board: its name in the deck, and the nodes of its pins."""
+    for resistor in circuit.resistors:
+        yield f"R{resistor.name}", {"1": resistor.a, "2": resistor.b}
+    for matrix in circuit.matrices:
+        for row, column, source, sink, _ in matrix.elements():
+            yield f"{matrix.name}_{row + 1}_{column + 1}", {"1": source, "2": sink}
+    for capacitor in circuit.capacitors:
+        if not capacitor.name.startswith("stray_"):
+            yield f"C{capacitor.name}", {"1": capacitor.a, "2": capacitor.b}
+    for current in circuit.currents:
+        yield f"I{current.name}", {"1": "0", "2": current.node}
+
+
+def expected_nets(opened: Opened) -> dict[tuple[str, str], str]:
+    """The node of every pin that the drawing must have, from the circuit alone."""
+    circuit, own = opened.circuit, own_nodes(opened)
+    by_deck = {fields["Deck"]: ref for ref, fields in opened.fields.items() if "Deck" in fields}
+    found = {}
+    for name, pins in deck_pins(circuit):
+        if own & set(pins.values()):
+            # Two-ended parts may be drawn either way round: only current has a direction.
+            drawn = [opened.nets[by_deck[name], pin] for pin in ("1", "2")]
+            ends = [pins["1"], pins["2"]]
+            turned = drawn == [("GND" if node == "0" else node) for node in reversed(ends)]
+            assert not (turned and name.startswith("I"))
+            for pin, node in zip(("1", "2"), reversed(ends) if turned else ends, strict=True):
+                found[by_deck[name], pin] = node
+    for place, cell in enumerate(circuit.opamps):
+        if own & {cell.inverting, cell.noninverting}:
+            nodes = cell.inverting, cell.noninverting, cell.output
+            found |= dict(zip(opamp_pins(opened, place), nodes, strict=True))
+    for amplifier in circuit.amplifiers:
+        if amplifier.name == f"a_{opened.project.channel}":
+            name = by_deck[f"B{amplifier.name}"]
+            found |= {(name, "1"): amplifier.input, (name, "2"): amplifier.output}
+    for place, cell in enumerate(circuit.transistors):
+        if own & {cell.collector, cell.base, cell.emitter}:
+            number = str(place % 2 + 1)
+            for letter, node in zip("CBE", (cell.collector, cell.base, cell.emitter), strict=True):
+                found[f"Q{place // 2 + 1}", f"{letter}{number}"] = node
+    for source in circuit.voltages:
+        found |= {(by_deck[f"V{source.name}"], "1"): source.node}
+        found |= {(by_deck[f"V{source.name}"], "2"): "0"}
+    return {pin: "GND" if node == "0" else node for pin, node in found.items()}
+
+
+def opamp_pins(opened: Opened, place: int) -> list[tuple[str, str]]:
+    """Pins -, + and output of an op-amp of the board, by its place: packages fill in this order."""
+    size = next(iter(opened.circuit.models.values())).channels_per_package
+    reference = f"U{place // size + 1}"
+    pins = SHEETS.get(opened.fields[reference]["Value"], (("-", "+", "out"),))[place % size]
+    return [(reference, pin) for pin in pins]
+
+
+def test_every_pin_is_on_the_net_of_the_circuit(opened: Opened) -> None:
+    expected = expected_nets(opened)
+    assert len(expected) > 20
+    rest = {pin: net for pin, net in opened.nets.items() if pin not in expected}
+    assert {pin: opened.nets.get(pin) for pin in expected} == expected
+    # All else is supply: packages, and capacitors from each rail to ground.
+    rail = f"{opened.circuit.supply:g}V"
+    for (reference, pin), net in rest.items():
+        assert re.fullmatch(r"U\d+|CU\d+_[12]", reference), (reference, pin, net)
+        plus, minus = RAILS.get(opened.fields[reference]["Value"], ("V+", "V-"))
+        wanted = {plus: f"+{rail}", minus: f"-{rail}"}
+        if reference.startswith("C"):
+            wanted = {"1": f"+{rail}", "2": "GND"}
+            if reference.endswith("_2"):
+                wanted = {"1": "GND", "2": f"-{rail}"}
+        assert net == wanted[pin]
+    packages = {reference for reference, _ in opened.nets if reference.startswith("U")}
+    assert len(rest) == 6 * len(packages)
+
+
+def test_values_are_those_of_the_circuit(opened: Opened) -> None:
+    values = {f"R{part.name}": part.ohms for part in opened.circuit.resistors}
+    for matrix in opened.circuit.matrices:
+        for row, column, _, _, ohms in matrix.elements():
+            values[f"{matrix.name}_{row + 1}_{column + 1}"] = ohms
+    values |= {f"C{part.name}": part.farads for part in opened.circuit.capacitors}
+    values |= {f"I{part.name}": part.amps for part in opened.circuit.currents}
+    values |= {f"V{part.name}": part.volts for part in opened.circuit.voltages}
+    prefixes = {"p": 1e-12, "n": 1e-9, "u": 1e-6, "m": 1e-3, "k": 1e3, "M": 1e6, "G": 1e9}
+    checked = 0
+    for fields in opened.fields.values():
+        if (name := fields.get("Deck", "B"))[0] in "RCIV":
+            assert float(fields["Exact"].split()[0]) == values[name]
+            number, prefix = re.fullmatch(r"(-?[\d.]+)([pnumkMG]?)[AV]?", fields["Value"]).groups()
+            shown = float(number) * prefixes.get(prefix, 1.0)
+            assert shown == pytest.approx(values[name], rel=5.1e-4)
+            checked += 1
+    assert checked > 5
+
+
+def test_the_list_has_the_rows_that_kicad_makes(opened: Opened) -> None:
+    """A board of one channel is drawn whole, so both lists are the same."""
+    ours, drawn = rows(opened.file(".csv")), opened.bill
+    assert list(ours[0]) == list(drawn[0])
+    whole = len(opened.circuit.signal_nodes) == len(opened.circuit.constraint_nodes) == 1
+    key = ("Value", "Tolerance", "MPN", "Description", "Footprint", "Datasheet", "DNP")
+    listed = {tuple(row[name] for name in key): row for row in ours}
+    assert len(listed) == len(ours)
+    for row in drawn:
+        found = listed.pop(tuple(row[name] for name in key))
+        assert set(row["Reference"].split()) <= set(found["Reference"].split())
+        assert int(row["Qty"]) == len(row["Reference"].split())
+        if whole:
+            assert row == found
+    assert not (whole and listed)
+
+
+def test_the_preset_of_the_project_gives_the_same_list(opened: Opened) -> None:
+    words = ("export", "bom", "--preset", "taction", "--ref-range-delimiter", "")
+    assert rows(opened.kicad(*words, out="preset.csv")) == opened.bill
+
+
+def test_it_is_drawn_on_one_page(opened: Opened, tmp_path: Path) -> None:
+    made = opened.kicad("export", "pdf", out="drawing.pdf").read_bytes()
+    assert made.startswith(b"%PDF")
+    assert made.count(b"/Type /Page\n") == 1
