@@ -1,0 +1,190 @@
+"""One open page: the values under the hand, and what the page is told, what is fast first.
+
+The page sends values and waits for their curves before it sends more, so nothing queues up. What is
+slow runs in processes of its own, and is dropped where the values have moved on in the meantime.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from spice_models.errors import InputError, TactionError
+from verification.report.explorer.jobs import Job
+from verification.report.explorer.look import Look, look_at
+from verification.report.explorer.payload import (
+    KEPT,
+    Part,
+    boundary_part,
+    settings_part,
+    simulation_part,
+    verdict_part,
+)
+from verification.report.html.texts import readable
+from verification.studies.exploration.board_view import Boundary, view_boundary, view_limits
+from verification.studies.exploration.controls import CAPACITANCE, STEPS
+from verification.studies.exploration.judgement import Judgement, judge
+from verification.studies.exploration.settings import Settings, Start, read_value
+from verification.studies.running.worker import WorkerDiedError
+
+Send = Callable[[Part], None]
+WINDOWS = ("rise", "whole")
+PATIENCE = 3.0  # s that a verdict on values that have moved on may still take
+
+
+@dataclass(eq=False)
+class Session:
+    """The explorer of one page.
+
+    Attributes
+    ----------
+    start : Start
+        The scene.
+    send : callable
+        Takes a part of the page to the browser; called in the event loop.
+    judging, simulating : Job
+        Processes for the verdict and for ngspice.
+    """
+
+    start: Start
+    send: Send
+    judging: Job
+    simulating: Job
+    settings: Settings = field(default_factory=Settings)
+    window: str = "rise"
+    _number: int = 0  # of the newest values
+    _look: Look | None = None  # at the newest values
+    _boundary: tuple[object, Boundary] | None = None  # and the values that it holds for
+    _turn: asyncio.Lock = field(default_factory=asyncio.Lock)
+    _tasks: set[asyncio.Task[None]] = field(default_factory=set)
+
+    async def move(self, wanted: Mapping[str, Any]) -> None:
+        """Take new values from the page, and answer with what is fast.
+
+        `wanted` has places of sliders (0 to `STEPS`), typed texts, or an op-amp.
+        """
+        try:
+            self.settings = self._taken(wanted)
+        except (InputError, ValueError, StopIteration) as error:
+            self._tell(mistake=readable(str(error)), **settings_part(self.start, self.settings))
+            return
+        self._number += 1
+        number, settings = self._number, self.settings
+        if self.judging.seconds > PATIENCE:
+            self.judging.stop()
+        self.simulating.stop_if_running()
+        async with self._turn:
+            shown = settings_part(self.start, settings)
+            try:
+                self._look = await asyncio.to_thread(look_at, self.start, settings, self.window)
+            except TactionError as error:
+                self._look = None
+                self._tell(**shown, refused=readable(str(error)))
+                return
+            self._tell(**shown, **self._look.part, stamp=wanted.get("stamp"))
+        if number == self._number:
+            self._begin(self._follow(self._look, number))
+
+    def _taken(self, wanted: Mapping[str, Any]) -> Settings:
+        """Return the settings that the page asks for; raises `InputError`."""
+        values, opamp = dict(self.settings.values), self.settings.opamp
+        if wanted.get("reset"):
+            values, opamp = {}, ""
+        for path, place in wanted.get("places", {}).items():
+            values[path] = self.start.control(path).chosen(float(place) / STEPS)
+        for path, text in wanted.get("texts", {}).items():
+            values[path] = read_value(self.start.control(path), str(text))
+        settings = Settings.of(self.start, values, str(wanted.get("opamp", opamp)))
+        settings.scene(self.start)  # a value that its key does not accept changes nothing
+        return settings
+
+    def _tell(self, **part: Any) -> None:
+        self.send({"number": self._number, **part})
+
+    def _begin(self, work: Any) -> None:
+        task = asyncio.create_task(work)
+        self._tasks.add(task)  # the loop alone would let it be collected
+        task.add_done_callback(self._tasks.discard)
+
+    async def _follow(self, look: Look, number: int) -> None:
+        """Find what is slower than a hand, in turn, as long as the values stay."""
+
+        def current() -> bool:
+            return number == self._number
+
+        for stage in (self._with_poles, self._with_limits, self._with_boundary):
+            try:
+                look, part = await asyncio.to_thread(stage, look)
+            except TactionError as error:
+                part = {"doubts": [readable(str(error))]}
+            if not current():
+                return
+            self._look = look
+            if part:
+                self._tell(**part)
+        try:
+            found = await self.judging.run(current, judge, look.scene, "statespace", KEPT)
+        except WorkerDiedError as error:
+            found = Judgement("error", error=str(error))
+        if found is None or not current():
+            return
+        self._look = look = look.judged(found)
+        self._tell(**verdict_part(found), **look.later_curves(self.window))
+
+    def _with_poles(self, look: Look) -> tuple[Look, Part]:
+        return (look, {}) if look.poles is not None else look.with_poles(self.window)
+
+    def _with_limits(self, look: Look) -> tuple[Look, Part]:
+        if look.poles is None:
+            return look, {}
+        limits = view_limits(look.rest, look.poles)
+        return look.limited(limits), {"limits": [readable(text) for text in limits]}
+
+    def _with_boundary(self, look: Look) -> tuple[Look, Part]:
+        """Find the stable values of C, which do not depend on C itself."""
+        if look.poles is None:
+            return look, {}
+        others = {k: v for k, v in look.settings.values.items() if k != CAPACITANCE}
+        key, control = (others, look.settings.opamp), self.start.control(CAPACITANCE)
+        if self._boundary is None or self._boundary[0] != key:
+            found = view_boundary(look.rest, look.poles, control.low, control.high)
+            self._boundary = (key, found)
+        return look, boundary_part(self._boundary[1], control)
+
+    def show(self, window: str) -> None:
+        """Draw another window of time."""
+        self.window = window if window in WINDOWS else self.window
+        if self._look is not None:
+            self._tell(**self._look.curves_part(self.window))
+
+    async def simulate(self) -> None:
+        """Run ngspice on the present values."""
+        look, number = self._look, self._number
+        if look is None:
+            return
+
+        def current() -> bool:
+            return number == self._number
+
+        self._tell(simulating=True)
+        try:
+            found = await self.simulating.run(current, judge, look.scene, "ngspice", KEPT)
+        except WorkerDiedError:
+            found = None
+        if found is None or not current():
+            self._tell(simulating=False)
+            return
+        if self._look is not None:
+            self._look = look = self._look.simulated(found)
+        self._tell(simulating=False, **simulation_part(found), **look.other_part(self.window))
+
+    def save(self, name: str) -> None:
+        """Write the present values to a new file."""
+        try:
+            file = self.settings.save(self.start, name.strip())
+        except InputError as error:
+            self._tell(saved="", save_mistake=readable(str(error)))
+            return
+        self._tell(saved=str(file), save_mistake="")
