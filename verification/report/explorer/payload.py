@@ -56,8 +56,8 @@ def _control(control: Control) -> Part:
         "path": control.path,
         "symbol": control.symbol,
         "name": control.name,
-        "low": "0" if control.has_zero else value_text(control.low, control.unit, 2),
-        "high": value_text(control.high, control.unit, 2),
+        "low": "0" if control.has_zero else value_text(control.low, control.unit, 3),
+        "high": value_text(control.high, control.unit, 3),
         **place_part(control, control.own),
     }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import importlib.util
 import json
 import os
@@ -94,6 +95,7 @@ def explore(scene: Scene, *, port: int, show: bool, announce: Callable[[str], No
         if show and has_display():
             await asyncio.to_thread(webbrowser.open, address)
         await jobs[0].warm_up()
+        gc.freeze()  # a collection that visits all imported modules takes longer than a move
 
     def end() -> None:
         for job in jobs:

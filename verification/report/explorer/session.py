@@ -7,6 +7,7 @@ slow runs in processes of its own, and is dropped where the values have moved on
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -30,7 +31,10 @@ from verification.studies.exploration.settings import Settings, Start, read_valu
 from verification.studies.running.worker import WorkerDiedError
 
 Send = Callable[[Part], None]
+Stage = Callable[[Look], tuple[Look, Part]]
+REST = 0.12  # s without new values, after which the hand rests
 WINDOWS = ("rise", "whole")
+KEPT_KEYS = ("stress", "facts", "boundary")  # which many moves leave as they are
 PATIENCE = 3.0  # s that a verdict on values that have moved on may still take
 
 
@@ -57,6 +61,7 @@ class Session:
     _number: int = 0  # of the newest values
     _look: Look | None = None  # at the newest values
     _boundary: tuple[object, Boundary] | None = None  # and the values that it holds for
+    _sent: Part = field(default_factory=dict)  # the last of `KEPT_KEYS` that the page has
     _turn: asyncio.Lock = field(default_factory=asyncio.Lock)
     _tasks: set[asyncio.Task[None]] = field(default_factory=set)
 
@@ -76,14 +81,17 @@ class Session:
             self.judging.stop()
         self.simulating.stop_if_running()
         async with self._turn:
-            shown = settings_part(self.start, settings)
+            shown, began = settings_part(self.start, settings), time.perf_counter()
             try:
                 self._look = await asyncio.to_thread(look_at, self.start, settings, self.window)
             except TactionError as error:
-                self._look = None
+                self._look, self._sent = None, {}
                 self._tell(**shown, refused=readable(str(error)))
                 return
-            self._tell(**shown, **self._look.part, stamp=wanted.get("stamp"))
+            cost = time.perf_counter() - began
+            self._tell(**shown, **self._look.part, stamp=wanted.get("stamp"), cost=cost)
+            if not self._look.rest.is_large:
+                await self._step(self._with_boundary, number)
         if number == self._number:
             self._begin(self._follow(self._look, number))
 
@@ -101,7 +109,11 @@ class Session:
         return settings
 
     def _tell(self, **part: Any) -> None:
-        self.send({"number": self._number, **part})
+        """Send a part of the page without what the page has; `same` names it."""
+        same = [key for key in KEPT_KEYS if key in part and part[key] == self._sent.get(key)]
+        self._sent |= {key: part[key] for key in KEPT_KEYS if key in part}
+        new = {key: value for key, value in part.items() if key not in same}
+        self.send({"number": self._number, **new, "same": same})
 
     def _begin(self, work: Any) -> None:
         task = asyncio.create_task(work)
@@ -109,32 +121,42 @@ class Session:
         task.add_done_callback(self._tasks.discard)
 
     async def _follow(self, look: Look, number: int) -> None:
-        """Find what is slower than a hand, in turn, as long as the values stay."""
-
-        def current() -> bool:
-            return number == self._number
-
-        for stage in (self._with_poles, self._with_limits, self._with_boundary):
-            try:
-                look, part = await asyncio.to_thread(stage, look)
-            except TactionError as error:
-                part = {"doubts": [readable(str(error))]}
-            if not current():
+        """Find what is slower than a hand, in turn, once the hand rests and as long as it does."""
+        await asyncio.sleep(REST)
+        stages = (self._with_limits,)
+        if look.rest.is_large:
+            stages = (self._with_poles, self._with_limits, self._with_boundary)
+        for stage in stages:
+            if not await self._step(stage, number):
                 return
-            self._look = look
-            if part:
-                self._tell(**part)
         try:
-            found = await self.judging.run(current, judge, look.scene, "statespace", KEPT)
+            found = await self.judging.run(
+                lambda: number == self._number, judge, look.scene, "statespace", KEPT
+            )
         except WorkerDiedError as error:
             found = Judgement("error", error=str(error))
-        if found is None or not current():
+        if found is None or number != self._number or self._look is None:
             return
-        self._look = look = look.judged(found)
-        self._tell(**verdict_part(found), **look.later_curves(self.window))
+        self._look = self._look.judged(found)
+        self._tell(**verdict_part(found), **self._look.later_curves(self.window))
+
+    async def _step(self, stage: Stage, number: int) -> bool:
+        """Add what `stage` finds; return whether the values are still the newest."""
+        look = self._look
+        if look is None or number != self._number:
+            return False
+        try:
+            found, part = await asyncio.to_thread(stage, look)
+        except TactionError as error:
+            found, part = look, {"doubts": [readable(str(error))]}
+        if number != self._number:
+            return False
+        self._look = found
+        self._tell(**part)
+        return True
 
     def _with_poles(self, look: Look) -> tuple[Look, Part]:
-        return (look, {}) if look.poles is not None else look.with_poles(self.window)
+        return look.with_poles(self.window)
 
     def _with_limits(self, look: Look) -> tuple[Look, Part]:
         if look.poles is None:

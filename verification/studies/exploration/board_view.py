@@ -20,7 +20,6 @@ from spice_models.errors import EngineError
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.ideal.ideal_answer import ideal_network
 from verification.pipeline.part_limits import PartLoads, describe
-from verification.pipeline.steady_state import SteadyState
 from verification.pipeline.transient_plan import settled_after
 from verification.reference import Solution, solve
 from verification.small_signal.capacitance_ranges import capacitance_ranges
@@ -125,7 +124,7 @@ def view_rest(scene: Scene, problem: InverseProblem) -> RestView:
     scales = time_scales(board, initial=scene.analysis.initial)
     network = ideal_network(problem, scene)
     solution = solve(network.problem)
-    rest = SteadyState.of(board, scales).values
+    rest = np.array([output.sign * board.equilibrium[output.node] for output in board.circuit.outputs])
     return RestView(scene, problem, board, scales, solution, solution.u * network.U0, rest)
 
 

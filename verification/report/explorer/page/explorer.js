@@ -163,7 +163,8 @@ const show = (part) => {
   if (part.start) { state.start = part.start; buildControls(part.start); return; }
   if ("values" in part) {
     state.waiting = false;
-    if ("stress" in part || part.refused) for (const key of FRESH) delete state.part[key];
+    const same = part.same || [];
+    if ("cost" in part || part.refused) for (const key of FRESH) if (!same.includes(key)) delete state.part[key];
     flush();
     showValues(part.values);
     get("opamp").value = part.opamp;
@@ -180,7 +181,7 @@ const show = (part) => {
     get("cancel").hidden = !part.simulating;
     if (part.simulating) get("simulation").textContent = "ngspice is running; the page stays usable";
     else if (!part.simulation) get("simulation").textContent = "ended without a result for these values";
-  } else if ("stress" in part) {
+  } else if ("cost" in part) {
     get("simulation").textContent = "Its waveforms are laid over the outputs.";
   }
   if (part.simulation) showSimulation(part.simulation);
@@ -188,22 +189,26 @@ const show = (part) => {
   if (part.facts) get("facts").replaceChildren(...rows(part.facts));
   if (part.boundary) showBoundary(part.boundary);
   if (part.verdict) showVerdict(part.verdict);
-  if (["refused", "doubts", "limits", "stress"].some((key) => key in part)) showDoubts();
+  if (["refused", "doubts", "limits", "cost"].some((key) => key in part)) showDoubts();
   draw(part);
 };
-const draw = (part) => {
-  if ("curves" in part || "other" in part || "stress" in part) {
+const draw = (part) => { // the curves first, the other pictures behind them
+  const all = "cost" in part || "refused" in part;
+  if (all || "curves" in part || "other" in part) {
     drawOutputs(state.part);
-    if (part.stamp && "curves" in part) measured(part.stamp);
+    if (part.stamp && "curves" in part) measured(part);
   }
-  if ("stress" in part) drawStress(state.part);
-  if ("poles" in part || "stress" in part) drawPoles(state.part);
+  setTimeout(() => {
+    if ("stress" in part || "refused" in part) drawStress(state.part);
+    if (all || "poles" in part) drawPoles(state.part);
+  });
 };
-const measured = (stamp) => requestAnimationFrame(() => {
+const measured = ({ stamp, cost }) => requestAnimationFrame(() => {
   const time = performance.now() - stamp;
   (window.tactionLatency ||= []).push(time);
   if (window.tactionLatency.length > 1000) window.tactionLatency.shift();
-  get("foot").textContent = `the curves came ${time.toFixed(0)} ms after the hand`;
+  get("foot").textContent = `the curves came ${time.toFixed(0)} ms after the hand, ${(1000 * cost).toFixed(0)} ms of it for the board`;
+  (window.tactionCost ||= []).push(1000 * cost);
 });
 
 // Buttons.
@@ -230,7 +235,7 @@ const wire = () => {
   const paint = () => {
     document.documentElement.dataset.theme = choice === "auto" ? (dark.matches ? "dark" : "light") : choice;
     repaint();
-    draw({ curves: 1, stress: 1 });
+    draw({ refused: "", repaint: true });
   };
   themes.forEach((button) => button.addEventListener("click", () => { choice = button.dataset.themeChoice; press(themes, button); paint(); }));
   dark.addEventListener("change", paint);
@@ -243,6 +248,8 @@ const begin = () => {
   charts();
   wire();
   window.taction = show;
+  outdated();
+  get("verdict-text").textContent = "computing";
   emitEvent("taction-ready");
   document.documentElement.dataset.ready = "true";
 };

@@ -32,7 +32,7 @@ const points = (line) => {
 const axis = (name, unit, more = {}) => ({
   type: "value", name, nameLocation: "middle", nameGap: 28, nameTextStyle: { color: css("--muted") },
   axisLabel: { color: css("--muted"), hideOverlap: true, formatter: (value) => short(value) + unit, showMinLabel: false, showMaxLabel: false },
-  axisLine: { show: true, lineStyle: { color: css("--muted") } }, splitLine: { lineStyle: { color: css("--grid") } }, ...more,
+  axisLine: { show: true, onZero: false, lineStyle: { color: css("--muted") } }, splitLine: { lineStyle: { color: css("--grid") } }, ...more,
 });
 const base = (grid) => ({
   animation: false, grid, textStyle: { fontFamily: "system-ui, sans-serif", color: css("--ink") },
