@@ -2,8 +2,8 @@
 
 The server listens on the loopback interface, which every user of the machine reaches, and with a
 name that resolves to it (DNS rebinding) every page of the web does. So each request needs the token
-of the printed address, or the cookie that the browser had for it; its Host must be the server's, and
-its Origin, if it has one, too: that of another port is another server.
+of the printed address, or the cookie that the browser had for it; its Host must be the server's,
+and its Origin, if it has one, too: that of another port is another server.
 """
 
 from __future__ import annotations

@@ -272,5 +272,9 @@ def _sentence(found: Judgement) -> str:
     """Return what decides the outcome in a sentence."""
     decisive = [check for check in found.checks if check.outcome.value == found.outcome]
     if found.outcome == "pass":
-        return f"all {len(found.checks)} checks pass, in {quantity(found.seconds, 's', 2)}"
-    return readable("; ".join(f"{spaced(check.name)}: {check.reason}" for check in decisive))
+        return f"all {len(found.checks)} checks pass"
+    if len(decisive) == 1:
+        return readable(f"{spaced(decisive[0].name)}: {decisive[0].reason}")
+    verb = "fail" if found.outcome == "fail" else "are not decided"
+    names = ", ".join(spaced(check.name) for check in decisive)
+    return f"{len(decisive)} of {len(found.checks)} checks {verb}: {names}"

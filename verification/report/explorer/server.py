@@ -142,7 +142,7 @@ def _open_page(start: Start, jobs: list[Job]) -> None:
         if client.has_socket_connection:
             client.run_javascript(f"window.taction?.({json.dumps(part, allow_nan=False)})")
 
-    session = Session(start, send, *jobs)
+    session = Session(start, send, jobs[0], jobs[1])
     ui.add_head_html(HEAD)
     ui.html((PAGE / "explorer.html").read_text("utf-8"), sanitize=False)
 
@@ -160,7 +160,7 @@ def _open_page(start: Start, jobs: list[Job]) -> None:
     ui.on("taction-move", move)
     ui.on("taction-window", lambda event: session.show(str(event.args)))
     ui.on("taction-simulate", simulate)
-    ui.on("taction-cancel", lambda: session.simulating.stop_if_running())
+    ui.on("taction-cancel", session.cancel)
     ui.on("taction-save", lambda event: session.save(str(event.args)))
 
 

@@ -62,6 +62,7 @@ class Session:
     _look: Look | None = None  # at the newest values
     _boundary: tuple[object, Boundary] | None = None  # and the values that it holds for
     _sent: Part = field(default_factory=dict)  # the last of `KEPT_KEYS` that the page has
+    _simulates: bool = False
     _turn: asyncio.Lock = field(default_factory=asyncio.Lock)
     _tasks: set[asyncio.Task[None]] = field(default_factory=set)
 
@@ -79,7 +80,7 @@ class Session:
         number, settings = self._number, self.settings
         if self.judging.seconds > PATIENCE:
             self.judging.stop()
-        self.simulating.stop_if_running()
+        self.cancel()
         async with self._turn:
             shown, began = settings_part(self.start, settings), time.perf_counter()
             try:
@@ -123,7 +124,7 @@ class Session:
     async def _follow(self, look: Look, number: int) -> None:
         """Find what is slower than a hand, in turn, once the hand rests and as long as it does."""
         await asyncio.sleep(REST)
-        stages = (self._with_limits,)
+        stages: tuple[Stage, ...] = (self._with_limits,)
         if look.rest.is_large:
             stages = (self._with_poles, self._with_limits, self._with_boundary)
         for stage in stages:
@@ -191,16 +192,24 @@ class Session:
             return number == self._number
 
         self._tell(simulating=True)
+        self._simulates = True
         try:
             found = await self.simulating.run(current, judge, look.scene, "ngspice", KEPT)
         except WorkerDiedError:
             found = None
+        finally:
+            self._simulates = False
         if found is None or not current():
             self._tell(simulating=False)
             return
         if self._look is not None:
             self._look = look = self._look.simulated(found)
         self._tell(simulating=False, **simulation_part(found), **look.other_part(self.window))
+
+    def cancel(self) -> None:
+        """End the run of ngspice of this page, if there is one."""
+        if self._simulates:
+            self.simulating.stop_if_running()
 
     def save(self, name: str) -> None:
         """Write the present values to a new file."""

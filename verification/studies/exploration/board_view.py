@@ -29,7 +29,7 @@ from verification.studies.exploration.curves import LinearResponse
 
 GROWS = "the board is unstable: the smallest disturbance {how}, until the op-amps limit it"
 LIMITED = (
-    "the curves show the linear board, and its op-amps cannot follow: {load}. The verdict is that of"
+    "the curves show the linear board, and its op-amps cannot follow: {load}. The verdict is of"
     " op-amps with their limits, where the model has them"
 )
 
@@ -124,7 +124,9 @@ def view_rest(scene: Scene, problem: InverseProblem) -> RestView:
     scales = time_scales(board, initial=scene.analysis.initial)
     network = ideal_network(problem, scene)
     solution = solve(network.problem)
-    rest = np.array([output.sign * board.equilibrium[output.node] for output in board.circuit.outputs])
+    rest = np.array(
+        [output.sign * board.equilibrium[output.node] for output in board.circuit.outputs]
+    )
     return RestView(scene, problem, board, scales, solution, solution.u * network.U0, rest)
 
 

@@ -99,8 +99,8 @@ def controls(scene: Scene, problem: InverseProblem) -> tuple[Control, ...]:
         Control(CAPACITANCE, "F", "C", "capacitance", *around[CAPACITANCE], own[CAPACITANCE]),
         Control(GAIN, "ohm", "s", "gain", *around[GAIN], own[GAIN]),
         Control(LAMBDA, "", "λ", "regularisation", *around[LAMBDA], own[LAMBDA]),
-        _from_zero(STRAY, "F", "stray", "stray capacitance", LEAST_STRAY, MOST_STRAY, own[STRAY]),
-        _from_zero(VARIANCE, "", "σ²", "variance of the noise", *noise, own[VARIANCE]),
+        _from_zero(STRAY, "F", "stray", "capacitance", LEAST_STRAY, MOST_STRAY, own[STRAY]),
+        _from_zero(VARIANCE, "", "σ²", "noise variance", *noise, own[VARIANCE]),
     )
 
 

@@ -72,7 +72,7 @@ class LinearResponse:
         step = end / (count - 1)
         with np.errstate(over="ignore", invalid="ignore"):
             values = self.solution.uniform(step, count) * self.signs
-        return Curves(np.arange(count) * step, values, self.rise, self.stop)
+        return Curves(np.linspace(0.0, end, count), values, self.rise, self.stop)
 
 
 def _rise(solution: Exact, stop: float) -> float:

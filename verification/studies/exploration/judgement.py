@@ -35,8 +35,8 @@ class Judgement:
         Remarks of the verdict.
     settling, rise : float or None
         Of the network, s.
-    overshoot : float
-        Largest of all channels, fraction of the step.
+    overshoot : float or None
+        Largest of all channels, fraction of the step; None for a board that is not stable.
     engine : str
         The simulator of the record.
     curves : Curves or None
@@ -86,6 +86,7 @@ def judge(scene: Scene, engine: str, budget: int) -> Judgement:
         return Judgement("error", error=str(error))
     measured = verdict.measurements
     settling, rise = measured.settling_time, measured.rise_time
+    overshoots = [channel.overshoot for channel in measured.channels]
     difference, agreement = None, verdict.agreement
     if agreement is not None and not agreement.reason and measured.amplitude > 0.0:
         difference = agreement.difference / measured.amplitude
@@ -95,7 +96,7 @@ def judge(scene: Scene, engine: str, budget: int) -> Judgement:
         warnings=verdict.warnings,
         settling=None if settling is None else settling.value,
         rise=None if rise is None else rise.value,
-        overshoot=max((channel.overshoot for channel in measured.channels), default=None),
+        overshoot=max(overshoots, default=None) if verdict.poles.stable else None,
         engine=verdict.waveforms.simulator,
         curves=_curves(verdict, budget),
         amplitude=measured.amplitude,

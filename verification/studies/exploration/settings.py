@@ -9,6 +9,7 @@ from pathlib import Path
 
 from netlist_gen.overrides.axes import with_values
 from netlist_gen.overrides.keys import Value
+from netlist_gen.overrides.settings import OPAMP
 from netlist_gen.problem.inverse_problem import InverseProblem, make_problem
 from netlist_gen.quantities import parse
 from netlist_gen.scene.scene import Scene
@@ -23,7 +24,6 @@ from verification.studies.exploration.controls import (
     controls,
 )
 
-OPAMP = "design.opamp"  # a preset in its place has its own figures, none of the scene's
 SUFFIX = ".toml"
 
 
@@ -161,9 +161,7 @@ def read_value(control: Control, text: str) -> float:
     try:
         return parse(text.strip(), control.unit) if control.unit else _plain(text)
     except ValueError as error:
-        raise InputError(
-            "explore", Complaint(control.path, repr(text[:40]), str(error))
-        ) from None
+        raise InputError("explore", Complaint(control.path, repr(text[:40]), str(error))) from None
 
 
 def _plain(text: str) -> float:
