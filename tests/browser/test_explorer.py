@@ -41,8 +41,9 @@ MOVES = """async (slider) => {
     const before = (window.tactionLatency || []).length;
     input.value = Math.floor(1000 * ((37 * k) % 30) / 29);
     input.dispatchEvent(new Event('input', { bubbles: true }));
-    for (let n = 0; n < 400 && (window.tactionLatency || []).length === before; n += 1) await pause(5);
-    if ((window.tactionLatency || []).length > before) found.push(window.tactionLatency.at(-1));
+    const drawn = () => (window.tactionLatency || []).length > before;
+    for (let n = 0; n < 400 && !drawn(); n += 1) await pause(5);
+    if (drawn()) found.push(window.tactionLatency.at(-1));
     await pause(30);
   }
   return found;

@@ -27,7 +27,7 @@ PACKAGE = "nicegui"
 REMEDY = "the explorer needs NiceGUI: pip install 'taction[explore]'"
 PAGE = Path(__file__).parent / "page"
 DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
-LARGEST_PORT = 65535
+AGAIN = 0.02  # s between two looks whether the server listens
 HEAD = (
     '<link rel="stylesheet" href="/taction/explorer.css">'
     '<script type="module" src="/taction/explorer.js"></script>'
@@ -88,9 +88,14 @@ def explore(scene: Scene, *, port: int, show: bool, announce: Callable[[str], No
     from nicegui import app, ui
 
     jobs: list[Job] = []
+    waiting: list[asyncio.Task[None]] = []
 
     async def begin() -> None:
         jobs.extend((Job(), Job()))
+        waiting.append(asyncio.create_task(open_to_all()))
+
+    async def open_to_all() -> None:
+        await _listening(port)
         announce(address)
         if show and has_display():
             await asyncio.to_thread(webbrowser.open, address)
@@ -120,6 +125,18 @@ def explore(scene: Scene, *, port: int, show: bool, announce: Callable[[str], No
         uvicorn_logging_level="error",
         timeout_graceful_shutdown=1,
     )
+
+
+async def _listening(port: int) -> None:
+    """Wait until the server, which starts after its start-up functions, accepts connections."""
+    while True:
+        try:
+            _, writer = await asyncio.open_connection(HOST, port)
+        except OSError:
+            await asyncio.sleep(AGAIN)
+        else:
+            writer.close()
+            return
 
 
 def _charts() -> Path:
