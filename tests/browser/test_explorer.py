@@ -247,20 +247,40 @@ def test_a_saved_scene_has_the_same_reading(
     assert shown in page.inner_text("#readings")
 
 
+def status(address: str, **headers: str) -> int:
+    """Return the status of an answer that is an error."""
+    request = urllib.request.Request(address, headers=headers)  # noqa: S310 - our own server
+    with pytest.raises(urllib.error.HTTPError) as refusal:
+        urllib.request.urlopen(request, timeout=10)  # noqa: S310
+    refusal.value.close()
+    return refusal.value.code
+
+
 @pytest.mark.parametrize("path", ["/", "/?token=wrong", "/taction/explorer.js", "/_nicegui_ws/"])
 def test_without_the_token_nothing_is_given(serve: Callable[[str], Server], path: str) -> None:
-    with pytest.raises(urllib.error.HTTPError) as refusal:
-        urllib.request.urlopen(serve("paper-breadboard").host + path, timeout=10)  # noqa: S310
-    assert refusal.value.code == 403
+    assert status(serve("paper-breadboard").host + path) == 403
 
 
 def test_another_name_of_the_host_is_refused(serve: Callable[[str], Server]) -> None:
-    request = urllib.request.Request(  # noqa: S310 - our own server
-        serve("paper-breadboard").address, headers={"Host": "evil.example"}
+    assert status(serve("paper-breadboard").address, Host="evil.example") == 403
+
+
+def test_a_websocket_needs_the_cookie(browser: Any, serve: Callable[[str], Server]) -> None:
+    """A page of the browser that never had the token gets no websocket."""
+    server = serve("paper-breadboard")
+    context = browser.new_context()
+    page = context.new_page()
+    page.goto("about:blank")
+    address = (
+        server.host.replace("http", "ws") + "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
     )
-    with pytest.raises(urllib.error.HTTPError) as refusal:
-        urllib.request.urlopen(request, timeout=10)  # noqa: S310
-    assert refusal.value.code == 403
+    code = """(address) => new Promise((resolve) => {
+      const socket = new WebSocket(address);
+      socket.onopen = () => resolve('open');
+      socket.onerror = () => resolve('refused');
+    })"""
+    assert page.evaluate(code, address) == "refused"
+    context.close()
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
