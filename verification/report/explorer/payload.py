@@ -264,7 +264,7 @@ def _figures(found: Judgement) -> dict[str, str]:
 
 
 def _bar(check: Check) -> Part:
-    bar = check_bar({**asdict(check), "outcome": check.outcome.value})
+    bar = check_bar(_record(check))
     return {**asdict(bar), "width": bar.width, "used": bar.used}
 
 
@@ -274,7 +274,13 @@ def _sentence(found: Judgement) -> str:
     if found.outcome == "pass":
         return f"all {len(found.checks)} checks pass"
     if len(decisive) == 1:
-        return readable(f"{spaced(decisive[0].name)}: {decisive[0].reason}")
+        bar = check_bar(_record(decisive[0]))
+        known = f"{bar.value}, {bar.limit}; " if bar.share is not None else ""
+        return f"{bar.name}: {known}{bar.reason}"
     verb = "fail" if found.outcome == "fail" else "are not decided"
     names = ", ".join(spaced(check.name) for check in decisive)
     return f"{len(decisive)} of {len(found.checks)} checks {verb}: {names}"
+
+
+def _record(check: Check) -> Part:
+    return {**asdict(check), "outcome": check.outcome.value}

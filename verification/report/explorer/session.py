@@ -73,7 +73,7 @@ class Session:
         """
         try:
             self.settings = self._taken(wanted)
-        except (InputError, ValueError, StopIteration) as error:
+        except (InputError, ValueError) as error:
             self._tell(mistake=readable(str(error)), **settings_part(self.start, self.settings))
             return
         self._number += 1

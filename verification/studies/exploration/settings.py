@@ -53,8 +53,12 @@ class Start:
         return cls(scene, problem, controls(scene, problem))
 
     def control(self, path: str) -> Control:
-        """Return the control of a key."""
-        return next(control for control in self.controls if control.path == path)
+        """Return the control of a key; raises `InputError` for a key without one."""
+        known = {control.path: control for control in self.controls}
+        if path not in known:
+            text = f"expected one of {', '.join(known)}"
+            raise InputError("explore", Complaint("key", repr(path), text))
+        return known[path]
 
 
 @dataclass(frozen=True, slots=True)

@@ -110,9 +110,10 @@ def test_wrong_values_change_nothing(move: dict[str, Any]) -> None:
 
 
 def test_values_without_a_board_say_why() -> None:
-    """At this lambda R would be out of range."""
-    parts = told({"texts": {"design.lambda": "1e-12", "design.gain": "1 ohm"}})
-    assert "out of range" in parts[0]["refused"]
+    """The AD8065 works at ±12 V at most, and the board has ±15 V."""
+    (part,) = told({"opamp": "ad8065"})
+    assert "ad8065 works at supplies" in part["refused"]
+    assert "--set design.opamp=ad8065" in part["command"]
 
 
 def test_a_lost_process_is_no_verdict() -> None:

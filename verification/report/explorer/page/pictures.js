@@ -66,7 +66,7 @@ export const drawOutputs = (part) => {
   if (count > 1) notes.push("Dashed curves: the second half of the channels.");
   if (curves.source) notes.push(curves.source);
   if (curves.clipped) notes.push(`The picture ends at the supply of ${curves.clipped}: beyond it the linear board is not the board.`);
-  if (other) notes.push("Black dots: ngspice.");
+  if (other) notes.push("Dots on the curves: ngspice.");
   get("outputs-note").textContent = notes.join(" ");
   get("outputs").setAttribute("aria-label", `Outputs of ${count} channels from 0 to ${short(curves.end)}s; ${notes.join(" ")}`);
 };
