@@ -116,6 +116,7 @@ def explore(scene: Scene, *, port: int, show: bool, announce: Callable[[str], No
     ui.run(
         host=HOST,
         port=port,
+        binding_refresh_interval=None,  # nothing on the page is bound
         reload=False,
         show=False,
         show_welcome_message=False,
