@@ -35,27 +35,32 @@ const axis = (name, unit, more = {}) => ({
   axisLine: { show: true, onZero: false, lineStyle: { color: css("--muted") } }, splitLine: { lineStyle: { color: css("--grid") } }, ...more,
 });
 const base = (grid) => ({
-  animation: false, grid, textStyle: { fontFamily: "system-ui, sans-serif", color: css("--ink") },
+  animation: false, title: { show: false, text: "" }, grid, textStyle: { fontFamily: "system-ui, sans-serif", color: css("--ink") },
   tooltip: { trigger: "item", confine: true, backgroundColor: css("--card"), borderColor: css("--line"), textStyle: { color: css("--ink") } },
 });
-const put = (id, option) => { made[id].setOption(option, { notMerge: true, silent: true }); made[id].getZr().flush(); };
-const empty = (id, text) => put(id, { ...base({}), title: { text, left: "center", top: "middle", textStyle: { color: css("--muted"), fontSize: 14, fontWeight: 400 } } });
+const put = (id, option) => { made[id].setOption(option, { replaceMerge: ["series"], silent: true }); made[id].getZr().flush(); };
+const empty = (id, text) => put(id, { ...base({}), series: [], title: { show: true, text, left: "center", top: "middle", textStyle: { color: css("--muted"), fontSize: 14, fontWeight: 400 } } });
 
-// Outputs with targets and band; ngspice over them.
+// Outputs with targets and band; ngspice over them. One series has all targets: a mark of each costs.
+const targets = ({ targets: levels, colours: lines, band }) => ({
+  markLine: { silent: true, symbol: "none", label: { show: false }, animation: false,
+    data: levels.map((y, n) => ({ yAxis: y, lineStyle: { color: lines[n], type: "dotted", width: 1 } })) },
+  markArea: { silent: true, animation: false,
+    data: levels.map((y, n) => [{ yAxis: y - band, itemStyle: { color: lines[n], opacity: 0.14 } }, { yAxis: y + band }]) },
+});
 export const drawOutputs = (part) => {
   const { curves, other } = part;
   if (!curves) { empty("outputs", part.refused ? "no board with these values" : "computing the waveforms"); get("outputs-note").textContent = ""; return; }
   const count = curves.lines.length, named = count <= LABELLED;
   const series = curves.lines.map((line, n) => ({
-    type: "line", name: `u${n + 1}`, data: points(line), dimensions: ["t", "u"], showSymbol: false, silent: false, clip: true,
+    type: "line", id: `u${n + 1}`, name: `u${n + 1}`, data: points(line), dimensions: ["t", "u"], showSymbol: false, silent: false, clip: true,
     lineStyle: { color: curves.colours[n], width: 1.8, type: n >= (count + 1) >> 1 && count > 1 ? "dashed" : "solid" }, itemStyle: { color: curves.colours[n] },
     endLabel: { show: named, formatter: `u${n + 1}`, color: curves.colours[n], distance: 4, fontSize: 11 }, labelLayout: { moveOverlap: "shiftY" },
     emphasis: { disabled: true },
-    markLine: named ? { silent: true, symbol: "none", label: { show: false }, lineStyle: { color: curves.colours[n], type: "dotted", width: 1 }, data: [{ yAxis: curves.targets[n] }] } : undefined,
-    markArea: named ? { silent: true, itemStyle: { color: curves.colours[n], opacity: 0.14 }, data: [[{ yAxis: curves.targets[n] - curves.band }, { yAxis: curves.targets[n] + curves.band }]] } : undefined,
   }));
-  for (const line of other ? other.lines : []) {
-    series.push({ type: "line", name: "ngspice", data: points(line), dimensions: ["t", "u"], showSymbol: false, silent: true, clip: true, z: 5,
+  if (named) Object.assign(series[0], targets(curves));
+  for (const [n, line] of (other ? other.lines : []).entries()) {
+    series.push({ type: "line", id: `ngspice ${n + 1}`, name: "ngspice", data: points(line), dimensions: ["t", "u"], showSymbol: false, silent: true, clip: true, z: 5,
       lineStyle: { color: css("--ink"), width: 2.4, type: [2, 7] }, emphasis: { disabled: true } });
   }
   put("outputs", { ...base({ left: 70, right: named ? 44 : 16, top: 12, bottom: 44 }), series,
@@ -78,9 +83,9 @@ export const drawStress = (part) => {
   if (!found) { empty("stress", "no board with these values"); get("stress-note").replaceChildren(); return; }
   const lone = found.x.length === 1;
   const series = [];
-  if (found.truth) series.push({ type: "line", name: "truth", data: pairs(found.x, found.truth), showSymbol: lone, symbolSize: 14, lineStyle: { color: css("--true"), width: 5, opacity: 0.55 }, itemStyle: { color: css("--true") } });
-  series.push({ type: "line", name: "solution", data: pairs(found.x, found.target), symbol: "none", lineStyle: { color: css("--pass"), width: 2, type: "dashed" } });
-  series.push({ type: "scatter", name: "board", data: pairs(found.x, found.board), symbol: "circle", symbolSize: lone ? 11 : 9, itemStyle: { color: css("--card"), borderColor: css("--fail"), borderWidth: 2.2 } });
+  if (found.truth) series.push({ type: "line", id: "truth", name: "truth", data: pairs(found.x, found.truth), showSymbol: lone, symbolSize: 14, lineStyle: { color: css("--true"), width: 5, opacity: 0.55 }, itemStyle: { color: css("--true") } });
+  series.push({ type: "line", id: "solution", name: "solution", data: pairs(found.x, found.target), symbol: "none", lineStyle: { color: css("--pass"), width: 2, type: "dashed" } });
+  series.push({ type: "scatter", id: "board", name: "board", data: pairs(found.x, found.board), symbol: "circle", symbolSize: lone ? 11 : 9, itemStyle: { color: css("--card"), borderColor: css("--fail"), borderWidth: 2.2 } });
   const room = lone ? 1 : 0.04 * (found.x.at(-1) - found.x[0]);
   put("stress", { ...base({ left: 64, right: 16, top: 12, bottom: 44 }), series,
     xAxis: axis(found.along, "", { min: found.x[0] - room, max: found.x.at(-1) + room, axisLabel: { color: css("--muted"), hideOverlap: true, showMinLabel: false, showMaxLabel: false } }),
@@ -113,7 +118,7 @@ export const drawPoles = (part) => {
   if (!found) { empty("poles", part.refused ? "no board with these values" : "computing the poles"); get("poles-note").textContent = ""; return; }
   const [left, right, top] = found.view;
   const all = pairs(found.x, found.y);
-  const dots = (name, data, symbol, colour, hollow) => ({ type: "scatter", name, data, symbol, symbolSize: hollow ? 9 : 11, clip: true,
+  const dots = (name, data, symbol, colour, hollow) => ({ type: "scatter", id: name, name, data, symbol, symbolSize: hollow ? 9 : 11, clip: true,
     itemStyle: hollow ? { color: css("--card"), borderColor: css(colour), borderWidth: 2 } : { color: css(colour) } });
   const decays = dots("decays", all.filter(([x]) => x < 0), "circle", "--pass", true);
   decays.markArea = { silent: true, itemStyle: { color: hatch() }, label: { show: true, position: "insideTopRight", color: css("--fail"), formatter: "grows" }, data: [[{ xAxis: 0 }, { xAxis: right }]] };
