@@ -185,7 +185,8 @@ class Session:
     async def simulate(self) -> None:
         """Run ngspice on the present values."""
         look, number = self._look, self._number
-        if look is None:
+        if look is None:  # no board with these values
+            self._tell(simulating=False)
             return
 
         def current() -> bool:
