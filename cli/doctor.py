@@ -19,6 +19,7 @@ EXTRAS = (
     ("jinja2", "--report", "pip install 'taction[report]'"),
     ("plotly", "--report", "pip install 'taction[report]'"),
     ("schemdraw", "--report", "pip install 'taction[report]'"),
+    ("nicegui", "explore", "pip install 'taction[explore]'"),
     ("pyarrow", "waveforms and sweeps as Parquet", "pip install 'taction[parquet]'"),
     ("xarray", "sweeps as netCDF", "pip install 'taction[netcdf]'"),
     ("pandas", "to_pandas() of studies, in Python", "pip install 'taction[data]'"),

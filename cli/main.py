@@ -25,6 +25,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "simulate": ("simulate", "Run the transient: waveforms and measurements."),
     "montecarlo": ("montecarlo", "Estimate the yield under component tolerances."),
     "corners": ("montecarlo", "Find the worst cases within the tolerances."),
+    "explore": ("explore", "Move C, gain and more on a local page and watch the board."),
     "tune": ("tune", "Find the gain with the least settling time."),
     "choose": ("choose", "Choose op-amp, C and gain for given limits."),
     "scale": ("scale", "Propose G0, U0, s and R for op-amps and supply."),

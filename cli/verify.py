@@ -35,6 +35,14 @@ if TYPE_CHECKING:
 @command
 @click.argument("scenes", metavar="SCENE...", nargs=-1, required=True, type=click.Path())
 @ENGINE
+@click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Another value for a key of one scene: C=12pF, lambda=0.5, design.opamp=tl084. Repeat it"
+    " for several keys.",
+)
 @plot_option("outputs, settling band and recovered stress")
 @report_option()
 @click.option(
@@ -79,6 +87,8 @@ def verify(scenes: tuple[str, ...], as_json: bool, **options: Any) -> None:
     check_plot(options["plot"])
     check_report(options["report"])
     single = len(scenes) == 1 and not Path(scenes[0]).is_dir() and not options["exclude"]
+    if options["settings"] and not (single and options["junit"] is None):
+        raise click.UsageError("--set is for one scene: several may have different keys")
     if single and options["junit"] is None:
         _verify_one(scenes[0], as_json, options)
     else:
@@ -90,7 +100,11 @@ def _verify_one(scene: str, as_json: bool, options: dict[str, Any]) -> None:
 
     with stage_display() as progress:
         try:
-            verdict = taction.verify(scene, engine=options["engine"], progress=progress)
+            verdict = taction.verify(
+                _with_settings(scene, options["settings"]),
+                engine=options["engine"],
+                progress=progress,
+            )
         except taction.TactionError as error:
             if options["annotate"]:
                 from spice_models.error_document import error_document
@@ -125,6 +139,14 @@ def _verify_one(scene: str, as_json: bool, options: dict[str, Any]) -> None:
         for line in margin_lines(document):
             click.echo(line)
     sys.exit(STATUS[verdict.outcome.value])
+
+
+def _with_settings(scene: str, settings: tuple[str, ...]) -> str | taction.Scene:
+    if not settings:
+        return scene
+    from netlist_gen.overrides.settings import with_settings
+
+    return with_settings(taction.load_scene(scene), settings)
 
 
 def _remedies(

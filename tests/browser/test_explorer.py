@@ -1,0 +1,343 @@
+"""The explorer in a real browser: what it shows is what `verify` computes."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import statistics
+import subprocess
+import sys
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import taction
+from netlist_gen.overrides.settings import with_settings
+from tests.browser.conftest import DESK, PHONE, Opened
+from tests.browser.test_reports import violations
+from tests.support.paths import ROOT, SCENES
+from verification.report.html.texts import figure, quantity
+
+CODE = "from cli.main import main; main()"
+LONG = 60_000  # ms
+VERDICT = "!document.getElementById('readings').classList.contains('old')"
+SERIES = """async () => {
+  const { echarts } = await import('/echarts/index.js');
+  const { series } = echarts.getInstanceByDom(document.getElementById('outputs')).getOption();
+  return series.map((each) => [each.name, Array.from(each.data)]);
+}"""
+MOVES = """async (slider) => {
+  const input = document.getElementById(slider), found = [];
+  const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
+  for (let k = 0; k < 30; k += 1) {
+    const before = (window.tactionLatency || []).length;
+    input.value = Math.floor(1000 * ((37 * k) % 30) / 29);
+    input.dispatchEvent(new Event('input', { bubbles: true }));
+    const drawn = () => (window.tactionLatency || []).length > before;
+    for (let n = 0; n < 400 && !drawn(); n += 1) await pause(5);
+    if (drawn()) found.push(window.tactionLatency.at(-1));
+    await pause(30);
+  }
+  return found;
+}"""
+
+
+@dataclass(frozen=True)
+class Server:
+    """A running explorer."""
+
+    process: subprocess.Popen[str]
+    address: str
+    scene: Path
+
+    @property
+    def host(self) -> str:
+        return self.address.partition("/?")[0]
+
+
+@pytest.fixture(scope="module")
+def serve(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[str], Server]]:
+    """Return a function that explores a copy of a shipped scene."""
+    running: dict[str, Server] = {}
+
+    def served(name: str) -> Server:
+        if name not in running:
+            folder = tmp_path_factory.mktemp("scenes")
+            scene = Path(shutil.copy(SCENES / f"{name}.toml", folder))
+            running[name] = started(scene)
+        return running[name]
+
+    yield served
+    for server in running.values():
+        server.process.send_signal(signal.SIGINT)
+        server.process.communicate(timeout=20)
+
+
+def run(scene: Path, *options: str) -> subprocess.Popen[str]:
+    variables = {name: text for name, text in os.environ.items() if "PYTEST" not in name}
+    return subprocess.Popen(
+        [sys.executable, "-c", CODE, "explore", str(scene), "--no-browser", *options],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**variables, "PYTHONPATH": str(ROOT)},
+    )
+
+
+def started(scene: Path) -> Server:
+    process = run(scene)
+    assert process.stdout is not None
+    return Server(process, process.stdout.readline().strip(), scene)
+
+
+@pytest.fixture
+def explore(browser: Any, serve: Callable[[str], Server]) -> Iterator[Callable[..., Opened]]:
+    """Return a function that opens the explorer of a scene in a fresh context."""
+    contexts = []
+
+    def opened(name: str = "paper-breadboard", **options: object) -> Opened:
+        context = browser.new_context(**{"viewport": DESK, **options})
+        contexts.append(context)
+        found = Opened(context.new_page())
+        found.page.goto(serve(name).address)
+        found.page.wait_for_function(VERDICT, timeout=LONG)
+        return found
+
+    yield opened
+    for context in contexts:
+        context.close()
+
+
+def type_value(page: Any, number: int, text: str) -> None:
+    field = page.locator(f"#value-{number}")
+    field.fill(text)
+    field.press("Enter")
+    page.wait_for_function(f"!({VERDICT})", timeout=LONG)
+    page.wait_for_function(VERDICT, timeout=LONG)
+
+
+def drawn(page: Any, name: str) -> list[np.ndarray]:
+    """Return the curves of a name as arrays (P, 2), s and V."""
+    return [np.reshape(data, (-1, 2)) for each, data in page.evaluate(SERIES) if each == name]
+
+
+def test_the_page_is_silent_and_asks_nobody_else(
+    explore: Callable[..., Opened], serve: Callable[[str], Server]
+) -> None:
+    opened = explore()
+    host = serve("paper-breadboard").host
+    assert opened.messages == []
+    foreign = [u for u in opened.requests if not u.startswith((f"{host}/", "data:", "blob:"))]
+    assert foreign == []
+    assert "token" not in opened.page.url
+
+
+@pytest.mark.parametrize("capacitance", ["20 pF", "47 pF"])
+def test_numbers_and_curves_are_those_of_verify(
+    explore: Callable[..., Opened], capacitance: str
+) -> None:
+    page = explore().page
+    type_value(page, 0, capacitance)
+    scene = with_settings(
+        taction.load_scene(SCENES / "paper-breadboard.toml"), [f"C={capacitance}"]
+    )
+    verdict = taction.verify(scene, engine="statespace")
+    shown = page.inner_text("#readings")
+    measured = verdict.measurements
+    assert measured.settling_time is not None
+    assert measured.rise_time is not None
+    assert quantity(measured.settling_time.value, "s") in shown
+    assert quantity(measured.rise_time.value, "s") in shown
+    assert figure(max(c.overshoot for c in measured.channels), "step") in shown
+    assert page.inner_text("#verdict-mark") == verdict.outcome.value
+    for n in range(7):
+        (curve,) = drawn(page, f"u{n + 1}")
+        expected = np.interp(curve[:, 0], verdict.waveforms.time, verdict.u[:, n])
+        assert curve[:, 1] == pytest.approx(expected, abs=1e-3 * measured.amplitude)
+        assert len(curve) <= 510
+
+
+def test_a_slider_moves_the_board_and_back(explore: Callable[..., Opened]) -> None:
+    page = explore().page
+    before = page.inner_text("#readings")
+    slider = page.locator("#slider-0")
+    slider.focus()
+    for _ in range(40):
+        slider.press("ArrowRight")
+    page.wait_for_function("document.getElementById('value-0').value !== '10 pF'")
+    page.wait_for_function(VERDICT, timeout=LONG)
+    assert page.inner_text("#readings") != before
+    assert "--set design.capacitance=" in page.inner_text("#command")
+    page.click("#reset")
+    page.wait_for_function("document.getElementById('value-0').value === '10 pF'")
+    page.wait_for_function(VERDICT, timeout=LONG)
+    assert page.inner_text("#readings") == before
+
+
+def test_an_unstable_board_and_the_boundary_of_onset(explore: Callable[..., Opened]) -> None:
+    page = explore().page
+    onset = taction.onset(SCENES / "paper-breadboard.toml", over="C=1pF:300pF")
+    edge = max(each.crossing.value for each in onset.findings)
+    assert f"above {quantity(edge, 'F')}" in page.inner_text("#stable-text")
+    type_value(page, 0, "5 pF")
+    assert "unstable" in page.inner_text("#doubts")
+    assert page.inner_text("#verdict-mark") == "fail"
+    assert f"above {quantity(edge, 'F')}" in page.inner_text("#stable-text")
+
+
+def test_wrong_values_are_refused_and_change_nothing(explore: Callable[..., Opened]) -> None:
+    page = explore().page
+    for text in ("12 ohm", "-1 pF", "<b>1</b>"):
+        page.locator("#value-0").fill(text)
+        page.locator("#value-0").press("Enter")
+        page.wait_for_function("document.getElementById('mistake').textContent.length > 0")
+        assert page.input_value("#value-0") == "10 pF"
+        page.evaluate("document.getElementById('mistake').textContent = ''")
+
+
+def test_ngspice_lies_over_the_state_space(explore: Callable[..., Opened], ngspice: Path) -> None:
+    page = explore().page
+    page.click("#simulate")
+    page.wait_for_function(
+        "document.getElementById('simulation').textContent.includes('difference')", timeout=LONG
+    )
+    ours = drawn(page, "u4")[0]
+    theirs = drawn(page, "ngspice")
+    assert len(theirs) == 7
+    expected = np.interp(theirs[3][:, 0], ours[:, 0], ours[:, 1])
+    assert theirs[3][:, 1] == pytest.approx(expected, abs=5e-3 * np.abs(ours).max())
+
+
+def test_ngspice_can_be_cancelled(explore: Callable[..., Opened], ngspice: Path) -> None:
+    page = explore().page
+    page.click("#simulate")
+    page.click("#cancel")
+    page.wait_for_function("!document.getElementById('simulate').disabled", timeout=LONG)
+    assert drawn(page, "ngspice") == []
+    page.click("#simulate")
+    page.wait_for_function(
+        "document.getElementById('simulation').textContent.includes('difference')", timeout=LONG
+    )
+
+
+def test_a_saved_scene_has_the_same_reading(
+    explore: Callable[..., Opened], serve: Callable[[str], Server]
+) -> None:
+    page = explore().page
+    type_value(page, 0, "33 pF")
+    for expected in ("wrote", "the file exists"):
+        page.fill("#save-name", "kept.toml")
+        page.click("#save button")
+        page.wait_for_function(
+            f"document.getElementById('saved').textContent.includes('{expected}')"
+        )
+    verdict = taction.verify(
+        serve("paper-breadboard").scene.parent / "kept.toml", engine="statespace"
+    )
+    assert verdict.measurements.settling_time is not None
+    shown = quantity(verdict.measurements.settling_time.value, "s")
+    assert shown in page.inner_text("#readings")
+
+
+def status(address: str, **headers: str) -> int:
+    """Return the status of an answer that is an error."""
+    request = urllib.request.Request(address, headers=headers)  # noqa: S310 - our own server
+    with pytest.raises(urllib.error.HTTPError) as refusal:
+        urllib.request.urlopen(request, timeout=10)  # noqa: S310
+    refusal.value.close()
+    return refusal.value.code
+
+
+@pytest.mark.parametrize("path", ["/", "/?token=wrong", "/taction/explorer.js", "/_nicegui_ws/"])
+def test_without_the_token_nothing_is_given(serve: Callable[[str], Server], path: str) -> None:
+    assert status(serve("paper-breadboard").host + path) == 403
+
+
+def test_another_name_of_the_host_is_refused(serve: Callable[[str], Server]) -> None:
+    assert status(serve("paper-breadboard").address, Host="evil.example") == 403
+
+
+def test_a_websocket_needs_the_cookie(browser: Any, serve: Callable[[str], Server]) -> None:
+    """A page of the browser that never had the token gets no websocket."""
+    server = serve("paper-breadboard")
+    context = browser.new_context()
+    page = context.new_page()
+    page.goto("about:blank")
+    address = (
+        server.host.replace("http", "ws") + "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
+    )
+    code = """(address) => new Promise((resolve) => {
+      const socket = new WebSocket(address);
+      socket.onopen = () => resolve('open');
+      socket.onerror = () => resolve('refused');
+    })"""
+    assert page.evaluate(code, address) == "refused"
+    context.close()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("capacitance", ["10 pF", "5 pF"])
+def test_axe_finds_nothing_serious(
+    explore: Callable[..., Opened], scheme: str, capacitance: str
+) -> None:
+    page = explore(color_scheme=scheme).page
+    if capacitance != "10 pF":
+        type_value(page, 0, capacitance)
+    found = [each for each in violations(page) if each[1] in ("serious", "critical")]
+    assert found == []
+
+
+@pytest.mark.parametrize("name", ["paper-breadboard", "eleven-channel"])
+def test_a_phone_scrolls_in_one_direction(explore: Callable[..., Opened], name: str) -> None:
+    page = explore(name, viewport=PHONE, has_touch=True, is_mobile=True).page
+    assert page.evaluate("document.documentElement.scrollWidth") <= PHONE["width"]
+
+
+@pytest.mark.parametrize("name", ["paper-breadboard", "eleven-channel"])
+def test_curves_follow_every_move(
+    explore: Callable[..., Opened], name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Every move over the whole range draws curves; the latency is printed, not judged."""
+    page = explore(name).page
+    for slider in ("slider-0", "slider-1"):
+        times = page.evaluate(MOVES, slider)
+        assert len(times) == 30
+        with capsys.disabled():
+            middle, worst = statistics.median(times), max(times)
+            print(f"\n{name}, {slider}: median {middle:.0f} ms, worst {worst:.0f} ms")
+        page.click("#reset")
+        page.wait_for_function(VERDICT, timeout=LONG)
+
+
+def test_an_exponential_board_has_its_curves_later(explore: Callable[..., Opened]) -> None:
+    page = explore("paper-exponential").page
+    assert len(drawn(page, "u1")) == 1
+    assert "stable" in page.inner_text("#poles-note")
+
+
+def test_ctrl_c_ends_it_cleanly(tmp_path: Path) -> None:
+    server = started(Path(shutil.copy(SCENES / "paper-breadboard.toml", tmp_path)))
+    assert server.address.startswith("http://127.0.0.1:")
+    server.process.send_signal(signal.SIGINT)
+    _, errors = server.process.communicate(timeout=30)
+    assert server.process.returncode == 0
+    assert "Traceback" not in errors
+    assert [path.name for path in tmp_path.iterdir()] == ["paper-breadboard.toml"]
+
+
+def test_the_address_is_a_document() -> None:
+    process = run(SCENES / "paper-breadboard.toml", "--json")
+    assert process.stderr is not None
+    while "Ctrl-C" not in process.stderr.readline():
+        assert process.poll() is None
+    process.send_signal(signal.SIGINT)
+    output, _ = process.communicate(timeout=30)
+    assert json.loads(output)["address"].startswith("http://127.0.0.1:")

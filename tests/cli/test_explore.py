@@ -1,0 +1,58 @@
+"""``taction explore`` without a page, and ``verify --set``."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+import taction
+from tests.support.entries import write_fast
+from tests.support.running import document
+from tests.support.running import taction as run
+
+SET = ("--set", "C=20pF", "--set", "design.gain=2Mohm")
+
+
+def test_set_values_are_those_of_a_file_with_them(tmp_path: Path) -> None:
+    scene = write_fast(tmp_path / "a.toml")
+    given = document(run("verify", str(scene), "--engine", "statespace", "--json", *SET))
+    plain = document(run("verify", str(scene), "--engine", "statespace", "--json"))
+    changed = taction.load_scene(scene).model_dump(by_alias=True, exclude_unset=True)
+    changed["design"] |= {"capacitance": 2e-11, "gain": 2e6}
+    expected = taction.verify(taction.Scene(**changed), engine="statespace")
+    assert expected.measurements.settling_time is not None
+    reading = expected.measurements.settling_time.value
+    assert given["settling_time"] == pytest.approx(reading, rel=1e-9)
+    assert given["settling_time"] != plain["settling_time"]
+
+
+def test_set_is_for_one_scene(tmp_path: Path) -> None:
+    files = [str(write_fast(tmp_path / name)) for name in ("a.toml", "b.toml")]
+    result = run("verify", *files, *SET)
+    assert result.exit_code == 2
+    assert "--set is for one scene" in result.stderr
+
+
+@pytest.mark.parametrize("setting", ["C", "C=1ohm", "colour=1", "design.opamp=none"])
+def test_wrong_settings_are_bad_input(tmp_path: Path, setting: str) -> None:
+    result = run("verify", str(write_fast(tmp_path / "a.toml")), "--set", setting)
+    assert result.exit_code == 2
+    assert "--set" in result.stderr or "design.opamp" in result.stderr
+
+
+def test_a_missing_scene_is_bad_input(tmp_path: Path) -> None:
+    result = run("explore", str(tmp_path / "none.toml"), "--no-browser")
+    assert result.exit_code == 2
+    assert "none.toml" in result.stderr
+
+
+def test_a_missing_package_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    find = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name, *more: None if name == "nicegui" else find(name)
+    )
+    result = run("explore", str(write_fast(tmp_path / "a.toml")), "--no-browser")
+    assert result.exit_code == 2
+    assert "pip install 'taction[explore]'" in result.stderr

@@ -1,0 +1,168 @@
+"""What a page is told, in which order, without a browser and without processes."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import importlib.util
+import socket
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import taction
+from netlist_gen.scene.file import load_scene
+from spice_models.errors import InputError
+from tests.support.paths import SCENES
+from verification.report.explorer import server
+from verification.report.explorer.session import Session
+from verification.studies.exploration.settings import Start
+from verification.studies.running.worker import WorkerDiedError
+
+C = "design.capacitance"
+
+
+class Here:
+    """A job that runs in this process."""
+
+    seconds = 0.0
+
+    def __init__(self) -> None:
+        self.calls = 0
+
+    async def run(
+        self, wanted: Callable[[], bool], function: Callable[..., Any], *args: Any
+    ) -> Any:
+        self.calls += 1
+        return function(*args) if wanted() else None
+
+    def stop_if_running(self) -> None:
+        """Nothing runs between two calls."""
+
+
+class Ended(Here):
+    """A job whose process ends."""
+
+    async def run(
+        self, wanted: Callable[[], bool], function: Callable[..., Any], *args: Any
+    ) -> Any:
+        raise WorkerDiedError("the process was ended")
+
+
+def told(*moves: dict[str, Any], name: str = "paper-breadboard", job: Any = None) -> list[Any]:
+    """Return the parts that a page is told of moves; the hand rests after the last one."""
+    parts: list[Any] = []
+
+    async def run() -> None:
+        start = Start.of(load_scene(SCENES / f"{name}.toml"))
+        session = Session(start, parts.append, job or Here(), Here())  # type: ignore[arg-type]
+        for move in moves:
+            await session.move(move)
+        await asyncio.gather(*session._tasks)
+
+    asyncio.run(run())
+    return parts
+
+
+def curve(part: dict[str, Any], channel: int) -> tuple[np.ndarray, np.ndarray]:
+    line = part["curves"]["lines"][channel]
+    x, y = (np.frombuffer(base64.b64decode(line[key]), dtype="<f4") for key in "xy")
+    return x, y
+
+
+def test_what_is_fast_comes_first_and_the_verdict_last() -> None:
+    parts = told({"stamp": 7.0})
+    assert {"stress", "poles", "curves", "values", "command"} <= set(parts[0])
+    assert parts[0]["stamp"] == 7.0
+    order = [next(k for k in ("curves", "boundary", "limits", "verdict") if k in p) for p in parts]
+    assert order == ["curves", "boundary", "limits", "verdict"]
+    assert parts[-1]["verdict"]["outcome"] == "pass"
+    x, y = curve(parts[0], 3)
+    verdict = taction.verify(SCENES / "paper-breadboard.toml", engine="statespace")
+    expected = np.interp(x, verdict.waveforms.time, verdict.u[:, 3])
+    assert y == pytest.approx(expected, abs=1e-3 * verdict.measurements.amplitude)
+
+
+def test_only_the_newest_values_have_a_verdict() -> None:
+    job = Here()
+    parts = told(*({"places": {C: place}} for place in (600, 700, 800)), job=job)
+    assert [part["number"] for part in parts if "verdict" in part] == [3]
+    assert job.calls == 1
+
+
+def test_what_has_not_changed_is_not_sent_again() -> None:
+    parts = told({}, {"places": {C: 600}})
+    first, second = (part for part in parts if "curves" in part)
+    assert "stress" in first
+    assert "stress" in second["same"]
+    assert "stress" not in second
+
+
+@pytest.mark.parametrize(
+    "move", [{"texts": {C: "12 ohm"}}, {"places": {"design.colour": 3}}, {"opamp": "none"}]
+)
+def test_wrong_values_change_nothing(move: dict[str, Any]) -> None:
+    (part,) = told(move)
+    assert part["mistake"]
+    assert part["values"][C]["text"] == "10 pF"
+
+
+def test_values_without_a_board_say_why() -> None:
+    """The AD8065 works at ±12 V at most, and the board has ±15 V."""
+    (part,) = told({"opamp": "ad8065"})
+    assert "ad8065 works at supplies" in part["refused"]
+    assert "--set design.opamp=ad8065" in part["command"]
+
+
+def test_a_lost_process_is_no_verdict() -> None:
+    assert told({}, job=Ended())[-1]["verdict"]["outcome"] == "error"
+
+
+def test_an_exponential_board_has_curves_with_its_verdict() -> None:
+    parts = told({}, name="tangential-exponential")
+    assert "poles" in parts[0]
+    assert "curves" not in parts[0]
+    assert "curves" in parts[-1]
+
+
+def test_ngspice_is_told_beside_the_state_space(ngspice: str) -> None:
+    parts: list[Any] = []
+
+    async def run() -> None:
+        start = Start.of(load_scene(SCENES / "paper-breadboard.toml"))
+        session = Session(start, parts.append, Here(), Here())  # type: ignore[arg-type]
+        await session.move({})
+        await session.simulate()
+        await asyncio.gather(*session._tasks)
+
+    asyncio.run(run())
+    found = next(part for part in parts if "simulation" in part)
+    assert found["simulation"]["outcome"] == "pass"
+    assert len(found["other"]["lines"]) == 7
+
+
+def test_a_missing_package_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(InputError, match=r"taction\[explore\]"):
+        server.check_explorer()
+
+
+def test_a_port_that_is_taken_is_refused() -> None:
+    with socket.socket() as taken:
+        taken.bind((server.HOST, 0))
+        taken.listen()
+        with pytest.raises(InputError, match="--port"):
+            server.free_port(taken.getsockname()[1])
+
+
+@pytest.mark.parametrize(("variable", "shown"), [("DISPLAY", True), ("NONE", False)])
+def test_a_browser_needs_a_display(
+    monkeypatch: pytest.MonkeyPatch, variable: str, shown: bool
+) -> None:
+    monkeypatch.setattr("sys.platform", "linux")
+    for name in server.DISPLAYS:
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv(variable, ":0")
+    assert server.has_display() is shown

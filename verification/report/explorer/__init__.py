@@ -1,0 +1,1 @@
+"""The explorer: a local page on which a board follows the hand."""

@@ -1,0 +1,103 @@
+"""What is known of one set of values, and the parts of the page that show it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+from netlist_gen.scene.scene import Scene
+from verification.report.explorer.payload import Part, curves_part, poles_part, rest_part
+from verification.studies.exploration.board_view import PoleView, RestView, view_poles, view_rest
+from verification.studies.exploration.curves import Curves
+from verification.studies.exploration.judgement import Judgement
+from verification.studies.exploration.settings import Settings, Start
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Look:
+    """Everything that is known so far of one set of values.
+
+    Attributes
+    ----------
+    part : dict
+        What the page is told first.
+    poles : PoleView or None
+        None as long as they are not known.
+    limits : tuple of str
+        What the op-amps cannot do.
+    verdict, other : Judgement or None
+        Of the state-space engine, and of ngspice.
+    """
+
+    settings: Settings
+    scene: Scene
+    rest: RestView
+    part: Part = field(default_factory=dict)
+    poles: PoleView | None = None
+    limits: tuple[str, ...] = ()
+    verdict: Judgement | None = None
+    other: Judgement | None = None
+
+    def with_poles(self, window: str) -> tuple[Look, Part]:
+        """Add the poles and, of a small linear board, the curves."""
+        found = view_poles(self.rest)
+        look = replace(self, poles=found)
+        return look, poles_part(found) | look.curves_part(window)
+
+    def limited(self, limits: tuple[str, ...]) -> Look:
+        """Add what the op-amps cannot do."""
+        return replace(self, limits=limits)
+
+    def judged(self, found: Judgement) -> Look:
+        """Add the verdict."""
+        return replace(self, verdict=found)
+
+    def simulated(self, found: Judgement) -> Look:
+        """Add the verdict of ngspice."""
+        return replace(self, other=found)
+
+    def curves(self, window: str) -> Curves | None:
+        """Return the best curves that are known.
+
+        Those of the verdict where the linear board has no closed form, or is not the board.
+        """
+        response = None if self.poles is None else self.poles.response
+        if response is None or self.limits:
+            judged = None if self.verdict is None else self.verdict.curves
+            if judged is not None or response is None:
+                return judged
+        return response.curves(response.rise if window == "rise" else response.stop)
+
+    def curves_part(self, window: str) -> Part:
+        """Return the part of the page with the curves, as far as they are known."""
+        curves = self.curves(window)
+        if curves is None:
+            return {}
+        return {"curves": curves_part(curves, self.rest, window)} | self.other_part(window)
+
+    def later_curves(self, window: str) -> Part:
+        """Return the curves that came with the verdict, if they are better than the first."""
+        has_first = self.poles is not None and self.poles.response is not None
+        return {} if has_first and not self.limits else self.curves_part(window)
+
+    def other_part(self, window: str) -> Part:
+        """Return the curves of ngspice, or that there are none."""
+        if self.other is None or self.other.curves is None:
+            return {"other": None}
+        return {"other": curves_part(self.other.curves, self.rest, window)}
+
+
+def look_at(start: Start, settings: Settings, window: str) -> Look:
+    """Return what is fast: the board at rest and, of a small linear board, poles and curves.
+
+    Raises
+    ------
+    InputError, NoVerdictError
+        As `view_rest` and `view_poles`.
+    """
+    scene = settings.scene(start)
+    rest = view_rest(scene, settings.problem(start, scene))
+    look, part = Look(settings, scene, rest), rest_part(rest)
+    if not rest.is_large:  # the poles of a large board take longer than a movement of the hand
+        look, more = look.with_poles(window)
+        part |= more
+    return replace(look, part=part)

@@ -1,0 +1,186 @@
+"""The page of the explorer on the loopback interface, by NiceGUI."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import importlib.util
+import json
+import os
+import secrets
+import socket
+import sys
+import webbrowser
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from netlist_gen.scene.scene import Scene
+from spice_models.errors import Complaint, InputError
+from verification.report.explorer.guard import HOST, Guard
+from verification.report.explorer.jobs import Job
+from verification.report.explorer.payload import Part, start_part
+from verification.report.explorer.session import Session
+from verification.studies.exploration.settings import Start
+
+PACKAGE = "nicegui"
+REMEDY = "the explorer needs NiceGUI: pip install 'taction[explore]'"
+PAGE = Path(__file__).parent / "page"
+DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
+AGAIN = 0.02  # s between two looks whether the server listens
+HEAD = (
+    '<link rel="stylesheet" href="/taction/explorer.css">'
+    '<script type="module" src="/taction/explorer.js"></script>'
+)
+
+
+def check_explorer() -> None:
+    """Refuse an exploration without NiceGUI, before any work is done; raises `InputError`."""
+    if importlib.util.find_spec(PACKAGE) is None:
+        raise InputError("explore", Complaint("", "", REMEDY))
+
+
+def free_port(wanted: int) -> int:
+    """Return `wanted`, or any free port for 0.
+
+    Raises
+    ------
+    InputError
+        Another program has the port.
+    """
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((HOST, wanted))
+        except OSError as error:
+            text = f"{error.strerror}; expected a free port, or no --port for any"
+            raise InputError("--port", Complaint("PORT", repr(wanted), text)) from None
+        return int(probe.getsockname()[1])
+
+
+def has_display() -> bool:
+    """Whether a browser could show the page on this machine."""
+    return sys.platform in ("darwin", "win32") or any(os.environ.get(name) for name in DISPLAYS)
+
+
+def explore(scene: Scene, *, port: int, show: bool, announce: Callable[[str], None]) -> None:
+    """Serve the explorer of `scene` until Ctrl-C.
+
+    Parameters
+    ----------
+    port : int
+        0 for any free port.
+    show : bool
+        Whether to open a browser, where there is a display.
+    announce : callable
+        Takes the address once the page can be opened.
+
+    Raises
+    ------
+    InputError, SolverError
+        The scene cannot be used, NiceGUI is missing, or the port is taken.
+    """
+    check_explorer()
+    start = Start.of(scene)
+    port, token = free_port(port), secrets.token_urlsafe(32)
+    address = f"http://{HOST}:{port}/?token={token}"
+    os.environ.setdefault("NICEGUI_STORAGE_PATH", os.devnull)  # nothing is stored
+    from nicegui import app, ui
+
+    jobs: list[Job] = []
+    waiting: list[asyncio.Task[None]] = []
+
+    async def begin() -> None:
+        jobs.extend((Job(), Job()))
+        waiting.append(asyncio.create_task(open_to_all()))
+
+    async def open_to_all() -> None:
+        await _listening(port)
+        announce(address)
+        if show and has_display():
+            await asyncio.to_thread(webbrowser.open, address)
+        await jobs[0].warm_up()
+        gc.freeze()  # a collection that visits all imported modules takes longer than a move
+
+    def end() -> None:
+        for job in jobs:
+            job.close()
+
+    app.on_startup(begin)
+    app.on_shutdown(end)
+    app.add_static_files("/taction", str(PAGE))
+    app.add_static_files("/echarts", str(_charts()))
+    app.add_static_files("/report", str(PAGE.parents[1] / "html" / "page"))
+    ui.page("/", title=f"taction explore {scene.name}")(lambda: _open_page(start, jobs))
+    app.add_middleware(Guard, token=token, port=port)
+    ui.run(
+        host=HOST,
+        port=port,
+        binding_refresh_interval=None,  # nothing on the page is bound
+        reload=False,
+        show=False,
+        show_welcome_message=False,
+        favicon="〰",
+        language="en-US",
+        gzip_middleware_factory=None,
+        uvicorn_logging_level="error",
+        timeout_graceful_shutdown=1,
+    )
+
+
+async def _listening(port: int) -> None:
+    """Wait until the server, which starts after its start-up functions, accepts connections."""
+    while True:
+        try:
+            _, writer = await asyncio.open_connection(HOST, port)
+        except OSError:
+            await asyncio.sleep(AGAIN)
+        else:
+            writer.close()
+            return
+
+
+def _charts() -> Path:
+    """Return the folder of ECharts that NiceGUI brings."""
+    spec = importlib.util.find_spec(PACKAGE)
+    folder = Path(spec.origin or "").parent / "elements" / "echart" / "dist" if spec else Path()
+    if not (folder / "index.js").is_file():
+        text = "this NiceGUI has no ECharts where the explorer looks for it; expected nicegui 3"
+        raise InputError("explore", Complaint("", "", text))
+    return folder
+
+
+def _open_page(start: Start, jobs: list[Job]) -> None:
+    """Build the page of one browser tab."""
+    from nicegui import ui
+
+    client = ui.context.client
+
+    def send(part: Part) -> None:
+        if client.has_socket_connection:
+            client.run_javascript(f"window.taction?.({json.dumps(part, allow_nan=False)})")
+
+    session = Session(start, send, jobs[0], jobs[1])
+    ui.add_head_html(HEAD)
+    ui.html((PAGE / "explorer.html").read_text("utf-8"), sanitize=False)
+
+    async def ready() -> None:
+        send({"start": start_part(start)})
+        await session.move({})
+
+    async def move(event: Any) -> None:
+        await session.move(_mapping(event.args))
+
+    async def simulate() -> None:
+        await session.simulate()
+
+    ui.on("taction-ready", ready)
+    ui.on("taction-move", move)
+    ui.on("taction-window", lambda event: session.show(str(event.args)))
+    ui.on("taction-simulate", simulate)
+    ui.on("taction-cancel", session.cancel)
+    ui.on("taction-save", lambda event: session.save(str(event.args)))
+
+
+def _mapping(value: Any) -> Mapping[str, Any]:
+    return value if isinstance(value, dict) else {}

@@ -1,0 +1,222 @@
+"""One open page: the values under the hand, and what the page is told, what is fast first.
+
+The page sends values and waits for their curves before it sends more, so nothing queues up. What is
+slow runs in processes of its own, and is dropped where the values have moved on in the meantime.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from spice_models.errors import InputError, TactionError
+from verification.report.explorer.jobs import Job
+from verification.report.explorer.look import Look, look_at
+from verification.report.explorer.payload import (
+    KEPT,
+    Part,
+    boundary_part,
+    settings_part,
+    simulation_part,
+    verdict_part,
+)
+from verification.report.html.texts import readable
+from verification.studies.exploration.board_view import Boundary, view_boundary, view_limits
+from verification.studies.exploration.controls import CAPACITANCE, STEPS
+from verification.studies.exploration.judgement import Judgement, judge
+from verification.studies.exploration.settings import Settings, Start, read_value
+from verification.studies.running.worker import WorkerDiedError
+
+Send = Callable[[Part], None]
+Stage = Callable[[Look], tuple[Look, Part]]
+REST = 0.12  # s without new values, after which the hand rests
+WINDOWS = ("rise", "whole")
+KEPT_KEYS = ("stress", "facts", "boundary")  # which many moves leave as they are
+PATIENCE = 3.0  # s that a verdict on values that have moved on may still take
+
+
+@dataclass(eq=False)
+class Session:
+    """The explorer of one page.
+
+    Attributes
+    ----------
+    start : Start
+        The scene.
+    send : callable
+        Takes a part of the page to the browser; called in the event loop.
+    judging, simulating : Job
+        Processes for the verdict and for ngspice.
+    """
+
+    start: Start
+    send: Send
+    judging: Job
+    simulating: Job
+    settings: Settings = field(default_factory=Settings)
+    window: str = "rise"
+    _number: int = 0  # of the newest values
+    _look: Look | None = None  # at the newest values
+    _boundary: tuple[object, Boundary] | None = None  # and the values that it holds for
+    _sent: Part = field(default_factory=dict)  # the last of `KEPT_KEYS` that the page has
+    _simulates: bool = False
+    _turn: asyncio.Lock = field(default_factory=asyncio.Lock)
+    _tasks: set[asyncio.Task[None]] = field(default_factory=set)
+
+    async def move(self, wanted: Mapping[str, Any]) -> None:
+        """Take new values from the page, and answer with what is fast.
+
+        `wanted` has places of sliders (0 to `STEPS`), typed texts, or an op-amp.
+        """
+        try:
+            self.settings = self._taken(wanted)
+        except (InputError, ValueError) as error:
+            self._tell(mistake=readable(str(error)), **settings_part(self.start, self.settings))
+            return
+        self._number += 1
+        number, settings = self._number, self.settings
+        if self.judging.seconds > PATIENCE:
+            self.judging.stop()
+        self.cancel()
+        async with self._turn:
+            shown, began = settings_part(self.start, settings), time.perf_counter()
+            try:
+                self._look = await asyncio.to_thread(look_at, self.start, settings, self.window)
+            except TactionError as error:
+                self._look, self._sent = None, {}
+                self._tell(**shown, refused=readable(str(error)))
+                return
+            cost = time.perf_counter() - began
+            self._tell(**shown, **self._look.part, stamp=wanted.get("stamp"), cost=cost)
+            if not self._look.rest.is_large:
+                await self._step(self._with_boundary, number)
+        if number == self._number:
+            self._begin(self._follow(self._look, number))
+
+    def _taken(self, wanted: Mapping[str, Any]) -> Settings:
+        """Return the settings that the page asks for; raises `InputError`."""
+        values, opamp = dict(self.settings.values), self.settings.opamp
+        if wanted.get("reset"):
+            values, opamp = {}, ""
+        for path, place in wanted.get("places", {}).items():
+            values[path] = self.start.control(path).chosen(float(place) / STEPS)
+        for path, text in wanted.get("texts", {}).items():
+            values[path] = read_value(self.start.control(path), str(text))
+        settings = Settings.of(self.start, values, str(wanted.get("opamp", opamp)))
+        settings.scene(self.start)  # a value that its key does not accept changes nothing
+        return settings
+
+    def _tell(self, **part: Any) -> None:
+        """Send a part of the page without what the page has; `same` names it."""
+        same = [key for key in KEPT_KEYS if key in part and part[key] == self._sent.get(key)]
+        self._sent |= {key: part[key] for key in KEPT_KEYS if key in part}
+        new = {key: value for key, value in part.items() if key not in same}
+        self.send({"number": self._number, **new, "same": same})
+
+    def _begin(self, work: Any) -> None:
+        task = asyncio.create_task(work)
+        self._tasks.add(task)  # the loop alone would let it be collected
+        task.add_done_callback(self._tasks.discard)
+
+    async def _follow(self, look: Look, number: int) -> None:
+        """Find what is slower than a hand, in turn, once the hand rests and as long as it does."""
+        await asyncio.sleep(REST)
+        stages: tuple[Stage, ...] = (self._with_limits,)
+        if look.rest.is_large:
+            stages = (self._with_poles, self._with_limits, self._with_boundary)
+        for stage in stages:
+            if not await self._step(stage, number):
+                return
+        try:
+            found = await self.judging.run(
+                lambda: number == self._number, judge, look.scene, "statespace", KEPT
+            )
+        except WorkerDiedError as error:
+            found = Judgement("error", error=str(error))
+        if found is None or number != self._number or self._look is None:
+            return
+        self._look = self._look.judged(found)
+        self._tell(**verdict_part(found), **self._look.later_curves(self.window))
+
+    async def _step(self, stage: Stage, number: int) -> bool:
+        """Add what `stage` finds; return whether the values are still the newest."""
+        look = self._look
+        if look is None or number != self._number:
+            return False
+        try:
+            found, part = await asyncio.to_thread(stage, look)
+        except TactionError as error:
+            found, part = look, {"doubts": [readable(str(error))]}
+        if number != self._number:
+            return False
+        self._look = found
+        self._tell(**part)
+        return True
+
+    def _with_poles(self, look: Look) -> tuple[Look, Part]:
+        return look.with_poles(self.window)
+
+    def _with_limits(self, look: Look) -> tuple[Look, Part]:
+        if look.poles is None:
+            return look, {}
+        limits = view_limits(look.rest, look.poles)
+        return look.limited(limits), {"limits": [readable(text) for text in limits]}
+
+    def _with_boundary(self, look: Look) -> tuple[Look, Part]:
+        """Find the stable values of C, which do not depend on C itself."""
+        if look.poles is None:
+            return look, {}
+        others = {k: v for k, v in look.settings.values.items() if k != CAPACITANCE}
+        key, control = (others, look.settings.opamp), self.start.control(CAPACITANCE)
+        if self._boundary is None or self._boundary[0] != key:
+            found = view_boundary(look.rest, look.poles, control.low, control.high)
+            self._boundary = (key, found)
+        return look, boundary_part(self._boundary[1], control)
+
+    def show(self, window: str) -> None:
+        """Draw another window of time."""
+        self.window = window if window in WINDOWS else self.window
+        if self._look is not None:
+            self._tell(**self._look.curves_part(self.window))
+
+    async def simulate(self) -> None:
+        """Run ngspice on the present values."""
+        look, number = self._look, self._number
+        if look is None:  # no board with these values
+            self._tell(simulating=False)
+            return
+
+        def current() -> bool:
+            return number == self._number
+
+        self._tell(simulating=True)
+        self._simulates = True
+        try:
+            found = await self.simulating.run(current, judge, look.scene, "ngspice", KEPT)
+        except WorkerDiedError:
+            found = None
+        finally:
+            self._simulates = False
+        if found is None or not current():
+            self._tell(simulating=False)
+            return
+        if self._look is not None:
+            self._look = look = self._look.simulated(found)
+        self._tell(simulating=False, **simulation_part(found), **look.other_part(self.window))
+
+    def cancel(self) -> None:
+        """End the run of ngspice of this page, if there is one."""
+        if self._simulates:
+            self.simulating.stop_if_running()
+
+    def save(self, name: str) -> None:
+        """Write the present values to a new file."""
+        try:
+            file = self.settings.save(self.start, name.strip())
+        except InputError as error:
+            self._tell(saved="", save_mistake=readable(str(error)))
+            return
+        self._tell(saved=str(file), save_mistake="")
