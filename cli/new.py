@@ -109,7 +109,7 @@ def _for_matrix(path: Path, force: bool, as_json: bool, asked: dict[str, Any]) -
         click.echo(f"wrote {name}", err=True)
     if as_json:
         more = {"file": str(path), "lambda_rule": fresh.rule, "recognised": list(fresh.notes)}
-        print_json(more | scaling_document(fresh.scaling, verdict))
+        print_json(more | scaling_document(fresh.scaling, verdict), "new-matrix")
     else:
         for note in fresh.notes:
             click.echo(note)

@@ -73,7 +73,10 @@ class _NameOrArray:
         raise ValueError(EXPECTED)
 
     def __get_pydantic_core_schema__(self, source: object, handler: object) -> CoreSchema:
-        return core_schema.no_info_plain_validator_function(self.check)
+        written = core_schema.plain_serializer_function_ser_schema(
+            lambda value: value if isinstance(value, str) else value.tolist(), when_used="json"
+        )
+        return core_schema.no_info_plain_validator_function(self.check, serialization=written)
 
     def __get_pydantic_json_schema__(self, schema: object, handler: object) -> dict[str, Any]:
         numbers = {"type": "array", "items": {"type": "number"}, "minItems": 1}

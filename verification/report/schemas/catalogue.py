@@ -8,7 +8,16 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from verification.report.schemas import choice, plain, shared, studies, verdict
+from verification.report.schemas import (
+    benchmarks,
+    choice,
+    grids,
+    opamps,
+    plain,
+    shared,
+    studies,
+    verdict,
+)
 from verification.report.schemas.head import ERROR, schema_name
 from verification.report.schemas.units import UNIT_OF
 
@@ -26,15 +35,17 @@ MODELS: dict[str, type[BaseModel]] = {
     "tune": plain.TuneDocument,
     "scale": plain.ScaleDocument,
     "choose": choice.ChooseDocument,
-    "onset": studies.OnsetDocument,
-    "sweep": studies.SweepDocument,
+    "onset": grids.OnsetDocument,
+    "sweep": grids.SweepDocument,
     "regress": studies.RegressDocument,
-    "stress": studies.StressDocument,
-    "accuracy": studies.AccuracyDocument,
-    "reproduce": studies.ReproduceDocument,
-    "models": plain.ModelsDocument,
-    "models-show": plain.ShowDocument,
+    "stress": benchmarks.StressDocument,
+    "accuracy": benchmarks.AccuracyDocument,
+    "reproduce": benchmarks.ReproduceDocument,
+    "models": opamps.ModelsDocument,
+    "models-show": opamps.ShowDocument,
+    "models-import": opamps.ImportDocument,
     "new": plain.NewDocument,
+    "new-matrix": plain.NewMatrixDocument,
     "help": plain.HelpDocument,
     "doctor": plain.DoctorDocument,
     ERROR: shared.ErrorDocument,
