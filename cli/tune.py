@@ -84,11 +84,11 @@ def tune(
 
         plot_tradeoff(tuning, plot)
         click.echo(f"drew {plot}", err=True)
+    save_report(report, lambda: _page(tuning, verdict))
     if as_json:
         print_json(_document(tuning, verdict))
     else:
         _show(tuning, verdict, reach)
-    save_report(report, lambda: _page(tuning, verdict))
     sys.exit(STATUS[verdict.outcome.value])
 
 
@@ -136,8 +136,8 @@ def _show(tuning: Tuning, verdict: Verdict, reach: float) -> None:
     for path, edge in tuning.at_edges.items():
         name = path.removeprefix("design.")
         page.print(
-            f"{name} is at the edge of its range, {show(edge, units[path])}: a wider range may hold a better"
-            f" design, such as --over {name}=LOW:HIGH or --reach {2 * reach:g}"
+            f"{name} is at the edge of its range, {show(edge, units[path])}: a wider range may hold"
+            f" a better design, such as --over {name}=LOW:HIGH or --reach {2 * reach:g}"
         )
     print_verdict(verdict, page)
 
