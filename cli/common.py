@@ -225,14 +225,20 @@ def console(*, stderr: bool = False) -> Console:
 
 @contextmanager
 def stage_display(*, every: bool = False) -> Iterator[Callable[[str], None]]:
-    """Show the current stage on stderr; without a terminal only long stages, or `every` one."""
+    """Show the stage on stderr; without a terminal long simulations, or `every` one, and a few."""
     if not sys.stderr.isatty():
+        from cli.sparse_lines import SparseLines
+
         shown: set[str] = set()
+        lines = SparseLines(say)
 
         def announce(stage: str) -> None:
-            if (every or stage.startswith("simulation (about")) and stage not in shown:
-                shown.add(stage)
-                click.echo(f"taction: {stage}", err=True)
+            if every or stage.startswith("simulation (about"):
+                if stage not in shown:
+                    shown.add(stage)
+                    say(stage)
+            else:
+                lines.stage(stage)
 
         yield announce
         return

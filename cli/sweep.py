@@ -165,9 +165,12 @@ def _page(plan: Plan, store: Store, count: SweepCounts) -> Report:
 
 @contextmanager
 def _display() -> Iterator[Callable[[SweepCounts], None]]:
-    """Show progress, rate and remaining time on stderr if stderr is a terminal."""
+    """Show progress, rate and remaining time on stderr; without a terminal a few lines."""
     if not sys.stderr.isatty():
-        yield lambda count: None
+        from cli.sparse_lines import SparseLines
+
+        lines = SparseLines(say)
+        yield lambda count: lines.stage(count.text)
         return
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
