@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,6 +20,7 @@ from cli.common import (
     print_json,
     report_option,
     save_report,
+    say,
     scene_command,
 )
 from spice_models.errors import Complaint, InputError
@@ -71,6 +73,7 @@ def choose(scene: str, as_json: bool, **options: Any) -> None:
     _check_folder(options["output"])
     original = read_scene(scene)
     plan = choice_plan(original, _request(options))
+    _ask_limits(original, plan.scene, options)
     with Store(options["store"] or f"{plan.scene.name}-choose.sqlite") as store:
         run_plan(plan, store, options | {"retry": None})
         ranked = designs(plan, store)
@@ -87,6 +90,27 @@ def choose(scene: str, as_json: bool, **options: Any) -> None:
     save_report(options["report"], lambda: _page(original, ranked, best, said, scenes))
     _show(ranked, best, said, files, as_json=as_json)
     sys.exit(_status(said))
+
+
+def _ask_limits(scene: Scene, limited: Scene, options: dict[str, Any]) -> None:
+    """Ask on stderr what may be a slip in the limits of the options."""
+    from netlist_gen.scene.checks import unitless_times
+    from netlist_gen.scene.questions import value_questions
+
+    times = {"settling_time": options["settling"], "rise_time": options["rise"]}
+    bare = {name: {"max": float(text)} for name, text in times.items() if _is_plain(text)}
+    known = set(value_questions(scene))
+    for question in (*unitless_times({"checks": bare}), *value_questions(limited)):
+        if question not in known:
+            say(f"question: {question}")
+
+
+def _is_plain(text: str | None) -> bool:
+    """Whether a text is a number without a unit."""
+    try:
+        return text is not None and math.isfinite(float(text))
+    except ValueError:
+        return False
 
 
 def _status(said: list[Confirmation]) -> int:

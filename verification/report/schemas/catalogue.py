@@ -68,6 +68,33 @@ def schema(name: str) -> dict[str, Any]:
     return head | made
 
 
+def fields() -> dict[str, dict[str, Any]]:
+    """Return for every field of a document its unit, if it has one, and the schemas that have it.
+
+    Examples
+    --------
+    >>> found = fields()["stable_ranges"]
+    >>> found["unit"], found["schemas"]
+    (None, ['verify-1', 'verify-files-1', 'montecarlo-sample-1', 'tune-1', 'scale-1', 'onset-1', \
+'new-matrix-1'])
+    """
+    found: dict[str, dict[str, Any]] = {}
+    for name in MODELS:
+        for field in sorted(set(_names(schema(name)))):
+            entry = found.setdefault(field, {"unit": UNIT_OF.get(field), "schemas": []})
+            entry["schemas"].append(schema_name(name))
+    return dict(sorted(found.items()))
+
+
+def _names(part: Any) -> Iterator[str]:
+    if isinstance(part, dict):
+        yield from part.get("properties", {})
+        part = list(part.values())
+    if isinstance(part, list):
+        for item in part:
+            yield from _names(item)
+
+
 def _with_units(part: Any) -> None:
     if isinstance(part, dict):
         for name, field in part.get("properties", {}).items():

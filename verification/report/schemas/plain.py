@@ -194,6 +194,32 @@ class Command(Part):
     schemas: list[str]
 
 
+class SceneFile(Part):
+    """How a scene is written; `symbols` are short names of keys for ``--over``."""
+
+    format: str
+    quantities: str
+    symbols: dict[str, str]
+    example: str
+
+
+class Example(Part):
+    """A call with the files that it needs; `read` leads to the answer in its document."""
+
+    task: str
+    files: dict[str, str]
+    call: str
+    schema_: str = Field(alias="schema")
+    read: list[str | int]
+
+
+class FieldUse(Part):
+    """A field of documents; null: it has no unit, or the field `unit` beside it has it."""
+
+    unit: Word
+    schemas: list[str]
+
+
 class HelpDocument(Document):
     """``taction --json --help``."""
 
@@ -202,6 +228,9 @@ class HelpDocument(Document):
     commands: list[Command]
     exit_statuses: dict[str, str]
     environment: dict[str, str]
+    scene_file: SceneFile
+    examples: list[Example]
+    fields: dict[str, FieldUse]
     schemas: dict[str, Free]
     scene_schema: Free
 
