@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from verification.studies.sweep.run import SweepCounts
     from verification.studies.sweep.store import Store
 
+WIDE = 100  # columns that hold the bar beside the numbers
+
 
 @scene_command
 @click.option(
@@ -172,11 +174,15 @@ def _display() -> Iterator[Callable[[SweepCounts], None]]:
         lines = SparseLines(say)
         yield lambda count: lines.stage(count.text)
         return
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+    from rich.progress import BarColumn, Progress, TextColumn
+    from rich.table import Column
 
-    columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[state]}"))
+    page = console(stderr=True)
+    bar = [BarColumn()] if page.width >= WIDE else []
+    text = "{task.completed}/{task.total} {task.fields[state]}"
+    columns = (*bar, TextColumn(text, table_column=Column(overflow="fold", no_wrap=False)))
     start = time.perf_counter()
-    with Progress(*columns, console=console(stderr=True)) as display:
+    with Progress(*columns, console=page) as display:
         task = display.add_task("sweep", total=None, state="starting")
 
         def show(count: SweepCounts) -> None:
