@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,15 +14,20 @@ from cli.common import (
     JOBS,
     STATUS,
     check_plot,
+    check_report,
     console,
     plot_option,
     print_json,
+    report_option,
+    save_report,
+    say,
     scene_command,
 )
 from spice_models.errors import Complaint, InputError
 
 if TYPE_CHECKING:
     from netlist_gen.scene.scene import Scene
+    from verification.report.html.blocks import Report
     from verification.studies.choose.ranking import Confirmation, Design
     from verification.studies.choose.request import Request
 
@@ -38,7 +44,7 @@ if TYPE_CHECKING:
 @click.option("--gain-range", metavar="LOW:HIGH", help="By default the scene's gain /10 to *10.")
 @click.option("--points", type=click.IntRange(1, 101), default=9, help="Values of C and of gain.")
 @click.option(
-    "-o", "folder", metavar="FOLDER", type=click.Path(file_okay=False),
+    "-o", "output", metavar="FOLDER", type=click.Path(file_okay=False),
     help="Write the best three designs as scene files into FOLDER.",
 )  # fmt: skip
 @click.option(
@@ -46,6 +52,7 @@ if TYPE_CHECKING:
     help="Database of the results; by default the scene's name with -choose.sqlite.",
 )  # fmt: skip
 @plot_option("maps of C and gain for every op-amp")
+@report_option()
 @JOBS
 @CLUSTER
 def choose(scene: str, as_json: bool, **options: Any) -> None:
@@ -62,24 +69,48 @@ def choose(scene: str, as_json: bool, **options: Any) -> None:
     from verification.studies.sweep.store import Store
 
     check_plot(options["plot"])
-    _check_folder(options["folder"])
+    check_report(options["report"])
+    _check_folder(options["output"])
     original = read_scene(scene)
     plan = choice_plan(original, _request(options))
+    _ask_limits(original, plan.scene, options)
     with Store(options["store"] or f"{plan.scene.name}-choose.sqlite") as store:
         run_plan(plan, store, options | {"retry": None})
         ranked = designs(plan, store)
     best = best_designs(ranked)
     scenes = [design_scene(plan, original, design, k) for k, design in enumerate(best, 1)]
     said = [confirmed(one) for one in scenes]
-    files = _write(options["folder"], best, scenes)
-    _show(ranked, best, said, files, as_json=as_json)
-    if options["plot"] is not None:
+    files = _write(options["output"], best, scenes)
+    if options["plot"] is not None:  # before the text: its reader may go
         from verification.report.choose.picture import plot_choice
 
         title = f"{original.name}: worst value over its limit, for {len(ranked)} designs"
         plot_choice(ranked, best, title, options["plot"])
         click.echo(f"drew {options['plot']}", err=True)
+    save_report(options["report"], lambda: _page(original, ranked, best, said, scenes))
+    _show(ranked, best, said, files, as_json=as_json)
     sys.exit(_status(said))
+
+
+def _ask_limits(scene: Scene, limited: Scene, options: dict[str, Any]) -> None:
+    """Ask on stderr what may be a slip in the limits of the options."""
+    from netlist_gen.scene.checks import unitless_times
+    from netlist_gen.scene.questions import value_questions
+
+    times = {"settling_time": options["settling"], "rise_time": options["rise"]}
+    bare = {name: {"max": float(text)} for name, text in times.items() if _is_plain(text)}
+    known = set(value_questions(scene))
+    for question in (*unitless_times({"checks": bare}), *value_questions(limited)):
+        if question not in known:
+            say(f"question: {question}")
+
+
+def _is_plain(text: str | None) -> bool:
+    """Whether a text is a number without a unit."""
+    try:
+        return text is not None and math.isfinite(float(text))
+    except ValueError:
+        return False
 
 
 def _status(said: list[Confirmation]) -> int:
@@ -160,3 +191,22 @@ def _show(
         print_json(choice_document(ranked, best, said, files))
     else:
         print_choice(ranked, best, said, console())
+
+
+def _page(
+    scene: Scene,
+    ranked: list[Design],
+    best: list[Design],
+    said: list[Confirmation],
+    scenes: list[Scene],
+) -> Report:
+    """Return the report; the design that it proposes is verified anew where ngspice is missing."""
+    from verification.report.choose.tables import proposed
+    from verification.report.html.choice_report import choice_report
+    from verification.verify import verify
+
+    verdict = None
+    if best:
+        place = proposed(said)
+        verdict = said[place].verdict or verify(scenes[place].with_engine("statespace"))
+    return choice_report(scene, ranked, best, said, verdict)

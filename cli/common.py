@@ -20,14 +20,18 @@ if TYPE_CHECKING:
 STATUS = {"pass": 0, "fail": 1, "bad input": 2, "inconclusive": 3}
 ENGINES = ("auto", "ngspice", "statespace")
 GRID_ENGINES = ("both", "hybrid")
-INPUTS = ("scene", "scenes", "folder", "baseline")  # parameters of commands that are read
-OUTPUTS = {  # parameters of commands that are files to write, and their options
+# parameters of commands that are read
+INPUTS = ("scene", "scenes", "folder", "baseline", "file", "matrix", "strain")
+OUTPUTS = {  # parameters of commands that are files or folders to write, and their options
     "output": "-o",
+    "target": "FILE",
+    "store": "--store",
     "plot": "--plot",
     "report": "--report",
     "export_file": "--export",
     "junit": "--junit",
     "markdown": "--markdown",
+    "page": "--page",
 }
 
 
@@ -104,18 +108,27 @@ def command(function: Callable[..., None]) -> click.Command:
 
 
 def _with_separate_files(function: Callable[..., None]) -> Callable[..., None]:
-    """Refuse an output file that is also an input, or another output, before any work is done."""
+    """Refuse an output that cannot be written, is an input, or another output, before any work."""
 
     @functools.wraps(function)
     def checked(*args: Any, **kwargs: Any) -> None:
         outputs = {OUTPUTS[key]: file for key, file in kwargs.items() if key in OUTPUTS and file}
         if outputs:
-            from verification.report.output_checks import check_separate
+            from verification.report.output_checks import check_folder, check_separate
 
             check_separate(_inputs(kwargs), outputs)
+            for key, file in kwargs.items():
+                if key in OUTPUTS and file and key not in _folders():
+                    check_folder(file, OUTPUTS[key])
         function(*args, **kwargs)
 
     return checked
+
+
+def _folders() -> set[str | None]:
+    """Return the parameters of the command that are folders."""
+    parameters = click.get_current_context().command.params
+    return {p.name for p in parameters if isinstance(p.type, click.Path) and not p.type.file_okay}
 
 
 def _inputs(arguments: Mapping[str, Any]) -> Iterator[str | None]:
@@ -212,14 +225,20 @@ def console(*, stderr: bool = False) -> Console:
 
 @contextmanager
 def stage_display(*, every: bool = False) -> Iterator[Callable[[str], None]]:
-    """Show the current stage on stderr; without a terminal only long stages, or `every` one."""
+    """Show the stage on stderr; without a terminal long simulations, or `every` one, and a few."""
     if not sys.stderr.isatty():
+        from cli.sparse_lines import SparseLines
+
         shown: set[str] = set()
+        lines = SparseLines(say)
 
         def announce(stage: str) -> None:
-            if (every or stage.startswith("simulation (about")) and stage not in shown:
-                shown.add(stage)
-                click.echo(f"taction: {stage}", err=True)
+            if every or stage.startswith("simulation (about"):
+                if stage not in shown:
+                    shown.add(stage)
+                    say(stage)
+            else:
+                lines.stage(stage)
 
         yield announce
         return

@@ -52,11 +52,11 @@ def import_(
     found = to_document(name, opamp)
     target = output or f"{name}.opamp.json"
     write_atomically(target, json.dumps(found, indent=1) + "\n")
+    click.echo(f"wrote {target}", err=True)
     if as_json:
         print_json({"file": target, **{k: v for k, v in found.items() if k != "netlist"}})
     else:
         _report(found, target)
-    click.echo(f"wrote {target}", err=True)
 
 
 import_.name = "import"

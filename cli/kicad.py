@@ -14,11 +14,11 @@ TABLE = "sym-lib-table"  # a name that KiCad prescribes for every project
 
 @scene_command
 @click.option(
-    "-o", "folder", metavar="FOLDER", type=click.Path(file_okay=False), required=True,
+    "-o", "output", metavar="FOLDER", type=click.Path(file_okay=False), required=True,
     help="Folder of the project; files of the same names are replaced.",
 )  # fmt: skip
 @click.option("--channel", metavar="N", type=int, default=1, help="Channel to draw, from 1.")
-def kicad(scene: str, folder: str, channel: int, as_json: bool) -> None:
+def kicad(scene: str, output: str, channel: int, as_json: bool) -> None:
     """Draw one channel of SCENE for KiCad 8 or newer, and list the parts of the board.
 
     FOLDER gets a schematic with its symbols, a project file, and the parts of the whole board as
@@ -32,10 +32,10 @@ def kicad(scene: str, folder: str, channel: int, as_json: bool) -> None:
 
     read = read_scene(scene)
     project = kicad_project(synthesise(read), read, channel)
-    place = Path(folder)
+    place = Path(output)
     written = {place / name: text for name, text in project.files.items()}
     _check_table(place / TABLE, project.files[TABLE])
-    check_separate([scene], {f"-o {folder} ({file.name})": str(file) for file in written})
+    check_separate([scene], {f"-o {output} ({file.name})": str(file) for file in written})
     _make(place)
     write_together(written)
     for file in written:

@@ -103,14 +103,7 @@ def montecarlo(scene: str, count: int, seed: int, as_json: bool, **options: Any)
         numbers = ", ".join(map(str, tally.damaged))
         click.echo(f"taction: damaged in the database, computed again: samples {numbers}", err=True)
     result = replace(summarise_samples(study, tally.samples, seed), remedy=remedy)
-    if as_json:
-        document = {"scene": study.scene.name, "engine": study.scene.analysis.engine, "seed": seed}
-        print_json(document | {"complete": not interrupted} | asdict(result))
-    else:
-        from verification.report.tolerance.tables import print_yield
-
-        print_yield(result, seed, console())
-    if options["plot"] is not None:
+    if options["plot"] is not None:  # before the text: its reader may go
         from verification.report.tolerance.yield_plot import plot_yield
 
         plot_yield(study.scene.name, result, tally.samples, options["plot"])
@@ -120,6 +113,13 @@ def montecarlo(scene: str, count: int, seed: int, as_json: bool, **options: Any)
 
         page = yield_report(study.scene, result, tally.samples, seed)
         save_report(options["report"], lambda: page)
+    if as_json:
+        document = {"scene": study.scene.name, "engine": study.scene.analysis.engine, "seed": seed}
+        print_json(document | {"complete": not interrupted} | asdict(result))
+    else:
+        from verification.report.tolerance.tables import print_yield
+
+        print_yield(result, seed, console())
     sys.exit(130 if interrupted else _status(result, options["min_yield"]))
 
 
@@ -159,6 +159,7 @@ def corners(
         pool = workers_at(options["cluster"], options["jobs"], say)
         with pool as workers, stage_display() as progress:
             found = worst_corners(requested_scene, workers, progress)
+    save_report(options["report"], lambda: _corners_page(requested_scene, found))
     if as_json:
         directions = [{name: getattr(d, name) for name in DIRECTION} for d in found.directions]
         records = [asdict(corner) for corner in found.corners]
@@ -167,7 +168,6 @@ def corners(
         print_corners(found.corners, quantities(requested_scene), console())
         if found.directions:
             print_directions(found.directions, console())
-    save_report(options["report"], lambda: _corners_page(requested_scene, found))
     outcomes = {corner.result.outcome for corner in found.corners}
     sys.exit(STATUS[next((o for o in ("fail", "inconclusive") if o in outcomes), "pass")])
 
@@ -185,6 +185,12 @@ def _verify_sample(
     z = draw(tolerances, len(study.varied), seed, number)
     board = vary(study.nominal, tolerances, z)
     verdict = verify(study.scene, problem=study.problem, circuit=board, ideal=study.ideal)
+    if report is not None:
+        from verification.report.html.verdict_report import verdict_report
+
+        save_report(
+            report, lambda: verdict_report(verdict, f"taction montecarlo --sample {number}")
+        )
     if as_json:
         sample = asdict(evaluate(study, number, z))
         deviations = {p.name: float(v) for p, v in zip(study.varied, z, strict=True)}
@@ -194,12 +200,6 @@ def _verify_sample(
         from verification.report.verdict.table import print_verdict
 
         print_verdict(verdict, console())
-    if report is not None:
-        from verification.report.html.verdict_report import verdict_report
-
-        save_report(
-            report, lambda: verdict_report(verdict, f"taction montecarlo --sample {number}")
-        )
     sys.exit(STATUS[verdict.outcome.value])
 
 

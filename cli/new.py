@@ -14,7 +14,7 @@ from spice_models.errors import Complaint, InputError
 
 
 @command
-@click.argument("file", type=click.Path(dir_okay=False), required=False)
+@click.argument("target", metavar="[FILE]", type=click.Path(dir_okay=False), required=False)
 @output_option("The same as FILE.")
 @click.option("--force", is_flag=True, help="Overwrite FILE.")
 @click.option("--schema", is_flag=True, help="Print the JSON schema of scene files instead.")
@@ -37,7 +37,7 @@ from spice_models.errors import Complaint, InputError
 @click.option("--supply", metavar="VOLTS", help="Supply as ±12V, with --matrix.")
 @click.option("--prune", type=click.FloatRange(0, 1, max_open=True), help="design.prune.")
 def new(
-    file: str | None, output: str | None, force: bool, schema: bool, as_json: bool, **asked: Any
+    target: str | None, output: str | None, force: bool, schema: bool, as_json: bool, **asked: Any
 ) -> None:
     """Write a scene to FILE (scene.toml): every key with its default and a comment.
 
@@ -49,23 +49,23 @@ def new(
 
         print_json(Scene.model_json_schema(by_alias=True), "")
         return
-    path = Path(file or output or "scene.toml")
-    _check(path, file, output, force, asked)
+    path = Path(target or output or "scene.toml")
+    _check(path, target, output, force, asked)
     if asked["matrix"] is not None:
         _for_matrix(path, force, as_json, asked)
         return
     template = Path(__file__).with_name("scene_template.toml").read_text(encoding="utf-8")
     stem = "".join(c if c.isascii() and (c.isalnum() or c in "-_.") else "-" for c in path.stem)
     write_atomically(path, template.replace("@NAME@", stem[:64] or "scene"))
+    click.echo(f"wrote {path}; `taction verify {path}` verifies it", err=True)
     if as_json:
         print_json({"file": str(path)})
-    click.echo(f"wrote {path}; `taction verify {path}` verifies it", err=True)
 
 
 def _check(
-    path: Path, file: str | None, output: str | None, force: bool, asked: dict[str, Any]
+    path: Path, target: str | None, output: str | None, force: bool, asked: dict[str, Any]
 ) -> None:
-    if file is not None and output is not None:
+    if target is not None and output is not None:
         raise InputError("-o", Complaint("FILE", repr(output), "give FILE or -o, not both"))
     if (asked["matrix"] is None) != (asked["strain"] is None):
         missing = "--matrix" if asked["matrix"] is None else "--strain"
@@ -109,7 +109,7 @@ def _for_matrix(path: Path, force: bool, as_json: bool, asked: dict[str, Any]) -
         click.echo(f"wrote {name}", err=True)
     if as_json:
         more = {"file": str(path), "lambda_rule": fresh.rule, "recognised": list(fresh.notes)}
-        print_json(more | scaling_document(fresh.scaling, verdict))
+        print_json(more | scaling_document(fresh.scaling, verdict), "new-matrix")
     else:
         for note in fresh.notes:
             click.echo(note)

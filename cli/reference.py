@@ -43,9 +43,13 @@ TYPES = {  # click's names
 
 
 def reference(main: click.Group) -> dict[str, Any]:
-    """Return commands, exit statuses, environment variables and schemas; made from click."""
+    """Return commands, exit statuses, environment variables and schemas; made from click.
+
+    `fields` says for every field of a document its unit and the schemas that have it.
+    """
+    from cli.reference_examples import EXAMPLES, SCENE_FILE
     from netlist_gen.scene.scene import Scene
-    from verification.report.schemas.catalogue import MODELS, schema
+    from verification.report.schemas.catalogue import MODELS, fields, schema
     from verification.report.schemas.head import document_head, schema_name
 
     with main.make_context("taction", [], resilient_parsing=True) as context:
@@ -56,6 +60,9 @@ def reference(main: click.Group) -> dict[str, Any]:
         "commands": commands,
         "exit_statuses": {str(status): text for status, text in EXIT_STATUSES.items()},
         "environment": ENVIRONMENT,
+        "scene_file": SCENE_FILE,
+        "examples": list(EXAMPLES),
+        "fields": fields(),
         "schemas": {schema_name(name): schema(name) for name in MODELS},
         "scene_schema": Scene.model_json_schema(by_alias=True),
     }

@@ -58,9 +58,7 @@ def regress(
     from verification.studies.regression.run import regress as run
     from verification.studies.regression.run import updated_baseline
 
-    for path, option in ((baseline, "--baseline"), (junit, "--junit"), (markdown, "--markdown")):
-        if path is not None:
-            check_folder(path, option)
+    check_folder(baseline, "--baseline")
     check_report(report)
     entries = {} if update and not Path(baseline).exists() else load_baseline(baseline)
     with stage_display() as progress:

@@ -36,11 +36,11 @@ def reproduce(output: str | None, quick: bool, as_json: bool) -> None:
         check_report_folder(output)
     with stage_display(every=True) as progress:
         result = run(quick=quick, progress=progress)
+    if output is not None:  # before the text: its reader may go
+        names = write_paper(result, output)
+        click.echo(f"wrote {', '.join(names)} into {output}", err=True)
     if as_json:
         print_json(paper_document(result))
     else:
         print_paper(result, console())
-    if output is not None:
-        names = write_paper(result, output)
-        click.echo(f"wrote {', '.join(names)} into {output}", err=True)
     sys.exit(STATUS[result.outcome])

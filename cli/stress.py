@@ -29,15 +29,11 @@ def stress(
     Exit status: 1 if an outcome or a number is wrong, 3 if ngspice is missing.
     """
     from spice_models.atomic_files import write_atomically
-    from verification.report.output_checks import check_folder
     from verification.report.stress.page import stress_page
     from verification.report.stress.report import print_stress, stress_document, stress_junit
     from verification.studies.stress.catalogue import load_catalogue, select
     from verification.studies.stress.run import expected_seconds, run_catalogue
 
-    for file, option in ((junit, "--junit"), (page, "--page")):
-        if file is not None:
-            check_folder(file, option)
     cases = select(load_catalogue(), only)
     seconds = expected_seconds(cases, jobs)
     click.echo(f"taction: {len(cases)} cases, about {seconds:.0f} s", err=True)

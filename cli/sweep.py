@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from verification.studies.sweep.run import SweepCounts
     from verification.studies.sweep.store import Store
 
+WIDE = 100  # columns that hold the bar beside the numbers
+
 
 @scene_command
 @click.option(
@@ -165,15 +167,22 @@ def _page(plan: Plan, store: Store, count: SweepCounts) -> Report:
 
 @contextmanager
 def _display() -> Iterator[Callable[[SweepCounts], None]]:
-    """Show progress, rate and remaining time on stderr if stderr is a terminal."""
+    """Show progress, rate and remaining time on stderr; without a terminal a few lines."""
     if not sys.stderr.isatty():
-        yield lambda count: None
-        return
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+        from cli.sparse_lines import SparseLines
 
-    columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[state]}"))
+        lines = SparseLines(say)
+        yield lambda count: lines.stage(count.text)
+        return
+    from rich.progress import BarColumn, Progress, TextColumn
+    from rich.table import Column
+
+    page = console(stderr=True)
+    bar = [BarColumn()] if page.width >= WIDE else []
+    text = "{task.completed}/{task.total} {task.fields[state]}"
+    columns = (*bar, TextColumn(text, table_column=Column(overflow="fold", no_wrap=False)))
     start = time.perf_counter()
-    with Progress(*columns, console=console(stderr=True)) as display:
+    with Progress(*columns, console=page) as display:
         task = display.add_task("sweep", total=None, state="starting")
 
         def show(count: SweepCounts) -> None:

@@ -84,11 +84,11 @@ def tune(
 
         plot_tradeoff(tuning, plot)
         click.echo(f"drew {plot}", err=True)
+    save_report(report, lambda: _page(tuning, verdict))
     if as_json:
         print_json(_document(tuning, verdict))
     else:
         _show(tuning, verdict, reach)
-    save_report(report, lambda: _page(tuning, verdict))
     sys.exit(STATUS[verdict.outcome.value])
 
 
@@ -112,13 +112,15 @@ def _document(tuning: Tuning, verdict: Verdict) -> dict[str, Any]:
 
 
 def _show(tuning: Tuning, verdict: Verdict, reach: float) -> None:
-    from netlist_gen.quantities import show
+    from netlist_gen.overrides.keys import find_key
+    from netlist_gen.quantities import show, written
     from verification.report.tables import make_table, whole
     from verification.report.verdict.table import print_verdict
 
+    units = {path: find_key(tuning.scene, path).unit for path in tuning.after.values}
     page, rows = console(), []
     for name, candidate in (("before", tuning.before), ("after", tuning.after)):
-        values = [f"{value:.5g}" for value in candidate.values.values()]
+        values = [show(value, units[path], 5) for path, value in candidate.values.items()]
         settling = show(candidate.settling_time, "s")
         rows.append((name, *values, settling, f"{100 * candidate.overshoot:.3g} %"))
     page.print(make_table(whole("", *tuning.after.values, "settling time", "overshoot"), rows))
@@ -129,13 +131,13 @@ def _show(tuning: Tuning, verdict: Verdict, reach: float) -> None:
         " \\[design]:"
     )
     for path, value in tuning.after.values.items():
-        page.print(f"  {path.removeprefix('design.')} = {value!r}")
-    page.print(f"  resistance = {scalings.resistance!r}")
+        page.print(f"  {path.removeprefix('design.')} = {written(value, units[path])}")
+    page.print(f"  resistance = {written(scalings.resistance, 'ohm')}")
     for path, edge in tuning.at_edges.items():
         name = path.removeprefix("design.")
         page.print(
-            f"{name} is at the edge of its range, {edge:.4g}: a wider range may hold a better"
-            f" design, such as --over {name}=LOW:HIGH or --reach {2 * reach:g}"
+            f"{name} is at the edge of its range, {show(edge, units[path])}: a wider range may hold"
+            f" a better design, such as --over {name}=LOW:HIGH or --reach {2 * reach:g}"
         )
     print_verdict(verdict, page)
 

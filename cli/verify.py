@@ -172,7 +172,6 @@ def _report(verdict: taction.Verdict, remedies: Remedies | None) -> Report:
 def _verify_files(scenes: tuple[str, ...], as_json: bool, options: dict[str, Any]) -> None:
     from verification.report.files.junit import files_junit
     from verification.report.files.table import files_document, print_files
-    from verification.report.output_checks import check_folder
     from verification.studies.scene_files import scene_files
     from verification.studies.verify_files import verify_files
 
@@ -181,8 +180,6 @@ def _verify_files(scenes: tuple[str, ...], as_json: bool, options: dict[str, Any
         if options[name] is not None:
             text = "shows one board; give one scene file, without --exclude and --junit"
             raise InputError(f"--{name}", Complaint("FILE", repr(options[name]), text))
-    if junit is not None:
-        check_folder(junit, "--junit")
     describe = _description(options["margins"])
     files = scene_files(scenes, options["exclude"])
     with stage_display() as progress:

@@ -109,6 +109,21 @@ def show(value: float, unit: str, digits: int = 4) -> str:
     return str(Quantity(value, unit).render(prec=digits - 1, strip_zeros=True))
 
 
+def written(value: float, unit: str) -> str:
+    """Return `value` as a scene file has it: text that reads as exactly this value, else a number.
+
+    Examples
+    --------
+    >>> written(2400.0, "ohm")
+    '"2.4kohm"'
+    >>> written(1.0 / 3.0, "V")
+    '0.3333333333333333'
+    """
+    text = show(value, unit, 7).replace(" ", "")
+    exact = unit in UNITS and math.isfinite(value) and value != 0 and parse(text, unit) == value
+    return f'"{text}"' if exact else repr(value)
+
+
 def show_rate(rate: float, digits: int = 4) -> str:
     """Return a growth rate, 1/s, with its sign: ``show_rate(1000.0)`` is ``"+1 k/s"``."""
     return ("+" if rate > 0 else "") + show(rate, "1/s", digits)

@@ -43,6 +43,23 @@ def open_regular(path: str | Path) -> Iterator[BinaryIO]:
         raise UnusableFileError(str(error)) from None
 
 
+def read_text(path: str | Path, limit: int) -> str:
+    """Return the text of a UTF-8 file of at most `limit` bytes, without its byte order mark.
+
+    Raises
+    ------
+    UnusableFileError
+        See `read_bounded`; or the file is not UTF-8.
+    """
+    content = read_bounded(path, limit)
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        text = f"line {line} is not UTF-8 (byte 0x{content[error.start]:02x})"
+        raise UnusableFileError(f"{text}; save the file as UTF-8") from None
+
+
 def read_bounded(path: str | Path, limit: int) -> bytes:
     """Return the content of a regular file of at most `limit` bytes.
 

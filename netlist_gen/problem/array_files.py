@@ -17,7 +17,7 @@ from netlist_gen.scene.arrays import fitted
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from spice_models.errors import Complaint, InputError
-from spice_models.foreign_files import LARGEST, read_bounded
+from spice_models.foreign_files import LARGEST, read_bounded, read_text
 
 SEPARATORS = {";": "';'", "\t": "tabs", " ": "blanks"}
 _COMMA = re.compile(r"[-+]?[0-9]*[.,]?[0-9]+([eE][-+]?[0-9]+)?")  # a number, perhaps 1,5
@@ -141,7 +141,8 @@ def _read_csv(path: Path, key: str, skip: int = 0) -> Floats:
             continue
         rows.append(_numbers(cells, path, key, number))
         if len(rows[-1]) != len(rows[0]):
-            text = f"line {number} has {len(rows[-1])} values, the first {len(rows[0])}"
+            text = f"line {number} has {len(rows[-1])} values, the first {len(rows[0])}; expected"
+            text += " as many in every line"
             raise InputError(path, Complaint(key, repr(path.name), text))
     return np.array(rows, dtype=np.float64).reshape(len(rows), len(rows[0]) if rows else 0)
 
@@ -149,7 +150,7 @@ def _read_csv(path: Path, key: str, skip: int = 0) -> Floats:
 def _rows(path: Path, key: str) -> Iterator[tuple[int, list[str]]]:
     """Yield number and cells of each line; empty lines and lines that start with # are skipped."""
     try:
-        text = read_bounded(path, LARGEST).decode("utf-8-sig")
+        text = read_text(path, LARGEST)
         for number, cells in enumerate(csv.reader(io.StringIO(text, newline="")), start=1):
             if not cells or not "".join(cells).strip() or cells[0].lstrip().startswith("#"):
                 continue

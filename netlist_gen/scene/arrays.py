@@ -41,17 +41,26 @@ def fitted(values: Floats, shape: tuple[int | None, ...]) -> Floats:
         values = values.ravel()
     if len(shape) == 2 and values.ndim == 1:
         values = values[None, :]
+    if values.size == 0:
+        shown = " x ".join(map(str, values.shape))
+        raise ValueError(f"no numbers (shape {shown}); expected {_words(shape)}")
     fits = values.ndim == len(shape) and all(
         expected in (None, length) for expected, length in zip(shape, values.shape, strict=True)
     )
-    if not fits or values.size == 0:
-        expected = " x ".join("any" if n is None else str(n) for n in shape)
-        raise ValueError(f"shape {' x '.join(map(str, values.shape))}; expected {expected}")
+    if not fits:
+        raise ValueError(f"shape {' x '.join(map(str, values.shape))}; expected {_words(shape)}")
     bad = np.argwhere(~np.isfinite(values))
     if bad.size:
         place = ", ".join(str(i + 1) for i in bad[0])
         raise ValueError(f"entry ({place}) is not finite")
     return values
+
+
+def _words(shape: tuple[int | None, ...]) -> str:
+    """Return the expected shape: its lengths, or what it is where these may be any."""
+    if all(length is None for length in shape):
+        return "rows of numbers" if len(shape) > 1 else "a column of numbers"
+    return " x ".join("any" if length is None else str(length) for length in shape)
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +82,10 @@ class _NameOrArray:
         raise ValueError(EXPECTED)
 
     def __get_pydantic_core_schema__(self, source: object, handler: object) -> CoreSchema:
-        return core_schema.no_info_plain_validator_function(self.check)
+        written = core_schema.plain_serializer_function_ser_schema(
+            lambda value: value if isinstance(value, str) else value.tolist(), when_used="json"
+        )
+        return core_schema.no_info_plain_validator_function(self.check, serialization=written)
 
     def __get_pydantic_json_schema__(self, schema: object, handler: object) -> dict[str, Any]:
         numbers = {"type": "array", "items": {"type": "number"}, "minItems": 1}

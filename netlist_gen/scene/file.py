@@ -9,7 +9,7 @@ from typing import Any
 
 from netlist_gen.scene.scene import Scene, parse_scene
 from spice_models.errors import Complaint, InputError
-from spice_models.foreign_files import MEGABYTE, UnusableFileError, read_bounded
+from spice_models.foreign_files import MEGABYTE, UnusableFileError, read_text
 
 MAX_BYTES = MEGABYTE
 DEEPEST = 50  # parts of a dotted key
@@ -39,13 +39,13 @@ def load_scene(path: str | Path) -> Scene:
 def _read_toml(path: Path) -> dict[str, Any]:
     accepted = "a scene file in TOML; `taction new` writes one"
     try:
-        text = read_bounded(path, MAX_BYTES).decode("utf-8-sig")
+        text = read_text(path, MAX_BYTES)
         if _DEEP.search(text):  # tomllib takes quadratic time
             raise ValueError(f"a key of over {DEEPEST} parts")
         return tomllib.loads(text)
     except UnusableFileError as error:
         raise InputError(path, Complaint("file", "", f"{error}; expected {accepted}")) from None
-    except ValueError as error:  # no TOML, no UTF-8, or an integer of over 4300 digits
+    except ValueError as error:  # no TOML, or an integer of over 4300 digits
         raise InputError(path, Complaint("TOML", "", f"{error}; expected {accepted}")) from None
     except RecursionError:
         text = f"nested too deeply; expected {accepted}"

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, get_args
@@ -21,9 +22,16 @@ TEXTS = {  # in the place of pydantic's texts, which name types of Python
     "model_attributes_type": "expected a table",
     "float_type": "expected a plain number, without quotes or unit",
     "int_type": "expected a plain whole number, without quotes or unit",
+    "greater_than": "must be above {gt:g}",
+    "greater_than_equal": "must be {ge:g} or more",
+    "less_than": "must be below {lt:g}",
+    "less_than_equal": "must be {le:g} or less",
+    "bool_type": "expected true or false",
     "string_pattern_mismatch": "letters, digits, '-', '_' and '.' only",
 }
 
+
+PLAIN = re.compile(r"[0-9]{1,9}(\.[0-9]{1,9})?")
 
 Root = TypeVar("Root", bound=BaseModel)
 
@@ -135,8 +143,17 @@ def _complaints(
         elif kind == "union_tag_not_found":
             yield Complaint(f"{key}.kind", "", "required; 'tactile' or 'matrix'")
         else:
-            text = TEXTS.get(kind, item["msg"].removeprefix("Value error, "))
-            yield Complaint(key, _value(item["input"]), text)
+            text = item["msg"].removeprefix("Value error, ")
+            text = TEXTS[kind].format(**context) if kind in TEXTS else text
+            yield Complaint(key, _value(item["input"]), text + _share(item["input"]))
+
+
+def _share(value: object) -> str:
+    """Return how to write a percentage: ``"; 5 % is 0.05"``; empty for any other value."""
+    number = value.strip().removesuffix("%").strip() if isinstance(value, str) else ""
+    if not str(value).strip().endswith("%") or not PLAIN.fullmatch(number):
+        return ""
+    return f"; {number} % is {float(number) / 100.0:g}"
 
 
 def _real_path(location: Sequence[int | str], data: Any, *, missing: bool) -> list[str]:

@@ -25,7 +25,7 @@ def questions(scene: Scene) -> tuple[str, ...]:
 
 
 def value_questions(scene: Scene) -> Iterator[str]:
-    """Yield the capacitances that no board has, and limits that exclude each other."""
+    """Yield the capacitances that no board has, and limits that are no limits."""
     farads = scene.design.capacitance
     if not USUAL[0] <= farads <= USUAL[1]:
         low, high = (show(limit, "F") for limit in USUAL)
@@ -33,6 +33,13 @@ def value_questions(scene: Scene) -> Iterator[str]:
             f"design.capacitance = {show(farads, 'F')} is not between {low} and {high}; is the"
             " prefix right? 'm' is milli, 'u' micro, 'n' nano, 'p' pico"
         )
+    for name in ("overshoot", "undershoot"):
+        check = getattr(scene.checks, name)
+        if check is not None and check.max is not None and check.max > 1.0:
+            yield (
+                f"checks.{name}: max = {check.max:g} is {100.0 * check.max:g} % of the step; is it"
+                f" a percentage? {check.max:g} % is {check.max / 100.0:g}"
+            )
     for name in TIMES:
         check = getattr(scene.checks, name)
         if check is not None and None not in (check.min, check.max) and check.min > check.max:

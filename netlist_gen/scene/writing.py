@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from netlist_gen.overrides.keys import all_keys
+from netlist_gen.quantities import written
 from netlist_gen.scene.scene import Scene
 
 FILES = ("matrix", "strain", "stress", "file")  # keys of `problem` and of its load that are files
@@ -34,16 +36,22 @@ def scene_text(scene: Scene, folder: str | Path | None = None) -> str:
     [design]
     opamp = { base = "tl084" }
     <BLANKLINE>
+
+    Quantities stand as an engineer writes them, where that reads as exactly the same number:
+
+    >>> data["design"] = {"gain": 2400.0}
+    >>> print(scene_text(parse_scene(data, "scene.toml")).splitlines()[4])
+    gain = "2.4kohm"
     """
+    units = {key.path: key.unit for key in all_keys(scene) if key.unit}
     data = scene.model_dump(by_alias=True, exclude_unset=True)
     if folder is not None:
         _move(data.get("problem", {}), scene.folder, Path(folder))
-    plain = [f"{key} = {_value(v)}" for key, v in data.items() if not isinstance(v, dict)]
+    plain = [f"{key} = {_value(v, key, units)}" for key, v in data.items() if type(v) is not dict]
     tables = [plain] if plain else []
     for name, table in data.items():
         if isinstance(table, dict):
-            lines = [f"{key} = {_value(v)}" for key, v in table.items() if v is not None]
-            tables.append([f"[{name}]", *lines])
+            tables.append([f"[{name}]", *_lines(table, f"{name}.", units)])
     return "\n\n".join("\n".join(lines) for lines in tables) + "\n"
 
 
@@ -56,15 +64,26 @@ def _move(table: dict[str, Any], before: Path, after: Path) -> None:
             table[key] = Path(moved).as_posix()
 
 
-def _value(value: Any) -> str:
+def _lines(table: Mapping[str, Any], prefix: str, units: Mapping[str, str]) -> Iterator[str]:
+    for key, value in table.items():
+        if value is not None:
+            yield f"{key} = {_value(value, prefix + key, units)}"
+
+
+def _value(value: Any, path: str, units: Mapping[str, str]) -> str:
+    """Return a value as TOML has it; `path` is its key, `units` those of all keys."""
     if isinstance(value, Mapping):
-        inner = ", ".join(f"{key} = {_value(v)}" for key, v in value.items() if v is not None)
+        inner = ", ".join(_lines(value, f"{path}.", units))
         return f"{{ {inner} }}" if inner else "{}"
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):
         text = json.dumps(value, ensure_ascii=False)
         return text.replace("\x7f", "\\u007f")
-    if isinstance(value, float) and not math.isfinite(value):
-        return "inf" if value > 0 else "-inf"
+    if isinstance(value, float):
+        if not math.isfinite(value):
+            return "inf" if value > 0 else "-inf"
+        return written(value, units.get(path, ""))
+    if hasattr(value, "tolist"):  # an array in the file
+        return repr(value.tolist())
     return repr(value)

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import importlib.util
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import jsonschema
 import pytest
 
 import taction
 from tests.support.entries import write_fast
 from tests.support.running import document
 from tests.support.running import taction as run
+from verification.report.explorer import server
+from verification.report.schemas.catalogue import schema
 
 SET = ("--set", "C=20pF", "--set", "design.gain=2Mohm")
 
@@ -40,6 +45,18 @@ def test_wrong_settings_are_bad_input(tmp_path: Path, setting: str) -> None:
     result = run("verify", str(write_fast(tmp_path / "a.toml")), "--set", setting)
     assert result.exit_code == 2
     assert "--set" in result.stderr or "design.opamp" in result.stderr
+
+
+def test_the_document_has_the_address(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The server is replaced by one that only announces itself: a page would stay until Ctrl-C."""
+
+    def announced(scene: Any, *, announce: Callable[[str], None], **_: Any) -> None:
+        announce("http://127.0.0.1:1234/?token=x")
+
+    monkeypatch.setattr(server, "explore", announced)
+    found = document(run("explore", str(write_fast(tmp_path / "a.toml")), "--json"))
+    assert found["address"] == "http://127.0.0.1:1234/?token=x"
+    jsonschema.validate(found, schema("explore"))
 
 
 def test_a_missing_scene_is_bad_input(tmp_path: Path) -> None:

@@ -204,7 +204,7 @@ def test_netlist_in_two_files(tmp_path: Path, ngspice: str) -> None:
     [
         (["--split"], "give -o FILE"),
         (["--split", "-o", "my board.cir"], "letters, digits"),
-        (["-o", "nowhere/board.cir"], "a file that can be written"),
+        (["-o", "nowhere/board.cir"], "its folder does not exist"),
     ],
 )
 def test_netlist_refuses(options: list[str], says: str) -> None:

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import subprocess
 import sys
+from pathlib import Path
+from typing import Any
 
 import pytest
 
 from cli.main import COMMANDS, main
 from cli.reference import EXIT_STATUSES, reference
+from cli.reference_examples import EXAMPLES
 from scripts.man_pages import pages
 from tests.support.paths import ROOT
 from tests.support.running import document, taction
@@ -50,6 +54,34 @@ def test_types_defaults_and_arguments() -> None:
     (scenes,) = commands["verify"]["arguments"]
     assert (scenes["name"], scenes["required"], scenes["several"]) == ("scenes", True, True)
     assert "taction_ngspice" in map(str.lower, document(taction("--json", "--help"))["environment"])
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: str(example["task"]))
+def test_an_example_gives_its_answer(
+    example: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ngspice: str
+) -> None:
+    """With nothing but the document: files, call, schema and the place of the answer."""
+    monkeypatch.chdir(tmp_path)
+    for name, text in example["files"].items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    program, *words = shlex.split(example["call"])
+    assert program == "taction"
+    found = document(taction(*words))
+    assert found["taction"]["schema"] == example["schema"]
+    answer = found
+    for step in example["read"]:
+        answer = answer[step]
+    assert isinstance(answer, str | float)
+    last = [step for step in example["read"] if isinstance(step, str)][-1]
+    assert example["schema"] in document(taction("--json", "--help"))["fields"][last]["schemas"]
+
+
+def test_a_field_is_found_with_its_unit_and_its_schemas() -> None:
+    found = document(taction("--json", "--help"))
+    assert found["fields"]["settling_time"]["unit"] == "s"
+    assert {"verify-1", "sweep-1"} <= set(found["fields"]["settling_time"]["schemas"])
+    assert found["scene_file"]["symbols"]["C"] == "design.capacitance"
 
 
 def complete(shell: str, *words: str) -> str:

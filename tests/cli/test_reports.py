@@ -12,7 +12,17 @@ from cli.main import COMMANDS, main
 from tests.support.entries import write_fast
 
 TOLERANCES = "\n[tolerances]\nresistor = 0.01\n"
-WITH_REPORT = ("verify", "sweep", "montecarlo", "corners", "onset", "accuracy", "tune", "regress")
+WITH_REPORT = (
+    "verify",
+    "sweep",
+    "montecarlo",
+    "corners",
+    "onset",
+    "accuracy",
+    "tune",
+    "regress",
+    "choose",
+)
 
 
 def taction(*arguments: str) -> Result:
@@ -68,6 +78,7 @@ def test_a_report_that_is_no_page_is_refused_before_any_work(tmp_path: Path, nam
     more = {
         "sweep": ("--over", "C=1pF,2pF", "-o", str(tmp_path / "a.sqlite")),
         "onset": ("--over", "C"),
+        "choose": ("--store", str(tmp_path / "a.sqlite")),
         "regress": ("--baseline", str(tmp_path / "b.json"), "--update"),
     }
     run = taction(name, target, *more.get(name, ()), "--report", str(tmp_path / "a.txt"))

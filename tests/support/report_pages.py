@@ -8,7 +8,9 @@ from typing import Any
 
 import taction
 from netlist_gen.analysis import Transient
+from netlist_gen.overrides.axes import with_values
 from netlist_gen.scene.scene import Scene
+from spice_models.errors import InputError
 from tests.support.entries import entry
 from tests.support.making import make_scene
 from tests.support.studying import one_thread, small_scene
@@ -27,6 +29,7 @@ from verification.report.html.blocks import (
     Section,
     Table,
 )
+from verification.report.html.choice_report import choice_report
 from verification.report.html.corners_report import corners_report
 from verification.report.html.onset_report import onset_report
 from verification.report.html.regression_report import regression_report
@@ -34,11 +37,14 @@ from verification.report.html.sweep_report import sweep_report
 from verification.report.html.tuning_report import tuning_report
 from verification.report.html.verdict_report import verdict_report
 from verification.report.html.yield_report import yield_report
+from verification.studies.choose.ranking import Confirmation, best_designs, design_scene, designs
+from verification.studies.choose.request import Request, choice_plan
 from verification.studies.regression.compare import Difference
 from verification.studies.regression.run import RegressionReport, SceneResult, Status
-from verification.studies.sweep.plan import Plan
+from verification.studies.sweep.plan import Plan, Requests
+from verification.studies.sweep.point import failure, verdict_record
 from verification.studies.sweep.run import SweepCounts
-from verification.studies.sweep.store import Store
+from verification.studies.sweep.store import Store, StoredResult
 from verification.studies.tolerance.corners import worst_corners
 from verification.studies.tolerance.varied_board import prepare
 from verification.studies.tolerance.yield_report import (
@@ -146,6 +152,28 @@ def swept(*over: str) -> tuple[Plan, Store, SweepCounts]:
     return plan, store, count
 
 
+def _choice(settling: str = "1ms") -> Report:
+    limits = {"checks.settling_time.max": settling, "checks.noise.max": "1V"}
+    request = Request(["tl084", "ad8065"], "100pF:1nF", "50k:200k", 3, limits)
+    asked = verdicts()["passing"].scene
+    plan = choice_plan(asked, request)
+    with Store(":memory:") as store:
+        for point in Requests(plan):
+            try:
+                record = verdict_record(verify(with_values(plan.scene, point.values)))
+                result = StoredResult(record["outcome"], record)
+            except InputError as error:
+                result = failure("InputError", str(error), "statespace")
+            store.put(point.request, result, point.request)
+        ranked = designs(plan, store)
+    best = best_designs(ranked)
+    reading = best[0].settling_time if best else None
+    said = [Confirmation(Outcome.PASS, reading, "") for _ in best[:1]]
+    said += [Confirmation(None, None, HOSTILE) for _ in best[1:]]
+    verdict = verify(design_scene(plan, asked, best[0], 1)) if best else None
+    return choice_report(asked, ranked, best, said, verdict)
+
+
 def _setting(method: Method, setting: float, k: int) -> SettingResult:
     errors = dict.fromkeys(NORMS) | {"maximum": 1e-2 * 0.1**k, "final": 1e-3 * 0.1**k}
     seconds = 0.01 * 2.0**k
@@ -210,6 +238,8 @@ STUDIES: dict[str, Callable[[], Report]] = {
     "sweep, op-amps": lambda: _sweep("opamp.base=ua741,op27", "C=10pF:100pF:3"),
     "accuracy": _accuracy,
     "regress": _regression,
+    "choose": _choice,
+    "choose, none passes": lambda: _choice("1ns"),
 }
 VERDICTS = (
     "passing", "failing", "oscillating", "exponential", "passive", "one channel", "64 channels"

@@ -71,7 +71,7 @@ def test_keys_of_any_table_are_found_by_name() -> None:
         ([[1.0], [1.0, 2.0]], EPS, {}, "problem.matrix = [[1.0], [1.0, 2.0]]: expected the name"),
         ([["a"]], EPS, {}, "expected the name of a file, or an array of real numbers"),
         ([[1j]], EPS, {}, "or an array of real numbers"),
-        ([[]], [], {}, "shape 1 x 0; expected any x any"),
+        ([[]], [], {}, "no numbers (shape 1 x 0); expected rows of numbers"),
     ],
 )
 def test_what_is_wrong_is_named(

@@ -10,7 +10,7 @@ of the value, and a crossing is a zero of some ``r_k``.
 from __future__ import annotations
 
 import math
-from bisect import insort
+from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 
@@ -80,7 +80,10 @@ class _Search:
             raise self._error
 
     def take(self, place: float, value: float | None = None) -> Sample:
-        """Take one more sample and insert it in order."""
+        """Return the sample at a place: one more in its order, or the one that is there."""
+        there = bisect_left(self.samples, place, key=lambda each: each.place)
+        if there < len(self.samples) and self.samples[there].place == place:
+            return self.samples[there]
         if value is None:
             value = math.exp(place) if self.logarithmic else place
         try:
@@ -89,7 +92,7 @@ class _Search:
         except (InputError, EngineError) as error:
             self._error = self._error or error
             sample = Sample(place, value, np.zeros(0, complex), failure=str(error))
-        insort(self.samples, sample, key=lambda each: each.place)
+        self.samples.insert(there, sample)
         return sample
 
     def without_crossing(self) -> list[Triple]:

@@ -25,6 +25,7 @@ from spice_models.array_types import Floats
 from spice_models.errors import EngineError
 from verification.studies.remedies.axis_search import search_range
 from verification.studies.remedies.trials import Trial, Trials
+from verification.studies.running.pace import Pace
 from verification.studies.tuning_ranges import Range, parse_ranges
 
 GRID = {1: 25, 2: 9, 3: 5}  # points of each parameter, by the number of parameters
@@ -32,6 +33,7 @@ REACH = 20.0  # the range is the scene's value divided and multiplied by this fa
 OVERSHOOT = 0.05  # default limit
 STARTS = 3  # points of the grid from which a simplex starts
 EVALUATIONS = 40  # of one simplex
+USUAL = {1: 24, 2: EVALUATIONS, 3: EVALUATIONS}  # of one simplex, for the remaining time
 RESERVE = 0.99  # of the overshoot limit: the verification adds the simulator's error
 INFEASIBLE = 1e6  # added to the objective for every check that does not pass
 
@@ -107,19 +109,19 @@ def tune(
     ranges = parse_ranges(scene, keys, reach or REACH, max(GRID))
     check = scene.checks.overshoot
     limit = overshoot or (OVERSHOOT if check is None else check.max)
-    search = _Search(scene, ranges, limit, margin or scene.checks.stability.margin)
+    search = _Search(scene, ranges, limit, margin or scene.checks.stability.margin, progress)
     before = search.evaluate({each.path: each.own for each in ranges})
     count = GRID[len(ranges)]
     axes = [np.linspace(math.log(each.low), math.log(each.high), count) for each in ranges]
     grid = [np.array(point) for point in product(*axes)]
     for number, point in enumerate(grid, 1):
-        progress(f"grid {number} of {len(grid)}")
+        search.begin(f"grid {number} of {len(grid)}", len(grid) - number + 1, STARTS)
         search.at(point)
     if not search.feasible(search.best(1)[0]):
-        progress("from the scene outwards")
+        search.begin("from the scene outwards", 0, STARTS)
         search.seed()
     for number, start in enumerate(search.best(STARTS), 1):
-        progress(f"simplex {number} of {STARTS}")
+        search.begin(f"simplex {number} of {STARTS}", 0, STARTS - number + 1)
         search.descend(start, [float(axis[1] - axis[0]) for axis in axes])
     after = search.best(1)[0]
     if not search.feasible(after):
@@ -158,8 +160,12 @@ class _Search:
     ranges: Sequence[Range]
     overshoot: float
     margin: float
+    progress: Callable[[str], None]
     candidates: list[Candidate] = field(default_factory=list)
     trials: Trials = field(init=False)
+    pace: Pace = field(default_factory=Pace)
+    stage: str = "the scene's design"
+    left: int = 0  # candidates that are left, about
 
     def __post_init__(self) -> None:
         self.trials = Trials(self.limited)
@@ -171,6 +177,10 @@ class _Search:
         limits |= {"stability": StabilityCheck(margin=self.margin)}
         checks = self.original.checks.model_copy(update=limits)
         return self.original.model_copy(update={"checks": checks})
+
+    def begin(self, stage: str, points: int, simplexes: int) -> None:
+        """Begin a stage; so many points of the grid and simplexes are left with it."""
+        self.stage, self.left = stage, points + simplexes * USUAL[len(self.ranges)]
 
     def tuned_scene(self, candidate: Candidate) -> Scene:
         """Return the original scene with the design of `candidate` and the limits as checks."""
@@ -230,6 +240,8 @@ class _Search:
             self.trials.board_at(dict(values))  # raises the error of the scene's own design
         candidate = _candidate(values, trial)
         self.candidates.append(candidate)
+        self.left = max(self.left - 1, 0)
+        self.progress(f"{self.stage}{self.pace.ended(self.left)}")
         return candidate
 
     def seed(self) -> None:

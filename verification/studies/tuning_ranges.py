@@ -74,6 +74,7 @@ def _range(scene: Scene, path: str, body: str, reach: float) -> Range:
     low, colon, high = body.partition(":")
     least, most = (float(read_value(key, end)) for end in (low, high if colon else low))
     if not 0.0 < least < most:
-        text = f"expected a range above zero, such as {path}=LOW:HIGH"
+        swapped = "; are the two swapped?" if least > most > 0.0 else ""
+        text = f"expected a range above zero, LOW below HIGH: {path}=LOW:HIGH{swapped}"
         raise InputError("--over", Complaint(path, repr(body), text))
     return Range(path, own, least, most, key.unit)

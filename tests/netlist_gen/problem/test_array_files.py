@@ -43,7 +43,7 @@ def test_a_vector_may_stand_as_a_row_or_a_column(scene: Scene, tmp_path: Path, t
         (np.array([[1j]]), "real numbers"),
         (np.array([["a"]]), "real numbers"),
         (np.array([[True]]), "real numbers"),
-        (np.zeros((2, 2, 2)), "shape 2 x 2 x 2; expected any x any"),
+        (np.zeros((2, 2, 2)), "shape 2 x 2 x 2; expected rows of numbers"),
         (np.zeros((0, 3)), "shape 0 x 3"),
         (np.array([[object()]]), "its type is object"),
     ],

@@ -31,14 +31,14 @@ def run(scene: Path, *options: str) -> Result:
         (TACTILE + "[desing]\nx = 1", "desing", "{'x': 1}", "mean 'design'?"),
         (TACTILE + "[checks]\novershot = {max = 1}", "checks.overshot", "", "mean 'overshoot'?"),
         (TACTILE + "[design]\nlam = 1.0", "design.lam", "1.0", "mean 'lambda'?"),
-        (TACTILE + "channels = 0", "problem.channels", "0", "greater than or equal to 1"),
+        (TACTILE + "channels = 0", "problem.channels", "0", "must be 1 or more"),
         (TACTILE + "channels = 2.5", "problem.channels", "2.5", "whole number"),
         (TACTILE + 'channels = "7"', "problem.channels", "'7'", "without quotes"),
         (TACTILE + "channels = true", "problem.channels", "True", "plain whole number"),
-        (TACTILE + "poisson = 0.6", "problem.poisson", "0.6", "less than or equal to 0.5"),
+        (TACTILE + "poisson = 0.6", "problem.poisson", "0.6", "must be 0.5 or less"),
         (TACTILE + "span = inf", "problem.span", "inf", "finite number"),
         (TACTILE + "noise = {variance = nan}", "problem.noise.variance", "nan", "finite number"),
-        (TACTILE + "load = {normalised = 1}", "problem.load.normalised", "1", "valid boolean"),
+        (TACTILE + "load = {normalised = 1}", "problem.load.normalised", "1", "true or false"),
         (TACTILE + 'load = {kind = "cyl"}', "problem.load.kind", "'cyl'", "mean 'cylinder'?"),
         (TACTILE + 'load = {kind = "csv"}', "problem.load.file", "", "y and stress"),
         (TACTILE + "load = 3", "problem.load", "3", "expected a table"),
@@ -127,7 +127,7 @@ def test_files_that_are_no_scene(tmp_path: Path) -> None:
         (tmp_path, "not a regular file"),
         (Path("/dev/zero"), "not a regular file"),
         (huge, "over 1 MB"),
-        (binary, "utf-8"),
+        (binary, "is not UTF-8"),
     ):
         result = run(path, "--json")
         assert result.exit_code == 2
@@ -138,7 +138,7 @@ def test_files_that_are_no_scene(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("T", "eps", "says"),
     [
-        ("1,2\n3\n", "1\n2\n", "line 2 has 1 values, the first 2"),
+        ("1,2\n3\n", "1\n2\n", "line 2 has 1 values, the first 2; expected as many in every line"),
         ("1,2\n3,\n", "1\n2\n", "line 2, column 2: no value"),
         ("1,x\n3,4\n", "1\n2\n", "line 1, column 2: 'x' is not a finite number"),
         ("1,nan\n3,4\n", "1\n2\n", "'nan' is not a finite number"),
@@ -147,8 +147,8 @@ def test_files_that_are_no_scene(tmp_path: Path) -> None:
         ("1,2\n3,4\n", "1\n2\n3\n", "shape 3; expected 2"),
         ("1,2\n3,4\n", "1,2\n3,4\n", "shape 2 x 2; expected 2"),
         ("0,0\n0,0\n", "1\n2\n", "T is all zeros"),
-        ("", "1\n", "shape 0 x 0"),
-        ("# only a comment\n", "1\n", "shape 0 x 0"),
+        ("", "1\n", "no numbers (shape 0 x 0); expected rows of numbers"),
+        ("# only a comment\n", "1\n", "no numbers (shape 0 x 0)"),
     ],
 )
 def test_a_table_with_a_mistake_is_named(tmp_path: Path, T: str, eps: str, says: str) -> None:
@@ -159,6 +159,32 @@ def test_a_table_with_a_mistake_is_named(tmp_path: Path, T: str, eps: str, says:
     assert result.exit_code == 2
     assert says in result.stderr
     assert json.loads(result.stdout)["error"]["kind"] == "InputError"
+
+
+def test_a_file_of_another_encoding_is_named_by_its_line(tmp_path: Path) -> None:
+    scene = tmp_path / "a.toml"
+    scene.write_bytes("[problem]\nkind = 'tactile'  # groß\n".encode("latin-1"))
+    assert "line 2 is not UTF-8 (byte 0xdf); save the file as UTF-8" in run(scene).stderr
+    table = write_matrix_scene(tmp_path, [[1.0]], [1.0])
+    (tmp_path / "T.csv").write_bytes("# µ\n1.0\n".encode("latin-1"))
+    assert "line 1 is not UTF-8 (byte 0xb5)" in run(table).stderr
+
+
+@pytest.mark.parametrize(
+    ("tables", "says"),
+    [
+        ('[tolerances]\nresistor = "5%"', "resistor = '5%': expected a plain number"),
+        ('[tolerances]\nresistor = "5%"', "; 5 % is 0.05"),
+        ("[checks]\nstability = { margin = 0.5 }", "margin = 0.5: must be 1 or more"),
+        ("[design]\nprune = 2", "prune = 2: must be below 1"),
+    ],
+)
+def test_a_number_out_of_its_range_is_named_in_plain_words(
+    tmp_path: Path, tables: str, says: str
+) -> None:
+    scene = tmp_path / "a.toml"
+    scene.write_text(f"[problem]\nkind = 'tactile'\n{tables}\n")
+    assert says in run(scene).stderr
 
 
 @pytest.mark.parametrize("name", ["missing.csv", "a\\u0000b.csv", "."])

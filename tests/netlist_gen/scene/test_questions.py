@@ -47,6 +47,12 @@ def test_a_long_time_without_a_unit_is_asked_about(value: Any) -> None:
     assert "has no unit and is 10 s" in asked(checks={"settling_time": value})
 
 
+@pytest.mark.parametrize("name", ["overshoot", "undershoot"])
+def test_a_percentage_for_a_fraction_is_asked_about(name: str) -> None:
+    assert "is 500 % of the step; is it a percentage? 5 % is 0.05" in asked(checks={name: 5})
+    assert asked(checks={name: 0.05}) == ""
+
+
 @pytest.mark.parametrize("value", ["10s", "10us", 1e-5, {"max": "10s"}, {"band": 0.5}])
 def test_a_time_with_a_unit_is_not(value: Any) -> None:
     assert asked(checks={"settling_time": value}) == ""

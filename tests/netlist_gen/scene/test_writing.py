@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -32,4 +33,29 @@ def test_files_of_another_folder(tmp_path: Path) -> None:
 def test_odd_characters_of_a_file_name() -> None:
     data = {"problem": {"kind": "matrix", "matrix": 'a "b"\\\t\x7fé.csv', "strain": "e.csv"}}
     scene = parse_scene(data, "scene.toml")
+    assert parse_scene(tomllib.loads(scene_text(scene)), "scene.toml") == scene
+
+
+def test_arrays_in_the_file_come_back() -> None:
+    data = {"problem": {"kind": "matrix", "matrix": [[1.0, 0.1], [-2e-30, 3.0]], "strain": [1, 2]}}
+    scene = parse_scene(data, "scene.toml")
+    assert "matrix = [[1.0, 0.1], [-2e-30, 3.0]]" in scene_text(scene)
+    assert parse_scene(tomllib.loads(scene_text(scene)), "scene.toml") == scene
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "text"),
+    [
+        ("gain", 2400.0, '"2.4kohm"'),
+        ("capacitance", 1e-11, '"10pF"'),
+        ("unit_conductance", 3.3e-7, '"330nS"'),
+        ("gain", 2400.0000000001, "2400.0000000001"),  # no short text reads as this number
+        ("supply", 15.0, '"15V"'),
+        ("opamp", {"gbw": 4e6, "slew_rate": 13e6}, '{ gbw = "4MHz", slew_rate = "13V/us" }'),
+    ],
+)
+def test_quantities_stand_as_an_engineer_writes_them(key: str, value: Any, text: str) -> None:
+    data = {"problem": {"kind": "tactile"}, "design": {key: value}}
+    scene = parse_scene(data, "scene.toml")
+    assert f"\n{key} = {text}\n" in scene_text(scene)
     assert parse_scene(tomllib.loads(scene_text(scene)), "scene.toml") == scene

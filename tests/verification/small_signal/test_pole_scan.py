@@ -156,3 +156,13 @@ def test_a_crossing_leaves_nothing_unresolved() -> None:
     found = scan(poles_of(lambda x: 1e-3 * x + 1e6j), GRID)
     assert places(found) == pytest.approx([0.0], abs=1e-6)
     assert found.unresolved == ()
+
+
+@pytest.mark.parametrize("near", [1e-12, 1e-6, 1e-2])
+def test_modes_that_turn_back_at_the_same_value_share_their_samples(near: float) -> None:
+    """As of a board with equal channels: each mode has its extreme where the others have theirs."""
+    laws = [lambda x, k=k: -near - (x - 0.3) ** 2 + 1j * k for k in (1, 2, 3)]  # type: ignore[misc]
+    found = scan(poles_of(*laws), [0.9, 1.3, 2.0])
+    assert found.crossings == ()
+    values = [sample.value for sample in found.samples]
+    assert len(values) == len(set(values))

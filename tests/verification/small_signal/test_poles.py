@@ -97,7 +97,7 @@ def test_a_board_without_a_step_still_has_time_scales() -> None:
 
 @pytest.mark.parametrize(("opamp", "gain", "unstable"), [("ua741", 1e3, 0), ("tl084", 3e5, 10)])
 def test_the_winding_counts_nearly_defective_cells(opamp: str, gain: float, unstable: int) -> None:
-    """Counts are those of the poles with 80 digits; the rightmost of the first: -25189 +- 73794j."""
+    """The counts are those of the poles with 80 digits: -25189 +- 73794j is the rightmost."""
     T = np.eye(5, k=1)
     scene = Scene.from_arrays(
         T, T @ np.ones(5), capacitance=1e-14, gain=gain, opamp=opamp, lam=0.1,

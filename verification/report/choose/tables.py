@@ -50,6 +50,12 @@ def first_of_each(designs: Sequence[Design]) -> list[Design]:
     return list(first.values())
 
 
+def proposed(confirmations: Sequence[Confirmation]) -> int:
+    """Return the number of the first design that ngspice confirms; 0 if it confirms none."""
+    passed = (k for k, said in enumerate(confirmations) if text_of(said) == "pass")
+    return next(passed, 0)
+
+
 def text_of(confirmation: Confirmation) -> str:
     """Return what ngspice says in a word."""
     return "not run" if confirmation.outcome is None else confirmation.outcome.value

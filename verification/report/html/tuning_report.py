@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 
 from netlist_gen.overrides.keys import find_key
+from netlist_gen.quantities import written
 from verification.report.html.blocks import (
     Block,
     Cell,
@@ -62,8 +63,11 @@ def _blocks(tuning: Tuning, verdict: Verdict) -> Iterator[Block]:
         ("lambda, unchanged", f"{verdict.circuit.scalings.lam:.4g}"),
     )
     yield Facts("", facts)
-    lines = [f"{path.removeprefix('design.')} = {v!r}" for path, v in tuning.after.values.items()]
-    lines.append(f"resistance = {verdict.circuit.scalings.resistance!r}")
+    lines = [
+        f"{path.removeprefix('design.')} = {written(value, keys[path])}"
+        for path, value in tuning.after.values.items()
+    ]
+    lines.append(f"resistance = {written(verdict.circuit.scalings.resistance, 'ohm')}")
     yield Code("the values for the table [design]", "\n".join(lines))
 
 

@@ -8,7 +8,16 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from verification.report.schemas import choice, plain, shared, studies, verdict
+from verification.report.schemas import (
+    benchmarks,
+    choice,
+    grids,
+    opamps,
+    plain,
+    shared,
+    studies,
+    verdict,
+)
 from verification.report.schemas.head import ERROR, schema_name
 from verification.report.schemas.units import UNIT_OF
 
@@ -19,6 +28,7 @@ MODELS: dict[str, type[BaseModel]] = {
     "netlist": plain.NetlistDocument,
     "bom": plain.BomDocument,
     "kicad": plain.KicadDocument,
+    "explore": plain.ExploreDocument,
     "solve": plain.SolveDocument,
     "simulate": verdict.SimulateDocument,
     "montecarlo": studies.MontecarloDocument,
@@ -27,15 +37,17 @@ MODELS: dict[str, type[BaseModel]] = {
     "tune": plain.TuneDocument,
     "scale": plain.ScaleDocument,
     "choose": choice.ChooseDocument,
-    "onset": studies.OnsetDocument,
-    "sweep": studies.SweepDocument,
+    "onset": grids.OnsetDocument,
+    "sweep": grids.SweepDocument,
     "regress": studies.RegressDocument,
-    "stress": studies.StressDocument,
-    "accuracy": studies.AccuracyDocument,
-    "reproduce": studies.ReproduceDocument,
-    "models": plain.ModelsDocument,
-    "models-show": plain.ShowDocument,
+    "stress": benchmarks.StressDocument,
+    "accuracy": benchmarks.AccuracyDocument,
+    "reproduce": benchmarks.ReproduceDocument,
+    "models": opamps.ModelsDocument,
+    "models-show": opamps.ShowDocument,
+    "models-import": opamps.ImportDocument,
     "new": plain.NewDocument,
+    "new-matrix": plain.NewMatrixDocument,
     "help": plain.HelpDocument,
     "doctor": plain.DoctorDocument,
     ERROR: shared.ErrorDocument,
@@ -56,6 +68,33 @@ def schema(name: str) -> dict[str, Any]:
     _with_units(made)
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": schema_name(name)}
     return head | made
+
+
+def fields() -> dict[str, dict[str, Any]]:
+    """Return for every field of a document its unit, if it has one, and the schemas that have it.
+
+    Examples
+    --------
+    >>> found = fields()["stable_ranges"]
+    >>> found["unit"], found["schemas"]
+    (None, ['verify-1', 'verify-files-1', 'montecarlo-sample-1', 'tune-1', 'scale-1', 'onset-1', \
+'new-matrix-1'])
+    """
+    found: dict[str, dict[str, Any]] = {}
+    for name in MODELS:
+        for field in sorted(set(_names(schema(name)))):
+            entry = found.setdefault(field, {"unit": UNIT_OF.get(field), "schemas": []})
+            entry["schemas"].append(schema_name(name))
+    return dict(sorted(found.items()))
+
+
+def _names(part: Any) -> Iterator[str]:
+    if isinstance(part, dict):
+        yield from part.get("properties", {})
+        part = list(part.values())
+    if isinstance(part, list):
+        for item in part:
+            yield from _names(item)
 
 
 def _with_units(part: Any) -> None:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from verification.report.schemas.shared import Document, Free, Number, Part
+from verification.report.schemas.grids import PointOutcome
+from verification.report.schemas.shared import Document, Number, Outcome, Part, Value, Word
 
 
 class ChosenDesign(Part):
     """One design of a choice; `values` by dotted paths, `shares` of the limits by check."""
 
     place: int
-    values: Free
-    outcome: str
+    values: dict[str, Value]
+    outcome: PointOutcome
     left: list[str]
     shares: dict[str, Number]
     settling_time: Number | None
@@ -25,10 +26,10 @@ class ChosenDesign(Part):
 class BestDesign(ChosenDesign):
     """One of the best designs, with what ngspice says."""
 
-    ngspice: str | None
+    ngspice: Outcome | None
     ngspice_settling_time: Number | None
     ngspice_reason: str
-    file: str | None
+    file: Word
 
 
 class ChooseDocument(Document):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from verification.report.schemas.shared import (
     Certificate,
@@ -11,11 +11,24 @@ from verification.report.schemas.shared import (
     Load,
     Number,
     Omission,
+    Outcome,
     Part,
     Word,
 )
 from verification.report.schemas.studies import Candidate
 from verification.report.schemas.verdict import VerdictBody
+
+
+class Pruning(Part):
+    """What pruning changes and saves; null: unknown."""
+
+    entries: int
+    change: Number
+    bound: Number
+    resistors: int | None
+    opamps: int | None
+    seconds: Number
+    whole_seconds: Number
 
 
 class NetlistDocument(Document):
@@ -24,7 +37,7 @@ class NetlistDocument(Document):
     files: list[str]
     deck: Word
     omissions: list[Omission]
-    pruning: Free | None
+    pruning: Pruning | None
     warnings: list[str]
     lam: Number = Field(alias="lambda")
 
@@ -66,13 +79,23 @@ class Packages(Part):
     spare: int
 
 
+class Power(Part):
+    """Supply current, A, and dissipation at rest, W."""
+
+    supply_current: Number
+    quiescent: Number
+    outputs: Number
+    resistors: Number
+    total: Number
+
+
 class BomDocument(Document):
-    """``taction bom``; `power` in W and A."""
+    """``taction bom``."""
 
     scene: str
     parts: list[Line]
     opamps: Packages
-    power: dict[str, Number]
+    power: Power
     not_listed: list[str]
 
 
@@ -86,10 +109,16 @@ class KicadDocument(Document):
     not_drawn: list[str]
 
 
+class ExploreDocument(Document):
+    """``taction explore``: where the page is, with its secret."""
+
+    address: str
+
+
 class SolveDocument(Document):
     """``taction solve``."""
 
-    outcome: str
+    outcome: Outcome
     u: list[Number]
     v: list[Number] | None
     lam: Number = Field(alias="lambda")
@@ -106,7 +135,7 @@ class SolveDocument(Document):
 class TuneDocument(Document):
     """``taction tune``."""
 
-    outcome: str
+    outcome: Outcome
     before: Candidate
     after: Candidate
     resistance: Number
@@ -123,7 +152,7 @@ class TuneDocument(Document):
 class ScaleDocument(Document):
     """``taction scale``."""
 
-    outcome: str
+    outcome: Outcome
     unit_conductance: Number
     unit_voltage: Number
     gain: Number
@@ -150,34 +179,6 @@ class DoctorDocument(Document):
 
     findings: list[Finding]
     ok: bool
-
-
-class ModelsDocument(Document):
-    """``taction models``: the figures of each preset, by its name."""
-
-    model_config = ConfigDict(extra="allow")
-    __pydantic_extra__: dict[str, dict[str, Number | str]] = Field(init=False)
-
-
-class Figure(Part):
-    """A figure of a data sheet."""
-
-    value: Number
-    unit: str
-    note: str = Field(description="what the sheet says beside it, or how it was derived")
-
-
-class ShowDocument(Document):
-    """``taction models show``: one op-amp."""
-
-    name: str
-    source: str
-    external_part: str
-    figures: dict[str, Figure]
-    supply: Number = Field(description="of the test benches, both voltages")
-    measured: dict[str, dict[str, Number | str]] = Field(
-        description="by figure: its unit, its stated value, and that of each engine"
-    )
 
 
 class Parameter(Part):
@@ -209,6 +210,32 @@ class Command(Part):
     schemas: list[str]
 
 
+class SceneFile(Part):
+    """How a scene is written; `symbols` are short names of keys for ``--over``."""
+
+    format: str
+    quantities: str
+    symbols: dict[str, str]
+    example: str
+
+
+class Example(Part):
+    """A call with the files that it needs; `read` leads to the answer in its document."""
+
+    task: str
+    files: dict[str, str]
+    call: str
+    schema_: str = Field(alias="schema")
+    read: list[str | int]
+
+
+class FieldUse(Part):
+    """A field of documents; null: it has no unit, or the field `unit` beside it has it."""
+
+    unit: Word
+    schemas: list[str]
+
+
 class HelpDocument(Document):
     """``taction --json --help``."""
 
@@ -217,11 +244,22 @@ class HelpDocument(Document):
     commands: list[Command]
     exit_statuses: dict[str, str]
     environment: dict[str, str]
+    scene_file: SceneFile
+    examples: list[Example]
+    fields: dict[str, FieldUse]
     schemas: dict[str, Free]
     scene_schema: Free
 
 
 class NewDocument(Document):
-    """``taction new``."""
+    """``taction new FILE``."""
 
-    model_config = ConfigDict(extra="allow")
+    file: str
+
+
+class NewMatrixDocument(ScaleDocument):
+    """``taction new FILE --matrix``: the scene, its scalings and its verdict."""
+
+    file: str
+    lambda_rule: str
+    recognised: list[str]

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
 Number = float | None  # null: unknown, or infinite
 Word = str | None
+Value = bool | int | float | str
+"""Of a key of the scene, in its SI base unit."""
+Outcome = Literal["pass", "fail", "inconclusive"]
 
 
 class Part(BaseModel):
@@ -54,7 +57,7 @@ class Failure(Part):
 class ErrorDocument(Document):
     """Any command that ended without its document."""
 
-    outcome: str = Field(description="'bad input' or 'inconclusive'")
+    outcome: Literal["bad input", "inconclusive"]
     error: Failure
 
 
@@ -62,7 +65,7 @@ class Check(Part):
     """One check of a verdict."""
 
     name: str
-    outcome: str = Field(description="'pass', 'fail' or 'inconclusive'")
+    outcome: Outcome
     value: Number
     uncertainty: Number
     expected: Number
@@ -108,7 +111,7 @@ class Sample(Part):
     """A board within its tolerances."""
 
     number: int
-    outcome: str
+    outcome: Outcome
     failed: list[str]
     settling_time: Number
     rise_time: Number
@@ -136,4 +139,21 @@ class Load(Part):
     unit: str
 
 
+class Machine(Part):
+    """The machine and the versions of a study."""
+
+    date: str
+    processor: str
+    cores: int | None
+    load: Number
+    threads: str
+    system: str
+    python: str
+    ngspice: Word
+    taction: str
+    numpy: str
+    scipy: str
+
+
 Free = dict[str, Any]
+"""A JSON Schema: the only part of a document whose fields are not listed."""

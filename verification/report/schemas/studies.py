@@ -4,15 +4,8 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from verification.report.schemas.shared import (
-    Check,
-    Document,
-    Free,
-    Number,
-    Part,
-    Sample,
-    Word,
-)
+from verification.report.schemas.remedies import Remedy
+from verification.report.schemas.shared import Check, Document, Number, Part, Sample, Word
 
 
 class Corner(Part):
@@ -85,63 +78,7 @@ class MontecarloDocument(Document):
     reasons: dict[str, int]
     quantities: list[Spread]
     sensitivities: list[Sensitivity]
-    remedy: Free | None = Field(description="what to buy better")
-
-
-class Scanned(Part):
-    """The values whose poles were computed."""
-
-    low: Number = Field(alias="from")
-    high: Number = Field(alias="to")
-    points: int
-    scale: str
-    default: bool
-
-
-class OnsetDocument(Document):
-    """``taction onset``."""
-
-    scene: str
-    file: str
-    over: str
-    unit: str
-    own_value: Number
-    scanned: Scanned
-    complete: bool
-    crossings: list[Free]
-    unstable_counts: list[Free]
-    stable_ranges: list[list[Number]]
-    unresolved: list[list[Number]]
-    failures: list[Free]
-
-
-class Axis(Part):
-    """An axis of a grid; axes of one `group` change together."""
-
-    name: str
-    key: str
-    unit: str
-    scale: str
-    group: int
-    values: list[bool | int | float | str]
-
-
-class SweepDocument(Document):
-    """``taction sweep``."""
-
-    scene: str
-    file: str
-    database: str
-    axes: list[Axis]
-    engines: list[str]
-    total: int
-    done: int
-    ran: int
-    outcomes: dict[str, int]
-    agreement: Free | None
-    seconds: Number
-    estimated_seconds: Number
-    points: list[Free]
+    remedy: Remedy | None = Field(description="what to buy better")
 
 
 class Baseline(Part):
@@ -195,47 +132,6 @@ class RegressDocument(Document):
     interrupted: bool
     counts: dict[str, int]
     scenes: list[RegressionScene]
-
-
-class StressDocument(Document):
-    """``taction stress``."""
-
-    runs: list[Free]
-    count: dict[str, int]
-    numbers: int
-    outside: int
-    versions: dict[str, str]
-
-
-class AccuracyDocument(Document):
-    """``taction accuracy``."""
-
-    scene: str
-    file: str
-    stop: Number
-    whole_stop: Number
-    stretch: str
-    period: Number
-    pole: list[Number] | None
-    norms: list[str]
-    problems: dict[str, Free]
-    methods: list[Free]
-    cheapest: list[Free]
-    omissions: list[str]
-    machine: Free
-    seconds: Number
-
-
-class ReproduceDocument(Document):
-    """``taction reproduce``."""
-
-    outcome: str
-    quick: bool
-    seconds: Number
-    machine: Free
-    claims: list[Free]
-    left_out: list[str]
-    chapters: list[Free]
 
 
 class Candidate(Part):

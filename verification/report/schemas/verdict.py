@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+from typing import Literal
 
+from pydantic import ConfigDict, Field
+
+from verification.report.schemas.remedies import StableRange, WhatToChange
 from verification.report.schemas.shared import (
     Certificate,
     Check,
     Document,
     Failure,
-    Free,
     Head,
     Load,
     Number,
     Omission,
+    Outcome,
     Part,
     PlainChannel,
     Sample,
+    Value,
     Word,
 )
 
@@ -59,6 +63,15 @@ class Margin(Part):
     doubt: str
 
 
+class Margins(Part):
+    """Margins of C and of the gain; of an unstable board the nearest stable ranges by key."""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, StableRange] = Field(init=False)
+    capacitance: Margin
+    gain: Margin
+
+
 class Stability(Part):
     """The rightmost pole: real and imaginary part, 1/s, and what follows from it."""
 
@@ -69,7 +82,7 @@ class Stability(Part):
     frequency: Number
     states: int | None
     margin: Number
-    margins: dict[str, Margin] = Field({}, description="with --margins")
+    margins: Margins | None = Field(None, description="with --margins")
 
 
 class Energy(Part):
@@ -138,7 +151,7 @@ class Simulation(Part):
 class KeyValue(Part):
     """A key of the scene in base units; a file has the SHA-256 of its content."""
 
-    value: bool | int | float | str | None
+    value: Value | None
     unit: Word
     sha256: Word = None
 
@@ -148,7 +161,7 @@ class VerdictBody(Part):
 
     scene: str
     file: str
-    outcome: str = Field(description="'pass', 'fail' or 'inconclusive'")
+    outcome: Outcome
     checks: list[Check]
     channels: list[Channel]
     steady_state: SteadyState
@@ -178,7 +191,9 @@ class VerdictBody(Part):
     omissions: list[Omission]
     warnings: list[str]
     timing: dict[str, Number]
-    what_to_change: Free = Field({}, description="of a failed verdict: changes that mend it")
+    what_to_change: WhatToChange | None = Field(
+        None, description="of a failed verdict: changes that mend it"
+    )
 
 
 class VerifyDocument(VerdictBody):
@@ -191,7 +206,7 @@ class WithoutVerdict(Part):
     """A file without a verdict."""
 
     file: str
-    outcome: str = Field(description="'bad input', 'inconclusive' or 'not run'")
+    outcome: Literal["bad input", "inconclusive", "not run"]
     error: Failure | None = None
 
 
@@ -217,8 +232,8 @@ class Key(Part):
     """A key that differs."""
 
     key: str
-    first: bool | int | float | str | None
-    second: bool | int | float | str | None
+    first: Value | None
+    second: Value | None
     unit: Word
     content: bool
 

@@ -26,7 +26,7 @@ from verification.small_signal.headroom import FULL
 from verification.studies.choose.request import OPAMP
 from verification.studies.sweep.plan import Plan, Requests
 from verification.studies.sweep.store import Store
-from verification.verify import verify
+from verification.verify import Verdict, verify
 
 BEST = 3  # designs that ngspice confirms
 SAME = 1.0 + 1e-9  # ratio of values that count as equal
@@ -98,6 +98,7 @@ class Confirmation:
     outcome: Outcome | None
     settling_time: float | None
     reason: str
+    verdict: Verdict | None = None
 
 
 def designs(plan: Plan, store: Store) -> list[Design]:
@@ -205,4 +206,4 @@ def confirmed(scene: Scene) -> Confirmation:
     passed = verdict.outcome is Outcome.PASS
     reason = "" if passed or decisive is None else f"{decisive.name}: {decisive.reason}"
     settling = None if reading is None else reading.value
-    return Confirmation(verdict.outcome, settling, reason)
+    return Confirmation(verdict.outcome, settling, reason, verdict)

@@ -77,8 +77,8 @@ def fingerprint(scene: Scene) -> str:
     )
     digest = hashlib.sha256(json.dumps(written, sort_keys=True).encode())
     for name in files_of(scene).values():
-        if name is not None:
-            digest.update(read_bounded(scene.folder / str(name), LARGEST))
+        if isinstance(name, str):  # an array is in what was written
+            digest.update(read_bounded(scene.folder / name, LARGEST))
     return digest.hexdigest()
 
 

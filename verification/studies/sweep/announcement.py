@@ -29,7 +29,7 @@ def announcement(
     stored : int
         Number of points that need no computation.
     """
-    text = f"{plan.total} points"
+    text = "1 point" if plan.total == 1 else f"{plan.total} points"
     if plan.hybrid:
         text += f" and ngspice at about {int(left['ngspice'].sum())} of them"
     if stored:

@@ -82,12 +82,17 @@ def worst_corners(
     progress("sensitivities of the steady state")
     directions = steady_directions(board)
     gradient["steady_state"] = directions[0].slopes
-    nominal = _corner(board, "nominal", np.zeros(len(board.varied)))
-    tried = []
-    for quantity in reported:
-        progress(f"corner: {quantity.name}")
-        tried.append(_corner(board, quantity.name, np.sign(gradient[quantity.name])))
-    tried += [_corner(board, "", found.corner) for found in directions[1:STEADY_CORNERS]]
+    ends = [
+        ("nominal", np.zeros(len(board.varied))),
+        *((quantity.name, np.sign(gradient[quantity.name])) for quantity in reported),
+        *(("", found.corner) for found in directions[1:STEADY_CORNERS]),
+    ]
+    pace, left, corners = Pace(), "", []
+    for number, (name, z) in enumerate(ends, 1):
+        progress(f"corner {number} of {len(ends)}: {name or 'a steady state'}{left}")
+        corners.append(_corner(board, name, z))
+        left = pace.ended(len(ends) - number)
+    nominal, *tried = corners
     worst = [min(tried, key=lambda c: _goodness(c.result, q, c.name)) for q in reported]
     named = [
         replace(

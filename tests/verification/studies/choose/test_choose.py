@@ -176,6 +176,15 @@ def test_no_design_passes(tmp_path: Path) -> None:
     assert "0 of 1 designs pass" in found.stdout
 
 
+def test_limits_that_look_like_a_slip_are_asked_about(tmp_path: Path) -> None:
+    words = ["choose", FILE, "--opamps", "ne5534", "--points", "1", "--jobs", "1"]
+    words += ["--settling", "10", "--overshoot", "5", "--store", str(tmp_path / "a.sqlite")]
+    text = CliRunner().invoke(main, words).stderr
+    assert "question: checks.settling_time.max = 10 has no unit and is 10 s" in text
+    assert "question: checks.overshoot: max = 5 is 500 % of the step" in text
+    assert "taction: 1 point: about" in text
+
+
 @pytest.mark.parametrize("option", [["--overshoot", "x"], ["--margin", "2x"], ["--plot", "a.xyz"]])
 def test_options_that_cannot_be(option: list[str]) -> None:
     found = CliRunner().invoke(main, ["choose", FILE, *option])

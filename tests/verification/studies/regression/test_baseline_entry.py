@@ -74,6 +74,17 @@ def test_a_fingerprint_is_of_what_was_asked_not_of_how_it_was_written(tmp_path: 
     assert of(capacitance="11pF") != same
 
 
+def test_a_fingerprint_covers_the_arrays_of_a_scene(tmp_path: Path) -> None:
+    def made(entry: str) -> str:
+        text = f"[problem]\nkind = 'matrix'\nmatrix = [[{entry}]]\nstrain = [1.0]\n"
+        file = tmp_path / "arrays.toml"
+        file.write_text(text)
+        return fingerprint(load_scene(file))
+
+    assert made("2.0") == made("2")
+    assert made("2.0") != made("2.5")
+
+
 def test_a_fingerprint_covers_the_files_that_a_scene_names(tmp_path: Path) -> None:
     scene = load_scene(write_matrix_scene(tmp_path, [[1.0, 0.5], [0.5, 1.0]], [1.0, 2.0]))
     before = fingerprint(scene)

@@ -14,6 +14,7 @@ from cli.main import main
 from netlist_gen.board.buyable_values import buyable, values_between
 from netlist_gen.board.synthesis import synthesise
 from netlist_gen.overrides.axes import with_values
+from netlist_gen.quantities import parse
 from netlist_gen.scene.file import load_scene
 from netlist_gen.scene.scene import Scene
 from spice_models.errors import InputError
@@ -104,8 +105,8 @@ def test_the_command_writes_a_scene_that_passes(tmp_path: Path) -> None:
     assert found.exit_code == 0, found.stderr
     document = json.loads(found.stdout)
     design = tomllib.loads(file.read_text("utf-8"))["design"]
-    assert design["unit_voltage"] == document["unit_voltage"]
-    assert design["supply"] == 12.0
+    assert parse(design["unit_voltage"], "V") == document["unit_voltage"]
+    assert design["supply"] == "12V"
     assert verify(load_scene(file).with_engine("statespace")).outcome.value == "pass"
     shown = CliRunner().invoke(main, arguments)
     assert "PASS (state-space engine)" in shown.stdout
