@@ -29,13 +29,13 @@ def check(value: float | None, limit: float | None, **more: Any) -> dict[str, An
 @pytest.mark.parametrize(
     ("record", "share", "width", "used"),
     [
-        (check(0.1, 0.4), 0.25, 50.0, "25 %"),
-        (check(0.8, 0.4), 2.0, 300.0, "200 %"),
-        (check(6.0, 0.4), 15.0, 300.0, "15 times"),
-        (check(1e-9, 0.4), 2.5e-9, 0.0, "below 0.01 %"),
-        (check(3.0, 1.5, name="stability", unit="ratio"), 0.5, 100.0, "50 %"),
-        (check(None, 0.4), None, 0.0, "below 0.01 %"),
-        (check(-1e4, 0.0, name="stability", unit="1/s"), None, 0.0, "below 0.01 %"),
+        (check(0.1, 0.4), 0.25, 50.0, "25 % of the limit"),
+        (check(0.8, 0.4), 2.0, 300.0, "200 % of the limit"),
+        (check(6.0, 0.4), 15.0, 300.0, "15 times the limit"),
+        (check(1e-9, 0.4), 2.5e-9, 0.0, "below 0.01 % of the limit"),
+        (check(3.0, 1.5, name="stability", unit="ratio"), 0.5, 100.0, "50 % of the limit"),
+        (check(None, 0.4), None, 0.0, "below 0.01 % of the limit"),
+        (check(-1e4, 0.0, name="stability", unit="1/s"), None, 0.0, "below 0.01 % of the limit"),
     ],
 )
 def test_a_bar_is_the_used_part_of_the_limit(
