@@ -9,7 +9,7 @@ from decimal import Decimal
 
 from netlist_gen.quantities import show
 from verification.report.html.blocks import Cell, Outcome
-from verification.report.tables import value_text
+from verification.report.tables import spaced, value_text
 
 OHM = re.compile(r"ohm\b")
 MICRO = re.compile(r"(?<=\d )u(?=[A-Za-zΩ/])|(?<=V/)u(?=s\b)")
@@ -102,6 +102,12 @@ def opamp_name(name: str) -> str:
     """
     base = name.removesuffix("_changed")
     return name if base == name else f"{base} with changed figures"
+
+
+def titled(name: str) -> str:
+    """Return the name of a quantity as a title."""
+    text = spaced(name)
+    return f"{text[:1].upper()}{text[1:]}"
 
 
 def percent(share: float) -> str:

@@ -99,7 +99,8 @@ def _summary(example: _Example) -> str:
         f"Channel {example.n} with sensor row {example.k}, one of {into} resistors into the channel"
         f" and of {row} resistors into the row. C = {quantity(example.farads, 'F')}, gain s ="
         f" {quantity(scalings.gain, 'ohm')}, matrix resistor {quantity(example.entry, 'ohm')}"
-        f" (T is {'negative' if example.negative else 'positive'}), op-amps {opamp_name(example.opamp)}."
+        f" (T is {'negative' if example.negative else 'positive'}), op-amps"
+        f" {opamp_name(example.opamp)}."
         " Stray capacitances are not drawn."
     )
 
