@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable
 from decimal import Decimal
 
 from netlist_gen.quantities import show
 from verification.report.html.blocks import Cell, Outcome
+from verification.report.signs import readable
 from verification.report.tables import spaced, value_text
 
-OHM = re.compile(r"ohm\b")
-MICRO = re.compile(r"(?<=\d )u(?=[A-Za-zΩ/])|(?<=V/)u(?=s\b)")
 NONE = "–"
 LEAST_SHARE = 1e-6  # of the step: smaller parts have no number
 LEAST_ERROR = 1e-5  # of a value: smaller errors are below the digits that are shown
@@ -74,11 +72,6 @@ def with_error(value: float | None, error: float | None, unit: str) -> str:
     if error < LEAST_ERROR * abs(value):
         return f"{text} (error under 10 ppm)"
     return f"{text} ± {figure(error, unit, 2)}"
-
-
-def readable(text: str) -> str:
-    """Return `text` with the signs for ohm and micro."""
-    return MICRO.sub("µ", OHM.sub("Ω", text))
 
 
 def counted(number: int, noun: str, nouns: str = "") -> str:

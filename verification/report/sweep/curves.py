@@ -8,8 +8,8 @@ import numpy as np
 
 from netlist_gen.overrides.axes import Axis
 from verification.report.picture import BLUE, ORANGE
-from verification.report.sweep.panels import PANELS, kinds_of
-from verification.report.sweep.rulers import Ruler, tick
+from verification.report.sweep.panels import LINEAR, LITTLE, PANELS, kinds_of
+from verification.report.sweep.rulers import Ruler, prefixes, tick
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,6 +31,10 @@ def draw_curves(
     ruler = Ruler(axis)
     unstable = np.nanmax(data["growth_rate"], axis=-1, initial=-np.inf) > 0.0
     for axes, quantity in zip(panels.flat, PANELS, strict=False):
+        if quantity.is_rounding(quantity.factor * data[quantity.name]):
+            axes.set(title=quantity.title, yticks=())
+            axes.text(0.5, 0.5, LITTLE, transform=axes.transAxes, ha="center")
+            continue
         for k, engine in enumerate(engines):
             style, colour, size = LINES[engine]
             values = quantity.factor * data[quantity.name][..., k]
@@ -39,11 +43,13 @@ def draw_curves(
         axes.set_title(quantity.title)
         if quantity.scale == "symlog":
             largest = float(np.nanmax(np.abs(data[quantity.name]), initial=1.0))
-            axes.set_yscale("symlog", linthresh=1e-3 * largest)
+            axes.set_yscale("symlog", linthresh=LINEAR * largest)
+            axes.yaxis.set_major_formatter(prefixes("/s"))
             axes.axhline(0.0, color="k", lw=1.0)
         elif quantity.scale == "log" and np.isfinite(data[quantity.name]).any():
             axes.set_yscale("log")
-            ends = (float(limit(data[quantity.name])) for limit in (np.nanmin, np.nanmax))
+            values = quantity.factor * data[quantity.name]
+            ends = (float(limit(values)) for limit in (np.nanmin, np.nanmax))
             tick(axes.yaxis, quantity.unit, *ends)
     _strip(panels.flat[-1], names, ruler, engines)
     for axes in panels.flat:

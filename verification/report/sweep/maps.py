@@ -8,7 +8,7 @@ import numpy as np
 
 from netlist_gen.overrides.axes import Axis
 from spice_models.array_types import Floats
-from verification.report.sweep.panels import PANELS, Kind, Panel, kinds_of
+from verification.report.sweep.panels import LINEAR, LITTLE, PANELS, Kind, Panel, kinds_of
 from verification.report.sweep.rulers import Ruler, prefixes, tick
 from verification.studies.sweep.boundary import Boundary
 
@@ -118,6 +118,8 @@ def _bar(
     bar = figure.colorbar(mesh, ax=axes, pad=0.015)
     if quantity.scale == "log":
         tick(bar.ax.yaxis, quantity.unit, *limits)
+    elif quantity.scale == "symlog":
+        bar.ax.yaxis.set_major_formatter(prefixes("/s"))
 
 
 def _mesh(
@@ -135,12 +137,15 @@ def _mesh(
     if not shown.count():
         axes.text(0.5, 0.5, "nowhere", transform=axes.transAxes, ha="center")
         return None
+    if quantity.is_rounding(values):
+        axes.text(0.5, 0.5, LITTLE, transform=axes.transAxes, ha="center")
+        return None
     low, high = limits or (float(shown.min()), float(shown.max()))
     if quantity.scale == "log":
         norm: Any = LogNorm(low, max(high, low * 1.01))
     elif quantity.scale == "symlog":
         reach = max(abs(low), abs(high))
-        norm = SymLogNorm(1e-3 * reach, vmin=-reach, vmax=reach)
+        norm = SymLogNorm(LINEAR * reach, vmin=-reach, vmax=reach)
     else:
         norm = Normalize(low, max(high, low + 1e-12))
     colours = "PuOr_r" if quantity.scale == "symlog" else "viridis"

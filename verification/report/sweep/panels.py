@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from spice_models.array_types import Floats
 from verification.report.picture import BLUE, GREY, HATCHES, ORANGE, PURPLE
 from verification.report.sweep.records import all_records
 from verification.report.tables import spaced
@@ -25,6 +26,9 @@ FAILS = {
     "steady state": ("#8f3f00", "++++"),
 }
 OTHER_FAILS = (("#b8860b", "||||"), ("#f0e442", "----"), ("#a0522d", "oo"))
+LINEAR = 0.1  # of the largest rate: below, the scale of rates is linear; ticks stay apart
+LEAST_PER_CENT = 1e-4  # of the step: below lies rounding
+LITTLE = "under 1 ppm of the step"
 MISSING = ""
 
 
@@ -37,10 +41,16 @@ class Panel:
     factor: float
     scale: str
 
+    def is_rounding(self, values: Floats) -> bool:
+        """Whether all known values, as drawn, are too small a share of the step for a picture."""
+        known = values[np.isfinite(values)]
+        return self.factor > 1.0 and len(known) > 0 and float(known.max()) < LEAST_PER_CENT
+
     @property
     def unit(self) -> str:
-        """Unit of the figure."""
-        return FIGURES[self.name].unit
+        """Unit of what is drawn; the title says where that is per cent of the step."""
+        unit = FIGURES[self.name].unit
+        return "" if unit == "step" else unit
 
 
 PANELS = (
@@ -48,7 +58,7 @@ PANELS = (
     Panel("overshoot", "overshoot (% of the step)", 100.0, "linear"),
     Panel("undershoot", "undershoot (% of the step)", 100.0, "linear"),
     Panel("steady_state_error", "steady-state error (% of the step)", 100.0, "log"),
-    Panel("growth_rate", "rightmost pole, real part (1/s)", 1.0, "symlog"),
+    Panel("growth_rate", "rightmost pole, real part", 1.0, "symlog"),
 )
 
 

@@ -46,7 +46,10 @@ def plot_sweep(plan: Plan, store: Store, path: str) -> None:
     data, names = grids(plan, store), result_names(plan, store)
     for name in ("overshoot", "undershoot"):  # of a growing record: depends on its length
         data[name][data["growth_rate"] > 0.0] = np.nan
-    title = f"{plan.scene.name}: {plan.points} points, {' and '.join(plan.engines)}"
+    passing = int((names[..., -1] == "pass").sum())
+    title = (
+        f"{plan.scene.name}: {passing} of {plan.points} points pass, {' and '.join(plan.engines)}"
+    )
     axes: Any = tuple(group[0] for group in plan.groups)
     chosen = chosen_places(len(axes[2])) if len(axes) == MOST_AXES else []
     width = 16.0 if not chosen else 4.2 + 3.4 * len(chosen)
