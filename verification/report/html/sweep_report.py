@@ -43,7 +43,7 @@ from verification.report.html.texts import (
 from verification.report.sweep.agreement import summarise
 from verification.report.sweep.document import columns_of
 from verification.report.sweep.files import grids
-from verification.report.sweep.panels import result_names
+from verification.report.sweep.panels import ENGINES, result_names
 from verification.report.sweep.plot import MOST_AXES, boundary_at, chosen_places
 from verification.report.sweep.records import records
 from verification.report.tables import spaced
@@ -56,7 +56,6 @@ from verification.studies.sweep.store import Store
 LISTED = 500  # points in the table
 FLAT, CLEAR = 0.01, 1.5  # of a curve: relative change, and height of the picture
 MAPPED = 40_000  # points of a map
-ENGINES = {"ngspice": "ngspice", "statespace": "state space"}
 SHOWN = ("settling_time", "overshoot", "undershoot", "steady_state_error", "growth_rate")
 
 

@@ -8,7 +8,14 @@ import numpy as np
 
 from netlist_gen.overrides.axes import Axis
 from verification.report.picture import BLUE, ORANGE
-from verification.report.sweep.panels import LINEAR, LITTLE, PANELS, kinds_of
+from verification.report.sweep.panels import (
+    ENGINES,
+    LITTLE,
+    PANELS,
+    kinds_of,
+    linear_part,
+    rate_ticks,
+)
 from verification.report.sweep.rulers import Ruler, prefixes, tick
 
 if TYPE_CHECKING:
@@ -39,11 +46,20 @@ def draw_curves(
             style, colour, size = LINES[engine]
             values = quantity.factor * data[quantity.name][..., k]
             style = style if len(ruler.places) > 1 and ruler.by_value else "o"
-            axes.plot(ruler.places, values, style, color=colour, ms=size, mfc="none", label=engine)
+            axes.plot(
+                ruler.places,
+                values,
+                style,
+                color=colour,
+                ms=size,
+                mfc="none",
+                label=ENGINES[engine],
+            )
         axes.set_title(quantity.title)
         if quantity.scale == "symlog":
             largest = float(np.nanmax(np.abs(data[quantity.name]), initial=1.0))
-            axes.set_yscale("symlog", linthresh=LINEAR * largest)
+            axes.set_yscale("symlog", linthresh=linear_part(largest))
+            axes.set_yticks(rate_ticks(largest))
             axes.yaxis.set_major_formatter(prefixes("/s"))
             axes.axhline(0.0, color="k", lw=1.0)
         elif quantity.scale == "log" and np.isfinite(data[quantity.name]).any():
@@ -67,5 +83,5 @@ def _strip(axes: Axes, names: np.ndarray[Any, Any], ruler: Ruler, engines: tuple
         places, mark = ruler.places[rows], MARKERS[place % len(MARKERS)]
         axes.scatter(places, columns, 30, c=kind.colour, marker=mark, label=kind.name)
     axes.set(title="outcome", ylim=(-0.6, len(engines) - 0.4))
-    axes.set_yticks(range(len(engines)), engines)
+    axes.set_yticks(range(len(engines)), [ENGINES[engine] for engine in engines])
     axes.legend(fontsize="small", loc="upper left", bbox_to_anchor=(1.0, 1.0))

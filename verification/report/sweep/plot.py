@@ -12,7 +12,7 @@ from verification.report.picture import check_plot_file, figure_file
 from verification.report.sweep.curves import draw_curves
 from verification.report.sweep.files import grids
 from verification.report.sweep.maps import MOST_MAPS, draw_maps, draw_multiples
-from verification.report.sweep.panels import result_names
+from verification.report.sweep.panels import ENGINES, result_names
 from verification.studies.sweep.boundary import Boundary, solve_boundary
 from verification.studies.sweep.plan import Plan
 from verification.studies.sweep.store import Store
@@ -47,9 +47,8 @@ def plot_sweep(plan: Plan, store: Store, path: str) -> None:
     for name in ("overshoot", "undershoot"):  # of a growing record: depends on its length
         data[name][data["growth_rate"] > 0.0] = np.nan
     passing = int((names[..., -1] == "pass").sum())
-    title = (
-        f"{plan.scene.name}: {passing} of {plan.points} points pass, {' and '.join(plan.engines)}"
-    )
+    engines = " and ".join(ENGINES[engine] for engine in plan.engines)
+    title = f"{plan.scene.name}: {passing} of {plan.points} points pass, {engines}"
     axes: Any = tuple(group[0] for group in plan.groups)
     chosen = chosen_places(len(axes[2])) if len(axes) == MOST_AXES else []
     width = 16.0 if not chosen else 4.2 + 3.4 * len(chosen)
