@@ -151,10 +151,11 @@ def _over(
         area(low, high, across="x", colour="--pass-soft") for low, high in onset.scan.stable_ranges
     ]
     shapes += [line(each.crossing.value, None, "--ink", dash="dash") for each in onset.findings]
+    edge = 1 if unit else 0  # of a stable range, where a frequency is low and a damping high
     labels = [
         label(quantity(each.crossing.value, onset.axis.key.unit),
               math.log10(each.crossing.value) if log else each.crossing.value,
-              1, yref="paper", yanchor="bottom", xanchor="left")
+              edge, yref="paper", yanchor="top" if edge else "bottom", xanchor="left")
         for each in onset.findings
         if each.crossing.changes_stability
     ]  # fmt: skip

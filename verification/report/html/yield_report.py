@@ -100,7 +100,9 @@ def _spreads(result: YieldReport) -> Iterator[Block]:
             "The bar goes from the 5th to the 95th percentile, the line in it is the median, the"
             " black line the limit. Hatched: beyond the limit."
         )
-        yield Ranges("5 %, median and 95 %, against the limits", tuple(rows), note)
+        yield Ranges(
+            "5th percentile, median and 95th percentile against the limits", tuple(rows), note
+        )
     titles = (
         "quantity",
         "at least",
@@ -185,10 +187,11 @@ def _histogram(spread: Spread, values: np.ndarray[Any, Any]) -> Picture:
     result = (
         f"{int((~inside).sum())} of {len(values)} samples beyond {texts}" if limits else "no limit"
     )
-    missing = f" {counted(spread.missing, 'sample')} without a value." if spread.missing else ""
+    if spread.missing:
+        result += f", {counted(spread.missing, 'sample')} without a value"
     summary = (
         f"{len(values)} samples from {figure(float(values.min()), spread.unit)} to"
-        f" {figure(float(values.max()), spread.unit)}; {result}.{missing}"
+        f" {figure(float(values.max()), spread.unit)}; {result}."
     )
     spec = {"data": data, "layout": layout}
     return Picture(titled(spread.name), spec, summary, 280, views, result=result)

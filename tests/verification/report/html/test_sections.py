@@ -115,7 +115,7 @@ def test_the_deck_to_copy_is_the_deck_that_runs() -> None:
 
 def test_the_yield_has_its_interval_and_limits() -> None:
     report = page("montecarlo")
-    ranges = block(report, "5 %, median and 95 %, against the limits", Ranges)
+    ranges = block(report, "5th percentile, median and 95th percentile against the limits", Ranges)
     for row in ranges.rows:
         assert 0.0 <= row.low <= row.middle <= row.high <= 1.0
         assert all(0.0 <= place <= 1.0 for place in row.limits)
