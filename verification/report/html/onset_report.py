@@ -22,8 +22,9 @@ from verification.report.html.blocks import (
 )
 from verification.report.html.pictures import area, axis, label, line, log_axis, numbers, words
 from verification.report.html.sections.origin import origin_section
-from verification.report.html.texts import number_cell, quantity, readable
+from verification.report.html.texts import number_cell, quantity
 from verification.report.onset.tables import direction
+from verification.report.signs import readable
 from verification.studies.onset.onset import Finding, Onset
 
 RINGS = 0.5  # damping ratio up to which a mode is on the pictures

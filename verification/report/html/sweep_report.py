@@ -32,14 +32,8 @@ from verification.report.html.sweep_maps import (
     place_text,
     quantity_map,
 )
-from verification.report.html.texts import (
-    LEAST_SHARE,
-    figure,
-    number_cell,
-    quantity,
-    readable,
-    titled,
-)
+from verification.report.html.texts import LEAST_SHARE, figure, number_cell, quantity, titled
+from verification.report.signs import readable
 from verification.report.sweep.agreement import summarise
 from verification.report.sweep.document import columns_of
 from verification.report.sweep.files import grids
@@ -100,7 +94,7 @@ def _pictures(plan: Plan, store: Store) -> Iterator[Block]:
         return
     shown, little = _worth(data)
     if len(rulers) == 2:
-        plane = Plane(*rulers, solve_boundary(plan))
+        plane = Plane(rulers[0], rulers[1], solve_boundary(plan))
         yield outcome_map(plane, names[..., -1])
         for name in shown:
             yield quantity_map(plane, name, data[name][..., -1])

@@ -21,7 +21,8 @@ from verification.report.html.sections.errors import budget_section, effort_sect
 from verification.report.html.sections.origin import deck_section, origin_section, run_rows
 from verification.report.html.sections.stability import stability_section
 from verification.report.html.sections.waveforms import waveforms_section
-from verification.report.html.texts import figure, quantity, readable
+from verification.report.html.texts import figure, quantity
+from verification.report.signs import readable
 from verification.report.tables import spaced
 from verification.report.verdict.json_document import verdict_document
 from verification.verify import Verdict

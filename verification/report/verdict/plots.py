@@ -236,7 +236,7 @@ def _checks(axes: Axes, verdict: Verdict) -> None:
         )
         for c in verdict.checks
     ]
-    height = ROW / (axes.get_position().height * float(axes.figure.get_size_inches()[1]))
+    height = ROW * axes.figure.dpi / axes.bbox.height
     bottom = 1.0 - height * (len(rows) + 1)
     table = axes.table(
         rows, colLabels=TITLES, colWidths=WIDTHS, cellLoc="left", colLoc="left", edges="B",

@@ -114,7 +114,7 @@ def test_three_axes_are_maps_at_each_value_of_the_third() -> None:
 def test_the_boundary_is_a_mark_across_each_category() -> None:
     plan = grid_plan("opamp.base=ua741,op27", "C=10pF:100pF:3")
     rulers = [Ruler(group[0]) for group in plan.groups]
-    plane = Plane(*rulers, Boundary(points=((0, 5e-12), (1, 2e-11))))
+    plane = Plane(rulers[0], rulers[1], Boundary(points=((0, 5e-12), (1, 2e-11))))
     ends = [(line["x0"], line["x1"], line["y0"], line["y1"]) for line in plane.lines]
     assert ends == [(-0.5, 0.5, 5e-12, 5e-12), (0.5, 1.5, 2e-11, 2e-11)]
 
@@ -123,7 +123,8 @@ def test_the_boundary_of_a_map_is_the_crossing_of_onset() -> None:
     scene = make_scene({"channels": 3, "span": 2.0}, analysis=STATESPACE)
     axes = parse_axes(scene, ("C=1pF:100pF:9", "gain=5Mohm:8Mohm:2"))
     plan = Plan(scene, axes, ("statespace",), hybrid=False)
-    lines = Plane(*[Ruler(group[0]) for group in plan.groups], solve_boundary(plan)).lines
+    across, down = (Ruler(group[0]) for group in plan.groups)
+    lines = Plane(across, down, solve_boundary(plan)).lines
     gain = plan.groups[1][0].values[0]
     ends = [(line[f"x{k}"], line[f"y{k}"]) for line in lines for k in (0, 1)]
     drawn = {x for x, y in ends if y == pytest.approx(gain)}

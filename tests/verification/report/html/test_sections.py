@@ -13,7 +13,8 @@ from verification.pipeline.board_power import board_power
 from verification.report.html.blocks import Bars, Block, Code, Drawing, Facts, Ranges, Report, Table
 from verification.report.html.sections.checks import check_bar
 from verification.report.html.sections.schematic import schematic
-from verification.report.html.texts import figure, quantity, readable
+from verification.report.html.texts import figure, quantity
+from verification.report.signs import readable
 
 
 def block(report: Report, title: str, kind: type[Any] = Table) -> Any:

@@ -22,10 +22,10 @@ from verification.report.html.texts import (
     opamp_name,
     percent,
     quantity,
-    readable,
     text_cells,
 )
 from verification.report.parts_list import parts_document
+from verification.report.signs import readable
 from verification.verify import Verdict
 
 WRITTEN = 12  # rows or columns up to which the entries are written into the picture

@@ -7,7 +7,8 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from verification.report.html.blocks import Bar, Bars, Block, Notes, Section
-from verification.report.html.texts import figure, readable, with_error
+from verification.report.html.texts import figure, with_error
+from verification.report.signs import readable
 from verification.report.tables import spaced
 
 AT_LEAST = ("stability",)  # checks with a smallest value
