@@ -19,6 +19,38 @@ BACKGROUND = "getComputedStyle(document.body).backgroundColor"
 INK = "document.querySelector('.canvas .xtick text').style.fill"
 
 
+BEYOND = """width => [...document.querySelectorAll("main *, header *, nav *")]
+  .filter(each => !each.closest(".sheet, pre, svg, .hidden, .canvas"))
+  .filter(each => each.getClientRects().length && each.getBoundingClientRect().right > width + 0.5)
+  .map(each => each.outerHTML.slice(0, 90))"""
+# Pairs of texts of one picture that share more than 2 pixels; a tick may touch its neighbour.
+OVERLAPS = """() => [...document.querySelectorAll(".canvas")].flatMap(canvas => {
+  const boxes = [...canvas.querySelectorAll("text")]
+    .filter(text => text.textContent.trim() && text.getClientRects().length
+      && getComputedStyle(text).opacity !== "0" && !text.closest(".modebar, .hoverlayer")
+      && !/rotate\\([^0]/.test(text.getAttribute("transform")))  // a box of its own direction
+    .map(text => [text.textContent, text.getBoundingClientRect()]);
+  return boxes.flatMap(([one, a], k) => boxes.slice(k + 1)
+    .filter(([, b]) => Math.min(a.right, b.right) - Math.max(a.left, b.left) > 2
+      && Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top) > 5)
+    .map(([two]) => [canvas.id, one, two]));
+})"""
+# Words of up to 14 letters, in the cells of tables, whose letters stand in two lines.
+BROKEN_WORDS = """() => [...document.querySelectorAll("th, td")].flatMap(cell => {
+  const walker = document.createTreeWalker(cell, NodeFilter.SHOW_TEXT), found = [];
+  while (walker.nextNode()) {
+    const text = walker.currentNode;
+    for (const word of text.data.matchAll(/[A-Za-z]{2,14}/g)) {
+      const range = document.createRange();
+      range.setStart(text, word.index); range.setEnd(text, word.index + word[0].length);
+      const tops = [...range.getClientRects()].map(each => Math.round(each.top));
+      if (new Set(tops).size > 1) found.push(word[0]);
+    }
+  }
+  return found;
+})"""
+
+
 def violations(page: Any) -> list[tuple[str, str, str]]:
     """Return rule, impact and element of every finding of axe-core."""
     from axe_playwright_python.base import AXE_SCRIPT
@@ -29,7 +61,7 @@ def violations(page: Any) -> list[tuple[str, str, str]]:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_report_is_silent_and_asks_for_nothing(open_report: Open, name: str) -> None:
+def test_a_report_is_silent_asks_for_nothing_and_is_legible(open_report: Open, name: str) -> None:
     opened = open_report(name)
     opened.page.wait_for_timeout(100)
     assert opened.messages == []
@@ -37,6 +69,7 @@ def test_a_report_is_silent_and_asks_for_nothing(open_report: Open, name: str) -
     assert opened.page.evaluate("document.documentElement.dataset.ready") == "true"
     drawn = opened.page.locator(".canvas .main-svg").count()
     assert drawn >= opened.page.locator(".canvas").count()
+    assert opened.page.evaluate(OVERLAPS) == []
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -47,9 +80,22 @@ def test_axe_finds_nothing(open_report: Open, name: str, scheme: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_phone_scrolls_in_one_direction(open_report: Open, name: str) -> None:
-    opened = open_report(name, viewport=PHONE, has_touch=True, is_mobile=True)
-    assert opened.page.evaluate("document.documentElement.scrollWidth") <= PHONE["width"]
+def test_a_phone_shows_everything_and_scrolls_in_one_direction(
+    open_report: Open, name: str
+) -> None:
+    page = open_report(name, viewport=PHONE, has_touch=True, is_mobile=True).page
+    assert page.evaluate("document.documentElement.scrollWidth") <= PHONE["width"]
+    assert page.evaluate(BEYOND, PHONE["width"]) == []
+    assert page.evaluate(OVERLAPS) == []
+
+
+@pytest.mark.parametrize("name", ["passing", "corners"])
+def test_paper_breaks_no_word_of_a_table(open_report: Open, name: str) -> None:
+    page = open_report(name).page
+    page.emulate_media(media="print")
+    page.set_viewport_size({"width": 688, "height": 970})
+    assert page.evaluate(BROKEN_WORDS) == []
+    assert page.evaluate("document.documentElement.scrollWidth") <= 688
 
 
 def test_axe_finds_nothing_on_a_phone(open_report: Open) -> None:

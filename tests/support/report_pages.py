@@ -46,9 +46,10 @@ from verification.studies.sweep.point import failure, verdict_record
 from verification.studies.sweep.run import SweepCounts
 from verification.studies.sweep.store import Store, StoredResult
 from verification.studies.tolerance.corners import worst_corners
-from verification.studies.tolerance.varied_board import prepare
+from verification.studies.tolerance.varied_board import BoardSample, prepare
 from verification.studies.tolerance.yield_report import (
     SampleCollection,
+    YieldReport,
     run_samples,
     summarise_samples,
 )
@@ -95,13 +96,19 @@ def verdicts() -> dict[str, Verdict]:
     }
 
 
-def _yield() -> Report:
+def varied() -> tuple[Scene, YieldReport, list[BoardSample]]:
+    """Return a scene, and its yield with 60 samples."""
     checks = {"steady_state": {"tolerance": 0.03}, "settling_time": {"band": 0.2}}
     board = prepare(small_scene(tolerances=WORN, checks=checks))
     tally = SampleCollection(60)
     with one_thread() as workers:
         list(run_samples(board, range(60), 5, workers, tally))
-    return yield_report(board.scene, summarise_samples(board, tally.samples, 5), tally.samples, 5)
+    return board.scene, summarise_samples(board, tally.samples, 5), tally.samples
+
+
+def _yield() -> Report:
+    scene, result, samples = varied()
+    return yield_report(scene, result, samples, 5)
 
 
 def _corners() -> Report:
@@ -115,16 +122,19 @@ def _onset() -> Report:
     return onset_report(taction.onset(scene, over="C=1pF:100pF:13", transients=False))
 
 
-def _tuning() -> Report:
+def tuned() -> tuple[Tuning, Verdict]:
+    """Return a tuning with a frontier of four designs, and the verdict of its scene."""
     verdict = verdicts()["passing"]
     curve = [
         Candidate({"design.gain": 1e5 * k, "design.capacitance": 1e-10}, 1e-4 / k, 0.01 * k**2)
         for k in (1, 2, 3, 4)
     ]
     before = Candidate(curve[0].values, 2e-4, 0.09)
-    return tuning_report(
-        Tuning(before, curve[2], verdict.scene, tuple(curve), 57, 0.1, 1.2, ()), verdict
-    )
+    return Tuning(before, curve[2], verdict.scene, tuple(curve), 57, 0.1, 1.2, ()), verdict
+
+
+def _tuning() -> Report:
+    return tuning_report(*tuned())
 
 
 def _sweep(*over: str) -> Report:
@@ -183,11 +193,12 @@ def _setting(method: Method, setting: float, k: int) -> SettingResult:
     )  # fmt: skip
 
 
-def _accuracy() -> Report:
+def work_precision() -> WorkPrecisionStudy:
+    """Return a study with four settings of each method of the board."""
     methods = [method for method in METHODS if method.problem == "board"]
     points = [_setting(m, s, k) for m in methods for k, s in enumerate(m.ladder[:4])]
     floor = dict.fromkeys(NORMS) | {"maximum": 1e-7}
-    study = WorkPrecisionStudy(
+    return WorkPrecisionStudy(
         scene=small_scene(),
         points=tuple(points),
         orders={method.name: Order(2.0, 0.1, 1.0, (0,), HOSTILE) for method in methods},
@@ -197,7 +208,10 @@ def _accuracy() -> Report:
         machine={},
         seconds=2.0,
     )
-    return accuracy_report(study)
+
+
+def _accuracy() -> Report:
+    return accuracy_report(work_precision())
 
 
 def _regression() -> Report:
@@ -235,6 +249,9 @@ STUDIES: dict[str, Callable[[], Report]] = {
     "tune": _tuning,
     "sweep, a map": lambda: _sweep("C=10pF:100pF:4", "gain=10k:100k:3"),
     "sweep, a curve": lambda: _sweep("C=10pF:100pF:8"),
+    "sweep, three axes": lambda: _sweep(
+        "C=10pF:100pF:3", "gain=10k:100k:2", "stray_capacitance=1pF:9pF:2"
+    ),
     "sweep, op-amps": lambda: _sweep("opamp.base=ua741,op27", "C=10pF:100pF:3"),
     "accuracy": _accuracy,
     "regress": _regression,

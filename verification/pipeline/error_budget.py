@@ -26,6 +26,8 @@ from verification.pipeline.pruning import PruningEffect, pruning_effect
 from verification.pipeline.recording import Recording
 from verification.pipeline.rounding_forecast import predicted_change
 
+LEAST_BOUND = 1e-9  # of the step: a smaller bound on an error has no number of its own
+
 
 def error_budget(
     design: Design, ideal: IdealAnswer, recording: Recording, noise: OutputNoise | None = None
@@ -95,7 +97,8 @@ def _antilog(chain: ErrorChain, board: LinearBoard) -> None:
 
 def _transient(chain: ErrorChain, recording: Recording) -> None:
     """Add what the record's end lacks of the rest, and how far it is from the exact transient."""
-    error = recording.error.steady_state * (recording.measurements.amplitude or 1.0)
+    amplitude = recording.measurements.amplitude or 1.0
+    error = recording.error.steady_state * amplitude
     bound = error if math.isfinite(error) else None
     if recording.exact_end is None:
         chain.link("unsettled", "end of the record against that equilibrium", recording.u[-1])
@@ -105,7 +108,8 @@ def _transient(chain: ErrorChain, recording: Recording) -> None:
     chain.link("unsettled", how, recording.exact_end)
     how = "end of the record against that transient"
     if bound is not None:
-        how += f"; error at most {show(bound, 'V', 3)}"
+        small = bound <= LEAST_BOUND * amplitude
+        how += f"; error at most {'1 ppb of the step' if small else show(bound, 'V', 3)}"
     chain.link("simulator", how, recording.u[-1], bound=bound)
 
 

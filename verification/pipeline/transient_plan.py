@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 from netlist_gen.analysis import Transient
+from netlist_gen.quantities import show
 from netlist_gen.scene.checks import Checks
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
@@ -35,9 +36,9 @@ NO_STEPS = StepForecast(0.0, 0.0, 0.0, 0.0, steps=0.0, error=0.0)
 UNSTABLE_PERIODS = 100.0  # of ringing: the same for the state-space engine, where it needs steps
 EXACT_PERIODS = 20_000.0  # the same where it needs none: the record has `GROWING_POINTS` on each
 GROWING_POINTS = 10.0  # on a period: fewer would show ringing at another frequency
-TOO_LONG = "the record ends after {stop:.3g} s, before the instability has grown"
+TOO_LONG = "the record ends after {stop}, before the instability has grown"
 TOO_SLOW = (
-    "the record ends after {stop:.3g} s, before the instability has grown: ngspice needs"
+    "the record ends after {stop}, before the instability has grown: ngspice needs"
     " {seconds:g} s up to there"
 )
 
@@ -180,7 +181,7 @@ def _growing(
     if forecast.steps * step_seconds <= UNSTABLE_SECONDS:
         return float(model.time[-1]), forecast, ()
     stop = model.reached(forecast, UNSTABLE_SECONDS / step_seconds)
-    note = TOO_SLOW.format(stop=stop, seconds=UNSTABLE_SECONDS)
+    note = TOO_SLOW.format(stop=show(stop, "s", 3), seconds=UNSTABLE_SECONDS)
     return stop, StepModel.of(board, stop, initial).cheapest(GROWTH_ERROR), (note,)
 
 
@@ -192,7 +193,7 @@ def _without_steps(
     stepped = not board.circuit.is_linear or board.descriptor.is_large
     longest = (UNSTABLE_PERIODS if stepped else EXACT_PERIODS) * scales.max_step_for(1.0)
     if growing and stop > longest:
-        stop, notes = longest, (TOO_LONG.format(stop=longest),)
+        stop, notes = longest, (TOO_LONG.format(stop=show(longest, "s", 3)),)
     spacing = min(stop, scales.max_step_for(GROWING_POINTS)) if growing else stop
     transient = Transient(stop, spacing, initial=scene.analysis.initial)
     grown = min(scales.growth_time, stop)

@@ -7,6 +7,7 @@ from typing import Any
 
 from netlist_gen.quantities import show
 from verification.report.picture import BLUE, GREY, ORANGE, figure_file
+from verification.report.signs import readable
 from verification.report.verdict.remedies import value_text
 from verification.studies.tune import Candidate, Tuning
 
@@ -26,7 +27,10 @@ def plot_tradeoff(tuning: Tuning, path: str) -> None:
     """
     from matplotlib.ticker import EngFormatter, LogLocator, NullFormatter
 
-    title = f"{tuning.scene.name}: settling time against overshoot"
+    after = readable(show(tuning.after.settling_time, "s"))
+    title = (
+        f"{tuning.scene.name}: settled in {after}, overshoot {100 * tuning.after.overshoot:.3g} %"
+    )
     with figure_file(path, 8.5, 5.5, title) as figure:
         axes = figure.add_subplot()
         frontier = sorted(tuning.frontier, key=lambda c: c.overshoot)
@@ -38,7 +42,7 @@ def plot_tradeoff(tuning: Tuning, path: str) -> None:
             ("before", tuning.before, "s", ORANGE),
             ("after", tuning.after, "*", BLUE),
         ):
-            label = f"{name}: {show(candidate.settling_time, 's')}"
+            label = f"{name}: {readable(show(candidate.settling_time, 's'))}"
             place = (100 * candidate.overshoot, candidate.settling_time)
             axes.plot(*place, mark, ms=12, color=colour, label=label)
             if all(map(math.isfinite, place)):
@@ -57,7 +61,8 @@ def plot_tradeoff(tuning: Tuning, path: str) -> None:
 
 
 def _values(tuning: Tuning, candidate: Candidate) -> str:
-    return ", ".join(value_text(tuning.scene, p, v) for p, v in candidate.values.items())
+    texts = (value_text(tuning.scene, p, v) for p, v in candidate.values.items())
+    return readable(", ".join(texts))
 
 
 def _neighbours(frontier: list[Candidate], chosen: Candidate) -> list[Candidate]:

@@ -10,7 +10,8 @@ import numpy as np
 
 from netlist_gen.quantities import show
 from verification.report.choose.tables import first_of_each, number
-from verification.report.picture import check_plot_file, figure_file
+from verification.report.picture import BLUE, ORANGE, check_plot_file, figure_file
+from verification.report.signs import readable
 from verification.studies.choose.ranking import Design
 from verification.studies.choose.request import CAPACITANCE, GAIN
 
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
 PANELS, ACROSS = 9, 3
 LOW, HIGH = 0.1, 10.0  # ends of the colours: shares of a limit
-MAP = "viridis_r"  # light is good; apart for every kind of colour vision
+MAP = (BLUE, "#f4f4f2", ORANGE)  # within all limits, at one, beyond
 MOST_TICKS = 5
 
 
@@ -43,7 +44,7 @@ def plot_choice(designs: Sequence[Design], best: Sequence[Design], title: str, p
         for axes in panels[len(names) :]:
             axes.set_axis_off()
         bar = figure.colorbar(image, ax=panels.tolist(), extend="both", shrink=0.9)
-        bar.set_label("worst value over its limit")
+        bar.set_label("worst value over its limit; blue: within all limits, orange: beyond one")
         bar.ax.axhline(1.0, color="k", lw=1.5)
         text = "dot: passes all checks, with parts that can be bought; star: among the best;"
         text += " grey: unstable or without a verdict"
@@ -51,7 +52,7 @@ def plot_choice(designs: Sequence[Design], best: Sequence[Design], title: str, p
 
 
 def _panel(axes: Axes, own: Sequence[Design], best: Sequence[Design], name: str) -> Any:
-    from matplotlib.colors import LogNorm
+    from matplotlib.colors import LinearSegmentedColormap, LogNorm
 
     farads = sorted({number(design.values[CAPACITANCE]) for design in own})
     ohms = sorted({number(design.values[GAIN]) for design in own})
@@ -68,13 +69,17 @@ def _panel(axes: Axes, own: Sequence[Design], best: Sequence[Design], name: str)
             axes.plot(x, y, "o", ms=4.5, mfc="w", mec="k", mew=0.8)
     axes.set_facecolor("0.8")
     shown = np.ma.masked_invalid(values)
-    image = axes.imshow(shown, origin="lower", aspect="auto", cmap=MAP, norm=LogNorm(LOW, HIGH))
+    colours = LinearSegmentedColormap.from_list("share", MAP)
+    norm = LogNorm(LOW, HIGH)
+    image = axes.imshow(shown, origin="lower", aspect="auto", cmap=colours, norm=norm)
     passing = sum(design.good for design in own)
     axes.set_title(f"{name}: {passing} of {len(own)} pass", fontsize="medium")
     axes.set(xlabel="C", ylabel="gain")
     for axis, ticks, unit in ((axes.xaxis, farads, "F"), (axes.yaxis, ohms, "ohm")):
         step = math.ceil(len(ticks) / MOST_TICKS)
         axis.set_ticks(range(0, len(ticks), step))
-        axis.set_ticklabels([show(value, unit, 3) for value in ticks[::step]], fontsize="small")
+        axis.set_ticklabels(
+            [readable(show(value, unit, 3)) for value in ticks[::step]], fontsize="small"
+        )
     axes.grid(visible=False)
     return image

@@ -8,7 +8,8 @@ from typing import Any
 from verification.report.html.blocks import Block, Cell, Notes, Picture, Report, Section, Table
 from verification.report.html.pictures import DASHES, MARKS, SERIES, axis, line, numbers, words
 from verification.report.html.sections.origin import origin_section
-from verification.report.html.texts import number_cell, quantity, readable
+from verification.report.html.texts import number_cell, quantity
+from verification.report.signs import readable
 from verification.report.work_precision.tables import PROBLEMS, accuracy_document
 from verification.studies.work_precision.study import WorkPrecisionStudy
 
@@ -22,9 +23,10 @@ def accuracy_report(study: WorkPrecisionStudy) -> Report:
     summary = "No run of this study has a known error."
     if best:
         last = best[-1]
+        method = last["any"]["method"]
         summary = (
-            f"{last['any']['method']} reaches an error of {last['error']:.0e} of the step in"
-            f" {quantity(last['any']['seconds'], 's', 3)}."
+            f"{method[:1].upper()}{method[1:]} reaches an error of {last['error']:.0e} of the step"
+            f" in {quantity(last['any']['seconds'], 's', 3)}."
         )
     sections = [
         Section(f"Error against run time: {PROBLEMS[name]}", tuple(_problem(document, name)))
@@ -40,7 +42,11 @@ def accuracy_report(study: WorkPrecisionStudy) -> Report:
             *sections,
             Section("Cheapest settings", (_cheapest(document),)),
             Section("Order of convergence", (_orders(document),)),
-            Section("Left out", (Notes("", tuple(study.omissions)),)),
+            *(
+                [Section("Left out", (Notes("", tuple(study.omissions)),))]
+                if study.omissions
+                else []
+            ),
             origin_section(study.scene, (("the study took", quantity(study.seconds, "s", 3)),)),
         ),
     )
@@ -122,7 +128,19 @@ def _picture(document: dict[str, Any], problem: str) -> Picture:
         "Each mark is one setting of a method: further left is faster, further down is more"
         " accurate. The dashed line is the error of the reference."
     )
-    return Picture("Runs by time and error", {"data": data, "layout": layout}, summary, 460)
+    spec, result = {"data": data, "layout": layout}, _best(document, problem)
+    return Picture("Runs by time and error", spec, summary, 460, result=result)
+
+
+def _best(document: dict[str, Any], problem: str) -> str:
+    """Return the most accurate run in words."""
+    runs = [
+        (p["errors"]["maximum"], p["seconds"], m["name"])
+        for m in _methods(document, problem)
+        for p in _known(m)
+    ]
+    error, seconds, name = min(runs)
+    return f"the most accurate is {name}, {error:.1e} in {quantity(seconds, 's', 3)}"
 
 
 def _cheapest(document: dict[str, Any]) -> Table:

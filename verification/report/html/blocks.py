@@ -73,6 +73,11 @@ class Bar:
         """`share` in words."""
         return _percent(self.share or 0.0)
 
+    @property
+    def fill(self) -> Outcome:
+        """The look of the bar; without an outcome it says whether the limit is exceeded."""
+        return self.outcome or ("fail" if (self.share or 0.0) > 1.0 else "pass")
+
 
 AT_LIMIT, END, SHORTEST = 200.0, 300.0, 2.0  # units
 
@@ -84,11 +89,12 @@ def _place(share: float) -> float:
 def _percent(share: float) -> str:
     """Return a fraction as per cent, a large one as a factor."""
     if share >= MANY:
-        return f"{share:.3g} times"
-    return f"{100 * share:.3g} %" if share >= LEAST else f"below {100 * LEAST:g} %"
+        return f"{share:.3g} times the limit"
+    return f"{100 * share:.3g} % of the limit" if share >= LEAST else LITTLE
 
 
 MANY, LEAST = 10.0, 1e-4
+LITTLE = f"below {100 * LEAST:g} % of the limit"
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,6 +154,8 @@ class Picture:
         Parts of the picture, the first is shown at the start.
     zoom : bool
         Whether buttons zoom and move along the horizontal axis.
+    result : str
+        What the picture says, in some words behind its title.
     """
 
     kind: ClassVar[str] = "picture"
@@ -157,6 +165,7 @@ class Picture:
     height: int = 380
     views: tuple[View, ...] = ()
     zoom: bool = True
+    result: str = ""
 
 
 @dataclass(frozen=True, slots=True)

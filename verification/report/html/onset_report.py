@@ -22,8 +22,9 @@ from verification.report.html.blocks import (
 )
 from verification.report.html.pictures import area, axis, label, line, log_axis, numbers, words
 from verification.report.html.sections.origin import origin_section
-from verification.report.html.texts import number_cell, quantity, readable
+from verification.report.html.texts import number_cell, quantity
 from verification.report.onset.tables import direction
+from verification.report.signs import readable
 from verification.studies.onset.onset import Finding, Onset
 
 RINGS = 0.5  # damping ratio up to which a mode is on the pictures
@@ -151,10 +152,11 @@ def _over(
         area(low, high, across="x", colour="--pass-soft") for low, high in onset.scan.stable_ranges
     ]
     shapes += [line(each.crossing.value, None, "--ink", dash="dash") for each in onset.findings]
+    edge = 1 if unit else 0  # of a stable range, where a frequency is low and a damping high
     labels = [
         label(quantity(each.crossing.value, onset.axis.key.unit),
               math.log10(each.crossing.value) if log else each.crossing.value,
-              1, yref="paper", yanchor="bottom", xanchor="left")
+              edge, yref="paper", yanchor="top" if edge else "bottom", xanchor="left")
         for each in onset.findings
         if each.crossing.changes_stability
     ]  # fmt: skip

@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from verification.report.html.blocks import Bars, Block, Cell, Notes, Report, Section, Table
 from verification.report.html.sections.checks import check_bar
 from verification.report.html.sections.origin import plain_origin
-from verification.report.html.texts import readable
 from verification.report.regression.text import (
     CHANGES,
     PREFIX,
@@ -19,6 +18,7 @@ from verification.report.regression.text import (
     summary_row,
     value_text,
 )
+from verification.report.signs import readable
 from verification.report.verdict.json_document import check_record
 from verification.studies.regression.run import RegressionReport, SceneResult, Status
 

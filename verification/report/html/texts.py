@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable
+from decimal import Decimal
 
 from netlist_gen.quantities import show
 from verification.report.html.blocks import Cell, Outcome
-from verification.report.tables import value_text
+from verification.report.signs import readable
+from verification.report.tables import spaced, value_text
 
-OHM = re.compile(r"ohm\b")
-MICRO = re.compile(r"(?<=\d )u(?=[A-Za-zΩ/])|(?<=V/)u(?=s\b)")
 NONE = "–"
+LEAST_SHARE = 1e-6  # of the step: smaller parts have no number
+LEAST_ERROR = 1e-5  # of a value: smaller errors are below the digits that are shown
 
 
 def quantity(value: float | None, unit: str, digits: int = 4) -> str:
@@ -35,28 +36,71 @@ def figure(value: float | None, unit: str, digits: int = 4) -> str:
     --------
     >>> figure(0.0123, "step"), figure(float("inf"), "s"), figure(-1123.46, "1/s")
     ('1.23 %', 'never', '-1123 /s')
+    >>> figure(19.53, "step"), figure(3e-9, "step"), figure(2e-6, "step")
+    ('1950 %', 'under 1 ppm', '0.0002 %')
     """
     if value is None or math.isnan(value):
         return NONE
     if math.isinf(value):
         return "never"
+    if unit == "step":
+        return _per_cent(value, min(digits, 3))
+    if unit == "1/s" and 0.0 < abs(value) < 1.0:
+        return f"{value:.{digits}g} /s"
     return readable(value_text(float(value), "" if unit == "ratio" else unit, digits))
 
 
-def readable(text: str) -> str:
-    """Return `text` with the signs for ohm and micro."""
-    return MICRO.sub("µ", OHM.sub("Ω", text))
+def _per_cent(share: float, digits: int) -> str:
+    """Return a fraction of the step without an exponent."""
+    if 0.0 < abs(share) < LEAST_SHARE:
+        return "under 1 ppm"
+    rounded = float(f"{100.0 * share:.{digits}g}")
+    return f"{Decimal(repr(rounded)):f}".removesuffix(".0") + " %"
 
 
-def counted(number: int, noun: str) -> str:
-    """Return a number with its noun.
+def with_error(value: float | None, error: float | None, unit: str) -> str:
+    """Return a value with the bound on its error, which has two digits or is below those shown.
 
     Examples
     --------
-    >>> counted(1, "channel"), counted(7, "channel")
-    ('1 channel', '7 channels')
+    >>> with_error(0.1, 0.01, "step"), with_error(1.4e-4, 2.1e-17, "s"), with_error(2.0, None, "V")
+    ('10 % ± 1 %', '140 µs (error under 10 ppm)', '2 V')
     """
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+    text = figure(value, unit)
+    if value is None or not error or not math.isfinite(error) or not math.isfinite(value):
+        return text
+    if error < LEAST_ERROR * abs(value):
+        return f"{text} (error under 10 ppm)"
+    return f"{text} ± {figure(error, unit, 2)}"
+
+
+def counted(number: int, noun: str, nouns: str = "") -> str:
+    """Return a number with its noun; `nouns` is a plural that does not end in an added s.
+
+    Examples
+    --------
+    >>> counted(1, "channel"), counted(7, "channel"), counted(2, "entry", "entries")
+    ('1 channel', '7 channels', '2 entries')
+    """
+    return f"{number} {noun}" if number == 1 else f"{number} {nouns or noun + 's'}"
+
+
+def opamp_name(name: str) -> str:
+    """Return the name of an op-amp model in words.
+
+    Examples
+    --------
+    >>> opamp_name("ua741"), opamp_name("ideal_changed")
+    ('ua741', 'ideal with changed figures')
+    """
+    base = name.removesuffix("_changed")
+    return name if base == name else f"{base} with changed figures"
+
+
+def titled(name: str) -> str:
+    """Return the name of a quantity as a title."""
+    text = spaced(name)
+    return f"{text[:1].upper()}{text[1:]}"
 
 
 def percent(share: float) -> str:

@@ -44,7 +44,7 @@ def tuning_report(tuning: Tuning, verdict: Verdict) -> Report:
 
 def _blocks(tuning: Tuning, verdict: Verdict) -> Iterator[Block]:
     keys = {path: find_key(tuning.scene, path).unit for path in tuning.after.values}
-    titles = ("design", *keys, "settling time", "overshoot")
+    titles = ("design", *map(_key_name, keys), "settling time", "overshoot")
     rows = tuple(
         (
             Cell(name),
@@ -74,7 +74,7 @@ def _blocks(tuning: Tuning, verdict: Verdict) -> Iterator[Block]:
 def _tradeoff(tuning: Tuning, keys: dict[str, str]) -> Picture:
     def text(candidate: Candidate) -> str:
         return ", ".join(
-            f"{path.removeprefix('design.')} {quantity(value, keys[path])}"
+            f"{_key_name(path)} {quantity(value, keys[path])}"
             for path, value in candidate.values.items()
         )
 
@@ -101,7 +101,15 @@ def _tradeoff(tuning: Tuning, keys: dict[str, str]) -> Picture:
              "hovertemplate": f"{name}: %{{text}}, %{{y:.4s}}s, %{{x:.3g}} %<extra></extra>"}
         )  # fmt: skip
         notes.append(
-            label(f"{name}: {text(candidate)}", x, math.log10(y), yanchor="bottom", yshift=10)
+            label(
+                f"{name}: {text(candidate)}",
+                x,
+                math.log10(y),
+                xanchor="left",
+                xshift=12,
+                yanchor="bottom",
+                yshift=2,
+            )
         )
     layout = {
         "xaxis": axis("overshoot (% of the step)"),
@@ -112,4 +120,17 @@ def _tradeoff(tuning: Tuning, keys: dict[str, str]) -> Picture:
     summary = (
         "Settling time against overshoot of the designs on the trade-off curve; dotted: the limit."
     )
-    return Picture("Trade-off", {"data": data, "layout": layout}, summary, 380)
+    spec, result = {"data": data, "layout": layout}, _gain(tuning)
+    return Picture("Trade-off", spec, summary, 380, result=result)
+
+
+def _key_name(path: str) -> str:
+    return path.removeprefix("design.").replace("_", " ")
+
+
+def _gain(tuning: Tuning) -> str:
+    """Return how much faster the design settles."""
+    before, after = tuning.before.settling_time, tuning.after.settling_time
+    if not (math.isfinite(before) and after > 0.0):
+        return f"it settles in {quantity(after, 's')}"
+    return f"it settles {before / after:.3g} times as fast"

@@ -12,12 +12,17 @@ from verification.report.html.sections.board import (
     omissions_section,
     parts_section,
 )
-from verification.report.html.sections.checks import checks_section, headroom_section
+from verification.report.html.sections.checks import (
+    check_bar,
+    checks_section,
+    headroom_section,
+)
 from verification.report.html.sections.errors import budget_section, effort_section, stress_section
 from verification.report.html.sections.origin import deck_section, origin_section, run_rows
 from verification.report.html.sections.stability import stability_section
 from verification.report.html.sections.waveforms import waveforms_section
-from verification.report.html.texts import readable
+from verification.report.html.texts import figure, quantity
+from verification.report.signs import readable
 from verification.report.tables import spaced
 from verification.report.verdict.json_document import verdict_document
 from verification.verify import Verdict
@@ -42,7 +47,7 @@ def verdict_report(verdict: Verdict, command: str = "taction verify", changes: s
         command=command,
         outcome=verdict.outcome.value,
         summary=_summary(document),
-        lines=board_lines(verdict),
+        lines=(*board_lines(verdict), _cost(document)),
         sections=verdict_sections(verdict, document, changes),
     )
 
@@ -58,7 +63,7 @@ def verdict_sections(
         stability_section(verdict.circuit, verdict.poles),
         stress_section(verdict),
         budget_section(document),
-        headroom_section(document["headroom"]),
+        headroom_section(document["headroom"], limited=not verdict.circuit.is_small_signal),
         effort_section(document),
         board_section(verdict),
         omissions_section(document),
@@ -72,7 +77,8 @@ def verdict_sections(
 def _changes(text: str) -> Section:
     """Return what can mend the verdict; the first line of the text is above the others."""
     first, *lines = [readable(line.strip()) for line in text.splitlines()] or [""]
-    lead = f"{first[:1].upper()}{first[1:].removesuffix(':')}."
+    detail = first.removesuffix(":").removeprefix("what to change").strip()
+    lead = f"The nearest changes that mend the verdict {detail}".rstrip() + "."
     return Section("What to change", (Notes("", tuple(lines)),) if lines else (), lead)
 
 
@@ -82,12 +88,31 @@ def _least(verdict: Verdict) -> dict[str, float]:
     return {name: each.min for name, each in limits.items() if each and each.min is not None}
 
 
+def _cost(document: dict[str, Any]) -> str:
+    """Return the engine, the error that it reached, and the run time."""
+    engine = ", ".join(str(document[n]) for n in ("simulator", "solver", "method") if document[n])
+    engine = engine.replace("statespace", "the state-space engine")
+    reached, total = document["accuracy"]["achieved"], document["timing"]["total"]
+    known = "unknown" if reached is None else f"{figure(reached, 'step', 3)} of the step"
+    return f"Simulated by {engine}; error of the record {known}; {quantity(total, 's', 3)} in all."
+
+
+def _nearest(document: dict[str, Any]) -> str:
+    """Return which check is nearest to its limit."""
+    bars = [check_bar(check) for check in document["checks"]]
+    measured = [bar for bar in bars if bar.share is not None]
+    if not measured:
+        return ""
+    nearest = max(measured, key=lambda bar: bar.share or 0.0)
+    return f"; {nearest.name} is nearest to its limit ({nearest.used})"
+
+
 def _summary(document: dict[str, Any]) -> str:
     """Return what decides the outcome in a sentence."""
     checks = document["checks"]
     decisive = [check for check in checks if check["outcome"] == document["outcome"]]
     if document["outcome"] == "pass":
-        return f"All {len(checks)} checks pass."
+        return f"All {len(checks)} checks pass{_nearest(document)}."
     verb = "fail" if document["outcome"] == "fail" else "are not decided"
     names = ", ".join(spaced(check["name"]) for check in decisive)
     if len(decisive) == 1:

@@ -25,7 +25,7 @@ from verification.report.html.blocks import (
 from verification.report.html.pictures import HATCH, area, axis, line
 from verification.report.html.ranges import is_beyond, value_range
 from verification.report.html.sections.origin import origin_section
-from verification.report.html.texts import figure, number_cell, percent
+from verification.report.html.texts import counted, figure, number_cell, percent, titled
 from verification.report.tables import spaced
 from verification.report.tolerance.tables import remedy_text
 from verification.studies.tolerance.varied_board import BoardSample
@@ -97,11 +97,21 @@ def _spreads(result: YieldReport) -> Iterator[Block]:
     rows = [row for spread in result.quantities if (row := _range(spread)) is not None]
     if rows:
         note = (
-            "The bar goes from the 5 % to the 95 % quantile, the line in it is the median, the"
+            "The bar goes from the 5th to the 95th percentile, the line in it is the median, the"
             " black line the limit. Hatched: beyond the limit."
         )
-        yield Ranges("5 %, median and 95 %, against the limits", tuple(rows), note)
-    titles = ("quantity", "at least", "at most", "5 %", "median", "95 %", "missing")
+        yield Ranges(
+            "5th percentile, median and 95th percentile against the limits", tuple(rows), note
+        )
+    titles = (
+        "quantity",
+        "at least",
+        "at most",
+        "5th percentile",
+        "median",
+        "95th percentile",
+        "missing",
+    )
     cells = tuple(
         (
             Cell(spaced(each.name)),
@@ -117,7 +127,7 @@ def _spreads(result: YieldReport) -> Iterator[Block]:
 
 
 def _range(spread: Spread) -> Range | None:
-    values = {"5 %": spread.low, "median": spread.median, "95 %": spread.high}
+    values = {"5th percentile": spread.low, "median": spread.median, "95th": spread.high}
     if not all(map(math.isfinite, values.values())):
         return None
     return value_range(spread.name, spread.unit, values, (spread.at_least, spread.at_most))
@@ -173,14 +183,18 @@ def _histogram(spread: Spread, values: np.ndarray[Any, Any]) -> Picture:
         "bargap": 0.02,
         "showlegend": True,
     }
-    texts = ", ".join(figure(limit, spread.unit) for limit in limits) or "none"
-    beyond = int((~inside).sum())
+    texts = " and ".join(figure(limit, spread.unit) for limit in limits)
+    result = (
+        f"{int((~inside).sum())} of {len(values)} samples beyond {texts}" if limits else "no limit"
+    )
+    if spread.missing:
+        result += f", {counted(spread.missing, 'sample')} without a value"
     summary = (
         f"{len(values)} samples from {figure(float(values.min()), spread.unit)} to"
-        f" {figure(float(values.max()), spread.unit)}; limit: {texts}; {beyond} beyond it."
-        f" {spread.missing} samples do not have this quantity."
+        f" {figure(float(values.max()), spread.unit)}; {result}."
     )
-    return Picture(spaced(spread.name), {"data": data, "layout": layout}, summary, 280, views)
+    spec = {"data": data, "layout": layout}
+    return Picture(titled(spread.name), spec, summary, 280, views, result=result)
 
 
 def _culprits(result: YieldReport) -> Iterator[Block]:
@@ -215,7 +229,7 @@ def _culprits(result: YieldReport) -> Iterator[Block]:
         (
             Cell(spaced(s.quantity) + ("" if s.channel is None else f", channel {s.channel}")),
             Cell(s.parameter),
-            Cell(s.kind),
+            Cell(spaced(s.kind)),
             Cell(f"{s.correlation:+.2f} ± {s.standard_error:.2f}", s.correlation),
             Cell(f"{100 * s.correlation**2:.0f} %", s.correlation**2),
         )

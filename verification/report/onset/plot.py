@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from netlist_gen.quantities import show
 from spice_models.array_types import Floats
 from verification.report.picture import BLUE, GREY, ORANGE, figure_file
+from verification.report.signs import readable
 from verification.small_signal.scan_result import Sample
 from verification.studies.onset.onset import Onset
 
@@ -22,6 +24,7 @@ DAMPING = (1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 
 LABEL_ROOM = 0.1  # width of the label of a damping line over the width of the pole map
 HEADROOM = 1.25
 SHORT = 15.0  # ratio of the ends below which a logarithmic axis has labels between its decades
+ABOVE = 16.0  # points between a panel and its title: room of the legend
 MAX_DAMPING = 0.5  # damping ratio up to which a mode is on the pictures
 NEAR = 6  # modes of each sample, nearest the imaginary axis, that set the limits of the pictures
 UPPER_LEFT: dict[str, Any] = {"xytext": (0, -3), "textcoords": "offset points", "va": "top"}
@@ -45,15 +48,22 @@ def plot_onset(onset: Onset, path: str) -> None:
     """
     samples = [sample for sample in onset.scan.samples if not sample.failure]
     modes = _ringing(samples)
-    with figure_file(
-        path, 11.5, 6.4, f"{onset.scene.name}: poles over {onset.axis.name}"
-    ) as figure:
+    unit = onset.axis.key.unit
+    ranges = [f"{_text(a, unit)} to {_text(b, unit)}" for a, b in onset.scan.stable_ranges]
+    stable = (
+        f"stable for {onset.axis.name} from {'; '.join(ranges)}" if ranges else "stable nowhere"
+    )
+    with figure_file(path, 11.5, 6.4, f"{onset.scene.name}: {stable}") as figure:
         grid = figure.add_gridspec(2, 2, width_ratios=(1.2, 1))
         _pole_map(figure, figure.add_subplot(grid[:, 0]), onset, samples, modes)
         damping = figure.add_subplot(grid[0, 1])
         _damping(damping, onset, modes)
         _frequency(figure.add_subplot(grid[1, 1], sharex=damping), onset, modes)
         damping.tick_params(which="both", labelbottom=False)
+
+
+def _text(value: float, unit: str) -> str:
+    return readable(show(value, unit))
 
 
 def _ringing(samples: Sequence[Sample]) -> Modes:
@@ -104,7 +114,7 @@ def _pole_map(
         axes.plot(0.0, each.crossing.pole.imag / size, "o", mfc="none", mec=ORANGE, ms=9, zorder=4)
     axes.set(xlim=(left / size, right / size), ylim=(0.0, top / size), title="pole map")
     axes.set(xlabel=f"real part ({unit}/s)", ylabel=f"imaginary part ({unit}rad/s)")
-    label = onset.axis.name + (f" ({onset.axis.key.unit})" if onset.axis.key.unit else "")
+    label = onset.axis.name + (f" ({readable(onset.axis.key.unit)})" if onset.axis.key.unit else "")
     bar = figure.colorbar(dots, ax=axes, location="bottom", aspect=50, pad=0.01)
     _engineering(bar.ax.xaxis, "", samples[0].value, samples[-1].value)
     bar.set_label(label)
@@ -128,6 +138,7 @@ def _engineering(axis: Axis, unit: str, low: float, high: float) -> None:
     from matplotlib.ticker import EngFormatter, NullFormatter
 
     short = low > 0.0 and high < SHORT * low
+    unit = readable(unit)
     axis.set_major_formatter(EngFormatter(unit=unit))
     axis.set_minor_formatter(EngFormatter(unit=unit) if short else NullFormatter())
 
@@ -155,13 +166,14 @@ def _damping(axes: Axes, onset: Onset, modes: Modes) -> None:
     axes.plot(value, zeta, ".", ms=3, color="k")
     reach = 3.0 * float(np.percentile(np.abs(zeta), 50)) if len(zeta) else 0.1
     reach = min(max(reach, 1e-3), MAX_DAMPING)
-    axes.set(ylim=(-reach, reach), ylabel="damping ratio (below 0: grows)", title="root locus")
+    axes.set(ylim=(-reach, reach), ylabel="damping ratio (below 0: grows)")
+    axes.set_title("root locus", pad=ABOVE)
     legend: list[Any] = []
     for state, (colour, line, text) in STATES.items():
         if any(each.confirmation.confirmed is state for each in onset.findings):
             legend += axes.plot([], [], color=colour, ls=line, lw=1.2, label=f"crossing, {text}")
     legend.append(axes.axvspan(np.nan, np.nan, color=BLUE, alpha=0.2, lw=0, label="stable"))
-    axes.legend(handles=legend, fontsize="x-small", loc="upper right")
+    _legend_above(axes, handles=legend)
 
 
 def _frequency(axes: Axes, onset: Onset, modes: Modes) -> None:
@@ -177,4 +189,12 @@ def _frequency(axes: Axes, onset: Onset, modes: Modes) -> None:
         axes.set_yscale("log")
     _engineering(axes.yaxis, "Hz", *axes.get_ylim())
     axes.set(xlabel=onset.axis.name, ylabel="ringing frequency")
-    axes.legend(fontsize="x-small", loc="best")
+    _legend_above(axes)
+
+
+def _legend_above(axes: Axes, **more: Any) -> None:
+    """Write the legend above the panel, where it covers nothing."""
+    axes.legend(
+        fontsize="x-small", loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, frameon=False,
+        borderaxespad=0.1, **more,
+    )  # fmt: skip

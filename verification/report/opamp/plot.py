@@ -21,6 +21,7 @@ from verification.characterise.characterise import (
 )
 from verification.characterise.witnesses import Witness
 from verification.report.picture import BLUE, GREY, ORANGE, figure_file, time_unit
+from verification.report.signs import readable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -152,5 +153,5 @@ def _large(axes: Axes, opamp: OpAmp, curves: dict[str, Curves]) -> None:
             _draw_step(axes, found.large, name, style, SHOWN_LARGE)
     swing = opamp.swing(supply_of(opamp))
     axes.axhline(STEP * swing, color=GREY, lw=0.9, ls="--", zorder=1)
-    axes.set_title(f"large step: {show(opamp.slew_rate, 'V/s', 3)} at most")
+    axes.set_title(f"large step: {readable(show(opamp.slew_rate, 'V/s', 3))} at most")
     axes.set_ylabel("output (V)")

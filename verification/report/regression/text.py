@@ -17,6 +17,7 @@ from verification.studies.regression.compare import Difference
 from verification.studies.regression.run import RegressionReport, SceneResult, Status
 
 SHOWN = 12  # changed quantities of a scene in a table; JSON has them all
+LEAST_OFF = 1e-3  # tolerances: a smaller difference has no number
 SUMMARY = ("scene", "status", "checks", "tolerances off", "simulator", "baseline from")
 CHANGES = ("what", "value", "baseline", "tolerance", "tolerances off", "note")
 ORIGIN = ("outcome", "revision", "taction", "simulator", "fingerprint")  # of a baseline entry
@@ -88,6 +89,8 @@ def short(revision: str) -> str:
 
 def off_text(off: float) -> str:
     """Return a difference in tolerances, or "differs" for values that cannot be compared."""
+    if 0.0 < off < LEAST_OFF:
+        return f"under {LEAST_OFF:g}"
     return f"{off:.3g}" if math.isfinite(off) else "differs"
 
 

@@ -8,8 +8,15 @@ import numpy as np
 
 from netlist_gen.overrides.axes import Axis
 from verification.report.picture import BLUE, ORANGE
-from verification.report.sweep.panels import PANELS, kinds_of
-from verification.report.sweep.rulers import Ruler, tick
+from verification.report.sweep.panels import (
+    ENGINES,
+    LITTLE,
+    PANELS,
+    kinds_of,
+    linear_part,
+    rate_ticks,
+)
+from verification.report.sweep.rulers import Ruler, prefixes, tick
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,19 +38,34 @@ def draw_curves(
     ruler = Ruler(axis)
     unstable = np.nanmax(data["growth_rate"], axis=-1, initial=-np.inf) > 0.0
     for axes, quantity in zip(panels.flat, PANELS, strict=False):
+        if quantity.is_rounding(quantity.factor * data[quantity.name]):
+            axes.set(title=quantity.title, yticks=())
+            axes.text(0.5, 0.5, LITTLE, transform=axes.transAxes, ha="center")
+            continue
         for k, engine in enumerate(engines):
             style, colour, size = LINES[engine]
             values = quantity.factor * data[quantity.name][..., k]
             style = style if len(ruler.places) > 1 and ruler.by_value else "o"
-            axes.plot(ruler.places, values, style, color=colour, ms=size, mfc="none", label=engine)
+            axes.plot(
+                ruler.places,
+                values,
+                style,
+                color=colour,
+                ms=size,
+                mfc="none",
+                label=ENGINES[engine],
+            )
         axes.set_title(quantity.title)
         if quantity.scale == "symlog":
             largest = float(np.nanmax(np.abs(data[quantity.name]), initial=1.0))
-            axes.set_yscale("symlog", linthresh=1e-3 * largest)
+            axes.set_yscale("symlog", linthresh=linear_part(largest))
+            axes.set_yticks(rate_ticks(largest))
+            axes.yaxis.set_major_formatter(prefixes("/s"))
             axes.axhline(0.0, color="k", lw=1.0)
         elif quantity.scale == "log" and np.isfinite(data[quantity.name]).any():
             axes.set_yscale("log")
-            ends = (float(limit(data[quantity.name])) for limit in (np.nanmin, np.nanmax))
+            values = quantity.factor * data[quantity.name]
+            ends = (float(limit(values)) for limit in (np.nanmin, np.nanmax))
             tick(axes.yaxis, quantity.unit, *ends)
     _strip(panels.flat[-1], names, ruler, engines)
     for axes in panels.flat:
@@ -61,5 +83,5 @@ def _strip(axes: Axes, names: np.ndarray[Any, Any], ruler: Ruler, engines: tuple
         places, mark = ruler.places[rows], MARKERS[place % len(MARKERS)]
         axes.scatter(places, columns, 30, c=kind.colour, marker=mark, label=kind.name)
     axes.set(title="outcome", ylim=(-0.6, len(engines) - 0.4))
-    axes.set_yticks(range(len(engines)), engines)
+    axes.set_yticks(range(len(engines)), [ENGINES[engine] for engine in engines])
     axes.legend(fontsize="small", loc="upper left", bbox_to_anchor=(1.0, 1.0))

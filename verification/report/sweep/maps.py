@@ -8,7 +8,15 @@ import numpy as np
 
 from netlist_gen.overrides.axes import Axis
 from spice_models.array_types import Floats
-from verification.report.sweep.panels import PANELS, Kind, Panel, kinds_of
+from verification.report.sweep.panels import (
+    LITTLE,
+    PANELS,
+    Kind,
+    Panel,
+    kinds_of,
+    linear_part,
+    rate_ticks,
+)
 from verification.report.sweep.rulers import Ruler, prefixes, tick
 from verification.studies.sweep.boundary import Boundary
 
@@ -118,6 +126,10 @@ def _bar(
     bar = figure.colorbar(mesh, ax=axes, pad=0.015)
     if quantity.scale == "log":
         tick(bar.ax.yaxis, quantity.unit, *limits)
+    elif quantity.scale == "symlog":
+        ticks = rate_ticks(max(map(abs, limits)))
+        bar.set_ticks(ticks, labels=[prefixes("/s")(tick) for tick in ticks])
+        bar.ax.minorticks_off()
 
 
 def _mesh(
@@ -135,12 +147,15 @@ def _mesh(
     if not shown.count():
         axes.text(0.5, 0.5, "nowhere", transform=axes.transAxes, ha="center")
         return None
+    if quantity.is_rounding(values):
+        axes.text(0.5, 0.5, LITTLE, transform=axes.transAxes, ha="center", backgroundcolor="0.85")
+        return None
     low, high = limits or (float(shown.min()), float(shown.max()))
     if quantity.scale == "log":
         norm: Any = LogNorm(low, max(high, low * 1.01))
     elif quantity.scale == "symlog":
         reach = max(abs(low), abs(high))
-        norm = SymLogNorm(1e-3 * reach, vmin=-reach, vmax=reach)
+        norm = SymLogNorm(linear_part(reach), vmin=-reach, vmax=reach)
     else:
         norm = Normalize(low, max(high, low + 1e-12))
     colours = "PuOr_r" if quantity.scale == "symlog" else "viridis"
@@ -203,6 +218,7 @@ def _finish(axes: Axes, across: Ruler, down: Ruler, boundary: Boundary, growth: 
     across.mark(axes, "x")
     down.mark(axes, "y")
     axes.grid(visible=False)
+    axes.set(xlim=across.edges[[0, -1]], ylim=down.edges[[0, -1]])
     if boundary.unsolved:
         if np.nanmin(growth, initial=0.0) < 0.0 < np.nanmax(growth, initial=0.0):
             axes.contour(across.places, down.places, growth, [0.0], colors="k", linewidths=2.0)

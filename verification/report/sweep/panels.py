@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from spice_models.array_types import Floats
 from verification.report.picture import BLUE, GREY, HATCHES, ORANGE, PURPLE
 from verification.report.sweep.records import all_records
 from verification.report.tables import spaced
@@ -25,6 +27,10 @@ FAILS = {
     "steady state": ("#8f3f00", "++++"),
 }
 OTHER_FAILS = (("#b8860b", "||||"), ("#f0e442", "----"), ("#a0522d", "oo"))
+LINEAR = 0.1  # of the largest rate: about up to there the scale of rates is linear
+LEAST_PER_CENT = 1e-4  # of the step: below lies rounding
+LITTLE = "under 1 ppm of the step"
+ENGINES = {"ngspice": "ngspice", "statespace": "state space"}
 MISSING = ""
 
 
@@ -37,10 +43,16 @@ class Panel:
     factor: float
     scale: str
 
+    def is_rounding(self, values: Floats) -> bool:
+        """Whether all known values, as drawn, are too small a share of the step for a picture."""
+        known = values[np.isfinite(values)]
+        return self.factor > 1.0 and len(known) > 0 and float(known.max()) < LEAST_PER_CENT
+
     @property
     def unit(self) -> str:
-        """Unit of the figure."""
-        return FIGURES[self.name].unit
+        """Unit of what is drawn; the title says where that is per cent of the step."""
+        unit = FIGURES[self.name].unit
+        return "" if unit == "step" else unit
 
 
 PANELS = (
@@ -48,8 +60,32 @@ PANELS = (
     Panel("overshoot", "overshoot (% of the step)", 100.0, "linear"),
     Panel("undershoot", "undershoot (% of the step)", 100.0, "linear"),
     Panel("steady_state_error", "steady-state error (% of the step)", 100.0, "log"),
-    Panel("growth_rate", "rightmost pole, real part (1/s)", 1.0, "symlog"),
+    Panel("growth_rate", "rightmost pole, real part", 1.0, "symlog"),
 )
+
+
+def linear_part(reach: float) -> float:
+    """Return the rate up to which a scale to ±`reach` is linear: a decade, where a tick stands.
+
+    Examples
+    --------
+    >>> linear_part(35e3), linear_part(9999.0)
+    (10000.0, 1000.0)
+    """
+    return float(10.0 ** math.ceil(math.log10(LINEAR * reach)))
+
+
+def rate_ticks(reach: float) -> list[float]:
+    """Return the ticks of a scale of rates to ±`reach`: zero and decades, none near another.
+
+    Examples
+    --------
+    >>> rate_ticks(35e3), rate_ticks(2e4)
+    ([-10000.0, 0.0, 10000.0], [-10000.0, 0.0, 10000.0])
+    """
+    least = linear_part(reach)
+    upper = [least * 10.0**k for k in range(2) if least * 10.0**k <= 1.001 * reach]
+    return [*(-tick for tick in upper[::-1]), 0.0, *upper]
 
 
 @dataclass(frozen=True, slots=True)

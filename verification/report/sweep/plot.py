@@ -12,7 +12,7 @@ from verification.report.picture import check_plot_file, figure_file
 from verification.report.sweep.curves import draw_curves
 from verification.report.sweep.files import grids
 from verification.report.sweep.maps import MOST_MAPS, draw_maps, draw_multiples
-from verification.report.sweep.panels import result_names
+from verification.report.sweep.panels import ENGINES, result_names
 from verification.studies.sweep.boundary import Boundary, solve_boundary
 from verification.studies.sweep.plan import Plan
 from verification.studies.sweep.store import Store
@@ -46,9 +46,11 @@ def plot_sweep(plan: Plan, store: Store, path: str) -> None:
     data, names = grids(plan, store), result_names(plan, store)
     for name in ("overshoot", "undershoot"):  # of a growing record: depends on its length
         data[name][data["growth_rate"] > 0.0] = np.nan
-    title = f"{plan.scene.name}: {plan.points} points, {' and '.join(plan.engines)}"
+    passing = int((names[..., -1] == "pass").sum())
+    engines = " and ".join(ENGINES[engine] for engine in plan.engines)
+    title = f"{plan.scene.name}: {passing} of {plan.points} points pass, {engines}"
     axes: Any = tuple(group[0] for group in plan.groups)
-    chosen = _chosen(len(axes[2])) if len(axes) == MOST_AXES else []
+    chosen = chosen_places(len(axes[2])) if len(axes) == MOST_AXES else []
     width = 16.0 if not chosen else 4.2 + 3.4 * len(chosen)
     with figure_file(path, width, 8.2, title) as figure:
         if len(axes) == 1:
@@ -56,17 +58,18 @@ def plot_sweep(plan: Plan, store: Store, path: str) -> None:
         elif len(axes) == 2:
             draw_maps(figure, axes, data, names, solve_boundary(plan), plan.engines)
         else:
-            solved = [_boundary_at(plan, k) for k in chosen]
+            solved = [boundary_at(plan, k) for k in chosen]
             draw_multiples(figure, axes, data, names, solved, chosen)
 
 
-def _chosen(count: int) -> list[int]:
+def chosen_places(count: int) -> list[int]:
     """Return the places of the values of the third axis that have a map: first, last, between."""
     places = np.linspace(0, count - 1, min(count, MOST_MAPS)).round()
     return [int(place) for place in np.unique(places)]
 
 
-def _boundary_at(plan: Plan, number: int) -> Boundary:
+def boundary_at(plan: Plan, number: int) -> Boundary:
+    """Solve the stability boundary at a value of the third axis, by its place."""
     changes = {axis.key.path: axis.values[number] for axis in plan.groups[2]}
     scene = with_values(plan.scene, changes)
     return solve_boundary(Plan(scene, plan.groups[:2], plan.engines))

@@ -165,4 +165,4 @@ def _culprits(axes: Axes, report: YieldReport) -> None:
         sign = "+" if item.correlation > 0.0 else "−"
         axes.annotate(f" {sign} {share:.0f} %", (share, place), va="center", fontsize=7)
     axes.set_xlim(0.0, 1.25 * max(shares))
-    axes.set_xlabel("of the variance (%); − and hatched: falls with the part")
+    axes.set_xlabel("of the variance (%)\n− and hatched: falls with the part")

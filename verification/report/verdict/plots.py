@@ -21,6 +21,7 @@ from verification.report.picture import (
     label_ends,
     time_unit,
 )
+from verification.report.signs import readable
 from verification.report.tables import spaced
 from verification.report.verdict.table import amount, limit
 from verification.verify import Verdict
@@ -34,9 +35,11 @@ SAME = 2e-3  # of the height of a panel: lines that are closer look like one lin
 TITLES = ("check", "outcome", "value", "limit")
 WIDTHS = (0.28, 0.28, 0.25, 0.19)
 LINE = 62  # characters of a line below the checks
-ROW = 0.062  # height of a row, share of the panel
+ROW = 0.27  # height of a row, inches
 MOST_LINES = 12
 SHOWN = 10  # rise times, or periods of the oscillation
+AFTER = 1.1  # times the instant at which a record exceeds the supply: end of the panel
+PALEST = 0.8  # of the colour map: yellow lines are too pale on white
 CROWD = 24  # channels above which the marks are small
 
 
@@ -51,7 +54,7 @@ def plot_verdict(verdict: Verdict, path: str) -> None:
     agreement = verdict.agreement
     compared = agreement is not None and not agreement.reason
     heights = (1, 1, 0.55) if compared else (1, 1)
-    title = f"{verdict.scene.name}: {verdict.outcome.value}"
+    title = f"{verdict.scene.name}: {_headline(verdict)}"
     with figure_file(path, 12, 9.2 if compared else 7.2, title) as figure:
         grid = figure.add_gridspec(len(heights), 2, width_ratios=(1.7, 1), height_ratios=heights)
         _early(figure, figure.add_subplot(grid[0, 0]), verdict)
@@ -63,6 +66,19 @@ def plot_verdict(verdict: Verdict, path: str) -> None:
             _difference(figure.add_subplot(grid[2, 0], sharex=settling), verdict, agreement)
             settling.tick_params(labelbottom=False)
             settling.set_xlabel("")
+
+
+def _headline(verdict: Verdict) -> str:
+    """Return the outcome, and what decides it or when the board settles."""
+    settling, outcome = verdict.measurements.settling_time, verdict.outcome.value
+    if outcome != "pass":
+        names = ", ".join(spaced(c.name) for c in verdict.checks if c.outcome.value == outcome)
+        return f"{outcome} ({names})"
+    return outcome if settling is None else f"pass, settled at {_shown(settling.value, 's')}"
+
+
+def _shown(value: float, unit: str, digits: int = 4) -> str:
+    return readable(show(value, unit, digits))
 
 
 def _early(figure: Figure, axes: Axes, verdict: Verdict) -> None:
@@ -102,7 +118,7 @@ def _visible(u: Floats, targets: Floats, supply: float) -> tuple[float, float, s
     note = ""
     if largest > reach:
         low, high = max(low, -reach), min(high, reach)
-        note = f"\nthe record goes to {show(largest, 'V', 2)}; supply ±{show(supply, 'V', 3)}"
+        note = f"\nthe record goes to {_shown(largest, 'V', 2)}; supply ±{_shown(supply, 'V', 3)}"
     room = 0.06 * max(high - low, 1e-30)
     return low - room, high + room, note
 
@@ -125,33 +141,41 @@ def _channel_bar(figure: Figure, axes: Axes, count: int) -> None:
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import ListedColormap, Normalize
 
-    colours = ListedColormap(colormaps["viridis"](np.linspace(0.0, 0.9, 256)))
+    colours = ListedColormap(colormaps["viridis"](np.linspace(0.0, PALEST, 256)))
     figure.colorbar(
         ScalarMappable(Normalize(1, count), colours), ax=axes, label="channel", pad=0.01
     )
 
 
 def _settling(axes: Axes, verdict: Verdict) -> None:
-    """Draw the whole record as deviation from the target, with the settling band."""
+    """Draw the record as deviation from the target, with the settling band."""
     t, m = verdict.waveforms.time, verdict.measurements
-    size, name = time_unit(float(t[-1]))
-    scale = 100.0 / (m.amplitude or 1.0)
-    targets = np.array([c.target for c in m.channels])
-    for colour, column in zip(_colours(len(targets)), (verdict.u - targets).T, strict=True):
-        axes.plot(t / size, scale * column, color=colour, lw=0.6)
-    band = 100 * m.band
-    axes.axhspan(-band, band, color="0.85", zorder=0)
+    scale, band, targets = (
+        100.0 / (m.amplitude or 1.0),
+        100 * m.band,
+        [c.target for c in m.channels],
+    )
+    off = scale * (verdict.u - np.array(targets))
+    reach, end = scale * verdict.circuit.supply, float(t[-1])
     title = f"deviation from the reference; grey: ±{band:g} % band"
+    beyond = np.abs(off).max(axis=1) > reach
+    if m.settling_time is None and beyond.any():
+        end = min(AFTER * float(t[int(beyond.argmax())]), end)
+        title += f"\nit grows beyond the supply; the record ends at {_shown(float(t[-1]), 's', 3)}"
+    size, name = time_unit(end)
+    shown = slice(0, int(np.searchsorted(t, end)) + 1)
+    for colour, column in zip(_colours(len(targets)), off[shown].T, strict=True):
+        axes.plot(t[shown] / size, column, color=colour, lw=0.6)
+    axes.axhspan(-band, band, color="0.85", zorder=0)
     if m.settling_time is not None:
         axes.axvline(m.settling_time.value / size, color="k", ls="--", lw=1)
-        title += f"; dashed: settled at {show(m.settling_time.value, 's')}"
+        title += f"; dashed: settled at {_shown(m.settling_time.value, 's')}"
         if verdict.outcome.value != "inconclusive":
             axes.set_ylim(-6 * band, 6 * band)
     else:
-        reach = 100.0 * verdict.circuit.supply / (m.amplitude or 1.0)
         low, high = axes.get_ylim()
         axes.set_ylim(max(low, -reach), min(high, reach))
-    axes.set(xlabel=f"time ({name})", ylabel="% of the step", xlim=(0, t[-1] / size))
+    axes.set(xlabel=f"time ({name})", ylabel="% of the step", xlim=(0, end / size))
     axes.set_title(title)
 
 
@@ -168,7 +192,7 @@ def _difference(axes: Axes, verdict: Verdict, agreement: Agreement) -> None:
 
 
 def _stress(axes: Axes, verdict: Verdict) -> None:
-    from matplotlib.ticker import MaxNLocator
+    from matplotlib.ticker import MaxNLocator, MultipleLocator
 
     problem, U0 = verdict.problem, verdict.circuit.scalings.unit_voltage
     channels = verdict.measurements.channels
@@ -188,7 +212,9 @@ def _stress(axes: Axes, verdict: Verdict) -> None:
         axes.plot(where, final, "x", color=ORANGE, ms=mark, label="board, end of record")
     axes.axhline(0.0, color="k", lw=0.6)
     if problem.positions is None:
-        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        few = len(channels) <= MOST_LABELS
+        axes.xaxis.set_major_locator(MultipleLocator(1) if few else MaxNLocator(integer=True))
+        axes.set_xlim(0.5, len(channels) + 0.5)
     axes.set(xlabel=label, ylabel="stress")
     axes.set_title("recovered stress", pad=22)
     axes.legend(
@@ -203,10 +229,15 @@ def _checks(axes: Axes, verdict: Verdict) -> None:
 
     axes.axis("off")
     rows = [
-        (spaced(c.name), c.outcome.value, amount(c.value, c.unit), amount(limit(c), c.unit))
+        (
+            spaced(c.name),
+            c.outcome.value,
+            *(readable(amount(v, c.unit)) for v in (c.value, limit(c))),
+        )
         for c in verdict.checks
     ]
-    bottom = 1.0 - ROW * (len(rows) + 1)
+    height = ROW * axes.figure.dpi / axes.bbox.height
+    bottom = 1.0 - height * (len(rows) + 1)
     table = axes.table(
         rows, colLabels=TITLES, colWidths=WIDTHS, cellLoc="left", colLoc="left", edges="B",
         bbox=Bbox.from_bounds(0.0, bottom, 1.0, 1.0 - bottom),
@@ -225,11 +256,11 @@ def _reasons(checks: tuple[Check, ...]) -> list[str]:
     lines: list[str] = []
     for check in sorted(checks, key=lambda check: check.outcome.value == "pass"):
         if check.outcome.value != "pass" or check.name == "stability":
-            lines += textwrap.wrap(f"{spaced(check.name)}: {check.reason}", LINE)
+            lines += textwrap.wrap(readable(f"{spaced(check.name)}: {check.reason}"), LINE)
     return lines if len(lines) <= MOST_LINES else [*lines[: MOST_LINES - 1], "…"]
 
 
 def _colours(count: int) -> list[Any]:
     from matplotlib import colormaps
 
-    return [colormaps["viridis"](0.9 * k / max(count - 1, 1)) for k in range(count)]
+    return [colormaps["viridis"](PALEST * k / max(count - 1, 1)) for k in range(count)]

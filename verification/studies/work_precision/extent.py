@@ -76,7 +76,13 @@ def study_extent(
     if points:
         probe = _transient(scene, scales, min(whole, FEWEST_PERIODS * period))
         task = Task(circuit, probe, network, np.zeros(0))
-        run = ngspice(task, BASE_POINTS, seconds, "trapezoidal")
+        try:
+            run = ngspice(task, BASE_POINTS, seconds, "trapezoidal")
+        except TimeoutError:
+            raise EngineError(
+                f"the budget is too short for this board: ngspice needs more than {seconds:.3g} s"
+                f" for {FEWEST_PERIODS:g} periods of the ringing; a larger --budget gives it more"
+            ) from None
         periods = NGSPICE_SHARE * seconds / (RUNS * points * run.seconds / max(run.steps, 1))
     periods = min(max(periods, FEWEST_PERIODS), MAX_PERIODS)
     stop = whole if whole < 1.1 * periods * period else float(f"{periods * period:.3g}")

@@ -134,7 +134,7 @@ def test_the_waterfall_adds_up_in_the_worst_channel() -> None:
     assert budget.total is not None
     worst = int(np.argmax(np.abs(budget.total.channels)))
     (bars,) = pictures(page("passing"))["Waterfall"].spec["data"]
-    *steps, total = bars["y"]
+    *steps, total = bars["x"]
     *bases, zero = bars["base"]
     assert total == pytest.approx(budget.total.channels[worst])
     assert zero == 0.0

@@ -13,7 +13,8 @@ from verification.pipeline.board_power import board_power
 from verification.report.html.blocks import Bars, Block, Code, Drawing, Facts, Ranges, Report, Table
 from verification.report.html.sections.checks import check_bar
 from verification.report.html.sections.schematic import schematic
-from verification.report.html.texts import figure, quantity, readable
+from verification.report.html.texts import figure, quantity
+from verification.report.signs import readable
 
 
 def block(report: Report, title: str, kind: type[Any] = Table) -> Any:
@@ -29,13 +30,13 @@ def check(value: float | None, limit: float | None, **more: Any) -> dict[str, An
 @pytest.mark.parametrize(
     ("record", "share", "width", "used"),
     [
-        (check(0.1, 0.4), 0.25, 50.0, "25 %"),
-        (check(0.8, 0.4), 2.0, 300.0, "200 %"),
-        (check(6.0, 0.4), 15.0, 300.0, "15 times"),
-        (check(1e-9, 0.4), 2.5e-9, 0.0, "below 0.01 %"),
-        (check(3.0, 1.5, name="stability", unit="ratio"), 0.5, 100.0, "50 %"),
-        (check(None, 0.4), None, 0.0, "below 0.01 %"),
-        (check(-1e4, 0.0, name="stability", unit="1/s"), None, 0.0, "below 0.01 %"),
+        (check(0.1, 0.4), 0.25, 50.0, "25 % of the limit"),
+        (check(0.8, 0.4), 2.0, 300.0, "200 % of the limit"),
+        (check(6.0, 0.4), 15.0, 300.0, "15 times the limit"),
+        (check(1e-9, 0.4), 2.5e-9, 0.0, "below 0.01 % of the limit"),
+        (check(3.0, 1.5, name="stability", unit="ratio"), 0.5, 100.0, "50 % of the limit"),
+        (check(None, 0.4), None, 0.0, "below 0.01 % of the limit"),
+        (check(-1e4, 0.0, name="stability", unit="1/s"), None, 0.0, "below 0.01 % of the limit"),
     ],
 )
 def test_a_bar_is_the_used_part_of_the_limit(
@@ -115,7 +116,7 @@ def test_the_deck_to_copy_is_the_deck_that_runs() -> None:
 
 def test_the_yield_has_its_interval_and_limits() -> None:
     report = page("montecarlo")
-    ranges = block(report, "5 %, median and 95 %, against the limits", Ranges)
+    ranges = block(report, "5th percentile, median and 95th percentile against the limits", Ranges)
     for row in ranges.rows:
         assert 0.0 <= row.low <= row.middle <= row.high <= 1.0
         assert all(0.0 <= place <= 1.0 for place in row.limits)

@@ -19,12 +19,13 @@ from verification.report.html.sections.schematic import schematic
 from verification.report.html.texts import (
     counted,
     number_cell,
+    opamp_name,
     percent,
     quantity,
-    readable,
     text_cells,
 )
 from verification.report.parts_list import parts_document
+from verification.report.signs import readable
 from verification.verify import Verdict
 
 WRITTEN = 12  # rows or columns up to which the entries are written into the picture
@@ -39,7 +40,7 @@ def board_lines(verdict: Verdict) -> tuple[str, ...]:
     rule = f" (chosen by {verdict.scene.lambda_rule})" if verdict.scene.lambda_rule else ""
     return (
         f"{counted(columns, 'channel')}, {counted(rows, 'sensor')}, {c.amplifier} amplifiers,"
-        f" topology {c.topology}, op-amps {', '.join(c.models)}",
+        f" topology {c.topology}, op-amps {', '.join(map(opamp_name, c.models))}",
         f"C = {quantity(s.capacitance, 'F')}, R = {quantity(s.resistance, 'ohm')}, s ="
         f" {quantity(s.gain, 'ohm')}, G0 = {quantity(s.unit_conductance, 'S')}, lambda ="
         f" {s.lam:.4g}{rule}",
@@ -50,7 +51,7 @@ def board_section(verdict: Verdict) -> Section:
     """Return the schematic of one channel, the matrix and the numbers of the board."""
     circuit = verdict.circuit
     rows = [
-        (f"op-amp {name}, {title}", quantity(value, unit))
+        (f"{opamp_name(name)}, {title}", quantity(value, unit))
         for name, model in circuit.models.items()
         for title, value, unit in (
             ("gain-bandwidth product", model.gbw, "Hz"),
@@ -114,7 +115,9 @@ def matrix_picture(circuit: Circuit) -> Picture:
         f" empty square has no resistor. The colour follows the square root of the size.{note}"
     )
     height = int(min(max(28 * rows + 110, 240), 620))
-    return Picture("Matrix", {"data": [data], "layout": layout}, summary, height, zoom=False)
+    result = f"{counted(present, 'entry', 'entries')}, {minus} negative"
+    spec = {"data": [data], "layout": layout}
+    return Picture("Matrix", spec, summary, height, zoom=False, result=result)
 
 
 def _ticks(count: int) -> dict[str, Any]:

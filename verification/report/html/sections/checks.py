@@ -7,7 +7,8 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from verification.report.html.blocks import Bar, Bars, Block, Notes, Section
-from verification.report.html.texts import NONE, figure, readable
+from verification.report.html.texts import figure, with_error
+from verification.report.signs import readable
 from verification.report.tables import spaced
 
 AT_LEAST = ("stability",)  # checks with a smallest value
@@ -39,7 +40,7 @@ def check_bar(check: Mapping[str, Any], smallest: float | None = None) -> Bar:
     >>> bar = check_bar({"name": "overshoot", "outcome": "pass", "value": 0.1, "uncertainty": 0.01,
     ...                  "expected": 0.4, "tolerance": None, "unit": "step", "reason": ""})
     >>> bar.value, bar.limit, bar.used
-    ('10 % ± 1 %', 'at most 40 %', '25 %')
+    ('10 % ± 1 %', 'at most 40 %', '25 % of the limit')
     """
     value, unit, name = check["value"], check["unit"], check["name"]
     limit = check["tolerance"] if check["tolerance"] is not None else check["expected"]
@@ -47,17 +48,13 @@ def check_bar(check: Mapping[str, Any], smallest: float | None = None) -> Bar:
     if smallest is not None and value is not None and value < smallest:
         limit, least = smallest, True
     share, doubt = _share(value, limit, check["uncertainty"] or 0.0, least=least)
-    error = check["uncertainty"]
-    text = NONE if value is None else figure(value, unit)
-    if value is not None and error and math.isfinite(error):
-        text += f" ± {figure(error, unit, 2)}"
     side = "at least" if least else "below" if unit == "1/s" else "at most"
     return Bar(
         name=spaced(name),
         outcome=check["outcome"],
         share=share,
         doubt=doubt,
-        value=text,
+        value=with_error(value, check["uncertainty"], unit),
         limit="" if limit is None else f"{side} {figure(limit, unit)}",
         reason=readable(check["reason"]),
     )
@@ -75,24 +72,34 @@ def _share(
     return (limit / value, limit * error / value**2) if value > 0.0 else (None, 0.0)
 
 
-def headroom_section(loads: Iterable[Mapping[str, Any]]) -> Section:
-    """Return what the op-amps have to do beside their limits, the largest share first."""
+def headroom_section(loads: Iterable[Mapping[str, Any]], *, limited: bool) -> Section:
+    """Return what the op-amps have to do beside their limits, the largest share first.
+
+    `limited` says whether the simulated op-amps have the limits, so that a load above them decides
+    nothing.
+    """
     ordered = sorted(loads, key=lambda load: -load["share"])
     if not ordered:
         text = "No op-amp of this board has a limit of slew rate, swing or current in its model."
         return Section("Headroom", (Notes("", (text,)),))
     note = f"{len(ordered) - SHOWN} smaller loads are not shown." if len(ordered) > SHOWN else ""
-    bars = Bars("", tuple(map(_load_bar, ordered[:SHOWN])), note)
+    rows = tuple(_load_bar(load, limited=limited) for load in ordered[:SHOWN])
+    bars = Bars("", rows, note)
     lead = "What the outputs of the op-amps reach, as parts of the limits of the data sheet."
+    if limited:
+        lead += (
+            " The simulated op-amps have these limits. A bar beyond its limit is what the same"
+            " op-amp without limits would have to do."
+        )
     return Section("Headroom", (bars,), lead)
 
 
-def _load_bar(load: Mapping[str, Any]) -> Bar:
-    above = load["share"] > 1.0
+def _load_bar(load: Mapping[str, Any], *, limited: bool) -> Bar:
+    outcome = "fail" if load["share"] > 1.0 else "pass"
     when = "at rest" if load["time"] is None else f"at {figure(load['time'], 's', 3)}"
     return Bar(
         name=f"{load['quantity']} of {load['part']}",
-        outcome="fail" if above else "pass",
+        outcome="" if limited else outcome,
         share=load["share"],
         doubt=(load["error"] or 0.0) / load["limit"],
         value=f"{_amount(load['peak'], load['unit'])} {when}",

@@ -8,13 +8,16 @@ from typing import Any
 
 import numpy as np
 
+from spice_models.array_types import Floats
 from verification.report.html.blocks import Cell, Facts, Notes, Picture, Section, Table, View
-from verification.report.html.pictures import HATCH, axis, line, numbers
-from verification.report.html.texts import figure, number_cell, percent, quantity, readable
+from verification.report.html.pictures import HATCH, axis, label, line, numbers
+from verification.report.html.texts import figure, quantity
+from verification.report.signs import readable
 from verification.report.tables import spaced
 from verification.verify import Verdict
 
 ROUNDING = 16.0 * float(np.finfo(np.float64).eps)  # of the step: a smaller part is rounding
+LEAST = 1e-9  # of the step: a smaller part has no number
 FEW = 20  # channels with a number each
 SEEN = 20.0  # times the reference: a larger end of the record is off the picture
 
@@ -51,12 +54,30 @@ def stress_section(verdict: Verdict) -> Section:
     ticks: dict[str, Any] = (
         {"dtick": 1} if problem.positions is None and len(channels) <= FEW else {}
     )
-    layout = {"xaxis": axis(title, **ticks), "yaxis": axis("stress"), "hovermode": "closest"}
+    layout = {
+        "xaxis": axis(title, zeroline=False, **ticks), "yaxis": axis("stress"),
+        "hovermode": "closest",
+    }  # fmt: skip
     summary = f"Stress by channel: {', '.join(curve[0] for curve in curves)}.{text}"
-    picture = Picture(
-        "Stress by channel", {"data": data, "layout": layout}, summary, 340, zoom=False
-    )
+    spec, result = {"data": data, "layout": layout}, _distance(verdict, optimum)
+    picture = Picture("Stress by channel", spec, summary, 340, zoom=False, result=result)
     return Section("Recovered stress", (picture,))
+
+
+def _distance(verdict: Verdict, optimum: Floats) -> str:
+    """Return how far the board at rest is from the optimum, and the optimum from the truth."""
+    amplitude = verdict.measurements.amplitude
+    if not amplitude:
+        return ""
+    unit = verdict.circuit.scalings.unit_voltage / amplitude
+    near = float(
+        np.abs(verdict.steady.values / verdict.circuit.scalings.unit_voltage - optimum).max()
+    )
+    text = f"the board at rest is {figure(unit * near, 'step')} of the step off the optimum"
+    if verdict.problem.stress is None:
+        return text
+    far = float(np.abs(optimum - verdict.problem.stress).max())
+    return f"{text}, the optimum {figure(unit * far, 'step')} off the truth"
 
 
 def budget_section(document: Mapping[str, Any]) -> Section:
@@ -85,7 +106,7 @@ def budget_section(document: Mapping[str, Any]) -> Section:
         text = "The parts do not add up: a solution between them is not known."
         return Section("Error budget", (Notes("", (text,)), table))
     lead = "From one solution to the next; the parts of a channel add up to its whole error."
-    return Section("Error budget", (_waterfall(parts, worst), table), lead)
+    return Section("Error budget", (_waterfall(parts, worst, amplitude), table), lead)
 
 
 def _part(
@@ -112,39 +133,50 @@ def _is_known(value: float | None) -> bool:
 def _volts(value: float | None, amplitude: float) -> Cell:
     if value is None or not math.isfinite(value):
         return Cell("unknown")
+    return Cell(_part_text(value, amplitude), value)
+
+
+def _part_text(value: float, amplitude: float) -> str:
+    """Return a part of the error, V; parts too small to matter have no number."""
     if abs(value) <= ROUNDING * amplitude:
-        return Cell("below rounding", value)
-    return number_cell(value, "V", 3)
+        return "below rounding"
+    return quantity(value, "V", 3) if abs(value) > LEAST * amplitude else "under 1 ppb of the step"
 
 
 def _share(value: float | None, amplitude: float) -> Cell:
     if value is None or not math.isfinite(value) or abs(value) <= ROUNDING * amplitude:
         return Cell("–")
-    return Cell(f"{100 * value / amplitude:.2g} %" if amplitude else "–", value)
+    return Cell(figure(value / amplitude, "step", 3) if amplitude else "–", value)
 
 
-def _waterfall(parts: Mapping[str, Mapping[str, Any]], worst: int) -> Picture:
+def _waterfall(parts: Mapping[str, Mapping[str, Any]], worst: int, amplitude: float) -> Picture:
     """Return the signed parts of a channel, each from the sum of those before."""
     links = {n: p["channels"][worst] for n, p in parts.items() if p["channels"] and n != "total"}
     whole = parts["total"]["channels"][worst]
     steps = list(links.values())
     ends = np.cumsum([0.0, *steps]).tolist()
     falls = [step < 0.0 for step in steps]
+    texts = [_part_text(step, amplitude) for step in (*steps, whole)]
     data = [
-        {"type": "bar", "x": [*map(spaced, links), "whole"], "y": [*steps, whole],
-         "base": [*ends[:-1], 0.0], "textposition": "outside", "cliponaxis": False,
-         "text": [quantity(step, "V", 3) for step in (*steps, whole)],
+        {"type": "bar", "orientation": "h", "y": [*map(spaced, links), "whole"],
+         "x": [*steps, whole], "base": [*ends[:-1], 0.0], "textposition": "none",
+         "text": texts,
          "marker": {
              "color": [*("--fail-fill" if fall else "--pass" for fall in falls), "--band"],
              "pattern": HATCH | {"shape": [*("/" if fall else "" for fall in falls), ""]}},
-         "hovertemplate": "%{x}: %{text}<extra></extra>"}
+         "hovertemplate": "%{y}: %{text}<extra></extra>"}
     ]  # fmt: skip
+    names = [
+        label(text, 1.01, place, xref="paper", xanchor="left", font={"size": 12, "color": "--ink"})
+        for place, text in enumerate(texts)
+    ]
     layout = {
-        "xaxis": axis(""),
-        "yaxis": axis("error", "V"),
-        "shapes": [line(None, 0.0)],
+        "xaxis": axis(f"error of channel {worst + 1}", "V"),
+        "yaxis": {"autorange": "reversed"},
+        "shapes": [line(0.0, None)],
+        "annotations": names,
         "showlegend": False,
-        "margin": {"l": 64, "r": 14, "t": 24, "b": 44},
+        "margin": {"l": 84, "r": 24 + 7 * max(map(len, texts)), "t": 8, "b": 44},
     }
     unknown = [spaced(n) for n, p in parts.items() if not _is_known(p["value"]) and n != "total"]
     summary = (
@@ -154,7 +186,10 @@ def _waterfall(parts: Mapping[str, Mapping[str, Any]], worst: int) -> Picture:
         * bool(unknown)
     )
     picture = {"data": data, "layout": layout}
-    return Picture("Waterfall", picture, summary, 340, _steps_views(ends, whole), zoom=False)
+    largest = max(links, key=lambda name: abs(links[name]))
+    result = f"{quantity(whole, 'V', 3)} in channel {worst + 1}, most of it {spaced(largest)}"
+    height, views = 90 + 34 * len(texts), _steps_views(ends, whole)
+    return Picture("Waterfall", picture, summary, height, views, zoom=False, result=result)
 
 
 def _steps_views(ends: Sequence[float], whole: float) -> tuple[View, ...]:
@@ -162,12 +197,12 @@ def _steps_views(ends: Sequence[float], whole: float) -> tuple[View, ...]:
     sizes = np.abs(np.diff(ends))
     if len(sizes) < 2:
         return ()
-    everything = View("every part", {"yaxis.range": _around([0.0, whole, *ends])})
+    everything = View("every part", {"xaxis.range": _around([0.0, whole, *ends])})
     large = int(np.argmax(sizes))
     if large not in (0, len(sizes) - 1):
         return (everything,)
     rest = ends[1:] if large == 0 else ends[:-1]
-    return everything, View("without the largest part", {"yaxis.range": _around(rest)})
+    return everything, View("without the largest part", {"xaxis.range": _around(rest)})
 
 
 def _around(values: Sequence[float]) -> list[float]:
@@ -182,11 +217,11 @@ def effort_section(document: Mapping[str, Any]) -> Section:
     reached = accuracy["achieved"]
     certificate = document["certificate"]
     rows = (
-        ("requested error", f"{percent(accuracy['wanted'])} of the step"),
-        ("reached error", "unknown" if reached is None else f"{percent(reached)} of the step"),
+        ("requested error", f"{figure(accuracy['wanted'], 'step')} of the step"),
+        ("reached error", f"{figure(reached, 'step')} of the step" if reached else "unknown"),
         ("how it is known", accuracy["how"]),
         ("simulation", quantity(accuracy["seconds"], "s", 3)),
-        ("points", f"{accuracy['points']} to {quantity(run['stop'], 's')}"),
+        ("points", f"{accuracy['points']} up to {quantity(run['stop'], 's')}"),
         ("largest step", quantity(run["max_step"], "s", 3)),
         ("tries", str(accuracy["tries"])),
         (
@@ -209,5 +244,7 @@ def effort_section(document: Mapping[str, Any]) -> Section:
     }
     total = figure(document["timing"]["total"], "s", 3)
     summary = f"Run time by stage; {total} in all. The simulation runs beside the reference."
-    picture = Picture("Run time", {"data": data, "layout": layout}, summary, 260, zoom=False)
+    result = f"{total}, most of it {max(stages, key=lambda name: stages[name])}"
+    spec = {"data": data, "layout": layout}
+    picture = Picture("Run time", spec, summary, 260, zoom=False, result=result)
     return Section("Error and run time", (Facts("", rows), picture))

@@ -7,7 +7,7 @@ from typing import Any
 from netlist_gen.board.channel import Channel
 from netlist_gen.board.circuit import Circuit
 from verification.report.html.blocks import Drawing
-from verification.report.html.texts import quantity
+from verification.report.html.texts import opamp_name, quantity
 
 COLOUR = "currentColor"  # of the page, in both themes
 SMALL = 10  # points
@@ -46,7 +46,7 @@ def _summary(example: Channel) -> str:
         f" and of {row} resistors into the row. C = {quantity(example.farads, 'F')}, gain s ="
         f" {quantity(scalings.gain, 'ohm')}, matrix resistor {quantity(example.entry, 'ohm')}"
         f" (T is {'negative' if example.negative else 'positive'}), op-amps"
-        f" {next(iter(example.circuit.models))}. Stray capacitances are not drawn."
+        f" {opamp_name(next(iter(example.circuit.models)))}. Stray capacitances are not drawn."
     )
 
 
@@ -156,7 +156,7 @@ def _stage(drawing: Any, example: Channel, output: Any) -> None:
         kind, pair = circuit.amplifier, next(iter(circuit.transistor_models))
         scales = quantity(scalings.unit_voltage, "V"), quantity(scalings.exponential_slope, "V")
         inverts = circuit.outputs[n - 1].sign < 0.0
-        text = f"{kind}, {pair}, 2 op-amps\nu = {scales[0]} exp(v / {scales[1]})"
+        text = f"{kind} stage\n{pair}, 2 op-amps\nu = {scales[0]} exp(v / {scales[1]})"
     elif amplifier is not None:
         scales, inverts = (quantity(amplifier.u_scale, "V"), quantity(amplifier.v_scale, "V")), True
         text = f"{amplifier.kind}\nu = {scales[0]} g(v / {scales[1]})"
@@ -166,7 +166,7 @@ def _stage(drawing: Any, example: Channel, output: Any) -> None:
             _inverter(drawing, example, place, f"a_{n}", f"a_{n} = -u_{n}")
         return
     drawing.add(elm.Line().right(0.6).at(place))
-    box = drawing.add(flow.Box(w=4.6, h=1.6).anchor("W").label(text, "center", fontsize=SMALL))
+    box = drawing.add(flow.Box(w=4.6, h=2.2).anchor("W").label(text, "center", fontsize=SMALL))
     drawing.add(elm.Line().right(1.6).at(box.E))
     minus, plus = (f"a_{n}", f"a_{n} = -u_{n}"), (f"u_{n}", f"+u_{n}")
     (_, label), (name, inverted) = (minus, plus) if inverts else (plus, minus)

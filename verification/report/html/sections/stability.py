@@ -39,7 +39,10 @@ def stability_section(circuit: Circuit, poles: Poles) -> Section:
         ("stable values of C", ranges),
     )
     word = "stable" if poles.stable else "not stable"
-    text = f"The board is {word} at C = {quantity(circuit.scalings.capacitance, 'F')}."
+    text = (
+        f"The board is {word} at C = {quantity(circuit.scalings.capacitance, 'F')}."
+        f" Stable values of C: {ranges}."
+    )
     return Section("Stability", (_map(poles, ranges), Facts("", rows)), text)
 
 
@@ -81,7 +84,7 @@ def _map(poles: Poles, ranges: str) -> Picture:
     rays = [
         {"type": "line", "x0": 0, "y0": 0, "x1": -zeta * reach, "layer": "below",
          "y1": math.sqrt(1.0 - zeta**2) * reach / math.tau,
-         "line": {"color": "--band", "width": 1, "dash": "dash"}}
+         "line": {"color": "--band", "width": 1}}
         for zeta in DAMPING
     ]  # fmt: skip
     half = area(0.0, reach, across="x", colour="--fail-soft")
@@ -99,7 +102,7 @@ def _map(poles: Poles, ranges: str) -> Picture:
     }  # fmt: skip
     summary = (
         "Poles of the linearised board in the upper half plane. Circles decay, orange crosses in"
-        " the shaded half grow. On a dashed line the damping ratio is"
+        " the shaded half grow. On a thin line the damping ratio is"
         f" {', '.join(f'{zeta:g}' for zeta in DAMPING)}, from the axis to the left. Stable values"
         f" of C: {ranges}."
     )
@@ -107,7 +110,16 @@ def _map(poles: Poles, ranges: str) -> Picture:
         View(name, {"xaxis.range": [low, high], "yaxis.range": [0.0, upper / math.tau]})
         for name, (low, high, upper) in views
     )
-    return Picture("Pole map", {"data": data, "layout": layout}, summary, 380, shown)
+    picture = {"data": data, "layout": layout}
+    return Picture("Pole map", picture, summary, 380, shown, result=_result(poles))
+
+
+def _result(poles: Poles) -> str:
+    """Return the rightmost pole in words."""
+    lead = poles.rightmost
+    word = "decays" if poles.stable else "grows"
+    ringing = f" at {quantity(abs(lead.imag) / math.tau, 'Hz')}" if lead.imag else ""
+    return f"the rightmost mode {word} with {figure(abs(lead.real), '1/s')}{ringing}"
 
 
 def _dots(poles: Complexes, name: str, colour: str, symbol: str) -> dict[str, Any]:

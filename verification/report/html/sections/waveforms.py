@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from spice_models.array_types import Floats
-from verification.report.html.blocks import Block, Cell, Picture, Section, Table, View
+from verification.report.html.blocks import Picture, Section, View
 from verification.report.html.pictures import (
     area,
     axis,
@@ -18,12 +18,14 @@ from verification.report.html.pictures import (
     packed,
     thinned,
 )
-from verification.report.html.texts import counted, number_cell, quantity
+from verification.report.html.sections.channels import channel_names, channel_table
+from verification.report.html.texts import counted, figure, quantity
 from verification.verify import Verdict
 
 POINTS = 60_000  # of all curves of a picture
 EARLY_POINTS = 0.3  # of them in the first rise
 LABELLED = 12  # channels above which curves have no names beside them
+MARKED = 6  # channels with marks of the second engine, of those without names
 SEPARATE = 0.045  # of the height: closer names become one
 OVER = 1.35  # times the band and the targets: what is shown of a growing record
 
@@ -34,7 +36,7 @@ def waveforms_section(verdict: Verdict) -> Section:
     agreement = verdict.agreement
     if agreement is not None and not agreement.reason:
         pictures.append(_difference(verdict))
-    return Section("Waveforms", (*pictures, _channels(verdict)))
+    return Section("Waveforms", (*pictures, channel_table(verdict)))
 
 
 def _early(verdict: Verdict) -> float:
@@ -61,14 +63,14 @@ def _traces(
     count = columns.shape[1]
     for n, (column, colour) in enumerate(zip(columns.T, channel_colours(count), strict=True), 1):
         x, y = _curve(verdict, time, column, count)
-        dash = "dash" if n > (count + 1) // 2 else "solid"  # tells symmetric channels apart
+        second = n > (count + 1) // 2 and count <= LABELLED  # dashes tell symmetric channels apart
         yield {
             "type": "scatter",
             "mode": "lines",
             "x": packed(x),
             "y": packed(y),
             "name": f"u{n}",
-            "line": {"color": colour, "width": 1.6, "dash": dash},
+            "line": {"color": colour, "width": 1.6, "dash": "dash" if second else "solid"},
             "showlegend": False,
             "hovertemplate": f"u{n}: %{{y:.5s}}V at %{{x:.5s}}s<extra></extra>",
             **style,
@@ -111,17 +113,32 @@ def _outputs(verdict: Verdict) -> Picture:
             "b": 44,
         },
     }
-    engines = verdict.waveforms.simulator
+    engines = verdict.waveforms.simulator.replace("statespace", "the state-space engine")
     if second is not None:
         engines += "; open circles: state-space engine"
+        if count > LABELLED:
+            engines += f", for {', '.join(f'u{n}' for n in _marked(count))}"
+    looks = " Dashed curves: the second half of the channels." if count > 1 else ""
+    if count > LABELLED:
+        looks = f" The colour goes from blue (u1) over violet to orange (u{count})."
     summary = (
         f"Outputs of {counted(count, 'channel')} from 0 to"
         f" {quantity(end, 's')} by {engines}. Dotted: the target of each channel, from the"
-        f" numerical solution.{' Dashed curves: the second half of the channels.' * (count > 1)}"
+        f" numerical solution.{looks}"
         f"{' The picture ends where the record grows beyond it.' * cut}"
     )
     views = (_time_view("first rise", early), _time_view("whole record", end))
-    return Picture("Outputs", {"data": data, "layout": layout}, summary, 420, views)
+    spec, result = {"data": data, "layout": layout}, _settled(verdict)
+    return Picture("Outputs", spec, summary, 420, views, result=result)
+
+
+def _settled(verdict: Verdict) -> str:
+    """Return when the board settles, or that it does not."""
+    settling = verdict.measurements.settling_time
+    if settling is not None:
+        return f"settled at {quantity(settling.value, 's')}"
+    states = {channel.state.value for channel in verdict.measurements.channels} - {"settled"}
+    return f"not settled ({', '.join(sorted(states))})" if states else "not settled"
 
 
 def _time_view(name: str, end: float) -> View:
@@ -134,7 +151,9 @@ def _marks(verdict: Verdict, instants: Floats, other: Floats) -> Iterator[dict[s
     wanted = np.concatenate([np.linspace(0.0, early, each), np.linspace(early, end, each)])
     places = np.unique(np.minimum(np.searchsorted(instants, wanted), len(instants) - 1))
     count = other.shape[1]
-    for n, (column, colour) in enumerate(zip(other.T, channel_colours(count), strict=True), 1):
+    colours = channel_colours(count)
+    for n in _marked(count):
+        column, colour = other[:, n - 1], colours[n - 1]
         yield {
             "type": "scatter",
             "mode": "markers",
@@ -146,6 +165,12 @@ def _marks(verdict: Verdict, instants: Floats, other: Floats) -> Iterator[dict[s
             "marker": {"symbol": "circle-open", "size": 6, "color": colour},
             "hovertemplate": f"u{n}, state-space: %{{y:.5s}}V at %{{x:.5s}}s<extra></extra>",
         }
+
+
+def _marked(count: int) -> list[int]:
+    """Return the channels, from 1, that have marks of the second engine."""
+    places = np.linspace(1, count, min(count, LABELLED if count <= LABELLED else MARKED))
+    return [int(place) for place in places.round()]
 
 
 def _window(verdict: Verdict) -> tuple[float, float, bool]:
@@ -172,7 +197,7 @@ def _names(targets: list[float], low: float, high: float) -> Iterator[dict[str, 
         else:
             groups.append([n])
     for group in groups:
-        text = ", ".join(f"u{n + 1}" for n in sorted(group))
+        text = channel_names(group)
         height = sum(targets[n] for n in group) / len(group)
         yield label(text, 1.005, height, xref="paper", xanchor="left")
 
@@ -207,9 +232,10 @@ def _deviation(verdict: Verdict) -> Picture:
         f"Output minus target of every channel; shaded: the band of ±{band:g} % of the step of"
         f" {quantity(m.amplitude, 'V')}; {settled}."
     )
-    return Picture(
-        "Deviation from the targets", {"data": data, "layout": layout}, summary, 360, views
-    )
+    inside = "every" if m.settling_time is not None else "not every"
+    result = f"{inside} channel stays within ±{band:g} %"
+    spec = {"data": data, "layout": layout}
+    return Picture("Deviation from the targets", spec, summary, 360, views, result=result)
 
 
 def _difference(verdict: Verdict) -> Picture:
@@ -224,43 +250,9 @@ def _difference(verdict: Verdict) -> Picture:
     layout = {"xaxis": axis("time", "s"), "yaxis": axis("difference (% of the step)")}
     largest = agreement.difference * scale
     summary = (
-        f"ngspice minus the state-space engine. The largest difference is {largest:.3g} % of the"
-        f" step, in u{agreement.channel + 1} at {quantity(agreement.time, 's')}; accepted:"
-        f" {100 * agreement.limit:.3g} %."
+        f"ngspice minus the state-space engine. The largest difference is"
+        f" {figure(largest / 100.0, 'step')} of the step, in u{agreement.channel + 1} at"
+        f" {quantity(agreement.time, 's')}; accepted: {figure(agreement.limit, 'step')}."
     )
-    return Picture("Both engines", {"data": data, "layout": layout}, summary, 300)
-
-
-def _channels(verdict: Verdict) -> Block:
-    noise = () if verdict.noise is None or verdict.noise.unknown else verdict.noise.rms
-    titles = ("channel", "target", "at rest", "end", "rise", "settling", "overshoot", "undershoot")
-    rows = []
-    for channel in verdict.measurements.channels:
-        times = (channel.rise_time, channel.settling_time)
-        texts = [Cell(_reading(each), None if each is None else each.value) for each in times]
-        rms = [number_cell(noise[channel.index], "V", 3)] if noise else []
-        rows.append(
-            (
-                Cell(f"u{channel.index + 1}", channel.index + 1),
-                number_cell(channel.target, "V"),
-                number_cell(float(verdict.steady.values[channel.index]), "V"),
-                number_cell(channel.final, "V"),
-                *texts,
-                number_cell(channel.overshoot, "step"),
-                number_cell(channel.undershoot, "step"),
-                *rms,
-                Cell(channel.state.value),
-            )
-        )
-    names = (*titles, *(["noise, rms"] if noise else []), "state")
-    note = "Overshoot and undershoot are in % of the step of the network."
-    return Table("Channels", names, tuple(rows), note)
-
-
-def _reading(reading: Any) -> str:
-    if reading is None:
-        return "–"
-    text = quantity(reading.value, "s")
-    if reading.fragile and reading.alternative is not None:
-        text += f" (fragile: or {quantity(reading.alternative, 's')})"
-    return text
+    result = f"apart by at most {figure(largest / 100.0, 'step')} of the step"
+    return Picture("Both engines", {"data": data, "layout": layout}, summary, 300, result=result)

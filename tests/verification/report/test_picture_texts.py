@@ -1,0 +1,77 @@
+"""No text of a picture lies over another one or is cut off, for all kinds of boards and studies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import taction
+from tests.support.making import make_scene
+from tests.support.report_pages import (
+    STATESPACE,
+    VERDICTS,
+    swept,
+    tuned,
+    varied,
+    verdicts,
+    work_precision,
+)
+from tests.support.text_boxes import cut_off, figures, overlapping
+from verification.report.onset.plot import plot_onset
+from verification.report.sweep.plot import plot_sweep
+from verification.report.tolerance.yield_plot import plot_yield
+from verification.report.tuning_plot import plot_tradeoff
+from verification.report.verdict.plots import plot_verdict
+from verification.report.work_precision.plot import plot_study
+
+
+def _sweep(*over: str) -> Callable[[str], None]:
+    def draw(path: str) -> None:
+        plan, store, _ = swept(*over)
+        with store:
+            plot_sweep(plan, store, path)
+
+    return draw
+
+
+def _onset(path: str) -> None:
+    scene = make_scene({"channels": 3, "span": 2.0}, analysis=STATESPACE)
+    plot_onset(taction.onset(scene, over="C=1pF:100pF:13", transients=False), path)
+
+
+def _yield(path: str) -> None:
+    scene, result, samples = varied()
+    plot_yield(scene.name, result, samples, path)
+
+
+STUDIES: dict[str, Callable[[str], None]] = {
+    "sweep, a map": _sweep("C=10pF:100pF:4", "gain=10k:100k:3"),
+    "sweep, a curve": _sweep("C=10pF:100pF:8"),
+    "sweep, op-amps": _sweep("opamp.base=ua741,op27", "C=10pF:100pF:3"),
+    "sweep, only op-amps": _sweep("opamp.base=ua741,op27,tl084"),
+    "sweep, three axes": _sweep("C=10pF:100pF:3", "gain=10k:100k:2", "stray_capacitance=1p:9p:3"),
+    "onset": _onset,
+    "montecarlo": _yield,
+    "tune": lambda path: plot_tradeoff(tuned()[0], path),
+    "accuracy": lambda path: plot_study(work_precision(), path),
+}
+
+
+@pytest.mark.parametrize("name", VERDICTS)
+def test_the_texts_of_a_verdict_are_readable(name: str, tmp_path: Path) -> None:
+    with figures() as saved:
+        plot_verdict(verdicts()[name], str(tmp_path / "picture.png"))
+    (figure,) = saved
+    assert overlapping(figure) == []
+    assert cut_off(figure) == []
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_the_texts_of_a_study_are_readable(name: str, tmp_path: Path) -> None:
+    with figures() as saved:
+        STUDIES[name](str(tmp_path / "picture.png"))
+    (figure,) = saved
+    assert overlapping(figure) == []
+    assert cut_off(figure) == []
