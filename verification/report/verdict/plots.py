@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import textwrap
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -40,8 +41,10 @@ SHOWN = 10  # rise times, or periods of the oscillation
 CROWD = 24  # channels above which the marks are small
 
 
-def plot_verdict(verdict: Verdict, path: str) -> None:
+def plot_verdict(verdict: Verdict, path: str | Path | None = None) -> Figure:
     """Draw outputs with targets and settling band, recovered stress, and the checks.
+
+    The figure is written to `path`, if there is one.
 
     Raises
     ------
@@ -63,6 +66,7 @@ def plot_verdict(verdict: Verdict, path: str) -> None:
             _difference(figure.add_subplot(grid[2, 0], sharex=settling), verdict, agreement)
             settling.tick_params(labelbottom=False)
             settling.set_xlabel("")
+    return figure
 
 
 def _early(figure: Figure, axes: Axes, verdict: Verdict) -> None:
