@@ -3,29 +3,14 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable
 
-from netlist_gen.quantities import show
+from netlist_gen.quantities import NONE as NONE
+from netlist_gen.quantities import quantity as quantity
+from netlist_gen.quantities import readable as readable
+from netlist_gen.scene.summary import counted as counted
 from verification.report.html.blocks import Cell, Outcome
 from verification.report.tables import value_text
-
-OHM = re.compile(r"ohm\b")
-MICRO = re.compile(r"(?<=\d )u(?=[A-Za-zΩ/])|(?<=V/)u(?=s\b)")
-NONE = "–"
-
-
-def quantity(value: float | None, unit: str, digits: int = 4) -> str:
-    """Return a value with an SI prefix and its unit; a dash for no value.
-
-    Examples
-    --------
-    >>> quantity(1.9e6, "ohm"), quantity(2.4e-6, "s"), quantity(None, "V")
-    ('1.9 MΩ', '2.4 µs', '–')
-    """
-    if value is None or not math.isfinite(value):
-        return NONE
-    return readable(show(value, unit, digits))
 
 
 def figure(value: float | None, unit: str, digits: int = 4) -> str:
@@ -41,22 +26,6 @@ def figure(value: float | None, unit: str, digits: int = 4) -> str:
     if math.isinf(value):
         return "never"
     return readable(value_text(float(value), "" if unit == "ratio" else unit, digits))
-
-
-def readable(text: str) -> str:
-    """Return `text` with the signs for ohm and micro."""
-    return MICRO.sub("µ", OHM.sub("Ω", text))
-
-
-def counted(number: int, noun: str) -> str:
-    """Return a number with its noun.
-
-    Examples
-    --------
-    >>> counted(1, "channel"), counted(7, "channel")
-    ('1 channel', '7 channels')
-    """
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def percent(share: float) -> str:

@@ -11,8 +11,8 @@ import pytest
 from tests.support.report_pages import page, verdicts
 from verification.pipeline.board_power import board_power
 from verification.report.html.blocks import Bars, Block, Code, Drawing, Facts, Ranges, Report, Table
+from verification.report.html.sections.board import schematic
 from verification.report.html.sections.checks import check_bar
-from verification.report.html.sections.schematic import schematic
 from verification.report.html.texts import figure, quantity, readable
 
 
