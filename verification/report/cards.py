@@ -48,6 +48,7 @@ def verdict_card(verdict: Verdict) -> Card:
         for check in verdict.checks
         if check.outcome.value != "pass"
     ]
+    warnings = [f"warning: {text}" for text in verdict.warnings]
     return Card(
         "Verdict",
         verdict.scene.name,
@@ -55,10 +56,8 @@ def verdict_card(verdict: Verdict) -> Card:
         board,
         titles=("check", "outcome", "value", "±", "limit"),
         rows=rows,
-        notes=[
-            *map(readable, (*reasons, *(f"warning: {text}" for text in verdict.warnings))),
-            cost,
-        ],
+        notes=[readable(text) for text in (*reasons, *warnings)],
+        foot=cost,
     )
 
 
