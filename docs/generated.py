@@ -6,6 +6,7 @@ Everything here comes from the code or from a real run, so it cannot become out 
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -17,6 +18,8 @@ import click
 
 HERE = Path(__file__).resolve().parent
 ROOT, PLACE = HERE.parent, HERE / "_generated"
+PAGE_LINK = re.compile(r"\[([^\]]+)\]\(\.\./([\w-]+)\.md\)")
+NOTEBOOK_LINK = re.compile(r"(?<=\])\(([\w-]+)\.md\)")
 PICTURES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     (
         "The paper's board: it passes, and it rings for 2.4 ms",
@@ -55,6 +58,20 @@ def write_pages(app: object = None) -> None:
     _write("scene.md", "\n".join(_scene_page()))
     _write("commands.md", "\n".join(_commands_page()))
     _write("gallery.md", "\n".join(_gallery_page()))
+    write_notebooks(PLACE / "notebooks")
+
+
+def write_notebooks(folder: Path) -> None:
+    """Write the lessons as notebooks for Jupyter, without outputs, into `folder`."""
+    import nbformat
+    from myst_nb.core.read import read_myst_markdown_notebook
+
+    folder.mkdir(parents=True, exist_ok=True)
+    for page in sorted((HERE / "notebooks").glob("*.md")):
+        text = PAGE_LINK.sub(r"\1 (docs/\2.md)", page.read_text("utf-8"))
+        notebook = read_myst_markdown_notebook(NOTEBOOK_LINK.sub(r"(\1.ipynb)", text))
+        nbformat.validate(notebook)
+        nbformat.write(notebook, folder / f"{page.stem}.ipynb")
 
 
 def _write(name: str, text: str) -> None:
