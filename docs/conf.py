@@ -45,8 +45,9 @@ napoleon_google_docstring = False
 html_theme = "alabaster"
 html_theme_options = {
     "description": "SPICE netlists and analog verification of regularising networks",
-    "page_width": "68rem",
+    "page_width": "78rem",
     "sidebar_width": "15rem",
 }
-html_static_path: list[str] = []
+html_static_path = ["_static"]
+html_css_files = ["taction.css"]
 html_title = "taction"

@@ -80,7 +80,7 @@ class Onset:
             crossings += f" and {len(places) - MOST} more"
         ends = [f"{quantity(a, unit)} to {quantity(b, unit)}" for a, b in self.scan.stable_ranges]
         stable = " and ".join(ends[:MOST]) + (" and more" if len(ends) > MOST else "")
-        return f"Onset({self.scene.name!r}, {crossings}; stable: {stable or 'nowhere'})"
+        return f"Onset({self.scene.name!r}, {crossings};\n      stable: {stable or 'nowhere'})"
 
     @property
     def disagreement(self) -> bool:
