@@ -16,7 +16,11 @@ sys.path[:0] = [str(HERE.parent), str(HERE)]
 # of which they need not warn.
 SCRATCH = tempfile.mkdtemp(prefix="docs-")
 atexit.register(shutil.rmtree, SCRATCH, ignore_errors=True)
-os.environ |= {"JUPYTER_RUNTIME_DIR": SCRATCH, "IPYTHONDIR": SCRATCH, "JUPYTER_PREFER_ENV_PATH": "1"}
+os.environ |= {
+    "JUPYTER_RUNTIME_DIR": SCRATCH,
+    "IPYTHONDIR": SCRATCH,
+    "JUPYTER_PREFER_ENV_PATH": "1",
+}
 PROFILE = Path(SCRATCH) / "profile_default"
 PROFILE.mkdir()
 (PROFILE / "ipython_kernel_config.py").write_text("get_config().IPKernelApp.log_level = 40\n")
