@@ -41,7 +41,8 @@ def shown(text: str) -> Iterator[list[str]]:
 def command_of(words: list[str]) -> tuple[click.Command, list[str], click.Context]:
     """The command that `words` begin with, and the words behind its name."""
     command: click.Command = main
-    context = click.Context(main, info_name="taction")
+    # With the group's settings: click keeps the command's -h for the tests that follow.
+    context = click.Context(main, info_name="taction", **main.context_settings)
     while isinstance(command, click.Group) and words and not words[0].startswith("-"):
         found = command.get_command(context, words[0])
         assert found is not None, f"no command {words[0]!r}"
@@ -148,7 +149,7 @@ def test_the_tutorial_can_be_typed_in_a_fresh_folder(
     for old, new, left_out, name in edits:
         assert scene.count(f"\n{old}") == scene.count(f"\n{left_out}") == 1
         kept = [line for line in scene.splitlines() if not line.startswith(left_out)]
-        Path(name).write_text("\n".join(kept).replace(old, new), encoding="utf-8")
+        Path(name).write_text("\n".join(kept).replace(f"\n{old}", f"\n{new}"), encoding="utf-8")
     assert "verify small.toml" in lines
     second = library.verify("small.toml", engine="statespace")  # the command also seeks remedies
     assert second.outcome.value == "fail"
