@@ -42,7 +42,7 @@ PICTURES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
         ("onset", "scenes/paper-breadboard.toml", "--over", "C", "--no-confirm"),
     ),
     (
-        "A yield: samples against their limits, and the parts behind the spread",
+        "A yield: resistors of 1 % do not hold a steady state within 0.1 %",
         "yield",
         ("montecarlo", "scenes/tuned-breadboard.toml", "-n", "60", "--jobs", "1"),
     ),
