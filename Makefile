@@ -5,7 +5,7 @@
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help setup ready demo test test-browser test-install test-kicad test-processors test-pythons test-simulators regress stress fuzz torture docs man schemas lint format bench lock build clean
+.PHONY: help setup ready demo test test-browser test-install test-kicad test-processors test-pythons test-simulators regress stress fuzz torture docs notebooks man schemas lint format bench lock build clean
 
 PYTHON_IN_VENV := .venv/bin/python
 JOBS ?= 2
@@ -63,6 +63,9 @@ torture: ready ## 200 kills of studies at random instants, in half an hour; ARGS
 
 docs: ready ## the documentation into docs/_build/html: pages, pictures and reference; a warning is an error
 	$(PYTHON_IN_VENV) -m sphinx -W --keep-going -q -b html docs docs/_build/html
+
+notebooks: ready ## the lessons of the documentation as notebooks/*.ipynb, for Jupyter
+	$(PYTHON_IN_VENV) -c "import sys; sys.path.insert(0, 'docs'); import generated; generated.write_notebooks(generated.ROOT / 'notebooks')"
 
 man: ready ## man pages of all commands into docs/_build/man, from the commands themselves
 	$(PYTHON_IN_VENV) scripts/man_pages.py

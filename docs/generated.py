@@ -6,6 +6,7 @@ Everything here comes from the code or from a real run, so it cannot become out 
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -17,6 +18,8 @@ import click
 
 HERE = Path(__file__).resolve().parent
 ROOT, PLACE = HERE.parent, HERE / "_generated"
+PAGE_LINK = re.compile(r"\[([^\]]+)\]\(\.\./([\w-]+)\.md\)")
+NOTEBOOK_LINK = re.compile(r"(?<=\])\(([\w-]+)\.md\)")
 PICTURES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     (
         "The paper's board: it passes, and it rings for 2.4 ms",
@@ -39,6 +42,16 @@ PICTURES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
         ("onset", "scenes/paper-breadboard.toml", "--over", "C", "--no-confirm"),
     ),
     (
+        "A yield: resistors of 1 % do not hold a steady state within 0.1 %",
+        "yield",
+        ("montecarlo", "scenes/tuned-breadboard.toml", "-n", "60", "--jobs", "1"),
+    ),
+    (
+        "An op-amp on its test benches",
+        "opamp",
+        ("models", "show", "ua741"),
+    ),
+    (
         "A sweep over C and gain: which check fails, and the boundary of oscillation",
         "map",
         (
@@ -54,7 +67,22 @@ def write_pages(app: object = None) -> None:
     PLACE.mkdir(exist_ok=True)
     _write("scene.md", "\n".join(_scene_page()))
     _write("commands.md", "\n".join(_commands_page()))
+    _write("json.md", "\n".join(_json_page()))
     _write("gallery.md", "\n".join(_gallery_page()))
+    write_notebooks(PLACE / "notebooks")
+
+
+def write_notebooks(folder: Path) -> None:
+    """Write the lessons as notebooks for Jupyter, without outputs, into `folder`."""
+    import nbformat
+    from myst_nb.core.read import read_myst_markdown_notebook
+
+    folder.mkdir(parents=True, exist_ok=True)
+    for page in sorted((HERE / "notebooks").glob("*.md")):
+        text = PAGE_LINK.sub(r"\1 (docs/\2.md)", page.read_text("utf-8"))
+        notebook = read_myst_markdown_notebook(NOTEBOOK_LINK.sub(r"(\1.ipynb)", text))
+        nbformat.validate(notebook)
+        nbformat.write(notebook, folder / f"{page.stem}.ipynb")
 
 
 def _write(name: str, text: str) -> None:
@@ -172,6 +200,30 @@ def _command(command: click.Command, name: str, above: click.Context) -> Iterato
                 inner = command.get_command(context, below)
                 if inner is not None:
                     yield from _command(inner, f"{name} {below}", context)
+
+
+def _json_page() -> Iterator[str]:
+    yield "# JSON documents\n"
+    yield "With `--json` every command prints one document. Each has a versioned schema; the tables below are made"
+    yield "from them, and a test compares real documents with them. Values are in SI base units; null is unknown.\n"
+    for file in sorted((HERE / "schemas").glob("*.json")):
+        schema = json.loads(file.read_text("utf-8"))
+        kinds = schema.get("$defs", {})
+        yield f"\n## `{file.stem}`\n"
+        about = _plain(schema.get("description", "")).replace("``", "`")
+        yield f"{about} The schema: {{download}}`{file.name} <../schemas/{file.name}>`\n"
+        rows = [(name, _field(each, kinds)) for name, each in schema.get("properties", {}).items()]
+        if rows:
+            yield "| field | value | meaning |"
+            yield "|---|---|---|"
+            yield from (f"| `{name}` | {' | '.join(cells)} |" for name, cells in rows)
+
+
+def _field(about: dict[str, Any], kinds: dict[str, Any]) -> tuple[str, str]:
+    """Return the type of a field of a document, and what it means."""
+    unit = f", {about['unit']}" if "unit" in about else ""
+    resolved = {**_resolved(about, kinds), **{k: v for k, v in about.items() if k != "$ref"}}
+    return f"{_type(resolved, kinds)}{unit}", _plain(resolved.get("description", ""))
 
 
 def _gallery_page() -> Iterator[str]:

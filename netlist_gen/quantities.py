@@ -28,6 +28,9 @@ UNITS: dict[str, tuple[str, ...]] = {
 _QUANTITY = re.compile(
     r"\s*([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)\s*([^\W\d_]*)\s*"
 )
+OHM = re.compile(r"ohm\b")
+MICRO = re.compile(r"(?<=\d )u(?=[A-Za-zΩ/])|(?<=V/)u(?=s\b)")
+NONE = "–"  # in the place of a value
 LONGEST = 100  # characters of a quantity
 EXAMPLES = {
     "F": "10pF",
@@ -143,3 +146,21 @@ def show_pole(pole: complex, digits: int = 4) -> str:
     if pole.imag == 0:
         return rate
     return f"{rate} at {show(abs(pole.imag) / (2.0 * math.pi), 'Hz', digits)}"
+
+
+def quantity(value: float | None, unit: str, digits: int = 4) -> str:
+    """Return a value with an SI prefix and its unit; a dash for no value.
+
+    Examples
+    --------
+    >>> quantity(1.9e6, "ohm"), quantity(2.4e-6, "s"), quantity(None, "V")
+    ('1.9 MΩ', '2.4 µs', '–')
+    """
+    if value is None or not math.isfinite(value):
+        return NONE
+    return readable(show(value, unit, digits))
+
+
+def readable(text: str) -> str:
+    """Return `text` with the signs for ohm and micro."""
+    return MICRO.sub("µ", OHM.sub("Ω", text))

@@ -11,11 +11,10 @@ if TYPE_CHECKING:
     from netlist_gen.overrides.axes import Over
     from netlist_gen.overrides.fixed import Fixed
     from netlist_gen.scene.scene import Scene
+    from taction.results import Onset, YieldReport
     from verification.pipeline.clock import Progress
     from verification.report.sweep.result import SweepResult
-    from verification.studies.onset.onset import Onset
     from verification.studies.sweep.plan import Plan
-    from verification.studies.tolerance.yield_report import YieldReport
 
 
 def onset(
@@ -42,7 +41,8 @@ def onset(
     Returns
     -------
     Onset
-        `findings` holds the crossings of the poles, each with its frequency and its confirmation.
+        `findings` holds the crossings of the poles, each with its frequency and its confirmation;
+        `plot` draws the poles.
 
     Raises
     ------
@@ -60,13 +60,14 @@ def onset(
     >>> print(f"stable from {onset.findings[-1].crossing.value:.3g} F")
     stable from 9.02e-12 F
     """
+    from taction.results import Onset
     from verification.ideal.lambda_rule import read_scene
     from verification.studies.onset.onset import onset as find_crossings
     from verification.studies.onset.onset import parse_onset_axis
 
     scene = read_scene(scene)
     axis = parse_onset_axis(scene, over)
-    return find_crossings(scene, axis, transients=transients, progress=progress)
+    return Onset.of(find_crossings(scene, axis, transients=transients, progress=progress))
 
 
 def sweep(
@@ -161,7 +162,7 @@ def sweep(
             progress=lambda count: progress(count.text),
             announce=progress,
         )
-    return SweepResult(plan, store, count)
+    return SweepResult.of(plan, store, count)
 
 
 def plan_sweep(
@@ -233,7 +234,7 @@ def montecarlo(
     -------
     YieldReport
         The yield (a sample without a verdict counts as not passed), its 95 % interval, the failed
-        checks, the parts with the largest influence, and `remedy`.
+        checks, the parts with the largest influence, and `remedy`; `plot` draws histograms.
 
     Raises
     ------
@@ -248,6 +249,7 @@ def montecarlo(
     >>> taction.montecarlo("scenes/tuned-breadboard.toml", samples=4, jobs=1).samples
     4
     """
+    from taction.results import YieldReport
     from verification.ideal.lambda_rule import read_scene
     from verification.studies.running.executors import workers_at
     from verification.studies.tolerance.drawing import draw_samples, half_width
@@ -259,7 +261,8 @@ def montecarlo(
     study = prepare(read_scene(scene, engine))
     workers = partial(workers_at, cluster, jobs, progress)
     draw_samples(study, seed, tally, workers(), output, progress)
-    report = summarise_samples(study, tally.samples, seed)
+    summary = summarise_samples(study, tally.samples, seed)
+    report = YieldReport.of(summary, study.scene.name, tally.samples)
     if not remedy:
         return report
     ask = partial(verified_remedy, output=output, progress=progress)

@@ -138,8 +138,8 @@ def verify(
     Examples
     --------
     >>> import taction
-    >>> taction.verify("scenes/paper-breadboard.toml", engine="statespace")
-    Verdict('paper-breadboard', pass, statespace)
+    >>> taction.verify("scenes/paper-breadboard.toml", engine="statespace").outcome.value
+    'pass'
     >>> scene = taction.Scene.from_arrays([[2.0, 0.5], [0.5, 1.0]], [1.0, 1.0], capacitance="1nF")
     >>> verdicts = taction.verify(scene, engine="statespace", strains=[[0.2, 0.1], [0.1, 0.3]])
     >>> [verdict.outcome.value for verdict in verdicts]

@@ -7,8 +7,12 @@ from __future__ import annotations
 
 from dataclasses import fields
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from verification import verify
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 class Verdict(verify.Verdict):
@@ -28,6 +32,29 @@ class Verdict(verify.Verdict):
         from verification.report.verdict.table import verdict_text
 
         return verdict_text(self)
+
+    def _repr_html_(self) -> str:
+        """Return the verdict as a card for a notebook."""
+        from verification.report.cards import verdict_card
+
+        return verdict_card(self).html()
+
+    def plot(self, path: str | Path | None = None) -> Figure:
+        """Return the picture of ``verify --plot``: waveforms, recovered stress and checks.
+
+        Parameters
+        ----------
+        path : path, optional
+            Write the picture into this file: ``.png``, ``.svg`` or ``.pdf``.
+
+        Raises
+        ------
+        InputError
+            The picture cannot be written, or matplotlib is missing (``taction[plot]``).
+        """
+        from verification.report.verdict.plots import plot_verdict
+
+        return plot_verdict(self, path)
 
     def report(self, path: str | Path) -> None:
         """Write a report as one HTML file, with pictures, that needs no network.

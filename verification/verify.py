@@ -8,8 +8,10 @@ from netlist_gen.analysis import Transient
 from netlist_gen.board.circuit import Circuit
 from netlist_gen.board.part_warnings import part_warnings
 from netlist_gen.problem.inverse_problem import InverseProblem
+from netlist_gen.quantities import quantity
 from netlist_gen.scene.questions import questions
 from netlist_gen.scene.scene import Scene
+from netlist_gen.scene.summary import opamp_words, sizes
 from spice_models.array_types import Floats
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.ideal.energy_rise import EnergyRise, energy_rise
@@ -68,7 +70,18 @@ class Verdict:
     timing: dict[str, float]
 
     def __repr__(self) -> str:
-        return f"Verdict({self.scene.name!r}, {self.outcome.value}, {self.waveforms.engine})"
+        outcome, circuit = self.outcome.value, self.circuit
+        named = [check.name for check in self.checks if check.outcome is self.outcome]
+        if self.outcome is not Outcome.PASS:
+            outcome += f" ({', '.join(named)})"
+        parts = (
+            sizes(len(circuit.outputs), len(circuit.constraint_nodes)),
+            f"C = {quantity(circuit.scalings.capacitance, 'F')}",
+            f"gain = {quantity(circuit.scalings.gain, 'ohm')}",
+            f"op-amp {opamp_words(self.scene.design.opamp)}",
+        )
+        engine = self.waveforms.engine
+        return f"Verdict({self.scene.name!r}, {outcome}, {engine}; {', '.join(parts)})"
 
 
 def verify(

@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from spice_models.array_types import Floats, Indices
+from spice_models.picture import figure_file, time_unit
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MOST_NAMES = 12  # lines up to which a legend names them
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +78,9 @@ class Waveforms:
 
     def __repr__(self) -> str:
         count, end = len(self.time), float(self.time[-1]) if len(self.time) else 0.0
-        return f"Waveforms({len(self.nodes)} nodes, {count} points to {end:.4g} s, {self.engine})"
+        size, unit = time_unit(end)
+        reach = f"{count} points to {end / size:.4g} {unit}"
+        return f"Waveforms({len(self.nodes)} nodes, {reach}, {self.engine})"
 
     def __getitem__(self, node: str) -> Floats:
         """Return one node's voltage, shape (P,); KeyError for a node that was not saved."""
@@ -78,3 +88,35 @@ class Waveforms:
             return self.values[:, self.nodes.index(node)]
         except ValueError:
             raise KeyError(node) from None
+
+    def plot(self, path: str | Path | None = None, *, nodes: Sequence[str] | None = None) -> Figure:
+        """Return a picture of the voltages over time.
+
+        Parameters
+        ----------
+        path : path, optional
+            Write the picture into this file: ``.png``, ``.svg`` or ``.pdf``.
+        nodes : sequence of str, optional
+            What to draw; by default every node.
+
+        Raises
+        ------
+        InputError
+            The file cannot be written, or matplotlib is missing (``taction[plot]``).
+        KeyError
+            A node was not saved.
+        """
+        drawn = self.nodes if nodes is None else tuple(nodes)
+        columns = [self[node] for node in drawn]
+        size, unit = time_unit(float(self.time[-1]))
+        with figure_file(path, 9.0, 4.6, f"{self.engine}: {len(drawn)} nodes") as figure:
+            from matplotlib import colormaps
+
+            axes = figure.add_subplot()
+            for k, (node, values) in enumerate(zip(drawn, columns, strict=True)):
+                colour = colormaps["viridis"](0.9 * k / max(len(drawn) - 1, 1))
+                axes.plot(self.time / size, values, color=colour, lw=1.0, label=node)
+            axes.set(xlabel=f"time ({unit})", ylabel="voltage (V)", xlim=(0.0, None))
+            if len(drawn) <= MOST_NAMES:
+                figure.legend(loc="outside right upper", fontsize="small", frameon=False)
+        return figure

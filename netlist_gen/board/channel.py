@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from netlist_gen.board.circuit import (
+from netlist_gen.board.components import (
     Capacitor,
-    Circuit,
+    CircuitData,
     CurrentSource,
     OpAmpCell,
     Resistor,
@@ -22,12 +22,12 @@ from netlist_gen.board.circuit import (
 class Channel:
     """Channel `n` and sensor row `k` of a board, both counted from 1."""
 
-    circuit: Circuit
+    circuit: CircuitData
     n: int
     k: int
 
     @classmethod
-    def of(cls, circuit: Circuit, n: int | None = None) -> Channel:
+    def of(cls, circuit: CircuitData, n: int | None = None) -> Channel:
         """Return channel `n` with the row that it drives most.
 
         Without `n` it is the middle channel, or the first one that has a matrix resistor.

@@ -56,8 +56,9 @@ def synthesise(scene: Scene, problem: InverseProblem | None = None) -> Circuit:
     Examples
     --------
     >>> import taction
-    >>> taction.synthesise(taction.load_scene("scenes/paper-breadboard.toml"))
-    Circuit('paper-breadboard', 7 channels, 7 sensors, integrator, linear amplifiers)
+    >>> circuit = taction.synthesise(taction.load_scene("scenes/paper-breadboard.toml"))
+    >>> len(circuit.outputs), circuit.topology
+    (7, 'integrator')
     """
     problem = make_problem(scene) if problem is None else problem
     scalings = make_scalings(scene)

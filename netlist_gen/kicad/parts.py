@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 
 from netlist_gen.board.bill_of_materials import packages, tolerance_of
-from netlist_gen.board.circuit import (
+from netlist_gen.board.components import (
     Capacitor,
-    Circuit,
+    CircuitData,
     CurrentSource,
     OpAmpCell,
     Resistor,
@@ -70,7 +70,7 @@ def reference(name: str) -> str:
 class Catalogue:
     """The parts of a board as symbols; references of op-amps are those of ``taction bom``."""
 
-    circuit: Circuit
+    circuit: CircuitData
     scene: Scene
 
     @cached_property

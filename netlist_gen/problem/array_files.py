@@ -14,7 +14,7 @@ import numpy as np
 from numpy.lib import format as npy
 
 from netlist_gen.scene.arrays import fitted
-from netlist_gen.scene.scene import Scene
+from netlist_gen.scene.problem import StatedProblem
 from spice_models.array_types import Floats
 from spice_models.errors import Complaint, InputError
 from spice_models.foreign_files import LARGEST, read_bounded, read_text
@@ -26,7 +26,7 @@ HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 
 
 def read_array(
-    scene: Scene,
+    scene: StatedProblem,
     key: str,
     name: str | Floats,
     shape: tuple[int | None, ...],
@@ -64,7 +64,7 @@ def _decimal_commas(values: Floats, shape: tuple[int | None, ...]) -> str:
     return ""
 
 
-def read_profile(scene: Scene, key: str, name: str) -> tuple[Floats, Floats]:
+def read_profile(scene: StatedProblem, key: str, name: str) -> tuple[Floats, Floats]:
     """Read a stress profile: two columns, y (increasing) and stress.
 
     Raises

@@ -15,9 +15,9 @@ from netlist_gen.scene.problem import (
     CylinderLoad,
     MatrixProblem,
     Noise,
+    StatedProblem,
     TactileProblem,
 )
-from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from spice_models.errors import Complaint, InputError
 
@@ -34,7 +34,7 @@ class InverseProblem:
     positions: Floats | None  # y of the channels, (N,); tactile problems only
 
 
-def make_problem(scene: Scene) -> InverseProblem:
+def make_problem(scene: StatedProblem) -> InverseProblem:
     """Build the inverse problem that `scene` describes.
 
     Raises
@@ -55,7 +55,7 @@ def make_problem(scene: Scene) -> InverseProblem:
     return problem
 
 
-def _check_range(scene: Scene, problem: InverseProblem) -> None:
+def _check_range(scene: StatedProblem, problem: InverseProblem) -> None:
     """Refuse arrays whose largest entry is out of range, or that have an entry without a value."""
     arrays = {"T": problem.matrix, "the strain": problem.strain, "the stress": problem.stress}
     for name, array in arrays.items():
@@ -68,7 +68,7 @@ def _check_range(scene: Scene, problem: InverseProblem) -> None:
             raise InputError(scene.file, Complaint("problem", "", text))
 
 
-def with_strains(scene: Scene, strains: ArrayLike) -> list[InverseProblem]:
+def with_strains(scene: StatedProblem, strains: ArrayLike) -> list[InverseProblem]:
     """Return the problem of `scene` with each row of `strains` (K, M) instead of its strain.
 
     The scene's noise is not added to the rows, and the true stress is unknown.
@@ -118,7 +118,7 @@ def cylinder_stress(y: Floats, load: CylinderLoad) -> Floats:
     return scale * np.sqrt(np.maximum(a**2 - (y - load.centre) ** 2, 0.0))
 
 
-def _tactile(scene: Scene, problem: TactileProblem) -> InverseProblem:
+def _tactile(scene: StatedProblem, problem: TactileProblem) -> InverseProblem:
     sensors = problem.sensors or problem.channels
     y, at = grid(problem.channels, problem.span), grid(sensors, problem.span)
     matrix = kernel(
@@ -138,7 +138,7 @@ def _tactile(scene: Scene, problem: TactileProblem) -> InverseProblem:
     return InverseProblem(matrix, _noisy(matrix @ stress, problem.noise), stress, y)
 
 
-def _from_files(scene: Scene, problem: MatrixProblem) -> InverseProblem:
+def _from_files(scene: StatedProblem, problem: MatrixProblem) -> InverseProblem:
     matrix = read_array(scene, "problem.matrix", problem.matrix, (None, None))
     sensors, channels = matrix.shape
     strain = read_array(scene, "problem.strain", problem.strain, (sensors,), transposed=channels)

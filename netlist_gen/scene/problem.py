@@ -1,10 +1,18 @@
-"""The scene's table ``[problem]``: a tactile sensor, or a given matrix and strain."""
+"""The problem of a scene: a tactile sensor, or a given matrix and strain."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, StrictBool, ValidationInfo, field_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    PrivateAttr,
+    StrictBool,
+    ValidationInfo,
+    field_validator,
+)
 
 from netlist_gen.scene.arrays import ArrayOrFile, fitted
 from netlist_gen.scene.fields import (
@@ -16,6 +24,8 @@ from netlist_gen.scene.fields import (
     Real,
     Seed,
 )
+
+NAME_PATTERN = r"^[A-Za-z0-9_.-]+$"
 
 
 class CylinderLoad(Model):
@@ -100,3 +110,23 @@ class MatrixProblem(Model):
         arrays = (self.matrix, self.strain, self.stress)
         plain = (a if a is None or isinstance(a, str) else (a.shape, a.tobytes()) for a in arrays)
         return (*plain, self.noise)
+
+
+class StatedProblem(Model):
+    """The part of a scene that states its problem; file names are relative to `folder`."""
+
+    name: Annotated[str, Field(pattern=NAME_PATTERN, max_length=64)] = "scene"
+    problem: Annotated[TactileProblem | MatrixProblem, Field(discriminator="kind")] = Field(
+        description="a table with kind = 'tactile' or 'matrix'"
+    )
+    _file: Path = PrivateAttr(Path("scene.toml"))
+
+    @property
+    def file(self) -> Path:
+        """File of the scene."""
+        return self._file
+
+    @property
+    def folder(self) -> Path:
+        """Folder of the scene file."""
+        return self._file.parent

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, get_args
 
 from pydantic import Field, PrivateAttr, StrictBool, model_validator
 
+from netlist_gen.card import Card
+from netlist_gen.quantities import quantity
 from netlist_gen.scene.antilog_choice import AntilogChoice
 from netlist_gen.scene.arrays import in_memory
 from netlist_gen.scene.checks import Checks, unitless_times
@@ -28,16 +30,17 @@ from netlist_gen.scene.fields import (
 )
 from netlist_gen.scene.mistakes import contradictions, placed, validated
 from netlist_gen.scene.opamp_choice import OpAmpChoice
-from netlist_gen.scene.problem import MatrixProblem, TactileProblem
+from netlist_gen.scene.problem import StatedProblem
 from netlist_gen.scene.regression import Regression
+from netlist_gen.scene.summary import check_words, opamp_words, size_words
 from netlist_gen.scene.tolerances import Tolerances
 from spice_models.amplifier import AMPLIFIERS
 from spice_models.errors import Complaint, InputError
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
     from numpy.typing import ArrayLike
 
-NAME_PATTERN = r"^[A-Za-z0-9_.-]+$"
 DEFAULT_RESISTANCE = 1.786e6
 GRID_ENGINES = ("both", "hybrid")  # of a sweep, not of a scene
 IN_MEMORY = "Scene.from_arrays"  # instead of the name of a file
@@ -113,24 +116,71 @@ class AnalysisChoice(Model):
         return self
 
 
-class Scene(Model):
+class Scene(StatedProblem):
     """Problem, design, analysis and checks; file names are relative to `folder`."""
 
-    name: Annotated[str, Field(pattern=NAME_PATTERN, max_length=64)] = "scene"
-    problem: Annotated[TactileProblem | MatrixProblem, Field(discriminator="kind")] = Field(
-        description="a table with kind = 'tactile' or 'matrix'"
-    )
     design: Design = Design()
     analysis: AnalysisChoice = AnalysisChoice()
     checks: Checks = Checks()
     tolerances: Tolerances = Tolerances()
     regression: Regression = Regression()
-    _file: Path = PrivateAttr(Path("scene.toml"))
     _lambda_rule: str = PrivateAttr("")
     _questions: tuple[str, ...] = PrivateAttr(())
 
     def __repr__(self) -> str:
-        return f"Scene({self.name!r}, {str(self.file)!r})"
+        design, file = self.design, str(self.file)
+        parts = (
+            size_words(self.problem),
+            f"C = {quantity(design.capacitance, 'F')}",
+            f"gain = {quantity(design.gain, 'ohm')}",
+            f"op-amp {opamp_words(design.opamp)}",
+        )
+        return f"Scene({self.name!r}, {', '.join(parts)}; {file!r})"
+
+    def __str__(self) -> str:
+        return repr(self)
+
+    def _repr_html_(self) -> str:
+        """Return the scene as a card for a notebook."""
+        design = self.design
+        size = f"{self.problem.kind} problem, {size_words(self.problem)}"
+        board = f"{design.topology}, {design.amplifier} amplifiers"
+        facts = (
+            ("problem", size),
+            ("board", f"{board}, op-amp {opamp_words(design.opamp)}"),
+            ("C", quantity(design.capacitance, "F")),
+            ("gain s", quantity(design.gain, "ohm")),
+            self._regularisation(),
+            ("engine", self.analysis.engine),
+            ("checks", "; ".join(check_words(self.checks))),
+            ("file", str(self.file)),
+        )
+        return Card("Scene", self.name, facts=facts).html()
+
+    def _regularisation(self) -> tuple[str, str]:
+        lam, resistance = self.design.lam, self.design.resistance
+        if lam is not None:
+            number = lam if isinstance(lam, str) else f"{lam:.4g}"
+            return "lambda", f"{number}, by {self.lambda_rule}" if self.lambda_rule else number
+        return "R", quantity(DEFAULT_RESISTANCE if resistance is None else resistance, "ohm")
+
+    def plot(self, path: str | Path | None = None) -> Figure:
+        """Return a picture of the problem: the matrix with its signs, the strain, the truth.
+
+        Parameters
+        ----------
+        path : path, optional
+            Write the picture into this file: ``.png``, ``.svg`` or ``.pdf``.
+
+        Raises
+        ------
+        InputError
+            The scene's files cannot be used, the picture cannot be written, or matplotlib is
+            missing (``taction[plot]``).
+        """
+        from netlist_gen.problem.picture import plot_problem
+
+        return plot_problem(self, path)
 
     @classmethod
     def from_arrays(
@@ -196,11 +246,6 @@ class Scene(Model):
         return max(check.limit, error)
 
     @property
-    def file(self) -> Path:
-        """File of the scene."""
-        return self._file
-
-    @property
     def written_questions(self) -> tuple[str, ...]:
         """What may be a slip in the way that values are written; see `questions`."""
         return self._questions
@@ -227,11 +272,6 @@ class Scene(Model):
         chosen = self.model_copy(update={"design": design})
         chosen._lambda_rule = rule
         return chosen
-
-    @property
-    def folder(self) -> Path:
-        """Folder of the scene file."""
-        return self._file.parent
 
 
 def parse_scene(

@@ -54,6 +54,7 @@ UNKNOWN = {
         "netlist_gen.problem.inverse_problem",
         "netlist_gen.board.synthesis",
         "netlist_gen.board.circuit",
+        "netlist_gen.board.components",
         "spice_models.opamp",
     ),
     "state space": (

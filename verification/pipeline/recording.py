@@ -10,6 +10,7 @@ import numpy as np
 from netlist_gen.analysis import Transient
 from netlist_gen.board.circuit import Circuit
 from netlist_gen.problem.inverse_problem import InverseProblem
+from netlist_gen.quantities import quantity
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from verification.engines.statespace.transients.simulate import ENGINE
@@ -45,7 +46,13 @@ class Record:
     measurements: Measurements
 
     def __repr__(self) -> str:
-        return f"Record({self.waveforms!r})"
+        settled = self.measurements.settling_time
+        state = (
+            self.measurements.reason
+            if settled is None
+            else f"settled at {quantity(settled.value, 's')}"
+        )
+        return f"Record({self.circuit.name!r}, {self.waveforms!r}, {state})"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

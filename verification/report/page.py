@@ -19,7 +19,8 @@ class Page(Console):
     """
 
     def __init__(self, *, stderr: bool = False, file: IO[str] | None = None) -> None:
-        super().__init__(highlight=False, stderr=stderr, file=file)
+        # In a notebook rich would show the text itself, past the file.
+        super().__init__(highlight=False, stderr=stderr, file=file, force_jupyter=False)
         if not self.is_terminal:
             self.soft_wrap = True
             if not os.environ.get("COLUMNS", "").isdigit():

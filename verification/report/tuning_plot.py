@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from netlist_gen.quantities import show
+from netlist_gen.quantities import readable, show
 from verification.report.picture import BLUE, GREY, ORANGE, figure_file
-from verification.report.signs import readable
 from verification.report.verdict.remedies import value_text
 from verification.studies.tune import Candidate, Tuning
 

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from netlist_gen.quantities import show
+from netlist_gen.quantities import readable, show
 from verification.report.choose.tables import first_of_each, number
 from verification.report.picture import BLUE, ORANGE, check_plot_file, figure_file
-from verification.report.signs import readable
 from verification.studies.choose.ranking import Design
 from verification.studies.choose.request import CAPACITANCE, GAIN
 

@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from netlist_gen.quantities import readable
 from spice_models.errors import InputError, TactionError
 from verification.report.explorer.jobs import Job
 from verification.report.explorer.look import Look, look_at
@@ -23,7 +24,6 @@ from verification.report.explorer.payload import (
     simulation_part,
     verdict_part,
 )
-from verification.report.html.texts import readable
 from verification.studies.exploration.board_view import Boundary, view_boundary, view_limits
 from verification.studies.exploration.controls import CAPACITANCE, STEPS
 from verification.studies.exploration.judgement import Judgement, judge

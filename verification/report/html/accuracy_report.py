@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from netlist_gen.quantities import readable
 from verification.report.html.blocks import Block, Cell, Notes, Picture, Report, Section, Table
 from verification.report.html.pictures import DASHES, MARKS, SERIES, axis, line, numbers, words
 from verification.report.html.sections.origin import origin_section
 from verification.report.html.texts import number_cell, quantity
-from verification.report.signs import readable
 from verification.report.work_precision.tables import PROBLEMS, accuracy_document
 from verification.studies.work_precision.study import WorkPrecisionStudy
 

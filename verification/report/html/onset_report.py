@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from netlist_gen.quantities import show
+from netlist_gen.quantities import readable, show
 from verification.report.html.blocks import (
     Block,
     Cell,
@@ -24,7 +24,6 @@ from verification.report.html.pictures import area, axis, label, line, log_axis,
 from verification.report.html.sections.origin import origin_section
 from verification.report.html.texts import number_cell, quantity
 from verification.report.onset.tables import direction
-from verification.report.signs import readable
 from verification.studies.onset.onset import Finding, Onset
 
 RINGS = 0.5  # damping ratio up to which a mode is on the pictures

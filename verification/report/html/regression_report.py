@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+from netlist_gen.quantities import readable
 from verification.report.html.blocks import Bars, Block, Cell, Notes, Report, Section, Table
 from verification.report.html.sections.checks import check_bar
 from verification.report.html.sections.origin import plain_origin
@@ -18,7 +19,6 @@ from verification.report.regression.text import (
     summary_row,
     value_text,
 )
-from verification.report.signs import readable
 from verification.report.verdict.json_document import check_record
 from verification.studies.regression.run import RegressionReport, SceneResult, Status
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from netlist_gen.overrides.axes import Axis
+from netlist_gen.quantities import readable
 from verification.report.html.blocks import (
     Block,
     Cell,
@@ -33,7 +34,6 @@ from verification.report.html.sweep_maps import (
     quantity_map,
 )
 from verification.report.html.texts import LEAST_SHARE, figure, number_cell, quantity, titled
-from verification.report.signs import readable
 from verification.report.sweep.agreement import summarise
 from verification.report.sweep.document import columns_of
 from verification.report.sweep.files import grids

@@ -6,27 +6,16 @@ import math
 from collections.abc import Iterable
 from decimal import Decimal
 
-from netlist_gen.quantities import show
+from netlist_gen.quantities import NONE as NONE
+from netlist_gen.quantities import quantity as quantity
+from netlist_gen.quantities import readable as readable
+from netlist_gen.scene.summary import counted as counted
+from netlist_gen.scene.summary import opamp_name as opamp_name
 from verification.report.html.blocks import Cell, Outcome
-from verification.report.signs import readable
 from verification.report.tables import spaced, value_text
 
-NONE = "–"
 LEAST_SHARE = 1e-6  # of the step: smaller parts have no number
 LEAST_ERROR = 1e-5  # of a value: smaller errors are below the digits that are shown
-
-
-def quantity(value: float | None, unit: str, digits: int = 4) -> str:
-    """Return a value with an SI prefix and its unit; a dash for no value.
-
-    Examples
-    --------
-    >>> quantity(1.9e6, "ohm"), quantity(2.4e-6, "s"), quantity(None, "V")
-    ('1.9 MΩ', '2.4 µs', '–')
-    """
-    if value is None or not math.isfinite(value):
-        return NONE
-    return readable(show(value, unit, digits))
 
 
 def figure(value: float | None, unit: str, digits: int = 4) -> str:
@@ -72,29 +61,6 @@ def with_error(value: float | None, error: float | None, unit: str) -> str:
     if error < LEAST_ERROR * abs(value):
         return f"{text} (error under 10 ppm)"
     return f"{text} ± {figure(error, unit, 2)}"
-
-
-def counted(number: int, noun: str, nouns: str = "") -> str:
-    """Return a number with its noun; `nouns` is a plural that does not end in an added s.
-
-    Examples
-    --------
-    >>> counted(1, "channel"), counted(7, "channel"), counted(2, "entry", "entries")
-    ('1 channel', '7 channels', '2 entries')
-    """
-    return f"{number} {noun}" if number == 1 else f"{number} {nouns or noun + 's'}"
-
-
-def opamp_name(name: str) -> str:
-    """Return the name of an op-amp model in words.
-
-    Examples
-    --------
-    >>> opamp_name("ua741"), opamp_name("ideal_changed")
-    ('ua741', 'ideal with changed figures')
-    """
-    base = name.removesuffix("_changed")
-    return name if base == name else f"{base} with changed figures"
 
 
 def titled(name: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from netlist_gen.quantities import readable
 from verification.report.html.blocks import Notes, Report, Section
 from verification.report.html.file import write_report
 from verification.report.html.sections.board import (
@@ -22,7 +23,6 @@ from verification.report.html.sections.origin import deck_section, origin_sectio
 from verification.report.html.sections.stability import stability_section
 from verification.report.html.sections.waveforms import waveforms_section
 from verification.report.html.texts import figure, quantity
-from verification.report.signs import readable
 from verification.report.tables import spaced
 from verification.report.verdict.json_document import verdict_document
 from verification.verify import Verdict

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from netlist_gen.quantities import show
+from netlist_gen.quantities import readable, show
 from spice_models.array_types import Floats
 from verification.report.picture import BLUE, GREY, ORANGE, figure_file
-from verification.report.signs import readable
 from verification.small_signal.scan_result import Sample
 from verification.studies.onset.onset import Onset
 
@@ -38,8 +38,10 @@ STATES = {
 Modes = tuple[Floats, Floats, Floats]  # value on the axis, real and imaginary part of the pole
 
 
-def plot_onset(onset: Onset, path: str) -> None:
+def plot_onset(onset: Onset, path: str | Path | None = None) -> Figure:
     """Draw the poles of every value in the complex plane, and damping and frequency over it.
+
+    The figure is written to `path`, if there is one.
 
     Raises
     ------
@@ -60,6 +62,7 @@ def plot_onset(onset: Onset, path: str) -> None:
         _damping(damping, onset, modes)
         _frequency(figure.add_subplot(grid[1, 1], sharex=damping), onset, modes)
         damping.tick_params(which="both", labelbottom=False)
+    return figure
 
 
 def _text(value: float, unit: str) -> str:

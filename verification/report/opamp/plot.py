@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from netlist_gen.quantities import show
+from netlist_gen.quantities import readable, show
 from spice_models.array_types import Floats
 from spice_models.opamp import OpAmp
 from verification.characterise.characterise import (
@@ -21,7 +21,6 @@ from verification.characterise.characterise import (
 )
 from verification.characterise.witnesses import Witness
 from verification.report.picture import BLUE, GREY, ORANGE, figure_file, time_unit
-from verification.report.signs import readable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

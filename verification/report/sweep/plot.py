@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,10 +18,13 @@ from verification.studies.sweep.boundary import Boundary, solve_boundary
 from verification.studies.sweep.plan import Plan
 from verification.studies.sweep.store import Store
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 MOST_AXES = 3
 
 
-def check_sweep_plot(plan: Plan, path: str) -> None:
+def check_sweep_plot(plan: Plan, path: str | Path | None) -> None:
     """Refuse a picture that could not be drawn, before any work is done.
 
     Raises
@@ -28,14 +32,17 @@ def check_sweep_plot(plan: Plan, path: str) -> None:
     InputError
         More than three axes, or see `verification.report.picture.check_plot_file`.
     """
-    check_plot_file(path)
+    if path is not None:
+        check_plot_file(path)
     if len(plan.groups) > MOST_AXES:
         text = f"{len(plan.groups)} axes; a picture has at most three, --export writes all of them"
-        raise InputError("--plot", Complaint("FILE", repr(path), text))
+        raise InputError("--plot", Complaint("FILE", repr(path and str(path)), text))
 
 
-def plot_sweep(plan: Plan, store: Store, path: str) -> None:
+def plot_sweep(plan: Plan, store: Store, path: str | Path | None = None) -> Figure:
     """Draw the figures of a sweep, what fails, and over two axes the stability boundary.
+
+    The figure is written to `path`, if there is one.
 
     Raises
     ------
@@ -60,6 +67,7 @@ def plot_sweep(plan: Plan, store: Store, path: str) -> None:
         else:
             solved = [boundary_at(plan, k) for k in chosen]
             draw_multiples(figure, axes, data, names, solved, chosen)
+    return figure
 
 
 def chosen_places(count: int) -> list[int]:

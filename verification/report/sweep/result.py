@@ -6,7 +6,7 @@ import importlib.util
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from spice_models.errors import Complaint, InputError
 from verification.report.sweep.agreement import AgreementSummary, summarise
@@ -16,6 +16,9 @@ from verification.report.sweep.records import records
 from verification.studies.sweep.plan import Plan
 from verification.studies.sweep.run import SweepCounts
 from verification.studies.sweep.store import Store
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -30,24 +33,38 @@ class SweepResult:
         A database in a file or in memory, open as long as the result exists.
     count : SweepCounts
         Numbers of all points, of the points computed now, and of each outcome.
+    agreement : AgreementSummary or None
+        How far two engines agree; None for a sweep by one engine.
     """
 
     plan: Plan
     store: Store
     count: SweepCounts
+    agreement: AgreementSummary | None
+
+    @classmethod
+    def of(cls, plan: Plan, store: Store, count: SweepCounts) -> SweepResult:
+        """Return the result of a sweep that has ended."""
+        several = len(plan.engines) > 1
+        return cls(plan, store, count, summarise(plan, store) if several else None)
 
     def __repr__(self) -> str:
         plan, counts = self.plan, sorted(self.count.outcomes.items())
         outcomes = ", ".join(f"{number} {name}" for name, number in counts)
-        if (found := self.agreement) is not None and found.disagree:
-            outcomes += f"; the engines disagree at {found.disagree}"
+        if self._disagree:
+            outcomes += f"; the engines disagree at {self._disagree}"
         names = " x ".join(axis.name for axis in plan.axes)
         return f"SweepResult({plan.scene.name!r}, {names}: {plan.total} points, {outcomes})"
 
     @property
-    def agreement(self) -> AgreementSummary | None:
-        """How far two engines agree; None for a sweep by one engine."""
-        return summarise(self.plan, self.store) if len(self.plan.engines) > 1 else None
+    def _disagree(self) -> int:
+        return 0 if self.agreement is None else self.agreement.disagree
+
+    def _repr_html_(self) -> str:
+        """Return the sweep as a card for a notebook."""
+        from verification.report.cards import sweep_card
+
+        return sweep_card(self.plan, self.count, self._disagree).html()
 
     def records(self) -> Iterator[dict[str, Any]]:
         """Yield every point as plain data in SI base units, in the order of the grid."""
@@ -75,15 +92,21 @@ class SweepResult:
         _need("xarray")
         return dataset(self.plan, self.store)
 
-    def plot(self, path: str | Path) -> None:
-        """Draw maps over two axes, or curves over one, into a PNG, SVG or PDF file.
+    def plot(self, path: str | Path | None = None) -> Figure:
+        """Return maps over two axes, curves over one, or small maps over three.
+
+        Parameters
+        ----------
+        path : path, optional
+            Write the picture into this file: ``.png``, ``.svg`` or ``.pdf``.
 
         Raises
         ------
         InputError
-            More than two axes, another kind of file, or matplotlib is not installed.
+            More than three axes, the picture cannot be written, or matplotlib is missing
+            (``taction[plot]``).
         """
-        plot_sweep(self.plan, self.store, str(path))
+        return plot_sweep(self.plan, self.store, path)
 
     def report(self, path: str | Path) -> None:
         """Write a report as one HTML file: outcomes, maps or curves, and the points.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,6 +17,7 @@ from verification.studies.tolerance.yield_report import Spread, YieldReport
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 BINS = 40  # at most
 CULPRITS = 8  # components of the picture
@@ -26,7 +28,12 @@ TALL = 1.1  # height of the axes over the highest bar
 SAME = 1e-9  # relative: values that are one value
 
 
-def plot_yield(name: str, report: YieldReport, samples: Sequence[BoardSample], path: str) -> None:
+def plot_yield(
+    name: str,
+    report: YieldReport,
+    samples: Sequence[BoardSample],
+    path: str | Path | None = None,
+) -> Figure:
     """Draw a histogram of every quantity with its limits, and the largest correlations.
 
     Parameters
@@ -35,6 +42,8 @@ def plot_yield(name: str, report: YieldReport, samples: Sequence[BoardSample], p
         Of the scene, for the title.
     samples : sequence of BoardSample
         The samples that `report` summarises.
+    path : path, optional
+        Write the figure into this file.
 
     Raises
     ------
@@ -61,6 +70,7 @@ def plot_yield(name: str, report: YieldReport, samples: Sequence[BoardSample], p
         if report.remedy is not None and report.remedy.what:
             remedy, share = report.remedy, f"{100 * report.remedy.fraction:.3g} %"
             figure.supxlabel(f"{remedy.what}: yield {share}", fontsize="medium")
+    return figure
 
 
 def _of(spread: Spread, samples: Sequence[BoardSample]) -> Floats:

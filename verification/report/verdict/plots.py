@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import textwrap
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from netlist_gen.quantities import show
+from netlist_gen.quantities import readable, show
 from spice_models.array_types import Floats
 from verification.pipeline.agreement import Agreement
 from verification.pipeline.checks import Check
@@ -21,7 +22,6 @@ from verification.report.picture import (
     label_ends,
     time_unit,
 )
-from verification.report.signs import readable
 from verification.report.tables import spaced
 from verification.report.verdict.table import amount, limit
 from verification.verify import Verdict
@@ -43,8 +43,10 @@ PALEST = 0.8  # of the colour map: yellow lines are too pale on white
 CROWD = 24  # channels above which the marks are small
 
 
-def plot_verdict(verdict: Verdict, path: str) -> None:
+def plot_verdict(verdict: Verdict, path: str | Path | None = None) -> Figure:
     """Draw outputs with targets and settling band, recovered stress, and the checks.
+
+    The figure is written to `path`, if there is one.
 
     Raises
     ------
@@ -66,6 +68,7 @@ def plot_verdict(verdict: Verdict, path: str) -> None:
             _difference(figure.add_subplot(grid[2, 0], sharex=settling), verdict, agreement)
             settling.tick_params(labelbottom=False)
             settling.set_xlabel("")
+    return figure
 
 
 def _headline(verdict: Verdict) -> str:

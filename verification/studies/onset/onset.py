@@ -15,6 +15,7 @@ from netlist_gen.board.circuit import Circuit
 from netlist_gen.board.synthesis import synthesise
 from netlist_gen.overrides.axes import Axis, Over, Point, parse_axes, with_values
 from netlist_gen.problem.inverse_problem import make_problem
+from netlist_gen.quantities import quantity
 from netlist_gen.scene.scene import Scene
 from spice_models.errors import (
     Complaint,
@@ -36,6 +37,7 @@ from verification.studies.onset.transient_trial import Confirmation, confirm
 AROUND = 30.0  # the default range is from the scene's value / 30 to its value * 30
 POINTS = 61  # of the first grid of a scan: 20 per decade in the default range
 TIMEOUT = 600.0  # of one transient, s
+MOST = 4  # crossings and ranges in a `repr`
 BESIDE = 1e-6  # relative distance of values beside a crossing from the crossing
 
 Build = Callable[[float], Circuit]
@@ -71,8 +73,14 @@ class Onset:
     counts: tuple[Count, ...]
 
     def __repr__(self) -> str:
-        places = ", ".join(f"{each.crossing.value:.5g}" for each in self.findings) or "none"
-        return f"Onset({self.scene.name!r}, crossings over {self.axis.name}: {places})"
+        unit = self.axis.key.unit
+        places = [quantity(each.crossing.value, unit) for each in self.findings]
+        crossings = f"crossings over {self.axis.name}: {', '.join(places[:MOST]) or 'none'}"
+        if len(places) > MOST:
+            crossings += f" and {len(places) - MOST} more"
+        ends = [f"{quantity(a, unit)} to {quantity(b, unit)}" for a, b in self.scan.stable_ranges]
+        stable = " and ".join(ends[:MOST]) + (" and more" if len(ends) > MOST else "")
+        return f"Onset({self.scene.name!r}, {crossings};\n      stable: {stable or 'nowhere'})"
 
     @property
     def disagreement(self) -> bool:

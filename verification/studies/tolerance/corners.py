@@ -35,7 +35,7 @@ from verification.studies.tolerance.varied_board import (
 )
 
 PROBE = 0.25  # of the tolerance: large against rounding errors, small against curvature
-NAMED = 5  # components listed with each corner
+NAMED = 5  # components listed with each corner, and corners in a `repr`
 STEADY_CORNERS = 8  # corners of the steady state that are tried
 NOMINAL = -1  # number of the probe without deviation
 
@@ -51,12 +51,20 @@ class Corner:
     deviations: dict[str, float]  # in tolerances, without the components at their nominal values
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class CornerStudy:
     """Verified corners, and the worst-case direction of every channel at rest."""
 
     corners: tuple[Corner, ...]
     directions: tuple[Direction, ...] = ()
+
+    def __repr__(self) -> str:
+        bad = [corner.name for corner in self.corners if corner.result.outcome != "pass"]
+        more = f" and {len(bad) - NAMED} more" if len(bad) > NAMED else ""
+        failed = f"; not passed: {', '.join(bad[:NAMED])}{more}" if bad else ""
+        return (
+            f"CornerStudy({len(self.corners)} corners, {len(self.corners) - len(bad)} pass{failed})"
+        )
 
 
 def worst_corners(

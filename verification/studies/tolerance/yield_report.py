@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -30,6 +30,7 @@ from verification.studies.tolerance.varied_board import (
 CONFIDENCE = 0.95
 MIN_SAMPLES = 30  # for the test of the interval's width, and for sensitivities
 SIGNIFICANT = 4.0  # standard errors of a reported correlation; hundreds are tested at once
+MOST = 3  # failed checks in a `repr`
 QUANTILES = (0.05, 0.5, 0.95)
 
 
@@ -85,10 +86,17 @@ class YieldReport:
     remedy: Remedy | None = None  # None: not looked for, or not needed
 
     def __repr__(self) -> str:
+        low, high = (f"{100 * share:.3g}" for share in (self.low, self.high))
         return (
-            f"YieldReport({self.passed} of {self.samples} pass,"
-            f" 95 % interval {100 * self.low:.3g} to {100 * self.high:.3g} %)"
+            f"YieldReport({self.passed} of {self.samples} pass, yield {100 * self.fraction:.4g} %,"
+            f" 95 % interval {low} to {high} %{_listed(self.failures)})"
         )
+
+
+def _listed(failures: Mapping[str, int]) -> str:
+    """Return the most frequent failed checks for a `repr`."""
+    words = [f"{number} fail {name}" for name, number in [*failures.items()][:MOST]]
+    return f"; {', '.join(words)}" if words else ""
 
 
 @dataclass(slots=True)

@@ -123,7 +123,7 @@ def test_the_command_and_the_verdict_write_the_same_report(tmp_path: Path) -> No
 def test_the_result_of_a_sweep_writes_its_report(tmp_path: Path) -> None:
     plan, store, count = swept("C=10pF:100pF:4", "gain=10k:100k:3")
     with store:
-        SweepResult(plan, store, count).report(tmp_path / "a.html")
+        SweepResult.of(plan, store, count).report(tmp_path / "a.html")
     tree = html.document_fromstring((tmp_path / "a.html").read_text("utf-8"))
     assert "12 of 12 points: 3 pass" in tree.xpath("string(//p[@class='verdict'])")
     rows = tree.xpath("//table[caption='Points']/tbody/tr")

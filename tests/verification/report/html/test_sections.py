@@ -8,13 +8,13 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from netlist_gen.quantities import readable
 from tests.support.report_pages import page, verdicts
 from verification.pipeline.board_power import board_power
 from verification.report.html.blocks import Bars, Block, Code, Drawing, Facts, Ranges, Report, Table
+from verification.report.html.sections.board import schematic
 from verification.report.html.sections.checks import check_bar
-from verification.report.html.sections.schematic import schematic
 from verification.report.html.texts import figure, quantity
-from verification.report.signs import readable
 
 
 def block(report: Report, title: str, kind: type[Any] = Table) -> Any:

@@ -78,7 +78,7 @@ def test_a_disagreement_is_shown_everywhere() -> None:
         text = text_of(plan, store)
         count = SweepCounts(POINTS)
         document = json.loads("".join(document_parts(plan, store, count, 1.0)))
-        result = SweepResult(plan, store, count)
+        result = SweepResult.of(plan, store, count)
         assert "the engines disagree at 1" in repr(result)
         console = Console(file=io.StringIO(), width=200)
         print_sweep(plan, store, count, console)
@@ -132,7 +132,7 @@ def test_a_sweep_by_one_engine_has_no_comparison() -> None:
         found = {("statespace", place): make_record() for place in range(3)}
         store_records(plan, store, found)
         assert [row["agreement"] for row in records(plan, store)] == [None] * 3
-        assert SweepResult(plan, store, SweepCounts(3)).agreement is None
+        assert SweepResult.of(plan, store, SweepCounts(3)).agreement is None
         document = json.loads("".join(document_parts(plan, store, SweepCounts(3), 1.0)))
         assert document["agreement"] is None
 

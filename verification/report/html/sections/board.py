@@ -9,13 +9,14 @@ import numpy as np
 
 from netlist_gen.board.bill_of_materials import bill_of_materials
 from netlist_gen.board.circuit import Circuit
+from netlist_gen.board.schematic import schematic_summary, schematic_svg
+from netlist_gen.quantities import readable
 from netlist_gen.scene.scene import Scene
 from spice_models.array_types import Floats
 from verification.engines.statespace.linearised.board import LinearBoard
 from verification.pipeline.board_power import board_power
-from verification.report.html.blocks import Cell, Facts, Notes, Picture, Section, Table
+from verification.report.html.blocks import Cell, Drawing, Facts, Notes, Picture, Section, Table
 from verification.report.html.pictures import axis, numbers
-from verification.report.html.sections.schematic import schematic
 from verification.report.html.texts import (
     counted,
     number_cell,
@@ -25,7 +26,6 @@ from verification.report.html.texts import (
     text_cells,
 )
 from verification.report.parts_list import parts_document
-from verification.report.signs import readable
 from verification.verify import Verdict
 
 WRITTEN = 12  # rows or columns up to which the entries are written into the picture
@@ -66,6 +66,11 @@ def board_section(verdict: Verdict) -> Section:
         ("level of the op-amp models", level),
     ]
     return Section("Board", (schematic(circuit), matrix_picture(circuit), Facts("", tuple(rows))))
+
+
+def schematic(circuit: Circuit) -> Drawing:
+    """Return the schematic of one channel and one sensor row."""
+    return Drawing("One channel", schematic_svg(circuit), schematic_summary(circuit))
 
 
 def matrix_picture(circuit: Circuit) -> Picture:

@@ -6,9 +6,9 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from netlist_gen.quantities import readable
 from verification.report.html.blocks import Bar, Bars, Block, Notes, Section
 from verification.report.html.texts import figure, with_error
-from verification.report.signs import readable
 from verification.report.tables import spaced
 
 AT_LEAST = ("stability",)  # checks with a smallest value

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from netlist_gen.quantities import readable
 from spice_models.array_types import Floats
 from verification.report.html.blocks import Cell, Facts, Notes, Picture, Section, Table, View
 from verification.report.html.pictures import HATCH, axis, label, line, numbers
 from verification.report.html.texts import figure, quantity
-from verification.report.signs import readable
 from verification.report.tables import spaced
 from verification.verify import Verdict
 

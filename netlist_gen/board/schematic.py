@@ -2,40 +2,80 @@
 
 from __future__ import annotations
 
-from typing import Any
+import textwrap
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from netlist_gen.board.channel import Channel
-from netlist_gen.board.circuit import Circuit
-from verification.report.html.blocks import Drawing
-from verification.report.html.texts import opamp_name, quantity
+from netlist_gen.board.components import CircuitData
+from netlist_gen.quantities import quantity
+from netlist_gen.scene.summary import opamp_name
+from spice_models.output_files import check_package
+from spice_models.picture import figure_file
 
-COLOUR = "currentColor"  # of the page, in both themes
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SCHEMDRAW = ("schemdraw", "needs schemdraw: pip install 'taction[report]'")
+PAGE = "currentColor"  # of the page, in both themes
 SMALL = 10  # points
 ROW = -5.6  # height of the sensor row below the channel
 
 
-def schematic(circuit: Circuit) -> Drawing:
-    """Return the drawing of the middle channel and the sensor row that it drives most.
+def schematic_svg(circuit: CircuitData) -> str:
+    """Return the drawing of the middle channel and the sensor row that it drives most, as SVG.
+
+    Its colour is that of the page's text.
 
     Examples
     --------
     >>> import taction
     >>> board = taction.synthesise(taction.load_scene("scenes/paper-breadboard.toml"))
-    >>> "1.9 MΩ" in schematic(board).svg
+    >>> "1.9 MΩ" in schematic_svg(board)
     True
     """
+    drawing = _drawing("svg", PAGE, Channel.of(circuit))
+    svg: str = drawing.get_imagedata("svg").decode()
+    return svg[svg.index("<svg") :]
+
+
+def plot_schematic(circuit: CircuitData, path: str | Path | None = None) -> Figure:
+    """Draw the schematic of one channel as a figure; write it to `path`, if there is one.
+
+    Raises
+    ------
+    InputError
+        See `spice_models.picture.figure_file`; or schemdraw is not installed.
+    """
+    check_package(*SCHEMDRAW, "plot")
+    title = f"{circuit.name}: one of {len(circuit.outputs)} channels"
+    with figure_file(path, 11.0, 6.6, title) as figure:
+        axes = figure.add_subplot(aspect="equal")
+        axes.set_axis_off()
+        example = Channel.of(circuit)
+        drawing = _drawing(axes, "black", example)
+        drawing.draw(show=False)
+        figure.supxlabel("\n".join(textwrap.wrap(_summary(example), 120)), fontsize="small")
+    return figure
+
+
+def schematic_summary(circuit: CircuitData) -> str:
+    """Return in words what the schematic shows."""
+    return _summary(Channel.of(circuit))
+
+
+def _drawing(canvas: Any, colour: str, example: Channel) -> Any:
     import schemdraw
 
-    example = Channel.of(circuit)
-    schemdraw.use("svg")
-    drawing = schemdraw.Drawing(show=False, canvas="svg")
-    drawing.config(unit=2.4, fontsize=11, color=COLOUR, bgcolor="none", lw=1.5, margin=0.6)
-    passive = circuit.topology == "passive"
+    if canvas == "svg":
+        schemdraw.use("svg")
+    drawing = schemdraw.Drawing(show=False, canvas=canvas)
+    drawing.config(unit=2.4, fontsize=11, color=colour, bgcolor="none", lw=1.5, margin=0.6)
+    passive = example.circuit.topology == "passive"
     output = (_passive_node if passive else _integrator)(drawing, example)
     _stage(drawing, example, output)
     _row(drawing, example)
-    svg = drawing.get_imagedata("svg").decode()
-    return Drawing("One channel", svg[svg.index("<svg") :], _summary(example))
+    return drawing
 
 
 def _summary(example: Channel) -> str:

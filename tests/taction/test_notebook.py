@@ -1,0 +1,269 @@
+"""How results show themselves in a notebook: a short repr, a card, a picture with their data."""
+
+from __future__ import annotations
+
+import importlib.util
+import pickle
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from lxml import etree, html
+
+import taction
+from netlist_gen.board.components import CircuitData
+from netlist_gen.card import LONGEST, MOST_NOTES, MOST_ROWS, OUTCOMES, Card, Mark
+from netlist_gen.problem.inverse_problem import make_problem
+from netlist_gen.quantities import quantity
+from tests.support.making import make_scene
+from tests.support.report_pages import HOSTILE, STATESPACE, swept, verdicts
+from tests.support.studying import one_thread, scene_file, small_scene
+from verification.pipeline.checks import Outcome
+from verification.report.sweep.result import SweepResult
+from verification.studies.tolerance.corners import worst_corners
+
+MOST_BYTES = 30_000
+KINDS = ("passing", "failing", "oscillating", "exponential", "one channel", "64 channels")
+PICTURES = ("Scene", "Circuit", "Waveforms", "Verdict", "SweepResult", "YieldReport", "Onset")
+CARDS = ("Scene", "Circuit", "Verdict", "SweepResult", "YieldReport")
+
+
+def verdict(kind: str) -> taction.Verdict:
+    return taction.Verdict.of(verdicts()[kind])
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """One result of every type, by the name of the type."""
+    passing = verdict("passing")
+    scene = make_scene({"channels": 3, "span": 2.0}, analysis=STATESPACE)
+    two = scene_file(tmp_path_factory.mktemp("yield"))
+    made = (
+        passing,
+        passing.scene,
+        passing.circuit,
+        passing.waveforms,
+        SweepResult.of(*swept("C=50pF:200pF:3", "gain=50k:200k:2")),
+        taction.onset(scene, over="C=1pF:100pF:13", transients=False),
+        taction.montecarlo(two, samples=40, jobs=1, remedy=False),
+    )
+    return {type(each).__name__: each for each in made}
+
+
+def text_of(card: str) -> str:
+    """The text of a card, which must be well-formed and have no element that runs or loads."""
+    assert len(card.encode()) < MOST_BYTES
+    etree.fromstring(card)  # strict: every element is closed, every attribute is quoted
+    tree = html.fromstring(card)
+    assert {each.tag for each in tree.iter()} <= {
+        "div", "span", "b", "table", "tbody", "tr", "th", "td"
+    }  # fmt: skip
+    return " ".join(tree.text_content().split())
+
+
+def is_short(text: str) -> bool:
+    lines = text.splitlines()
+    return 1 <= len(lines) <= 3 and len(text) < 300
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_repr_and_card_of_a_verdict_name_the_outcome_and_the_values(kind: str) -> None:
+    shown = verdict(kind)
+    C = "10 pF" if kind == "oscillating" else "100 pF" if kind in KINDS[:2] else "1 nF"
+    for text in (repr(shown), text_of(shown._repr_html_())):
+        assert shown.outcome.value in text
+        assert f"C = {C}" in text
+    assert is_short(repr(shown))
+    card = text_of(shown._repr_html_())
+    sign = OUTCOMES[shown.outcome.value][0]
+    assert f"{sign} {shown.outcome.value}" in card
+    assert all(check.name.replace("_", " ") in card for check in shown.checks)
+    assert "simulated by statespace" in card
+    assert "of the step" in card
+
+
+def test_a_verdict_that_fails_names_its_checks_and_reasons() -> None:
+    shown = verdict("failing")
+    failed = [check for check in shown.checks if check.outcome is Outcome.FAIL]
+    assert failed
+    assert f"fail ({', '.join(check.name for check in failed)})" in repr(shown)
+    assert all(check.reason[:40] in text_of(shown._repr_html_()) for check in failed)
+
+
+def test_an_inconclusive_verdict_says_why() -> None:
+    given = verdict("passing")
+    check = replace(given.checks[0], outcome=Outcome.INCONCLUSIVE, value=None, reason=HOSTILE)
+    shown = replace(given, checks=(check, *given.checks[1:]), outcome=Outcome.INCONCLUSIVE)
+    assert f"inconclusive ({check.name})" in repr(shown)
+    card = text_of(shown._repr_html_())
+    assert "? inconclusive" in card
+    assert " ".join(HOSTILE.split()) in card
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_scene_and_circuit_have_their_size_and_values(kind: str) -> None:
+    shown = verdict(kind)
+    size = {"one channel": "1 channel", "64 channels": "64 channels"}.get(kind, "")
+    for value in (shown.scene, shown.circuit):
+        assert is_short(repr(value))
+        card = text_of(value._repr_html_())
+        assert shown.scene.name in card
+        assert size in repr(value)
+        assert size in card
+        assert "gain" in repr(value)
+        assert "Ω" in repr(value)
+    assert str(shown.scene) == repr(shown.scene)
+
+
+def test_every_result_has_a_short_repr(results: dict[str, Any]) -> None:
+    scene = small_scene(tolerances={"resistor": 0.05, "distribution": "uniform"})
+    with one_thread() as workers:
+        corners = worst_corners(scene, workers)
+    made = (*results.values(), corners, taction.solve(scene), taction.simulate(scene))
+    assert all(is_short(repr(each)) for each in made)
+    assert repr(corners).startswith(f"CornerStudy({len(corners.corners)} corners, ")
+    assert "stable: " in repr(results["Onset"])
+    assert "yield" in repr(results["YieldReport"])
+    assert "ms, statespace" in repr(results["Waveforms"]) or "µs" in repr(results["Waveforms"])
+
+
+@pytest.mark.parametrize("name", CARDS)
+def test_every_card_is_well_formed_and_small(name: str, results: dict[str, Any]) -> None:
+    card = text_of(results[name]._repr_html_())
+    assert name.removesuffix("Result").removesuffix("Report") in card
+
+
+def test_every_text_of_a_card_is_escaped() -> None:
+    shown = Card(
+        HOSTILE, HOSTILE, "fail", HOSTILE, [("pass", 1)], [(HOSTILE, HOSTILE)], [HOSTILE],
+        [[HOSTILE, Mark("pass")]], [HOSTILE], HOSTILE,
+    )  # fmt: skip
+    assert text_of(shown.html()).count(" ".join(HOSTILE.split())) == 9
+
+
+def test_a_file_name_with_markup_is_shown_as_it_is(tmp_path: Path) -> None:
+    folder = tmp_path / '<b>&"x"'
+    folder.mkdir()
+    scene = taction.load_scene(scene_file(folder))
+    assert "<b>&" in text_of(scene._repr_html_())
+    assert "<b>&" in repr(scene)
+
+
+def test_long_texts_and_tables_are_cut_and_say_so() -> None:
+    long = Card("a", "b", rows=[["x"]] * 100, notes=["y" * 1000] * 9).html()
+    text = text_of(long)
+    assert f"and {100 - MOST_ROWS} more rows" in text
+    assert f"and {9 - MOST_NOTES} more" in text
+    assert text.count("y") == MOST_NOTES * (LONGEST - 1)
+
+
+def test_repr_and_card_read_no_file_and_no_database(tmp_path: Path) -> None:
+    plan, store, count = swept("C=50pF:200pF:3")
+    result = SweepResult.of(plan, store, count)
+    with store:
+        pass  # closed: nothing can be read any more
+    assert "3 points" in repr(result)
+    assert "3 points" in text_of(result._repr_html_())
+    path = tmp_path / "a.toml"
+    path.write_text('[problem]\nkind = "matrix"\nmatrix = "no.csv"\nstrain = "no.csv"\n')
+    scene = taction.load_scene(path)
+    assert "matrix 'no.csv'" in repr(scene)
+    assert "no.csv" in text_of(scene._repr_html_())
+    with pytest.raises(taction.InputError, match=r"no\.csv"):
+        scene.plot()
+
+
+@pytest.mark.parametrize("name", PICTURES)
+def test_plot_returns_the_figure_and_writes_it(
+    name: str, results: dict[str, Any], tmp_path: Path
+) -> None:
+    figure = results[name].plot(tmp_path / "a.png")
+    assert (tmp_path / "a.png").read_bytes()[:4] == figure._repr_png_()[:4] == b"\x89PNG"
+    with pytest.raises(taction.InputError, match="expected a file that ends in"):
+        results[name].plot(tmp_path / "a.txt")
+
+
+@pytest.mark.parametrize("name", PICTURES)
+def test_without_matplotlib_plot_says_what_to_install(
+    name: str, results: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda package: None)
+    with pytest.raises(taction.InputError, match=r"pip install 'taction\[(plot|report)\]'"):
+        results[name].plot()
+
+
+def test_the_picture_of_waveforms_has_every_voltage(results: dict[str, Any]) -> None:
+    wave = results["Waveforms"]
+    lines = wave.plot().axes[0].lines
+    assert [line.get_label() for line in lines] == list(wave.nodes)
+    for line, node in zip(lines, wave.nodes, strict=True):
+        assert np.array_equal(line.get_ydata(), wave[node])
+    assert len(wave.plot(nodes=[wave.nodes[1]]).axes[0].lines) == 1
+    with pytest.raises(KeyError):
+        wave.plot(nodes=["nothing"])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_picture_of_a_scene_has_its_matrix_and_strain(kind: str) -> None:
+    scene = verdict(kind).scene
+    problem, figure = make_problem(scene), scene.plot()
+    (image,) = figure.axes[0].images
+    assert np.array_equal(image.get_array().filled(0.0), problem.matrix)
+    strain = next(axes for axes in figure.axes if axes.get_title().startswith("strain"))
+    assert np.array_equal(strain.lines[0].get_ydata(), problem.strain)
+    stress = [axes for axes in figure.axes if axes.get_title().startswith("true")]
+    assert bool(stress) is (problem.stress is not None)
+
+
+@pytest.mark.parametrize("kind", [*KINDS, "passive"])
+def test_the_picture_of_a_circuit_has_the_values_of_a_channel(kind: str) -> None:
+    circuit = verdict(kind).circuit
+    shown = " ".join(text.get_text() for text in circuit.plot().axes[0].texts)
+    middle = (len(circuit.outputs) + 1) // 2
+    (farads,) = (c.farads for c in circuit.capacitors if c.name == f"c_{middle}")
+    (ohms,) = (r.ohms for r in circuit.resistors if r.name == f"r_{middle}")
+    for value in (quantity(farads, "F"), quantity(ohms, "ohm"), f"Rr_{middle}"):
+        assert value in shown
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_picture_of_a_verdict_has_its_outputs(kind: str) -> None:
+    shown = verdict(kind)
+    first = shown.plot().axes[0]
+    lines = [line for line in first.lines if len(line.get_xdata()) > 2]
+    assert len(lines) == shown.u.shape[1]
+    ends = sorted(line.get_ydata()[-1] for line in lines)
+    count = len(lines[0].get_xdata())
+    assert ends == sorted(shown.u[count - 1])
+
+
+def test_the_picture_of_a_yield_has_every_sample(results: dict[str, Any]) -> None:
+    report = results["YieldReport"]
+    panels = {axes.get_title().partition(":")[0]: axes for axes in report.plot().axes}
+    assert len(report.boards) == report.samples == 40
+    assert sum(bar.get_height() for bar in panels["steady state"].patches) == 40
+    known = [board.steady_state for board in report.boards if board.steady_state is not None]
+    edges = [bar.get_x() for bar in panels["steady state"].patches]
+    assert min(edges) <= 100 * min(known) * (1 + 1e-9)
+    assert f"{report.passed} of 40 boards pass" in report.plot().get_suptitle()
+
+
+def test_the_picture_of_an_onset_has_the_poles(results: dict[str, Any]) -> None:
+    onset = results["Onset"]
+    (dots,) = (each for each in onset.plot().axes[0].collections if each.get_array() is not None)
+    poles = [pole for sample in onset.scan.samples for pole in sample.poles.tolist()]
+    ringing = [pole for pole in poles if pole.imag > 0.0 and -pole.real < 0.5 * abs(pole)]
+    assert len(dots.get_offsets()) == len(ringing) > 10
+    ratios = sorted(y / x for x, y in dots.get_offsets())
+    assert ratios == pytest.approx(sorted(pole.imag / pole.real for pole in ringing), rel=1e-9)
+
+
+def test_a_result_with_a_picture_is_still_the_result(results: dict[str, Any]) -> None:
+    report, circuit = results["YieldReport"], results["Circuit"]
+    assert pickle.loads(pickle.dumps(report)) == report  # noqa: S301 - our own
+    assert isinstance(circuit, CircuitData)
+    again = pickle.loads(pickle.dumps(circuit))  # noqa: S301 - our own
+    assert repr(again) == repr(circuit)
+    assert type(replace(circuit, name="other")) is taction.Circuit

@@ -1,0 +1,136 @@
+"""Cards of results for notebooks, from what the results hold: nothing is computed or read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from netlist_gen.card import Card, Mark
+from netlist_gen.quantities import quantity, readable
+from netlist_gen.scene.summary import counted, opamp_words, sizes
+from verification.report.html.texts import figure
+from verification.report.tables import spaced
+from verification.report.verdict.table import limit
+from verification.studies.sweep.plan import Plan
+from verification.studies.sweep.run import SweepCounts
+from verification.studies.tolerance.yield_report import Spread, YieldReport
+from verification.verify import Verdict
+
+ORDER = ("pass", "fail", "inconclusive", "error")
+CULPRITS = 4
+
+
+def verdict_card(verdict: Verdict) -> Card:
+    """Return the checks with values and limits, why some do not pass, and error and cost."""
+    circuit, scalings = verdict.circuit, verdict.circuit.scalings
+    board = (
+        f"{sizes(len(circuit.outputs), len(circuit.constraint_nodes))}, {circuit.amplifier}"
+        f" amplifiers, C = {quantity(scalings.capacitance, 'F')}, gain ="
+        f" {quantity(scalings.gain, 'ohm')}, op-amp {opamp_words(verdict.scene.design.opamp)}"
+    )
+    accuracy = verdict.accuracy
+    error = "unknown" if accuracy.achieved is None else f"at most {accuracy.achieved:.2g}"
+    cost = (
+        f"simulated by {verdict.waveforms.simulator}; error {error} of the step,"
+        f" {accuracy.wanted:g} allowed; {quantity(verdict.timing['total'], 's', 3)} in all"
+    )
+    rows = [
+        (
+            spaced(check.name),
+            Mark(check.outcome.value),
+            figure(check.value, check.unit),
+            figure(check.uncertainty, check.unit, 2),
+            figure(limit(check), check.unit),
+        )
+        for check in verdict.checks
+    ]
+    reasons = [
+        f"{spaced(check.name)}: {check.reason}"
+        for check in verdict.checks
+        if check.outcome.value != "pass"
+    ]
+    warnings = [f"warning: {text}" for text in verdict.warnings]
+    return Card(
+        "Verdict",
+        verdict.scene.name,
+        verdict.outcome.value,
+        board,
+        titles=("check", "outcome", "value", "±", "limit"),
+        rows=rows,
+        notes=[readable(text) for text in (*reasons, *warnings)],
+        foot=cost,
+    )
+
+
+def sweep_card(plan: Plan, count: SweepCounts, disagree: int) -> Card:
+    """Return the axes, the outcomes of the points, and whether two engines disagree."""
+    axes = [
+        (axis.name, f"{counted(len(axis.values), 'value')}, {_ends(axis.values, axis.key.unit)}")
+        for axis in plan.axes
+    ]
+    notes = [f"the engines disagree at {counted(disagree, 'point')}"] if disagree else []
+    return Card(
+        "Sweep",
+        plan.scene.name,
+        summary=f"{counted(plan.points, 'point')}, {' and '.join(plan.engines)}",
+        shares=_ordered(count.outcomes),
+        facts=axes,
+        notes=notes,
+    )
+
+
+def _ordered(outcomes: Mapping[str, int]) -> list[tuple[str, int]]:
+    return [(name, outcomes[name]) for name in ORDER if outcomes.get(name)]
+
+
+def _ends(values: tuple[object, ...], unit: str) -> str:
+    first, last = (
+        quantity(value, unit, 3) if isinstance(value, float) else str(value)
+        for value in (values[0], values[-1])
+    )
+    return first if len(values) == 1 else f"{first} to {last}"
+
+
+def yield_card(name: str, report: YieldReport) -> Card:
+    """Return the yield with its interval, the failed checks, the spreads and the culprits."""
+    if not report.samples:
+        return Card("Yield", name, summary="no sample: no yield")
+    low, high = (f"{100 * share:.3g}" for share in (report.low, report.high))
+    failed = report.samples - report.passed - report.without_verdict
+    facts = [
+        (spaced(check), f"{counted(number, 'sample')} of {report.samples} do not pass")
+        for check, number in report.failures.items()
+    ]
+    if culprits := ", ".join(
+        f"{each.parameter} ({spaced(each.quantity)} {each.correlation:+.2f})"
+        for each in report.sensitivities[:CULPRITS]
+    ):
+        facts.append(("largest influence", culprits))
+    if report.remedy is not None and report.remedy.what:
+        share = f"{100 * report.remedy.fraction:.4g} %"
+        facts.append(("what to buy better", f"{report.remedy.what}: yield {share}"))
+    return Card(
+        "Yield",
+        name,
+        summary=(
+            f"yield {100 * report.fraction:.4g} % ({report.passed} of {report.samples}), 95 %"
+            f" interval {low} to {high} %"
+        ),
+        shares=_ordered(
+            {"pass": report.passed, "fail": failed, "inconclusive": report.without_verdict}
+        ),
+        facts=facts,
+        titles=("quantity", "limit", "5 %", "median", "95 %"),
+        rows=[_spread(spread) for spread in report.quantities],
+    )
+
+
+def _spread(spread: Spread) -> tuple[str, ...]:
+    limits = ", ".join(
+        f"{sign} {figure(value, spread.unit, 3)}"
+        for sign, value in (("≥", spread.at_least), ("≤", spread.at_most))
+        if value is not None
+    )
+    quantiles = (
+        figure(value, spread.unit, 3) for value in (spread.low, spread.median, spread.high)
+    )
+    return (spaced(spread.name), limits, *quantiles)
