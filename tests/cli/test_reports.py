@@ -43,7 +43,7 @@ def test_the_option_is_documented(name: str) -> None:
 @pytest.mark.parametrize(
     ("words", "heading", "summary"),
     [
-        (("verify",), "Waveforms", "All 4 checks pass."),
+        (("verify",), "Waveforms", "All 4 checks pass"),
         (("corners", "--corner", "resistor=1"), "Corners", "1 corner: 1 "),
         (("montecarlo", "--sample", "3"), "Waveforms", ""),
         (("onset", "--over", "C=5pF:50pF:7", "--no-confirm"), "Crossings", "Stable for C: "),

@@ -36,6 +36,8 @@ COMMAND_LINES: dict[str, tuple[str, ...]] = {
 }
 WITHOUT_TABLES = {
     "netlist": "a deck",
+    "kicad": "files, and what they leave out",
+    "explore": "the address of a page",
     "solve": "one number a line",
     "simulate": "what `verify` shows of the channels",
     "new": "a file",
