@@ -26,6 +26,7 @@ EXTRAS = {
 REFUSED = {
     ("verify", BOARD, "--plot=a.png", *LIGHT): "plot",
     ("verify", BOARD, "--report=a.html", *LIGHT): "report",
+    ("explore", BOARD, "--no-browser"): "explore",
 }
 
 
