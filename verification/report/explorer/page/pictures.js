@@ -3,6 +3,7 @@ import { echarts } from "/echarts/index.js";
 
 const made = {};
 let colours = {};
+const LABEL_HEIGHT = 0.06; // of the axis
 const LABELLED = 12; // channels above which curves have no names, targets and bands
 
 const get = (id) => document.getElementById(id);
@@ -48,14 +49,29 @@ const targets = ({ targets: levels, colours: lines, band }) => ({
   markArea: { silent: true, animation: false,
     data: levels.map((y, n) => [{ yAxis: y - band, itemStyle: { color: lines[n], opacity: 0.14 } }, { yAxis: y + band }]) },
 });
+// One name for curves whose ends are so close that their names would overlap, at the middle one.
+const endNames = (curves) => {
+  const ends = curves.lines.map((line, n) => [floats(line.y).at(-1), n]).sort((a, b) => a[0] - b[0]);
+  const near = LABEL_HEIGHT * (curves.high - curves.low), groups = [];
+  for (const [end, n] of ends) {
+    const group = groups.at(-1);
+    if (group && end - group.last < near) { group.members.push(n); group.last = end; } else groups.push({ members: [n], last: end });
+  }
+  const names = curves.lines.map(() => "");
+  for (const { members } of groups) {
+    names[members[members.length >> 1]] = members.map((n) => n + 1).sort((a, b) => a - b).map((n) => `u${n}`).join(" ");
+  }
+  return names;
+};
 export const drawOutputs = (part) => {
   const { curves, other } = part;
   if (!curves) { empty("outputs", part.refused ? "no board with these values" : "computing the waveforms"); get("outputs-note").textContent = ""; return; }
   const count = curves.lines.length, named = count <= LABELLED;
+  const names = named ? endNames(curves) : [];
   const series = curves.lines.map((line, n) => ({
     type: "line", id: `u${n + 1}`, name: `u${n + 1}`, data: points(line), dimensions: ["t", "u"], showSymbol: false, silent: false, clip: true,
     lineStyle: { color: curves.colours[n], width: 1.8, type: n >= (count + 1) >> 1 && count > 1 ? "dashed" : "solid" }, itemStyle: { color: curves.colours[n] },
-    endLabel: { show: named, formatter: `u${n + 1}`, color: curves.colours[n], distance: 4, fontSize: 11 }, labelLayout: { moveOverlap: "shiftY" },
+    endLabel: { show: Boolean(names[n]), formatter: names[n] || "", color: curves.colours[n], distance: 4, fontSize: 11 },
     emphasis: { disabled: true },
   }));
   if (named) Object.assign(series[0], targets(curves));
@@ -63,7 +79,7 @@ export const drawOutputs = (part) => {
     series.push({ type: "line", id: `ngspice ${n + 1}`, name: "ngspice", data: points(line), dimensions: ["t", "u"], showSymbol: false, silent: true, clip: true, z: 5,
       lineStyle: { color: css("--ink"), width: 2.4, type: [2, 7] }, emphasis: { disabled: true } });
   }
-  put("outputs", { ...base({ left: 70, right: named ? 44 : 16, top: 12, bottom: 44 }), series,
+  put("outputs", { ...base({ left: 70, right: named ? 16 + 7 * Math.max(...names.map((name) => name.length)) : 16, top: 12, bottom: 44 }), series,
     xAxis: axis("time", "s", { min: 0, max: curves.end }), yAxis: axis("", "V", { min: curves.low, max: curves.high }),
     tooltip: { ...base({}).tooltip, trigger: "axis", axisPointer: { type: "line", lineStyle: { color: css("--muted") } }, order: "valueDesc",
       formatter: (found) => `${short(found[0].value[0])}s<br>` + found.filter((f) => f.seriesName !== "ngspice").slice(0, LABELLED).map((f) => `${f.marker}${f.seriesName} ${short(f.value[1])}V`).join("<br>") } });
