@@ -14,7 +14,7 @@ import numpy as np
 from netlist_gen.overrides.axes import with_values
 from netlist_gen.problem.array_files import read_table
 from netlist_gen.scene.arrays import fitted
-from netlist_gen.scene.scene import parse_scene
+from netlist_gen.scene.scene import Scene, parse_scene
 from netlist_gen.scene.writing import scene_text
 from spice_models.array_types import Floats
 from spice_models.errors import Complaint, InputError, SolverError
@@ -119,22 +119,31 @@ def fresh_scene(
         "checks": LOOSE,
     }
     scaling = scale(parse_scene(data, output), share)
+    names, files = _placed({"matrix": first, "strain": second}, output)
+    limited, limits = with_limits(scaling.scene)
+    notes = [f"{t.path.name}: {t.changed}" for t in (first, second) if t.changed]
+    notes += [pruning.note] if pruning.entries else []
+    head = f"Scaled by taction for a matrix of {_shape(first.values)}; lambda: {rule}."
+    text = _commented([head, *notes, f"Limits: {limits}."], with_values(limited, names))
+    return FreshScene(scaling, text, files, rule, tuple(notes))
+
+
+def _placed(tables: Mapping[str, Table], output: Path) -> tuple[dict[str, str], dict[Path, str]]:
+    """Return the names of the tables by key, and the texts of files that are written anew."""
     names, files = {}, {}
-    for key, table in (("matrix", first), ("strain", second)):
+    for key, table in tables.items():
         path = table.path
         if table.changed:
             path = output.with_name(f"{output.stem}-{key}.csv")
             files[path] = _csv(table.values)
         names[f"problem.{key}"] = Path(os.path.relpath(path, output.parent)).as_posix()
-    limited, limits = with_limits(scaling.scene)
-    scene = with_values(limited, names)
-    notes = [f"{t.path.name}: {t.changed}" for t in (first, second) if t.changed]
-    notes += [pruning.note] if pruning.entries else []
-    head = [f"# Scaled by taction for a matrix of {_shape(first.values)}; lambda: {rule}."]
-    wrapped = [line for note in notes for line in textwrap.wrap(note, WIDTH)]
-    remarks = [*wrapped, *textwrap.wrap(f"Limits: {limits}.", WIDTH)]
-    text = "\n".join([*head, *(f"# {remark}" for remark in remarks), "", scene_text(scene)])
-    return FreshScene(scaling, text, files, rule, tuple(notes))
+    return names, files
+
+
+def _commented(remarks: list[str], scene: Scene) -> str:
+    """Return the text of a scene file, with remarks at its head."""
+    lines = [line for remark in remarks for line in textwrap.wrap(remark, WIDTH)]
+    return "\n".join([*(f"# {line}" for line in lines), "", scene_text(scene)])
 
 
 def _tables(matrix: Path, strain: Path) -> tuple[Table, Table]:
