@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import Any
 
 from netlist_gen.scene.scene import Scene
@@ -161,7 +162,12 @@ def _names(designs: Sequence[Design]) -> list[str]:
 def _maps(designs: Sequence[Design], best: Sequence[Design]) -> Iterator[Block]:
     names = _names(designs)
     for name in names[:MAPS]:
-        yield _map(name, [design for design in designs if design.opamp == name], best)
+        own = [design for design in designs if design.opamp == name]
+        if any(design.shares for design in own):
+            yield _map(name, own, best)
+        else:
+            text = f"{name} has no map: each of {counted(len(own), 'design')} is unstable,"
+            yield Notes("", (f"{text} has no parts that can be bought, or has no verdict.",))
     if names[MAPS:]:
         yield Notes("", (f"The tables have {len(names) - MAPS} op-amps more.",))
 
@@ -175,12 +181,12 @@ def _map(name: str, own: Sequence[Design], best: Sequence[Design]) -> Picture:
         levels.append(numbers([_level(design) for design in row]))
         texts.append([_hover(design) for design in row])
     heat: dict[str, Any] = {
-        "type": "heatmap", "x": farads, "y": ohms, "z": levels, "customdata": texts,
+        "type": "heatmap", "x": _edges(farads), "y": _edges(ohms), "z": levels, "customdata": texts,
         "zmin": math.log10(LOW), "zmax": math.log10(HIGH), "showlegend": False,
         "colorscale": [[0, "--map-low"], [1, "--map-high"]],
         "colorbar": {"thickness": 12, "tickvals": [math.log10(tick) for tick in TICKS],
                      "ticktext": [f"{tick:g}" for tick in TICKS]},
-        "hovertemplate": "C %{x}, gain %{y}: %{customdata}<extra></extra>",
+        "hovertemplate": "%{customdata}<extra></extra>",
     }  # fmt: skip
     chosen = {design.place for design in best}
     marks = (
@@ -196,7 +202,7 @@ def _map(name: str, own: Sequence[Design], best: Sequence[Design]) -> Picture:
         for title, symbol, size, found in marks if found
     ]  # fmt: skip
     layout = {
-        "xaxis": log_axis("C", "F", farads), "yaxis": log_axis("gain", "ohm", ohms),
+        "xaxis": log_axis("C", "F", _edges(farads)), "yaxis": log_axis("gain", "ohm", _edges(ohms)),
         "showlegend": bool(points), "legend": {"orientation": "h", "y": -0.25},
     }  # fmt: skip
     passing = sum(design.good for design in own)
@@ -205,6 +211,17 @@ def _map(name: str, own: Sequence[Design], best: Sequence[Design]) -> Picture:
         " limit; empty: unstable, or without a verdict."
     )
     return Picture(name, {"data": [heat, *points], "layout": layout}, summary, 380)
+
+
+def _edges(values: Sequence[float]) -> list[float]:
+    """Return the edges of the cells of a map, n + 1 for n values: in the middle in decades.
+
+    Plotly would put the edges in the middle of the numbers, and the first below zero.
+    """
+    inner = [math.sqrt(a * b) for a, b in pairwise(values)]
+    first = inner[0] if inner else values[0] * math.sqrt(10.0)
+    last = inner[-1] if inner else values[0] / math.sqrt(10.0)
+    return [values[0] ** 2 / first, *inner, values[-1] ** 2 / last]
 
 
 def _level(design: Design | None) -> float:
@@ -218,4 +235,7 @@ def _hover(design: Design | None) -> str:
     if design is None:
         return ""
     share = figure(design.worst, "", 3) if design.shares else "no value"
-    return f"{'no parts' if design.refused else design.outcome}, worst {share}"
+    farads, ohms = (number(design.values[path]) for path in (CAPACITANCE, GAIN))
+    place = f"C {quantity(farads, 'F')}, gain {quantity(ohms, 'ohm')}"
+    outcome = "no parts" if design.refused else design.outcome
+    return f"{place}: {outcome}, worst {share}"
