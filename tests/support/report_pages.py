@@ -164,7 +164,7 @@ def swept(*over: str) -> tuple[Plan, Store, SweepCounts]:
 
 def _choice(settling: str = "1ms") -> Report:
     limits = {"checks.settling_time.max": settling, "checks.noise.max": "1V"}
-    request = Request(["tl084", "ad8065"], "100pF:1nF", "50k:200k", 3, limits)
+    request = Request(["ua741", "ideal", "tl084"], "100pF:1nF", "50k:200k", 3, limits)
     asked = verdicts()["passing"].scene
     plan = choice_plan(asked, request)
     with Store(":memory:") as store:
