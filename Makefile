@@ -32,7 +32,7 @@ test: ready ## set up, then all tests; ARGS="-k deck -x" goes to pytest
 	$(PYTHON_IN_VENV) -m pytest -n $(JOBS) $(ARGS)
 
 test-browser: ready ## the reports in a headless Chromium, which is installed where missing
-	@browser=$$(bash scripts/chromium.sh) && TACTION_BROWSER=$$browser $(PYTHON_IN_VENV) -m pytest tests/browser $(ARGS)
+	@browser=$$(bash scripts/chromium.sh) && TACTION_BROWSER=$$browser $(PYTHON_IN_VENV) -m pytest -n $(JOBS) tests/browser $(ARGS)
 
 test-install: ready ## wheel and sdist by pip, pipx and uv into empty environments; completion in bash, zsh and fish
 	@bash scripts/shells.sh

@@ -120,7 +120,6 @@ def type_value(page: Any, number: int, text: str) -> None:
     field = page.locator(f"#value-{number}")
     field.fill(text)
     field.press("Enter")
-    page.wait_for_function(f"!({VERDICT})", timeout=LONG)
     page.wait_for_function(VERDICT, timeout=LONG)
 
 

@@ -17,6 +17,7 @@ const ask = (change) => {
   Object.assign(pending.texts, change.texts);
   for (const key of ["opamp", "reset"]) if (key in change) pending[key] = change[key];
   pending.stamp = performance.now();
+  outdated();
   flush();
 };
 const flush = () => {
@@ -27,7 +28,6 @@ const flush = () => {
   state.waiting = true;
   state.sent = performance.now();
   emitEvent("taction-move", message);
-  outdated();
 };
 
 const outdated = () => {
@@ -189,6 +189,7 @@ const show = (part) => {
   if (part.facts) get("facts").replaceChildren(...rows(part.facts));
   if (part.boundary) showBoundary(part.boundary);
   if (part.verdict) showVerdict(part.verdict);
+  if (part.verdict && (state.waiting || state.pending)) outdated(); // it is of earlier values
   if (["refused", "doubts", "limits", "cost"].some((key) => key in part)) showDoubts();
   draw(part);
 };
