@@ -13,17 +13,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.measuring import children_seconds
-from netlist_gen.analysis import Transient
-from netlist_gen.deck.deck import Deck, write_deck
-from spice_models.array_types import Floats
-from spice_models.errors import SimulationError
-from verification.engines.ngspice import process
-from verification.engines.ngspice.executable import find_simulator
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.engines.statespace.transients import exact, simulate
-from verification.measures.resampling import CUBIC, lagrange
-from verification.small_signal.step_forecast import StepModel
-from verification.waveforms import Waveforms
+from taction.netlist_gen.analysis import Transient
+from taction.netlist_gen.deck.deck import Deck, write_deck
+from taction.system.array_types import Floats
+from taction.system.errors import SimulationError
+from taction.verification.engines.ngspice import process
+from taction.verification.engines.ngspice.executable import find_simulator
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.transients import exact, simulate
+from taction.verification.readings.resampling import CUBIC, lagrange
+from taction.verification.verdict.step_forecast import StepModel
+from taction.verification.waveforms import Waveforms
 
 RELTOL = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 PARTS = (50, 200, 500, 1000, 2000, 5000, 20_000)  # of the record: the longest step

@@ -20,9 +20,9 @@ from benchmarks.measuring import (
     ratios,
     taction,
 )
-from netlist_gen.scene.file import load_scene
-from verification.pipeline.clock import Clock
-from verification.pipeline.design import design_board
+from taction.netlist_gen.scene.file import load_scene
+from taction.verification.verdict.clock import Clock
+from taction.verification.verdict.design import design_board
 
 SCENE = """
 name = "larger-board"

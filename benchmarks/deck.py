@@ -11,11 +11,11 @@ import statistics
 from functools import partial
 
 from benchmarks.measuring import Extent, Figure, Result, Table, in_turns, python, ratios, wall
-from netlist_gen.analysis import Transient
-from netlist_gen.board.circuit import Circuit
-from netlist_gen.board.synthesis import synthesise
-from netlist_gen.deck.deck import write_deck
-from netlist_gen.scene.scene import parse_scene
+from taction.netlist_gen.analysis import Transient
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.deck.deck import write_deck
+from taction.netlist_gen.scene.scene import parse_scene
 
 SIZES = {Extent.TINY: (2,), Extent.QUICK: (7, 64, 256), Extent.FULL: (7, 16, 32, 64, 128, 256)}
 ROUNDS = {Extent.TINY: 1, Extent.QUICK: 7, Extent.FULL: 20}

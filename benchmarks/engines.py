@@ -16,18 +16,18 @@ import numpy as np
 
 from benchmarks.bare import process_seconds, solver
 from benchmarks.measuring import SCENES, Extent, Figure, Result, Table, in_turns, ratios, wall
-from netlist_gen.board.synthesis import synthesise
-from netlist_gen.deck.deck import write_deck
-from netlist_gen.overrides.axes import with_values
-from netlist_gen.overrides.keys import Value
-from netlist_gen.scene.file import load_scene
-from netlist_gen.scene.scene import Scene
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.deck.deck import write_deck
+from taction.netlist_gen.scene.axes import with_values
+from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.keys import Value
+from taction.netlist_gen.scene.scene import Scene
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.transients import exact, simulate
+from taction.verification.readings.time_scales import time_scales
+from taction.verification.stability.poles import poles
+from taction.verification.verdict.transient_plan import Plan, plan_transient
 from tests.support.precise import precise_step
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.engines.statespace.transients import exact, simulate
-from verification.pipeline.transient_plan import Plan, plan_transient
-from verification.small_signal.poles import poles
-from verification.small_signal.time_scales import time_scales
 
 ERROR = 1e-4  # of the step amplitude
 STEPS: dict[str, Value] = {"analysis.error": ERROR}

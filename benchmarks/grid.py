@@ -20,16 +20,16 @@ from scipy.integrate import solve_ivp
 from benchmarks.bare import Truth, cheapest, error_of, processor_seconds, true_solution
 from benchmarks.engines import Board
 from benchmarks.measuring import SCENES, Extent, Figure, Result, Table, in_turns, ratios
-from netlist_gen.deck.deck import Deck
-from netlist_gen.overrides.axes import with_values
-from netlist_gen.scene.file import load_scene
-from netlist_gen.scene.scene import Scene
-from verification.engines.ngspice.process import start
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.engines.statespace.transients.amplified import Amplified
-from verification.pipeline import simulation
-from verification.pipeline.attained_accuracy import Accuracy
-from verification.verify import verify
+from taction.netlist_gen.deck.deck import Deck
+from taction.netlist_gen.scene.axes import with_values
+from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.scene import Scene
+from taction.verification.engines.ngspice.process import start
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.transients.amplified import Amplified
+from taction.verification.verdict import simulation
+from taction.verification.verdict.attained_accuracy import Accuracy
+from taction.verification.verdict.verify import verify
 
 ERROR = 1e-4  # of the step amplitude
 MEAN, LARGEST = 2.0, 4.0  # wanted: times the processor time of the cheapest bare run

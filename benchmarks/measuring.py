@@ -168,7 +168,7 @@ def tell():
     print(max(own, children), file=sys.stderr)
 atexit.register(tell)
 """
-COMMAND = "from cli.main import main\nmain(sys.argv[1:], prog_name='taction')"
+COMMAND = "from taction.cli.main import main\nmain(sys.argv[1:], prog_name='taction')"
 
 
 def python(code: str, *words: str, accepted: tuple[int, ...] = (0,)) -> Cost:
@@ -202,7 +202,7 @@ def machine() -> str:
     import scipy.linalg  # noqa: F401 - loads the BLAS
     from threadpoolctl import threadpool_info
 
-    from verification.engines.ngspice.executable import find_simulator
+    from taction.verification.engines.ngspice.executable import find_simulator
 
     simulator = find_simulator()
     blas = [each for each in threadpool_info() if each["user_api"] == "blas"]

@@ -10,12 +10,12 @@ import numpy as np
 
 from benchmarks.engines import STEPS, Board
 from benchmarks.measuring import SCENES, Extent, Figure, Result
-from netlist_gen.board.synthesis import synthesise
-from netlist_gen.overrides.axes import with_values
-from netlist_gen.overrides.keys import Value
-from netlist_gen.scene.file import load_scene
-from netlist_gen.scene.scene import Scene
-from verification.small_signal.poles import poles
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.scene.axes import with_values
+from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.keys import Value
+from taction.netlist_gen.scene.scene import Scene
+from taction.verification.stability.poles import poles
 
 C, GAIN = (2e-12, 50e-12), (1e6, 20e6)  # F, ohm
 RIVALS: tuple[tuple[str, dict[str, Value], float | None], ...] = (

@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks.measuring import Extent, Figure, Result, Table, in_turns, ratios
-from spice_models.array_types import Floats
+from taction.system.array_types import Floats
+from taction.verification.reference import Problem, solve
+from taction.verification.reference.problem import ToeplitzProblem
+from taction.verification.reference.toeplitz import solve_toeplitz_problem
+from taction.verification.reference.toeplitz_products import ToeplitzMatrix
 from tests.support.oracle import count_claims, kernel, random_problems
-from verification.reference import Problem, solve
-from verification.reference.problem import ToeplitzProblem
-from verification.reference.toeplitz import solve_toeplitz_problem
-from verification.reference.toeplitz_products import ToeplitzMatrix
 
 OURS, CLARABEL, TRUST = "ours", "cvxpy with Clarabel", "SciPy's trust-exact"
 SIZES = {Extent.TINY: (3,), Extent.QUICK: (7, 50), Extent.FULL: (7, 25, 50, 100, 200)}

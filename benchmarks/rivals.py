@@ -19,7 +19,7 @@ from pathlib import Path
 from unittest import mock
 
 from benchmarks.measuring import Cost, children_seconds, python
-from verification.engines.ngspice.executable import environment, find_simulator
+from taction.verification.engines.ngspice.executable import environment, find_simulator
 
 JOBS = 2
 LIBRARY = "NGSPICE_LIBRARY_PATH"

@@ -19,11 +19,11 @@ from benchmarks.measuring import (
     taction,
     wall,
 )
-from netlist_gen.deck.deck import write_deck
-from netlist_gen.problem.inverse_problem import make_problem
-from netlist_gen.scene.file import load_scene
-from verification.ideal.ideal_answer import ideal_answer, ideal_network
-from verification.verify import Verdict, verify
+from taction.netlist_gen.deck.deck import write_deck
+from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.inverse_problem import make_problem
+from taction.verification.reference.ideal_answer import ideal_answer, ideal_network
+from taction.verification.verdict.verify import Verdict, verify
 
 ROUNDS = {Extent.TINY: 1, Extent.QUICK: 7, Extent.FULL: 20}
 DAMPED, RINGING = SCENES / "tuned-breadboard.toml", SCENES / "paper-breadboard.toml"

@@ -27,17 +27,17 @@ from benchmarks.measuring import (
     taction,
 )
 from benchmarks.rivals import by_xargs, rivals
-from netlist_gen.deck.deck import write_deck
-from netlist_gen.overrides.axes import parse_axes, points, with_values
-from netlist_gen.scene.file import load_scene
+from taction.netlist_gen.deck.deck import write_deck
+from taction.netlist_gen.scene.axes import parse_axes, points, with_values
+from taction.netlist_gen.scene.file import load_scene
 from taction.studies import plan_sweep
-from verification.pipeline.clock import Clock
-from verification.pipeline.design import design_board
-from verification.studies.figures import FIGURES
-from verification.studies.running.workers import Workers
-from verification.studies.sweep.plan import Plan
-from verification.studies.sweep.run import sweep
-from verification.studies.sweep.store import Store, StoredResult
+from taction.verification.studies.figures import FIGURES
+from taction.verification.studies.running.workers import Workers
+from taction.verification.studies.sweep.plan import Plan
+from taction.verification.studies.sweep.run import sweep
+from taction.verification.studies.sweep.store import Store, StoredResult
+from taction.verification.verdict.clock import Clock
+from taction.verification.verdict.design import design_board
 
 SIZES = {Extent.TINY: (2, 2, 20), Extent.QUICK: (31, 21, 1000), Extent.FULL: (31, 21, 10_000)}
 ENGINES = {"ngspice": 180.0, "hybrid": 30.0, "statespace": 12.0}  # wanted seconds on two cores

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from cli.common import (
+from taction.cli.common import (
     STATUS,
     check_plot,
     check_report,
@@ -20,8 +20,8 @@ from cli.common import (
 )
 
 if TYPE_CHECKING:
-    from verification.report.html.blocks import Report
-    from verification.studies.work_precision.study import WorkPrecisionStudy
+    from taction.verification.report.html.blocks import Report
+    from taction.verification.studies.work_precision.study import WorkPrecisionStudy
 
 
 @scene_command
@@ -40,17 +40,17 @@ def accuracy(
 
     Exit status: 3 if no run of the board ended within the budget.
     """
-    from verification.ideal.lambda_rule import read_scene
+    from taction.verification.reference.lambda_rule import read_scene
 
     requested_scene = read_scene(scene)
     check_plot(plot)
     check_report(report)
-    from verification.report.work_precision.tables import accuracy_document, print_study
-    from verification.studies.work_precision.study import run_study
+    from taction.verification.report.work_precision.tables import accuracy_document, print_study
+    from taction.verification.studies.work_precision.study import run_study
 
     result = run_study(requested_scene, budget=budget, progress=lambda s: click.echo(s, err=True))
     if plot is not None:
-        from verification.report.work_precision.plot import plot_study
+        from taction.verification.report.work_precision.plot import plot_study
 
         plot_study(result, plot)
         click.echo(f"drew {plot}", err=True)
@@ -67,6 +67,6 @@ def accuracy(
 
 
 def _page(result: WorkPrecisionStudy) -> Report:
-    from verification.report.html.accuracy_report import accuracy_report
+    from taction.verification.report.html.accuracy_report import accuracy_report
 
     return accuracy_report(result)

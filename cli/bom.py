@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import click
 
-from cli.common import console, output_option, print_json, scene_command
+from taction.cli.common import console, output_option, print_json, scene_command
 
 
 @scene_command
 @output_option("CSV file with KiCad's columns.")
 def bom(scene: str, output: str | None, as_json: bool) -> None:
     """List the parts of the board of SCENE: values, counts, references, packages, power."""
-    from netlist_gen.board.bill_of_materials import bill_of_materials
-    from netlist_gen.board.synthesis import synthesise
-    from spice_models.atomic_files import write_atomically
-    from verification.engines.statespace.linearised.board import LinearBoard
-    from verification.ideal.lambda_rule import read_scene
-    from verification.pipeline.board_power import board_power
-    from verification.report.parts_list import parts_csv, parts_document, print_parts
+    from taction.netlist_gen.board.bill_of_materials import bill_of_materials
+    from taction.netlist_gen.board.synthesis import synthesise
+    from taction.system.atomic_files import write_atomically
+    from taction.verification.engines.statespace.linearised.board import LinearBoard
+    from taction.verification.reference.lambda_rule import read_scene
+    from taction.verification.report.parts_list import parts_csv, parts_document, print_parts
+    from taction.verification.verdict.board_power import board_power
 
     read = read_scene(scene)
     circuit = synthesise(read)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cli.common import (
+from taction.cli.common import (
     CLUSTER,
     JOBS,
     STATUS,
@@ -23,13 +23,13 @@ from cli.common import (
     say,
     scene_command,
 )
-from spice_models.errors import Complaint, InputError
+from taction.system.errors import Complaint, InputError
 
 if TYPE_CHECKING:
-    from netlist_gen.scene.scene import Scene
-    from verification.report.html.blocks import Report
-    from verification.studies.choose.ranking import Confirmation, Design
-    from verification.studies.choose.request import Request
+    from taction.netlist_gen.scene.scene import Scene
+    from taction.verification.design.choose_ranking import Confirmation, Design
+    from taction.verification.design.choose_request import Request
+    from taction.verification.report.html.blocks import Report
 
 
 @scene_command
@@ -62,11 +62,16 @@ def choose(scene: str, as_json: bool, **options: Any) -> None:
     state-space engine verifies every design, and ngspice the best three. The same command continues
     an interrupted one. Exit status: 0 if a design passes on both engines, 1 if none passes.
     """
-    from cli.sweep import run_plan
-    from verification.ideal.lambda_rule import read_scene
-    from verification.studies.choose.ranking import best_designs, confirmed, design_scene, designs
-    from verification.studies.choose.request import choice_plan
-    from verification.studies.sweep.store import Store
+    from taction.cli.sweep import run_plan
+    from taction.verification.design.choose_ranking import (
+        best_designs,
+        confirmed,
+        design_scene,
+        designs,
+    )
+    from taction.verification.design.choose_request import choice_plan
+    from taction.verification.reference.lambda_rule import read_scene
+    from taction.verification.studies.sweep.store import Store
 
     check_plot(options["plot"])
     check_report(options["report"])
@@ -82,7 +87,7 @@ def choose(scene: str, as_json: bool, **options: Any) -> None:
     said = [confirmed(one) for one in scenes]
     files = _write(options["output"], best, scenes)
     if options["plot"] is not None:  # before the text: its reader may go
-        from verification.report.choose.picture import plot_choice
+        from taction.verification.report.choose.picture import plot_choice
 
         title = f"{original.name}: worst value over its limit, for {len(ranked)} designs"
         plot_choice(ranked, best, title, options["plot"])
@@ -94,8 +99,8 @@ def choose(scene: str, as_json: bool, **options: Any) -> None:
 
 def _ask_limits(scene: Scene, limited: Scene, options: dict[str, Any]) -> None:
     """Ask on stderr what may be a slip in the limits of the options."""
-    from netlist_gen.scene.checks import unitless_times
-    from netlist_gen.scene.questions import value_questions
+    from taction.netlist_gen.scene.checks import unitless_times
+    from taction.netlist_gen.scene.questions import value_questions
 
     times = {"settling_time": options["settling"], "rise_time": options["rise"]}
     bare = {name: {"max": float(text)} for name, text in times.items() if _is_plain(text)}
@@ -121,7 +126,7 @@ def _status(said: list[Confirmation]) -> int:
 
 
 def _request(options: dict[str, Any]) -> Request:
-    from verification.studies.choose.request import Request
+    from taction.verification.design.choose_request import Request
 
     limits = {
         "checks.settling_time.max": options["settling"],
@@ -166,7 +171,7 @@ def _write(folder: str | None, best: list[Design], scenes: list[Scene]) -> dict[
     """Write the scenes of the best designs; return their files by place of the grid."""
     if folder is None:
         return {}
-    from cli.scale import write_scene
+    from taction.cli.scale import write_scene
 
     Path(folder).mkdir(parents=True, exist_ok=True)
     files = {}
@@ -185,7 +190,7 @@ def _show(
     *,
     as_json: bool,
 ) -> None:
-    from verification.report.choose.tables import choice_document, print_choice
+    from taction.verification.report.choose.tables import choice_document, print_choice
 
     if as_json:
         print_json(choice_document(ranked, best, said, files))
@@ -201,9 +206,9 @@ def _page(
     scenes: list[Scene],
 ) -> Report:
     """Return the report; the design that it proposes is verified anew where ngspice is missing."""
-    from verification.report.choose.tables import proposed
-    from verification.report.html.choice_report import choice_report
-    from verification.verify import verify
+    from taction.verification.report.choose.tables import proposed
+    from taction.verification.report.html.choice_report import choice_report
+    from taction.verification.verdict.verify import verify
 
     verdict = None
     if best:

@@ -13,9 +13,9 @@ import click
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from netlist_gen.overrides.axes import Axis
-    from netlist_gen.scene.scene import Scene
-    from verification.report.html.blocks import Report
+    from taction.netlist_gen.scene.axes import Axis
+    from taction.netlist_gen.scene.scene import Scene
+    from taction.verification.report.html.blocks import Report
 
 STATUS = {"pass": 0, "fail": 1, "bad input": 2, "inconclusive": 3}
 ENGINES = ("auto", "ngspice", "statespace")
@@ -77,7 +77,7 @@ def report_option() -> Callable[[Callable[..., None]], Callable[..., None]]:
 def check_report(report: str | None) -> None:
     """Refuse a ``--report`` file that cannot be written, before any work is done."""
     if report is not None:
-        from verification.report.html.file import check_report_file
+        from taction.verification.report.html.file import check_report_file
 
         check_report_file(report)
 
@@ -85,7 +85,7 @@ def check_report(report: str | None) -> None:
 def save_report(report: str | None, make: Callable[[], Report]) -> None:
     """Write the report that `make` returns, if there is a file for it."""
     if report is not None:
-        from verification.report.html.file import write_report
+        from taction.verification.report.html.file import write_report
 
         write_report(make(), report)
         click.echo(f"wrote {report}", err=True)
@@ -94,7 +94,7 @@ def save_report(report: str | None, make: Callable[[], Report]) -> None:
 def check_plot(plot: str | None) -> None:
     """Refuse a ``--plot`` file that cannot be drawn, before any work is done."""
     if plot is not None:
-        from verification.report.picture import check_plot_file
+        from taction.verification.report.picture import check_plot_file
 
         check_plot_file(plot)
 
@@ -114,7 +114,7 @@ def _with_separate_files(function: Callable[..., None]) -> Callable[..., None]:
     def checked(*args: Any, **kwargs: Any) -> None:
         outputs = {OUTPUTS[key]: file for key, file in kwargs.items() if key in OUTPUTS and file}
         if outputs:
-            from verification.report.output_checks import check_folder, check_separate
+            from taction.verification.report.output_checks import check_folder, check_separate
 
             check_separate(_inputs(kwargs), outputs)
             for key, file in kwargs.items():
@@ -149,9 +149,9 @@ def _with_questions(function: Callable[..., None]) -> Callable[..., None]:
 
     @functools.wraps(function)
     def asked(scene: str, *args: Any, **kwargs: Any) -> None:
-        from netlist_gen.scene.file import load_scene
-        from netlist_gen.scene.questions import questions
-        from spice_models.errors import InputError
+        from taction.netlist_gen.scene.file import load_scene
+        from taction.netlist_gen.scene.questions import questions
+        from taction.system.errors import InputError
 
         with suppress(InputError):
             for question in questions(load_scene(scene)):
@@ -163,7 +163,7 @@ def _with_questions(function: Callable[..., None]) -> Callable[..., None]:
 
 def ask_axes(scene: Scene, groups: Sequence[Sequence[Axis]]) -> None:
     """Ask on stderr what may be a slip in the axes of a study."""
-    from netlist_gen.overrides.axis_questions import axis_questions
+    from taction.netlist_gen.scene.axis_questions import axis_questions
 
     for question in axis_questions(scene, groups):
         say(f"question: {question}")
@@ -186,7 +186,7 @@ def print_json(document: Mapping[str, Any], schema: str | None = None) -> None:
     path = context.command_path.split()[1:] if context else []  # without the name of the program
     name = "-".join(path) if schema is None else schema
     if name:
-        from verification.report.schemas.head import document_head
+        from taction.verification.report.schemas.head import document_head
 
         document = document_head(name, document) | dict(document)
     click.echo(json.dumps(plain(document), indent=2, ensure_ascii=False, allow_nan=False))
@@ -197,7 +197,7 @@ def plain(value: Any) -> Any:
     import enum
     import math
 
-    from spice_models.file_names import printable
+    from taction.system.file_names import printable
 
     if isinstance(value, enum.Enum):
         return value.value
@@ -218,7 +218,7 @@ def plain(value: Any) -> Any:
 
 def console(*, stderr: bool = False) -> Console:
     """Return the console that reports print on."""
-    from verification.report.page import Page
+    from taction.verification.report.page import Page
 
     return Page(stderr=stderr)
 
@@ -227,7 +227,7 @@ def console(*, stderr: bool = False) -> Console:
 def stage_display(*, every: bool = False) -> Iterator[Callable[[str], None]]:
     """Show the stage on stderr; without a terminal long simulations, or `every` one, and a few."""
     if not sys.stderr.isatty():
-        from cli.sparse_lines import SparseLines
+        from taction.cli.sparse_lines import SparseLines
 
         shown: set[str] = set()
         lines = SparseLines(say)
@@ -248,8 +248,8 @@ def stage_display(*, every: bool = False) -> Iterator[Callable[[str], None]]:
 
 def write_all(texts: Mapping[str, Callable[[], str]]) -> bool:
     """Write all files, also after an error; return whether every file was written."""
-    from spice_models.atomic_files import write_atomically
-    from spice_models.errors import InputError
+    from taction.system.atomic_files import write_atomically
+    from taction.system.errors import InputError
 
     complete = True
     for path, text in texts.items():

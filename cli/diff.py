@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 import taction
-from cli.common import ENGINE, command, console, print_json, stage_display
+from taction.cli.common import ENGINE, command, console, print_json, stage_display
 
 
 @command
@@ -21,8 +21,8 @@ def diff(first: str, second: str, engine: str | None, as_json: bool) -> None:
     A and B are scenes, or files *.json that `taction verify SCENE --json` wrote. Exit status: 0 if
     all readings are equal within their uncertainties, 1 if one is not, 3 if that is unknown.
     """
-    from verification.report.difference.compare import compare_verdicts
-    from verification.report.difference.table import difference_document, print_difference
+    from taction.verification.report.difference.compare import compare_verdicts
+    from taction.verification.report.difference.table import difference_document, print_difference
 
     one, two = (_document(name, engine) for name in (first, second))
     difference = compare_verdicts(one, two, (first, second))
@@ -34,8 +34,8 @@ def diff(first: str, second: str, engine: str | None, as_json: bool) -> None:
 
 
 def _document(name: str, engine: str | None) -> dict[str, Any]:
-    from verification.report.difference.stored import stored_verdict
-    from verification.report.verdict.json_document import verdict_document
+    from taction.verification.report.difference.stored import stored_verdict
+    from taction.verification.report.verdict.json_document import verdict_document
 
     if name.lower().endswith(".json"):
         return stored_verdict(name)

@@ -11,8 +11,8 @@ from typing import Any
 
 import click
 
-from cli.common import command, print_json
-from spice_models.errors import SimulationError
+from taction.cli.common import command, print_json
+from taction.system.errors import SimulationError
 
 EXTRAS = (
     ("matplotlib", "--plot", "pip install 'taction[plot]'"),
@@ -57,7 +57,7 @@ def _python() -> dict[str, Any]:
 
 
 def _simulator() -> dict[str, Any]:
-    from verification.engines.ngspice.executable import find_simulator
+    from taction.verification.engines.ngspice.executable import find_simulator
 
     try:
         simulator = find_simulator()

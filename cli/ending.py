@@ -14,10 +14,10 @@ from contextlib import suppress
 
 import click
 
-from cli.common import STATUS, print_json
-from cli.signals import ending_signals
-from spice_models.error_document import error_document, plain_error
-from spice_models.errors import INTERRUPTED, NoVerdictError, TactionError
+from taction.cli.common import STATUS, print_json
+from taction.cli.signals import ending_signals
+from taction.system.error_document import error_document, plain_error
+from taction.system.errors import INTERRUPTED, NoVerdictError, TactionError
 
 CLOSED_PIPE = 141  # as a shell says of a program that SIGPIPE ended
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # of a stream that takes no more

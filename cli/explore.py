@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from cli.common import say, scene_command
+from taction.cli.common import say, scene_command
 
 
 @scene_command
@@ -26,12 +26,12 @@ def explore(scene: str, port: int, browser: bool, as_json: bool) -> None:
     engine; the verdict follows when it is ready. The page is for this machine alone, and its
     address has a secret.
     """
-    from netlist_gen.scene.file import load_scene
-    from verification.report.explorer.server import explore as serve
+    from taction.netlist_gen.scene.file import load_scene
+    from taction.verification.report.explorer.server import explore as serve
 
     def announce(address: str) -> None:
         if as_json:
-            from cli.common import print_json
+            from taction.cli.common import print_json
 
             print_json({"address": address})
         else:

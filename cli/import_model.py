@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from cli.common import command, console, print_json
+from taction.cli.common import command, console, print_json
 
 
 @command
@@ -32,12 +32,12 @@ def import_(
     """
     import json
 
-    from netlist_gen.quantities import parse
-    from netlist_gen.scene.fields import BOTH_SIGNS
-    from spice_models.atomic_files import write_atomically
-    from spice_models.errors import Complaint, InputError
-    from spice_models.imported import to_document
-    from verification.studies.importing.characterise import import_opamp
+    from taction.netlist_gen.scene.fields import BOTH_SIGNS
+    from taction.spice_models.imported import to_document
+    from taction.system.atomic_files import write_atomically
+    from taction.system.errors import Complaint, InputError
+    from taction.system.quantities import parse
+    from taction.verification.characterise.import_characterise import import_opamp
 
     try:
         volts = parse(BOTH_SIGNS.sub("", supply), "V")
@@ -63,7 +63,7 @@ import_.name = "import"
 
 
 def _report(found: dict[str, Any], target: str) -> None:
-    from netlist_gen.quantities import show
+    from taction.system.quantities import show
 
     figures, linear = found["figures"], found["linear"]
     page = console()

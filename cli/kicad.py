@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from cli.common import print_json, scene_command
-from spice_models.errors import Complaint, InputError
+from taction.cli.common import print_json, scene_command
+from taction.system.errors import Complaint, InputError
 
 TABLE = "sym-lib-table"  # a name that KiCad prescribes for every project
 
@@ -24,11 +24,11 @@ def kicad(scene: str, output: str, channel: int, as_json: bool) -> None:
     FOLDER gets a schematic with its symbols, a project file, and the parts of the whole board as
     CSV. References are the names in the deck.
     """
-    from netlist_gen.board.synthesis import synthesise
-    from netlist_gen.kicad.project import kicad_project
-    from spice_models.atomic_files import write_together
-    from verification.ideal.lambda_rule import read_scene
-    from verification.report.output_checks import check_separate
+    from taction.netlist_gen.board.synthesis import synthesise
+    from taction.netlist_gen.kicad.project import kicad_project
+    from taction.system.atomic_files import write_together
+    from taction.verification.reference.lambda_rule import read_scene
+    from taction.verification.report.output_checks import check_separate
 
     read = read_scene(scene)
     project = kicad_project(synthesise(read), read, channel)

@@ -10,8 +10,8 @@ from typing import Any, NoReturn
 
 import click
 
-from cli.ending import run_command
-from verification.studies.running.threads import THREADS
+from taction.cli.ending import run_command
+from taction.verification.studies.running.threads import THREADS
 
 PROGRAM = "taction"
 # name: (module of this package, line of --help); the modules are imported later: a short start-up
@@ -46,8 +46,8 @@ REFERENCE = ({"--json", "--help"}, {"--json", "-h"})
 
 def print_reference(group: click.Group) -> None:
     """Print all commands, options, schemas and exit statuses as one JSON document."""
-    from cli.common import print_json
-    from cli.reference import reference
+    from taction.cli.common import print_json
+    from taction.cli.reference import reference
 
     print_json(reference(group), "")
 

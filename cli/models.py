@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cli.common import check_plot, command, console, plot_option, print_json, say
-from cli.import_model import import_
+from taction.cli.common import check_plot, command, console, plot_option, print_json, say
+from taction.cli.import_model import import_
 
 if TYPE_CHECKING:
-    from verification.characterise.witnesses import Witness
+    from taction.verification.characterise.witnesses import Witness
 
 COLUMNS = (
     ("gbw", "Hz", "GBW"),
@@ -33,8 +33,8 @@ def models(context: click.Context, as_json: bool) -> None:
 
 
 def _list(as_json: bool) -> None:
-    from netlist_gen.quantities import show as shown
-    from spice_models.presets import FIGURES, load_presets
+    from taction.spice_models.presets import FIGURES, load_presets
+    from taction.system.quantities import show as shown
 
     presets = load_presets()
     if as_json:
@@ -47,7 +47,7 @@ def _list(as_json: bool) -> None:
             }
         )
         return
-    from verification.report.tables import make_table, whole
+    from taction.verification.report.tables import make_table, whole
 
     rows = []
     for name, model in presets.items():
@@ -68,9 +68,9 @@ def show(name: str, plot: str | None, as_json: bool) -> None:
 
     The benches are solved by our own equations and, where it is installed, by ngspice.
     """
-    from spice_models.presets import figure_notes, load_presets
-    from verification.characterise.characterise import characterise
-    from verification.report.opamp.figures import figures_document, print_figures
+    from taction.spice_models.presets import figure_notes, load_presets
+    from taction.verification.characterise.characterise import characterise
+    from taction.verification.report.opamp.figures import figures_document, print_figures
 
     presets = load_presets()
     if name not in presets:
@@ -79,7 +79,7 @@ def show(name: str, plot: str | None, as_json: bool) -> None:
     opamp, notes, witnesses = presets[name], figure_notes(name), _witnesses()
     results = {title: characterise(opamp, witness) for title, witness in witnesses.items()}
     if plot is not None:
-        from verification.report.opamp.plot import measure_curves, plot_opamp
+        from taction.verification.report.opamp.plot import measure_curves, plot_opamp
 
         curves = {title: measure_curves(opamp, witness) for title, witness in witnesses.items()}
         plot_opamp(opamp, curves, plot)
@@ -104,9 +104,9 @@ def _unknown(name: str, known: tuple[str, ...]) -> str:
 
 def _witnesses() -> dict[str, Witness]:
     """Return our equations, and ngspice where it is installed."""
-    from spice_models.errors import SimulationError
-    from verification.characterise.witnesses import Equations, Simulation
-    from verification.engines.ngspice.executable import find_simulator
+    from taction.system.errors import SimulationError
+    from taction.verification.characterise.witnesses import Equations, Simulation
+    from taction.verification.engines.ngspice.executable import find_simulator
 
     found: dict[str, Any] = {"state space": Equations()}
     try:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cli.common import (
+from taction.cli.common import (
     CLUSTER,
     ENGINE,
     ENGINES,
@@ -28,14 +28,14 @@ from cli.common import (
     scene_command,
     stage_display,
 )
-from spice_models.errors import Complaint, InputError
+from taction.system.errors import Complaint, InputError
 
 if TYPE_CHECKING:
-    from netlist_gen.scene.scene import Scene
-    from verification.report.html.blocks import Report
-    from verification.studies.tolerance.corners import CornerStudy
-    from verification.studies.tolerance.varied_board import VariedBoard
-    from verification.studies.tolerance.yield_report import YieldReport
+    from taction.netlist_gen.scene.scene import Scene
+    from taction.verification.report.html.blocks import Report
+    from taction.verification.studies.tolerance.corners import CornerStudy
+    from taction.verification.studies.tolerance.varied_board import VariedBoard
+    from taction.verification.studies.tolerance.yield_report import YieldReport
 
 
 @scene_command
@@ -72,13 +72,16 @@ def montecarlo(scene: str, count: int, seed: int, as_json: bool, **options: Any)
     Exit status with --min-yield: 0 if the whole 95 % interval of the yield lies above that value,
     1 if it lies below, else 3. Without --min-yield: 0.
     """
-    from verification.ideal.lambda_rule import read_scene
-    from verification.studies.running.executors import workers_at
-    from verification.studies.tolerance.drawing import draw_samples, half_width
-    from verification.studies.tolerance.remedy import TARGET
-    from verification.studies.tolerance.remedy_search import verified_remedy
-    from verification.studies.tolerance.varied_board import prepare
-    from verification.studies.tolerance.yield_report import SampleCollection, summarise_samples
+    from taction.verification.reference.lambda_rule import read_scene
+    from taction.verification.studies.running.executors import workers_at
+    from taction.verification.studies.tolerance.drawing import draw_samples, half_width
+    from taction.verification.studies.tolerance.remedy import TARGET
+    from taction.verification.studies.tolerance.remedy_search import verified_remedy
+    from taction.verification.studies.tolerance.varied_board import prepare
+    from taction.verification.studies.tolerance.yield_report import (
+        SampleCollection,
+        summarise_samples,
+    )
 
     check_plot(options["plot"])
     check_report(options["report"])
@@ -104,12 +107,12 @@ def montecarlo(scene: str, count: int, seed: int, as_json: bool, **options: Any)
         click.echo(f"taction: damaged in the database, computed again: samples {numbers}", err=True)
     result = replace(summarise_samples(study, tally.samples, seed), remedy=remedy)
     if options["plot"] is not None:  # before the text: its reader may go
-        from verification.report.tolerance.yield_plot import plot_yield
+        from taction.verification.report.tolerance.yield_plot import plot_yield
 
         plot_yield(study.scene.name, result, tally.samples, options["plot"])
         click.echo(f"drew {options['plot']}", err=True)
     if options["report"] is not None:
-        from verification.report.html.yield_report import yield_report
+        from taction.verification.report.html.yield_report import yield_report
 
         page = yield_report(study.scene, result, tally.samples, seed)
         save_report(options["report"], lambda: page)
@@ -117,7 +120,7 @@ def montecarlo(scene: str, count: int, seed: int, as_json: bool, **options: Any)
         document = {"scene": study.scene.name, "engine": study.scene.analysis.engine, "seed": seed}
         print_json(document | {"complete": not interrupted} | asdict(result))
     else:
-        from verification.report.tolerance.tables import print_yield
+        from taction.verification.report.tolerance.tables import print_yield
 
         print_yield(result, seed, console())
     sys.exit(130 if interrupted else _status(result, options["min_yield"]))
@@ -143,11 +146,19 @@ def corners(
 
     Exit status: 1 if a corner fails, else 3 if a corner has no verdict.
     """
-    from verification.ideal.lambda_rule import read_scene
-    from verification.report.tolerance.tables import DIRECTION, print_corners, print_directions
-    from verification.studies.running.executors import workers_at
-    from verification.studies.tolerance.corners import CornerStudy, named_corner, worst_corners
-    from verification.studies.tolerance.varied_board import prepare, quantities
+    from taction.verification.reference.lambda_rule import read_scene
+    from taction.verification.report.tolerance.tables import (
+        DIRECTION,
+        print_corners,
+        print_directions,
+    )
+    from taction.verification.studies.running.executors import workers_at
+    from taction.verification.studies.tolerance.corners import (
+        CornerStudy,
+        named_corner,
+        worst_corners,
+    )
+    from taction.verification.studies.tolerance.varied_board import prepare, quantities
 
     check_report(options["report"])
     requested_scene = read_scene(scene, engine)
@@ -176,17 +187,17 @@ def _verify_sample(
     study: VariedBoard, seed: int, number: int, as_json: bool, report: str | None
 ) -> None:
     """Verify one sample in full; JSON also holds the sample as the study evaluates it."""
-    from netlist_gen.board.variation import draw, vary
-    from verification.report.verdict.json_document import verdict_document
-    from verification.studies.tolerance.varied_board import evaluate
-    from verification.verify import verify
+    from taction.netlist_gen.board.variation import draw, vary
+    from taction.verification.report.verdict.json_document import verdict_document
+    from taction.verification.studies.tolerance.varied_board import evaluate
+    from taction.verification.verdict.verify import verify
 
     tolerances = study.scene.tolerances
     z = draw(tolerances, len(study.varied), seed, number)
     board = vary(study.nominal, tolerances, z)
     verdict = verify(study.scene, problem=study.problem, circuit=board, ideal=study.ideal)
     if report is not None:
-        from verification.report.html.verdict_report import verdict_report
+        from taction.verification.report.html.verdict_report import verdict_report
 
         save_report(
             report, lambda: verdict_report(verdict, f"taction montecarlo --sample {number}")
@@ -197,7 +208,7 @@ def _verify_sample(
         head = {"seed": seed, "sample": sample, "deviations": deviations}
         print_json(head | verdict_document(verdict), "montecarlo-sample")
     else:
-        from verification.report.verdict.table import print_verdict
+        from taction.verification.report.verdict.table import print_verdict
 
         print_verdict(verdict, console())
     sys.exit(STATUS[verdict.outcome.value])
@@ -226,6 +237,6 @@ def _deviations(text: str) -> dict[str, float]:
 
 
 def _corners_page(scene: Scene, found: CornerStudy) -> Report:
-    from verification.report.html.corners_report import corners_report
+    from taction.verification.report.html.corners_report import corners_report
 
     return corners_report(scene, found)

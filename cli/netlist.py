@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from cli.common import output_option, print_json, scene_command
+from taction.cli.common import output_option, print_json, scene_command
 
 NAMES = (
     "ngspice",
@@ -51,10 +51,10 @@ def netlist(
     scene: str, output: str | None, explain: bool, as_json: bool, measure: bool, **kind: Any
 ) -> None:
     """Write the deck of SCENE; `ngspice -b -r out.raw FILE` runs it."""
-    from netlist_gen.board.part_warnings import part_warnings
-    from verification.ideal.lambda_rule import read_scene
-    from verification.pipeline.deck import DeckChoice, deck_of, write_files
-    from verification.pipeline.pruning_saving import pruning_of
+    from taction.netlist_gen.board.part_warnings import part_warnings
+    from taction.verification.reference.lambda_rule import read_scene
+    from taction.verification.verdict.deck import DeckChoice, deck_of, write_files
+    from taction.verification.verdict.pruning_saving import pruning_of
 
     read = read_scene(scene)
     circuit, deck = deck_of(read, output=output, choice=DeckChoice(measures=measure, **kind))

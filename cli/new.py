@@ -8,9 +8,9 @@ from typing import Any
 
 import click
 
-from cli.common import STATUS, command, output_option, print_json, stage_display
-from spice_models.atomic_files import write_atomically
-from spice_models.errors import Complaint, InputError
+from taction.cli.common import STATUS, command, output_option, print_json, stage_display
+from taction.system.atomic_files import write_atomically
+from taction.system.errors import Complaint, InputError
 
 
 @command
@@ -45,7 +45,7 @@ def new(
     the state-space engine, which decides the exit status.
     """
     if schema:
-        from netlist_gen.scene.scene import Scene
+        from taction.netlist_gen.scene.scene import Scene
 
         print_json(Scene.model_json_schema(by_alias=True), "")
         return
@@ -84,10 +84,10 @@ def _refuse_existing(path: Path, force: bool) -> None:
 
 
 def _for_matrix(path: Path, force: bool, as_json: bool, asked: dict[str, Any]) -> None:
-    from cli.scale import scaling_document, show_scaling
-    from netlist_gen.scene.file import load_scene
-    from verification.studies.scaling.fresh_scene import fresh_scene
-    from verification.verify import verify
+    from taction.cli.scale import scaling_document, show_scaling
+    from taction.netlist_gen.scene.file import load_scene
+    from taction.verification.design.fresh_scene import fresh_scene
+    from taction.verification.verdict.verify import verify
 
     design = {"opamp": asked["opamp"], "supply": asked["supply"], "prune": asked["prune"]}
     with stage_display() as progress:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 import taction
-from cli.common import (
+from taction.cli.common import (
     STATUS,
     ask_axes,
     check_plot,
@@ -23,8 +23,8 @@ from cli.common import (
 )
 
 if TYPE_CHECKING:
-    from verification.report.html.blocks import Report
-    from verification.studies.onset.onset import Onset
+    from taction.verification.report.html.blocks import Report
+    from taction.verification.studies.onset.onset import Onset
 
 
 @scene_command
@@ -50,7 +50,7 @@ def onset(
 
     Exit status: 0 if the question was answered, 3 if a transient contradicts a crossing.
     """
-    from verification.report.onset.tables import onset_document, print_onset
+    from taction.verification.report.onset.tables import onset_document, print_onset
 
     check_plot(plot)
     check_report(report)
@@ -58,7 +58,7 @@ def onset(
         result = taction.onset(scene, over=over, transients=transients, progress=progress)
     ask_axes(result.scene, [[result.axis]])
     if plot is not None:  # before the text: its reader may go
-        from verification.report.onset.plot import plot_onset
+        from taction.verification.report.onset.plot import plot_onset
 
         plot_onset(result, plot)
         click.echo(f"drew {plot}", err=True)
@@ -71,6 +71,6 @@ def onset(
 
 
 def _page(result: Onset) -> Report:
-    from verification.report.html.onset_report import onset_report
+    from taction.verification.report.html.onset_report import onset_report
 
     return onset_report(result)

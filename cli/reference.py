@@ -47,10 +47,10 @@ def reference(main: click.Group) -> dict[str, Any]:
 
     `fields` says for every field of a document its unit and the schemas that have it.
     """
-    from cli.reference_examples import EXAMPLES, SCENE_FILE
-    from netlist_gen.scene.scene import Scene
-    from verification.report.schemas.catalogue import MODELS, fields, schema
-    from verification.report.schemas.head import document_head, schema_name
+    from taction.cli.reference_examples import EXAMPLES, SCENE_FILE
+    from taction.netlist_gen.scene.scene import Scene
+    from taction.verification.report.schemas.catalogue import MODELS, fields, schema
+    from taction.verification.report.schemas.head import document_head, schema_name
 
     with main.make_context("taction", [], resilient_parsing=True) as context:
         commands = list(_commands(main, context))
@@ -69,8 +69,8 @@ def reference(main: click.Group) -> dict[str, Any]:
 
 
 def _commands(group: click.Group, context: click.Context) -> Iterator[dict[str, Any]]:
-    from verification.report.schemas.catalogue import MODELS
-    from verification.report.schemas.head import ERROR, schema_name
+    from taction.verification.report.schemas.catalogue import MODELS
+    from taction.verification.report.schemas.head import ERROR, schema_name
 
     for short in group.list_commands(context):
         command = group.get_command(context, short)

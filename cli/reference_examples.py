@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from netlist_gen.overrides.keys import SYMBOLS
+from taction.netlist_gen.scene.keys import SYMBOLS
 
 SCENE = """\
 [problem]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from cli.common import (
+from taction.cli.common import (
     JOBS,
     STATUS,
     check_report,
@@ -21,7 +21,7 @@ from cli.common import (
 )
 
 if TYPE_CHECKING:
-    from verification.studies.regression.run import RegressionReport
+    from taction.verification.studies.regression.run import RegressionReport
 
 
 @command
@@ -51,12 +51,12 @@ def regress(
     """
     from pathlib import Path
 
-    from verification.report.output_checks import check_folder
-    from verification.report.regression.junit import regression_junit
-    from verification.report.regression.markdown import regression_markdown
-    from verification.studies.regression.baseline import baseline_text, load_baseline
-    from verification.studies.regression.run import regress as run
-    from verification.studies.regression.run import updated_baseline
+    from taction.verification.report.output_checks import check_folder
+    from taction.verification.report.regression.junit import regression_junit
+    from taction.verification.report.regression.markdown import regression_markdown
+    from taction.verification.studies.regression.baseline import baseline_text, load_baseline
+    from taction.verification.studies.regression.run import regress as run
+    from taction.verification.studies.regression.run import updated_baseline
 
     check_folder(baseline, "--baseline")
     check_report(report)
@@ -71,8 +71,8 @@ def regress(
     if markdown is not None:
         texts[markdown] = lambda: regression_markdown(result)
     if report is not None:
-        from verification.report.html.file import report_html
-        from verification.report.html.regression_report import regression_report
+        from taction.verification.report.html.file import report_html
+        from taction.verification.report.html.regression_report import regression_report
 
         texts[report] = lambda: report_html(regression_report(result))
     written = write_all(texts)
@@ -84,10 +84,10 @@ def regress(
 
 def _show(report: RegressionReport, as_json: bool) -> None:
     if as_json:
-        from verification.report.regression.text import regression_document
+        from taction.verification.report.regression.text import regression_document
 
         print_json(regression_document(report))
         return
-    from verification.report.regression.text import print_regression
+    from taction.verification.report.regression.text import print_regression
 
     print_regression(report, console())

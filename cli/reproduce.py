@@ -6,7 +6,7 @@ import sys
 
 import click
 
-from cli.common import STATUS, command, console, print_json, stage_display
+from taction.cli.common import STATUS, command, console, print_json, stage_display
 
 
 @command
@@ -24,13 +24,13 @@ def reproduce(output: str | None, quick: bool, as_json: bool) -> None:
     Exit status: 1 if a verdict differs from the verdict that taction has on record, 3 if a claim
     could not be tested.
     """
-    from verification.report.paper.report import (
+    from taction.verification.evidence.paper.reproduce import reproduce as run
+    from taction.verification.report.paper.report import (
         check_report_folder,
         paper_document,
         print_paper,
         write_paper,
     )
-    from verification.studies.paper.reproduce import reproduce as run
 
     if output is not None:
         check_report_folder(output)

@@ -7,12 +7,19 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cli.common import STATUS, console, output_option, print_json, scene_command, stage_display
+from taction.cli.common import (
+    STATUS,
+    console,
+    output_option,
+    print_json,
+    scene_command,
+    stage_display,
+)
 
 if TYPE_CHECKING:
-    from netlist_gen.scene.scene import Scene
-    from verification.studies.scaling.scaling import Scaling
-    from verification.verify import Verdict
+    from taction.netlist_gen.scene.scene import Scene
+    from taction.verification.design.scaling import Scaling
+    from taction.verification.verdict.verify import Verdict
 
 
 @scene_command
@@ -38,8 +45,8 @@ def scale(
     Lambda, and with it the solution, stays. C changes only where the board would be unstable or
     fail its checks. The state-space engine verifies the result, which decides the exit status.
     """
-    from verification.studies.scaling.scaling import scale as run
-    from verification.verify import verify
+    from taction.verification.design.scaling import scale as run
+    from taction.verification.verdict.verify import verify
 
     with stage_display() as progress:
         progress("scalings")
@@ -56,8 +63,8 @@ def scale(
 
 
 def _asked(scene: str, opamp: str | None, supply: str | None) -> Scene:
-    from netlist_gen.overrides.axes import with_values
-    from verification.ideal.lambda_rule import read_scene
+    from taction.netlist_gen.scene.axes import with_values
+    from taction.verification.reference.lambda_rule import read_scene
 
     changes = {"design.opamp": opamp, "design.supply": supply}
     return with_values(read_scene(scene), {k: v for k, v in changes.items() if v is not None})
@@ -67,15 +74,15 @@ def write_scene(scene: Scene, output: str) -> None:
     """Write a scene file; names of files in it are relative to its folder."""
     from pathlib import Path
 
-    from netlist_gen.scene.writing import scene_text
-    from spice_models.atomic_files import write_atomically
+    from taction.netlist_gen.scene.writing import scene_text
+    from taction.system.atomic_files import write_atomically
 
     write_atomically(Path(output), scene_text(scene, Path(output).parent))
 
 
 def scaling_document(scaling: Scaling, verdict: Verdict) -> dict[str, Any]:
     """Return the scalings and the verdict as plain data."""
-    from verification.report.verdict.json_document import load_record, verdict_document
+    from taction.verification.report.verdict.json_document import load_record, verdict_document
 
     names = ("unit_conductance", "unit_voltage", "gain", "resistance", "capacitance")
     return {
@@ -91,9 +98,9 @@ def scaling_document(scaling: Scaling, verdict: Verdict) -> dict[str, Any]:
 
 def show_scaling(scaling: Scaling, verdict: Verdict) -> None:
     """Print the scalings, the loads and what the checks say."""
-    from netlist_gen.quantities import show
-    from verification.pipeline.part_limits import describe
-    from verification.studies.scaling.scaling import scalings_of
+    from taction.system.quantities import show
+    from taction.verification.design.scaling import scalings_of
+    from taction.verification.verdict.part_limits import describe
 
     page = console()
     values = scalings_of(scaling).items()

@@ -5,7 +5,14 @@ from __future__ import annotations
 import click
 
 import taction
-from cli.common import ENGINE, console, output_option, print_json, scene_command, stage_display
+from taction.cli.common import (
+    ENGINE,
+    console,
+    output_option,
+    print_json,
+    scene_command,
+    stage_display,
+)
 
 
 @scene_command
@@ -13,8 +20,8 @@ from cli.common import ENGINE, console, output_option, print_json, scene_command
 @output_option("File for the waveforms: .csv, .parquet or .raw.")
 def simulate(scene: str, engine: str | None, output: str | None, as_json: bool) -> None:
     """Run the transient of SCENE and measure the waveforms, without any check."""
-    from verification.report.verdict.json_document import channel_record
-    from verification.studies.figures import finite
+    from taction.verification.report.verdict.json_document import channel_record
+    from taction.verification.studies.figures import finite
 
     with stage_display() as progress:
         result = taction.simulate(scene, engine=engine, output=output, progress=progress)
@@ -38,7 +45,7 @@ def simulate(scene: str, engine: str | None, output: str | None, as_json: bool) 
             }
         )
         return
-    from verification.report.verdict.table import channel_table
+    from taction.verification.report.verdict.table import channel_table
 
     console().print(channel_table(measurements))
     cost = waveforms.cost

@@ -7,7 +7,7 @@ import sys
 import click
 
 import taction
-from cli.common import STATUS, print_json, scene_command
+from taction.cli.common import STATUS, print_json, scene_command
 
 
 @scene_command

@@ -6,7 +6,7 @@ import sys
 
 import click
 
-from cli.common import JOBS, command, console, print_json, stage_display
+from taction.cli.common import JOBS, command, console, print_json, stage_display
 
 
 @command
@@ -28,11 +28,15 @@ def stress(
 
     Exit status: 1 if an outcome or a number is wrong, 3 if ngspice is missing.
     """
-    from spice_models.atomic_files import write_atomically
-    from verification.report.stress.page import stress_page
-    from verification.report.stress.report import print_stress, stress_document, stress_junit
-    from verification.studies.stress.catalogue import load_catalogue, select
-    from verification.studies.stress.run import expected_seconds, run_catalogue
+    from taction.system.atomic_files import write_atomically
+    from taction.verification.evidence.stress.catalogue import load_catalogue, select
+    from taction.verification.evidence.stress.run import expected_seconds, run_catalogue
+    from taction.verification.report.stress.page import stress_page
+    from taction.verification.report.stress.report import (
+        print_stress,
+        stress_document,
+        stress_junit,
+    )
 
     cases = select(load_catalogue(), only)
     seconds = expected_seconds(cases, jobs)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cli.common import (
+from taction.cli.common import (
     CLUSTER,
     ENGINES,
     GRID_ENGINES,
@@ -28,10 +28,10 @@ from cli.common import (
 )
 
 if TYPE_CHECKING:
-    from verification.report.html.blocks import Report
-    from verification.studies.sweep.plan import Plan
-    from verification.studies.sweep.run import SweepCounts
-    from verification.studies.sweep.store import Store
+    from taction.verification.report.html.blocks import Report
+    from taction.verification.studies.sweep.plan import Plan
+    from taction.verification.studies.sweep.run import SweepCounts
+    from taction.verification.studies.sweep.store import Store
 
 WIDE = 100  # columns that hold the bar beside the numbers
 
@@ -78,8 +78,8 @@ def sweep(scene: str, over: tuple[str, ...], as_json: bool, **options: Any) -> N
     whatever its outcome; 1 if two engines disagree at a point; 3 if no point has a verdict.
     """
     from taction.studies import plan_sweep
-    from verification.report.sweep.agreement import summarise
-    from verification.studies.sweep.store import Store
+    from taction.verification.report.sweep.agreement import summarise
+    from taction.verification.studies.sweep.store import Store
 
     keep = options["keep_waveforms"]
     plan = plan_sweep(scene, over, options["engine"], fix=options["fix"], keep_waveforms=keep)
@@ -100,12 +100,12 @@ def sweep(scene: str, over: tuple[str, ...], as_json: bool, **options: Any) -> N
 def _check_files(plan: Plan, options: dict[str, Any]) -> None:
     """Refuse a file that cannot be written, before any work is done."""
     if options["export_file"] is not None:
-        from verification.report.sweep.files import check_sweep_export
+        from taction.verification.report.sweep.files import check_sweep_export
 
         check_sweep_export(options["export_file"])
     check_report(options["report"])
     if options["plot"] is not None:
-        from verification.report.sweep.plot import check_sweep_plot
+        from taction.verification.report.sweep.plot import check_sweep_plot
 
         check_sweep_plot(plan, options["plot"])
 
@@ -115,8 +115,8 @@ def run_plan(plan: Plan, store: Store, options: dict[str, Any]) -> SweepCounts:
 
     `options` are those of the command: cluster, jobs and retry.
     """
-    from verification.studies.running.executors import workers_at
-    from verification.studies.sweep.run import sweep as run
+    from taction.verification.studies.running.executors import workers_at
+    from taction.verification.studies.sweep.run import sweep as run
 
     with _display() as progress:
         try:
@@ -137,7 +137,7 @@ def run_plan(plan: Plan, store: Store, options: dict[str, Any]) -> SweepCounts:
 
 
 def _report(plan: Plan, store: Store, count: SweepCounts, seconds: float, *, as_json: bool) -> None:
-    from verification.report.sweep.document import document_parts, print_sweep
+    from taction.verification.report.sweep.document import document_parts, print_sweep
 
     if as_json:
         for part in document_parts(plan, store, count, seconds):
@@ -148,19 +148,19 @@ def _report(plan: Plan, store: Store, count: SweepCounts, seconds: float, *, as_
 
 def _write_files(plan: Plan, store: Store, options: dict[str, Any]) -> None:
     if options["export_file"] is not None:
-        from verification.report.sweep.files import export_sweep
+        from taction.verification.report.sweep.files import export_sweep
 
         export_sweep(plan, store, options["export_file"])
         click.echo(f"wrote {options['export_file']}", err=True)
     if options["plot"] is not None:
-        from verification.report.sweep.plot import plot_sweep
+        from taction.verification.report.sweep.plot import plot_sweep
 
         plot_sweep(plan, store, options["plot"])
         click.echo(f"drew {options['plot']}", err=True)
 
 
 def _page(plan: Plan, store: Store, count: SweepCounts) -> Report:
-    from verification.report.html.sweep_report import sweep_report
+    from taction.verification.report.html.sweep_report import sweep_report
 
     return sweep_report(plan, store, count)
 
@@ -169,7 +169,7 @@ def _page(plan: Plan, store: Store, count: SweepCounts) -> Report:
 def _display() -> Iterator[Callable[[SweepCounts], None]]:
     """Show progress, rate and remaining time on stderr; without a terminal a few lines."""
     if not sys.stderr.isatty():
-        from cli.sparse_lines import SparseLines
+        from taction.cli.sparse_lines import SparseLines
 
         lines = SparseLines(say)
         yield lambda count: lines.stage(count.text)

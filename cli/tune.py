@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cli.common import (
+from taction.cli.common import (
     STATUS,
     check_plot,
     check_report,
@@ -22,9 +22,9 @@ from cli.common import (
 )
 
 if TYPE_CHECKING:
-    from verification.report.html.blocks import Report
-    from verification.studies.tune import Tuning
-    from verification.verify import Verdict
+    from taction.verification.design.tune import Tuning
+    from taction.verification.report.html.blocks import Report
+    from taction.verification.verdict.verify import Verdict
 
 
 @scene_command
@@ -67,9 +67,9 @@ def tune(
     in the scene's series, else of three digits. The verification decides the exit status; its
     checks include the limits of the search.
     """
-    from verification.ideal.lambda_rule import read_scene
-    from verification.studies.tune import tune as run
-    from verification.verify import verify
+    from taction.verification.design.tune import tune as run
+    from taction.verification.reference.lambda_rule import read_scene
+    from taction.verification.verdict.verify import verify
 
     requested_scene = read_scene(scene)
     check_plot(plot)
@@ -80,7 +80,7 @@ def tune(
         tuning = run(requested_scene, keys, **limits, progress=progress)
         verdict = verify(tuning.scene, progress)
     if plot is not None:
-        from verification.report.tuning_plot import plot_tradeoff
+        from taction.verification.report.tuning_plot import plot_tradeoff
 
         plot_tradeoff(tuning, plot)
         click.echo(f"drew {plot}", err=True)
@@ -93,7 +93,7 @@ def tune(
 
 
 def _document(tuning: Tuning, verdict: Verdict) -> dict[str, Any]:
-    from verification.report.verdict.json_document import verdict_document
+    from taction.verification.report.verdict.json_document import verdict_document
 
     return {
         "outcome": verdict.outcome.value,
@@ -112,10 +112,10 @@ def _document(tuning: Tuning, verdict: Verdict) -> dict[str, Any]:
 
 
 def _show(tuning: Tuning, verdict: Verdict, reach: float) -> None:
-    from netlist_gen.overrides.keys import find_key
-    from netlist_gen.quantities import show, written
-    from verification.report.tables import make_table, whole
-    from verification.report.verdict.table import print_verdict
+    from taction.netlist_gen.scene.keys import find_key
+    from taction.system.quantities import show, written
+    from taction.verification.report.tables import make_table, whole
+    from taction.verification.report.verdict.table import print_verdict
 
     units = {path: find_key(tuning.scene, path).unit for path in tuning.after.values}
     page, rows = console(), []
@@ -143,6 +143,6 @@ def _show(tuning: Tuning, verdict: Verdict, reach: float) -> None:
 
 
 def _page(tuning: Tuning, verdict: Verdict) -> Report:
-    from verification.report.html.tuning_report import tuning_report
+    from taction.verification.report.html.tuning_report import tuning_report
 
     return tuning_report(tuning, verdict)

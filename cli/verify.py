@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import taction
-from cli.common import (
+from taction.cli.common import (
     ENGINE,
     JOBS,
     STATUS,
@@ -25,11 +25,11 @@ from cli.common import (
     stage_display,
     write_all,
 )
-from spice_models.errors import Complaint, InputError
+from taction.system.errors import Complaint, InputError
 
 if TYPE_CHECKING:
-    from verification.report.html.blocks import Report
-    from verification.studies.remedies.remedies import Remedies
+    from taction.verification.design.remedies import Remedies
+    from taction.verification.report.html.blocks import Report
 
 
 @command
@@ -96,7 +96,7 @@ def verify(scenes: tuple[str, ...], as_json: bool, **options: Any) -> None:
 
 
 def _verify_one(scene: str, as_json: bool, options: dict[str, Any]) -> None:
-    from verification.report.files.reasons import margin_lines
+    from taction.verification.report.files.reasons import margin_lines
 
     with stage_display() as progress:
         try:
@@ -107,7 +107,7 @@ def _verify_one(scene: str, as_json: bool, options: dict[str, Any]) -> None:
             )
         except taction.TactionError as error:
             if options["annotate"]:
-                from spice_models.error_document import error_document
+                from taction.system.error_document import error_document
 
                 _annotate({"file": scene, **error_document(error)})
             raise
@@ -115,7 +115,7 @@ def _verify_one(scene: str, as_json: bool, options: dict[str, Any]) -> None:
     plain = not (as_json or options["margins"] or options["annotate"])
     document = {} if plain else _description(options["margins"])(verdict)
     if options["plot"] is not None:  # before the text: its reader may go
-        from verification.report.verdict.plots import plot_verdict
+        from taction.verification.report.verdict.plots import plot_verdict
 
         plot_verdict(verdict, options["plot"])
         click.echo(f"drew {options['plot']}", err=True)
@@ -124,16 +124,16 @@ def _verify_one(scene: str, as_json: bool, options: dict[str, Any]) -> None:
         _annotate(document)
     if as_json:
         if remedies is not None:
-            from verification.report.verdict.remedies import remedies_document
+            from taction.verification.report.verdict.remedies import remedies_document
 
             document["what_to_change"] = remedies_document(remedies)
         print_json(document)
     else:
-        from verification.report.verdict.table import print_verdict
+        from taction.verification.report.verdict.table import print_verdict
 
         print_verdict(verdict, console(), verbose=options["verbose"])
         if remedies is not None:
-            from verification.report.verdict.remedies import remedies_text
+            from taction.verification.report.verdict.remedies import remedies_text
 
             click.echo(remedies_text(verdict.scene, remedies))
         for line in margin_lines(document):
@@ -144,7 +144,7 @@ def _verify_one(scene: str, as_json: bool, options: dict[str, Any]) -> None:
 def _with_settings(scene: str, settings: tuple[str, ...]) -> str | taction.Scene:
     if not settings:
         return scene
-    from netlist_gen.overrides.settings import with_settings
+    from taction.netlist_gen.scene.settings import with_settings
 
     return with_settings(taction.load_scene(scene), settings)
 
@@ -155,25 +155,25 @@ def _remedies(
     """Return the changes that mend a failed verdict, found within `seconds`."""
     if not seconds or verdict.outcome.value != "fail":
         return None
-    from verification.studies.remedies.remedies import find_remedies
+    from taction.verification.design.remedies import find_remedies
 
     progress("what to change")
     return find_remedies(verdict, seconds)
 
 
 def _report(verdict: taction.Verdict, remedies: Remedies | None) -> Report:
-    from verification.report.html.verdict_report import verdict_report
-    from verification.report.verdict.remedies import remedies_text
+    from taction.verification.report.html.verdict_report import verdict_report
+    from taction.verification.report.verdict.remedies import remedies_text
 
     changes = "" if remedies is None else remedies_text(verdict.scene, remedies)
     return verdict_report(verdict, changes=changes)
 
 
 def _verify_files(scenes: tuple[str, ...], as_json: bool, options: dict[str, Any]) -> None:
-    from verification.report.files.junit import files_junit
-    from verification.report.files.table import files_document, print_files
-    from verification.studies.scene_files import scene_files
-    from verification.studies.verify_files import verify_files
+    from taction.verification.report.files.junit import files_junit
+    from taction.verification.report.files.table import files_document, print_files
+    from taction.verification.studies.scene_files import scene_files
+    from taction.verification.studies.verify_files import verify_files
 
     junit = options["junit"]
     for name in ("plot", "report"):
@@ -201,16 +201,16 @@ def _verify_files(scenes: tuple[str, ...], as_json: bool, options: dict[str, Any
 
 def _description(margins: bool) -> Callable[[Any], dict[str, Any]]:
     if margins:
-        from verification.report.verdict.margins import verdict_document_with_margins
+        from taction.verification.report.verdict.margins import verdict_document_with_margins
 
         return verdict_document_with_margins
-    from verification.report.verdict.json_document import verdict_document
+    from taction.verification.report.verdict.json_document import verdict_document
 
     return verdict_document
 
 
 def _annotate(document: dict[str, Any]) -> None:
-    from verification.report.files.annotations import annotation_lines
+    from taction.verification.report.files.annotations import annotation_lines
 
     for line in annotation_lines(document):
         click.echo(line, err=True)

@@ -23,14 +23,14 @@ import numpy as np
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
-from netlist_gen.scene.scene import Scene  # noqa: E402
-from spice_models.errors import TactionError  # noqa: E402
+from taction.netlist_gen.scene.scene import Scene  # noqa: E402
+from taction.system.errors import TactionError  # noqa: E402
+from taction.verification.evidence.stress.compare import Comparison, compare  # noqa: E402
+from taction.verification.evidence.stress.true_values import TrueValues  # noqa: E402
+from taction.verification.verdict.verify import verify  # noqa: E402
 from tests.support.fine_readings import fine_readings  # noqa: E402
 from tests.support.random_scenes import AMPLIFIERS, random_scene, random_setting  # noqa: E402
 from tests.support.true_values import true_values  # noqa: E402
-from verification.studies.stress.compare import Comparison, compare  # noqa: E402
-from verification.studies.stress.true_values import TrueValues  # noqa: E402
-from verification.verify import verify  # noqa: E402
 
 ENGINES = ("ngspice", "statespace")
 TIMEOUT = 5.0  # s: longer runs of ngspice are left out

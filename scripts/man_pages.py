@@ -5,8 +5,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from cli.main import main as taction
-from cli.reference import ENVIRONMENT, EXIT_STATUSES, reference
+from taction.cli.main import main as taction
+from taction.cli.reference import ENVIRONMENT, EXIT_STATUSES, reference
 
 FOLDER = Path(__file__).resolve().parent.parent / "docs" / "_build" / "man"
 

@@ -19,7 +19,7 @@ CORES = ("Prescott", "Core2", "Nehalem", "Sandybridge", "Haswell", "Zen", "Skyla
 CORES += ("Cooperlake", "SapphireRapids", "ARMV8", "NEOVERSEN1", "NEOVERSEV1")
 ROOM = "tests/verification/"
 TESTS = ("engines", "measures", "reference", "small_signal", "pipeline", "test_rounding.py")
-REGRESS = "from cli.main import main; main()"
+REGRESS = "from taction.cli.main import main; main()"
 # The kernels' own work, too: a processor that lacks their instructions ends here, not in a test.
 PROBE = """
 import numpy as np, scipy.linalg

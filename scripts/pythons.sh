@@ -11,7 +11,7 @@ export PIP_USER=0 PIP_NO_INPUT=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_ROOT_USER_A
 NEWER=(3.14 3.13 3.12)
 # What depends on Python: processes, files, messages, parsers, and every engine once.
 TESTS=(tests/netlist_gen tests/spice_models tests/cli tests/taction tests/faulty_simulators tests/fuzz)
-TESTS+=(tests/verification/engines tests/verification/measures)
+TESTS+=(tests/verification/engines tests/verification/readings)
 TESTS+=(tests/verification/studies/running tests/verification/studies/sweep)
 
 is_version() { [ "$("$1" -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null)" = "$2" ]; }

@@ -47,10 +47,10 @@ class Result:
 
 def run(job: Job) -> Result:
     """Verify a scene as `job` asks."""
-    from netlist_gen.scene.file import load_scene
-    from verification.engines.ngspice.executable import find_simulator
-    from verification.pipeline import simulation
-    from verification.verify import verify
+    from taction.netlist_gen.scene.file import load_scene
+    from taction.verification.engines.ngspice.executable import find_simulator
+    from taction.verification.verdict import simulation
+    from taction.verification.verdict.verify import verify
 
     began = time.monotonic()
     scene = load_scene(ROOT / "scenes" / f"{job.scene}.toml").with_engine("ngspice")
@@ -80,7 +80,7 @@ def run(job: Job) -> Result:
 
 def jobs(executables: list[str | None]) -> Iterator[Job]:
     """Yield every combination; an ngspice without KLU has only its own solver."""
-    from verification.engines.ngspice.executable import find_simulator
+    from taction.verification.engines.ngspice.executable import find_simulator
 
     for scene in sorted(file.stem for file in (ROOT / "scenes").glob("*.toml")):
         for executable in executables:
@@ -90,7 +90,7 @@ def jobs(executables: list[str | None]) -> Iterator[Job]:
 
 def main() -> int:
     """Run all combinations; 1 if two outcomes of a scene differ, or a name is missing."""
-    from spice_models.errors import SimulatorNotFound
+    from taction.system.errors import SimulatorNotFound
 
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--jobs", type=int, default=2)

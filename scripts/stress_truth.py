@@ -18,15 +18,15 @@ from typing import Any
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
-from tests.support.true_values import deck_digest, true_values  # noqa: E402
-from verification.studies.stress.catalogue import (  # noqa: E402
+from taction.verification.evidence.stress.catalogue import (  # noqa: E402
     FOLDER,
     TRUE_VALUES,
     Case,
     load_catalogue,
     select,
 )
-from verification.studies.stress.run import run_case  # noqa: E402
+from taction.verification.evidence.stress.run import run_case  # noqa: E402
+from tests.support.true_values import deck_digest, true_values  # noqa: E402
 
 FILE = FOLDER / TRUE_VALUES
 

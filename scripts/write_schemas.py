@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from verification.report.schemas.catalogue import schemas
+from taction.verification.report.schemas.catalogue import schemas
 
 FOLDER = Path(__file__).resolve().parent.parent / "docs" / "schemas"
 

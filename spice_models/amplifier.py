@@ -1,7 +1,7 @@
 """Signal amplifiers: the increasing functions ``u = U0 g(v / Ve)`` of the signal plane.
 
 Each kind adds its own regulariser to the energy, the integral of ``g^-1`` (eq 17);
-`verification.reference` has the solver's formulas.
+`taction.verification.reference` has the solver's formulas.
 """
 
 from __future__ import annotations

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Collection
 
-from spice_models.foreign_expressions import NAME, expression, number, polynomial
-from spice_models.foreign_lines import Line
+from taction.spice_models.foreign_expressions import NAME, expression, number, polynomial
+from taction.spice_models.foreign_lines import Line
 
 MODELS = ("d", "npn", "pnp", "njf", "pjf", "nmos", "pmos", "sw")
 _FIELD = re.compile(r"\{[^{}]*\}|[^\s=]+\s*=\s*(?:\{[^{}]*\}|[^\s={}]+)|[^\s{}=]+")

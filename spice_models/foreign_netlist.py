@@ -9,9 +9,15 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from spice_models.foreign_devices import Names, assignments, device, model_card, split_fields
-from spice_models.foreign_expressions import NAME
-from spice_models.foreign_lines import Line, RefusedError, logical_lines
+from taction.spice_models.foreign_devices import (
+    Names,
+    assignments,
+    device,
+    model_card,
+    split_fields,
+)
+from taction.spice_models.foreign_expressions import NAME
+from taction.spice_models.foreign_lines import Line, RefusedError, logical_lines
 
 CARDS = (".subckt", ".ends", ".model", ".param", ".end")
 MOST_LINES = 5000  # of all cards of a subcircuit and those that it calls

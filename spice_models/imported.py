@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from spice_models.foreign_lines import RefusedError
-from spice_models.foreign_netlist import Subcircuit, read_subcircuit
+from taction.spice_models.foreign_lines import RefusedError
+from taction.spice_models.foreign_netlist import Subcircuit, read_subcircuit
 
 ROLES = ("inp", "inn", "vcc", "vee", "out")
 """What a port of the subcircuit is: inputs, supplies, output; `REST` for a port left open."""

@@ -6,7 +6,7 @@ import math
 import re
 from dataclasses import dataclass, replace
 
-from spice_models.imported import ImportedOpAmp
+from taction.spice_models.imported import ImportedOpAmp
 
 KNEE = 50.0
 """Swing over the width of the knee of a clamp. At 90 % of the swing the clamp draws 1e-4 of the

@@ -10,7 +10,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from spice_models.opamp import OpAmp, poles_from_phase_margin, second_pole_from_phase_margin
+from taction.spice_models.opamp import OpAmp, poles_from_phase_margin, second_pole_from_phase_margin
 
 FIGURES = (
     "dc_gain",

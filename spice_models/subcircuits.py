@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Protocol
 
-from spice_models.amplifier import AMPLIFIERS
-from spice_models.opamp import KNEE, OVERDRIVE, OpAmp
-from spice_models.thermal_noise import THERMAL
+from taction.spice_models.amplifier import AMPLIFIERS
+from taction.spice_models.opamp import KNEE, OVERDRIVE, OpAmp
+from taction.spice_models.thermal_noise import THERMAL
 
 if TYPE_CHECKING:
     from PySpice.Spice.Netlist import SubCircuit

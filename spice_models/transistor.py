@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields
 from functools import cache
 from pathlib import Path
 
-from spice_models.thermal_noise import BOLTZMANN
+from taction.spice_models.thermal_noise import BOLTZMANN
 
 ELECTRON = 1.602176634e-19  # A s
 ZERO_CELSIUS = 273.15  # K

@@ -17,17 +17,17 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from netlist_gen.board.circuit import Circuit
-    from netlist_gen.board.synthesis import synthesise
-    from netlist_gen.deck.deck import write_deck
-    from netlist_gen.scene.file import load_scene
-    from netlist_gen.scene.scene import Scene
-    from spice_models.errors import InputError, NoVerdictError, TactionError
     from taction.designs import netlist, solve
+    from taction.netlist_gen.board.circuit import Circuit
+    from taction.netlist_gen.board.synthesis import synthesise
+    from taction.netlist_gen.deck.deck import write_deck
+    from taction.netlist_gen.scene.file import load_scene
+    from taction.netlist_gen.scene.scene import Scene
     from taction.studies import montecarlo, onset, sweep
+    from taction.system.errors import InputError, NoVerdictError, TactionError
     from taction.transients import simulate, verify
     from taction.verdict import Verdict
-    from verification.waveforms import Waveforms
+    from taction.verification.waveforms import Waveforms
 
 __all__ = [
     "Circuit",

@@ -7,7 +7,7 @@ if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
     with suppress(ValueError):  # not the main thread
         signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C during the imports: no traceback
 
-from cli.main import main
+from taction.cli.main import main
 
 if __name__ == "__main__":
     main(prog_name="taction")

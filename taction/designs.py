@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, overload
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from netlist_gen.deck.deck import Deck
-    from netlist_gen.scene.scene import Scene
-    from verification.reference import Solution
+    from taction.netlist_gen.deck.deck import Deck
+    from taction.netlist_gen.scene.scene import Scene
+    from taction.verification.reference import Solution
 
 
 def netlist(
@@ -59,10 +59,10 @@ def netlist(
     >>> "Rr_1 v_1 x_1 'R'" in deck.text
     True
     """
-    from netlist_gen.deck.dialects.table import DIALECTS
-    from spice_models.errors import Complaint, InputError
-    from verification.ideal.lambda_rule import read_scene
-    from verification.pipeline.deck import DeckChoice, deck_of, write_files
+    from taction.netlist_gen.deck.dialects.table import DIALECTS
+    from taction.system.errors import Complaint, InputError
+    from taction.verification.reference.lambda_rule import read_scene
+    from taction.verification.verdict.deck import DeckChoice, deck_of, write_files
 
     if dialect not in DIALECTS:
         text = f"expected one of {', '.join(DIALECTS)}"
@@ -113,11 +113,11 @@ def solve(
     >>> [solution.u.round(12).tolist() for solution in several]
     [[2.0, 0.0], [0.0, 1.0]]
     """
-    from netlist_gen.problem.inverse_problem import make_problem, with_strains
-    from verification.ideal.ideal_answer import ideal_network
-    from verification.ideal.lambda_rule import read_scene
-    from verification.reference import solve as solve_one
-    from verification.reference import solve_each
+    from taction.netlist_gen.scene.inverse_problem import make_problem, with_strains
+    from taction.verification.reference import solve as solve_one
+    from taction.verification.reference import solve_each
+    from taction.verification.reference.ideal_answer import ideal_network
+    from taction.verification.reference.lambda_rule import read_scene
 
     scene = read_scene(scene)
     problem = ideal_network(make_problem(scene), scene).problem

@@ -14,8 +14,8 @@ import pytest
 
 if TYPE_CHECKING:
     from taction.verdict import Verdict
-    from verification.studies.regression.baseline import Entry
-    from verification.studies.regression.run import SceneResult
+    from taction.verification.studies.regression.baseline import Entry
+    from taction.verification.studies.regression.run import SceneResult
 
 SUFFIX = ".scene.toml"
 TactionScene: TypeAlias = "Callable[..., Verdict]"
@@ -45,8 +45,8 @@ class SceneFile(pytest.File):
         if file is None:
             yield SceneItem.from_parent(self, name="verify", baseline={})
             return
-        from spice_models.errors import InputError
-        from verification.studies.regression.baseline import load_baseline
+        from taction.system.errors import InputError
+        from taction.verification.studies.regression.baseline import load_baseline
 
         try:
             baseline = load_baseline(self.config.invocation_params.dir / file)
@@ -64,8 +64,8 @@ class SceneItem(pytest.Item):
 
     def runtest(self) -> None:
         """Verify the scene; SceneFailed without a pass, or if the baseline differs."""
-        from verification.studies.regression.baseline import git_revision
-        from verification.studies.regression.run import Status, compare_scene
+        from taction.verification.studies.regression.baseline import git_revision
+        from taction.verification.studies.regression.run import Status, compare_scene
 
         result = compare_scene(self.path, self._entry, git_revision(self.path.parent))
         if result.fails or result.status in (Status.NO_VERDICT, Status.BAD_INPUT):
@@ -85,7 +85,7 @@ class SceneFailed(Exception):  # noqa: N818 - a failed test, not an error of tac
     """A scene that did not pass; pytest shows the text."""
 
     def __init__(self, result: SceneResult) -> None:
-        from verification.report.regression.text import change_line, remarks
+        from taction.verification.report.regression.text import change_line, remarks
 
         lines = [*remarks(result), *map(change_line, result.changes)]
         status = result.status.value if result.baseline or not result.checks else "fail"

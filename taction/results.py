@@ -10,9 +10,9 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from verification.studies.onset import onset
-from verification.studies.tolerance import yield_report
-from verification.studies.tolerance.varied_board import BoardSample
+from taction.verification.studies.onset import onset
+from taction.verification.studies.tolerance import yield_report
+from taction.verification.studies.tolerance.varied_board import BoardSample
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -41,7 +41,7 @@ class Onset(onset.Onset):
         InputError
             The picture cannot be written, or matplotlib is missing (``taction[plot]``).
         """
-        from verification.report.onset.plot import plot_onset
+        from taction.verification.report.onset.plot import plot_onset
 
         return plot_onset(self, path)
 
@@ -71,7 +71,7 @@ class YieldReport(yield_report.YieldReport):
 
     def _repr_html_(self) -> str:
         """Return the yield as a card for a notebook."""
-        from verification.report.cards import yield_card
+        from taction.verification.report.cards import yield_card
 
         return yield_card(self.name, self).html()
 
@@ -88,6 +88,6 @@ class YieldReport(yield_report.YieldReport):
         InputError
             The picture cannot be written, or matplotlib is missing (``taction[plot]``).
         """
-        from verification.report.tolerance.yield_plot import plot_yield
+        from taction.verification.report.tolerance.yield_plot import plot_yield
 
         return plot_yield(self.name, self, self.boards, path)

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from netlist_gen.overrides.axes import Over
-    from netlist_gen.overrides.fixed import Fixed
-    from netlist_gen.scene.scene import Scene
+    from taction.netlist_gen.scene.axes import Over
+    from taction.netlist_gen.scene.fixed import Fixed
+    from taction.netlist_gen.scene.scene import Scene
     from taction.results import Onset, YieldReport
-    from verification.pipeline.clock import Progress
-    from verification.report.sweep.result import SweepResult
-    from verification.studies.sweep.plan import Plan
+    from taction.verification.report.sweep.result import SweepResult
+    from taction.verification.studies.sweep.plan import Plan
+    from taction.verification.verdict.clock import Progress
 
 
 def onset(
@@ -61,9 +61,9 @@ def onset(
     stable from 9.02e-12 F
     """
     from taction.results import Onset
-    from verification.ideal.lambda_rule import read_scene
-    from verification.studies.onset.onset import onset as find_crossings
-    from verification.studies.onset.onset import parse_onset_axis
+    from taction.verification.reference.lambda_rule import read_scene
+    from taction.verification.studies.onset.onset import onset as find_crossings
+    from taction.verification.studies.onset.onset import parse_onset_axis
 
     scene = read_scene(scene)
     axis = parse_onset_axis(scene, over)
@@ -146,10 +146,10 @@ def sweep(
     >>> result.to_pandas()["stable"].tolist()
     [False, True, True, True]
     """
-    from verification.report.sweep.result import SweepResult
-    from verification.studies.running.executors import workers_at
-    from verification.studies.sweep.run import sweep as run
-    from verification.studies.sweep.store import Store
+    from taction.verification.report.sweep.result import SweepResult
+    from taction.verification.studies.running.executors import workers_at
+    from taction.verification.studies.sweep.run import sweep as run
+    from taction.verification.studies.sweep.store import Store
 
     plan = plan_sweep(scene, over, engine, fix=fix, keep_waveforms=keep_waveforms)
     store = Store(":memory:" if output is None else str(output))
@@ -174,10 +174,10 @@ def plan_sweep(
     keep_waveforms: bool,
 ) -> Plan:
     """Return the grid of a sweep; arguments and errors are those of `sweep`."""
-    from netlist_gen.overrides.axes import parse_axes, with_values
-    from netlist_gen.overrides.fixed import check_axes, fixed_values
-    from verification.ideal.lambda_rule import read_scene
-    from verification.studies.sweep.plan import Plan, engines_of
+    from taction.netlist_gen.scene.axes import parse_axes, with_values
+    from taction.netlist_gen.scene.fixed import check_axes, fixed_values
+    from taction.verification.reference.lambda_rule import read_scene
+    from taction.verification.studies.sweep.plan import Plan, engines_of
 
     scene = read_scene(scene)
     fixed = fixed_values(scene, fix)
@@ -250,12 +250,15 @@ def montecarlo(
     4
     """
     from taction.results import YieldReport
-    from verification.ideal.lambda_rule import read_scene
-    from verification.studies.running.executors import workers_at
-    from verification.studies.tolerance.drawing import draw_samples, half_width
-    from verification.studies.tolerance.remedy_search import verified_remedy
-    from verification.studies.tolerance.varied_board import prepare
-    from verification.studies.tolerance.yield_report import SampleCollection, summarise_samples
+    from taction.verification.reference.lambda_rule import read_scene
+    from taction.verification.studies.running.executors import workers_at
+    from taction.verification.studies.tolerance.drawing import draw_samples, half_width
+    from taction.verification.studies.tolerance.remedy_search import verified_remedy
+    from taction.verification.studies.tolerance.varied_board import prepare
+    from taction.verification.studies.tolerance.yield_report import (
+        SampleCollection,
+        summarise_samples,
+    )
 
     tally = SampleCollection(samples, half_width(until))
     study = prepare(read_scene(scene, engine))

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, TypeAlias, overload
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from netlist_gen.scene.scene import Scene
+    from taction.netlist_gen.scene.scene import Scene
     from taction.verdict import Verdict
-    from verification.pipeline.clock import Progress
-    from verification.pipeline.recording import Record
+    from taction.verification.verdict.clock import Progress
+    from taction.verification.verdict.recording import Record
 
 AnyScene: TypeAlias = "str | Path | Scene"
 
@@ -73,11 +73,11 @@ def simulate(
     >>> len(record.waveforms["v_4"]) == len(record.waveforms.time)
     True
     """
-    from netlist_gen.problem.inverse_problem import with_strains
-    from spice_models.errors import Complaint, InputError
-    from verification.ideal.lambda_rule import read_scene
-    from verification.pipeline.recording import record_transient
-    from verification.report.verdict.waveform_files import check_export, export
+    from taction.netlist_gen.scene.inverse_problem import with_strains
+    from taction.system.errors import Complaint, InputError
+    from taction.verification.reference.lambda_rule import read_scene
+    from taction.verification.report.verdict.waveform_files import check_export, export
+    from taction.verification.verdict.recording import record_transient
 
     scene = read_scene(scene, engine)
     if strains is not None:
@@ -145,10 +145,10 @@ def verify(
     >>> [verdict.outcome.value for verdict in verdicts]
     ['pass', 'pass']
     """
-    from netlist_gen.problem.inverse_problem import with_strains
+    from taction.netlist_gen.scene.inverse_problem import with_strains
     from taction.verdict import Verdict
-    from verification.ideal.lambda_rule import read_scene
-    from verification.verify import verify as verify_one
+    from taction.verification.reference.lambda_rule import read_scene
+    from taction.verification.verdict.verify import verify as verify_one
 
     scene = read_scene(scene, engine)
     if strains is None:

@@ -1,4 +1,4 @@
-"""`taction.Verdict`: the verdict of `verification.verify` with its table as text.
+"""`taction.Verdict`: the verdict of `taction.verification.verdict.verify` with its table as text.
 
 The table is a report, and the pipeline that makes verdicts must not import reports.
 """
@@ -9,7 +9,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from verification import verify
+from taction.verification.verdict import verify
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 class Verdict(verify.Verdict):
     """The results of `taction.verify`; ``print`` shows the table of the command.
 
-    The fields are those of `verification.verify.Verdict`; `outcome` is the overall result.
+    The fields are those of `verification.verdict.verify.Verdict`; `outcome` is the overall result.
     """
 
     __slots__ = ()
@@ -29,13 +29,13 @@ class Verdict(verify.Verdict):
         return cls(*(getattr(verdict, field.name) for field in fields(verdict)))
 
     def __str__(self) -> str:
-        from verification.report.verdict.table import verdict_text
+        from taction.verification.report.verdict.table import verdict_text
 
         return verdict_text(self)
 
     def _repr_html_(self) -> str:
         """Return the verdict as a card for a notebook."""
-        from verification.report.cards import verdict_card
+        from taction.verification.report.cards import verdict_card
 
         return verdict_card(self).html()
 
@@ -52,7 +52,7 @@ class Verdict(verify.Verdict):
         InputError
             The picture cannot be written, or matplotlib is missing (``taction[plot]``).
         """
-        from verification.report.verdict.plots import plot_verdict
+        from taction.verification.report.verdict.plots import plot_verdict
 
         return plot_verdict(self, path)
 
@@ -72,6 +72,6 @@ class Verdict(verify.Verdict):
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     verdict.report(f"{folder}/board.html")
         """
-        from verification.report.html.verdict_report import write_verdict_report
+        from taction.verification.report.html.verdict_report import write_verdict_report
 
         write_verdict_report(self, str(path))

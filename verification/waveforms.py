@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from spice_models.array_types import Floats, Indices
-from spice_models.picture import figure_file, time_unit
+from taction.system.array_types import Floats, Indices
+from taction.system.picture import figure_file, time_unit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

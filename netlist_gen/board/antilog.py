@@ -14,14 +14,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netlist_gen.board.circuit import GROUND, Capacitor, Resistor, TransistorCell, VoltageSource
-from netlist_gen.board.parts import Parts
-from netlist_gen.board.preferred_values import nearest
-from netlist_gen.board.scalings import preferred
-from netlist_gen.scene.scene import Scene
-from spice_models.errors import Complaint, InputError
-from spice_models.opamp import OpAmp
-from spice_models.transistor import Transistor, load_pairs, thermal_voltage
+from taction.netlist_gen.board.circuit import (
+    GROUND,
+    Capacitor,
+    Resistor,
+    TransistorCell,
+    VoltageSource,
+)
+from taction.netlist_gen.board.parts import Parts
+from taction.netlist_gen.board.preferred_values import nearest
+from taction.netlist_gen.board.scalings import preferred
+from taction.netlist_gen.scene.scene import Scene
+from taction.spice_models.opamp import OpAmp
+from taction.spice_models.transistor import Transistor, load_pairs, thermal_voltage
+from taction.system.errors import Complaint, InputError
 
 REFERENCE, REFERENCE_VOLTS = "reference", 5.0
 RESISTORS = ("div", "base", "ref", "em", "out")  # heads of the names of a stage's parts

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netlist_gen.board.components import CircuitData
-from netlist_gen.board.preferred_values import nearest
-from netlist_gen.scene.scene import Scene
-from spice_models.array_types import Floats
+from taction.netlist_gen.board.components import CircuitData
+from taction.netlist_gen.board.preferred_values import nearest
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.array_types import Floats
 
 SAME = 1e-9  # relative: closer values are one part
 UNITS = {"resistor": "ohm", "capacitor": "F"}

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from netlist_gen.board.preferred_values import mantissas, nearest
-from netlist_gen.scene.scene import Design
-from spice_models.array_types import Floats
+from taction.netlist_gen.board.preferred_values import mantissas, nearest
+from taction.netlist_gen.scene.scene import Design
+from taction.system.array_types import Floats
 
 DIGITS = 3  # of a value without a series
 SLACK = 1e-9  # relative: an end of an interval belongs to it

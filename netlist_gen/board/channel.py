@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from netlist_gen.board.components import (
+from taction.netlist_gen.board.components import (
     Capacitor,
     CircuitData,
     CurrentSource,

@@ -11,23 +11,23 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from netlist_gen.board.components import GROUND as GROUND
-from netlist_gen.board.components import Capacitor as Capacitor
-from netlist_gen.board.components import CircuitData
-from netlist_gen.board.components import CurrentSource as CurrentSource
-from netlist_gen.board.components import NoiseCurrent as NoiseCurrent
-from netlist_gen.board.components import Omission as Omission
-from netlist_gen.board.components import OpAmpCell as OpAmpCell
-from netlist_gen.board.components import Output as Output
-from netlist_gen.board.components import Resistor as Resistor
-from netlist_gen.board.components import ResistorMatrix as ResistorMatrix
-from netlist_gen.board.components import Scalings as Scalings
-from netlist_gen.board.components import SignalAmplifier as SignalAmplifier
-from netlist_gen.board.components import TransistorCell as TransistorCell
-from netlist_gen.board.components import VoltageSource as VoltageSource
-from netlist_gen.card import Card
-from netlist_gen.quantities import quantity
-from netlist_gen.scene.summary import counted, sizes
+from taction.netlist_gen.board.components import GROUND as GROUND
+from taction.netlist_gen.board.components import Capacitor as Capacitor
+from taction.netlist_gen.board.components import CircuitData
+from taction.netlist_gen.board.components import CurrentSource as CurrentSource
+from taction.netlist_gen.board.components import NoiseCurrent as NoiseCurrent
+from taction.netlist_gen.board.components import Omission as Omission
+from taction.netlist_gen.board.components import OpAmpCell as OpAmpCell
+from taction.netlist_gen.board.components import Output as Output
+from taction.netlist_gen.board.components import Resistor as Resistor
+from taction.netlist_gen.board.components import ResistorMatrix as ResistorMatrix
+from taction.netlist_gen.board.components import Scalings as Scalings
+from taction.netlist_gen.board.components import SignalAmplifier as SignalAmplifier
+from taction.netlist_gen.board.components import TransistorCell as TransistorCell
+from taction.netlist_gen.board.components import VoltageSource as VoltageSource
+from taction.netlist_gen.card import Card
+from taction.netlist_gen.scene.summary import counted, sizes
+from taction.system.quantities import quantity
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -83,6 +83,6 @@ class Circuit(CircuitData):
             The file does not end in ``.png``, ``.svg`` or ``.pdf`` or cannot be written, or
             matplotlib or schemdraw is missing (``taction[plot,report]``).
         """
-        from netlist_gen.board.schematic import plot_schematic
+        from taction.netlist_gen.board.schematic import plot_schematic
 
         return plot_schematic(self, path)

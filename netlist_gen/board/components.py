@@ -10,10 +10,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from spice_models.array_types import Bools, Floats
-from spice_models.imported import LinearModel
-from spice_models.opamp import OpAmp
-from spice_models.transistor import NOMINAL, Transistor
+from taction.spice_models.imported import LinearModel
+from taction.spice_models.opamp import OpAmp
+from taction.spice_models.transistor import NOMINAL, Transistor
+from taction.system.array_types import Bools, Floats
 
 GROUND = "0"
 
@@ -163,7 +163,7 @@ class Scalings:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class CircuitData:
-    """All components of a board; `netlist_gen.board.circuit.Circuit` also shows itself."""
+    """All components of a board; `taction.netlist_gen.board.circuit.Circuit` also shows itself."""
 
     name: str
     amplifier: str

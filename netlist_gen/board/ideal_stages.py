@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from netlist_gen.board.antilog import CAPACITORS, REFERENCE, RESISTORS, SUMMING_NODES
-from netlist_gen.board.circuit import Circuit, Output, SignalAmplifier
+from taction.netlist_gen.board.antilog import CAPACITORS, REFERENCE, RESISTORS, SUMMING_NODES
+from taction.netlist_gen.board.circuit import Circuit, Output, SignalAmplifier
 
 
 def with_ideal_stages(circuit: Circuit) -> Circuit:

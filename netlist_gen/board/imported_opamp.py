@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 
-from netlist_gen.scene.scene import Scene
-from spice_models.errors import Complaint, InputError
-from spice_models.foreign_files import MEGABYTE, UnusableFileError, read_bounded
-from spice_models.imported import ImportedOpAmp, from_document
-from spice_models.opamp import OpAmp, poles_from_phase_margin
+from taction.netlist_gen.scene.scene import Scene
+from taction.spice_models.imported import ImportedOpAmp, from_document
+from taction.spice_models.opamp import OpAmp, poles_from_phase_margin
+from taction.system.errors import Complaint, InputError
+from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_bounded
 
 ACCEPTED = "a file that `taction models import` writes"
 

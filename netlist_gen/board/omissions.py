@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 
-from netlist_gen.board.circuit import Omission
-from netlist_gen.board.pruning import pruning_omission
-from netlist_gen.problem.inverse_problem import InverseProblem
-from netlist_gen.scene.scene import Scene
-from spice_models.array_types import Floats
-from spice_models.opamp import OpAmp
+from taction.netlist_gen.board.circuit import Omission
+from taction.netlist_gen.board.pruning import pruning_omission
+from taction.netlist_gen.scene.inverse_problem import InverseProblem
+from taction.netlist_gen.scene.scene import Scene
+from taction.spice_models.opamp import OpAmp
+from taction.system.array_types import Floats
 
 
 def list_omissions(

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netlist_gen.board.circuit import Circuit, Resistor
-from netlist_gen.quantities import show
-from spice_models.array_types import Floats
+from taction.netlist_gen.board.circuit import Circuit, Resistor
+from taction.system.array_types import Floats
+from taction.system.quantities import show
 
 # An op-amp that drives 2.5 V into less must deliver more than 25 mA, the short-circuit current of
 # the common types, and its output resistance (20 to 125 ohm) is no longer small beside the load.

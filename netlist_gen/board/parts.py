@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from netlist_gen.board.circuit import (
+from taction.netlist_gen.board.circuit import (
     GROUND,
     Capacitor,
     CurrentSource,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from spice_models.array_types import Floats
+from taction.system.array_types import Floats
 
 _E24 = (
     *(1.0, 1.1, 1.2, 1.3, 1.5, 1.6, 1.8, 2.0, 2.2, 2.4, 2.7, 3.0),

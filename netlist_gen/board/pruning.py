@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from netlist_gen.board.circuit import Omission
-from spice_models.array_types import Floats
+from taction.netlist_gen.board.circuit import Omission
+from taction.system.array_types import Floats
 
 
 def pruned(matrix: Floats, fraction: float) -> Floats:

@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from netlist_gen.board.circuit import Scalings
-from netlist_gen.board.imported_opamp import imported_opamp
-from netlist_gen.board.preferred_values import nearest
-from netlist_gen.scene.fields import LARGE, LEAST, MOST, SMALL
-from netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene
-from spice_models.errors import Complaint, InputError
-from spice_models.opamp import OpAmp
-from spice_models.presets import FIGURES, INPUT_ERRORS, derive, load_presets
+from taction.netlist_gen.board.circuit import Scalings
+from taction.netlist_gen.board.imported_opamp import imported_opamp
+from taction.netlist_gen.board.preferred_values import nearest
+from taction.netlist_gen.scene.fields import LARGE, LEAST, MOST, SMALL
+from taction.netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene
+from taction.spice_models.opamp import OpAmp
+from taction.spice_models.presets import FIGURES, INPUT_ERRORS, derive, load_presets
+from taction.system.errors import Complaint, InputError
 
 
 def make_scalings(scene: Scene) -> Scalings:
@@ -36,7 +36,7 @@ def make_scalings(scene: Scene) -> Scalings:
     if design.amplifier != "linear":
         product *= 2.0 * slope / design.unit_voltage
     if isinstance(design.lam, str):
-        text = "expected a number; verification.ideal.lambda_rule finds it by a rule"
+        text = "expected a number; taction.verification.reference.lambda_rule finds it by a rule"
         raise InputError(scene.file, Complaint("design.lambda", repr(design.lam), text))
     given = design.lam or design.resistance or DEFAULT_RESISTANCE
     other = product / given

@@ -6,12 +6,12 @@ import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from netlist_gen.board.channel import Channel
-from netlist_gen.board.components import CircuitData
-from netlist_gen.quantities import quantity
-from netlist_gen.scene.summary import opamp_name
-from spice_models.output_files import check_package
-from spice_models.picture import figure_file
+from taction.netlist_gen.board.channel import Channel
+from taction.netlist_gen.board.components import CircuitData
+from taction.netlist_gen.scene.summary import opamp_name
+from taction.system.output_files import check_package
+from taction.system.picture import figure_file
+from taction.system.quantities import quantity
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -45,7 +45,7 @@ def plot_schematic(circuit: CircuitData, path: str | Path | None = None) -> Figu
     Raises
     ------
     InputError
-        See `spice_models.picture.figure_file`; or schemdraw is not installed.
+        See `taction.system.picture.figure_file`; or schemdraw is not installed.
     """
     check_package(*SCHEMDRAW, "plot")
     title = f"{circuit.name}: one of {len(circuit.outputs)} channels"

@@ -18,8 +18,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from netlist_gen.board.antilog import AntilogStage
-from netlist_gen.board.circuit import (
+from taction.netlist_gen.board.antilog import AntilogStage
+from taction.netlist_gen.board.circuit import (
     GROUND,
     Capacitor,
     Circuit,
@@ -32,15 +32,15 @@ from netlist_gen.board.circuit import (
     SignalAmplifier,
     VoltageSource,
 )
-from netlist_gen.board.omissions import list_omissions
-from netlist_gen.board.parts import Parts
-from netlist_gen.board.preferred_values import nearest
-from netlist_gen.board.pruning import pruned
-from netlist_gen.board.scalings import choose_opamp, make_scalings, preferred
-from netlist_gen.problem.inverse_problem import InverseProblem, make_problem
-from netlist_gen.scene.scene import Scene
-from spice_models.array_types import Bools, Floats
-from spice_models.errors import Complaint, InputError
+from taction.netlist_gen.board.omissions import list_omissions
+from taction.netlist_gen.board.parts import Parts
+from taction.netlist_gen.board.preferred_values import nearest
+from taction.netlist_gen.board.pruning import pruned
+from taction.netlist_gen.board.scalings import choose_opamp, make_scalings, preferred
+from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.array_types import Bools, Floats
+from taction.system.errors import Complaint, InputError
 
 BIAS = "bias"
 

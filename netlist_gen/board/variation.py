@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from netlist_gen.board.circuit import Circuit, ResistorMatrix
-from netlist_gen.scene.tolerances import Tolerances
-from spice_models.array_types import Floats
-from spice_models.errors import Complaint, InputError
-from spice_models.opamp import OpAmp
+from taction.netlist_gen.board.circuit import Circuit, ResistorMatrix
+from taction.netlist_gen.scene.tolerances import Tolerances
+from taction.spice_models.opamp import OpAmp
+from taction.system.array_types import Floats
+from taction.system.errors import Complaint, InputError
 
 TEMPERATURE = "temperature"  # name and kind
 

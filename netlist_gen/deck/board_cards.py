@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
 
-from netlist_gen.board.circuit import GROUND, Circuit
-from netlist_gen.deck.header import header_lines
-from netlist_gen.deck.matrix_cards import matrix_lines
-from netlist_gen.deck.parameters import NO_PARAMETERS, Parameters
-from spice_models.opamp import OpAmp
-from spice_models.subcircuits import amplifier_lines, opamp_subcircuit
-from spice_models.transistor import model_card
+from taction.netlist_gen.board.circuit import GROUND, Circuit
+from taction.netlist_gen.deck.header import header_lines
+from taction.netlist_gen.deck.matrix_cards import matrix_lines
+from taction.netlist_gen.deck.parameters import NO_PARAMETERS, Parameters
+from taction.spice_models.opamp import OpAmp
+from taction.spice_models.subcircuits import amplifier_lines, opamp_subcircuit
+from taction.spice_models.transistor import model_card
 
 
 def board_text(

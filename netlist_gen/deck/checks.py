@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from netlist_gen.analysis import Analysis, Noise, Tolerances, Transient
-from netlist_gen.board.circuit import GROUND, Circuit
-from spice_models.transistor import ZERO_CELSIUS
+from taction.netlist_gen.analysis import Analysis, Noise, Tolerances, Transient
+from taction.netlist_gen.board.circuit import GROUND, Circuit
+from taction.spice_models.transistor import ZERO_CELSIUS
 
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 SCENE_NAME = re.compile(r"[A-Za-z0-9_.-]*")

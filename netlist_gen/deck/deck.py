@@ -11,18 +11,18 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from netlist_gen.analysis import Analysis, Noise, Transient
-from netlist_gen.board.circuit import GROUND, Circuit
-from netlist_gen.deck.board_cards import board_text
-from netlist_gen.deck.checks import check_circuit, check_request, tolerances
-from netlist_gen.deck.dialects.dialect import NATIVE, Dialect, Request, starts_from_rest
-from netlist_gen.deck.dialects.table import DIALECTS
-from netlist_gen.deck.parameters import NO_PARAMETERS, Parameters
+from taction.netlist_gen.analysis import Analysis, Noise, Transient
+from taction.netlist_gen.board.circuit import GROUND, Circuit
+from taction.netlist_gen.deck.board_cards import board_text
+from taction.netlist_gen.deck.checks import check_circuit, check_request, tolerances
+from taction.netlist_gen.deck.dialects.dialect import NATIVE, Dialect, Request, starts_from_rest
+from taction.netlist_gen.deck.dialects.table import DIALECTS
+from taction.netlist_gen.deck.parameters import NO_PARAMETERS, Parameters
 
 if TYPE_CHECKING:
     from PySpice.Spice.Netlist import Circuit as PySpiceCircuit
 
-    from netlist_gen.deck.measures import Measures
+    from taction.netlist_gen.deck.measures import Measures
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +56,7 @@ class Deck:
         """
         if self.dialect != NATIVE:
             raise ValueError(f"dialect {self.dialect!r} has no PySpice circuit; expected {NATIVE}")
-        from netlist_gen.deck.pyspice_circuit import pyspice_circuit
+        from taction.netlist_gen.deck.pyspice_circuit import pyspice_circuit
 
         return pyspice_circuit(self.text, self.files)
 
@@ -142,7 +142,7 @@ def _measures(circuit: Circuit, analysis: Analysis, measures: Measures | None) -
         return []
     if not isinstance(analysis, Transient):
         raise ValueError("measures need a transient")
-    from netlist_gen.deck.measures import measure_lines
+    from taction.netlist_gen.deck.measures import measure_lines
 
     return measure_lines(circuit, measures, analysis.stop)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.circuit import Circuit
 
 
 def header_lines(circuit: Circuit) -> list[str]:

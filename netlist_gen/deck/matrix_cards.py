@@ -7,8 +7,8 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from netlist_gen.board.circuit import ResistorMatrix
-from spice_models.array_types import Floats
+from taction.netlist_gen.board.circuit import ResistorMatrix
+from taction.system.array_types import Floats
 
 
 def matrix_lines(matrices: Iterable[ResistorMatrix]) -> list[str]:

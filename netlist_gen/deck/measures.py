@@ -1,6 +1,6 @@
 """Rise time, settling time and overshoot as ``.meas`` cards of a deck.
 
-The definitions are those of `verification.measures.measure`; the distance of each channel from its
+The definitions are those of `verification.readings.measure`; the distance of each channel from its
 target, and the largest of them, are nodes of their own, so that one crossing, the last one, is the
 settling time. A simulator interpolates its points by straight lines.
 """
@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from netlist_gen.board.circuit import Circuit
-from spice_models.definitions import RISE_LEVELS, SMALL_STEP
+from taction.netlist_gen.board.circuit import Circuit
+from taction.system.reading_definitions import RISE_LEVELS, SMALL_STEP
 
 END = 0.9  # of the record: from there on a channel that has settled is inside the band
 NOT_SETTLED = 1e99  # s: the settling time of a record that ends outside the band

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from netlist_gen.analysis import Noise
-from netlist_gen.board.circuit import NoiseCurrent
-from spice_models.thermal_noise import THERMAL
+from taction.netlist_gen.analysis import Noise
+from taction.netlist_gen.board.circuit import NoiseCurrent
+from taction.spice_models.thermal_noise import THERMAL
 
 SOURCE = "Vnoise noise_in 0 0.0 ac 1.0"
 """The input that ngspice asks for. It is connected to nothing: input-referred noise is not used."""
@@ -21,7 +21,7 @@ def noise_cards(analysis: Noise, node: str, sensors: Iterable[NoiseCurrent] = ()
 
     Examples
     --------
-    >>> from netlist_gen.analysis import Band
+    >>> from taction.netlist_gen.analysis import Band
     >>> noise_cards(Noise((Band(1.0, 20, 20),)), "v_1")[2]
     '.noise v(v_1) Vnoise dec 20 1.0 10.0'
     """

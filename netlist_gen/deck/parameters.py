@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.circuit import Circuit
 
 ROUNDING = 1e-12  # relative: above it a value of the board is not what its expression gives
 

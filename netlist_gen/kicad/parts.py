@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property
 
-from netlist_gen.board.bill_of_materials import packages, tolerance_of
-from netlist_gen.board.components import (
+from taction.netlist_gen.board.bill_of_materials import packages, tolerance_of
+from taction.netlist_gen.board.components import (
     Capacitor,
     CircuitData,
     CurrentSource,
@@ -17,8 +17,8 @@ from netlist_gen.board.components import (
     SignalAmplifier,
     VoltageSource,
 )
-from netlist_gen.kicad.sheet import Part
-from netlist_gen.kicad.symbols import (
+from taction.netlist_gen.kicad.sheet import Part
+from taction.netlist_gen.kicad.symbols import (
     CAPACITOR,
     CURRENT,
     FLAG,
@@ -32,9 +32,9 @@ from netlist_gen.kicad.symbols import (
     rail,
     transistor_pair,
 )
-from netlist_gen.quantities import show
-from netlist_gen.scene.scene import Scene
-from spice_models.presets import load_presets
+from taction.netlist_gen.scene.scene import Scene
+from taction.spice_models.presets import load_presets
+from taction.system.quantities import show
 
 INNER = re.compile(r"(_\d+)(_[a-z]+)$")
 ODD = re.compile(r"[^A-Za-z0-9_.+-]")  # not in the name of a symbol

@@ -8,15 +8,15 @@ import json
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from netlist_gen.board.bill_of_materials import packages
-from netlist_gen.board.channel import Channel
-from netlist_gen.board.circuit import Circuit
-from netlist_gen.kicad.parts import Catalogue, value_text
-from netlist_gen.kicad.schematic import channel_sheet
-from netlist_gen.kicad.sheet import Part, library
-from netlist_gen.kicad.symbols import LIBRARY
-from netlist_gen.scene.scene import Scene
-from spice_models.errors import Complaint, InputError
+from taction.netlist_gen.board.bill_of_materials import packages
+from taction.netlist_gen.board.channel import Channel
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.kicad.parts import Catalogue, value_text
+from taction.netlist_gen.kicad.schematic import channel_sheet
+from taction.netlist_gen.kicad.sheet import Part, library
+from taction.netlist_gen.kicad.symbols import LIBRARY
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.errors import Complaint, InputError
 
 # The columns of KiCad's own lists, then ours; parts that agree in GROUPED share a row.
 COLUMNS = ("Reference", "Value", "Datasheet", "Footprint", "Qty", "DNP")

@@ -8,14 +8,14 @@ board have global labels.
 
 from __future__ import annotations
 
-from netlist_gen.board.channel import Channel
-from netlist_gen.board.circuit import GROUND as GROUND_NODE
-from netlist_gen.board.circuit import Resistor
-from netlist_gen.kicad.parts import Catalogue
-from netlist_gen.kicad.sheet import Part, Sheet
-from netlist_gen.kicad.stages import LEVEL, LONGEST, RUNG, Stages
-from netlist_gen.kicad.symbols import GROUND, Point
-from netlist_gen.scene.scene import Scene
+from taction.netlist_gen.board.channel import Channel
+from taction.netlist_gen.board.circuit import GROUND as GROUND_NODE
+from taction.netlist_gen.board.circuit import Resistor
+from taction.netlist_gen.kicad.parts import Catalogue
+from taction.netlist_gen.kicad.sheet import Part, Sheet
+from taction.netlist_gen.kicad.stages import LEVEL, LONGEST, RUNG, Stages
+from taction.netlist_gen.kicad.symbols import GROUND, Point
+from taction.netlist_gen.scene.scene import Scene
 
 LEFT, TOP = 12, 14  # of the drawing, in steps of the grid
 TITLE = 2.0  # height of a title, mm

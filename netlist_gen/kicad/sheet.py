@@ -11,8 +11,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 
-from netlist_gen.kicad.sexpression import Expression, Quoted, written
-from netlist_gen.kicad.symbols import LIBRARY, Point, Symbol
+from taction.netlist_gen.kicad.sexpression import Expression, Quoted, written
+from taction.netlist_gen.kicad.symbols import LIBRARY, Point, Symbol
 
 VERSION = 20231120  # of the format: KiCad 8 and newer
 NAMES = uuid.UUID("6ba7b812-9dad-11d1-80b4-00c04fd430c8")  # the namespace of OIDs

@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import pairwise
 
-from netlist_gen.board.components import Capacitor, CircuitData, OpAmpCell, Resistor
-from netlist_gen.kicad.parts import Catalogue
-from netlist_gen.kicad.sheet import Part, Placed, Sheet
-from netlist_gen.kicad.symbols import CAPACITOR, FLAG, GROUND, Point, Symbol
+from taction.netlist_gen.board.components import Capacitor, CircuitData, OpAmpCell, Resistor
+from taction.netlist_gen.kicad.parts import Catalogue
+from taction.netlist_gen.kicad.sheet import Part, Placed, Sheet
+from taction.netlist_gen.kicad.symbols import CAPACITOR, FLAG, GROUND, Point, Symbol
 
 RUNG, LONGEST = 4, 32  # distance of the rungs of a ladder, and the most of them in one column
 COLUMN = 44  # width of a column

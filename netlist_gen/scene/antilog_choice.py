@@ -7,8 +7,8 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, GetJsonSchemaHandler, model_validator
 from pydantic_core import CoreSchema
 
-from netlist_gen.scene.fields import Amps, Model, Ohms, Real
-from spice_models.transistor import NOMINAL, pair_names
+from taction.netlist_gen.scene.fields import Amps, Model, Ohms, Real
+from taction.spice_models.transistor import NOMINAL, pair_names
 
 STAGES = ("ideal", "device")
 Celsius = Annotated[Real, Field(ge=-55, le=125)]

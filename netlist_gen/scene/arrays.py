@@ -10,7 +10,7 @@ from pydantic_core import CoreSchema, core_schema
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from spice_models.array_types import Floats
+    from taction.system.array_types import Floats
 
 EXPECTED = "expected the name of a file, or an array of real numbers: rows of one length"
 

@@ -8,8 +8,16 @@ from typing import Annotated, Any
 from pydantic import Field, GetJsonSchemaHandler, model_validator
 from pydantic_core import CoreSchema
 
-from netlist_gen.scene.fields import Count, Model, NonNegative, Positive, Real, Seconds, Volts
-from spice_models.definitions import SETTLING_BAND
+from taction.netlist_gen.scene.fields import (
+    Count,
+    Model,
+    NonNegative,
+    Positive,
+    Real,
+    Seconds,
+    Volts,
+)
+from taction.system.reading_definitions import SETTLING_BAND
 
 AGREE = 1e-3  # of the step amplitude: how far the engines may differ where a scene says nothing
 TIMES = ("settling_time", "rise_time")

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from pydantic_core import CoreSchema, core_schema
 
-from netlist_gen.quantities import EXAMPLES, parse
+from taction.system.quantities import EXAMPLES, parse
 
 LEAST, MOST = 1e-30, 1e30  # of a quantity in base units: no product of a few leaves the floats
 BOTH_SIGNS = re.compile(r"^\s*(±|\+/?-)")

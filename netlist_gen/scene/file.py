@@ -7,9 +7,9 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from netlist_gen.scene.scene import Scene, parse_scene
-from spice_models.errors import Complaint, InputError
-from spice_models.foreign_files import MEGABYTE, UnusableFileError, read_text
+from taction.netlist_gen.scene.scene import Scene, parse_scene
+from taction.system.errors import Complaint, InputError
+from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_text
 
 MAX_BYTES = MEGABYTE
 DEEPEST = 50  # parts of a dotted key

@@ -14,8 +14,8 @@ from typing import Any, TypeVar, get_args
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
-from spice_models.errors import Complaint, InputError
-from spice_models.presets import preset_names
+from taction.spice_models.presets import preset_names
+from taction.system.errors import Complaint, InputError
 
 TEXTS = {  # in the place of pydantic's texts, which name types of Python
     "model_type": "expected a table",

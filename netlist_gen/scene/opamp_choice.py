@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, GetJsonSchemaHandler, StrictBool, model_validator
 from pydantic_core import CoreSchema
 
-from netlist_gen.scene.fields import (
+from taction.netlist_gen.scene.fields import (
     Amps,
     AmpsOrZero,
     Count,
@@ -27,7 +27,7 @@ from netlist_gen.scene.fields import (
     VoltsOrZero,
     VoltsPerSecond,
 )
-from spice_models.presets import preset_names
+from taction.spice_models.presets import preset_names
 
 
 class OpAmpChoice(Model):

@@ -14,8 +14,8 @@ from pydantic import (
     field_validator,
 )
 
-from netlist_gen.scene.arrays import ArrayOrFile, fitted
-from netlist_gen.scene.fields import (
+from taction.netlist_gen.scene.arrays import ArrayOrFile, fitted
+from taction.netlist_gen.scene.fields import (
     Count,
     FileName,
     Model,

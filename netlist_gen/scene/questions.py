@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from netlist_gen.quantities import show
-from netlist_gen.scene.checks import TIMES
-from netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.checks import TIMES
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.quantities import show
 
 USUAL = (1e-14, 1e-4)  # F: from a fraction of a stray capacitance to the largest film capacitors
 
@@ -16,7 +16,7 @@ def questions(scene: Scene) -> tuple[str, ...]:
 
     Examples
     --------
-    >>> from netlist_gen.scene.scene import parse_scene
+    >>> from taction.netlist_gen.scene.scene import parse_scene
     >>> scene = parse_scene({"problem": {"kind": "tactile"}, "design": {"capacitance": 1}}, "a")
     >>> print(questions(scene)[0][:72])
     design.capacitance = 1 F is not between 10 fF and 100 uF; is the prefix

@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from netlist_gen.scene.fields import Model, NonNegative, Unit
+from taction.netlist_gen.scene.fields import Model, NonNegative, Unit
 
 SecondsOrZero = Annotated[float, Unit("s", zero=True)]
 

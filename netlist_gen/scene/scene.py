@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, get_args
 
 from pydantic import Field, PrivateAttr, StrictBool, model_validator
 
-from netlist_gen.card import Card
-from netlist_gen.quantities import quantity
-from netlist_gen.scene.antilog_choice import AntilogChoice
-from netlist_gen.scene.arrays import in_memory
-from netlist_gen.scene.checks import Checks, unitless_times
-from netlist_gen.scene.fields import (
+from taction.netlist_gen.card import Card
+from taction.netlist_gen.scene.antilog_choice import AntilogChoice
+from taction.netlist_gen.scene.arrays import in_memory
+from taction.netlist_gen.scene.checks import Checks, unitless_times
+from taction.netlist_gen.scene.fields import (
     CurrentDensityOrZero,
     Farads,
     FaradsOrZero,
@@ -28,14 +27,15 @@ from netlist_gen.scene.fields import (
     SupplyVolts,
     Volts,
 )
-from netlist_gen.scene.mistakes import contradictions, placed, validated
-from netlist_gen.scene.opamp_choice import OpAmpChoice
-from netlist_gen.scene.problem import StatedProblem
-from netlist_gen.scene.regression import Regression
-from netlist_gen.scene.summary import check_words, opamp_words, size_words
-from netlist_gen.scene.tolerances import Tolerances
-from spice_models.amplifier import AMPLIFIERS
-from spice_models.errors import Complaint, InputError
+from taction.netlist_gen.scene.mistakes import contradictions, placed, validated
+from taction.netlist_gen.scene.opamp_choice import OpAmpChoice
+from taction.netlist_gen.scene.problem import StatedProblem
+from taction.netlist_gen.scene.regression import Regression
+from taction.netlist_gen.scene.summary import check_words, opamp_words, size_words
+from taction.netlist_gen.scene.tolerances import Tolerances
+from taction.spice_models.amplifier import AMPLIFIERS
+from taction.system.errors import Complaint, InputError
+from taction.system.quantities import quantity
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -178,7 +178,7 @@ class Scene(StatedProblem):
             The scene's files cannot be used, the picture cannot be written, or matplotlib is
             missing (``taction[plot]``).
         """
-        from netlist_gen.problem.picture import plot_problem
+        from taction.netlist_gen.scene.problem_picture import plot_problem
 
         return plot_problem(self, path)
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from netlist_gen.quantities import quantity
-from netlist_gen.scene.checks import Checks
-from netlist_gen.scene.opamp_choice import OpAmpChoice
-from netlist_gen.scene.problem import MatrixProblem, TactileProblem
+from taction.netlist_gen.scene.checks import Checks
+from taction.netlist_gen.scene.opamp_choice import OpAmpChoice
+from taction.netlist_gen.scene.problem import MatrixProblem, TactileProblem
+from taction.system.quantities import quantity
 
 
 def size_words(problem: TactileProblem | MatrixProblem) -> str:

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from netlist_gen.scene.fields import Model, NonNegative, Real
+from taction.netlist_gen.scene.fields import Model, NonNegative, Real
 
 
 class Tolerances(Model):

@@ -9,9 +9,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from netlist_gen.overrides.keys import all_keys
-from netlist_gen.quantities import written
-from netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.keys import all_keys
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.quantities import written
 
 FILES = ("matrix", "strain", "stress", "file")  # keys of `problem` and of its load that are files
 
@@ -27,7 +27,7 @@ def scene_text(scene: Scene, folder: str | Path | None = None) -> str:
 
     Examples
     --------
-    >>> from netlist_gen.scene.scene import parse_scene
+    >>> from taction.netlist_gen.scene.scene import parse_scene
     >>> data = {"problem": {"kind": "tactile"}, "design": {"opamp": {"base": "tl084"}}}
     >>> print(scene_text(parse_scene(data, "scene.toml")))
     [problem]

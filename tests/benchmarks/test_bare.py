@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from benchmarks import bare
-from netlist_gen.analysis import Transient
-from netlist_gen.board.synthesis import synthesise
-from spice_models.array_types import Floats
+from taction.netlist_gen.analysis import Transient
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.system.array_types import Floats
+from taction.verification.engines.statespace.linearised.board import LinearBoard
 from tests.support.making import make_scene
-from verification.engines.statespace.linearised.board import LinearBoard
 
 BOARD = LinearBoard(synthesise(make_scene({"channels": 3}, design={"gain": 1e6})))
 TRANSIENT = Transient(stop=2e-5, max_step=1e-7, truncation=1e-6)

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from taction.verification.report.html.blocks import Report
+from taction.verification.report.html.file import report_html
 from tests.support.report_pages import STUDIES, VERDICTS, hostile, page
-from verification.report.html.blocks import Report
-from verification.report.html.file import report_html
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page

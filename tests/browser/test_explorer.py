@@ -20,13 +20,13 @@ import numpy as np
 import pytest
 
 import taction
-from netlist_gen.overrides.settings import with_settings
+from taction.netlist_gen.scene.settings import with_settings
+from taction.verification.report.html.texts import figure, quantity
 from tests.browser.conftest import DESK, PHONE, Opened
 from tests.browser.test_reports import violations
 from tests.support.paths import ROOT, SCENES
-from verification.report.html.texts import figure, quantity
 
-CODE = "from cli.main import main; main()"
+CODE = "from taction.cli.main import main; main()"
 LONG = 60_000  # ms
 VERDICT = "!document.getElementById('readings').classList.contains('old')"
 SERIES = """async () => {

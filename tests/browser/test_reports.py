@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
+from taction.verification.report.html.blocks import Code
 from tests.browser.conftest import DESK, NAMES, PHONE, Open
 from tests.support.report_pages import page as report_of
-from verification.report.html.blocks import Code
 
 AXE = "axe.run({resultTypes: ['violations']})"
 RANGE = "canvas => canvas._fullLayout.xaxis.range.map(Number)"

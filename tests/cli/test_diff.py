@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
+from taction.verification.report.difference.compare import compare_verdicts
 from tests.support.entries import write_fast
 from tests.support.running import document, taction
-from verification.report.difference.compare import compare_verdicts
 
 
 def readings(found: Any) -> dict[tuple[str, int | None], Any]:

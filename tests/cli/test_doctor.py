@@ -23,7 +23,13 @@ def test_doctor_names_python_and_ngspice() -> None:
 def test_doctor_names_the_kernels_of_each_blas(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("OPENBLAS_CORETYPE", "Prescott")  # every x86-64 processor executes them
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")
-    command = [sys.executable, "-c", "from cli.main import main; main()", "doctor", "--json"]
+    command = [
+        sys.executable,
+        "-c",
+        "from taction.cli.main import main; main()",
+        "doctor",
+        "--json",
+    ]
     run = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
     findings = json.loads(run.stdout)["findings"]
     blas = {f["what"]: f["found"] for f in findings if f["what"].startswith("BLAS")}

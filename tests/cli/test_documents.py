@@ -10,14 +10,14 @@ from typing import Any
 import jsonschema
 import pytest
 
-from cli.main import COMMANDS
+from taction.cli.main import COMMANDS
+from taction.verification.evidence.paper import reproduce
+from taction.verification.report.schemas.catalogue import MODELS, schema, schemas
+from taction.verification.report.schemas.head import schema_name
+from taction.verification.report.schemas.units import UNIT_OF, units_in
 from tests.support.entries import write_fast
 from tests.support.paths import ROOT
 from tests.support.running import document, taction
-from verification.report.schemas.catalogue import MODELS, schema, schemas
-from verification.report.schemas.head import schema_name
-from verification.report.schemas.units import UNIT_OF, units_in
-from verification.studies.paper import reproduce
 
 FOLDER = ROOT / "docs" / "schemas"
 VENDOR = ROOT / "tests" / "data" / "fet100.cir"

@@ -16,7 +16,7 @@ from tests.support.paths import SCENES
 from tests.support.processes import is_running, process_id
 
 TUNED = str(SCENES / "tuned-breadboard.toml")
-CODE = "from cli.main import main; main()"
+CODE = "from taction.cli.main import main; main()"
 VERIFY = ("verify", TUNED, "--engine", "statespace")
 FULL = Path("/dev/full")  # of Linux
 
@@ -132,7 +132,7 @@ def test_a_signal_ends_the_simulator(name: str, tmp_path: Path) -> None:
 
 SWALLOWED = """
 import os, signal, sys, time, weakref
-from cli.ending import run_command
+from taction.cli.ending import run_command
 
 class Thing:
     pass
@@ -147,7 +147,7 @@ sys.exit(run_command(function, as_json=False))
 """
 WRAPPED = """
 import os, signal, sys
-from cli.ending import run_command
+from taction.cli.ending import run_command
 
 def function():
     try:
@@ -159,7 +159,7 @@ sys.exit(run_command(function, as_json=False))
 """
 EXECUTED = """
 import os, signal, sys
-from cli.ending import run_command
+from taction.cli.ending import run_command
 sys.exit(run_command(lambda: exec("os.kill(os.getpid(), signal.SIGINT)"), as_json=False))
 """
 
@@ -184,7 +184,7 @@ def test_no_signal_is_lost_on_its_way(code: str, number: int) -> None:
 def test_the_second_signal_does_not_stop_the_clean_up() -> None:
     code = """
 import os, signal, sys, time
-from cli.ending import run_command
+from taction.cli.ending import run_command
 
 def function():
     try:

@@ -11,11 +11,11 @@ import jsonschema
 import pytest
 
 import taction
+from taction.verification.report.explorer import server
+from taction.verification.report.schemas.catalogue import schema
 from tests.support.entries import write_fast
 from tests.support.running import document
 from tests.support.running import taction as run
-from verification.report.explorer import server
-from verification.report.schemas.catalogue import schema
 
 SET = ("--set", "C=20pF", "--set", "design.gain=2Mohm")
 

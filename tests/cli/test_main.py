@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cli import common
-from cli.main import COMMANDS
+from taction.cli import common
+from taction.cli.main import COMMANDS
 from tests.support.making import write_matrix_scene
 from tests.support.paths import SCENES
 from tests.support.running import document, taction
@@ -80,7 +80,7 @@ def test_a_failed_check_ends_with_1(tmp_path: Path) -> None:
 def test_an_untrusted_reference_ends_with_3(monkeypatch: pytest.MonkeyPatch) -> None:
     from dataclasses import replace
 
-    from verification import verify as module
+    from taction.verification.verdict import verify as module
 
     original = module.ideal_answer
     monkeypatch.setattr(
@@ -123,12 +123,12 @@ def test_a_bug_is_not_taken_for_a_failed_check(monkeypatch: pytest.MonkeyPatch) 
     def greedy(*args: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr("verification.ideal.lambda_rule.load_scene", broken)
+    monkeypatch.setattr("taction.verification.reference.lambda_rule.load_scene", broken)
     result = taction("verify", TUNED)
     assert result.exit_code == 3
     assert "boom" in result.stderr
     assert "this is a bug" in result.stderr
-    monkeypatch.setattr("verification.ideal.lambda_rule.load_scene", greedy)
+    monkeypatch.setattr("taction.verification.reference.lambda_rule.load_scene", greedy)
     result = taction("verify", TUNED, "--json")
     assert result.exit_code == 3
     assert "out of memory" in document(result)["error"]["message"]
@@ -247,7 +247,7 @@ def test_an_unknown_command_names_the_nearest() -> None:
 
 def test_help_loads_no_numpy() -> None:
     code = (
-        "import sys; from cli.main import main\n"
+        "import sys; from taction.cli.main import main\n"
         "try: main(['--help'])\n"
         "except SystemExit: pass\n"
         "heavy = {'numpy', 'scipy', 'pydantic', 'PySpice', 'rich', 'matplotlib'}\n"
@@ -260,7 +260,7 @@ def test_help_loads_no_numpy() -> None:
 
 def test_as_a_process(tmp_path: Path) -> None:
     """Exit status and streams of the real program, with a scene that does not exist."""
-    code = "from cli.main import main; main()"
+    code = "from taction.cli.main import main; main()"
     done = subprocess.run(
         [sys.executable, "-c", code, "verify", "missing.toml", "--json"],
         cwd=tmp_path, capture_output=True, text=True, check=False,

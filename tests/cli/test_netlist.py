@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from cli.netlist import NAMES
-from netlist_gen.deck.dialects.table import DIALECTS
+from taction.cli.netlist import NAMES
+from taction.netlist_gen.deck.dialects.table import DIALECTS
 from tests.support.paths import SCENES
 from tests.support.running import document, taction
 

@@ -51,7 +51,7 @@ def test_a_closed_pipe_leaves_the_picture(tmp_path: Path, words: tuple[str, ...]
     reader, writer = os.pipe()
     os.close(reader)
     run = subprocess.run(
-        [sys.executable, "-c", "from cli.main import main; main()", *words],
+        [sys.executable, "-c", "from taction.cli.main import main; main()", *words],
         stdout=writer,
         stderr=subprocess.PIPE,
         cwd=tmp_path,

@@ -12,14 +12,14 @@ from typing import Any
 
 import pytest
 
-from cli.main import COMMANDS, main
-from cli.reference import EXIT_STATUSES, reference
-from cli.reference_examples import EXAMPLES
 from scripts.man_pages import pages
+from taction.cli.main import COMMANDS, main
+from taction.cli.reference import EXIT_STATUSES, reference
+from taction.cli.reference_examples import EXAMPLES
 from tests.support.paths import ROOT
 from tests.support.running import document, taction
 
-CODE = "from cli.main import main; main()"
+CODE = "from taction.cli.main import main; main()"
 
 
 @pytest.mark.parametrize("words", [("--json", "--help"), ("--help", "--json"), ("-h", "--json")])

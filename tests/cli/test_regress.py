@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from cli.main import main
+from taction.cli.main import main
 from tests.support.entries import write_fast
 from tests.support.paths import ROOT
 
@@ -86,8 +86,8 @@ def test_a_report_in_no_folder_is_refused_before_anything_runs(folder: Path) -> 
 # A real signal, at a known moment: while the second scene is verified.
 INTERRUPT = """
 import signal
-from cli.main import main
-from verification.studies.regression import run
+from taction.cli.main import main
+from taction.verification.studies.regression import run
 
 verify = run.verify
 def interrupted(scene):

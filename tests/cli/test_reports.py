@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner, Result
 from lxml import html
 
-from cli.main import COMMANDS, main
+from taction.cli.main import COMMANDS, main
 from tests.support.entries import write_fast
 
 TOLERANCES = "\n[tolerances]\nresistor = 0.01\n"

@@ -58,7 +58,7 @@ def test_without_ngspice_the_status_is_3(monkeypatch: pytest.MonkeyPatch) -> Non
 def test_a_wrong_outcome_has_status_1(monkeypatch: pytest.MonkeyPatch) -> None:
     from dataclasses import replace
 
-    from verification.studies.stress import catalogue
+    from taction.verification.evidence.stress import catalogue
 
     cases = catalogue.select(catalogue.load_catalogue(), ("wrong-shape",))
     planted = tuple(replace(case, outcome={"statespace": ("pass",)}) for case in cases)

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
+from taction.verification.report.sweep import agreement
+from taction.verification.report.sweep import records as records_module
+from taction.verification.studies.sweep.comparison import Comparison
+from taction.verification.verdict.checks import Outcome
 from tests.support.paths import SCENES
 from tests.support.running import taction
-from verification.pipeline.checks import Outcome
-from verification.report.sweep import agreement
-from verification.report.sweep import records as records_module
-from verification.studies.sweep.comparison import Comparison
 
 PAPER = str(SCENES / "paper-breadboard.toml")
 OVER = ("--over", "C=50pF:100pF:3", "--fix", "gain=1M", "--fix", "lambda=0.7")

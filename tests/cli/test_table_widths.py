@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from cli.main import COMMANDS
+from taction.cli.main import COMMANDS
+from taction.verification.evidence.paper import reproduce
+from taction.verification.evidence.paper.findings import Chapter, Finding, load_claims
+from taction.verification.evidence.paper.reproduce import Task
 from tests.support.entries import write_fast
 from tests.support.printed import printed_objects, shown_at, words_of
-from verification.studies.paper import reproduce
-from verification.studies.paper.findings import Chapter, Finding, load_claims
-from verification.studies.paper.reproduce import Task
 
 WIDTHS = (40, 80, 100)
 TOLERANCES = "[tolerances]\nresistor = 0.01\ncapacitor = 0.05\n"

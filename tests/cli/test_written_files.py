@@ -12,12 +12,12 @@ from typing import Any
 import click
 import pytest
 
-from cli.common import INPUTS, OUTPUTS
-from cli.main import main
+from taction.cli.common import INPUTS, OUTPUTS
+from taction.cli.main import main
+from taction.verification.evidence.paper import reproduce
 from tests.support.entries import write_fast
 from tests.support.paths import ROOT
 from tests.support.running import taction
-from verification.studies.paper import reproduce
 
 VENDOR = ROOT / "tests" / "data" / "fet100.cir"
 PINS = ("--subckt", "FET100", "--pins", "inp,inn,vcc,vee,out")

@@ -6,8 +6,8 @@ import shlex
 import sys
 from pathlib import Path
 
+from taction.verification.engines.ngspice.executable import Simulator
 from tests.support.paths import ROOT
-from verification.engines.ngspice.executable import Simulator
 
 
 def script(folder: Path, way: str) -> Path:

@@ -8,16 +8,16 @@ from pathlib import Path
 
 import pytest
 
-from spice_models.errors import SimulatorNotFound, SimulatorTooOld
+from taction.system.errors import SimulatorNotFound, SimulatorTooOld
+from taction.verification.engines.ngspice import executable
+from taction.verification.engines.ngspice.executable import Simulator, find_simulator
+from taction.verification.engines.ngspice.process import simulate
 from tests.faulty_simulators.installed import script
 from tests.faulty_simulators.program import VERSIONS
 from tests.support.paths import SCENES
 from tests.support.processes import is_running, process_id
 from tests.support.running import document, taction
 from tests.support.small_decks import transient
-from verification.engines.ngspice import executable
-from verification.engines.ngspice.executable import Simulator, find_simulator
-from verification.engines.ngspice.process import simulate
 
 # The head of a program for a processor of no machine that runs taction (number 0xffff).
 OTHER_PROCESSOR = b"\x7fELF\x02\x01\x01" + bytes(9) + b"\x02\0\xff\xff\x01\0\0\0" + bytes(40)

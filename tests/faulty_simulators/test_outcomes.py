@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spice_models.errors import (
+from taction.system.errors import (
     BadEvidence,
     Killed,
     OutOfDisk,
@@ -21,13 +21,13 @@ from spice_models.errors import (
     StepTooSmall,
     TimedOut,
 )
+from taction.verification.engines.ngspice import ending
+from taction.verification.engines.ngspice.process import simulate
+from taction.verification.waveforms import Waveforms
 from tests.faulty_simulators.installed import installed
 from tests.faulty_simulators.program import RUNS
 from tests.support.processes import is_running, process_id
 from tests.support.small_decks import transient
-from verification.engines.ngspice import ending
-from verification.engines.ngspice.process import simulate
-from verification.waveforms import Waveforms
 
 DECK = transient(saved=("out", "in"), stop=1e-6, step=1e-8)
 SOON, LATE = 1.0, 60.0  # s: the timeout where the program never ends, and else

@@ -9,24 +9,24 @@ from typing import Any
 
 import numpy as np
 
-from cli.common import plain
-from netlist_gen.board.synthesis import synthesise
-from netlist_gen.deck.deck import write_deck
-from netlist_gen.problem.inverse_problem import InverseProblem, make_problem
-from netlist_gen.scene.file import load_scene
-from netlist_gen.scene.scene import Scene
+from taction.cli.common import plain
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.deck.deck import write_deck
+from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
+from taction.netlist_gen.scene.scene import Scene
+from taction.verification.engines.ngspice.screening import screen
+from taction.verification.reference.lambda_rule import resolve_lambda
+from taction.verification.report.verdict.json_document import verdict_document
+from taction.verification.report.verdict.table import verdict_text
+from taction.verification.studies.regression.baseline import baseline_text
+from taction.verification.studies.regression.baseline_entry import observe
+from taction.verification.verdict.deck import deck_of
+from taction.verification.verdict.verify import Verdict, verify
 from tests.fuzz.edits import BYTE_EDITS, LINE_EDIT, SCALE_EDIT, VALUE_EDIT, edited
 from tests.fuzz.target import Target
 from tests.support.entries import FAST
 from tests.support.paths import SCENES
-from verification.engines.ngspice.screening import screen
-from verification.ideal.lambda_rule import resolve_lambda
-from verification.pipeline.deck import deck_of
-from verification.report.verdict.json_document import verdict_document
-from verification.report.verdict.table import verdict_text
-from verification.studies.regression.baseline import baseline_text
-from verification.studies.regression.baseline_entry import observe
-from verification.verify import Verdict, verify
 
 BASES = [file.read_bytes() for file in sorted(SCENES.glob("*.toml"))]
 BASES += [FAST.format(limit="1s", capacitance="10pF").encode()] * 6

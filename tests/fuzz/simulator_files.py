@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 from hypothesis import strategies as st
 
+from taction.verification.engines.ngspice.ending import Ending
+from taction.verification.engines.ngspice.evidence import accepted_waveforms
+from taction.verification.engines.ngspice.raw_file import write_raw
+from taction.verification.waveforms import Cost, Waveforms
 from tests.fuzz.edits import BYTE_EDITS, VALUE_EDIT, edited
 from tests.fuzz.target import Target
 from tests.support.small_decks import transient
-from verification.engines.ngspice.ending import Ending
-from verification.engines.ngspice.evidence import accepted_waveforms
-from verification.engines.ngspice.raw_file import write_raw
-from verification.waveforms import Cost, Waveforms
 
 DECK = transient(saved=("out", "in"), stop=1e-6, step=1e-7)
 TIME = np.linspace(0.0, 1e-6, 11)

@@ -10,15 +10,15 @@ from typing import Any
 
 from hypothesis import strategies as st
 
+from taction.verification.studies.regression.baseline import baseline_text, load_baseline
+from taction.verification.studies.sweep.store import Store, StoredResult
+from taction.verification.studies.tolerance.sample_store import SampleStore
+from taction.verification.studies.tolerance.varied_board import BoardSample, prepare
 from tests.fuzz.edits import BYTE_EDITS, IN_PLACE, VALUE_EDIT, edited
 from tests.fuzz.target import Target
 from tests.support.entries import entry
 from tests.support.studying import small_scene
 from tests.support.sweeping import make_record
-from verification.studies.regression.baseline import baseline_text, load_baseline
-from verification.studies.sweep.store import Store, StoredResult
-from verification.studies.tolerance.sample_store import SampleStore
-from verification.studies.tolerance.varied_board import BoardSample, prepare
 
 ENTRIES = {"one.toml": entry(), "two.toml": entry(name="two", outcome="fail")}
 KEYS = [bytes([number]) * 32 for number in range(6)]

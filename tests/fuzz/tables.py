@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from netlist_gen.overrides.axes import parse_axes, points
-from netlist_gen.problem.array_files import read_array
+from taction.netlist_gen.scene.array_files import read_array
+from taction.netlist_gen.scene.axes import parse_axes, points
 from tests.fuzz.edits import BYTE_EDITS, VALUE_EDIT, edited
 from tests.fuzz.target import Target
 from tests.support.making import make_scene

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from hypothesis.strategies import SearchStrategy
 
-from spice_models.errors import InputError, SimulationError, TactionError
+from taction.system.errors import InputError, SimulationError, TactionError
 
 LONGEST_MESSAGE = 20_000  # characters
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from hypothesis import strategies as st
 from tests.fuzz import campaign, targets
 from tests.fuzz.target import Target
-from spice_models.errors import Complaint, InputError
+from taction.system.errors import Complaint, InputError
 
 def examine(content, folder):
     {body}

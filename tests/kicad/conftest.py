@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-from netlist_gen.board.circuit import Circuit
-from netlist_gen.board.synthesis import synthesise
-from netlist_gen.kicad.project import Project, kicad_project
-from netlist_gen.scene.scene import Scene
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.kicad.project import Project, kicad_project
+from taction.netlist_gen.scene.scene import Scene
 
 KICAD = os.environ.get("TACTION_KICAD", "")
 collect_ignore_glob = [] if KICAD else ["test_*.py"]

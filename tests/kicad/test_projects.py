@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from netlist_gen.board.circuit import Circuit
-from netlist_gen.board.synthesis import synthesise
-from netlist_gen.scene.file import load_scene
-from netlist_gen.scene.scene import Scene, parse_scene
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.scene import Scene, parse_scene
 from tests.kicad.conftest import Opened, rows
 from tests.support.making import make_scene
 from tests.support.paths import SCENES

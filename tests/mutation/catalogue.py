@@ -9,9 +9,14 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from netlist_gen.board.circuit import Scalings
-from netlist_gen.overrides.axes import with_value
-from netlist_gen.scene.scene import Scene
+from taction.netlist_gen.board.circuit import Scalings
+from taction.netlist_gen.scene.axes import with_value
+from taction.netlist_gen.scene.scene import Scene
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.modes import Modes
+from taction.verification.readings.readings import Step
+from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer
+from taction.verification.verdict.checks import Outcome
 from tests.mutation import faults, planting
 from tests.mutation.faults import (
     figures,
@@ -47,11 +52,6 @@ from tests.mutation.mutation import (
     of_scalings,
     of_text,
 )
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.engines.statespace.linearised.modes import Modes
-from verification.ideal.ideal_answer import IdealAnswer, ideal_answer
-from verification.measures.readings import Step
-from verification.pipeline.checks import Outcome
 
 
 def at_rest(board: LinearBoard) -> LinearBoard:

@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from netlist_gen.board.circuit import Circuit
-from netlist_gen.problem.inverse_problem import InverseProblem
-from spice_models.array_types import Complexes, Floats
-from spice_models.presets import load_presets
-from verification.measures.measurements import summary
-from verification.measures.readings import Reading
-from verification.pipeline.bounded_measures import BoundedMeasures
-from verification.waveforms import Waveforms
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.scene.inverse_problem import InverseProblem
+from taction.spice_models.presets import load_presets
+from taction.system.array_types import Complexes, Floats
+from taction.verification.readings.measurements import summary
+from taction.verification.readings.readings import Reading
+from taction.verification.verdict.bounded_measures import BoundedMeasures
+from taction.verification.waveforms import Waveforms
 
 CircuitChange = Callable[[Circuit], Circuit]
 ProblemChange = Callable[[InverseProblem], InverseProblem]

@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from netlist_gen.board.circuit import Scalings
-from netlist_gen.scene.scene import Scene
+from taction.netlist_gen.board.circuit import Scalings
+from taction.netlist_gen.scene.scene import Scene
+from taction.verification.reference import IdealNetwork
+from taction.verification.reference.ideal_answer import IdealAnswer
+from taction.verification.verdict.checks import Outcome
 from tests.mutation import planting
 from tests.mutation.faults import (
     CircuitChange,
@@ -14,9 +17,6 @@ from tests.mutation.faults import (
     WaveformsChange,
 )
 from tests.mutation.planting import Plant
-from verification.ideal.ideal_answer import IdealAnswer
-from verification.pipeline.checks import Outcome
-from verification.reference import IdealNetwork
 
 MATRIX, ELEVEN, TUNED = "custom-matrix", "eleven-channel", "tuned-breadboard"
 KNOWN = "known-readings"

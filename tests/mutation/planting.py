@@ -12,26 +12,26 @@ from typing import Any
 
 import pytest
 
-from netlist_gen.analysis import Transient
-from netlist_gen.board import synthesis
-from netlist_gen.board.circuit import Circuit, Scalings
-from netlist_gen.board.scalings import make_scalings
-from netlist_gen.board.synthesis import synthesise
-from netlist_gen.deck.deck import Deck, write_deck
-from netlist_gen.problem.inverse_problem import InverseProblem, make_problem
-from netlist_gen.scene.scene import Scene
-from verification.engines.statespace.equations.stamps import stamp
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.ideal.ideal_answer import IdealAnswer, ideal_answer, ideal_network
-from verification.pipeline import recording, simulation
-from verification.pipeline.bounded_measures import BoundedMeasures, measure_with_bounds
-from verification.pipeline.checks import Check, Outcome, overall
-from verification.pipeline.simulation import Pending
-from verification.reference import IdealNetwork
-from verification.studies.regression.baseline_entry import observe
-from verification.studies.regression.compare import compare
-from verification.verify import Verdict, verify
-from verification.waveforms import Waveforms
+from taction.netlist_gen.analysis import Transient
+from taction.netlist_gen.board import synthesis
+from taction.netlist_gen.board.circuit import Circuit, Scalings
+from taction.netlist_gen.board.scalings import make_scalings
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.deck.deck import Deck, write_deck
+from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
+from taction.netlist_gen.scene.scene import Scene
+from taction.verification.engines.statespace.equations.stamps import stamp
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.reference import IdealNetwork
+from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
+from taction.verification.studies.regression.baseline_entry import observe
+from taction.verification.studies.regression.compare import compare
+from taction.verification.verdict import recording, simulation
+from taction.verification.verdict.bounded_measures import BoundedMeasures, measure_with_bounds
+from taction.verification.verdict.checks import Check, Outcome, overall
+from taction.verification.verdict.simulation import Pending
+from taction.verification.verdict.verify import Verdict, verify
+from taction.verification.waveforms import Waveforms
 
 Plant = Callable[[Scene, pytest.MonkeyPatch], Verdict]
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 
+from taction.verification.verdict.checks import Outcome
 from tests.mutation.catalogue import MUTATIONS
 from tests.support.paths import ROOT
-from verification.pipeline.checks import Outcome
 
 PAGE = ROOT / "docs" / "witnesses.md"
 TABLE = re.compile(r"(<!-- planted faults -->\n).*(<!-- end -->\n)", re.DOTALL)

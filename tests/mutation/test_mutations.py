@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import pytest
 
-from netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.file import load_scene
+from taction.verification.verdict.checks import Outcome
+from taction.verification.verdict.verify import Verdict
 from tests.mutation.catalogue import MUTATIONS
 from tests.mutation.mutation import KNOWN, MATRIX, STATE_SPACE, Mutation
 from tests.mutation.planting import in_the_baseline, nothing
 from tests.mutation.table import PAGE, page_with
 from tests.support.paths import SCENES
 from tests.support.true_values import true_values
-from verification.pipeline.checks import Outcome
-from verification.verify import Verdict
 
 pytestmark = pytest.mark.usefixtures("ngspice")
 

@@ -11,11 +11,11 @@ import click
 import pytest
 import yaml
 
-from cli.main import COMMANDS, main
-from cli.regress import regress
-from netlist_gen.scene.regression import Regression
+from taction.cli.main import COMMANDS, main
+from taction.cli.regress import regress
+from taction.netlist_gen.scene.regression import Regression
+from taction.verification.studies.regression.run import Status
 from tests.support.paths import ROOT
-from verification.studies.regression.run import Status
 
 GUIDE = (ROOT / "docs" / "ci.md").read_text("utf-8")
 WORKFLOW = yaml.safe_load((ROOT / ".github" / "workflows" / "taction.yml").read_text("utf-8"))

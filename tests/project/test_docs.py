@@ -12,7 +12,7 @@ import click
 import pytest
 
 import taction as library
-from cli.main import main
+from taction.cli.main import main
 from tests.support.paths import ROOT
 from tests.support.running import taction
 

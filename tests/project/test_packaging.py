@@ -7,12 +7,14 @@ import subprocess
 import sys
 import sysconfig
 import tarfile
+import tomllib
 import zipfile
 from pathlib import Path
 
 import pytest
 from packaging.metadata import Metadata
 
+from taction.verification.studies.running.digests import own_code
 from tests.support.archives import FILES, MOVED, PACKAGES, build_archives
 from tests.support.entries import write_fast
 from tests.support.paths import ROOT
@@ -26,11 +28,11 @@ LOADED = set(sys.modules)
 
 def test_the_plugin_is_there_and_light():
     assert "taction.pytest_plugin" in LOADED
-    assert not LOADED & {"numpy", "pydantic", "cli", "verification", "netlist_gen", "spice_models"}
+    assert not LOADED & {"numpy", "pydantic", "taction.cli", "taction.netlist_gen"}
 
 def test_our_own_packages_are_found():
-    import cli, netlist_gen, spice_models, verification
-    for package in (cli, netlist_gen, spice_models, verification):
+    import cli, netlist_gen, spice_models, system, verification
+    for package in (cli, netlist_gen, spice_models, system, verification):
         assert package.OWNER == "somebody else"
         assert Path(package.__file__).is_relative_to(Path(__file__).parent)
 """
@@ -84,15 +86,18 @@ def installed(site: Path, folder: Path, *words: str) -> subprocess.CompletedProc
     )
 
 
-def sources() -> set[str]:
+def sources() -> dict[str, Path]:
+    """The files of a wheel: their names in it, and where they are in the checkout."""
+    files = [path for package in PACKAGES for path in (ROOT / package).rglob("*")]
+    files = [path for path in files if path.suffix in SHIPPED]
     scenes = [path for path in (ROOT / "scenes").rglob("*") if path.suffix in {".toml", ".csv"}]
-    scenes.append(ROOT / "scenes" / "stress" / "true-values.json")
+    assert files
     assert scenes
-    return {f"verification/{path.relative_to(ROOT).as_posix()}" for path in scenes} | {
-        path.relative_to(ROOT).as_posix()
-        for package in PACKAGES
-        for path in (ROOT / package).rglob("*")
-        if path.suffix in SHIPPED
+    files += [*scenes, ROOT / "scenes" / "stress" / "true-values.json"]
+    local = {path.relative_to(ROOT).as_posix(): path for path in files}
+    return {
+        name if name.startswith("taction/") else f"taction/{name}": path
+        for name, path in local.items()
     }
 
 
@@ -107,14 +112,36 @@ def read(wheel: Path, ending: str) -> str:
         return archive.read(name).decode()
 
 
-def test_the_wheel_holds_every_module_and_data_file_below_one_package(
-    archives: tuple[Path, Path],
-) -> None:
-    expected = {name if name.startswith("taction/") else f"taction/{name}" for name in sources()}
+def test_the_wheel_holds_every_file_as_it_is_in_the_checkout(archives: tuple[Path, Path]) -> None:
+    expected = sources()
     found = names(archives[0])
     about = {name for name in found if ".dist-info/" in name}
-    assert found - about == expected
+    assert found - about == set(expected)
     assert any(name.endswith("licenses/LICENSE") for name in about)
+    with zipfile.ZipFile(archives[0]) as wheel:
+        changed = [name for name, path in expected.items() if wheel.read(name) != path.read_bytes()]
+    assert not changed
+
+
+def test_the_list_of_packages_is_complete() -> None:
+    listed = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["setuptools"]
+    folders = [path.parent for top in PACKAGES for path in (ROOT / top).rglob("__init__.py")]
+    parts = [folder.relative_to(ROOT).parts for folder in folders]
+    found = {".".join(names if names[0] == "taction" else ("taction", *names)) for names in parts}
+    assert set(listed["packages"]) == found | {"taction.scenes"}
+    for name, folder in listed["package-dir"].items():
+        if name != "taction":
+            assert (ROOT / "taction" / folder).resolve() == ROOT / folder
+
+
+def test_wheel_and_checkout_have_the_same_digest(site: Path, tmp_path: Path) -> None:
+    """So a cluster whose workers have the wheel takes the work of a checkout."""
+    script = (
+        "from taction.verification.studies.running.digests import own_code as f; print(f().hex())"
+    )
+    run = installed(site, tmp_path, "-c", script)
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.strip() == own_code().hex()
 
 
 def test_the_wheel_declares_one_top_level_name(archives: tuple[Path, Path]) -> None:
@@ -124,7 +151,8 @@ def test_the_wheel_declares_one_top_level_name(archives: tuple[Path, Path]) -> N
 def test_the_source_archive_holds_every_module_and_data_file(archives: tuple[Path, Path]) -> None:
     with tarfile.open(archives[1]) as sdist:
         found = {name.partition("/")[2] for name in sdist.getnames()}
-    assert (sources() | set(FILES)) - found == set()
+    local = {path.relative_to(ROOT).as_posix() for path in sources().values()}
+    assert (local | set(FILES)) - found == set()
     assert not [name for name in found if name.startswith(("tests/", "docs/", "benchmarks/"))]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from cli.main import COMMANDS
+from taction.cli.main import COMMANDS
 from tests.support.paths import ROOT
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")

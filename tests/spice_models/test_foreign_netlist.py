@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from netlist_gen.analysis import OperatingPoint
-from spice_models.foreign_expressions import FUNCTIONS, expression, number, polynomial
-from spice_models.foreign_lines import RefusedError, logical_lines
-from spice_models.foreign_netlist import read_subcircuit
+from taction.netlist_gen.analysis import OperatingPoint
+from taction.spice_models.foreign_expressions import FUNCTIONS, expression, number, polynomial
+from taction.spice_models.foreign_lines import RefusedError, logical_lines
+from taction.spice_models.foreign_netlist import read_subcircuit
+from taction.verification.engines.ngspice.process import find_simulator, start
 from tests.support.small_decks import SmallDeck
-from verification.engines.ngspice.process import find_simulator, start
 
 VENDOR = Path(__file__).parents[1] / "data" / "fet100.cir"
 

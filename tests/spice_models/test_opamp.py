@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spice_models.opamp import (
+from taction.spice_models.opamp import (
     OpAmp,
     phase_margin,
     poles_from_phase_margin,

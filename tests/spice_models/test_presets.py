@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-import spice_models
-from spice_models.opamp import OpAmp, phase_margin, unity_gain_bandwidth
-from spice_models.presets import derive, figure_notes, load_presets, preset_names
+from taction import spice_models
+from taction.spice_models.opamp import OpAmp, phase_margin, unity_gain_bandwidth
+from taction.spice_models.presets import derive, figure_notes, load_presets, preset_names
 
 PRINTED = tomllib.loads((Path(spice_models.__file__).parent / "presets.toml").read_text("utf-8"))
 OLD = ("ideal", "ua741", "lf353", "tl084", "lf356", "ne5534", "op27")

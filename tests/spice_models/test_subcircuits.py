@@ -13,9 +13,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import wrightomega
 
-from spice_models.opamp import OpAmp, phase_margin, unity_gain_bandwidth
-from spice_models.presets import derive, load_presets
-from spice_models.subcircuits import amplifier_lines, opamp_subcircuit
+from taction.spice_models.opamp import OpAmp, phase_margin, unity_gain_bandwidth
+from taction.spice_models.presets import derive, load_presets
+from taction.spice_models.subcircuits import amplifier_lines, opamp_subcircuit
 
 PRESETS = load_presets()
 TIGHT = ".options reltol=1e-12 abstol=1e-18 vntol=1e-15"

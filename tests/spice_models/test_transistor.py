@@ -7,10 +7,10 @@ import math
 import pytest
 from scipy import constants
 
-from netlist_gen.analysis import OperatingPoint
-from spice_models.transistor import Transistor, load_pairs, model_card, thermal_voltage
+from taction.netlist_gen.analysis import OperatingPoint
+from taction.spice_models.transistor import Transistor, load_pairs, model_card, thermal_voltage
+from taction.verification.engines.ngspice.process import find_simulator, start
 from tests.support.small_decks import SmallDeck
-from verification.engines.ngspice.process import find_simulator, start
 
 
 @pytest.mark.parametrize("celsius", [-55.0, 27.0, 125.0])

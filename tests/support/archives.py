@@ -9,9 +9,10 @@ from pathlib import Path
 
 from tests.support.paths import ROOT
 
-MOVED = ("spice_models", "netlist_gen", "verification", "cli")  # below taction in a wheel
+# The folders of the top level that are packages below taction.
+MOVED = ("system", "spice_models", "netlist_gen", "verification", "cli")
 PACKAGES = (*MOVED, "taction")
-FILES = ("pyproject.toml", "setup.py", "README.md", "LICENSE")
+FILES = ("pyproject.toml", "README.md", "LICENSE")
 
 BUILD = """
 import sys

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from netlist_gen.board.circuit import (
+from taction.netlist_gen.board.circuit import (
     Capacitor,
     Circuit,
     CurrentSource,
@@ -19,8 +19,8 @@ from netlist_gen.board.circuit import (
     SignalAmplifier,
     VoltageSource,
 )
-from spice_models.array_types import Floats
-from spice_models.opamp import OpAmp
+from taction.spice_models.opamp import OpAmp
+from taction.system.array_types import Floats
 
 IDEAL = OpAmp("ideal", 1e8)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from verification.studies.regression.baseline import Entry
+from taction.verification.studies.regression.baseline import Entry
 
 
 def entry(**changes: Any) -> Entry:

@@ -10,17 +10,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from netlist_gen.analysis import Transient
-from netlist_gen.scene.scene import Scene
-from verification.engines.statespace.transients import amplified
-from verification.ideal.ideal_answer import ideal_answer
-from verification.pipeline.bounded_measures import measure_outputs
-from verification.pipeline.clock import Clock
-from verification.pipeline.design import design_board
-from verification.pipeline.steady_state import SteadyState
-from verification.pipeline.transient_plan import settled_after
-from verification.small_signal.step_forecast import StepModel
-from verification.studies.stress.true_values import TrueValues
+from taction.netlist_gen.analysis import Transient
+from taction.netlist_gen.scene.scene import Scene
+from taction.verification.engines.statespace.transients import amplified
+from taction.verification.evidence.stress.true_values import TrueValues
+from taction.verification.reference.ideal_answer import ideal_answer
+from taction.verification.verdict.bounded_measures import measure_outputs
+from taction.verification.verdict.clock import Clock
+from taction.verification.verdict.design import design_board
+from taction.verification.verdict.steady_state import SteadyState
+from taction.verification.verdict.step_forecast import StepModel
+from taction.verification.verdict.transient_plan import settled_after
 
 TOLERANCE, SPACING = 1e-11, 1e-10  # of the run; of interpolation between the points of its record
 DOUBT, FACTOR = 1e-9, 10.0  # of its readings, fraction of the step or relative; times its rounding

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from netlist_gen.problem.inverse_problem import InverseProblem
-from netlist_gen.scene.scene import Scene, parse_scene
+from taction.netlist_gen.scene.inverse_problem import InverseProblem
+from taction.netlist_gen.scene.scene import Scene, parse_scene
 
 NEAR_IDEAL = {"base": "ideal", "dc_gain": 1e12}
 

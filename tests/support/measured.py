@@ -8,18 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from netlist_gen.scene.checks import AGREE, Checks
-from verification.measures.measurements import ChannelMeasure, Measurements
-from verification.measures.readings import Reading
-from verification.measures.settling import ChannelState
-from verification.pipeline.agreement import Agreement
-from verification.pipeline.checks import Check, Evidence
-from verification.pipeline.run_checks import run_checks
-from verification.pipeline.steady_state import SteadyState
-from verification.pipeline.step_error import StepError
-from verification.small_signal.margin import Margin
-from verification.small_signal.poles import summarise
-from verification.small_signal.time_scales import TimeScales
+from taction.netlist_gen.scene.checks import AGREE, Checks
+from taction.verification.readings.measurements import ChannelMeasure, Measurements
+from taction.verification.readings.readings import Reading
+from taction.verification.readings.settling import ChannelState
+from taction.verification.readings.time_scales import TimeScales
+from taction.verification.stability.margin import Margin
+from taction.verification.stability.poles import summarise
+from taction.verification.verdict.agreement import Agreement
+from taction.verification.verdict.checks import Check, Evidence
+from taction.verification.verdict.run_checks import run_checks
+from taction.verification.verdict.steady_state import SteadyState
+from taction.verification.verdict.step_error import StepError
 
 ROUNDING = 1e-15  # an error is never 0
 EXACT = StepError(*(ROUNDING,) * 5)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import mpmath
 import numpy as np
 
-from verification.reference import Problem, Solution, solve
+from taction.verification.reference import Problem, Solution, solve
 
 Scalar = Callable[[mpmath.mpf], mpmath.mpf]
 

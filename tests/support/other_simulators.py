@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from spicelib import RawRead
 
-from netlist_gen.analysis import Transient
-from netlist_gen.deck.deck import Deck
-from verification.engines.ngspice.executable import find_simulator
+from taction.netlist_gen.analysis import Transient
+from taction.netlist_gen.deck.deck import Deck
+from taction.verification.engines.ngspice.executable import find_simulator
 
 Record = tuple[NDArray[np.float64], NDArray[np.float64]]  # time (P,), voltages (K, P)
 

@@ -7,7 +7,7 @@ from typing import Any
 import mpmath as mp
 import numpy as np
 
-from verification.engines.statespace.equations.descriptor import Descriptor
+from taction.verification.engines.statespace.equations.descriptor import Descriptor
 
 BITS = 240  # after the point
 DIGITS = 70

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from rich.console import Console
 
+from taction.verification.report.page import Page
 from tests.support.running import taction
-from verification.report.page import Page
 
 RULE = "─"
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.scene import Scene
 
 AMPLIFIERS = ("linear", "exponential", "sinh", "softplus", "tanh")
 OPAMPS = ("ideal", "lf353", "lf356", "ne5534", "op27", "tl084", "ua741")

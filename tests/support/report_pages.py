@@ -7,17 +7,20 @@ from collections.abc import Callable
 from typing import Any
 
 import taction
-from netlist_gen.analysis import Transient
-from netlist_gen.overrides.axes import with_values
-from netlist_gen.scene.scene import Scene
-from spice_models.errors import InputError
-from tests.support.entries import entry
-from tests.support.making import make_scene
-from tests.support.studying import one_thread, small_scene
-from tests.support.sweeping import grid_plan, make_record, store_records
-from verification.pipeline.checks import Check, Outcome
-from verification.report.html.accuracy_report import accuracy_report
-from verification.report.html.blocks import (
+from taction.netlist_gen.analysis import Transient
+from taction.netlist_gen.scene.axes import with_values
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.errors import InputError
+from taction.verification.design.choose_ranking import (
+    Confirmation,
+    best_designs,
+    design_scene,
+    designs,
+)
+from taction.verification.design.choose_request import Request, choice_plan
+from taction.verification.design.tune import Candidate, Tuning
+from taction.verification.report.html.accuracy_report import accuracy_report
+from taction.verification.report.html.blocks import (
     Bar,
     Bars,
     Cell,
@@ -29,38 +32,40 @@ from verification.report.html.blocks import (
     Section,
     Table,
 )
-from verification.report.html.choice_report import choice_report
-from verification.report.html.corners_report import corners_report
-from verification.report.html.onset_report import onset_report
-from verification.report.html.regression_report import regression_report
-from verification.report.html.sweep_report import sweep_report
-from verification.report.html.tuning_report import tuning_report
-from verification.report.html.verdict_report import verdict_report
-from verification.report.html.yield_report import yield_report
-from verification.studies.choose.ranking import Confirmation, best_designs, design_scene, designs
-from verification.studies.choose.request import Request, choice_plan
-from verification.studies.regression.compare import Difference
-from verification.studies.regression.run import RegressionReport, SceneResult, Status
-from verification.studies.sweep.plan import Plan, Requests
-from verification.studies.sweep.point import failure, verdict_record
-from verification.studies.sweep.run import SweepCounts
-from verification.studies.sweep.store import Store, StoredResult
-from verification.studies.tolerance.corners import worst_corners
-from verification.studies.tolerance.varied_board import BoardSample, prepare
-from verification.studies.tolerance.yield_report import (
+from taction.verification.report.html.choice_report import choice_report
+from taction.verification.report.html.corners_report import corners_report
+from taction.verification.report.html.onset_report import onset_report
+from taction.verification.report.html.regression_report import regression_report
+from taction.verification.report.html.sweep_report import sweep_report
+from taction.verification.report.html.tuning_report import tuning_report
+from taction.verification.report.html.verdict_report import verdict_report
+from taction.verification.report.html.yield_report import yield_report
+from taction.verification.studies.regression.compare import Difference
+from taction.verification.studies.regression.run import RegressionReport, SceneResult, Status
+from taction.verification.studies.sweep.plan import Plan, Requests
+from taction.verification.studies.sweep.point import failure, verdict_record
+from taction.verification.studies.sweep.run import SweepCounts
+from taction.verification.studies.sweep.store import Store, StoredResult
+from taction.verification.studies.tolerance.corners import worst_corners
+from taction.verification.studies.tolerance.varied_board import BoardSample, prepare
+from taction.verification.studies.tolerance.yield_report import (
     SampleCollection,
     YieldReport,
     run_samples,
     summarise_samples,
 )
-from verification.studies.tune import Candidate, Tuning
-from verification.studies.work_precision.convergence_order import Order
-from verification.studies.work_precision.extent import Extent
-from verification.studies.work_precision.methods import METHODS, Method
-from verification.studies.work_precision.norms import NORMS
-from verification.studies.work_precision.run_errors import ProblemErrors
-from verification.studies.work_precision.study import SettingResult, WorkPrecisionStudy
-from verification.verify import Verdict, verify
+from taction.verification.studies.work_precision.convergence_order import Order
+from taction.verification.studies.work_precision.extent import Extent
+from taction.verification.studies.work_precision.methods import METHODS, Method
+from taction.verification.studies.work_precision.norms import NORMS
+from taction.verification.studies.work_precision.run_errors import ProblemErrors
+from taction.verification.studies.work_precision.study import SettingResult, WorkPrecisionStudy
+from taction.verification.verdict.checks import Check, Outcome
+from taction.verification.verdict.verify import Verdict, verify
+from tests.support.entries import entry
+from tests.support.making import make_scene
+from tests.support.studying import one_thread, small_scene
+from tests.support.sweeping import grid_plan, make_record, store_records
 
 HOSTILE = '<script>window.hacked = 1</script><img src=x onerror="window.hacked = 2">\'"&</style>'
 STATESPACE: dict[str, Any] = {"engine": "statespace"}

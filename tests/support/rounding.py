@@ -10,15 +10,15 @@ from unittest.mock import patch
 
 import numpy as np
 
-from verification.engines.statespace.equations import stamps
-from verification.engines.statespace.equations.descriptor import Descriptor
-from verification.engines.statespace.transients import (
+from taction.verification.engines.statespace.equations import stamps
+from taction.verification.engines.statespace.equations.descriptor import Descriptor
+from taction.verification.engines.statespace.transients import (
     amplified,
     amplified_large,
     exact,
     structured_radau,
 )
-from verification.pipeline import bounded_measures
+from taction.verification.verdict import bounded_measures
 
 SIZE = 4e-16  # relative; standard deviation
 TRANSIENTS = (amplified, exact, structured_radau)

@@ -7,7 +7,7 @@ from typing import Any
 
 from click.testing import CliRunner, Result
 
-from cli.main import main
+from taction.cli.main import main
 
 
 def taction(*words: str) -> Result:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
-from netlist_gen.scene.scene import Scene, parse_scene
+from taction.netlist_gen.scene.scene import Scene, parse_scene
 
 OPAMPS = ("ua741", "lf353", "tl084", "lf356", "ne5534", "op27", "ideal")
 BENT = ("exponential", "exponential", "sinh", "softplus", "tanh")

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from netlist_gen.analysis import Analysis, OperatingPoint, Transient
-from verification.engines.ngspice.process import Simulator
+from taction.netlist_gen.analysis import Analysis, OperatingPoint, Transient
+from taction.verification.engines.ngspice.process import Simulator
 
 TAU = 1e-6
 

@@ -10,9 +10,9 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
-from netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.scene import Scene
+from taction.verification.studies.running.workers import Workers
 from tests.support.making import NEAR_IDEAL, make_scene
-from verification.studies.running.workers import Workers
 
 QUIET = {"resistor": 0, "capacitor": 0, "stray": 0, "opamp_gbw": 0, "opamp_gain": 0}
 DAMPED = {"capacitance": "100pF", "gain": "100kohm", "stray_capacitance": 0.0, "opamp": NEAR_IDEAL}

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from netlist_gen.overrides.axes import parse_axes
+from taction.netlist_gen.scene.axes import parse_axes
+from taction.verification.studies.figures import FIGURES, TRANSIENT_READINGS
+from taction.verification.studies.sweep.plan import Plan, Requests
+from taction.verification.studies.sweep.store import Store, StoredResult
 from tests.support.studying import small_scene
-from verification.studies.figures import FIGURES, TRANSIENT_READINGS
-from verification.studies.sweep.plan import Plan, Requests
-from verification.studies.sweep.store import Store, StoredResult
 
 BOTH = ("ngspice", "statespace")
 

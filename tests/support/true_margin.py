@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from flint import acb, acb_poly, arb, arb_poly, ctx
 
-from netlist_gen.analysis import OperatingPoint
-from netlist_gen.board.synthesis import synthesise
-from netlist_gen.deck.deck import write_deck
-from netlist_gen.scene.scene import Scene
+from taction.netlist_gen.analysis import OperatingPoint
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.deck.deck import write_deck
+from taction.netlist_gen.scene.scene import Scene
 from tests.support.deck_equations import state_equations
 from tests.support.deck_text import parse_deck
 

@@ -15,13 +15,17 @@ from typing import Protocol
 import numpy as np
 from flint import acb, arb, arb_mat, ctx
 
-from netlist_gen.analysis import OperatingPoint
-from netlist_gen.board.circuit import Circuit
-from netlist_gen.board.synthesis import synthesise
-from netlist_gen.deck.deck import write_deck
-from netlist_gen.problem.inverse_problem import InverseProblem, make_problem
-from netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene
-from spice_models.errors import NoVerdictError
+from taction.netlist_gen.analysis import OperatingPoint
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.deck.deck import write_deck
+from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
+from taction.netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene
+from taction.system.errors import NoVerdictError
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.reference import Problem, solve
+from taction.verification.verdict.deck import deck_of
+from taction.verification.verdict.opamp_level import has_large_signal
 from tests.support.deck_equations import StateEquations, state_equations
 from tests.support.deck_text import DeckText, parse_deck
 from tests.support.exact_modes import exact_modes
@@ -29,10 +33,6 @@ from tests.support.exact_readings import Signal, UnreadableError
 from tests.support.nonlinear_response import Board, DivergenceError
 from tests.support.oracle import AMPLIFIERS, exact_solution
 from tests.support.sampled_readings import Samples
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.pipeline.deck import deck_of
-from verification.pipeline.opamp_level import has_large_signal
-from verification.reference import Problem, solve
 
 BITS = 320
 SMALL_STEP = 0.05  # of A

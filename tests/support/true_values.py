@@ -5,16 +5,16 @@ from __future__ import annotations
 import hashlib
 from dataclasses import asdict
 
-from netlist_gen.analysis import OperatingPoint
-from netlist_gen.deck.deck import write_deck
-from netlist_gen.scene.scene import Scene
-from spice_models.errors import InputError
+from taction.netlist_gen.analysis import OperatingPoint
+from taction.netlist_gen.deck.deck import write_deck
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.errors import InputError
+from taction.verification.evidence.stress.catalogue import Case
+from taction.verification.evidence.stress.true_values import READINGS, TrueValues
+from taction.verification.reference.lambda_rule import resolve_lambda
 from tests.support.deck_text import parse_deck
 from tests.support.true_margin import true_margin
 from tests.support.true_readings import board_of, true_readings
-from verification.ideal.lambda_rule import resolve_lambda
-from verification.studies.stress.catalogue import Case
-from verification.studies.stress.true_values import READINGS, TrueValues
 
 LINEAR = "modes of the deck in Arb, 320 bits; suprema and crossings by interval bounds"
 NONLINEAR = "equilibrium and poles in Arb; transient by SciPy's Radau and LSODA, which differ by"

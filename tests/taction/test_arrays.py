@@ -10,11 +10,11 @@ import pytest
 from numpy.typing import ArrayLike
 
 import taction
-from netlist_gen.overrides.axes import with_values
-from netlist_gen.problem.inverse_problem import make_problem
+from taction.netlist_gen.scene.axes import with_values
+from taction.netlist_gen.scene.inverse_problem import make_problem
+from taction.verification.reference import tikhonov
+from taction.verification.studies.running.digests import digest
 from tests.support.making import write_matrix_scene
-from verification.reference import tikhonov
-from verification.studies.running.digests import digest
 
 T = [[1.0, 0.5, 0.1], [0.5, 1.0, 0.5], [0.1, 0.5, 1.0]]
 EPS = [0.3, 0.2, 0.1]

@@ -13,16 +13,16 @@ import pytest
 from lxml import etree, html
 
 import taction
-from netlist_gen.board.components import CircuitData
-from netlist_gen.card import LONGEST, MOST_NOTES, MOST_ROWS, OUTCOMES, Card, Mark
-from netlist_gen.problem.inverse_problem import make_problem
-from netlist_gen.quantities import quantity
+from taction.netlist_gen.board.components import CircuitData
+from taction.netlist_gen.card import LONGEST, MOST_NOTES, MOST_ROWS, OUTCOMES, Card, Mark
+from taction.netlist_gen.scene.inverse_problem import make_problem
+from taction.system.quantities import quantity
+from taction.verification.report.sweep.result import SweepResult
+from taction.verification.studies.tolerance.corners import worst_corners
+from taction.verification.verdict.checks import Outcome
 from tests.support.making import make_scene
 from tests.support.report_pages import HOSTILE, STATESPACE, swept, verdicts
 from tests.support.studying import one_thread, scene_file, small_scene
-from verification.pipeline.checks import Outcome
-from verification.report.sweep.result import SweepResult
-from verification.studies.tolerance.corners import worst_corners
 
 MOST_BYTES = 30_000
 KINDS = ("passing", "failing", "oscillating", "exponential", "one channel", "64 channels")

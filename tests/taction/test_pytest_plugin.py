@@ -9,7 +9,7 @@ from importlib import metadata
 import pytest
 from click.testing import CliRunner
 
-from cli.main import main
+from taction.cli.main import main
 from tests.support.entries import write_fast
 from tests.support.paths import ROOT
 

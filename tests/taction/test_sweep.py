@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import taction
-from netlist_gen.overrides.axes import parse_axes
+from taction.netlist_gen.scene.axes import parse_axes
+from taction.verification.report.sweep.result import SweepResult
 from tests.support.entries import write_fast
-from verification.report.sweep.result import SweepResult
 
 
 @pytest.fixture(scope="module")

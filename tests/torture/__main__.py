@@ -10,7 +10,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from spice_models.atomic_files import write_atomically
+from taction.system.atomic_files import write_atomically
 from tests.torture.killing import Report
 from tests.torture.page import page
 from tests.torture.session import is_fault, session, summary, table

@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 import platform
 
+from taction.verification.studies.running.machine import describe_machine
 from tests.torture.killing import LIMIT, ORPHAN_LIMIT, Report
 from tests.torture.session import is_fault, summary, table
-from verification.studies.running.machine import describe_machine
 
 PAGE = """# Torture: kills at random instants
 

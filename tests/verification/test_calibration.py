@@ -7,18 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from netlist_gen.analysis import Transient
-from netlist_gen.board.circuit import Circuit
-from netlist_gen.board.synthesis import synthesise
-from netlist_gen.deck.deck import write_deck
-from netlist_gen.problem.inverse_problem import make_problem
-from netlist_gen.scene.file import load_scene
-from spice_models.array_types import Floats
-from spice_models.subcircuits import opamp_subcircuit
+from taction.netlist_gen.analysis import Transient
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.deck.deck import write_deck
+from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.inverse_problem import make_problem
+from taction.spice_models.subcircuits import opamp_subcircuit
+from taction.system.array_types import Floats
+from taction.verification.engines.ngspice.process import find_simulator, simulate
+from taction.verification.stability.margin import with_capacitance
 from tests.support.paths import SCENES
 from tests.support.small_decks import SmallDeck
-from verification.engines.ngspice.process import find_simulator, simulate
-from verification.small_signal.margin import with_capacitance
 
 pytestmark = pytest.mark.usefixtures("ngspice")
 SCENE = load_scene(SCENES / "paper-breadboard.toml")

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from netlist_gen.overrides.axes import with_values
-from netlist_gen.scene.file import load_scene
-from netlist_gen.scene.scene import Scene
-from netlist_gen.scene.tolerances import Tolerances
+from taction.netlist_gen.scene.axes import with_values
+from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.tolerances import Tolerances
+from taction.verification.design.tune import tune
+from taction.verification.studies.tolerance.varied_board import evaluate, prepare
+from taction.verification.verdict.checks import Check, Outcome
+from taction.verification.verdict.verify import Verdict, verify
 from tests.support.paths import CASES
-from verification.pipeline.checks import Check, Outcome
-from verification.studies.tolerance.varied_board import evaluate, prepare
-from verification.studies.tune import tune
-from verification.verify import Verdict, verify
 
 PASS, FAIL, INCONCLUSIVE = Outcome.PASS, Outcome.FAIL, Outcome.INCONCLUSIVE
 ENGINES = pytest.mark.parametrize("engine", ["ngspice", "statespace"])

@@ -8,11 +8,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from taction.verification.evidence.stress.compare import Comparison, compare
+from taction.verification.verdict.verify import verify
 from tests.support.fine_readings import fine_readings
 from tests.support.random_scenes import random_scene, random_setting
 from tests.support.true_values import true_values
-from verification.studies.stress.compare import Comparison, compare
-from verification.verify import verify
 
 SEEDS = (0, 1, 2, 3, 5, 7, 8, 9, 10, 14, 18, 20)  # stable boards whose runs are short
 EXPONENTIAL = (0, 3, 5, 7)  # seeds of boards with amplifiers whose runs are short

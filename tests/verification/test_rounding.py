@@ -7,14 +7,14 @@ from typing import Any
 
 import pytest
 
-from netlist_gen.scene.file import load_scene
-from netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.scene import Scene
+from taction.verification.readings.settling import ChannelState
+from taction.verification.verdict.effort import FULL, Effort
+from taction.verification.verdict.verify import Verdict, verify
 from tests.support.making import make_scene
 from tests.support.paths import ROOT
 from tests.support.rounding import rounded
-from verification.measures.settling import ChannelState
-from verification.pipeline.effort import FULL, Effort
-from verification.verify import Verdict, verify
 
 SHIPPED = sorted((ROOT / "scenes").glob("*.toml"))
 # 1: some ten seeds a scene, 200 in all; 20: 200 seeds of every scene.

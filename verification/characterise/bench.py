@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from netlist_gen.analysis import Analysis, Noise, SmallSignal, Transient
-from netlist_gen.board.circuit import (
+from taction.netlist_gen.analysis import Analysis, Noise, SmallSignal, Transient
+from taction.netlist_gen.board.circuit import (
     GROUND,
     Circuit,
     CurrentSource,
@@ -18,10 +18,10 @@ from netlist_gen.board.circuit import (
     Scalings,
     VoltageSource,
 )
-from netlist_gen.deck.deck import Deck
-from netlist_gen.deck.noise_cards import noise_cards
-from spice_models.opamp import OpAmp
-from spice_models.subcircuits import opamp_subcircuit
+from taction.netlist_gen.deck.deck import Deck
+from taction.netlist_gen.deck.noise_cards import noise_cards
+from taction.spice_models.opamp import OpAmp
+from taction.spice_models.subcircuits import opamp_subcircuit
 
 OHMS = 1.0  # of the source of a step
 IN, OUT = "in", "out"

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from netlist_gen.analysis import Band
-from spice_models.array_types import Complexes, Floats
-from spice_models.opamp import OpAmp, phase_margin, unity_gain_bandwidth
-from verification.characterise.bench import Bench
-from verification.characterise.witnesses import Witness, frequencies
+from taction.netlist_gen.analysis import Band
+from taction.spice_models.opamp import OpAmp, phase_margin, unity_gain_bandwidth
+from taction.system.array_types import Complexes, Floats
+from taction.verification.characterise.bench import Bench
+from taction.verification.characterise.witnesses import Witness, frequencies
 
 UNITS = {
     "dc_gain": "",
@@ -103,8 +103,8 @@ def characterise(opamp: OpAmp, witness: Witness) -> tuple[Measured, ...]:
 
     Examples
     --------
-    >>> from spice_models.presets import load_presets
-    >>> from verification.characterise.witnesses import Equations
+    >>> from taction.spice_models.presets import load_presets
+    >>> from taction.verification.characterise.witnesses import Equations
     >>> figures = characterise(load_presets()["ua741"], Equations())
     >>> [round(f.value / f.stated, 4) for f in figures if f.name == "unity_gain_bandwidth"]
     [1.0]

@@ -8,15 +8,15 @@ from typing import Protocol
 
 import numpy as np
 
-from netlist_gen.analysis import Band, Noise, OperatingPoint, SmallSignal, Transient
-from netlist_gen.board.circuit import VoltageSource
-from spice_models.array_types import Complexes, Floats
-from verification.characterise.bench import IN, OUT, Bench
-from verification.engines.ngspice.executable import Simulator
-from verification.engines.ngspice.process import simulate, start
-from verification.engines.statespace.equations.noise_sources import noise_intensities
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.engines.statespace.transients.simulate import simulate as integrate
+from taction.netlist_gen.analysis import Band, Noise, OperatingPoint, SmallSignal, Transient
+from taction.netlist_gen.board.circuit import VoltageSource
+from taction.system.array_types import Complexes, Floats
+from taction.verification.characterise.bench import IN, OUT, Bench
+from taction.verification.engines.ngspice.executable import Simulator
+from taction.verification.engines.ngspice.process import simulate, start
+from taction.verification.engines.statespace.equations.noise_sources import noise_intensities
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.transients.simulate import simulate as integrate
 
 POINTS = 2000  # of a transient
 TIMEOUT = 60.0  # s, of one run of ngspice

@@ -1,9 +1,9 @@
 """The first witness: it sees only the problem (T, eps, lam, regulariser)."""
 
-from verification.reference.dynamics import ideal_linear, ideal_transient
-from verification.reference.network import IdealNetwork, lambda_times_resistance
-from verification.reference.problem import Problem, Solution
-from verification.reference.solve import solve, solve_each
+from taction.verification.reference.dynamics import ideal_linear, ideal_transient
+from taction.verification.reference.network import IdealNetwork, lambda_times_resistance
+from taction.verification.reference.problem import Problem, Solution
+from taction.verification.reference.solve import solve, solve_each
 
 __all__ = [
     "IdealNetwork",

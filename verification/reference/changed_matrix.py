@@ -34,9 +34,9 @@ import math
 
 import numpy as np
 
-from spice_models.array_types import Floats
-from verification.reference.problem import Problem, Solution
-from verification.reference.regularisers import REGULARISERS
+from taction.system.array_types import Floats
+from taction.verification.reference.problem import Problem, Solution
+from taction.verification.reference.regularisers import REGULARISERS
 
 ROUNDING = 2.0 * float(np.finfo(float).eps)  # of the residual, for each term of its sums
 DOUBLINGS = 60  # of the assumed distance d
@@ -51,7 +51,7 @@ def change_bound(solution: Solution, changed: Floats) -> float:
 
     Examples
     --------
-    >>> from verification.reference import solve
+    >>> from taction.verification.reference import solve
     >>> T, eps = np.array([[1.0, 0.02], [0.01, 1.0]]), np.array([1.0, 0.0])
     >>> before, after = (solve(Problem(A, eps, 0.5)) for A in (T, np.eye(2)))
     >>> float(np.abs(after.u - before.u).max()) < change_bound(before, np.eye(2)) < 0.03

@@ -13,7 +13,7 @@ from math import ceil, factorial, fsum, log, log2
 
 import numpy as np
 
-from spice_models.array_types import Floats
+from taction.system.array_types import Floats
 
 FUNCTION_ERROR = 2.0**-96
 """Bound on the relative error of every function here, for arguments of exp up to 700."""

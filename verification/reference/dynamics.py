@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from spice_models.array_types import Floats
-from verification.reference.network import IdealNetwork
-from verification.reference.problem import Solution
-from verification.reference.regularisers import REGULARISERS, Regulariser
-from verification.reference.solve import solve
-from verification.reference.step_response import Response
+from taction.system.array_types import Floats
+from taction.verification.reference.network import IdealNetwork
+from taction.verification.reference.problem import Solution
+from taction.verification.reference.regularisers import REGULARISERS, Regulariser
+from taction.verification.reference.solve import solve
+from taction.verification.reference.step_response import Response
 
 if TYPE_CHECKING:
     from collections.abc import Callable

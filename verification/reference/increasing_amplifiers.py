@@ -12,14 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spice_models.array_types import Floats
-from verification.reference.doubledouble import (
+from taction.system.array_types import Floats
+from taction.verification.reference.doubledouble import (
     FUNCTION_ERROR,
     PRODUCT_ERROR,
     DoubleDouble,
     ExactMatrix,
 )
-from verification.reference.newton import (
+from taction.verification.reference.newton import (
     Iterate,
     NewtonResult,
     divergence,
@@ -27,9 +27,9 @@ from verification.reference.newton import (
     homotopy,
     largest_ratio,
 )
-from verification.reference.problem import RELATIVE_ERROR, SMALLEST_SCALE, Problem, Solution
-from verification.reference.scaled_problem import Scaled
-from verification.reference.stacked_least_squares import Factor
+from taction.verification.reference.problem import RELATIVE_ERROR, SMALLEST_SCALE, Problem, Solution
+from taction.verification.reference.scaled_problem import Scaled
+from taction.verification.reference.stacked_least_squares import Factor
 
 NEWTON_ERROR = 1e-10
 """Square of the relative error of u at which Newton's method ends and refinement begins."""

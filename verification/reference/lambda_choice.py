@@ -12,12 +12,12 @@ from operator import itemgetter
 
 import numpy as np
 
-from spice_models.array_types import Floats
-from spice_models.errors import Complaint, InputError
-from verification.reference.problem import Problem, Solution
-from verification.reference.regularisers import REGULARISERS
-from verification.reference.solve import solve
-from verification.reference.stacked_least_squares import SVD
+from taction.system.array_types import Floats
+from taction.system.errors import Complaint, InputError
+from taction.verification.reference.problem import Problem, Solution
+from taction.verification.reference.regularisers import REGULARISERS
+from taction.verification.reference.solve import solve
+from taction.verification.reference.stacked_least_squares import SVD
 
 TAU = 1.3
 """Discrepancy principle: ``|T u - eps|^2 = TAU M sigma^2``."""

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from spice_models.array_types import Floats
-from verification.reference.problem import Problem
-from verification.reference.regularisers import REGULARISERS
+from taction.system.array_types import Floats
+from taction.verification.reference.problem import Problem
+from taction.verification.reference.regularisers import REGULARISERS
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -17,9 +17,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spice_models.array_types import Floats
-from verification.reference.regularisers import Regulariser
-from verification.reference.stacked_least_squares import Factor
+from taction.system.array_types import Floats
+from taction.verification.reference.regularisers import Regulariser
+from taction.verification.reference.stacked_least_squares import Factor
 
 STAGE = 1.0
 """Square of the relative error of u at which a stage of the homotopy ends."""

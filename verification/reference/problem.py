@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spice_models.array_types import Floats
-from spice_models.errors import Complaint, InputError
-from verification.reference.regularisers import REGULARISERS
+from taction.system.array_types import Floats
+from taction.system.errors import Complaint, InputError
+from taction.verification.reference.regularisers import REGULARISERS
 
 RELATIVE_ERROR = 1e-12
 """A solution is trusted when its error bound is below this times its largest entry."""

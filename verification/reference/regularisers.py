@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spice_models.array_types import Floats
-from verification.reference import doubledouble as dd
-from verification.reference.doubledouble import DoubleDouble
+from taction.system.array_types import Floats
+from taction.verification.reference import doubledouble as dd
+from taction.verification.reference.doubledouble import DoubleDouble
 
 Function = Callable[[Floats], Floats]
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spice_models.array_types import Floats
-from spice_models.errors import SolverError
-from verification.reference.newton import System
-from verification.reference.problem import Problem
-from verification.reference.regularisers import REGULARISERS
-from verification.reference.stacked_least_squares import Factor, factorise
+from taction.system.array_types import Floats
+from taction.system.errors import SolverError
+from taction.verification.reference.newton import System
+from taction.verification.reference.problem import Problem
+from taction.verification.reference.regularisers import REGULARISERS
+from taction.verification.reference.stacked_least_squares import Factor, factorise
 
 
 @dataclass(frozen=True, slots=True, eq=False)

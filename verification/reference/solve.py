@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
-from spice_models.array_types import Floats
-from verification.reference.increasing_amplifiers import solve_maxent
-from verification.reference.problem import Problem, Solution
-from verification.reference.regularisers import REGULARISERS
-from verification.reference.tikhonov import solve_strains, solve_tikhonov
+from taction.system.array_types import Floats
+from taction.verification.reference.increasing_amplifiers import solve_maxent
+from taction.verification.reference.problem import Problem, Solution
+from taction.verification.reference.regularisers import REGULARISERS
+from taction.verification.reference.tikhonov import solve_strains, solve_tikhonov
 
 SOLVERS: dict[str, Callable[[Problem], Solution]] = {
     name: solve_tikhonov if name == "linear" else solve_maxent for name in REGULARISERS

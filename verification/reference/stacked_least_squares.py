@@ -11,8 +11,8 @@ from typing import Protocol
 
 import numpy as np
 
-from spice_models.array_types import Floats, Indices
-from spice_models.errors import SolverError
+from taction.system.array_types import Floats, Indices
+from taction.system.errors import SolverError
 
 CHOLESKY_LIMIT = 1e-12
 """Normal equations are used while mu is above this times ``|T D|^2``; QR below."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spice_models.array_types import Floats, Indices
-from spice_models.definitions import RISE_LEVELS, SETTLING_BAND, SMALL_STEP
+from taction.system.array_types import Floats, Indices
+from taction.system.reading_definitions import RISE_LEVELS, SETTLING_BAND, SMALL_STEP
 
 SECTIONS, ROUNDS = 64, 9  # 64^9 is 2^54: an interval is divided down to its rounding
 

@@ -15,11 +15,11 @@ from functools import cache
 
 import numpy as np
 
-from spice_models.array_types import Floats
-from verification.reference.doubledouble import PRODUCT_ERROR, DoubleDouble, ExactMatrix
-from verification.reference.problem import RELATIVE_ERROR, SMALLEST_SCALE, Problem, Solution
-from verification.reference.scaled_problem import Scaled
-from verification.reference.stacked_least_squares import SVD, Factor, factorise
+from taction.system.array_types import Floats
+from taction.verification.reference.doubledouble import PRODUCT_ERROR, DoubleDouble, ExactMatrix
+from taction.verification.reference.problem import RELATIVE_ERROR, SMALLEST_SCALE, Problem, Solution
+from taction.verification.reference.scaled_problem import Scaled
+from taction.verification.reference.stacked_least_squares import SVD, Factor, factorise
 
 MAX_REFINEMENTS = 20
 QR_CONDITION = 1e13

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spice_models.array_types import Floats
-from verification.reference.newton import (
+from taction.system.array_types import Floats
+from taction.verification.reference.newton import (
     Iterate,
     NewtonResult,
     System,
@@ -21,10 +21,10 @@ from verification.reference.newton import (
     largest_ratio,
     newton,
 )
-from verification.reference.problem import SMALLEST_SCALE, Solution, ToeplitzProblem
-from verification.reference.regularisers import REGULARISERS
-from verification.reference.stacked_least_squares import Factor
-from verification.reference.toeplitz_products import (
+from taction.verification.reference.problem import SMALLEST_SCALE, Solution, ToeplitzProblem
+from taction.verification.reference.regularisers import REGULARISERS
+from taction.verification.reference.stacked_least_squares import Factor
+from taction.verification.reference.toeplitz_products import (
     ConjugateGradients,
     Levinson,
     ToeplitzMatrix,

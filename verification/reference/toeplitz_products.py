@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spice_models.array_types import Floats
+from taction.system.array_types import Floats
 
 Real = NDArray[Any]
 """Single or double precision."""

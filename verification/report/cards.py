@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from netlist_gen.card import Card, Mark
-from netlist_gen.quantities import quantity, readable
-from netlist_gen.scene.summary import counted, opamp_words, sizes
-from verification.report.html.texts import figure
-from verification.report.tables import spaced
-from verification.report.verdict.table import limit
-from verification.studies.sweep.plan import Plan
-from verification.studies.sweep.run import SweepCounts
-from verification.studies.tolerance.yield_report import Spread, YieldReport
-from verification.verify import Verdict
+from taction.netlist_gen.card import Card, Mark
+from taction.netlist_gen.scene.summary import counted, opamp_words, sizes
+from taction.system.quantities import quantity, readable
+from taction.verification.report.html.texts import figure
+from taction.verification.report.tables import spaced
+from taction.verification.report.verdict.table import limit
+from taction.verification.studies.sweep.plan import Plan
+from taction.verification.studies.sweep.run import SweepCounts
+from taction.verification.studies.tolerance.yield_report import Spread, YieldReport
+from taction.verification.verdict.verify import Verdict
 
 ORDER = ("pass", "fail", "inconclusive", "error")
 CULPRITS = 4

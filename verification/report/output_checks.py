@@ -6,12 +6,12 @@ import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from netlist_gen.scene.file import load_scene
-from spice_models.errors import Complaint, InputError
-from spice_models.output_files import check_file as check_file
-from spice_models.output_files import check_folder as check_folder
-from spice_models.output_files import is_special
-from verification.studies.running.digests import files_of
+from taction.netlist_gen.scene.file import load_scene
+from taction.system.errors import Complaint, InputError
+from taction.system.output_files import check_file as check_file
+from taction.system.output_files import check_folder as check_folder
+from taction.system.output_files import is_special
+from taction.verification.studies.running.digests import files_of
 
 
 def check_separate(inputs: Iterable[str | None], outputs: Mapping[str, str]) -> None:

@@ -11,10 +11,10 @@ from typing import Any
 from rich.console import Console
 from rich.markup import escape
 
-from netlist_gen.board.bill_of_materials import UNITS, BillOfMaterials, PartLine
-from netlist_gen.quantities import show
-from verification.pipeline.board_power import BoardPower
-from verification.report.tables import make_table
+from taction.netlist_gen.board.bill_of_materials import UNITS, BillOfMaterials, PartLine
+from taction.system.quantities import show
+from taction.verification.report.tables import make_table
+from taction.verification.verdict.board_power import BoardPower
 
 SHOWN = 3  # references in a line of the table
 # The fields of KiCad's bill of materials, then our own; a footprint is not known.

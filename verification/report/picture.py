@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from spice_models.array_types import Floats
-from spice_models.picture import check_plot_file as check_plot_file
-from spice_models.picture import figure_file as figure_file
-from spice_models.picture import new_figure as new_figure
-from spice_models.picture import time_unit as time_unit
-from spice_models.picture_style import BLUE as BLUE
-from spice_models.picture_style import GREY as GREY
-from spice_models.picture_style import ORANGE as ORANGE
-from spice_models.picture_style import PURPLE as PURPLE
+from taction.system.array_types import Floats
+from taction.system.picture import check_plot_file as check_plot_file
+from taction.system.picture import figure_file as figure_file
+from taction.system.picture import new_figure as new_figure
+from taction.system.picture import time_unit as time_unit
+from taction.system.picture_style import BLUE as BLUE
+from taction.system.picture_style import GREY as GREY
+from taction.system.picture_style import ORANGE as ORANGE
+from taction.system.picture_style import PURPLE as PURPLE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

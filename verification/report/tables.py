@@ -10,8 +10,8 @@ from typing import Any
 from rich.table import Column
 from rich.text import Text
 
-from netlist_gen.quantities import UNITS, show
-from verification.report.fitted_table import FittedTable
+from taction.system.quantities import UNITS, show
+from taction.verification.report.fitted_table import FittedTable
 
 MARKDOWN = re.compile(r"([\\`*_{}\[\]<>#|~&])")
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from netlist_gen.quantities import readable, show
-from verification.report.picture import BLUE, GREY, ORANGE, figure_file
-from verification.report.verdict.remedies import value_text
-from verification.studies.tune import Candidate, Tuning
+from taction.system.quantities import readable, show
+from taction.verification.design.tune import Candidate, Tuning
+from taction.verification.report.picture import BLUE, GREY, ORANGE, figure_file
+from taction.verification.report.verdict.remedies import value_text
 
 ABOVE_RIGHT: dict[str, Any] = {"xytext": (8, 6), "textcoords": "offset points"}
 BELOW_RIGHT: dict[str, Any] = {"xytext": (8, -12), "textcoords": "offset points"}
@@ -22,7 +22,7 @@ def plot_tradeoff(tuning: Tuning, path: str) -> None:
     Raises
     ------
     InputError
-        See `verification.report.picture.figure_file`.
+        See `taction.verification.report.picture.figure_file`.
     """
     from matplotlib.ticker import EngFormatter, LogLocator, NullFormatter
 

@@ -11,10 +11,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from spice_models.array_types import Floats
-from verification.measures.measurements import ChannelMeasure
-from verification.measures.readings import Reading
-from verification.verify import Verdict
+from taction.system.array_types import Floats
+from taction.verification.readings.measurements import ChannelMeasure
+from taction.verification.readings.readings import Reading
+from taction.verification.verdict.verify import Verdict
 
 T = TypeVar("T")
 

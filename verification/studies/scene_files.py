@@ -6,7 +6,7 @@ import fnmatch
 from collections.abc import Sequence
 from pathlib import Path
 
-from spice_models.errors import Complaint, InputError
+from taction.system.errors import Complaint, InputError
 
 
 def find_scenes(folder: str | Path) -> tuple[Path, ...]:

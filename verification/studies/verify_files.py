@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from spice_models.error_document import error_document
-from spice_models.errors import INTERRUPTED, NoVerdictError, TactionError
-from spice_models.file_names import printable
-from verification.ideal.lambda_rule import read_scene
-from verification.studies.running.in_order import for_each_file
-from verification.verify import Verdict, verify
+from taction.system.error_document import error_document
+from taction.system.errors import INTERRUPTED, NoVerdictError, TactionError
+from taction.system.file_names import printable
+from taction.verification.reference.lambda_rule import read_scene
+from taction.verification.studies.running.in_order import for_each_file
+from taction.verification.verdict.verify import Verdict, verify
 
 NOT_RUN = "not run"
 WORST_FIRST = (("bad input", 2), ("fail", 1), ("inconclusive", 3), ("pass", 0))

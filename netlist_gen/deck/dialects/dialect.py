@@ -12,9 +12,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from netlist_gen.analysis import Analysis, Tolerances, Transient
-from netlist_gen.board.circuit import Circuit
-from spice_models.errors import Complaint
+from taction.netlist_gen.analysis import Analysis, Tolerances, Transient
+from taction.netlist_gen.board.circuit import Circuit
+from taction.system.errors import Complaint
 
 NATIVE = "ngspice"
 LONGEST = 500  # characters of a line: HSPICE cuts off a line of more than 1024

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from netlist_gen.analysis import (
+from taction.netlist_gen.analysis import (
     Analysis,
     Noise,
     OperatingPoint,
@@ -12,16 +12,16 @@ from netlist_gen.analysis import (
     Tolerances,
     Transient,
 )
-from netlist_gen.board.circuit import Circuit
-from netlist_gen.deck.dialects.dialect import (
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.deck.dialects.dialect import (
     NATIVE,
     Dialect,
     Request,
     starts_from_rest,
     temperature_of,
 )
-from netlist_gen.deck.noise_cards import noise_cards
-from spice_models.errors import Complaint
+from taction.netlist_gen.deck.noise_cards import noise_cards
+from taction.system.errors import Complaint
 
 
 class Ngspice(Dialect):
@@ -68,7 +68,9 @@ def _analysis_cards(circuit: Circuit, analysis: Analysis, nodes: Sequence[str]) 
     if isinstance(analysis, Noise):
         return noise_cards(analysis, nodes[0], circuit.noises)
     if isinstance(analysis, SmallSignal):
-        raise ValueError("a board has no AC source; verification.characterise has benches with one")
+        raise ValueError(
+            "a board has no AC source; taction.verification.characterise has benches with one"
+        )
     save = ".save " + " ".join(f"v({node})" for node in nodes)
     if isinstance(analysis, OperatingPoint):
         return [save, ".op"]

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from netlist_gen.board.circuit import Circuit
-from netlist_gen.deck.dialects.dialect import (
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.deck.dialects.dialect import (
     Dialect,
     Request,
     imported_opamps,
     starts_from_rest,
     transient_of,
 )
-from spice_models.errors import Complaint
+from taction.system.errors import Complaint
 
 LANGUAGE = "simulator lang=spectre"
 _KINDS = {  # the first letter of a card: number of nodes, master, parameter

@@ -7,35 +7,35 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from netlist_gen.deck.dialects.dialect import Dialect
+from taction.netlist_gen.deck.dialects.dialect import Dialect
 
 
 def _ngspice() -> Dialect:
-    from netlist_gen.deck.dialects.ngspice import Ngspice
+    from taction.netlist_gen.deck.dialects.ngspice import Ngspice
 
     return Ngspice()
 
 
 def _ltspice() -> Dialect:
-    from netlist_gen.deck.dialects.ltspice import LTspice
+    from taction.netlist_gen.deck.dialects.ltspice import LTspice
 
     return LTspice()
 
 
 def _hspice() -> Dialect:
-    from netlist_gen.deck.dialects.hspice import HSPICE
+    from taction.netlist_gen.deck.dialects.hspice import HSPICE
 
     return HSPICE()
 
 
 def _xyce() -> Dialect:
-    from netlist_gen.deck.dialects.xyce import Xyce
+    from taction.netlist_gen.deck.dialects.xyce import Xyce
 
     return Xyce()
 
 
 def _spectre() -> Dialect:
-    from netlist_gen.deck.dialects.spectre import Spectre
+    from taction.netlist_gen.deck.dialects.spectre import Spectre
 
     return Spectre()
 

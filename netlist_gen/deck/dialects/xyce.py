@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from netlist_gen.analysis import Transient
-from netlist_gen.deck.dialects.dialect import (
+from taction.netlist_gen.analysis import Transient
+from taction.netlist_gen.deck.dialects.dialect import (
     ForeignSpice,
     Request,
     starts_from_rest,

@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from netlist_gen.analysis import Transient
-from netlist_gen.board.bill_of_materials import BillOfMaterials, bill_of_materials
-from netlist_gen.board.synthesis import synthesise
-from netlist_gen.deck.deck import write_deck
+from taction.netlist_gen.analysis import Transient
+from taction.netlist_gen.board.bill_of_materials import BillOfMaterials, bill_of_materials
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.deck.deck import write_deck
 from tests.support.making import make_scene, matrix_problem
 
 T = [[1.0, 0.0, -0.5], [2.0, 0.4, 1.0]]

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.board.synthesis import synthesise
 from tests.support.making import make_scene, matrix_problem
 
 T = [[1.0, 0.0, -1.0], [2.0, 0.0, 1.0], [0.0, 0.0, 0.0]]

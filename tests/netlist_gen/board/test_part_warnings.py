@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from netlist_gen.board.part_warnings import part_warnings
-from netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.board.part_warnings import part_warnings
+from taction.netlist_gen.board.synthesis import synthesise
 from tests.support.making import make_scene, matrix_problem
 
 GOOD = {"unit_conductance": "10uS", "resistance": "1Mohm", "gain": "100kohm"}

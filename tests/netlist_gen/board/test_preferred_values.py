@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from netlist_gen.board.preferred_values import mantissas, nearest
+from taction.netlist_gen.board.preferred_values import mantissas, nearest
 
 # Every eighth value of E96 and every sixteenth of E192, as the standard's tables print them.
 E96 = [1.00, 1.21, 1.47, 1.78, 2.15, 2.61, 3.16, 3.83, 4.64, 5.62, 6.81, 8.25]

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from netlist_gen.board.circuit import Circuit
-from netlist_gen.board.pruning import pruned
-from netlist_gen.board.synthesis import realised_matrix, synthesise
-from spice_models.errors import InputError
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.pruning import pruned
+from taction.netlist_gen.board.synthesis import realised_matrix, synthesise
+from taction.system.errors import InputError
 from tests.support.making import make_scene, matrix_problem
 
 T = [[2.0, -0.01, 0.0], [0.5, 1.0, 0.019], [0.002, 0.0, -0.015]]

@@ -16,14 +16,14 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import ArrayLike, NDArray
 
-from netlist_gen.board.circuit import Circuit
-from netlist_gen.board.synthesis import realised_matrix, synthesise
-from netlist_gen.scene.scene import Scene
-from spice_models.errors import InputError
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.synthesis import realised_matrix, synthesise
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.errors import InputError
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.reference import solve
+from taction.verification.reference.ideal_answer import ideal_network
 from tests.support.making import NEAR_IDEAL, make_scene, matrix_problem
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.ideal.ideal_answer import ideal_network
-from verification.reference import solve
 
 T = [[1.0, -0.5, 0.0], [0.25, 2.0, 0.0]]  # column 3 is empty, row 2 has no negative entry
 DESIGN: dict[str, Any] = {

@@ -10,16 +10,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from netlist_gen.board.circuit import Circuit
-from netlist_gen.board.synthesis import synthesise
-from netlist_gen.board.variation import draw, parameters, vary
-from netlist_gen.problem.inverse_problem import make_problem
-from netlist_gen.scene.scene import Scene
-from netlist_gen.scene.tolerances import Tolerances
-from spice_models.array_types import Floats
-from spice_models.errors import InputError
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.board.variation import draw, parameters, vary
+from taction.netlist_gen.scene.inverse_problem import make_problem
+from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.tolerances import Tolerances
+from taction.system.array_types import Floats
+from taction.system.errors import InputError
+from taction.verification.verdict.verify import verify
 from tests.support.making import NEAR_IDEAL, make_scene
-from verification.verify import verify
 
 REAL = {"base": "ideal", "dc_gain": 1e5, "gbw": "5MHz", "second_pole": "15MHz"}
 DESIGN = {"capacitance": "100pF", "gain": "100kohm", "stray_capacitance": "2pF", "opamp": REAL}

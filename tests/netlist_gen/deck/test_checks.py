@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from netlist_gen.analysis import OperatingPoint, Transient
-from netlist_gen.board.circuit import Circuit, Omission
-from netlist_gen.board.synthesis import synthesise
-from netlist_gen.deck.checks import tolerances
-from netlist_gen.deck.deck import write_deck
+from taction.netlist_gen.analysis import OperatingPoint, Transient
+from taction.netlist_gen.board.circuit import Circuit, Omission
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.deck.checks import tolerances
+from taction.netlist_gen.deck.deck import write_deck
 from tests.support.making import make_scene, matrix_problem
 
 EVIL = "x\n.control\nshell true\n.endc\n*"

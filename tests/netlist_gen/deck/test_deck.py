@@ -13,18 +13,18 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
 
-from netlist_gen.analysis import Analysis, OperatingPoint, Transient
-from netlist_gen.board.circuit import Circuit, Resistor
-from netlist_gen.board.synthesis import synthesise
-from netlist_gen.deck.deck import Deck, write_deck
-from netlist_gen.deck.matrix_cards import matrix_lines
-from netlist_gen.problem.inverse_problem import make_problem
-from netlist_gen.scene.file import load_scene
+from taction.netlist_gen.analysis import Analysis, OperatingPoint, Transient
+from taction.netlist_gen.board.circuit import Circuit, Resistor
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.deck.deck import Deck, write_deck
+from taction.netlist_gen.deck.matrix_cards import matrix_lines
+from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.inverse_problem import make_problem
+from taction.verification.engines.ngspice.process import find_simulator, simulate
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.waveforms import Waveforms
 from tests.support.making import NEAR_IDEAL, make_scene, matrix_problem
 from tests.support.paths import GOLDEN, SCENES
-from verification.engines.ngspice.process import find_simulator, simulate
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.waveforms import Waveforms
 
 T = [[1.0, -0.5], [0.0, 0.25]]
 EPS = [1.0, -1 / 3]

@@ -7,12 +7,12 @@ from typing import Any
 
 import pytest
 
-from netlist_gen.analysis import Band, Noise, OperatingPoint
-from netlist_gen.board.circuit import Circuit, NoiseCurrent
-from netlist_gen.board.synthesis import synthesise
-from netlist_gen.deck.deck import write_deck
+from taction.netlist_gen.analysis import Band, Noise, OperatingPoint
+from taction.netlist_gen.board.circuit import Circuit, NoiseCurrent
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.deck.deck import write_deck
+from taction.verification.engines.ngspice.process import find_simulator, start
 from tests.support.making import make_scene, matrix_problem
-from verification.engines.ngspice.process import find_simulator, start
 
 BANDS = Noise((Band(10.0, 40, 20), Band(1e3, 200, 40)))
 

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from netlist_gen.board.synthesis import synthesise
-from netlist_gen.kicad.project import Project, kicad_project
-from netlist_gen.kicad.sexpression import Quoted, written
-from netlist_gen.scene.file import load_scene
-from netlist_gen.scene.scene import Scene
-from spice_models.errors import InputError
-from spice_models.presets import load_presets
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.kicad.project import Project, kicad_project
+from taction.netlist_gen.kicad.sexpression import Quoted, written
+from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.scene import Scene
+from taction.spice_models.presets import load_presets
+from taction.system.errors import InputError
 from tests.support.making import make_scene
 from tests.support.paths import SCENES
 

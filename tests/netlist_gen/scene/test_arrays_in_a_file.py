@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from netlist_gen.scene.file import load_scene
-from spice_models.errors import InputError
+from taction.netlist_gen.scene.file import load_scene
+from taction.system.errors import InputError
+from taction.verification.verdict.verify import verify
 from tests.support.running import taction
-from verification.verify import verify
 
 SCENE = """
 [problem]

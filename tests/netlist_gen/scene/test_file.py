@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from cli.main import main
-from netlist_gen.scene.file import load_scene
-from netlist_gen.scene.scene import parse_scene
-from spice_models.errors import InputError
+from taction.cli.main import main
+from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.scene import parse_scene
+from taction.system.errors import InputError
 from tests.support.making import write_matrix_scene
 from tests.support.paths import SCENES
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from netlist_gen.problem.inverse_problem import make_problem
-from netlist_gen.scene.file import load_scene
-from spice_models.errors import InputError
+from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.inverse_problem import make_problem
+from taction.system.errors import InputError
 
 MANY = "9" * 5000
 SCENES = {

@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from netlist_gen.overrides.axes import parse_axes, with_value
-from netlist_gen.overrides.axis_questions import axis_questions
-from netlist_gen.scene.questions import questions
-from netlist_gen.scene.scene import parse_scene
-from spice_models.errors import InputError
+from taction.netlist_gen.scene.axes import parse_axes, with_value
+from taction.netlist_gen.scene.axis_questions import axis_questions
+from taction.netlist_gen.scene.questions import questions
+from taction.netlist_gen.scene.scene import parse_scene
+from taction.system.errors import InputError
 from tests.support.making import make_scene
 
 

@@ -12,10 +12,10 @@ import pytest
 from click.testing import CliRunner
 from pydantic import ValidationError
 
-from cli.main import main
-from netlist_gen.board.scalings import make_scalings
-from netlist_gen.scene.file import load_scene
-from netlist_gen.scene.scene import Scene
+from taction.cli.main import main
+from taction.netlist_gen.board.scalings import make_scalings
+from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.scene import Scene
 from tests.support.making import make_scene
 from tests.support.paths import ROOT, SCENES
 

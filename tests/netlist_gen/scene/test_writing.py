@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from netlist_gen.scene.file import load_scene
-from netlist_gen.scene.scene import parse_scene
-from netlist_gen.scene.writing import scene_text
+from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.scene import parse_scene
+from taction.netlist_gen.scene.writing import scene_text
 from tests.support.paths import ROOT
 
 SCENES = sorted((ROOT / "scenes").glob("*.toml"))

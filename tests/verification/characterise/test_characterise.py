@@ -11,16 +11,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import spice_models
-from netlist_gen.analysis import Band
-from spice_models import presets
-from spice_models.opamp import OpAmp
-from spice_models.presets import load_presets
-from verification.characterise import characterise as module
-from verification.characterise.bench import Bench
-from verification.characterise.characterise import UNITS, bode, characterise, step_response
-from verification.characterise.witnesses import Equations, Simulation
-from verification.engines.ngspice.process import find_simulator
+from taction import spice_models
+from taction.netlist_gen.analysis import Band
+from taction.spice_models import presets
+from taction.spice_models.opamp import OpAmp
+from taction.spice_models.presets import load_presets
+from taction.verification.characterise import characterise as module
+from taction.verification.characterise.bench import Bench
+from taction.verification.characterise.characterise import UNITS, bode, characterise, step_response
+from taction.verification.characterise.witnesses import Equations, Simulation
+from taction.verification.engines.ngspice.process import find_simulator
 
 PRESETS = load_presets()
 PRINTED = tomllib.loads((Path(spice_models.__file__).parent / "presets.toml").read_text("utf-8"))

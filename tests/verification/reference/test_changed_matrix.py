@@ -9,10 +9,10 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from spice_models.array_types import Floats
-from verification.reference import Problem, solve
-from verification.reference.changed_matrix import change_bound
-from verification.reference.regularisers import REGULARISERS
+from taction.system.array_types import Floats
+from taction.verification.reference import Problem, solve
+from taction.verification.reference.changed_matrix import change_bound
+from taction.verification.reference.regularisers import REGULARISERS
 
 # g and its slope; written here again, for mpmath
 AMPLIFIERS: dict[str, tuple[Any, Any]] = {

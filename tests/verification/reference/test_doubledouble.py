@@ -8,14 +8,14 @@ import mpmath
 import numpy as np
 import pytest
 
-from verification.reference import doubledouble as dd
-from verification.reference.doubledouble import (
+from taction.verification.reference import doubledouble as dd
+from taction.verification.reference.doubledouble import (
     FUNCTION_ERROR,
     PRODUCT_ERROR,
     DoubleDouble,
     ExactMatrix,
 )
-from verification.reference.regularisers import REGULARISERS
+from taction.verification.reference.regularisers import REGULARISERS
 
 
 def wide(x: DoubleDouble) -> list[mpmath.mpf]:

@@ -9,10 +9,16 @@ import pytest
 from scipy.integrate import quad
 from scipy.linalg import expm
 
+from taction.verification.reference import (
+    IdealNetwork,
+    Problem,
+    ideal_linear,
+    ideal_transient,
+    solve,
+)
+from taction.verification.reference.dynamics import Trust
+from taction.verification.reference.step_response import Response
 from tests.support.oracle import kernel
-from verification.reference import IdealNetwork, Problem, ideal_linear, ideal_transient, solve
-from verification.reference.dynamics import Trust
-from verification.reference.step_response import Response
 
 Y = np.linspace(-3.0, 3.0, 7)
 MATRIX = kernel(Y, Y, 1.0)

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spice_models.errors import InputError
+from taction.system.errors import InputError
+from taction.verification.reference.lambda_choice import RULES, Choice, RuleInputs, Trial, choose
+from taction.verification.reference.problem import Problem
+from taction.verification.reference.solve import solve
 from tests.support.oracle import kernel
-from verification.reference.lambda_choice import RULES, Choice, RuleInputs, Trial, choose
-from verification.reference.problem import Problem
-from verification.reference.solve import solve
 
 SIGMA = 0.1
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from verification.reference import IdealNetwork, lambda_times_resistance, solve
+from taction.verification.reference import IdealNetwork, lambda_times_resistance, solve
 
 G: dict[str, Callable[[float], float]] = {
     "linear": lambda x: x,

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from taction.verification.reference import Problem, solve
 from tests.support.oracle import kernel
-from verification.reference import Problem, solve
 
 Y = np.linspace(-3.0, 3.0, 25)
 T = kernel(Y, Y, 1.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from verification.reference.regularisers import REGULARISERS, Regulariser
+from taction.verification.reference.regularisers import REGULARISERS, Regulariser
 
 ENTRIES = pytest.mark.parametrize("entry", REGULARISERS.values(), ids=REGULARISERS)
 V = np.linspace(-6.0, 6.0, 49)

@@ -8,9 +8,9 @@ import mpmath
 import numpy as np
 import pytest
 
-from spice_models.errors import InputError, SolverError
+from taction.system.errors import InputError, SolverError
+from taction.verification.reference import Problem, Solution, solve
 from tests.support.oracle import count_claims, error_of, exact_solution, kernel, random_problems
-from verification.reference import Problem, Solution, solve
 
 NONLINEAR = ("exponential", "sinh", "softplus", "tanh")
 EVERY = ("linear", *NONLINEAR)

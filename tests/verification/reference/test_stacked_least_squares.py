@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from verification.reference import stacked_least_squares
-from verification.reference.stacked_least_squares import SVD, factorise
+from taction.verification.reference import stacked_least_squares
+from taction.verification.reference.stacked_least_squares import SVD, factorise
 
 
 def wanted(T: np.ndarray, D: np.ndarray, mu: float, f1: np.ndarray, f2: np.ndarray) -> np.ndarray:

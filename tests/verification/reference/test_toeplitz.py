@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.linalg import toeplitz
 
-from spice_models.errors import InputError
-from verification.reference.problem import Problem, Solution, ToeplitzProblem
-from verification.reference.solve import solve
-from verification.reference.toeplitz import solve_toeplitz_problem
-from verification.reference.toeplitz_products import ToeplitzMatrix
+from taction.system.errors import InputError
+from taction.verification.reference.problem import Problem, Solution, ToeplitzProblem
+from taction.verification.reference.solve import solve
+from taction.verification.reference.toeplitz import solve_toeplitz_problem
+from taction.verification.reference.toeplitz_products import ToeplitzMatrix
 
 
 def tactile(channels: int, spacing: float, lam: float, regulariser: str) -> ToeplitzProblem:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from rich.text import Text
 
+from taction.verification.report.fitted_table import broken
+from taction.verification.report.tables import make_table, whole
 from tests.support.printed import shown_at, words_of
-from verification.report.fitted_table import broken
-from verification.report.tables import make_table, whole
 
 ROWS = (
     ("settling time", "[red]fail[/red]", "131.6 us", "a reason of some words, with 12.5 % in it"),

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from spice_models.errors import InputError
-from verification.report.output_checks import check_folder, check_separate
+from taction.system.errors import InputError
+from taction.verification.report.output_checks import check_folder, check_separate
 
 
 @pytest.mark.parametrize(("name", "word"), [("missing/x.json", "does not exist"), (".", "folder")])

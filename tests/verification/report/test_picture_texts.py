@@ -8,6 +8,12 @@ from pathlib import Path
 import pytest
 
 import taction
+from taction.verification.report.onset.plot import plot_onset
+from taction.verification.report.sweep.plot import plot_sweep
+from taction.verification.report.tolerance.yield_plot import plot_yield
+from taction.verification.report.tuning_plot import plot_tradeoff
+from taction.verification.report.verdict.plots import plot_verdict
+from taction.verification.report.work_precision.plot import plot_study
 from tests.support.making import make_scene
 from tests.support.report_pages import (
     STATESPACE,
@@ -19,12 +25,6 @@ from tests.support.report_pages import (
     work_precision,
 )
 from tests.support.text_boxes import cut_off, figures, overlapping
-from verification.report.onset.plot import plot_onset
-from verification.report.sweep.plot import plot_sweep
-from verification.report.tolerance.yield_plot import plot_yield
-from verification.report.tuning_plot import plot_tradeoff
-from verification.report.verdict.plots import plot_verdict
-from verification.report.work_precision.plot import plot_study
 
 
 def _sweep(*over: str) -> Callable[[str], None]:

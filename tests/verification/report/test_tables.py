@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from verification.report.tables import markdown_table, value_text
+from taction.verification.report.tables import markdown_table, value_text
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import signal
 from dataclasses import dataclass
 from pathlib import Path
 
-from spice_models.errors import (
+from taction.system.errors import (
     BadEvidence,
     DidNotLoad,
     Killed,
@@ -22,8 +22,8 @@ from spice_models.errors import (
     StepTooSmall,
     TimedOut,
 )
-from spice_models.foreign_files import MEGABYTE
-from verification.engines.ngspice.executable import REMEDY
+from taction.system.foreign_files import MEGABYTE
+from taction.verification.engines.ngspice.executable import REMEDY
 
 LONGEST_STREAM = 100 * MEGABYTE  # of stdout or stderr; a run that writes more is ended
 LONGEST_RESULT = 8000 * MEGABYTE  # of the raw file, likewise

@@ -11,26 +11,26 @@ An exit status of 0 is not enough. A result is accepted when
 6. the time increases strictly, from within the first step to the stop time within 1e-9;
 7. every value is finite and below a physical bound (ngspice clamps an overflow to 1e99, and
    computes 1/0 as 1e32 and the square root of a negative number as that of its magnitude);
-8. the deck passed `verification.engines.ngspice.screening` before it was sent.
+8. the deck passed `taction.verification.engines.ngspice.screening` before it was sent.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from netlist_gen.analysis import OperatingPoint, Transient
-from spice_models.array_types import Floats
-from spice_models.errors import BadEvidence, SimulationError
-from verification.engines.ngspice.ending import (
+from taction.netlist_gen.analysis import OperatingPoint, Transient
+from taction.system.array_types import Floats
+from taction.system.errors import BadEvidence, SimulationError
+from taction.verification.engines.ngspice.ending import (
     Ending,
     check_end,
     check_log,
     doubts,
     important_lines,
 )
-from verification.engines.ngspice.raw_file import Plot, read_raw
-from verification.engines.ngspice.screening import Deck
-from verification.waveforms import Cost, Waveforms
+from taction.verification.engines.ngspice.raw_file import Plot, read_raw
+from taction.verification.engines.ngspice.screening import Deck
+from taction.verification.waveforms import Cost, Waveforms
 
 STOP_TOLERANCE = 1e-9
 _PLOT_NAMES = {Transient: "Transient Analysis", OperatingPoint: "Operating Point"}

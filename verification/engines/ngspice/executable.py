@@ -14,7 +14,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from spice_models.errors import SimulatorNotFound, SimulatorTooOld
+from taction.system.errors import SimulatorNotFound, SimulatorTooOld
 
 OLDEST = 39
 """Oldest supported version (Debian 12)."""

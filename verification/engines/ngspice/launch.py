@@ -7,8 +7,8 @@ import shlex
 import subprocess
 from pathlib import Path
 
-from verification.engines.ngspice.executable import Simulator, environment
-from verification.engines.ngspice.parent_death import guard_of_process
+from taction.verification.engines.ngspice.executable import Simulator, environment
+from taction.verification.engines.ngspice.parent_death import guard_of_process
 
 STREAMS = ("stdout.txt", "stderr.txt")
 _HERE = Path("$PWD")

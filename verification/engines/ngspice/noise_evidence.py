@@ -16,12 +16,12 @@ import math
 
 import numpy as np
 
-from netlist_gen.analysis import Band, Noise
-from spice_models.errors import BadEvidence, SimulationError
-from verification.engines.ngspice.ending import Ending
-from verification.engines.ngspice.evidence import check_ending, documented
-from verification.engines.ngspice.raw_file import Plot, read_plots
-from verification.engines.ngspice.screening import Deck
+from taction.netlist_gen.analysis import Band, Noise
+from taction.system.errors import BadEvidence, SimulationError
+from taction.verification.engines.ngspice.ending import Ending
+from taction.verification.engines.ngspice.evidence import check_ending, documented
+from taction.verification.engines.ngspice.raw_file import Plot, read_plots
+from taction.verification.engines.ngspice.screening import Deck
 
 SPECTRUM = ("Noise Spectral Density Curves", ("frequency", "onoise_spectrum"))
 INTEGRAL = ("Integrated Noise", ("v(onoise_total)",))

@@ -21,20 +21,20 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
-from spice_models.array_types import Complexes, Floats
-from spice_models.errors import BadEvidence, SimulationError, SimulatorNotFound
-from spice_models.foreign_files import MEGABYTE, UnusableFileError, read_ends
-from spice_models.orphans import end_orphans
-from spice_models.own_folders import keep_folder, remove_own_folder
-from verification.engines.ngspice.ending import Ending, longest
-from verification.engines.ngspice.evidence import accepted_waveforms
-from verification.engines.ngspice.executable import Simulator, find_simulator
-from verification.engines.ngspice.launch import STREAMS, command_line, launch
-from verification.engines.ngspice.noise_evidence import integrated_noise
-from verification.engines.ngspice.response_evidence import small_signal_response
-from verification.engines.ngspice.run_folder import make_folder
-from verification.engines.ngspice.screening import Deck, screen
-from verification.waveforms import Waveforms
+from taction.system.array_types import Complexes, Floats
+from taction.system.errors import BadEvidence, SimulationError, SimulatorNotFound
+from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_ends
+from taction.system.orphans import end_orphans
+from taction.system.own_folders import keep_folder, remove_own_folder
+from taction.verification.engines.ngspice.ending import Ending, longest
+from taction.verification.engines.ngspice.evidence import accepted_waveforms
+from taction.verification.engines.ngspice.executable import Simulator, find_simulator
+from taction.verification.engines.ngspice.launch import STREAMS, command_line, launch
+from taction.verification.engines.ngspice.noise_evidence import integrated_noise
+from taction.verification.engines.ngspice.response_evidence import small_signal_response
+from taction.verification.engines.ngspice.run_folder import make_folder
+from taction.verification.engines.ngspice.screening import Deck, screen
+from taction.verification.waveforms import Waveforms
 
 __all__ = ["PHYSICAL_BOUND", "Run", "Simulator", "find_simulator", "simulate", "start"]
 

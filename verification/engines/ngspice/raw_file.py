@@ -15,10 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
-from spice_models.array_types import Complexes, Floats
-from spice_models.errors import BadEvidence, OutOfDisk
-from spice_models.foreign_files import UnusableFileError, open_regular
-from verification.waveforms import Waveforms
+from taction.system.array_types import Complexes, Floats
+from taction.system.errors import BadEvidence, OutOfDisk
+from taction.system.foreign_files import UnusableFileError, open_regular
+from taction.verification.waveforms import Waveforms
 
 DOUBLE, COMPLEX = np.dtype("<f8"), np.dtype("<c16")
 _LONGEST_HEADER = 1 << 24

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from netlist_gen.analysis import SmallSignal
-from spice_models.array_types import Complexes, Floats
-from spice_models.errors import BadEvidence, SimulationError
-from verification.engines.ngspice.ending import Ending
-from verification.engines.ngspice.evidence import check_ending, documented
-from verification.engines.ngspice.noise_evidence import FREQUENCY_TOLERANCE
-from verification.engines.ngspice.raw_file import read_complex
-from verification.engines.ngspice.screening import Deck
+from taction.netlist_gen.analysis import SmallSignal
+from taction.system.array_types import Complexes, Floats
+from taction.system.errors import BadEvidence, SimulationError
+from taction.verification.engines.ngspice.ending import Ending
+from taction.verification.engines.ngspice.evidence import check_ending, documented
+from taction.verification.engines.ngspice.noise_evidence import FREQUENCY_TOLERANCE
+from taction.verification.engines.ngspice.raw_file import read_complex
+from taction.verification.engines.ngspice.screening import Deck
 
 PLOT = "AC Analysis"
 

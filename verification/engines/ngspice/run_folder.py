@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from spice_models.errors import Complaint, InputError, OutOfDisk
-from spice_models.own_folders import make_own_folder, remove_own_folder
-from verification.engines.ngspice.screening import Deck
+from taction.system.errors import Complaint, InputError, OutOfDisk
+from taction.system.own_folders import make_own_folder, remove_own_folder
+from taction.verification.engines.ngspice.screening import Deck
 
 
 def make_folder(deck: Deck, command: str, folder: Path | None) -> Path:

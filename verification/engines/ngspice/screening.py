@@ -17,12 +17,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from netlist_gen.analysis import Analysis
-from spice_models.errors import DidNotLoad, SingularCircuit
+from taction.netlist_gen.analysis import Analysis
+from taction.system.errors import DidNotLoad, SingularCircuit
 
 
 class Deck(Protocol):
-    """The properties of a deck (`netlist_gen.deck.deck.Deck`) that the runner uses.
+    """The properties of a deck (`taction.netlist_gen.deck.deck.Deck`) that the runner uses.
 
     `files` maps names to the text of further files in the deck's folder; `saved` are the node
     names of the ``.save`` card; `analysis` is the requested analysis.

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from netlist_gen.quantities import readable, show
-from verification.report.choose.tables import first_of_each, number
-from verification.report.picture import BLUE, ORANGE, check_plot_file, figure_file
-from verification.studies.choose.ranking import Design
-from verification.studies.choose.request import CAPACITANCE, GAIN
+from taction.system.quantities import readable, show
+from taction.verification.design.choose_ranking import Design
+from taction.verification.design.choose_request import CAPACITANCE, GAIN
+from taction.verification.report.choose.tables import first_of_each, number
+from taction.verification.report.picture import BLUE, ORANGE, check_plot_file, figure_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,7 +29,7 @@ def plot_choice(designs: Sequence[Design], best: Sequence[Design], title: str, p
     Raises
     ------
     InputError
-        See `verification.report.picture.figure_file`.
+        See `taction.verification.report.picture.figure_file`.
     """
     check_plot_file(path)
     names = [design.opamp for design in first_of_each(designs)][:PANELS]

@@ -8,11 +8,11 @@ from typing import Any
 
 from rich.console import Console
 
-from netlist_gen.overrides.keys import Value
-from netlist_gen.quantities import show
-from verification.report.tables import make_table, whole
-from verification.studies.choose.ranking import Confirmation, Design
-from verification.studies.choose.request import CAPACITANCE, GAIN
+from taction.netlist_gen.scene.keys import Value
+from taction.system.quantities import show
+from taction.verification.design.choose_ranking import Confirmation, Design
+from taction.verification.design.choose_request import CAPACITANCE, GAIN
+from taction.verification.report.tables import make_table, whole
 
 ROWS = 12  # op-amps that the table shows
 NARROW = ("op-amp", "C", "gain", "outcome", "settling", "overshoot", "headroom", "worst", "ngspice")

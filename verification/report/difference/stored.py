@@ -6,8 +6,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from spice_models.errors import Complaint, InputError
-from spice_models.foreign_files import LARGEST, UnusableFileError, read_bounded
+from taction.system.errors import Complaint, InputError
+from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 
 PARTS = ("scene", "outcome", "checks", "channels", "step_amplitude", "stability")
 ACCEPTED = "the document of one verdict, from `taction verify SCENE --json`"

@@ -8,12 +8,12 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
-from verification.report.difference.compare import (
+from taction.verification.report.difference.compare import (
     KeyDifference,
     ReadingDifference,
     VerdictDifference,
 )
-from verification.report.tables import make_table, spaced, value_text, whole
+from taction.verification.report.tables import make_table, spaced, value_text, whole
 
 WORDS = {True: "yes", False: "no", None: "unknown"}
 

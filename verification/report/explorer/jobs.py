@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from verification.studies.running.worker import Worker
+from taction.verification.studies.running.worker import Worker
 
 T = TypeVar("T")
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from netlist_gen.scene.scene import Scene
-from verification.report.explorer.payload import Part, curves_part, poles_part, rest_part
-from verification.studies.exploration.board_view import PoleView, RestView, view_poles, view_rest
-from verification.studies.exploration.curves import Curves
-from verification.studies.exploration.judgement import Judgement
-from verification.studies.exploration.settings import Settings, Start
+from taction.netlist_gen.scene.scene import Scene
+from taction.verification.design.board_view import PoleView, RestView, view_poles, view_rest
+from taction.verification.design.explorer_curves import Curves
+from taction.verification.design.explorer_judgement import Judgement
+from taction.verification.design.explorer_settings import Settings, Start
+from taction.verification.report.explorer.payload import Part, curves_part, poles_part, rest_part
 
 
 @dataclass(frozen=True, slots=True, eq=False)

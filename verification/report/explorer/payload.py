@@ -8,24 +8,24 @@ from typing import Any
 
 import numpy as np
 
-from spice_models.array_types import Floats
-from spice_models.presets import load_presets
-from verification.pipeline.checks import Check
-from verification.report.html.pictures import channel_colours, numbers, packed, thinned
-from verification.report.html.sections.checks import check_bar
-from verification.report.html.texts import figure, quantity, readable
-from verification.report.tables import spaced
-from verification.small_signal.poles import Poles
-from verification.studies.exploration.board_view import (
+from taction.spice_models.presets import load_presets
+from taction.system.array_types import Floats
+from taction.verification.design.board_view import (
     Boundary,
     PoleView,
     RestView,
     true_outputs,
 )
-from verification.studies.exploration.controls import STEPS, Control
-from verification.studies.exploration.curves import Curves
-from verification.studies.exploration.judgement import Judgement
-from verification.studies.exploration.settings import Settings, Start
+from taction.verification.design.explorer_controls import STEPS, Control
+from taction.verification.design.explorer_curves import Curves
+from taction.verification.design.explorer_judgement import Judgement
+from taction.verification.design.explorer_settings import Settings, Start
+from taction.verification.report.html.pictures import channel_colours, numbers, packed, thinned
+from taction.verification.report.html.sections.checks import check_bar
+from taction.verification.report.html.texts import figure, quantity, readable
+from taction.verification.report.tables import spaced
+from taction.verification.stability.poles import Poles
+from taction.verification.verdict.checks import Check
 
 POINTS = 500  # of a curve
 KEPT = 500  # of a record that another process makes, before it is thinned to `POINTS`

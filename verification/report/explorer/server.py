@@ -15,13 +15,13 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from netlist_gen.scene.scene import Scene
-from spice_models.errors import Complaint, InputError
-from verification.report.explorer.guard import HOST, Guard
-from verification.report.explorer.jobs import Job
-from verification.report.explorer.payload import Part, start_part
-from verification.report.explorer.session import Session
-from verification.studies.exploration.settings import Start
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.errors import Complaint, InputError
+from taction.verification.design.explorer_settings import Start
+from taction.verification.report.explorer.guard import HOST, Guard
+from taction.verification.report.explorer.jobs import Job
+from taction.verification.report.explorer.payload import Part, start_part
+from taction.verification.report.explorer.session import Session
 
 PACKAGE = "nicegui"
 REMEDY = "the explorer needs NiceGUI: pip install 'taction[explore]'"

@@ -12,11 +12,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from netlist_gen.quantities import readable
-from spice_models.errors import InputError, TactionError
-from verification.report.explorer.jobs import Job
-from verification.report.explorer.look import Look, look_at
-from verification.report.explorer.payload import (
+from taction.system.errors import InputError, TactionError
+from taction.system.quantities import readable
+from taction.verification.design.board_view import Boundary, view_boundary, view_limits
+from taction.verification.design.explorer_controls import CAPACITANCE, STEPS
+from taction.verification.design.explorer_judgement import Judgement, judge
+from taction.verification.design.explorer_settings import Settings, Start, read_value
+from taction.verification.report.explorer.jobs import Job
+from taction.verification.report.explorer.look import Look, look_at
+from taction.verification.report.explorer.payload import (
     KEPT,
     Part,
     boundary_part,
@@ -24,11 +28,7 @@ from verification.report.explorer.payload import (
     simulation_part,
     verdict_part,
 )
-from verification.studies.exploration.board_view import Boundary, view_boundary, view_limits
-from verification.studies.exploration.controls import CAPACITANCE, STEPS
-from verification.studies.exploration.judgement import Judgement, judge
-from verification.studies.exploration.settings import Settings, Start, read_value
-from verification.studies.running.worker import WorkerDiedError
+from taction.verification.studies.running.worker import WorkerDiedError
 
 Send = Callable[[Part], None]
 Stage = Callable[[Look], tuple[Look, Part]]

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from verification.report.files.reasons import Document
-from verification.report.junit import End, JUnitSuite, JUnitTest, junit_text
-from verification.report.tables import value_text
-from verification.studies.verify_files import NOT_RUN, VerifiedFiles
+from taction.verification.report.files.reasons import Document
+from taction.verification.report.junit import End, JUnitSuite, JUnitTest, junit_text
+from taction.verification.report.tables import value_text
+from taction.verification.studies.verify_files import NOT_RUN, VerifiedFiles
 
 ENDS: dict[str, End] = {"pass": "", "fail": "failure", "inconclusive": "error", NOT_RUN: "skipped"}
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from verification.report.tables import spaced
+from taction.verification.report.tables import spaced
 
 Document = Mapping[str, Any]
 

@@ -8,9 +8,15 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
-from verification.report.files.reasons import Document, largest, margin_lines, passed_text, reasons
-from verification.report.tables import make_table, value_text, whole
-from verification.studies.verify_files import VerifiedFiles
+from taction.verification.report.files.reasons import (
+    Document,
+    largest,
+    margin_lines,
+    passed_text,
+    reasons,
+)
+from taction.verification.report.tables import make_table, value_text, whole
+from taction.verification.studies.verify_files import VerifiedFiles
 
 TITLES = ("scene", "outcome", "checks", "settling", "overshoot", "time")
 COLOUR = {"pass": "green", "fail": "red", "bad input": "red"}

@@ -5,13 +5,29 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from netlist_gen.quantities import readable
-from verification.report.html.blocks import Block, Cell, Notes, Picture, Report, Section, Table
-from verification.report.html.pictures import DASHES, MARKS, SERIES, axis, line, numbers, words
-from verification.report.html.sections.origin import origin_section
-from verification.report.html.texts import number_cell, quantity
-from verification.report.work_precision.tables import PROBLEMS, accuracy_document
-from verification.studies.work_precision.study import WorkPrecisionStudy
+from taction.system.quantities import readable
+from taction.verification.report.html.blocks import (
+    Block,
+    Cell,
+    Notes,
+    Picture,
+    Report,
+    Section,
+    Table,
+)
+from taction.verification.report.html.pictures import (
+    DASHES,
+    MARKS,
+    SERIES,
+    axis,
+    line,
+    numbers,
+    words,
+)
+from taction.verification.report.html.sections.origin import origin_section
+from taction.verification.report.html.texts import number_cell, quantity
+from taction.verification.report.work_precision.tables import PROBLEMS, accuracy_document
+from taction.verification.studies.work_precision.study import WorkPrecisionStudy
 
 LOWEST = 1e-15  # place of an error of exactly 0
 

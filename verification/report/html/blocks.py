@@ -2,7 +2,7 @@
 
 A text is plain text, never markup: the template escapes it. The two exceptions are `Drawing.svg`,
 which the drawing program writes, and the texts in the specification of a picture, which `Picture`
-sections escape by `verification.report.html.pictures.words`.
+sections escape by `taction.verification.report.html.pictures.words`.
 """
 
 from __future__ import annotations

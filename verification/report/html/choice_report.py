@@ -7,9 +7,11 @@ from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import Any
 
-from netlist_gen.scene.scene import Scene
-from verification.report.choose.tables import first_of_each, number, proposed, text_of
-from verification.report.html.blocks import (
+from taction.netlist_gen.scene.scene import Scene
+from taction.verification.design.choose_ranking import Confirmation, Design
+from taction.verification.design.choose_request import CAPACITANCE, GAIN
+from taction.verification.report.choose.tables import first_of_each, number, proposed, text_of
+from taction.verification.report.html.blocks import (
     Block,
     Cell,
     Notes,
@@ -18,8 +20,8 @@ from verification.report.html.blocks import (
     Section,
     Table,
 )
-from verification.report.html.pictures import log_axis, numbers
-from verification.report.html.texts import (
+from taction.verification.report.html.pictures import log_axis, numbers
+from taction.verification.report.html.texts import (
     counted,
     figure,
     number_cell,
@@ -27,10 +29,8 @@ from verification.report.html.texts import (
     quantity,
     readable,
 )
-from verification.report.html.verdict_report import verdict_report
-from verification.studies.choose.ranking import Confirmation, Design
-from verification.studies.choose.request import CAPACITANCE, GAIN
-from verification.verify import Verdict
+from taction.verification.report.html.verdict_report import verdict_report
+from taction.verification.verdict.verify import Verdict
 
 LISTED = 500  # designs in the table
 MAPS = 9  # op-amps with a map, the best first

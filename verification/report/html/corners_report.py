@@ -5,15 +5,23 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from netlist_gen.scene.scene import Scene
-from verification.report.html.blocks import Block, Cell, Range, Ranges, Report, Section, Table
-from verification.report.html.ranges import value_range
-from verification.report.html.sections.origin import origin_section
-from verification.report.html.texts import counted, number_cell, outcome_cell
-from verification.report.tables import spaced
-from verification.studies.tolerance.corners import Corner, CornerStudy
-from verification.studies.tolerance.varied_board import Quantity, quantities
-from verification.studies.tolerance.yield_report import limits_of
+from taction.netlist_gen.scene.scene import Scene
+from taction.verification.report.html.blocks import (
+    Block,
+    Cell,
+    Range,
+    Ranges,
+    Report,
+    Section,
+    Table,
+)
+from taction.verification.report.html.ranges import value_range
+from taction.verification.report.html.sections.origin import origin_section
+from taction.verification.report.html.texts import counted, number_cell, outcome_cell
+from taction.verification.report.tables import spaced
+from taction.verification.studies.tolerance.corners import Corner, CornerStudy
+from taction.verification.studies.tolerance.varied_board import Quantity, quantities
+from taction.verification.studies.tolerance.yield_report import limits_of
 
 WORST = ("fail", "inconclusive", "pass")
 MOST = 200  # deviations in a table

@@ -16,10 +16,10 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from spice_models.atomic_files import write_atomically
-from spice_models.errors import Complaint, InputError
-from verification.report.html.blocks import Report
-from verification.report.output_checks import check_file
+from taction.system.atomic_files import write_atomically
+from taction.system.errors import Complaint, InputError
+from taction.verification.report.html.blocks import Report
+from taction.verification.report.output_checks import check_file
 
 PACKAGES = ("jinja2", "plotly", "schemdraw")
 REMEDY = "needs {}: pip install 'taction[report]'"

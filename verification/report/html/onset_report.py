@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from netlist_gen.quantities import readable, show
-from verification.report.html.blocks import (
+from taction.system.quantities import readable, show
+from taction.verification.report.html.blocks import (
     Block,
     Cell,
     Facts,
@@ -20,11 +20,19 @@ from verification.report.html.blocks import (
     Section,
     Table,
 )
-from verification.report.html.pictures import area, axis, label, line, log_axis, numbers, words
-from verification.report.html.sections.origin import origin_section
-from verification.report.html.texts import number_cell, quantity
-from verification.report.onset.tables import direction
-from verification.studies.onset.onset import Finding, Onset
+from taction.verification.report.html.pictures import (
+    area,
+    axis,
+    label,
+    line,
+    log_axis,
+    numbers,
+    words,
+)
+from taction.verification.report.html.sections.origin import origin_section
+from taction.verification.report.html.texts import number_cell, quantity
+from taction.verification.report.onset.tables import direction
+from taction.verification.studies.onset.onset import Finding, Onset
 
 RINGS = 0.5  # damping ratio up to which a mode is on the pictures
 STATES: dict[bool | None, Outcome] = {True: "pass", False: "fail", None: "inconclusive"}

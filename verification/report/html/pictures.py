@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from spice_models.array_types import Floats
+from taction.system.array_types import Floats
 
 # One lightness between the two papers: at least 3 to 1 against white and against the dark page.
 SERIES = ("#2f7fc1", "#c4661f", "#7d6bc4", "#2b8f8f", "#a8628f", "#8a7a2a", "#5c7a9a", "#b8574d")

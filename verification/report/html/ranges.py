@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from verification.report.html.blocks import Range
-from verification.report.html.texts import figure
-from verification.report.tables import spaced
+from taction.verification.report.html.blocks import Range
+from taction.verification.report.html.texts import figure
+from taction.verification.report.tables import spaced
 
 MARGIN = 1.15  # of the largest value or limit: the width of the line
 Limits = tuple[float | None, float | None]  # the least and the largest accepted value

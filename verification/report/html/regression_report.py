@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from netlist_gen.quantities import readable
-from verification.report.html.blocks import Bars, Block, Cell, Notes, Report, Section, Table
-from verification.report.html.sections.checks import check_bar
-from verification.report.html.sections.origin import plain_origin
-from verification.report.regression.text import (
+from taction.system.quantities import readable
+from taction.verification.report.html.blocks import Bars, Block, Cell, Notes, Report, Section, Table
+from taction.verification.report.html.sections.checks import check_bar
+from taction.verification.report.html.sections.origin import plain_origin
+from taction.verification.report.regression.text import (
     CHANGES,
     PREFIX,
     SUMMARY,
@@ -19,8 +19,8 @@ from verification.report.regression.text import (
     summary_row,
     value_text,
 )
-from verification.report.verdict.json_document import check_record
-from verification.studies.regression.run import RegressionReport, SceneResult, Status
+from taction.verification.report.verdict.json_document import check_record
+from taction.verification.studies.regression.run import RegressionReport, SceneResult, Status
 
 OUTCOMES = {
     Status.SAME: "pass",

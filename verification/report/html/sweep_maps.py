@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from netlist_gen.overrides.axes import Axis
-from spice_models.array_types import Floats
-from verification.report.html.blocks import Picture
-from verification.report.html.pictures import axis, log_axis, numbers, words
-from verification.report.html.texts import figure, quantity, titled
-from verification.report.sweep.maps import boundary_text
-from verification.studies.figures import FIGURES
-from verification.studies.sweep.boundary import Boundary
+from taction.netlist_gen.scene.axes import Axis
+from taction.system.array_types import Floats
+from taction.verification.report.html.blocks import Picture
+from taction.verification.report.html.pictures import axis, log_axis, numbers, words
+from taction.verification.report.html.texts import figure, quantity, titled
+from taction.verification.report.sweep.maps import boundary_text
+from taction.verification.studies.figures import FIGURES
+from taction.verification.studies.sweep.boundary import Boundary
 
 LOOKS = {
     "pass": ("--pass", "circle"),

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from netlist_gen.overrides.axes import Axis
-from netlist_gen.quantities import readable
-from verification.report.html.blocks import (
+from taction.netlist_gen.scene.axes import Axis
+from taction.system.quantities import readable
+from taction.verification.report.html.blocks import (
     Block,
     Cell,
     Facts,
@@ -21,10 +21,10 @@ from verification.report.html.blocks import (
     Section,
     Table,
 )
-from verification.report.html.pictures import OUTCOMES as LOOKS
-from verification.report.html.pictures import axis, log_axis, numbers, words
-from verification.report.html.sections.origin import origin_section
-from verification.report.html.sweep_maps import (
+from taction.verification.report.html.pictures import OUTCOMES as LOOKS
+from taction.verification.report.html.pictures import axis, log_axis, numbers, words
+from taction.verification.report.html.sections.origin import origin_section
+from taction.verification.report.html.sweep_maps import (
     Plane,
     Ruler,
     extent,
@@ -33,19 +33,25 @@ from verification.report.html.sweep_maps import (
     place_text,
     quantity_map,
 )
-from verification.report.html.texts import LEAST_SHARE, figure, number_cell, quantity, titled
-from verification.report.sweep.agreement import summarise
-from verification.report.sweep.document import columns_of
-from verification.report.sweep.files import grids
-from verification.report.sweep.panels import ENGINES, result_names
-from verification.report.sweep.plot import MOST_AXES, boundary_at, chosen_places
-from verification.report.sweep.records import records
-from verification.report.tables import spaced
-from verification.studies.figures import FIGURES
-from verification.studies.sweep.boundary import solve_boundary
-from verification.studies.sweep.plan import Plan
-from verification.studies.sweep.run import SweepCounts
-from verification.studies.sweep.store import Store
+from taction.verification.report.html.texts import (
+    LEAST_SHARE,
+    figure,
+    number_cell,
+    quantity,
+    titled,
+)
+from taction.verification.report.sweep.agreement import summarise
+from taction.verification.report.sweep.document import columns_of
+from taction.verification.report.sweep.files import grids
+from taction.verification.report.sweep.panels import ENGINES, result_names
+from taction.verification.report.sweep.plot import MOST_AXES, boundary_at, chosen_places
+from taction.verification.report.sweep.records import records
+from taction.verification.report.tables import spaced
+from taction.verification.studies.figures import FIGURES
+from taction.verification.studies.sweep.boundary import solve_boundary
+from taction.verification.studies.sweep.plan import Plan
+from taction.verification.studies.sweep.run import SweepCounts
+from taction.verification.studies.sweep.store import Store
 
 LISTED = 500  # points in the table
 FLAT, CLEAR = 0.01, 1.5  # of a curve: relative change, and height of the picture

@@ -6,13 +6,13 @@ import math
 from collections.abc import Iterable
 from decimal import Decimal
 
-from netlist_gen.quantities import NONE as NONE
-from netlist_gen.quantities import quantity as quantity
-from netlist_gen.quantities import readable as readable
-from netlist_gen.scene.summary import counted as counted
-from netlist_gen.scene.summary import opamp_name as opamp_name
-from verification.report.html.blocks import Cell, Outcome
-from verification.report.tables import spaced, value_text
+from taction.netlist_gen.scene.summary import counted as counted
+from taction.netlist_gen.scene.summary import opamp_name as opamp_name
+from taction.system.quantities import NONE as NONE
+from taction.system.quantities import quantity as quantity
+from taction.system.quantities import readable as readable
+from taction.verification.report.html.blocks import Cell, Outcome
+from taction.verification.report.tables import spaced, value_text
 
 LEAST_SHARE = 1e-6  # of the step: smaller parts have no number
 LEAST_ERROR = 1e-5  # of a value: smaller errors are below the digits that are shown

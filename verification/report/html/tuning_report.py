@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from netlist_gen.overrides.keys import find_key
-from netlist_gen.quantities import written
-from verification.report.html.blocks import (
+from taction.netlist_gen.scene.keys import find_key
+from taction.system.quantities import written
+from taction.verification.design.tune import Candidate, Tuning
+from taction.verification.report.html.blocks import (
     Block,
     Cell,
     Code,
@@ -17,11 +18,10 @@ from verification.report.html.blocks import (
     Section,
     Table,
 )
-from verification.report.html.pictures import axis, label, line, log_axis, numbers
-from verification.report.html.texts import number_cell, percent, quantity
-from verification.report.html.verdict_report import verdict_report
-from verification.studies.tune import Candidate, Tuning
-from verification.verify import Verdict
+from taction.verification.report.html.pictures import axis, label, line, log_axis, numbers
+from taction.verification.report.html.texts import number_cell, percent, quantity
+from taction.verification.report.html.verdict_report import verdict_report
+from taction.verification.verdict.verify import Verdict
 
 
 def tuning_report(tuning: Tuning, verdict: Verdict) -> Report:

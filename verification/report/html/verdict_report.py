@@ -4,28 +4,32 @@ from __future__ import annotations
 
 from typing import Any
 
-from netlist_gen.quantities import readable
-from verification.report.html.blocks import Notes, Report, Section
-from verification.report.html.file import write_report
-from verification.report.html.sections.board import (
+from taction.system.quantities import readable
+from taction.verification.report.html.blocks import Notes, Report, Section
+from taction.verification.report.html.file import write_report
+from taction.verification.report.html.sections.board import (
     board_lines,
     board_section,
     omissions_section,
     parts_section,
 )
-from verification.report.html.sections.checks import (
+from taction.verification.report.html.sections.checks import (
     check_bar,
     checks_section,
     headroom_section,
 )
-from verification.report.html.sections.errors import budget_section, effort_section, stress_section
-from verification.report.html.sections.origin import deck_section, origin_section, run_rows
-from verification.report.html.sections.stability import stability_section
-from verification.report.html.sections.waveforms import waveforms_section
-from verification.report.html.texts import figure, quantity
-from verification.report.tables import spaced
-from verification.report.verdict.json_document import verdict_document
-from verification.verify import Verdict
+from taction.verification.report.html.sections.errors import (
+    budget_section,
+    effort_section,
+    stress_section,
+)
+from taction.verification.report.html.sections.origin import deck_section, origin_section, run_rows
+from taction.verification.report.html.sections.stability import stability_section
+from taction.verification.report.html.sections.waveforms import waveforms_section
+from taction.verification.report.html.texts import figure, quantity
+from taction.verification.report.tables import spaced
+from taction.verification.report.verdict.json_document import verdict_document
+from taction.verification.verdict.verify import Verdict
 
 
 def write_verdict_report(verdict: Verdict, path: str) -> None:
@@ -34,7 +38,7 @@ def write_verdict_report(verdict: Verdict, path: str) -> None:
     Raises
     ------
     InputError
-        See `verification.report.html.file.write_report`.
+        See `taction.verification.report.html.file.write_report`.
     """
     write_report(verdict_report(verdict), path)
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from netlist_gen.scene.scene import Scene
-from verification.report.html.blocks import (
+from taction.netlist_gen.scene.scene import Scene
+from taction.verification.report.html.blocks import (
     Block,
     Cell,
     Facts,
@@ -22,14 +22,14 @@ from verification.report.html.blocks import (
     Table,
     View,
 )
-from verification.report.html.pictures import HATCH, area, axis, line
-from verification.report.html.ranges import is_beyond, value_range
-from verification.report.html.sections.origin import origin_section
-from verification.report.html.texts import counted, figure, number_cell, percent, titled
-from verification.report.tables import spaced
-from verification.report.tolerance.tables import remedy_text
-from verification.studies.tolerance.varied_board import BoardSample
-from verification.studies.tolerance.yield_report import Spread, YieldReport
+from taction.verification.report.html.pictures import HATCH, area, axis, line
+from taction.verification.report.html.ranges import is_beyond, value_range
+from taction.verification.report.html.sections.origin import origin_section
+from taction.verification.report.html.texts import counted, figure, number_cell, percent, titled
+from taction.verification.report.tables import spaced
+from taction.verification.report.tolerance.tables import remedy_text
+from taction.verification.studies.tolerance.varied_board import BoardSample
+from taction.verification.studies.tolerance.yield_report import Spread, YieldReport
 
 BINS = 40  # of a histogram
 CULPRITS = 12  # parts of a picture

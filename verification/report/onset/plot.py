@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from netlist_gen.quantities import readable, show
-from spice_models.array_types import Floats
-from verification.report.picture import BLUE, GREY, ORANGE, figure_file
-from verification.small_signal.scan_result import Sample
-from verification.studies.onset.onset import Onset
+from taction.system.array_types import Floats
+from taction.system.quantities import readable, show
+from taction.verification.report.picture import BLUE, GREY, ORANGE, figure_file
+from taction.verification.stability.scan_result import Sample
+from taction.verification.studies.onset.onset import Onset
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -46,7 +46,7 @@ def plot_onset(onset: Onset, path: str | Path | None = None) -> Figure:
     Raises
     ------
     InputError
-        See `verification.report.picture.figure_file`.
+        See `taction.verification.report.picture.figure_file`.
     """
     samples = [sample for sample in onset.scan.samples if not sample.failure]
     modes = _ringing(samples)

@@ -9,13 +9,13 @@ from typing import Any
 from rich.console import Console
 from rich.markup import escape
 
-from netlist_gen.overrides.keys import own_value
-from netlist_gen.quantities import show
-from verification.report.fitted_table import FittedTable
-from verification.report.tables import make_table
-from verification.small_signal.scan_result import AxisCrossing
-from verification.studies.onset.onset import Finding, Onset
-from verification.studies.onset.transient_trial import Side
+from taction.netlist_gen.scene.keys import own_value
+from taction.system.quantities import show
+from taction.verification.report.fitted_table import FittedTable
+from taction.verification.report.tables import make_table
+from taction.verification.stability.scan_result import AxisCrossing
+from taction.verification.studies.onset.onset import Finding, Onset
+from taction.verification.studies.onset.transient_trial import Side
 
 CONFIRMED = {True: "[green]yes[/green]", False: "[red]no[/red]", None: "[yellow]undecided[/yellow]"}
 

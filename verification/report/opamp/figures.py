@@ -9,10 +9,10 @@ from typing import Any
 from rich.console import Console
 from rich.markup import escape
 
-from netlist_gen.quantities import show
-from spice_models.opamp import OpAmp, phase_margin, unity_gain_bandwidth
-from verification.characterise.characterise import Measured, supply_of
-from verification.report.tables import make_table
+from taction.spice_models.opamp import OpAmp, phase_margin, unity_gain_bandwidth
+from taction.system.quantities import show
+from taction.verification.characterise.characterise import Measured, supply_of
+from taction.verification.report.tables import make_table
 
 TITLES = {
     "dc_gain": ("DC gain", ""),

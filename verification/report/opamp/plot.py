@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from netlist_gen.quantities import readable, show
-from spice_models.array_types import Floats
-from spice_models.opamp import OpAmp
-from verification.characterise.characterise import (
+from taction.spice_models.opamp import OpAmp
+from taction.system.array_types import Floats
+from taction.system.quantities import readable, show
+from taction.verification.characterise.characterise import (
     STEP,
     Bode,
     bode,
@@ -19,8 +19,8 @@ from verification.characterise.characterise import (
     step_response,
     supply_of,
 )
-from verification.characterise.witnesses import Witness
-from verification.report.picture import BLUE, GREY, ORANGE, figure_file, time_unit
+from taction.verification.characterise.witnesses import Witness
+from taction.verification.report.picture import BLUE, GREY, ORANGE, figure_file, time_unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -55,7 +55,7 @@ def plot_opamp(opamp: OpAmp, curves: dict[str, Curves], path: str) -> None:
     Raises
     ------
     InputError
-        See `verification.report.picture.figure_file`.
+        See `taction.verification.report.picture.figure_file`.
     """
     with figure_file(path, 11.5, 6.6, f"{opamp.name}: open loop and follower") as figure:
         halves: Any = figure.subfigures(1, 2, width_ratios=(1.25, 1))

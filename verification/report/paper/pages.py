@@ -6,10 +6,10 @@ import base64
 from collections.abc import Iterator, Mapping
 from html import escape
 
-from verification.report.tables import markdown_line, markdown_table
-from verification.studies.paper.findings import ClaimOutcome
-from verification.studies.paper.pictures import Picture
-from verification.studies.paper.reproduce import Reproduction, Section
+from taction.verification.evidence.paper.findings import ClaimOutcome
+from taction.verification.evidence.paper.pictures import Picture
+from taction.verification.evidence.paper.reproduce import Reproduction, Section
+from taction.verification.report.tables import markdown_line, markdown_table
 
 TITLE = "The paper, claim by claim"
 SOURCE = (

@@ -7,8 +7,8 @@ import io
 import math
 from typing import TYPE_CHECKING
 
-from verification.report.picture import new_figure
-from verification.studies.paper.pictures import Panel, Picture
+from taction.verification.evidence.paper.pictures import Panel, Picture
+from taction.verification.report.picture import new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,14 +9,14 @@ from rich.console import Console
 from rich.markup import escape
 from rich.text import Text
 
-from spice_models.atomic_files import write_atomically
-from spice_models.errors import Complaint, InputError
-from verification.report.paper.pages import paper_html, paper_markdown
-from verification.report.paper.plots import can_draw, draw
-from verification.report.tables import make_table
-from verification.studies.paper.findings import ClaimOutcome
-from verification.studies.paper.reproduce import Judged, Reproduction
-from verification.studies.running.machine import describe_machine
+from taction.system.atomic_files import write_atomically
+from taction.system.errors import Complaint, InputError
+from taction.verification.evidence.paper.findings import ClaimOutcome
+from taction.verification.evidence.paper.reproduce import Judged, Reproduction
+from taction.verification.report.paper.pages import paper_html, paper_markdown
+from taction.verification.report.paper.plots import can_draw, draw
+from taction.verification.report.tables import make_table
+from taction.verification.studies.running.machine import describe_machine
 
 COLOURS = {
     ClaimOutcome.HOLDS: "green",

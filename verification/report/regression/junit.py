@@ -11,12 +11,12 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from verification.pipeline.checks import Check, Outcome
-from verification.report.junit import End, JUnitSuite, JUnitTest, junit_text
-from verification.report.regression.text import change_line, remarks, value_text
-from verification.report.verdict.table import limit
-from verification.studies.regression.compare import Difference
-from verification.studies.regression.run import RegressionReport, SceneResult, Status
+from taction.verification.report.junit import End, JUnitSuite, JUnitTest, junit_text
+from taction.verification.report.regression.text import change_line, remarks, value_text
+from taction.verification.report.verdict.table import limit
+from taction.verification.studies.regression.compare import Difference
+from taction.verification.studies.regression.run import RegressionReport, SceneResult, Status
+from taction.verification.verdict.checks import Check, Outcome
 
 ENDS: dict[Outcome, End] = {
     Outcome.PASS: "",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from verification.report.regression.text import (
+from taction.verification.report.regression.text import (
     CHANGES,
     SUMMARY,
     change_rows,
@@ -12,8 +12,8 @@ from verification.report.regression.text import (
     remarks,
     summary_row,
 )
-from verification.report.tables import markdown_line, markdown_table
-from verification.studies.regression.run import RegressionReport, Status
+from taction.verification.report.tables import markdown_line, markdown_table
+from taction.verification.studies.regression.run import RegressionReport, Status
 
 
 def regression_markdown(report: RegressionReport) -> str:

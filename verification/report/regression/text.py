@@ -11,10 +11,10 @@ from rich.markup import escape
 from rich.table import Column
 from rich.text import Text
 
-from verification.report import tables
-from verification.report.verdict.json_document import check_record
-from verification.studies.regression.compare import Difference
-from verification.studies.regression.run import RegressionReport, SceneResult, Status
+from taction.verification.report import tables
+from taction.verification.report.verdict.json_document import check_record
+from taction.verification.studies.regression.compare import Difference
+from taction.verification.studies.regression.run import RegressionReport, SceneResult, Status
 
 SHOWN = 12  # changed quantities of a scene in a table; JSON has them all
 LEAST_OFF = 1e-3  # tolerances: a smaller difference has no number

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from verification.report.schemas.shared import Check, Document, Machine, Number, Part, Word
+from taction.verification.report.schemas.shared import Check, Document, Machine, Number, Part, Word
 
 
 class NumberErrors(Part):

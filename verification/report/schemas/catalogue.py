@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from verification.report.schemas import (
+from taction.verification.report.schemas import (
     benchmarks,
     choice,
     grids,
@@ -18,8 +18,8 @@ from verification.report.schemas import (
     studies,
     verdict,
 )
-from verification.report.schemas.head import ERROR, schema_name
-from verification.report.schemas.units import UNIT_OF
+from taction.verification.report.schemas.head import ERROR, schema_name
+from taction.verification.report.schemas.units import UNIT_OF
 
 MODELS: dict[str, type[BaseModel]] = {
     "verify": verdict.VerifyDocument,

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from verification.report.schemas.grids import PointOutcome
-from verification.report.schemas.shared import Document, Number, Outcome, Part, Value, Word
+from taction.verification.report.schemas.grids import PointOutcome
+from taction.verification.report.schemas.shared import Document, Number, Outcome, Part, Value, Word
 
 
 class ChosenDesign(Part):

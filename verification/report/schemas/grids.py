@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from verification.report.schemas.shared import Document, Number, Outcome, Part, Value, Word
+from taction.verification.report.schemas.shared import Document, Number, Outcome, Part, Value, Word
 
 PointOutcome = Literal["pass", "fail", "inconclusive", "error"]
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from importlib import metadata
 from typing import Any
 
-from spice_models.errors import SimulationError
-from verification.engines.ngspice.executable import find_simulator
-from verification.report.schemas.units import units_in
+from taction.system.errors import SimulationError
+from taction.verification.engines.ngspice.executable import find_simulator
+from taction.verification.report.schemas.units import units_in
 
 VERSION = 1  # of all schemas; a field that changes its name or its meaning increases it
 ERROR = "error"

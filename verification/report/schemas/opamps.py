@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import ConfigDict, Field
 
-from verification.report.schemas.shared import Document, Number, Part
+from taction.verification.report.schemas.shared import Document, Number, Part
 
 
 class Preset(Part):

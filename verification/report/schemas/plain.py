@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from verification.report.schemas.shared import (
+from taction.verification.report.schemas.shared import (
     Certificate,
     Document,
     Free,
@@ -15,8 +15,8 @@ from verification.report.schemas.shared import (
     Part,
     Word,
 )
-from verification.report.schemas.studies import Candidate
-from verification.report.schemas.verdict import VerdictBody
+from taction.verification.report.schemas.studies import Candidate
+from taction.verification.report.schemas.verdict import VerdictBody
 
 
 class Pruning(Part):

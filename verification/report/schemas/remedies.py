@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from verification.report.schemas.shared import Number, Part, Value
+from taction.verification.report.schemas.shared import Number, Part, Value
 
 
 class StableRange(Part):

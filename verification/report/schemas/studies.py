@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from verification.report.schemas.remedies import Remedy
-from verification.report.schemas.shared import Check, Document, Number, Part, Sample, Word
+from taction.verification.report.schemas.remedies import Remedy
+from taction.verification.report.schemas.shared import Check, Document, Number, Part, Sample, Word
 
 
 class Corner(Part):

@@ -6,8 +6,8 @@ from typing import Literal
 
 from pydantic import ConfigDict, Field
 
-from verification.report.schemas.remedies import StableRange, WhatToChange
-from verification.report.schemas.shared import (
+from taction.verification.report.schemas.remedies import StableRange, WhatToChange
+from taction.verification.report.schemas.shared import (
     Certificate,
     Check,
     Document,

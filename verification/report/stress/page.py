@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from verification.report.stress.report import TITLES, case_row, headline
-from verification.report.tables import markdown_line, markdown_table
-from verification.studies.stress.catalogue import Case
-from verification.studies.stress.run import StressReport
+from taction.verification.evidence.stress.catalogue import Case
+from taction.verification.evidence.stress.run import StressReport
+from taction.verification.report.stress.report import TITLES, case_row, headline
+from taction.verification.report.tables import markdown_line, markdown_table
 
 INTRODUCTION = """\
 # Stiff and extreme cases

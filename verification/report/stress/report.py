@@ -9,11 +9,11 @@ from rich.console import Console
 from rich.markup import escape
 from rich.text import Text
 
-from verification.report.junit import JUnitSuite, JUnitTest, junit_text
-from verification.report.tables import make_table, value_text
-from verification.report.verdict.json_document import check_record
-from verification.studies.stress.catalogue import FOLDER
-from verification.studies.stress.run import CaseRun, Judgement, StressReport
+from taction.verification.evidence.stress.catalogue import FOLDER
+from taction.verification.evidence.stress.run import CaseRun, Judgement, StressReport
+from taction.verification.report.junit import JUnitSuite, JUnitTest, junit_text
+from taction.verification.report.tables import make_table, value_text
+from taction.verification.report.verdict.json_document import check_record
 
 TITLES = (
     *("case", "engine", "outcome", "worst quantity", "true error", "stated error"),

@@ -10,13 +10,13 @@ from typing import Any
 from rich.console import Console
 from rich.markup import escape
 
-from netlist_gen.overrides.keys import Value
-from verification.pipeline.checks import Outcome
-from verification.report.sweep.records import records
-from verification.report.tables import value_text
-from verification.studies.sweep.hybrid import BOUNDARY, EXTREME, SAMPLE
-from verification.studies.sweep.plan import Plan
-from verification.studies.sweep.store import Store
+from taction.netlist_gen.scene.keys import Value
+from taction.verification.report.sweep.records import records
+from taction.verification.report.tables import value_text
+from taction.verification.studies.sweep.hybrid import BOUNDARY, EXTREME, SAMPLE
+from taction.verification.studies.sweep.plan import Plan
+from taction.verification.studies.sweep.store import Store
+from taction.verification.verdict.checks import Outcome
 
 LINES = 20  # points that are listed
 WORDS = {

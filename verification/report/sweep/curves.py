@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from netlist_gen.overrides.axes import Axis
-from verification.report.picture import BLUE, ORANGE
-from verification.report.sweep.panels import (
+from taction.netlist_gen.scene.axes import Axis
+from taction.verification.report.picture import BLUE, ORANGE
+from taction.verification.report.sweep.panels import (
     ENGINES,
     LITTLE,
     PANELS,
@@ -16,7 +16,7 @@ from verification.report.sweep.panels import (
     linear_part,
     rate_ticks,
 )
-from verification.report.sweep.rulers import Ruler, prefixes, tick
+from taction.verification.report.sweep.rulers import Ruler, prefixes, tick
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

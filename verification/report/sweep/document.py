@@ -12,16 +12,16 @@ from rich.console import Console
 from rich.markup import escape
 from rich.text import Text
 
-from netlist_gen.overrides.axes import Axis
-from netlist_gen.scene.scene import Scene
-from verification.report import tables
-from verification.report.schemas.head import document_head
-from verification.report.sweep.agreement import print_summary, summarise
-from verification.report.sweep.records import records
-from verification.studies.figures import FIGURES
-from verification.studies.sweep.plan import Plan
-from verification.studies.sweep.run import SweepCounts
-from verification.studies.sweep.store import Store
+from taction.netlist_gen.scene.axes import Axis
+from taction.netlist_gen.scene.scene import Scene
+from taction.verification.report import tables
+from taction.verification.report.schemas.head import document_head
+from taction.verification.report.sweep.agreement import print_summary, summarise
+from taction.verification.report.sweep.records import records
+from taction.verification.studies.figures import FIGURES
+from taction.verification.studies.sweep.plan import Plan
+from taction.verification.studies.sweep.run import SweepCounts
+from taction.verification.studies.sweep.store import Store
 
 LINES = 40  # points in the table; of a larger sweep only those without a verdict
 COLOUR = {"pass": "green", "fail": "red", "inconclusive": "yellow", "error": "magenta"}

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from spice_models.atomic_files import replacing
-from verification.report.output_checks import check_file
-from verification.report.sweep.records import all_records, records
-from verification.studies.figures import FIGURES
-from verification.studies.sweep.plan import Plan
-from verification.studies.sweep.store import Store
+from taction.system.atomic_files import replacing
+from taction.verification.report.output_checks import check_file
+from taction.verification.report.sweep.records import all_records, records
+from taction.verification.studies.figures import FIGURES
+from taction.verification.studies.sweep.plan import Plan
+from taction.verification.studies.sweep.store import Store
 
 PACKAGES = {  # by ending: the package and how to install it
     ".parquet": ("pyarrow", "Parquet needs pyarrow: pip install 'taction[parquet]'"),

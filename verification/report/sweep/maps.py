@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from netlist_gen.overrides.axes import Axis
-from spice_models.array_types import Floats
-from verification.report.sweep.panels import (
+from taction.netlist_gen.scene.axes import Axis
+from taction.system.array_types import Floats
+from taction.verification.report.sweep.panels import (
     LITTLE,
     PANELS,
     Kind,
@@ -17,8 +17,8 @@ from verification.report.sweep.panels import (
     linear_part,
     rate_ticks,
 )
-from verification.report.sweep.rulers import Ruler, prefixes, tick
-from verification.studies.sweep.boundary import Boundary
+from taction.verification.report.sweep.rulers import Ruler, prefixes, tick
+from taction.verification.studies.sweep.boundary import Boundary
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from spice_models.array_types import Floats
-from verification.report.picture import BLUE, GREY, HATCHES, ORANGE, PURPLE
-from verification.report.sweep.records import all_records
-from verification.report.tables import spaced
-from verification.studies.figures import FIGURES
-from verification.studies.sweep.plan import Plan
-from verification.studies.sweep.store import Store
+from taction.system.array_types import Floats
+from taction.verification.report.picture import BLUE, GREY, HATCHES, ORANGE, PURPLE
+from taction.verification.report.sweep.records import all_records
+from taction.verification.report.tables import spaced
+from taction.verification.studies.figures import FIGURES
+from taction.verification.studies.sweep.plan import Plan
+from taction.verification.studies.sweep.store import Store
 
 # of a check that fails, the same in every picture
 FAILS = {

@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from netlist_gen.overrides.axes import with_values
-from spice_models.errors import Complaint, InputError
-from verification.report.picture import check_plot_file, figure_file
-from verification.report.sweep.curves import draw_curves
-from verification.report.sweep.files import grids
-from verification.report.sweep.maps import MOST_MAPS, draw_maps, draw_multiples
-from verification.report.sweep.panels import ENGINES, result_names
-from verification.studies.sweep.boundary import Boundary, solve_boundary
-from verification.studies.sweep.plan import Plan
-from verification.studies.sweep.store import Store
+from taction.netlist_gen.scene.axes import with_values
+from taction.system.errors import Complaint, InputError
+from taction.verification.report.picture import check_plot_file, figure_file
+from taction.verification.report.sweep.curves import draw_curves
+from taction.verification.report.sweep.files import grids
+from taction.verification.report.sweep.maps import MOST_MAPS, draw_maps, draw_multiples
+from taction.verification.report.sweep.panels import ENGINES, result_names
+from taction.verification.studies.sweep.boundary import Boundary, solve_boundary
+from taction.verification.studies.sweep.plan import Plan
+from taction.verification.studies.sweep.store import Store
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -30,7 +30,7 @@ def check_sweep_plot(plan: Plan, path: str | Path | None) -> None:
     Raises
     ------
     InputError
-        More than three axes, or see `verification.report.picture.check_plot_file`.
+        More than three axes, or see `taction.verification.report.picture.check_plot_file`.
     """
     if path is not None:
         check_plot_file(path)

@@ -7,10 +7,10 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from verification.studies.sweep.comparison import compare
-from verification.studies.sweep.hybrid import confirmed_points
-from verification.studies.sweep.plan import Plan, Requests
-from verification.studies.sweep.store import Store
+from taction.verification.studies.sweep.comparison import compare
+from taction.verification.studies.sweep.hybrid import confirmed_points
+from taction.verification.studies.sweep.plan import Plan, Requests
+from taction.verification.studies.sweep.store import Store
 
 
 def records(plan: Plan, store: Store) -> Iterator[dict[str, Any]]:
@@ -19,7 +19,7 @@ def records(plan: Plan, store: Store) -> Iterator[dict[str, Any]]:
     ``values`` holds the values on the axes by name. A point with results of both engines has
     ``agreement`` (pass, fail or inconclusive), ``difference`` and ``disagreement``, see
     `verification.studies.sweep.comparison`; a point that a hybrid sweep confirms by ngspice has
-    ``chosen``, the reason. `verification.studies.sweep.point` defines the other keys.
+    ``chosen``, the reason. `taction.verification.studies.sweep.point` defines the other keys.
     """
     return (record for record in all_records(plan, store) if record is not None)
 

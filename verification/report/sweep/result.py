@@ -8,14 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from spice_models.errors import Complaint, InputError
-from verification.report.sweep.agreement import AgreementSummary, summarise
-from verification.report.sweep.files import dataset, frame
-from verification.report.sweep.plot import plot_sweep
-from verification.report.sweep.records import records
-from verification.studies.sweep.plan import Plan
-from verification.studies.sweep.run import SweepCounts
-from verification.studies.sweep.store import Store
+from taction.system.errors import Complaint, InputError
+from taction.verification.report.sweep.agreement import AgreementSummary, summarise
+from taction.verification.report.sweep.files import dataset, frame
+from taction.verification.report.sweep.plot import plot_sweep
+from taction.verification.report.sweep.records import records
+from taction.verification.studies.sweep.plan import Plan
+from taction.verification.studies.sweep.run import SweepCounts
+from taction.verification.studies.sweep.store import Store
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -62,7 +62,7 @@ class SweepResult:
 
     def _repr_html_(self) -> str:
         """Return the sweep as a card for a notebook."""
-        from verification.report.cards import sweep_card
+        from taction.verification.report.cards import sweep_card
 
         return sweep_card(self.plan, self.count, self._disagree).html()
 
@@ -117,8 +117,8 @@ class SweepResult:
             The name does not end in ``.html``, the file cannot be written, or a package of
             ``taction[report]`` is missing.
         """
-        from verification.report.html.file import write_report
-        from verification.report.html.sweep_report import sweep_report
+        from taction.verification.report.html.file import write_report
+        from taction.verification.report.html.sweep_report import sweep_report
 
         write_report(sweep_report(self.plan, self.store, self.count), str(path))
 

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from netlist_gen.overrides.axes import Axis
-from spice_models.array_types import Floats
+from taction.netlist_gen.scene.axes import Axis
+from taction.system.array_types import Floats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,14 +6,14 @@ import math
 
 from rich.console import Console
 
-from netlist_gen.quantities import UNITS
-from verification.report.fitted_table import FittedTable
-from verification.report.tables import make_table, spaced, value_text
-from verification.studies.tolerance.corners import Corner
-from verification.studies.tolerance.remedy import Remedy
-from verification.studies.tolerance.steady_directions import Direction
-from verification.studies.tolerance.varied_board import Quantity
-from verification.studies.tolerance.yield_report import Spread, YieldReport
+from taction.system.quantities import UNITS
+from taction.verification.report.fitted_table import FittedTable
+from taction.verification.report.tables import make_table, spaced, value_text
+from taction.verification.studies.tolerance.corners import Corner
+from taction.verification.studies.tolerance.remedy import Remedy
+from taction.verification.studies.tolerance.steady_directions import Direction
+from taction.verification.studies.tolerance.varied_board import Quantity
+from taction.verification.studies.tolerance.yield_report import Spread, YieldReport
 
 TOP = 10  # sensitivities in the table; JSON has them all
 SHOWN = 4  # worst-case directions in the table; JSON has them all

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from spice_models.array_types import Floats
-from verification.report.picture import BLUE, HATCHES, ORANGE, figure_file
-from verification.report.tables import spaced, value_text
-from verification.studies.tolerance.varied_board import BoardSample
-from verification.studies.tolerance.yield_report import Spread, YieldReport
+from taction.system.array_types import Floats
+from taction.verification.report.picture import BLUE, HATCHES, ORANGE, figure_file
+from taction.verification.report.tables import spaced, value_text
+from taction.verification.studies.tolerance.varied_board import BoardSample
+from taction.verification.studies.tolerance.yield_report import Spread, YieldReport
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -48,7 +48,7 @@ def plot_yield(
     Raises
     ------
     InputError
-        See `verification.report.picture.figure_file`.
+        See `taction.verification.report.picture.figure_file`.
     """
     drawn = [
         (spread, values) for spread in report.quantities if len(values := _of(spread, samples))

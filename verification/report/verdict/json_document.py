@@ -6,14 +6,14 @@ import math
 from dataclasses import asdict
 from typing import Any
 
-from verification.measures.measurements import ChannelMeasure
-from verification.pipeline.checks import Check
-from verification.pipeline.error_chain import ErrorBudget, ErrorPart
-from verification.pipeline.output_noise import OutputNoise
-from verification.report.verdict.scene_keys import scene_keys
-from verification.small_signal.headroom import Load
-from verification.studies.figures import CHANNEL_FIGURES, FIGURES, figures_of, finite
-from verification.verify import Verdict
+from taction.verification.readings.measurements import ChannelMeasure
+from taction.verification.report.verdict.scene_keys import scene_keys
+from taction.verification.studies.figures import CHANNEL_FIGURES, FIGURES, figures_of, finite
+from taction.verification.verdict.checks import Check
+from taction.verification.verdict.error_chain import ErrorBudget, ErrorPart
+from taction.verification.verdict.headroom import Load
+from taction.verification.verdict.output_noise import OutputNoise
+from taction.verification.verdict.verify import Verdict
 
 ERRORS = ("steady_state", "settling_time", "rise_time", "overshoot", "undershoot")
 

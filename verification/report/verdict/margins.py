@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.report.verdict.json_document import verdict_document
-from verification.report.verdict.remedies import range_record
-from verification.small_signal.margin import both_margins
-from verification.studies.remedies.stable_ranges import stable_ranges
-from verification.studies.remedies.trials import Trials
-from verification.verify import Verdict
+from taction.verification.design.stable_ranges import stable_ranges
+from taction.verification.design.trials import Trials
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.report.verdict.json_document import verdict_document
+from taction.verification.report.verdict.remedies import range_record
+from taction.verification.stability.margin import both_margins
+from taction.verification.verdict.verify import Verdict
 
 
 def verdict_document_with_margins(verdict: Verdict) -> dict[str, Any]:

@@ -9,11 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from netlist_gen.quantities import readable, show
-from spice_models.array_types import Floats
-from verification.pipeline.agreement import Agreement
-from verification.pipeline.checks import Check
-from verification.report.picture import (
+from taction.system.array_types import Floats
+from taction.system.quantities import readable, show
+from taction.verification.report.picture import (
     BLUE,
     GREY,
     ORANGE,
@@ -22,9 +20,11 @@ from verification.report.picture import (
     label_ends,
     time_unit,
 )
-from verification.report.tables import spaced
-from verification.report.verdict.table import amount, limit
-from verification.verify import Verdict
+from taction.verification.report.tables import spaced
+from taction.verification.report.verdict.table import amount, limit
+from taction.verification.verdict.agreement import Agreement
+from taction.verification.verdict.checks import Check
+from taction.verification.verdict.verify import Verdict
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -51,7 +51,7 @@ def plot_verdict(verdict: Verdict, path: str | Path | None = None) -> Figure:
     Raises
     ------
     InputError
-        See `verification.report.picture.figure_file`.
+        See `taction.verification.report.picture.figure_file`.
     """
     agreement = verdict.agreement
     compared = agreement is not None and not agreement.reason

@@ -6,11 +6,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from netlist_gen.overrides.keys import SYMBOLS, Value, find_key
-from netlist_gen.quantities import show
-from netlist_gen.scene.scene import Scene
-from verification.studies.remedies.remedies import Change, Remedies
-from verification.studies.remedies.stable_ranges import StableRange
+from taction.netlist_gen.scene.keys import SYMBOLS, Value, find_key
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.quantities import show
+from taction.verification.design.remedies import Change, Remedies
+from taction.verification.design.stable_ranges import StableRange
 
 NAMES = {path: symbol for symbol, path in SYMBOLS.items()} | {"design.gain": "gain"}
 
@@ -21,8 +21,8 @@ def remedies_text(scene: Scene, remedies: Remedies) -> str:
     Examples
     --------
     >>> import taction
-    >>> from verification.studies.remedies.remedies import find_remedies
-    >>> from netlist_gen.overrides.axes import with_value
+    >>> from taction.verification.design.remedies import find_remedies
+    >>> from taction.netlist_gen.scene.axes import with_value
     >>> scene = taction.load_scene("scenes/tuned-breadboard.toml")
     >>> slow = with_value(scene, "design.capacitance", 1e-10)
     >>> verdict = taction.verify(slow, engine="statespace")

@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from netlist_gen.board.scalings import choose_opamp
-from netlist_gen.overrides.keys import Key, all_keys, own_value
-from netlist_gen.scene.scene import Scene
-from spice_models.errors import TactionError
-from spice_models.file_names import printable
-from spice_models.foreign_files import LARGEST, UnusableFileError, read_bounded
-from verification.studies.figures import finite
-from verification.studies.running.digests import files_of
+from taction.netlist_gen.board.scalings import choose_opamp
+from taction.netlist_gen.scene.keys import Key, all_keys, own_value
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.errors import TactionError
+from taction.system.file_names import printable
+from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
+from taction.verification.studies.figures import finite
+from taction.verification.studies.running.digests import files_of
 
 
 def scene_keys(scene: Scene) -> dict[str, dict[str, Any]]:
@@ -26,7 +26,7 @@ def scene_keys(scene: Scene) -> dict[str, dict[str, Any]]:
 
     Examples
     --------
-    >>> from netlist_gen.scene.file import load_scene
+    >>> from taction.netlist_gen.scene.file import load_scene
     >>> keys = scene_keys(load_scene("scenes/paper-breadboard.toml"))
     >>> keys["design.opamp.gbw"]
     {'value': 4000000.0, 'unit': 'Hz'}

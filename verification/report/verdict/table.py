@@ -11,18 +11,18 @@ from rich.markup import escape
 from rich.table import Column
 from rich.text import Text
 
-from netlist_gen.quantities import show
-from spice_models.array_types import Floats
-from verification.measures.measurements import Measurements
-from verification.measures.readings import Reading
-from verification.pipeline.attained_accuracy import Accuracy
-from verification.pipeline.checks import Check, Outcome
-from verification.pipeline.part_limits import amount as amount_of
-from verification.report.fitted_table import FittedTable
-from verification.report.page import Page
-from verification.report.tables import make_table, rounded_up, spaced, value_text, whole
-from verification.report.verdict.budget_table import budget_table
-from verification.verify import Verdict
+from taction.system.array_types import Floats
+from taction.system.quantities import show
+from taction.verification.readings.measurements import Measurements
+from taction.verification.readings.readings import Reading
+from taction.verification.report.fitted_table import FittedTable
+from taction.verification.report.page import Page
+from taction.verification.report.tables import make_table, rounded_up, spaced, value_text, whole
+from taction.verification.report.verdict.budget_table import budget_table
+from taction.verification.verdict.attained_accuracy import Accuracy
+from taction.verification.verdict.checks import Check, Outcome
+from taction.verification.verdict.part_limits import amount as amount_of
+from taction.verification.verdict.verify import Verdict
 
 MOST_LOADS = 8
 COLOUR = {Outcome.PASS: "green", Outcome.FAIL: "red", Outcome.INCONCLUSIVE: "yellow"}

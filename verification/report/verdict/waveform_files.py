@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from netlist_gen.board.circuit import Circuit
-from spice_models.atomic_files import replacing
-from verification.pipeline.simulation import outputs
-from verification.report.output_checks import check_file
-from verification.waveforms import Waveforms
+from taction.netlist_gen.board.circuit import Circuit
+from taction.system.atomic_files import replacing
+from taction.verification.report.output_checks import check_file
+from taction.verification.verdict.simulation import outputs
+from taction.verification.waveforms import Waveforms
 
 PARQUET = "Parquet needs pyarrow: pip install 'taction[parquet]'; or write .csv or .raw"
 PACKAGES = {".parquet": ("pyarrow", PARQUET)}
@@ -63,7 +63,7 @@ def _parquet(circuit: Circuit, waveforms: Waveforms, path: Path) -> None:
 
 
 def _raw(circuit: Circuit, waveforms: Waveforms, path: Path) -> None:
-    from verification.engines.ngspice.raw_file import write_raw
+    from taction.verification.engines.ngspice.raw_file import write_raw
 
     write_raw(path, waveforms)
 

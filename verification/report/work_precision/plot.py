@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from verification.report.picture import figure_file
-from verification.studies.work_precision.methods import Method
-from verification.studies.work_precision.study import SettingResult, WorkPrecisionStudy
+from taction.verification.report.picture import figure_file
+from taction.verification.studies.work_precision.methods import Method
+from taction.verification.studies.work_precision.study import SettingResult, WorkPrecisionStudy
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,7 +30,7 @@ def plot_study(study: WorkPrecisionStudy, path: str) -> None:
     Raises
     ------
     InputError
-        See `verification.report.picture.figure_file`.
+        See `taction.verification.report.picture.figure_file`.
     """
     rows = [pair for pair in PROBLEMS if pair[0] in study.problems]
     height, title = max(len(rows), 1), f"{study.scene.name}: {study.extent.text}"

@@ -9,14 +9,18 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Column
 
-from netlist_gen.quantities import show
-from verification.report.fitted_table import FittedTable
-from verification.report.tables import make_table, value_text
-from verification.studies.work_precision.convergence_order import Order
-from verification.studies.work_precision.methods import Method
-from verification.studies.work_precision.norms import NORMS
-from verification.studies.work_precision.run_errors import ProblemErrors
-from verification.studies.work_precision.study import ERRORS, SettingResult, WorkPrecisionStudy
+from taction.system.quantities import show
+from taction.verification.report.fitted_table import FittedTable
+from taction.verification.report.tables import make_table, value_text
+from taction.verification.studies.work_precision.convergence_order import Order
+from taction.verification.studies.work_precision.methods import Method
+from taction.verification.studies.work_precision.norms import NORMS
+from taction.verification.studies.work_precision.run_errors import ProblemErrors
+from taction.verification.studies.work_precision.study import (
+    ERRORS,
+    SettingResult,
+    WorkPrecisionStudy,
+)
 
 TITLES = {
     "final": "final",

@@ -11,28 +11,28 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from netlist_gen.board.circuit import Circuit
-from netlist_gen.board.synthesis import synthesise
-from netlist_gen.overrides.axes import Axis, Over, Point, parse_axes, with_values
-from netlist_gen.problem.inverse_problem import make_problem
-from netlist_gen.quantities import quantity
-from netlist_gen.scene.scene import Scene
-from spice_models.errors import (
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.scene.axes import Axis, Over, Point, parse_axes, with_values
+from taction.netlist_gen.scene.inverse_problem import make_problem
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.errors import (
     Complaint,
     EngineError,
     InputError,
     SimulatorNotFound,
     SimulatorTooOld,
 )
-from verification.engines.ngspice.executable import find_simulator
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.small_signal.margin import signal_capacitors
-from verification.small_signal.parameter_loci import trace_loci
-from verification.small_signal.pole_scan import scan
-from verification.small_signal.poles import count_unstable, poles
-from verification.small_signal.port_response import PortResponse
-from verification.small_signal.scan_result import AxisCrossing, Scan
-from verification.studies.onset.transient_trial import Confirmation, confirm
+from taction.system.quantities import quantity
+from taction.verification.engines.ngspice.executable import find_simulator
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.stability.margin import signal_capacitors
+from taction.verification.stability.parameter_loci import trace_loci
+from taction.verification.stability.pole_scan import scan
+from taction.verification.stability.poles import count_unstable, poles
+from taction.verification.stability.port_response import PortResponse
+from taction.verification.stability.scan_result import AxisCrossing, Scan
+from taction.verification.studies.onset.transient_trial import Confirmation, confirm
 
 AROUND = 30.0  # the default range is from the scene's value / 30 to its value * 30
 POINTS = 61  # of the first grid of a scan: 20 per decade in the default range
@@ -95,7 +95,7 @@ def parse_onset_axis(scene: Scene, over: Over) -> Axis:
     Raises
     ------
     InputError
-        See `netlist_gen.overrides.axes.parse_axes`; also for more than one key, a key that does not
+        See `netlist_gen.scene.axes.parse_axes`; also for more than one key, a key that does not
         vary continuously, or a list of fewer than two values.
     """
     groups = parse_axes(scene, over, points=POINTS, around=AROUND)

@@ -15,21 +15,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from netlist_gen.analysis import Transient
-from netlist_gen.board.circuit import Circuit, CurrentSource
-from netlist_gen.deck.deck import write_deck
-from netlist_gen.quantities import show, show_rate
-from spice_models.array_types import Complexes
-from spice_models.errors import EngineError, InputError, SimulationError
-from verification.engines.ngspice.executable import Simulator
-from verification.engines.ngspice.process import Run, start
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.engines.statespace.linearised.state_space import StateSpace
-from verification.measures.mode_fit import Mode, fit_modes
-from verification.pipeline.even_steps import truncation_for
-from verification.small_signal.poles import poles
-from verification.small_signal.scan_result import AxisCrossing
-from verification.waveforms import Waveforms
+from taction.netlist_gen.analysis import Transient
+from taction.netlist_gen.board.circuit import Circuit, CurrentSource
+from taction.netlist_gen.deck.deck import write_deck
+from taction.system.array_types import Complexes
+from taction.system.errors import EngineError, InputError, SimulationError
+from taction.system.quantities import show, show_rate
+from taction.verification.engines.ngspice.executable import Simulator
+from taction.verification.engines.ngspice.process import Run, start
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.state_space import StateSpace
+from taction.verification.readings.mode_fit import Mode, fit_modes
+from taction.verification.stability.poles import poles
+from taction.verification.stability.scan_result import AxisCrossing
+from taction.verification.verdict.even_steps import truncation_for
+from taction.verification.waveforms import Waveforms
 
 DISTANCE = 0.03  # distance of a transient from the crossing, relative
 LEAST_DISTANCE = 1e-4  # the same where the pole moves fast

@@ -15,8 +15,8 @@ from typing import Annotated, Any, Literal, Self
 import pydantic_core
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from spice_models.errors import Complaint, InputError
-from spice_models.foreign_files import LARGEST, UnusableFileError, read_bounded
+from taction.system.errors import Complaint, InputError
+from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 
 FORMAT = 1
 MARK = "taction_baseline"

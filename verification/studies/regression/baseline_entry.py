@@ -13,15 +13,15 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from netlist_gen.scene.scene import Scene
-from spice_models.array_types import Floats
-from spice_models.foreign_files import LARGEST, read_bounded
-from verification.measures.measurements import ChannelMeasure
-from verification.measures.readings import Reading
-from verification.studies.figures import CHANNEL_FIGURES, FIGURES, finite
-from verification.studies.regression.baseline import Entry
-from verification.studies.running.digests import files_of
-from verification.verify import Verdict
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.array_types import Floats
+from taction.system.foreign_files import LARGEST, read_bounded
+from taction.verification.readings.measurements import ChannelMeasure
+from taction.verification.readings.readings import Reading
+from taction.verification.studies.figures import CHANNEL_FIGURES, FIGURES, finite
+from taction.verification.studies.regression.baseline import Entry
+from taction.verification.studies.running.digests import files_of
+from taction.verification.verdict.verify import Verdict
 
 T = TypeVar("T")
 

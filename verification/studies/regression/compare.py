@@ -9,18 +9,18 @@ from itertools import product
 
 import numpy as np
 
-from netlist_gen.scene.regression import (
+from taction.netlist_gen.scene.regression import (
     LevelTolerance,
     PoleTolerance,
     Regression,
     TimeTolerance,
     WaveformTolerance,
 )
-from spice_models.array_types import Floats
-from verification.measures.resampling import lagrange
-from verification.studies.figures import CHANNEL_FIGURES, FIGURES
-from verification.studies.regression.baseline import Entry
-from verification.studies.regression.baseline_entry import Observation
+from taction.system.array_types import Floats
+from taction.verification.readings.resampling import lagrange
+from taction.verification.studies.figures import CHANNEL_FIGURES, FIGURES
+from taction.verification.studies.regression.baseline import Entry
+from taction.verification.studies.regression.baseline_entry import Observation
 
 STENCIL = 4  # cubic interpolation: error 1e-7 of the amplitude at 125 points on a ringing period
 UNITS = {name: figure.unit for name, figure in (FIGURES | CHANNEL_FIGURES).items()}

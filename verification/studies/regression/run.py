@@ -9,16 +9,16 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from netlist_gen.scene.file import load_scene
-from spice_models.errors import INTERRUPTED, InputError, NoVerdictError
-from spice_models.file_names import printable
-from verification.pipeline.checks import Check, Outcome
-from verification.studies.regression.baseline import Baseline, Entry, git_revision
-from verification.studies.regression.baseline_entry import observe
-from verification.studies.regression.compare import Difference, compare
-from verification.studies.running.in_order import for_each_file
-from verification.studies.scene_files import find_scenes
-from verification.verify import Verdict, verify
+from taction.netlist_gen.scene.file import load_scene
+from taction.system.errors import INTERRUPTED, InputError, NoVerdictError
+from taction.system.file_names import printable
+from taction.verification.studies.regression.baseline import Baseline, Entry, git_revision
+from taction.verification.studies.regression.baseline_entry import observe
+from taction.verification.studies.regression.compare import Difference, compare
+from taction.verification.studies.running.in_order import for_each_file
+from taction.verification.studies.scene_files import find_scenes
+from taction.verification.verdict.checks import Check, Outcome
+from taction.verification.verdict.verify import Verdict, verify
 
 
 class Status(enum.Enum):
@@ -129,7 +129,7 @@ def regress(
     Raises
     ------
     InputError
-        See `verification.studies.scene_files.find_scenes`.
+        See `taction.verification.studies.scene_files.find_scenes`.
     NoVerdictError
         The processes do not start.
     """

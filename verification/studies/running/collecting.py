@@ -8,10 +8,10 @@ from itertools import islice
 from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
-from spice_models.errors import MACHINE_FAILURES, Complaint, InputError, NoVerdictError
-from verification.studies.running.versions import OtherVersionsError
-from verification.studies.running.worker import NotStartedError
-from verification.studies.running.workers import Workers
+from taction.system.errors import MACHINE_FAILURES, Complaint, InputError, NoVerdictError
+from taction.verification.studies.running.versions import OtherVersionsError
+from taction.verification.studies.running.worker import NotStartedError
+from taction.verification.studies.running.workers import Workers
 
 K = TypeVar("K")
 R = TypeVar("R")

@@ -17,10 +17,8 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
-import netlist_gen
-import spice_models
-import verification
-from netlist_gen.scene.scene import Scene
+from taction import netlist_gen, spice_models, system, verification
+from taction.netlist_gen.scene.scene import Scene
 
 FILES = ("problem.matrix", "problem.strain", "problem.stress", "problem.load.file")
 CODE = (".py", ".toml")
@@ -98,10 +96,10 @@ def files_of(scene: Scene) -> dict[str, object]:
 def own_code() -> bytes:
     """Return the digest of the code between scene and verdict: a change makes results outdated."""
     sources = []
-    for package in (spice_models, netlist_gen, verification):
+    for package in (system, spice_models, netlist_gen, verification):
         folder = Path(str(package.__file__)).parent
         files = sorted(file for file in folder.rglob("*") if file.suffix in CODE)
         sources += [
-            (file.relative_to(folder.parent).as_posix(), file.read_bytes()) for file in files
+            (f"{folder.name}/{file.relative_to(folder)}", file.read_bytes()) for file in files
         ]
     return digest(sources)

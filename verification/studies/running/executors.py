@@ -15,10 +15,10 @@ from contextlib import AbstractContextManager, contextmanager
 from queue import SimpleQueue
 from typing import Any, TypeVar
 
-from verification.studies.running.cluster import cluster
-from verification.studies.running.threads import THREADS
-from verification.studies.running.worker import NotStartedError, Worker, WorkerDiedError
-from verification.studies.running.workers import Workers
+from taction.verification.studies.running.cluster import cluster
+from taction.verification.studies.running.threads import THREADS
+from taction.verification.studies.running.worker import NotStartedError, Worker, WorkerDiedError
+from taction.verification.studies.running.workers import Workers
 
 T = TypeVar("T")
 

@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
-from verification.studies.running.collecting import collected
-from verification.studies.running.executors import cores, local
+from taction.verification.studies.running.collecting import collected
+from taction.verification.studies.running.executors import cores, local
 
 R = TypeVar("R")
 

@@ -8,9 +8,9 @@ import time
 from importlib import metadata
 from pathlib import Path
 
-from spice_models.errors import SimulationError
-from verification.engines.ngspice.executable import find_simulator
-from verification.studies.running.threads import THREADS
+from taction.system.errors import SimulationError
+from taction.verification.engines.ngspice.executable import find_simulator
+from taction.verification.studies.running.threads import THREADS
 
 PACKAGES = ("taction", "numpy", "scipy")
 

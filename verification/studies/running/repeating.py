@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TypeVar
 
-from spice_models.errors import Killed
-from spice_models.own_folders import remove_own_folder
+from taction.system.errors import Killed
+from taction.system.own_folders import remove_own_folder
 
 T = TypeVar("T")
 

@@ -7,9 +7,9 @@ import platform
 from dataclasses import dataclass, replace
 from importlib import metadata
 
-from spice_models.errors import SimulatorNotFound, SimulatorTooOld
-from verification.engines.ngspice.executable import Simulator, find_simulator
-from verification.studies.running.digests import own_code
+from taction.system.errors import SimulatorNotFound, SimulatorTooOld
+from taction.verification.engines.ngspice.executable import Simulator, find_simulator
+from taction.verification.studies.running.digests import own_code
 
 
 class OtherVersionsError(Exception):

@@ -22,9 +22,9 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, TypeVar
 
-from spice_models.errors import NoVerdictError
-from spice_models.own_folders import MEMORY, make_own_folder, remove_own_folder, temporary_place
-from verification.studies.running.worker_process import GRACE, serve
+from taction.system.errors import NoVerdictError
+from taction.system.own_folders import MEMORY, make_own_folder, remove_own_folder, temporary_place
+from taction.verification.studies.running.worker_process import GRACE, serve
 
 T = TypeVar("T")
 

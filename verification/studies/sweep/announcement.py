@@ -6,10 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from spice_models.array_types import Bools
-from verification.studies.running.workers import Workers
-from verification.studies.sweep.cost_forecast import CostForecast
-from verification.studies.sweep.plan import Plan
+from taction.system.array_types import Bools
+from taction.verification.studies.running.workers import Workers
+from taction.verification.studies.sweep.cost_forecast import CostForecast
+from taction.verification.studies.sweep.plan import Plan
 
 LONG = 10.0  # s: another engine is proposed for a longer sweep
 FASTER = 20.0  # times as fast: the state-space engine is proposed

@@ -10,15 +10,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netlist_gen.board.synthesis import synthesise
-from netlist_gen.overrides.axes import Axis, Point, with_values
-from netlist_gen.overrides.keys import Value
-from netlist_gen.problem.inverse_problem import make_problem
-from spice_models.array_types import Floats
-from spice_models.errors import TactionError
-from verification.small_signal.pole_scan import scan
-from verification.small_signal.poles import Poles, poles
-from verification.studies.sweep.plan import Plan
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.scene.axes import Axis, Point, with_values
+from taction.netlist_gen.scene.inverse_problem import make_problem
+from taction.netlist_gen.scene.keys import Value
+from taction.system.array_types import Floats
+from taction.system.errors import TactionError
+from taction.verification.stability.pole_scan import scan
+from taction.verification.stability.poles import Poles, poles
+from taction.verification.studies.sweep.plan import Plan
 
 TOLERANCE = 1e-3  # of a crossing's value, relative: less than a line of a picture is wide
 SAMPLES = 9  # least number of first evaluations along a line
@@ -53,7 +53,7 @@ class Boundary:
 def solve_boundary(plan: Plan, *, seconds: float = SECONDS) -> Boundary:
     """Find where stability ends along the lines of a grid of two axes, as `onset` does.
 
-    Along each line the scan of `verification.small_signal.pole_scan` follows all poles, so it
+    Along each line the scan of `taction.verification.stability.pole_scan` follows all poles, so it
     finds an unstable range that lies between two points of the grid, too.
 
     Parameters

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from verification.pipeline.checks import Outcome
-from verification.studies.figures import FIGURES, TRANSIENT_READINGS
-from verification.studies.sweep.store import ERROR
+from taction.verification.studies.figures import FIGURES, TRANSIENT_READINGS
+from taction.verification.studies.sweep.store import ERROR
+from taction.verification.verdict.checks import Outcome
 
 OPPOSITE = {Outcome.PASS.value, Outcome.FAIL.value}
 APART = 2.0
@@ -41,7 +41,7 @@ class Comparison:
 
 
 def compare(ngspice: Record, statespace: Record) -> Comparison:
-    """Compare the records of a point (`verification.studies.sweep.point`).
+    """Compare the records of a point (`taction.verification.studies.sweep.point`).
 
     The engines disagree if one passes a check that the other fails, if the waveforms differ by more
     than the scene allows, or if a reading differs by more than `APART` times its uncertainties.

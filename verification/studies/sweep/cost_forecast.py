@@ -15,15 +15,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netlist_gen.overrides.axes import with_values
-from spice_models.array_types import Bools, Floats, Indices
-from spice_models.errors import TactionError
-from verification.pipeline.clock import Clock
-from verification.pipeline.design import design_board
-from verification.pipeline.simulation import SLOWER
-from verification.pipeline.transient_plan import plan_transient
-from verification.studies.sweep.hybrid import has_order, next_to_the_boundary, sample
-from verification.studies.sweep.plan import ENGINE, Plan
+from taction.netlist_gen.scene.axes import with_values
+from taction.system.array_types import Bools, Floats, Indices
+from taction.system.errors import TactionError
+from taction.verification.studies.sweep.hybrid import has_order, next_to_the_boundary, sample
+from taction.verification.studies.sweep.plan import ENGINE, Plan
+from taction.verification.verdict.clock import Clock
+from taction.verification.verdict.design import design_board
+from taction.verification.verdict.simulation import SLOWER
+from taction.verification.verdict.transient_plan import plan_transient
 
 COARSE = 0.06  # of the points form the coarse grid
 FEWEST, MOST = 4, 42  # points of the coarse grid

@@ -6,8 +6,8 @@ import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from spice_models.errors import Complaint, InputError, OutOfDisk
-from spice_models.foreign_files import read_ends
+from taction.system.errors import Complaint, InputError, OutOfDisk
+from taction.system.foreign_files import read_ends
 
 PATIENCE = 60.0  # s to wait for another process that has locked the file
 

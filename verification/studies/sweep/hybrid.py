@@ -21,11 +21,11 @@ from typing import Any
 
 import numpy as np
 
-from netlist_gen.overrides.axes import Axis
-from spice_models.array_types import Bools
-from verification.studies.figures import POLE_READINGS, TRANSIENT_READINGS
-from verification.studies.sweep.plan import Plan, Requests
-from verification.studies.sweep.store import Store
+from taction.netlist_gen.scene.axes import Axis
+from taction.system.array_types import Bools
+from taction.verification.studies.figures import POLE_READINGS, TRANSIENT_READINGS
+from taction.verification.studies.sweep.plan import Plan, Requests
+from taction.verification.studies.sweep.store import Store
 
 SHARE = 0.05  # of all points
 SEED = 1

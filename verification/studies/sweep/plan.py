@@ -10,15 +10,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netlist_gen.overrides.axes import Axis, points
-from netlist_gen.overrides.keys import Value
-from netlist_gen.scene.scene import Scene
-from spice_models.errors import Complaint, InputError, SimulatorNotFound, SimulatorTooOld
-from spice_models.foreign_files import LARGEST, UnusableFileError, read_bounded
-from verification.engines.ngspice.executable import find_simulator
-from verification.pipeline.simulation import choose_engine
-from verification.studies.running.digests import digest, files_of, own_code
-from verification.studies.running.versions import simulator_name
+from taction.netlist_gen.scene.axes import Axis, points
+from taction.netlist_gen.scene.keys import Value
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.errors import Complaint, InputError, SimulatorNotFound, SimulatorTooOld
+from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
+from taction.verification.engines.ngspice.executable import find_simulator
+from taction.verification.studies.running.digests import digest, files_of, own_code
+from taction.verification.studies.running.versions import simulator_name
+from taction.verification.verdict.simulation import choose_engine
 
 ENGINE = "analysis.engine"
 MAX_POINTS = 1_000_000
@@ -38,7 +38,9 @@ class Plan:
     groups: Sequence[Sequence[Axis]]  # they span the grid; the axes of a group change together
     engines: tuple[str, ...]  # "ngspice", "statespace" or both
     keep_waveforms: bool = False  # store the outputs over time
-    hybrid: bool = False  # ngspice only at the points of `verification.studies.sweep.hybrid`
+    hybrid: bool = (
+        False  # ngspice only at the points of `taction.verification.studies.sweep.hybrid`
+    )
 
     def __post_init__(self) -> None:
         if any(axis.key.path == ENGINE for axis in self.axes):

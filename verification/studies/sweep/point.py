@@ -12,17 +12,17 @@ from typing import Any
 
 import numpy as np
 
-from netlist_gen.problem.inverse_problem import InverseProblem
-from netlist_gen.scene.scene import Scene
-from spice_models.errors import MACHINE_FAILURES, TactionError
-from verification.measures.readings import Reading
-from verification.measures.settling import ChannelState
-from verification.pipeline.effort import Effort
-from verification.studies.figures import FIGURES, figures_of, finite, readings_of
-from verification.studies.running.repeating import repeated_if_killed
-from verification.studies.running.versions import Versions
-from verification.studies.sweep.store import ERROR, StoredResult
-from verification.verify import Verdict, verify
+from taction.netlist_gen.scene.inverse_problem import InverseProblem
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.errors import MACHINE_FAILURES, TactionError
+from taction.verification.readings.readings import Reading
+from taction.verification.readings.settling import ChannelState
+from taction.verification.studies.figures import FIGURES, figures_of, finite, readings_of
+from taction.verification.studies.running.repeating import repeated_if_killed
+from taction.verification.studies.running.versions import Versions
+from taction.verification.studies.sweep.store import ERROR, StoredResult
+from taction.verification.verdict.effort import Effort
+from taction.verification.verdict.verify import Verdict, verify
 
 POINT_EFFORT = Effort(details=False)
 MAX_REASON = 4000  # characters

@@ -8,8 +8,8 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from spice_models.array_types import Bools
-from verification.studies.sweep.cost_forecast import CostForecast
+from taction.system.array_types import Bools
+from taction.verification.studies.sweep.cost_forecast import CostForecast
 
 INTERVAL = 0.2  # s between two estimates
 

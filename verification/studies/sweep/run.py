@@ -13,23 +13,23 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from netlist_gen.board.synthesis import synthesise
-from netlist_gen.overrides.axes import with_values
-from netlist_gen.problem.inverse_problem import InverseProblem, make_problem
-from netlist_gen.scene.scene import Scene
-from spice_models.array_types import Bools
-from spice_models.errors import TactionError
-from verification.studies.running.collecting import collected
-from verification.studies.running.digests import digest, own_code
-from verification.studies.running.versions import own_versions
-from verification.studies.running.workers import Workers
-from verification.studies.sweep.announcement import announcement, duration, wall_time
-from verification.studies.sweep.cost_forecast import CostForecast, forecast_costs
-from verification.studies.sweep.hybrid import confirmed_points
-from verification.studies.sweep.plan import ENGINE, GridPoint, Plan, Requests, simulator_of
-from verification.studies.sweep.point import Job, compute, failure
-from verification.studies.sweep.remaining_time import RemainingTime
-from verification.studies.sweep.store import ERROR, Store, StoredResult
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.scene.axes import with_values
+from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.array_types import Bools
+from taction.system.errors import TactionError
+from taction.verification.studies.running.collecting import collected
+from taction.verification.studies.running.digests import digest, own_code
+from taction.verification.studies.running.versions import own_versions
+from taction.verification.studies.running.workers import Workers
+from taction.verification.studies.sweep.announcement import announcement, duration, wall_time
+from taction.verification.studies.sweep.cost_forecast import CostForecast, forecast_costs
+from taction.verification.studies.sweep.hybrid import confirmed_points
+from taction.verification.studies.sweep.plan import ENGINE, GridPoint, Plan, Requests, simulator_of
+from taction.verification.studies.sweep.point import Job, compute, failure
+from taction.verification.studies.sweep.remaining_time import RemainingTime
+from taction.verification.studies.sweep.store import ERROR, Store, StoredResult
 
 
 @dataclass(slots=True)

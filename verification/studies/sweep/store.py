@@ -18,8 +18,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from verification.studies.running.digests import digest
-from verification.studies.sweep.database_errors import (
+from taction.verification.studies.running.digests import digest
+from taction.verification.studies.sweep.database_errors import (
     ACCEPTED,
     CORRUPT,
     PATIENCE,
@@ -56,7 +56,7 @@ class StoredResult:
     """The result of one point or sample."""
 
     outcome: str  # "pass", "fail", "inconclusive", or `ERROR`
-    record: dict[str, Any]  # plain data, see `verification.studies.sweep.point`
+    record: dict[str, Any]  # plain data, see `taction.verification.studies.sweep.point`
     waveforms: bytes | None = None  # a compressed .npz, if waveforms are kept
 
 

@@ -17,14 +17,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from netlist_gen.scene.scene import Scene
-from spice_models.array_types import Floats
-from spice_models.errors import Complaint, InputError
-from verification.studies.running.pace import Pace
-from verification.studies.running.workers import Workers
-from verification.studies.tolerance.rest_slopes import largest_parts
-from verification.studies.tolerance.steady_directions import Direction, steady_directions
-from verification.studies.tolerance.varied_board import (
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.array_types import Floats
+from taction.system.errors import Complaint, InputError
+from taction.verification.studies.running.pace import Pace
+from taction.verification.studies.running.workers import Workers
+from taction.verification.studies.tolerance.rest_slopes import largest_parts
+from taction.verification.studies.tolerance.steady_directions import Direction, steady_directions
+from taction.verification.studies.tolerance.varied_board import (
     BoardSample,
     Quantity,
     VariedBoard,

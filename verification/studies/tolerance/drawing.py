@@ -5,14 +5,14 @@ from __future__ import annotations
 from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 
-from spice_models.errors import Complaint, InputError
-from verification.pipeline.clock import Progress
-from verification.studies.running.pace import Pace
-from verification.studies.running.workers import Workers
-from verification.studies.sweep.store import Store
-from verification.studies.tolerance.sample_store import SampleStore
-from verification.studies.tolerance.varied_board import VariedBoard
-from verification.studies.tolerance.yield_report import SampleCollection, run_samples
+from taction.system.errors import Complaint, InputError
+from taction.verification.studies.running.pace import Pace
+from taction.verification.studies.running.workers import Workers
+from taction.verification.studies.sweep.store import Store
+from taction.verification.studies.tolerance.sample_store import SampleStore
+from taction.verification.studies.tolerance.varied_board import VariedBoard
+from taction.verification.studies.tolerance.yield_report import SampleCollection, run_samples
+from taction.verification.verdict.clock import Progress
 
 
 def draw_samples(
@@ -35,7 +35,7 @@ def draw_samples(
     Raises
     ------
     InputError, NoVerdictError, OutOfDisk
-        See `SampleStore` and `verification.studies.tolerance.yield_report.run_samples`.
+        See `SampleStore` and `taction.verification.studies.tolerance.yield_report.run_samples`.
     """
     with ExitStack() as stack:
         store = None

@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 
-from netlist_gen.board.variation import Parameter, vary
-from spice_models.array_types import Floats
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
-from verification.studies.tolerance.varied_board import VariedBoard
+from taction.netlist_gen.board.variation import Parameter, vary
+from taction.system.array_types import Floats
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
+from taction.verification.studies.tolerance.varied_board import VariedBoard
 
 PROBE = 1e-3  # of the tolerance: the error of a central difference is its square
 DYNAMIC = ("capacitor", "stray", "opamp_gbw")  # kinds that move no equilibrium

@@ -10,10 +10,10 @@ from dataclasses import asdict
 
 from pydantic import TypeAdapter, ValidationError
 
-from spice_models.errors import Complaint, InputError
-from verification.studies.running.digests import digest
-from verification.studies.sweep.store import Store, StoredResult
-from verification.studies.tolerance.varied_board import BoardSample, VariedBoard
+from taction.system.errors import Complaint, InputError
+from taction.verification.studies.running.digests import digest
+from taction.verification.studies.sweep.store import Store, StoredResult
+from taction.verification.studies.tolerance.varied_board import BoardSample, VariedBoard
 
 SAMPLE = TypeAdapter(BoardSample)
 
@@ -46,7 +46,7 @@ class SampleStore:
         return self._key(number) in self._store.damaged
 
     def put(self, sample: BoardSample) -> None:
-        """Store a sample; errors as `verification.studies.sweep.store.Store.put`."""
+        """Store a sample; errors as `taction.verification.studies.sweep.store.Store.put`."""
         key = self._key(sample.number)
         self._store.put(key, StoredResult(sample.outcome, asdict(sample)), key)
 

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netlist_gen.board.variation import vary
-from spice_models.array_types import Floats
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.studies.tolerance.rest_slopes import largest_parts, rest_slopes
-from verification.studies.tolerance.varied_board import VariedBoard
+from taction.netlist_gen.board.variation import vary
+from taction.system.array_types import Floats
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.studies.tolerance.rest_slopes import largest_parts, rest_slopes
+from taction.verification.studies.tolerance.varied_board import VariedBoard
 
 NAMED = 5  # components listed with each direction
 

@@ -13,22 +13,22 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from netlist_gen.board.circuit import Circuit
-from netlist_gen.board.synthesis import synthesise
-from netlist_gen.board.variation import Parameter, parameters, vary
-from netlist_gen.problem.inverse_problem import InverseProblem, make_problem
-from netlist_gen.scene.scene import Scene
-from spice_models.array_types import Floats
-from spice_models.errors import MACHINE_FAILURES, Complaint, InputError, TactionError
-from verification.ideal.ideal_answer import IdealAnswer, ideal_answer, ideal_network
-from verification.pipeline.effort import Effort
-from verification.pipeline.simulation import choose_engine
-from verification.studies.figures import FIGURES, figures_of, finite, signed_errors
-from verification.studies.running.collecting import collected
-from verification.studies.running.repeating import repeated_if_killed
-from verification.studies.running.versions import Versions, own_versions
-from verification.studies.running.workers import Workers
-from verification.verify import Verdict, verify
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.board.variation import Parameter, parameters, vary
+from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.array_types import Floats
+from taction.system.errors import MACHINE_FAILURES, Complaint, InputError, TactionError
+from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
+from taction.verification.studies.figures import FIGURES, figures_of, finite, signed_errors
+from taction.verification.studies.running.collecting import collected
+from taction.verification.studies.running.repeating import repeated_if_killed
+from taction.verification.studies.running.versions import Versions, own_versions
+from taction.verification.studies.running.workers import Workers
+from taction.verification.verdict.effort import Effort
+from taction.verification.verdict.simulation import choose_engine
+from taction.verification.verdict.verify import Verdict, verify
 
 SAMPLE_EFFORT = Effort(details=False, full_margin=False)
 
@@ -88,7 +88,7 @@ class VariedBoard:
     nominal: Circuit
     varied: tuple[Parameter, ...]  # in the order of the deviations z
     ideal: IdealAnswer  # independent of the components
-    full_margin: bool  # see `verification.pipeline.effort.Effort`
+    full_margin: bool  # see `taction.verification.verdict.effort.Effort`
     versions: Versions  # of the process that runs the study
 
     @property
@@ -193,7 +193,7 @@ def evaluate_all(
     Raises
     ------
     InputError, NoVerdictError
-        As `verification.studies.running.collecting.collected`.
+        As `taction.verification.studies.running.collecting.collected`.
     """
     calls = ((number, (board, number, z)) for number, z in requests)
     for number, sample in collected(workers, evaluate, calls, stopped):

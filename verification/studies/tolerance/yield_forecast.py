@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from netlist_gen.board.variation import Parameter, draw
-from spice_models.array_types import Bools, Floats
-from verification.studies.tolerance.rest_slopes import rest_slopes
-from verification.studies.tolerance.varied_board import BoardSample, Quantity, VariedBoard
-from verification.studies.tolerance.yield_report import SIGNIFICANT, limits_of
+from taction.netlist_gen.board.variation import Parameter, draw
+from taction.system.array_types import Bools, Floats
+from taction.verification.studies.tolerance.rest_slopes import rest_slopes
+from taction.verification.studies.tolerance.varied_board import BoardSample, Quantity, VariedBoard
+from taction.verification.studies.tolerance.yield_report import SIGNIFICANT, limits_of
 
 # Checks that fail because of a reading below: any other failure stays in the prediction.
 EXPLAINED = {

@@ -13,13 +13,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from netlist_gen.board.variation import draw
-from netlist_gen.scene.scene import Scene
-from spice_models.array_types import Floats
-from verification.studies.running.workers import Workers
-from verification.studies.tolerance.remedy import Remedy
-from verification.studies.tolerance.sample_store import SampleStore
-from verification.studies.tolerance.varied_board import (
+from taction.netlist_gen.board.variation import draw
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.array_types import Floats
+from taction.verification.studies.running.workers import Workers
+from taction.verification.studies.tolerance.remedy import Remedy
+from taction.verification.studies.tolerance.sample_store import SampleStore
+from taction.verification.studies.tolerance.varied_board import (
     BoardSample,
     Quantity,
     VariedBoard,
@@ -144,7 +144,7 @@ def run_samples(
     Raises
     ------
     InputError, NoVerdictError, OutOfDisk
-        As `verification.studies.tolerance.varied_board.evaluate_all` and `SampleStore`.
+        As `taction.verification.studies.tolerance.varied_board.evaluate_all` and `SampleStore`.
     """
 
     def missing() -> Iterator[tuple[int, Floats]]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spice_models.array_types import Floats
+from taction.system.array_types import Floats
 
 MAX_ERROR = 0.1  # a larger error is not asymptotic
 ABOVE_FLOOR = 10.0  # least error of a run, in errors of the reference

@@ -8,20 +8,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netlist_gen.analysis import Transient
-from netlist_gen.board.circuit import Circuit
-from netlist_gen.scene.scene import Scene
-from spice_models.errors import EngineError
-from verification.pipeline.even_steps import even_transient
-from verification.pipeline.transient_plan import (
+from taction.netlist_gen.analysis import Transient
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.errors import EngineError
+from taction.verification.readings.time_scales import TimeScales, time_scales
+from taction.verification.reference import IdealNetwork
+from taction.verification.studies.work_precision.method_runs import BASE_POINTS, Task, ngspice
+from taction.verification.studies.work_precision.methods import Method
+from taction.verification.verdict.even_steps import even_transient
+from taction.verification.verdict.transient_plan import (
     AFTER_SETTLING,
     FEWEST_PERIODS,
     REMAINDER,
 )
-from verification.reference import IdealNetwork
-from verification.small_signal.time_scales import TimeScales, time_scales
-from verification.studies.work_precision.method_runs import BASE_POINTS, Task, ngspice
-from verification.studies.work_precision.methods import Method
 
 RUNS = 2.0  # of each setting that fit in the budget
 NGSPICE_SHARE = 0.6  # of the time for the ladders

@@ -11,9 +11,9 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import zip_longest
 
-from verification.studies.running.worker import FAILURES, Worker
-from verification.studies.work_precision.method_runs import MethodRun, Task
-from verification.studies.work_precision.methods import Method
+from taction.verification.studies.running.worker import FAILURES, Worker
+from taction.verification.studies.work_precision.method_runs import MethodRun, Task
+from taction.verification.studies.work_precision.methods import Method
 
 REPEATS = 3
 SHARE = 0.5  # of the remaining time that one run may take

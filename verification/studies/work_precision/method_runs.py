@@ -10,26 +10,26 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from netlist_gen.analysis import Transient
-from netlist_gen.board.circuit import Circuit
-from netlist_gen.deck.deck import write_deck
-from spice_models.array_types import Floats
-from spice_models.errors import EngineError, TimedOut
-from spice_models.foreign_files import read_ends
-from spice_models.own_folders import own_folder
-from verification.engines.ngspice import process
-from verification.engines.ngspice.executable import find_simulator
-from verification.engines.ngspice.process import LONGEST_LOG, PHYSICAL_BOUND
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.engines.statespace.transients import amplified, structured_radau
-from verification.engines.statespace.transients.exact import exact_solution
-from verification.engines.statespace.transients.record_times import record_times
-from verification.engines.statespace.transients.simulate import ENGINE
-from verification.pipeline.even_steps import coarser
-from verification.pipeline.simulation import outputs
-from verification.reference import IdealNetwork
-from verification.reference.dynamics import ScaledNetwork
-from verification.waveforms import Cost, Waveforms
+from taction.netlist_gen.analysis import Transient
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.deck.deck import write_deck
+from taction.system.array_types import Floats
+from taction.system.errors import EngineError, TimedOut
+from taction.system.foreign_files import read_ends
+from taction.system.own_folders import own_folder
+from taction.verification.engines.ngspice import process
+from taction.verification.engines.ngspice.executable import find_simulator
+from taction.verification.engines.ngspice.process import LONGEST_LOG, PHYSICAL_BOUND
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.transients import amplified, structured_radau
+from taction.verification.engines.statespace.transients.exact import exact_solution
+from taction.verification.engines.statespace.transients.record_times import record_times
+from taction.verification.engines.statespace.transients.simulate import ENGINE
+from taction.verification.reference import IdealNetwork
+from taction.verification.reference.dynamics import ScaledNetwork
+from taction.verification.verdict.even_steps import coarser
+from taction.verification.verdict.simulation import outputs
+from taction.verification.waveforms import Cost, Waveforms
 
 BASE_POINTS = 125.0  # points per period of `Task.transient`
 MAX_INSTANTS = 4000  # of a record for the comparison with the reference,

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Literal
 
-from netlist_gen.board.circuit import Circuit
-from verification.studies.work_precision import method_runs
-from verification.studies.work_precision.method_runs import MethodRun
+from taction.netlist_gen.board.circuit import Circuit
+from taction.verification.studies.work_precision import method_runs
+from taction.verification.studies.work_precision.method_runs import MethodRun
 
 TOLERANCES = tuple(10.0**-k for k in range(2, 12))
 STRUCTURED_TOLERANCES = (

@@ -19,11 +19,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spice_models.array_types import Floats
-from verification.measures.mode_fit import fit_modes
-from verification.measures.readings import settling_times
-from verification.measures.sampled_signal import FEWEST_POINTS, SampledSignal
-from verification.studies.work_precision.method_runs import MethodRun
+from taction.system.array_types import Floats
+from taction.verification.readings.mode_fit import fit_modes
+from taction.verification.readings.readings import settling_times
+from taction.verification.readings.sampled_signal import FEWEST_POINTS, SampledSignal
+from taction.verification.studies.work_precision.method_runs import MethodRun
 
 NORMS = ("final", "maximum", "settling_time", "frequency", "growth_rate")
 MARGIN = 1.25  # band over the largest deviation in the last part of the record

@@ -12,15 +12,14 @@ from functools import partial
 
 import numpy as np
 
-from netlist_gen.board.circuit import Circuit
-from spice_models.array_types import Floats
-from spice_models.errors import EngineError
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.engines.statespace.transients import amplified, structured_radau
-from verification.engines.statespace.transients.exact import exact_solution
-from verification.pipeline.simulation import outputs
-from verification.reference.dynamics import ideal_linear
-from verification.studies.work_precision.method_runs import (
+from taction.netlist_gen.board.circuit import Circuit
+from taction.system.array_types import Floats
+from taction.system.errors import EngineError
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.transients import amplified, structured_radau
+from taction.verification.engines.statespace.transients.exact import exact_solution
+from taction.verification.reference.dynamics import ideal_linear
+from taction.verification.studies.work_precision.method_runs import (
     Integrator,
     Task,
     any_board,
@@ -29,6 +28,7 @@ from verification.studies.work_precision.method_runs import (
     small_board,
     small_linear_board,
 )
+from taction.verification.verdict.simulation import outputs
 
 TIGHT = 1e-12
 TIGHTEST = 1e-13
@@ -46,7 +46,7 @@ class ReferenceMethod:
     """
 
     name: str
-    solver: str  # see `verification.studies.work_precision.methods.Method.solver`
+    solver: str  # see `taction.verification.studies.work_precision.methods.Method.solver`
     refuses: Callable[[Circuit], str]
     compute: Callable[[Task, Floats], Floats]
 

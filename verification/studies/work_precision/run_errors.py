@@ -8,20 +8,20 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from spice_models.array_types import Floats
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.reference import solve
-from verification.studies.running.worker import FAILURES, Worker
-from verification.studies.work_precision.ladders import SettingRuns
-from verification.studies.work_precision.method_runs import Task
-from verification.studies.work_precision.norms import (
+from taction.system.array_types import Floats
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.reference import solve
+from taction.verification.studies.running.worker import FAILURES, Worker
+from taction.verification.studies.work_precision.ladders import SettingRuns
+from taction.verification.studies.work_precision.method_runs import Task
+from taction.verification.studies.work_precision.norms import (
     NORMS,
     Errors,
     ErrorScale,
     make_scale,
     measure_errors,
 )
-from verification.studies.work_precision.references import NEEDED, REFERENCES
+from taction.verification.studies.work_precision.references import NEEDED, REFERENCES
 
 SHARE = 0.6  # of the remaining time that one reference may take
 COMPARED = 500  # instants of the second reference where no run needs it

@@ -12,23 +12,23 @@ import time as clock
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from netlist_gen.board.circuit import Circuit
-from netlist_gen.board.synthesis import synthesise
-from netlist_gen.problem.inverse_problem import make_problem
-from netlist_gen.scene.scene import Scene
-from spice_models.errors import SimulationError
-from verification.engines.ngspice.executable import find_simulator
-from verification.ideal.ideal_answer import ideal_network, initial_voltages
-from verification.pipeline.clock import Progress
-from verification.studies.running.machine import describe_machine
-from verification.studies.running.worker import START_UP, Worker
-from verification.studies.work_precision.convergence_order import Order, fit_order
-from verification.studies.work_precision.extent import Extent, study_extent
-from verification.studies.work_precision.ladders import SettingRuns, run_ladders
-from verification.studies.work_precision.method_runs import Task, load_integrators
-from verification.studies.work_precision.methods import METHODS, Method
-from verification.studies.work_precision.norms import NORMS, Errors
-from verification.studies.work_precision.run_errors import ProblemErrors, measure_runs
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.scene.inverse_problem import make_problem
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.errors import SimulationError
+from taction.verification.engines.ngspice.executable import find_simulator
+from taction.verification.reference.ideal_answer import ideal_network, initial_voltages
+from taction.verification.studies.running.machine import describe_machine
+from taction.verification.studies.running.worker import START_UP, Worker
+from taction.verification.studies.work_precision.convergence_order import Order, fit_order
+from taction.verification.studies.work_precision.extent import Extent, study_extent
+from taction.verification.studies.work_precision.ladders import SettingRuns, run_ladders
+from taction.verification.studies.work_precision.method_runs import Task, load_integrators
+from taction.verification.studies.work_precision.methods import METHODS, Method
+from taction.verification.studies.work_precision.norms import NORMS, Errors
+from taction.verification.studies.work_precision.run_errors import ProblemErrors, measure_runs
+from taction.verification.verdict.clock import Progress
 
 BUDGET = 30.0  # s
 LADDERS = 0.7  # of the budget; the rest is for the references
@@ -56,7 +56,7 @@ class SettingResult:
     steps: int | None  # of one run
     factorisations: int | None  # of one run
     mean_step: float | None  # length of the record over its steps, s
-    errors: Errors  # by norm, see `verification.studies.work_precision.norms`
+    errors: Errors  # by norm, see `taction.verification.studies.work_precision.norms`
     reference: str
     note: str  # message of the error
 

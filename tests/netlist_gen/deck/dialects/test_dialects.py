@@ -16,13 +16,13 @@ import pytest
 from netlist_parser import NetlistParser
 from spicelib import SpiceEditor
 
-from netlist_gen.analysis import OperatingPoint, Transient
-from netlist_gen.board.circuit import Circuit
-from netlist_gen.board.synthesis import synthesise
-from netlist_gen.deck.deck import Deck, write_deck
-from netlist_gen.deck.dialects.table import DIALECTS
-from netlist_gen.scene.file import load_scene
-from netlist_gen.scene.scene import Scene
+from taction.netlist_gen.analysis import OperatingPoint, Transient
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.deck.deck import Deck, write_deck
+from taction.netlist_gen.deck.dialects.table import DIALECTS
+from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.scene import Scene
 from tests.support.making import make_scene
 from tests.support.other_simulators import distance, gnucap_record, ngspice_record
 from tests.support.paths import SCENES

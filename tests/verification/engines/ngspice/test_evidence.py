@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spice_models.errors import (
+from taction.system.errors import (
     BadEvidence,
     DidNotLoad,
     Killed,
@@ -17,11 +17,11 @@ from spice_models.errors import (
     SingularCircuit,
     StepTooSmall,
 )
+from taction.verification.engines.ngspice.ending import LONGEST_LINE, Ending, important_lines
+from taction.verification.engines.ngspice.evidence import accepted_waveforms
+from taction.verification.engines.ngspice.raw_file import write_raw
+from taction.verification.waveforms import Cost, Waveforms
 from tests.support.small_decks import divider, transient
-from verification.engines.ngspice.ending import LONGEST_LINE, Ending, important_lines
-from verification.engines.ngspice.evidence import accepted_waveforms
-from verification.engines.ngspice.raw_file import write_raw
-from verification.waveforms import Cost, Waveforms
 
 DECK = transient(saved=("out", "in"), stop=1e-6, step=1e-7)
 TIME = np.linspace(0.0, 1e-6, 11)

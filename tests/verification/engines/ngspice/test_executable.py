@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from spice_models.errors import SimulatorNotFound
-from verification.engines.ngspice.executable import environment, find_simulator
+from taction.system.errors import SimulatorNotFound
+from taction.verification.engines.ngspice.executable import environment, find_simulator
 
 
 def fake(folder: Path, answer: str) -> str:

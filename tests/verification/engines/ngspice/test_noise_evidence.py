@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from netlist_gen.analysis import Band, Noise, OperatingPoint
-from spice_models.errors import BadEvidence
+from taction.netlist_gen.analysis import Band, Noise, OperatingPoint
+from taction.system.errors import BadEvidence
+from taction.verification.engines.ngspice.evidence import Ending
+from taction.verification.engines.ngspice.noise_evidence import integrated_noise
+from taction.verification.engines.ngspice.process import find_simulator, start
+from taction.verification.verdict.noise_bands import noise_bands
 from tests.support.small_decks import SmallDeck, divider
-from verification.engines.ngspice.evidence import Ending
-from verification.engines.ngspice.noise_evidence import integrated_noise
-from verification.engines.ngspice.process import find_simulator, start
-from verification.small_signal.noise_bands import noise_bands
 
 KT = 1.380649e-23 * 300.15
 R, L, C = 1e4, 1e-6, 1e-12

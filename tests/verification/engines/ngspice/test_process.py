@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spice_models.errors import (
+from taction.system.errors import (
     BadEvidence,
     DidNotLoad,
     InputError,
@@ -20,10 +20,10 @@ from spice_models.errors import (
     StepTooSmall,
     TimedOut,
 )
+from taction.verification.engines.ngspice.process import Simulator, find_simulator, simulate, start
+from taction.verification.waveforms import Waveforms
 from tests.support.processes import is_running, process_id
 from tests.support.small_decks import TAU, SmallDeck, divider, endless, transient, wrapped
-from verification.engines.ngspice.process import Simulator, find_simulator, simulate, start
-from verification.waveforms import Waveforms
 
 
 @pytest.fixture(scope="session")

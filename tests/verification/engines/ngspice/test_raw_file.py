@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spice_models.errors import BadEvidence, OutOfDisk
+from taction.system.errors import BadEvidence, OutOfDisk
+from taction.verification.engines.ngspice.process import find_simulator, simulate
+from taction.verification.engines.ngspice.raw_file import read_raw, write_raw
+from taction.verification.waveforms import Cost, Waveforms
 from tests.support.small_decks import transient
-from verification.engines.ngspice.process import find_simulator, simulate
-from verification.engines.ngspice.raw_file import read_raw, write_raw
-from verification.waveforms import Cost, Waveforms
 
 
 def record(points: int, nodes: int = 2, seed: int = 7) -> Waveforms:

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from netlist_gen.analysis import Band, OperatingPoint, SmallSignal
-from spice_models.errors import BadEvidence
+from taction.netlist_gen.analysis import Band, OperatingPoint, SmallSignal
+from taction.system.errors import BadEvidence
+from taction.verification.engines.ngspice.process import find_simulator, start
 from tests.support.small_decks import SmallDeck
-from verification.engines.ngspice.process import find_simulator, start
 
 BAND = Band(1e3, 40, 10)
 

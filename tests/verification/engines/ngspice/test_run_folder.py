@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from spice_models.errors import InputError, OutOfDisk
-from spice_models.own_folders import remove_own_folder
+from taction.system.errors import InputError, OutOfDisk
+from taction.system.own_folders import remove_own_folder
+from taction.verification.engines.ngspice.run_folder import make_folder
 from tests.support.small_decks import transient
-from verification.engines.ngspice.run_folder import make_folder
 
 
 def test_a_run_has_all_that_it_needs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from netlist_gen.analysis import OperatingPoint
-from spice_models.errors import DidNotLoad, SingularCircuit
+from taction.netlist_gen.analysis import OperatingPoint
+from taction.system.errors import DidNotLoad, SingularCircuit
+from taction.verification.engines.ngspice.screening import screen
 from tests.support.small_decks import SmallDeck, divider, transient
-from verification.engines.ngspice.screening import screen
 
 REFUSED = {
     ".control": ".control\nshell touch it\n.endc",

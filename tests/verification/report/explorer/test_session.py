@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 
 import taction
-from netlist_gen.scene.file import load_scene
-from spice_models.errors import InputError
+from taction.netlist_gen.scene.file import load_scene
+from taction.system.errors import InputError
+from taction.verification.design.explorer_settings import Start
+from taction.verification.report.explorer import server
+from taction.verification.report.explorer.session import Session
+from taction.verification.studies.running.worker import WorkerDiedError
 from tests.support.paths import SCENES
-from verification.report.explorer import server
-from verification.report.explorer.session import Session
-from verification.studies.exploration.settings import Start
-from verification.studies.running.worker import WorkerDiedError
 
 C = "design.capacitance"
 

@@ -14,13 +14,13 @@ import pytest
 from click.testing import CliRunner
 from lxml import html
 
-from cli.main import main
-from spice_models.errors import InputError
+from taction.cli.main import main
+from taction.system.errors import InputError
+from taction.verification.report.html.blocks import Facts, Report, Section
+from taction.verification.report.html.file import check_report_file, report_html, write_report
+from taction.verification.report.sweep.result import SweepResult
 from tests.support.entries import write_fast
 from tests.support.report_pages import HOSTILE, STUDIES, VERDICTS, hostile, page, swept, verdicts
-from verification.report.html.blocks import Facts, Report, Section
-from verification.report.html.file import check_report_file, report_html, write_report
-from verification.report.sweep.result import SweepResult
 
 MOST = 6_000_000  # bytes
 SAMPLE = ("passing", "exponential", "64 channels", "sweep, a map", "regress")

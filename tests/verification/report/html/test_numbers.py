@@ -9,16 +9,16 @@ from collections.abc import Iterator
 import pytest
 
 import taction
-from netlist_gen.overrides.axes import parse_axes, with_values
+from taction.netlist_gen.scene.axes import parse_axes, with_values
+from taction.verification.report.html.blocks import Bars, Picture, Report, Table
+from taction.verification.report.html.sections.checks import headroom_section
+from taction.verification.report.html.sweep_maps import Plane, Ruler
+from taction.verification.report.verdict.json_document import verdict_document
+from taction.verification.studies.sweep.boundary import Boundary, solve_boundary
+from taction.verification.studies.sweep.plan import Plan
 from tests.support.making import make_scene
 from tests.support.report_pages import STATESPACE, VERDICTS, page, verdicts
 from tests.support.sweeping import grid_plan
-from verification.report.html.blocks import Bars, Picture, Report, Table
-from verification.report.html.sections.checks import headroom_section
-from verification.report.html.sweep_maps import Plane, Ruler
-from verification.report.verdict.json_document import verdict_document
-from verification.studies.sweep.boundary import Boundary, solve_boundary
-from verification.studies.sweep.plan import Plan
 
 PREFIXES = {"p": 1e-12, "n": 1e-9, "µ": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3, "M": 1e6, "G": 1e9}
 NUMBER = re.compile(r"^(-?[\d.]+)(?: ([pnµmkMG]?)(s|V|/s|F|Ω|A|Hz)?)?(?: (%))?(?: |$)")

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from taction.verification.report.html.blocks import Block, Picture, Report
+from taction.verification.report.html.pictures import channel_colours, packed, thinned, words
+from taction.verification.report.html.sections.board import LARGEST, matrix_picture
 from tests.support.report_pages import STUDIES, VERDICTS, page, verdicts
-from verification.report.html.blocks import Block, Picture, Report
-from verification.report.html.pictures import channel_colours, packed, thinned, words
-from verification.report.html.sections.board import LARGEST, matrix_picture
 
 MARKED = "#123456"  # in the place of a colour of the style sheet
 

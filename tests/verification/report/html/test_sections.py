@@ -8,13 +8,22 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from netlist_gen.quantities import readable
+from taction.system.quantities import readable
+from taction.verification.report.html.blocks import (
+    Bars,
+    Block,
+    Code,
+    Drawing,
+    Facts,
+    Ranges,
+    Report,
+    Table,
+)
+from taction.verification.report.html.sections.board import schematic
+from taction.verification.report.html.sections.checks import check_bar
+from taction.verification.report.html.texts import figure, quantity
+from taction.verification.verdict.board_power import board_power
 from tests.support.report_pages import page, verdicts
-from verification.pipeline.board_power import board_power
-from verification.report.html.blocks import Bars, Block, Code, Drawing, Facts, Ranges, Report, Table
-from verification.report.html.sections.board import schematic
-from verification.report.html.sections.checks import check_bar
-from verification.report.html.texts import figure, quantity
 
 
 def block(report: Report, title: str, kind: type[Any] = Table) -> Any:
@@ -100,7 +109,7 @@ def test_the_parts_list_counts_every_part() -> None:
     )
     counted = sum(row[2].number for row in rows if row[0].text == "resistor")
     assert counted == resistors
-    from verification.engines.statespace.linearised.board import LinearBoard
+    from taction.verification.engines.statespace.linearised.board import LinearBoard
 
     power = quantity(board_power(LinearBoard(circuit)).total, "W", 3)
     facts = next(p.blocks[0] for p in page("passing").sections if p.title == "Parts list")

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pytest
 
+from taction.verification.evidence.paper import reproduce
+from taction.verification.evidence.paper.findings import Chapter, ClaimOutcome, Finding, load_claims
+from taction.verification.evidence.paper.pictures import Panel, Picture, curve
+from taction.verification.evidence.paper.reproduce import Task
+from taction.verification.report.paper import report
+from taction.verification.report.paper.plots import draw
+from taction.verification.report.paper.report import paper_document, write_paper
 from tests.support.running import document, taction
-from verification.report.paper import report
-from verification.report.paper.plots import draw
-from verification.report.paper.report import paper_document, write_paper
-from verification.studies.paper import reproduce
-from verification.studies.paper.findings import Chapter, ClaimOutcome, Finding, load_claims
-from verification.studies.paper.pictures import Panel, Picture, curve
-from verification.studies.paper.reproduce import Task
 
 PNG = b"\x89PNG\r\n"
 PICTURE = Picture(

@@ -11,15 +11,15 @@ import pytest
 from lxml import etree
 from rich.console import Console
 
-from cli.common import plain
+from taction.cli.common import plain
+from taction.verification.report.regression.junit import regression_junit
+from taction.verification.report.regression.markdown import regression_markdown
+from taction.verification.report.regression.text import SHOWN, print_regression, regression_document
+from taction.verification.studies.regression.compare import Difference
+from taction.verification.studies.regression.run import RegressionReport, SceneResult, Status
+from taction.verification.verdict.checks import Check, Outcome
 from tests.support.entries import entry
 from tests.support.paths import DATA
-from verification.pipeline.checks import Check, Outcome
-from verification.report.regression.junit import regression_junit
-from verification.report.regression.markdown import regression_markdown
-from verification.report.regression.text import SHOWN, print_regression, regression_document
-from verification.studies.regression.compare import Difference
-from verification.studies.regression.run import RegressionReport, SceneResult, Status
 
 # The schema that the xUnit plugin of Jenkins publishes; GitLab and the reporters on GitHub read it.
 SCHEMA = DATA / "junit-10.xsd"

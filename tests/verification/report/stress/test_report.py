@@ -10,20 +10,20 @@ import pytest
 from lxml import etree
 from rich.console import Console
 
-from cli.common import plain
-from tests.support.paths import DATA, ROOT
-from verification.pipeline.checks import Check, Outcome
-from verification.report.stress.page import stress_page
-from verification.report.stress.report import (
+from taction.cli.common import plain
+from taction.verification.evidence.stress.catalogue import load_catalogue, select
+from taction.verification.evidence.stress.compare import Comparison
+from taction.verification.evidence.stress.run import CaseRun, Judgement, StressReport
+from taction.verification.report.stress.page import stress_page
+from taction.verification.report.stress.report import (
     TITLES,
     case_row,
     print_stress,
     stress_document,
     stress_junit,
 )
-from verification.studies.stress.catalogue import load_catalogue, select
-from verification.studies.stress.compare import Comparison
-from verification.studies.stress.run import CaseRun, Judgement, StressReport
+from taction.verification.verdict.checks import Check, Outcome
+from tests.support.paths import DATA, ROOT
 
 NASTY = 'a <b> & "c" | `d` ]]> \x1b[31m\x00 µΩ\nnext * line'
 ALL = load_catalogue()

@@ -12,17 +12,17 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from taction.verification.report.sweep.agreement import print_summary, summarise
+from taction.verification.report.sweep.document import document_parts, print_sweep
+from taction.verification.report.sweep.files import dataset, export_sweep, frame, grids
+from taction.verification.report.sweep.plot import plot_sweep
+from taction.verification.report.sweep.records import records
+from taction.verification.report.sweep.result import SweepResult
+from taction.verification.studies.sweep.hybrid import sample
+from taction.verification.studies.sweep.plan import Plan
+from taction.verification.studies.sweep.run import SweepCounts
+from taction.verification.studies.sweep.store import Store
 from tests.support.sweeping import grid_plan, make_record, reading, store_records
-from verification.report.sweep.agreement import print_summary, summarise
-from verification.report.sweep.document import document_parts, print_sweep
-from verification.report.sweep.files import dataset, export_sweep, frame, grids
-from verification.report.sweep.plot import plot_sweep
-from verification.report.sweep.records import records
-from verification.report.sweep.result import SweepResult
-from verification.studies.sweep.hybrid import sample
-from verification.studies.sweep.plan import Plan
-from verification.studies.sweep.run import SweepCounts
-from verification.studies.sweep.store import Store
 
 POINTS = 20  # of which 4 and 5 are next to the boundary
 SAMPLE = sample(POINTS)[0]

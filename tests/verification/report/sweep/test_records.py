@@ -14,20 +14,20 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from cli.main import main
-from cli.sweep import _state
-from netlist_gen.overrides.axes import parse_axes
-from netlist_gen.scene.file import load_scene
+from taction.cli.main import main
+from taction.cli.sweep import _state
+from taction.netlist_gen.scene.axes import parse_axes
+from taction.netlist_gen.scene.file import load_scene
+from taction.verification.report.sweep import files
+from taction.verification.report.sweep.plot import plot_sweep
+from taction.verification.studies.running import executors
+from taction.verification.studies.running.workers import Workers
+from taction.verification.studies.sweep.cost_forecast import CostForecast
+from taction.verification.studies.sweep.plan import Plan
+from taction.verification.studies.sweep.remaining_time import RemainingTime
+from taction.verification.studies.sweep.run import SweepCounts
+from taction.verification.studies.sweep.store import Store
 from tests.support.making import write_matrix_scene
-from verification.report.sweep import files
-from verification.report.sweep.plot import plot_sweep
-from verification.studies.running import executors
-from verification.studies.running.workers import Workers
-from verification.studies.sweep.cost_forecast import CostForecast
-from verification.studies.sweep.plan import Plan
-from verification.studies.sweep.remaining_time import RemainingTime
-from verification.studies.sweep.run import SweepCounts
-from verification.studies.sweep.store import Store
 
 DESIGN = """[design]
 gain = "100kohm"
@@ -164,9 +164,11 @@ def test_a_map_with_both_engines_and_a_boundary(
     outcome = (np.arange(40).reshape(shape) % 4).astype(np.int8)
     fake |= {"growth_rate": growth, "outcome": outcome, "agreement": outcome // 2}
     words = np.array(["pass", "fail: stability", "inconclusive: rise time", ""], dtype=object)
-    monkeypatch.setattr("verification.report.sweep.plot.grids", lambda plan, store: fake)
+    monkeypatch.setattr("taction.verification.report.sweep.plot.grids", lambda plan, store: fake)
     names = words[outcome]
-    monkeypatch.setattr("verification.report.sweep.plot.result_names", lambda plan, store: names)
+    monkeypatch.setattr(
+        "taction.verification.report.sweep.plot.result_names", lambda plan, store: names
+    )
     with Store(str(folder / "a.sqlite")) as store:
         plot_sweep(plan, store, str(folder / "a.png"))
     assert (folder / "a.png").stat().st_size > 20_000

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spice_models.errors import InputError
-from verification.report.picture import new_figure
-from verification.report.tolerance.yield_plot import _edges, _histogram, plot_yield
-from verification.studies.tolerance.remedy import Remedy
-from verification.studies.tolerance.varied_board import BoardSample
-from verification.studies.tolerance.yield_report import Sensitivity, Spread, YieldReport
+from taction.system.errors import InputError
+from taction.verification.report.picture import new_figure
+from taction.verification.report.tolerance.yield_plot import _edges, _histogram, plot_yield
+from taction.verification.studies.tolerance.remedy import Remedy
+from taction.verification.studies.tolerance.varied_board import BoardSample
+from taction.verification.studies.tolerance.yield_report import Sensitivity, Spread, YieldReport
 
 SAMPLES = [
     BoardSample(

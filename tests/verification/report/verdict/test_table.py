@@ -11,25 +11,25 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from netlist_gen.board.circuit import Output
-from netlist_gen.quantities import show
-from netlist_gen.scene.file import load_scene
-from spice_models.errors import InputError
-from tests.support.measured import channel, measured
-from tests.support.paths import SCENES
-from verification.engines.ngspice.raw_file import read_raw
-from verification.measures.readings import Reading
-from verification.measures.settling import ChannelState
-from verification.report.verdict.json_document import (
+from taction.netlist_gen.board.circuit import Output
+from taction.netlist_gen.scene.file import load_scene
+from taction.system.errors import InputError
+from taction.system.quantities import show
+from taction.verification.engines.ngspice.raw_file import read_raw
+from taction.verification.readings.readings import Reading
+from taction.verification.readings.settling import ChannelState
+from taction.verification.report.verdict.json_document import (
     channel_record,
     verdict_document,
 )
-from verification.report.verdict.plots import plot_verdict, time_unit
-from verification.report.verdict.table import amount, channel_table, print_verdict
-from verification.report.verdict.waveform_files import check_export, export
-from verification.studies.figures import finite
-from verification.verify import Verdict, verify
-from verification.waveforms import Cost, Waveforms
+from taction.verification.report.verdict.plots import plot_verdict, time_unit
+from taction.verification.report.verdict.table import amount, channel_table, print_verdict
+from taction.verification.report.verdict.waveform_files import check_export, export
+from taction.verification.studies.figures import finite
+from taction.verification.verdict.verify import Verdict, verify
+from taction.verification.waveforms import Cost, Waveforms
+from tests.support.measured import channel, measured
+from tests.support.paths import SCENES
 
 
 @cache

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from cli.main import main
-from netlist_gen.board.circuit import (
+from taction.cli.main import main
+from taction.netlist_gen.board.circuit import (
     Capacitor,
     Circuit,
     CurrentSource,
@@ -23,26 +23,26 @@ from netlist_gen.board.circuit import (
     ResistorMatrix,
     Scalings,
 )
-from netlist_gen.deck.deck import write_deck
-from netlist_gen.scene.file import load_scene
-from netlist_gen.scene.scene import Design
-from spice_models.errors import InputError
-from spice_models.opamp import OpAmp
-from tests.support.boards import single_mode
-from tests.support.paths import SCENES
-from verification.engines.ngspice.executable import find_simulator
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.small_signal.poles import poles
-from verification.small_signal.scan_result import AxisCrossing
-from verification.studies.onset import transient_trial as confirm_module
-from verification.studies.onset.onset import (
+from taction.netlist_gen.deck.deck import write_deck
+from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.scene import Design
+from taction.spice_models.opamp import OpAmp
+from taction.system.errors import InputError
+from taction.verification.engines.ngspice.executable import find_simulator
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.stability.poles import poles
+from taction.verification.stability.scan_result import AxisCrossing
+from taction.verification.studies.onset import transient_trial as confirm_module
+from taction.verification.studies.onset.onset import (
     board_over,
     confirmations,
     crossings,
     onset,
     parse_onset_axis,
 )
-from verification.studies.onset.transient_trial import Confirmation, along, confirm
+from taction.verification.studies.onset.transient_trial import Confirmation, along, confirm
+from tests.support.boards import single_mode
+from tests.support.paths import SCENES
 
 TUNED = SCENES / "tuned-breadboard.toml"
 EXPONENTIAL = SCENES / "paper-exponential.toml"

@@ -9,15 +9,15 @@ from typing import Any
 
 import pytest
 
-from spice_models.errors import InputError
-from tests.support.entries import entry
-from verification.studies.regression.baseline import (
+from taction.system.errors import InputError
+from taction.verification.studies.regression.baseline import (
     FORMAT,
     UNKNOWN,
     baseline_text,
     git_revision,
     load_baseline,
 )
+from tests.support.entries import entry
 
 
 def test_a_baseline_is_read_as_it_was_written(tmp_path: Path) -> None:

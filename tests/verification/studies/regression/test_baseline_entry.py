@@ -7,16 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from netlist_gen.scene.file import load_scene
-from tests.support.entries import write_fast
-from tests.support.making import write_matrix_scene
-from verification.studies.regression.baseline_entry import (
+from taction.netlist_gen.scene.file import load_scene
+from taction.verification.studies.regression.baseline_entry import (
     INSTANTS,
     Observation,
     fingerprint,
     observe,
 )
-from verification.verify import Verdict, verify
+from taction.verification.verdict.verify import Verdict, verify
+from tests.support.entries import write_fast
+from tests.support.making import write_matrix_scene
 
 
 @pytest.fixture(scope="module")

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from netlist_gen.scene.regression import Regression
+from taction.netlist_gen.scene.regression import Regression
+from taction.verification.studies.regression.baseline import Entry
+from taction.verification.studies.regression.baseline_entry import Observation
+from taction.verification.studies.regression.compare import Difference, compare
 from tests.support.entries import entry
-from verification.studies.regression.baseline import Entry
-from verification.studies.regression.baseline_entry import Observation
-from verification.studies.regression.compare import Difference, compare
 
 TIME = np.linspace(0.0, 5e-6, 501)
 TAU = 1e-6

@@ -6,12 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from spice_models.errors import InputError
-from tests.support.entries import write_fast
-from tests.support.paths import ROOT, SCENES
-from verification.studies.regression import run as module
-from verification.studies.regression.baseline import Entry, baseline_text
-from verification.studies.regression.run import (
+from taction.system.errors import InputError
+from taction.verification.studies.regression import run as module
+from taction.verification.studies.regression.baseline import Entry, baseline_text
+from taction.verification.studies.regression.run import (
     INTERRUPTED,
     RegressionReport,
     SceneResult,
@@ -19,6 +17,8 @@ from verification.studies.regression.run import (
     regress,
     updated_baseline,
 )
+from tests.support.entries import write_fast
+from tests.support.paths import ROOT, SCENES
 
 
 def run(

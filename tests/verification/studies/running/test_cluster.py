@@ -13,18 +13,18 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from cli.main import main
-from netlist_gen.overrides.axes import parse_axes
-from spice_models.errors import InputError
+from taction.cli.main import main
+from taction.netlist_gen.scene.axes import parse_axes
+from taction.system.errors import InputError
+from taction.verification.report.sweep.records import records
+from taction.verification.studies.running.cluster import cluster
+from taction.verification.studies.sweep.plan import Plan
+from taction.verification.studies.sweep.run import sweep
+from taction.verification.studies.sweep.store import Store
 from tests.support.clusters import address, scheduler, worker
 from tests.support.making import NEAR_IDEAL, make_scene
 from tests.support.paths import ROOT
 from tests.support.studying import one_thread, scene_file
-from verification.report.sweep.records import records
-from verification.studies.running.cluster import cluster
-from verification.studies.sweep.plan import Plan
-from verification.studies.sweep.run import sweep
-from verification.studies.sweep.store import Store
 
 DESIGN = {"capacitance": "100pF", "gain": "100kohm", "stray_capacitance": 0, "opamp": NEAR_IDEAL}
 POINTS = 60

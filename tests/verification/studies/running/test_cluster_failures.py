@@ -10,15 +10,15 @@ from typing import Any
 
 import pytest
 
-from netlist_gen.overrides.axes import parse_axes
-from spice_models.errors import InputError, NoVerdictError
+from taction.netlist_gen.scene.axes import parse_axes
+from taction.system.errors import InputError, NoVerdictError
+from taction.verification.studies.running import cluster as module
+from taction.verification.studies.running.cluster import cluster
+from taction.verification.studies.sweep.plan import Plan
+from taction.verification.studies.sweep.run import sweep
+from taction.verification.studies.sweep.store import Store
 from tests.support.clusters import address, scheduler, worker
 from tests.support.studying import small_scene
-from verification.studies.running import cluster as module
-from verification.studies.running.cluster import cluster
-from verification.studies.sweep.plan import Plan
-from verification.studies.sweep.run import sweep
-from verification.studies.sweep.store import Store
 
 pytest.importorskip("distributed")
 

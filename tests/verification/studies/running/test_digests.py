@@ -10,11 +10,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from netlist_gen.board.synthesis import synthesise
-from netlist_gen.problem.inverse_problem import make_problem
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.scene.inverse_problem import make_problem
+from taction.verification.studies.running.digests import digest, own_code
 from tests.support.making import make_scene
 from tests.support.paths import ROOT
-from verification.studies.running.digests import digest, own_code
 
 
 def test_the_encoding_is_fixed() -> None:
@@ -53,10 +53,10 @@ def test_equal_circuits_have_equal_digests_in_any_process() -> None:
     scene = make_scene({"channels": 3})
     circuit = synthesise(scene, make_problem(scene))
     script = (
-        "from netlist_gen.problem.inverse_problem import make_problem\n"
-        "from netlist_gen.board.synthesis import synthesise\n"
+        "from taction.netlist_gen.scene.inverse_problem import make_problem\n"
+        "from taction.netlist_gen.board.synthesis import synthesise\n"
         "from tests.support.making import make_scene\n"
-        "from verification.studies.running.digests import digest\n"
+        "from taction.verification.studies.running.digests import digest\n"
         "scene = make_scene({'channels': 3})\n"
         "print(digest(synthesise(scene, make_problem(scene))).hex())\n"
     )

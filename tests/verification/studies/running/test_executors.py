@@ -14,12 +14,12 @@ from pathlib import Path
 
 import pytest
 
-from spice_models.errors import InputError, NoVerdictError
+from taction.system.errors import InputError, NoVerdictError
+from taction.verification.studies.running import worker
+from taction.verification.studies.running.cluster import cluster
+from taction.verification.studies.running.collecting import collected
+from taction.verification.studies.running.executors import ATTEMPTS, LocalPool, local
 from tests.support.paths import ROOT
-from verification.studies.running import worker
-from verification.studies.running.cluster import cluster
-from verification.studies.running.collecting import collected
-from verification.studies.running.executors import ATTEMPTS, LocalPool, local
 
 
 @pytest.fixture
@@ -166,10 +166,10 @@ def test_no_module_of_the_working_folder_is_imported(tmp_path: Path) -> None:
     code = """
 import sys
 sys.path[:] = [each for each in sys.path if each]
-from verification.studies.running import worker
-from verification.studies.running.cluster import cluster
-from verification.studies.running.collecting import collected
-from verification.studies.running.executors import LocalPool
+from taction.verification.studies.running import worker
+from taction.verification.studies.running.cluster import cluster
+from taction.verification.studies.running.collecting import collected
+from taction.verification.studies.running.executors import LocalPool
 pool = LocalPool(1)
 print(pool.submit(pow, 2, 5).result(60))
 pool.shutdown()
@@ -209,10 +209,10 @@ def test_shutdown_ends_what_runs(pool: LocalPool) -> None:
 
 PARENT = """
 import sys, time
-from verification.studies.running import worker
-from verification.studies.running.cluster import cluster
-from verification.studies.running.collecting import collected
-from verification.studies.running.executors import LocalPool
+from taction.verification.studies.running import worker
+from taction.verification.studies.running.cluster import cluster
+from taction.verification.studies.running.collecting import collected
+from taction.verification.studies.running.executors import LocalPool
 if __name__ == "__main__":
     pool = LocalPool(2)
     print(*pool.pids(), flush=True)
@@ -250,7 +250,7 @@ def test_a_worker_ends_whatever_drops_its_end(
 def test_python_ends_although_a_worker_is_stopped() -> None:
     script = """
 import os, signal
-from verification.studies.running.executors import local
+from taction.verification.studies.running.executors import local
 with local(1) as workers:
     workers.executor.submit(pow, 2, 5).result()
     os.kill(workers.executor.pids()[0], signal.SIGSTOP)
@@ -283,6 +283,6 @@ def test_local_is_a_context() -> None:
 
 def test_no_scheduler_there(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr("verification.studies.running.cluster.PATIENCE", 0.2)
+    monkeypatch.setattr("taction.verification.studies.running.cluster.PATIENCE", 0.2)
     with pytest.raises(InputError, match="no Dask scheduler answers"), cluster("tcp://127.0.0.1:9"):
         pass

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from verification.studies.running.in_order import for_each_file
+from taction.verification.studies.running.in_order import for_each_file
 
 FILES = [Path(f"{name}.toml") for name in "abcd"]
 

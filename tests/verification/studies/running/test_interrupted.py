@@ -21,7 +21,7 @@ from tests.support.studying import IDEAL, scene_file, stored_samples
 
 
 def command(folder: Path, *more: str) -> list[str]:
-    start = "from cli.main import main; main()"
+    start = "from taction.cli.main import main; main()"
     words = ["sweep", str(folder / "scene.toml"), "--over", "C=50p:500p:40"]
     words += ["--engine", "statespace", "--jobs", "2", "-o", str(folder / "a.sqlite")]
     return [sys.executable, "-c", start, *words, *more]
@@ -111,7 +111,7 @@ def streams(process: subprocess.Popen[str]) -> tuple[str, str]:
 
 
 def started(scene: str, file: Path, *more: str) -> subprocess.Popen[str]:
-    start = "from cli.main import main; main()"
+    start = "from taction.cli.main import main; main()"
     command = [sys.executable, "-c", start, "montecarlo", scene, "-n", "100000"]
     return subprocess.Popen(
         [*command, "--jobs", "1", "-o", str(file), *more],

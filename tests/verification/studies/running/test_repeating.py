@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from spice_models.errors import Killed
-from verification.studies.running.repeating import RUNS, repeated_if_killed
+from taction.system.errors import Killed
+from taction.verification.studies.running.repeating import RUNS, repeated_if_killed
 
 
 def computation(folder: Path, kills: int) -> tuple[Callable[[], str], list[Path]]:

@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from verification.studies.running.worker import Worker, WorkerDiedError
+from taction.verification.studies.running.worker import Worker, WorkerDiedError
 
 
 def test_it_answers_from_one_other_process_and_says_what_went_wrong() -> None:

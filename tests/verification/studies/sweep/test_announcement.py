@@ -7,11 +7,11 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
+from taction.verification.studies.running.workers import Workers
+from taction.verification.studies.sweep.announcement import announcement, duration, wall_time
+from taction.verification.studies.sweep.cost_forecast import CostForecast
+from taction.verification.studies.sweep.hybrid import sample
 from tests.support.sweeping import BOTH, grid_plan
-from verification.studies.running.workers import Workers
-from verification.studies.sweep.announcement import announcement, duration, wall_time
-from verification.studies.sweep.cost_forecast import CostForecast
-from verification.studies.sweep.hybrid import sample
 
 EVERY = np.ones(100, dtype=np.bool_)
 

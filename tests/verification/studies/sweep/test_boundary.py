@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from netlist_gen.overrides.axes import parse_axes
-from netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.axes import parse_axes
+from taction.netlist_gen.scene.file import load_scene
+from taction.verification.studies.sweep.boundary import TOLERANCE, Boundary, solve_boundary
+from taction.verification.studies.sweep.plan import Plan
 from tests.support.paths import CASES, SCENES
-from verification.studies.sweep.boundary import TOLERANCE, Boundary, solve_boundary
-from verification.studies.sweep.plan import Plan
 
 
 def boundary(path: object, *over: str, **options: float) -> Boundary:

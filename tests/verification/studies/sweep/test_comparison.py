@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
+from taction.verification.studies.figures import TRANSIENT_READINGS
+from taction.verification.studies.sweep.comparison import Comparison, compare
+from taction.verification.verdict.checks import Outcome
 from tests.support.sweeping import make_record, reading
-from verification.pipeline.checks import Outcome
-from verification.studies.figures import TRANSIENT_READINGS
-from verification.studies.sweep.comparison import Comparison, compare
 
 
 def check(name: str, outcome: str) -> dict[str, Any]:

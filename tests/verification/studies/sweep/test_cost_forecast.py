@@ -7,18 +7,18 @@ import math
 import numpy as np
 import pytest
 
-from netlist_gen.overrides.axes import parse_axes, with_values
-from spice_models.errors import NoVerdictError
+from taction.netlist_gen.scene.axes import parse_axes, with_values
 from taction.studies import plan_sweep
+from taction.system.errors import NoVerdictError
+from taction.verification.studies.sweep import cost_forecast as module
+from taction.verification.studies.sweep.cost_forecast import CostForecast, forecast_costs
+from taction.verification.studies.sweep.hybrid import sample
+from taction.verification.studies.sweep.plan import ENGINE, Plan
+from taction.verification.verdict.clock import Clock
+from taction.verification.verdict.design import design_board
 from tests.support.making import make_scene
 from tests.support.paths import SCENES
 from tests.support.sweeping import grid_plan
-from verification.pipeline.clock import Clock
-from verification.pipeline.design import design_board
-from verification.studies.sweep import cost_forecast as module
-from verification.studies.sweep.cost_forecast import CostForecast, forecast_costs
-from verification.studies.sweep.hybrid import sample
-from verification.studies.sweep.plan import ENGINE, Plan
 
 PAPER = SCENES / "paper-breadboard.toml"
 

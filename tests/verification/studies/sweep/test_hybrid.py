@@ -13,11 +13,9 @@ import pytest
 
 import taction
 from taction.studies import plan_sweep
-from tests.support.paths import SCENES
-from tests.support.sweeping import grid_plan, make_record, store_records
-from verification.report.sweep.records import records
-from verification.studies.running.workers import Workers
-from verification.studies.sweep.hybrid import (
+from taction.verification.report.sweep.records import records
+from taction.verification.studies.running.workers import Workers
+from taction.verification.studies.sweep.hybrid import (
     BOUNDARY,
     EXTREME,
     SAMPLE,
@@ -25,8 +23,10 @@ from verification.studies.sweep.hybrid import (
     next_to_the_boundary,
     sample,
 )
-from verification.studies.sweep.run import SweepCounts, sweep
-from verification.studies.sweep.store import Store
+from taction.verification.studies.sweep.run import SweepCounts, sweep
+from taction.verification.studies.sweep.store import Store
+from tests.support.paths import SCENES
+from tests.support.sweeping import grid_plan, make_record, store_records
 
 PAPER = SCENES / "paper-breadboard.toml"
 READINGS = {

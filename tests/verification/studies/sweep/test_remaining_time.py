@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spice_models.array_types import Floats
-from verification.studies.sweep.cost_forecast import CostForecast
-from verification.studies.sweep.remaining_time import RemainingTime
+from taction.system.array_types import Floats
+from taction.verification.studies.sweep.cost_forecast import CostForecast
+from taction.verification.studies.sweep.remaining_time import RemainingTime
 
 
 class Sweep:

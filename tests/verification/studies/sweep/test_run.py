@@ -12,27 +12,27 @@ from typing import Any
 import numpy as np
 import pytest
 
-from netlist_gen.overrides.axes import parse_axes, with_values
-from netlist_gen.scene.file import load_scene
-from netlist_gen.scene.scene import Scene
-from spice_models.errors import (
+from taction.netlist_gen.scene.axes import parse_axes, with_values
+from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.errors import (
     InputError,
     NoVerdictError,
     OutOfDisk,
     SimulationError,
     SimulatorNotFound,
 )
+from taction.verification.report.sweep.records import records
+from taction.verification.studies.running.versions import OtherVersionsError, Versions, own_versions
+from taction.verification.studies.running.workers import Workers
+from taction.verification.studies.sweep import point as point_module
+from taction.verification.studies.sweep.plan import Plan, Requests
+from taction.verification.studies.sweep.point import Job, compute
+from taction.verification.studies.sweep.run import SweepCounts, sweep
+from taction.verification.studies.sweep.store import Store
+from taction.verification.verdict.verify import verify
 from tests.support.making import NEAR_IDEAL, make_scene, write_matrix_scene
 from tests.support.studying import IDEAL
-from verification.report.sweep.records import records
-from verification.studies.running.versions import OtherVersionsError, Versions, own_versions
-from verification.studies.running.workers import Workers
-from verification.studies.sweep import point as point_module
-from verification.studies.sweep.plan import Plan, Requests
-from verification.studies.sweep.point import Job, compute
-from verification.studies.sweep.run import SweepCounts, sweep
-from verification.studies.sweep.store import Store
-from verification.verify import verify
 
 DAMPED = {"capacitance": "100pF", "gain": "100kohm", "stray_capacitance": 0.0, "opamp": NEAR_IDEAL}
 

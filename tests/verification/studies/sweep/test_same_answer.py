@@ -12,24 +12,24 @@ from typing import Any
 
 import pytest
 
-from netlist_gen.overrides.axes import with_values
-from netlist_gen.problem.inverse_problem import make_problem
-from netlist_gen.scene.file import load_scene
-from netlist_gen.scene.scene import Scene
-from spice_models.errors import TactionError
+from taction.netlist_gen.scene.axes import with_values
+from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.inverse_problem import make_problem
+from taction.netlist_gen.scene.scene import Scene
 from taction.studies import plan_sweep
+from taction.system.errors import TactionError
+from taction.verification.report.sweep.records import records
+from taction.verification.studies.figures import FIGURES
+from taction.verification.studies.running.versions import own_versions
+from taction.verification.studies.running.workers import Workers
+from taction.verification.studies.sweep.point import Job, compute, failure, verdict_record
+from taction.verification.studies.sweep.run import sweep
+from taction.verification.studies.sweep.store import Store
+from taction.verification.verdict.clock import Clock
+from taction.verification.verdict.design import design_board
+from taction.verification.verdict.verify import verify
 from tests.support.paths import SCENES
 from tests.support.scenes_of_all_kinds import random_scene
-from verification.pipeline.clock import Clock
-from verification.pipeline.design import design_board
-from verification.report.sweep.records import records
-from verification.studies.figures import FIGURES
-from verification.studies.running.versions import own_versions
-from verification.studies.running.workers import Workers
-from verification.studies.sweep.point import Job, compute, failure, verdict_record
-from verification.studies.sweep.run import sweep
-from verification.studies.sweep.store import Store
-from verification.verify import verify
 
 PAPER = SCENES / "paper-breadboard.toml"
 COUNT, BLOCKS = 200, 4

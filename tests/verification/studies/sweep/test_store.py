@@ -12,10 +12,10 @@ from typing import Any
 
 import pytest
 
-from spice_models.errors import InputError, OutOfDisk
+from taction.system.errors import InputError, OutOfDisk
+from taction.verification.studies.sweep import store as module
+from taction.verification.studies.sweep.store import ERROR, FORMAT, Store, StoredResult
 from tests.support.paths import ROOT
-from verification.studies.sweep import store as module
-from verification.studies.sweep.store import ERROR, FORMAT, Store, StoredResult
 
 
 def key(number: int) -> bytes:
@@ -222,7 +222,7 @@ def test_another_process_that_never_lets_go(
 
 WRITER = """
 import sys
-from verification.studies.sweep.store import Store, StoredResult
+from taction.verification.studies.sweep.store import Store, StoredResult
 with Store(sys.argv[1]) as store:
     for number in range(40):
         key = number.to_bytes(32, "big")

@@ -12,19 +12,19 @@ import pytest
 from click.testing import CliRunner, Result
 from rich.console import Console
 
-from cli.main import main
-from netlist_gen.board.variation import vary
-from netlist_gen.scene.tolerances import Tolerances
-from spice_models.array_types import Floats
-from spice_models.errors import InputError
+from taction.cli.main import main
+from taction.netlist_gen.board.variation import vary
+from taction.netlist_gen.scene.tolerances import Tolerances
+from taction.system.array_types import Floats
+from taction.system.errors import InputError
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.report.tolerance.tables import print_directions
+from taction.verification.studies.tolerance.corners import Corner, named_corner, worst_corners
+from taction.verification.studies.tolerance.rest_slopes import rest_slopes
+from taction.verification.studies.tolerance.steady_directions import steady_directions
+from taction.verification.studies.tolerance.varied_board import evaluate, prepare
+from taction.verification.studies.tolerance.yield_report import SampleCollection, run_samples
 from tests.support.studying import DAMPED, QUIET, one_thread, scene_file, small_scene
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.report.tolerance.tables import print_directions
-from verification.studies.tolerance.corners import Corner, named_corner, worst_corners
-from verification.studies.tolerance.rest_slopes import rest_slopes
-from verification.studies.tolerance.steady_directions import steady_directions
-from verification.studies.tolerance.varied_board import evaluate, prepare
-from verification.studies.tolerance.yield_report import SampleCollection, run_samples
 
 WORN = {"resistor": 0.05, "capacitor": 0.1, "distribution": "uniform"}
 FEW = QUIET | {"capacitor": 0.1, "temperature": 30.0}

@@ -7,17 +7,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from netlist_gen.board.variation import draw, vary
-from netlist_gen.scene.scene import Scene
+from taction.netlist_gen.board.variation import draw, vary
+from taction.netlist_gen.scene.scene import Scene
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.output_noise import output_noise
+from taction.verification.report.sweep.document import columns_of
+from taction.verification.studies.sweep.point import verdict_record
+from taction.verification.studies.tolerance.varied_board import evaluate, prepare, quantities
+from taction.verification.studies.tolerance.yield_forecast import YieldForecast
+from taction.verification.studies.tolerance.yield_report import summarise_samples
+from taction.verification.verdict.verify import verify
 from tests.support.studying import QUIET, small_scene
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.engines.statespace.linearised.output_noise import output_noise
-from verification.report.sweep.document import columns_of
-from verification.studies.sweep.point import verdict_record
-from verification.studies.tolerance.varied_board import evaluate, prepare, quantities
-from verification.studies.tolerance.yield_forecast import YieldForecast
-from verification.studies.tolerance.yield_report import summarise_samples
-from verification.verify import verify
 
 REAL: dict[str, Any] = {
     "capacitance": "100pF",

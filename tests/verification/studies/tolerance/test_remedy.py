@@ -10,33 +10,37 @@ from click.testing import CliRunner
 from rich.console import Console
 from scipy.stats import binomtest, norm
 
-from cli.main import main
-from netlist_gen.board.variation import parameters
-from netlist_gen.scene.file import load_scene
-from netlist_gen.scene.tolerances import Tolerances
-from spice_models.array_types import Floats
-from spice_models.errors import InputError
-from tests.support.studying import QUIET, one_thread, small_scene
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.pipeline.opamp_links import outputs_at_rest
-from verification.report.tolerance.tables import print_yield
-from verification.studies.tolerance.remedy import Remedy
-from verification.studies.tolerance.remedy_search import find_remedy, improved, verified_remedy
-from verification.studies.tolerance.rest_slopes import rest_slopes
-from verification.studies.tolerance.varied_board import (
+from taction.cli.main import main
+from taction.netlist_gen.board.variation import parameters
+from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.tolerances import Tolerances
+from taction.system.array_types import Floats
+from taction.system.errors import InputError
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.report.tolerance.tables import print_yield
+from taction.verification.studies.tolerance.remedy import Remedy
+from taction.verification.studies.tolerance.remedy_search import (
+    find_remedy,
+    improved,
+    verified_remedy,
+)
+from taction.verification.studies.tolerance.rest_slopes import rest_slopes
+from taction.verification.studies.tolerance.varied_board import (
     BoardSample,
     VariedBoard,
     evaluate,
     prepare,
 )
-from verification.studies.tolerance.yield_forecast import YieldForecast
-from verification.studies.tolerance.yield_report import (
+from taction.verification.studies.tolerance.yield_forecast import YieldForecast
+from taction.verification.studies.tolerance.yield_report import (
     SampleCollection,
     draw,
     interval,
     run_samples,
     summarise_samples,
 )
+from taction.verification.verdict.opamp_links import outputs_at_rest
+from tests.support.studying import QUIET, one_thread, small_scene
 
 SEED, COUNT = 7, 60
 FINE = QUIET | {"resistor": 1e-4}

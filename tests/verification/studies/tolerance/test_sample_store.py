@@ -11,12 +11,12 @@ from typing import Any
 
 import pytest
 
+from taction.verification.studies.sweep.store import Store
+from taction.verification.studies.tolerance.sample_store import SampleStore
+from taction.verification.studies.tolerance.varied_board import BoardSample, VariedBoard, prepare
+from taction.verification.studies.tolerance.yield_report import SampleCollection, run_samples
 from tests.support.running import taction
 from tests.support.studying import one_thread, scene_file, small_scene, stored_samples
-from verification.studies.sweep.store import Store
-from verification.studies.tolerance.sample_store import SampleStore
-from verification.studies.tolerance.varied_board import BoardSample, VariedBoard, prepare
-from verification.studies.tolerance.yield_report import SampleCollection, run_samples
 
 STUDY = prepare(small_scene())
 SAMPLES = [

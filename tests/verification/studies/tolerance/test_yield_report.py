@@ -14,20 +14,25 @@ import pytest
 from click.testing import CliRunner, Result
 from scipy.stats import binom, binomtest
 
-from cli.main import main
-from netlist_gen.board.variation import draw
-from spice_models.errors import InputError, NoVerdictError
-from tests.support.studying import QUIET, one_thread, scene_file, small_scene, stored_samples
-from verification.studies.running.executors import local
-from verification.studies.running.workers import Workers
-from verification.studies.tolerance import varied_board, yield_report
-from verification.studies.tolerance.varied_board import BoardSample, VariedBoard, evaluate, prepare
-from verification.studies.tolerance.yield_report import (
+from taction.cli.main import main
+from taction.netlist_gen.board.variation import draw
+from taction.system.errors import InputError, NoVerdictError
+from taction.verification.studies.running.executors import local
+from taction.verification.studies.running.workers import Workers
+from taction.verification.studies.tolerance import varied_board, yield_report
+from taction.verification.studies.tolerance.varied_board import (
+    BoardSample,
+    VariedBoard,
+    evaluate,
+    prepare,
+)
+from taction.verification.studies.tolerance.yield_report import (
     SampleCollection,
     interval,
     run_samples,
     summarise_samples,
 )
+from tests.support.studying import QUIET, one_thread, scene_file, small_scene, stored_samples
 
 WORN = {"resistor": 0.05, "capacitor": 0.1}
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from verification.studies.work_precision.convergence_order import fit_order
+from taction.verification.studies.work_precision.convergence_order import fit_order
 
 STEPS = [2.0**-k for k in range(8)]
 NAMES = [str(k) for k in range(8)]

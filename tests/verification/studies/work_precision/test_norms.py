@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spice_models.array_types import Floats
-from verification.studies.work_precision.method_runs import MethodRun
-from verification.studies.work_precision.norms import ErrorScale, make_scale, measure_errors
+from taction.system.array_types import Floats
+from taction.verification.studies.work_precision.method_runs import MethodRun
+from taction.verification.studies.work_precision.norms import ErrorScale, make_scale, measure_errors
 
 DECAY, OMEGA = 1e3, 2e5
 TARGET = np.array([2.0, -1.0])

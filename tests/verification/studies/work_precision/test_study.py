@@ -15,19 +15,19 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from cli.main import main
-from netlist_gen.scene.scene import Scene
-from spice_models.errors import EngineError, SimulatorNotFound
+from taction.cli.main import main
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.errors import EngineError, SimulatorNotFound
+from taction.verification.report.work_precision.plot import plot_study
+from taction.verification.report.work_precision.tables import accuracy_document
+from taction.verification.studies.running.worker import Worker
+from taction.verification.studies.work_precision import ladders
+from taction.verification.studies.work_precision import study as study_module
+from taction.verification.studies.work_precision.method_runs import MethodRun, Task
+from taction.verification.studies.work_precision.methods import METHODS, Method
+from taction.verification.studies.work_precision.norms import NORMS
+from taction.verification.studies.work_precision.study import WorkPrecisionStudy, run_study
 from tests.support.making import make_scene
-from verification.report.work_precision.plot import plot_study
-from verification.report.work_precision.tables import accuracy_document
-from verification.studies.running.worker import Worker
-from verification.studies.work_precision import ladders
-from verification.studies.work_precision import study as study_module
-from verification.studies.work_precision.method_runs import MethodRun, Task
-from verification.studies.work_precision.methods import METHODS, Method
-from verification.studies.work_precision.norms import NORMS
-from verification.studies.work_precision.study import WorkPrecisionStudy, run_study
 
 BUDGET = 120.0  # s: far more than it takes, also on a machine that is busy
 OPAMP = {"base": "ideal", "dc_gain": 1e5, "gbw": 0.9e6, "second_pole": 2.7e6}

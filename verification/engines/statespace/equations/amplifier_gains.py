@@ -2,7 +2,7 @@
 
 `GAINS` has one entry for each kind of `spice_models.amplifier.AMPLIFIERS` except the linear one,
 which is an op-amp, and the `OPAMP_KINDS`: input stage, swing and output current of an op-amp with
-limits (`spice_models.opamp`). The safe
+limits (`taction.spice_models.opamp`). The safe
 coordinate of a channel is ``q = y + h g(y)`` with ``h >= 0``. With strong feedback q is close to
 the amplifier's output, with weak feedback to its input, so a Newton step in q neither overflows nor
 becomes too short.
@@ -16,9 +16,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spice_models.array_types import Floats
-from spice_models.errors import EngineError
-from spice_models.opamp import KNEE
+from taction.spice_models.opamp import KNEE
+from taction.system.array_types import Floats
+from taction.system.errors import EngineError
 
 OPAMP_KINDS = INPUT_STAGE, CLAMP, LIMITER = ("stage", "clamp", "limiter")
 HUGE = 1e300

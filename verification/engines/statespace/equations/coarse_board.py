@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from spice_models.array_types import Bools, Ints
-from verification.engines.statespace.equations.descriptor import (
+from taction.system.array_types import Bools, Ints
+from taction.verification.engines.statespace.equations.descriptor import (
     Coupling,
     Descriptor,
     Devices,
     Triplets,
 )
-from verification.engines.statespace.equations.mirror_symmetry import proposed_mirror
+from taction.verification.engines.statespace.equations.mirror_symmetry import proposed_mirror
 
 CHANNELS = 14  # of the coarse board, and as many sensors
 

@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from spice_models.array_types import Floats
-from spice_models.errors import EngineError
-from verification.engines.statespace.equations.descriptor import Descriptor
-from verification.engines.statespace.equations.structured_solve import Structure
+from taction.system.array_types import Floats
+from taction.system.errors import EngineError
+from taction.verification.engines.statespace.equations.descriptor import Descriptor
+from taction.verification.engines.statespace.equations.structured_solve import Structure
 
 Response = tuple[Callable[[Floats], Floats], Floats]
 LOOSE = 1e17  # largest element of an inverse (rows scaled) that counts as regular

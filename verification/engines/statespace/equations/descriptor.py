@@ -14,10 +14,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from spice_models.array_types import Bools, Floats, Ints
-from spice_models.errors import EngineError
-from verification.engines.statespace.equations.amplifier_gains import OPAMP_KINDS, gain_of
-from verification.engines.statespace.equations.mirror_symmetry import Dense, Halves
+from taction.system.array_types import Bools, Floats, Ints
+from taction.system.errors import EngineError
+from taction.verification.engines.statespace.equations.amplifier_gains import OPAMP_KINDS, gain_of
+from taction.verification.engines.statespace.equations.mirror_symmetry import Dense, Halves
 
 LARGE = 600  # unknowns above which structured solves replace dense ones
 

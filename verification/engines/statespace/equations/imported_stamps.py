@@ -12,11 +12,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from netlist_gen.board.circuit import OpAmpCell
-from spice_models.array_types import Ints
-from spice_models.errors import EngineError
-from spice_models.imported import LinearModel
-from verification.engines.statespace.equations.stamper import Stamper
+from taction.netlist_gen.board.circuit import OpAmpCell
+from taction.spice_models.imported import LinearModel
+from taction.system.array_types import Ints
+from taction.system.errors import EngineError
+from taction.verification.engines.statespace.equations.stamper import Stamper
 
 
 def stamp_imported(stamper: Stamper, cells: Sequence[OpAmpCell], pins: Ints) -> None:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spice_models.array_types import Bools, Complexes, Floats, Ints
+from taction.system.array_types import Bools, Complexes, Floats, Ints
 
 _NUMBERED = re.compile(r"^([^\d\n]*)(\d*)(.*)$", re.MULTILINE)
 ROUNDING = 64 * np.finfo(np.float64).eps  # relative error of Newton's method in a slope

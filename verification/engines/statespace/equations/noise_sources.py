@@ -14,13 +14,13 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from netlist_gen.board.circuit import GROUND, Circuit, OpAmpCell
-from spice_models.array_types import Floats, Ints
-from spice_models.opamp import OpAmp
-from spice_models.thermal_noise import THERMAL
-from spice_models.transistor import ELECTRON
-from verification.engines.statespace.equations.descriptor import Descriptor
-from verification.engines.statespace.equations.transistor_stamps import transistor_currents
+from taction.netlist_gen.board.circuit import GROUND, Circuit, OpAmpCell
+from taction.spice_models.opamp import OpAmp
+from taction.spice_models.thermal_noise import THERMAL
+from taction.spice_models.transistor import ELECTRON
+from taction.system.array_types import Floats, Ints
+from taction.verification.engines.statespace.equations.descriptor import Descriptor
+from taction.verification.engines.statespace.equations.transistor_stamps import transistor_currents
 
 
 def noise_intensities(

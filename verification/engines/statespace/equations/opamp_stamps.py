@@ -14,15 +14,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spice_models.array_types import Bools, Floats, Ints
-from spice_models.opamp import KNEE, OVERDRIVE
-from verification.engines.statespace.equations.amplifier_gains import (
+from taction.spice_models.opamp import KNEE, OVERDRIVE
+from taction.system.array_types import Bools, Floats, Ints
+from taction.verification.engines.statespace.equations.amplifier_gains import (
     CLAMP,
     INPUT_STAGE,
     LIMITER,
 )
-from verification.engines.statespace.equations.descriptor import Devices
-from verification.engines.statespace.equations.stamper import GROUND, Stamper
+from taction.verification.engines.statespace.equations.descriptor import Devices
+from taction.verification.engines.statespace.equations.stamper import GROUND, Stamper
 
 FIGURES = operator.attrgetter(
     "dc_gain",

@@ -6,10 +6,10 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from netlist_gen.board.circuit import Circuit, ResistorMatrix
-from spice_models.array_types import Bools, Floats, Ints
-from spice_models.errors import EngineError
-from verification.engines.statespace.equations.descriptor import Devices, Triplets
+from taction.netlist_gen.board.circuit import Circuit, ResistorMatrix
+from taction.system.array_types import Bools, Floats, Ints
+from taction.system.errors import EngineError
+from taction.verification.engines.statespace.equations.descriptor import Devices, Triplets
 
 GROUND = -1
 

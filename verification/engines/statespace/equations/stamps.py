@@ -9,19 +9,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from netlist_gen.board.circuit import Circuit
-from spice_models.errors import EngineError
-from verification.engines.statespace.equations.descriptor import (
+from taction.netlist_gen.board.circuit import Circuit
+from taction.system.errors import EngineError
+from taction.verification.engines.statespace.equations.descriptor import (
     Coupling,
     Descriptor,
     Devices,
     Triplets,
 )
-from verification.engines.statespace.equations.imported_stamps import stamp_imported
-from verification.engines.statespace.equations.mirror_symmetry import proposed_mirror
-from verification.engines.statespace.equations.opamp_stamps import stamp_opamps
-from verification.engines.statespace.equations.stamper import GROUND, Stamper
-from verification.engines.statespace.equations.transistor_stamps import stamp_transistors
+from taction.verification.engines.statespace.equations.imported_stamps import stamp_imported
+from taction.verification.engines.statespace.equations.mirror_symmetry import proposed_mirror
+from taction.verification.engines.statespace.equations.opamp_stamps import stamp_opamps
+from taction.verification.engines.statespace.equations.stamper import GROUND, Stamper
+from taction.verification.engines.statespace.equations.transistor_stamps import stamp_transistors
 
 
 def _claim_rows(stamper: Stamper) -> None:

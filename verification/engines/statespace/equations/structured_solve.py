@@ -20,9 +20,9 @@ from typing import Any
 
 import numpy as np
 
-from spice_models.array_types import Complexes, Floats, Ints
-from spice_models.errors import EngineError
-from verification.engines.statespace.equations.descriptor import Descriptor
+from taction.system.array_types import Complexes, Floats, Ints
+from taction.system.errors import EngineError
+from taction.verification.engines.statespace.equations.descriptor import Descriptor
 
 KEPT, COMPLEX = 3e8, 16  # bytes of all solvers that are kept, and of a number in them
 

@@ -14,11 +14,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from netlist_gen.board.circuit import Circuit
-from spice_models.array_types import Floats, Ints
-from spice_models.transistor import thermal_voltage
-from verification.engines.statespace.equations.descriptor import Descriptor, Devices
-from verification.engines.statespace.equations.stamper import Stamper
+from taction.netlist_gen.board.circuit import Circuit
+from taction.spice_models.transistor import thermal_voltage
+from taction.system.array_types import Floats, Ints
+from taction.verification.engines.statespace.equations.descriptor import Descriptor, Devices
+from taction.verification.engines.statespace.equations.stamper import Stamper
 
 SCALE = 1e-4  # A
 KIND = "exponential"

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from spice_models.array_types import Floats
+from taction.system.array_types import Floats
 
 DIGITS = 53
 SLICES = 4  # of a factor, of at least 20 bits each; products of the smallest are left out

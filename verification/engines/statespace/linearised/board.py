@@ -6,25 +6,25 @@ import functools
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from netlist_gen.board.circuit import Circuit
-from spice_models.array_types import Floats
-from verification.engines.statespace.equations.coarse_board import coarsen
-from verification.engines.statespace.equations.dc_solve import (
+from taction.netlist_gen.board.circuit import Circuit
+from taction.system.array_types import Floats
+from taction.verification.engines.statespace.equations.coarse_board import coarsen
+from taction.verification.engines.statespace.equations.dc_solve import (
     Response,
     dense_response,
     structured_response,
 )
-from verification.engines.statespace.equations.descriptor import Descriptor
-from verification.engines.statespace.equations.stamps import stamp
-from verification.engines.statespace.equations.structured_solve import Structure
-from verification.engines.statespace.linearised.equilibrium import (
+from taction.verification.engines.statespace.equations.descriptor import Descriptor
+from taction.verification.engines.statespace.equations.stamps import stamp
+from taction.verification.engines.statespace.equations.structured_solve import Structure
+from taction.verification.engines.statespace.linearised.equilibrium import (
     Equilibrium,
     equilibrium_near,
     rounding,
     solve_equilibrium,
 )
-from verification.engines.statespace.linearised.settling import settled
-from verification.engines.statespace.linearised.state_space import (
+from taction.verification.engines.statespace.linearised.settling import settled
+from taction.verification.engines.statespace.linearised.state_space import (
     StateSpace,
     linearise,
     open_loop,

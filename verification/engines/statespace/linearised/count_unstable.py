@@ -15,9 +15,9 @@ import math
 
 import numpy as np
 
-from spice_models.array_types import Complexes, Floats
-from spice_models.errors import EngineError
-from verification.engines.statespace.equations.structured_solve import Structure
+from taction.system.array_types import Complexes, Floats
+from taction.system.errors import EngineError
+from taction.verification.engines.statespace.equations.structured_solve import Structure
 
 TOP = 1e5  # of the line, in units of the board's fastest rate
 FREQUENCY_RATIO = 4.0  # largest ratio of neighbouring frequencies

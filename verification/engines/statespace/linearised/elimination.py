@@ -7,10 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spice_models.array_types import Bools, Floats, Ints
-from spice_models.errors import EngineError
-from verification.engines.statespace.linearised.exactness import Exactness, find_exactness
-from verification.engines.statespace.linearised.scaled_inverse import SINGULAR, ScaledInverse
+from taction.system.array_types import Bools, Floats, Ints
+from taction.system.errors import EngineError
+from taction.verification.engines.statespace.linearised.exactness import Exactness, find_exactness
+from taction.verification.engines.statespace.linearised.scaled_inverse import (
+    SINGULAR,
+    ScaledInverse,
+)
 
 GRADED = 1e6  # condition number of the capacitances from which states are combinations of voltages
 

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spice_models.array_types import Floats
-from spice_models.errors import EngineError
-from verification.engines.statespace.equations.amplifier_gains import Gain, gain_of
-from verification.engines.statespace.equations.dc_solve import Response
-from verification.engines.statespace.equations.descriptor import Descriptor
-from verification.engines.statespace.equations.structured_solve import Structure
-from verification.engines.statespace.linearised.natural_newton import natural_newton
+from taction.system.array_types import Floats
+from taction.system.errors import EngineError
+from taction.verification.engines.statespace.equations.amplifier_gains import Gain, gain_of
+from taction.verification.engines.statespace.equations.dc_solve import Response
+from taction.verification.engines.statespace.equations.descriptor import Descriptor
+from taction.verification.engines.statespace.equations.structured_solve import Structure
+from taction.verification.engines.statespace.linearised.natural_newton import natural_newton
 
 MAX_STEPS = 200
 STAGES = 10.0 ** np.arange(0, -17, -2)  # of the homotopy: added diagonal feedback, times H

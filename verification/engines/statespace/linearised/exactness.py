@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spice_models.array_types import Floats
-from verification.engines.statespace.linearised.accurate_products import accurate_sum
-from verification.engines.statespace.linearised.scaled_inverse import ScaledInverse
+from taction.system.array_types import Floats
+from taction.verification.engines.statespace.linearised.accurate_products import accurate_sum
+from taction.verification.engines.statespace.linearised.scaled_inverse import ScaledInverse
 
 
 @dataclass(frozen=True, slots=True, eq=False)

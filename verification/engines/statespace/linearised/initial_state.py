@@ -7,8 +7,8 @@ from typing import Literal
 
 import numpy as np
 
-from spice_models.array_types import Floats
-from verification.engines.statespace.linearised.board import LinearBoard
+from taction.system.array_types import Floats
+from taction.verification.engines.statespace.linearised.board import LinearBoard
 
 Initial = Literal["zero", "rest"]
 

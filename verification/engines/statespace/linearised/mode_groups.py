@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from spice_models.array_types import Bools, Complexes, Ints
-from verification.engines.statespace.linearised.real_columns import both
+from taction.system.array_types import Bools, Complexes, Ints
+from taction.verification.engines.statespace.linearised.real_columns import both
 
 SEPARABLE = 1e-2  # a step separates modes whose coupling is below this part of their distance
 

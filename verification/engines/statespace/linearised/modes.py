@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spice_models.array_types import Complexes, Floats, Ints
-from verification.engines.statespace.equations.mirror_symmetry import Halves
-from verification.engines.statespace.linearised.exactness import Exactness
-from verification.engines.statespace.linearised.polished_modes import polished
-from verification.engines.statespace.linearised.real_modes import Block, decompose_block
+from taction.system.array_types import Complexes, Floats, Ints
+from taction.verification.engines.statespace.equations.mirror_symmetry import Halves
+from taction.verification.engines.statespace.linearised.exactness import Exactness
+from taction.verification.engines.statespace.linearised.polished_modes import polished
+from taction.verification.engines.statespace.linearised.real_modes import Block, decompose_block
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from spice_models.array_types import Floats
-from verification.engines.statespace.equations.amplifier_gains import Gain
+from taction.system.array_types import Floats
+from taction.verification.engines.statespace.equations.amplifier_gains import Gain
 
 MAX_STEPS = 100
 ENOUGH = 1e-3  # last full correction of y, near enough for steps on all unknowns of the board

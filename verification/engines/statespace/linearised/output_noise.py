@@ -16,12 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from spice_models.array_types import Floats
-from spice_models.errors import EngineError
-from spice_models.transistor import NOMINAL
-from verification.engines.statespace.equations.noise_sources import noise_intensities
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.engines.statespace.linearised.state_space import driven
+from taction.spice_models.transistor import NOMINAL
+from taction.system.array_types import Floats
+from taction.system.errors import EngineError
+from taction.verification.engines.statespace.equations.noise_sources import noise_intensities
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.state_space import driven
 
 EPS = float(np.finfo(np.float64).eps)
 HIDDEN = "rounding hides the noise: the poles of the board are too far apart"

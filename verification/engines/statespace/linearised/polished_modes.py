@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from spice_models.array_types import Bools, Floats
-from verification.engines.statespace.linearised.accurate_products import accurate_sum
-from verification.engines.statespace.linearised.exactness import Exactness
-from verification.engines.statespace.linearised.mode_groups import mode_groups, turns
-from verification.engines.statespace.linearised.real_columns import (
+from taction.system.array_types import Bools, Floats
+from taction.verification.engines.statespace.linearised.accurate_products import accurate_sum
+from taction.verification.engines.statespace.linearised.exactness import Exactness
+from taction.verification.engines.statespace.linearised.mode_groups import mode_groups, turns
+from taction.verification.engines.statespace.linearised.real_columns import (
     both,
     column_sizes,
     complex_columns,
@@ -19,7 +19,7 @@ from verification.engines.statespace.linearised.real_columns import (
     times_poles,
     unmodal,
 )
-from verification.engines.statespace.linearised.real_modes import (
+from taction.verification.engines.statespace.linearised.real_modes import (
     EPS,
     Block,
     separated,

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spice_models.array_types import Complexes, Floats
+from taction.system.array_types import Complexes, Floats
 
 
 def both(kept: NDArray[Any], real: int) -> NDArray[Any]:

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spice_models.array_types import Complexes, Floats, Ints
-from verification.engines.statespace.linearised.mode_groups import mode_groups, turns
-from verification.engines.statespace.linearised.real_columns import (
+from taction.system.array_types import Complexes, Floats, Ints
+from taction.verification.engines.statespace.linearised.mode_groups import mode_groups, turns
+from taction.verification.engines.statespace.linearised.real_columns import (
     both,
     column_sizes,
     complex_columns,

@@ -14,12 +14,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netlist_gen.board.circuit import GROUND, Circuit
-from spice_models.array_types import Floats
-from spice_models.errors import EngineError
-from verification.engines.statespace.equations.stamps import stamp
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.engines.statespace.linearised.equilibrium import balance
+from taction.netlist_gen.board.circuit import GROUND, Circuit
+from taction.system.array_types import Floats
+from taction.system.errors import EngineError
+from taction.verification.engines.statespace.equations.stamps import stamp
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.equilibrium import balance
 
 
 @dataclass(frozen=True, slots=True, eq=False)

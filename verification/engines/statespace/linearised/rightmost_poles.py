@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from spice_models.array_types import Complexes
-from spice_models.errors import EngineError
-from verification.engines.statespace.equations.structured_solve import Structure
-from verification.engines.statespace.linearised.board import LinearBoard
+from taction.system.array_types import Complexes
+from taction.system.errors import EngineError
+from taction.verification.engines.statespace.equations.structured_solve import Structure
+from taction.verification.engines.statespace.linearised.board import LinearBoard
 
 NEAREST = 4  # number of poles requested at a shift
 FIRST_OFFSET = 0.01  # of the first shift to the right of a coarse pole, over the pole's magnitude

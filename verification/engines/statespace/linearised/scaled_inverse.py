@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from spice_models.array_types import Floats
-from spice_models.errors import EngineError
+from taction.system.array_types import Floats
+from taction.system.errors import EngineError
 
 SINGULAR = 1e13  # condition number of an equilibrated matrix above which it counts as singular
 

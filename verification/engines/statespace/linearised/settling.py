@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from spice_models.array_types import Floats
-from verification.engines.statespace.equations.amplifier_gains import gain_of
-from verification.engines.statespace.equations.descriptor import Descriptor
+from taction.system.array_types import Floats
+from taction.verification.engines.statespace.equations.amplifier_gains import gain_of
+from taction.verification.engines.statespace.equations.descriptor import Descriptor
 
 FIRST = 1e-3  # of the fastest time constant: the first step
 GROWTH = 2.0

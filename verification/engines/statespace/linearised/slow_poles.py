@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from spice_models.array_types import Complexes
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.engines.statespace.linearised.state_space import linear_matrices
+from taction.system.array_types import Complexes
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.state_space import linear_matrices
 
 NONE = 1e-13  # of the largest 1/p: smaller values are the rounding of 0
 

@@ -13,18 +13,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spice_models.array_types import Complexes, Floats
-from spice_models.errors import EngineError
-from verification.engines.statespace.equations.amplifier_gains import gain_of
-from verification.engines.statespace.equations.descriptor import Descriptor
-from verification.engines.statespace.equations.mirror_symmetry import (
+from taction.system.array_types import Complexes, Floats
+from taction.system.errors import EngineError
+from taction.verification.engines.statespace.equations.amplifier_gains import gain_of
+from taction.verification.engines.statespace.equations.descriptor import Descriptor
+from taction.verification.engines.statespace.equations.mirror_symmetry import (
     Dense,
     Halves,
     evened,
 )
-from verification.engines.statespace.linearised.elimination import ReducedEquations, eliminate
-from verification.engines.statespace.linearised.equilibrium import Equilibrium
-from verification.engines.statespace.linearised.modes import Modes, decompose
+from taction.verification.engines.statespace.linearised.elimination import (
+    ReducedEquations,
+    eliminate,
+)
+from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
+from taction.verification.engines.statespace.linearised.modes import Modes, decompose
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,18 +15,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from netlist_gen.analysis import Transient
-from netlist_gen.board.circuit import Circuit
-from spice_models.array_types import Complexes, Floats, Indices
-from spice_models.errors import DivergesError, EngineError
-from verification.engines.statespace.equations.amplifier_gains import LIMITER, gain_of
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.engines.statespace.linearised.equilibrium import Equilibrium, solve_loop
-from verification.engines.statespace.linearised.initial_state import initial_unknowns
-from verification.engines.statespace.transients.amplified_large import Wide
-from verification.engines.statespace.transients.radau import Dense, Radau, Solve
-from verification.engines.statespace.transients.record_times import record_times
-from verification.waveforms import Cost, Waveforms
+from taction.netlist_gen.analysis import Transient
+from taction.netlist_gen.board.circuit import Circuit
+from taction.system.array_types import Complexes, Floats, Indices
+from taction.system.errors import DivergesError, EngineError
+from taction.verification.engines.statespace.equations.amplifier_gains import LIMITER, gain_of
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium, solve_loop
+from taction.verification.engines.statespace.linearised.initial_state import initial_unknowns
+from taction.verification.engines.statespace.transients.amplified_large import Wide
+from taction.verification.engines.statespace.transients.radau import Dense, Radau, Solve
+from taction.verification.engines.statespace.transients.record_times import record_times
+from taction.verification.waveforms import Cost, Waveforms
 
 METHOD = "Radau IIA"
 TOLERANCE = 1e-9  # of a step, relative to each voltage's own scale

@@ -12,15 +12,15 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from netlist_gen.analysis import Transient
-from spice_models.array_types import Complexes, Floats
-from spice_models.errors import EngineError
-from verification.engines.statespace.equations.amplifier_gains import gain_of
-from verification.engines.statespace.equations.structured_solve import Structure
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.engines.statespace.linearised.equilibrium import Equilibrium
-from verification.engines.statespace.linearised.initial_state import initial_unknowns
-from verification.engines.statespace.transients.radau import Solve
+from taction.netlist_gen.analysis import Transient
+from taction.system.array_types import Complexes, Floats
+from taction.system.errors import EngineError
+from taction.verification.engines.statespace.equations.amplifier_gains import gain_of
+from taction.verification.engines.statespace.equations.structured_solve import Structure
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
+from taction.verification.engines.statespace.linearised.initial_state import initial_unknowns
+from taction.verification.engines.statespace.transients.radau import Solve
 
 INSTANT = 1e-9  # of the fastest time constant: the settling time of the algebraic unknowns
 SETTLING_STEPS = 50

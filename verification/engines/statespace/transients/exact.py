@@ -10,14 +10,17 @@ from typing import Literal
 
 import numpy as np
 
-from netlist_gen.board.circuit import Circuit
-from netlist_gen.quantities import show
-from spice_models.array_types import Complexes, Floats, Ints
-from spice_models.errors import EngineError
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.engines.statespace.linearised.initial_state import Initial, initial_unknowns
-from verification.engines.statespace.linearised.state_space import StateSpace
-from verification.engines.statespace.transients.matrix_exponential import (
+from taction.netlist_gen.board.circuit import Circuit
+from taction.system.array_types import Complexes, Floats, Ints
+from taction.system.errors import EngineError
+from taction.system.quantities import show
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.initial_state import (
+    Initial,
+    initial_unknowns,
+)
+from taction.verification.engines.statespace.linearised.state_space import StateSpace
+from taction.verification.engines.statespace.transients.matrix_exponential import (
     EPS,
     Flow,
     LadderFlow,
@@ -106,7 +109,7 @@ def exact_solution(
     circuit : Circuit or LinearBoard
         The board, without behavioural amplifiers.
     initial, voltages
-        See `netlist_gen.analysis.Transient`.
+        See `taction.netlist_gen.analysis.Transient`.
     nodes : iterable of str, optional
         By default the outputs' nodes.
     stop : float, optional

@@ -13,8 +13,8 @@ from typing import Protocol, Self
 
 import numpy as np
 
-from spice_models.array_types import Complexes, Floats, Ints
-from verification.engines.statespace.linearised.modes import Modes
+from taction.system.array_types import Complexes, Floats, Ints
+from taction.verification.engines.statespace.linearised.modes import Modes
 
 EPS = float(np.finfo(np.float64).eps)
 TAYLOR = 20  # terms that give exp of a matrix of norm below 1/2 to rounding

@@ -21,9 +21,9 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from spice_models.array_types import Complexes, Floats
-from spice_models.errors import EngineError
-from verification.engines.statespace.transients.radau_tableau import tableau
+from taction.system.array_types import Complexes, Floats
+from taction.system.errors import EngineError
+from taction.verification.engines.statespace.transients.radau_tableau import tableau
 
 Solve = Callable[[Complexes], Complexes]
 

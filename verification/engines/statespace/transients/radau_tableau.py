@@ -10,7 +10,7 @@ from functools import cache
 
 import numpy as np
 
-from spice_models.array_types import Complexes, Floats
+from taction.system.array_types import Complexes, Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)

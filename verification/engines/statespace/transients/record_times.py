@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from netlist_gen.analysis import Transient
-from spice_models.array_types import Floats
+from taction.netlist_gen.analysis import Transient
+from taction.system.array_types import Floats
 
 
 def record_times(analysis: Transient, end: float) -> Floats:

@@ -7,14 +7,14 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from netlist_gen.analysis import Transient
-from netlist_gen.board.circuit import Circuit
-from spice_models.array_types import Floats
-from spice_models.errors import EngineError
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.engines.statespace.transients.exact import Exact, exact_solution
-from verification.engines.statespace.transients.record_times import record_times
-from verification.waveforms import Cost, Waveforms
+from taction.netlist_gen.analysis import Transient
+from taction.netlist_gen.board.circuit import Circuit
+from taction.system.array_types import Floats
+from taction.system.errors import EngineError
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.transients.exact import Exact, exact_solution
+from taction.verification.engines.statespace.transients.record_times import record_times
+from taction.verification.waveforms import Cost, Waveforms
 
 ENGINE, METHOD = "statespace", "exact"
 
@@ -58,11 +58,11 @@ def simulate(
     board = LinearBoard.of(circuit)
     given = {} if tolerance is None else {"tolerance": tolerance}
     if not board.circuit.is_linear:
-        from verification.engines.statespace.transients import amplified
+        from taction.verification.engines.statespace.transients import amplified
 
         return amplified.simulate(board, analysis, nodes=nodes, times=times, **given)
     if board.descriptor.is_large:
-        from verification.engines.statespace.transients import structured_radau
+        from taction.verification.engines.statespace.transients import structured_radau
 
         return structured_radau.simulate(board, analysis, nodes=nodes, times=times, **given)
     began = clock.perf_counter()

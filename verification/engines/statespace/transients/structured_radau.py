@@ -15,16 +15,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from netlist_gen.analysis import Transient
-from netlist_gen.board.circuit import Circuit
-from spice_models.array_types import Floats, Indices, Ints
-from spice_models.errors import EngineError
-from verification.engines.statespace.equations.structured_solve import Structure
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.engines.statespace.linearised.initial_state import initial_unknowns
-from verification.engines.statespace.transients.radau_tableau import tableau
-from verification.engines.statespace.transients.record_times import record_times
-from verification.waveforms import Cost, Waveforms
+from taction.netlist_gen.analysis import Transient
+from taction.netlist_gen.board.circuit import Circuit
+from taction.system.array_types import Floats, Indices, Ints
+from taction.system.errors import EngineError
+from taction.verification.engines.statespace.equations.structured_solve import Structure
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.initial_state import initial_unknowns
+from taction.verification.engines.statespace.transients.radau_tableau import tableau
+from taction.verification.engines.statespace.transients.record_times import record_times
+from taction.verification.waveforms import Cost, Waveforms
 
 METHOD = "Radau IIA, structured"
 STAGES = 7

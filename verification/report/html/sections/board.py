@@ -7,17 +7,24 @@ from typing import Any
 
 import numpy as np
 
-from netlist_gen.board.bill_of_materials import bill_of_materials
-from netlist_gen.board.circuit import Circuit
-from netlist_gen.board.schematic import schematic_summary, schematic_svg
-from netlist_gen.quantities import readable
-from netlist_gen.scene.scene import Scene
-from spice_models.array_types import Floats
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.pipeline.board_power import board_power
-from verification.report.html.blocks import Cell, Drawing, Facts, Notes, Picture, Section, Table
-from verification.report.html.pictures import axis, numbers
-from verification.report.html.texts import (
+from taction.netlist_gen.board.bill_of_materials import bill_of_materials
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.schematic import schematic_summary, schematic_svg
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.array_types import Floats
+from taction.system.quantities import readable
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.report.html.blocks import (
+    Cell,
+    Drawing,
+    Facts,
+    Notes,
+    Picture,
+    Section,
+    Table,
+)
+from taction.verification.report.html.pictures import axis, numbers
+from taction.verification.report.html.texts import (
     counted,
     number_cell,
     opamp_name,
@@ -25,8 +32,9 @@ from verification.report.html.texts import (
     quantity,
     text_cells,
 )
-from verification.report.parts_list import parts_document
-from verification.verify import Verdict
+from taction.verification.report.parts_list import parts_document
+from taction.verification.verdict.board_power import board_power
+from taction.verification.verdict.verify import Verdict
 
 WRITTEN = 12  # rows or columns up to which the entries are written into the picture
 LARGEST = 160  # rows or columns of the picture of the matrix

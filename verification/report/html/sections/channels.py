@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from verification.report.html.blocks import Cell, Table
-from verification.report.html.texts import number_cell, quantity
-from verification.verify import Verdict
+from taction.verification.report.html.blocks import Cell, Table
+from taction.verification.report.html.texts import number_cell, quantity
+from taction.verification.verdict.verify import Verdict
 
 
 def channel_names(places: Iterable[int]) -> str:

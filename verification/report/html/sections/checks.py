@@ -6,10 +6,10 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from netlist_gen.quantities import readable
-from verification.report.html.blocks import Bar, Bars, Block, Notes, Section
-from verification.report.html.texts import figure, with_error
-from verification.report.tables import spaced
+from taction.system.quantities import readable
+from taction.verification.report.html.blocks import Bar, Bars, Block, Notes, Section
+from taction.verification.report.html.texts import figure, with_error
+from taction.verification.report.tables import spaced
 
 AT_LEAST = ("stability",)  # checks with a smallest value
 SHOWN = 16  # loads of op-amps

@@ -8,13 +8,21 @@ from typing import Any
 
 import numpy as np
 
-from netlist_gen.quantities import readable
-from spice_models.array_types import Floats
-from verification.report.html.blocks import Cell, Facts, Notes, Picture, Section, Table, View
-from verification.report.html.pictures import HATCH, axis, label, line, numbers
-from verification.report.html.texts import figure, quantity
-from verification.report.tables import spaced
-from verification.verify import Verdict
+from taction.system.array_types import Floats
+from taction.system.quantities import readable
+from taction.verification.report.html.blocks import (
+    Cell,
+    Facts,
+    Notes,
+    Picture,
+    Section,
+    Table,
+    View,
+)
+from taction.verification.report.html.pictures import HATCH, axis, label, line, numbers
+from taction.verification.report.html.texts import figure, quantity
+from taction.verification.report.tables import spaced
+from taction.verification.verdict.verify import Verdict
 
 ROUNDING = 16.0 * float(np.finfo(np.float64).eps)  # of the step: a smaller part is rounding
 LEAST = 1e-9  # of the step: a smaller part has no number

@@ -7,12 +7,12 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from netlist_gen.deck.deck import write_deck
-from netlist_gen.scene.scene import Scene
-from verification.report.html.blocks import Block, Code, Facts, Notes, Section
-from verification.studies.running.digests import digest, files_of, own_code
-from verification.studies.running.machine import describe_machine
-from verification.verify import Verdict
+from taction.netlist_gen.deck.deck import write_deck
+from taction.netlist_gen.scene.scene import Scene
+from taction.verification.report.html.blocks import Block, Code, Facts, Notes, Section
+from taction.verification.studies.running.digests import digest, files_of, own_code
+from taction.verification.studies.running.machine import describe_machine
+from taction.verification.verdict.verify import Verdict
 
 LONGEST = 400_000  # characters of a deck in a report
 SHOWN = ("date", "taction", "python", "numpy", "scipy", "ngspice", "system", "processor", "cores")

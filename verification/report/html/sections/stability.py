@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from netlist_gen.board.circuit import Circuit
-from spice_models.array_types import Complexes
-from spice_models.errors import EngineError
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.report.html.blocks import Facts, Picture, Section, View
-from verification.report.html.pictures import area, axis, label, line, numbers
-from verification.report.html.texts import figure, quantity
-from verification.small_signal.capacitance_ranges import AROUND, capacitance_ranges
-from verification.small_signal.poles import Poles
+from taction.netlist_gen.board.circuit import Circuit
+from taction.system.array_types import Complexes
+from taction.system.errors import EngineError
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.report.html.blocks import Facts, Picture, Section, View
+from taction.verification.report.html.pictures import area, axis, label, line, numbers
+from taction.verification.report.html.texts import figure, quantity
+from taction.verification.stability.capacitance_ranges import AROUND, capacitance_ranges
+from taction.verification.stability.poles import Poles
 
 SHOWN = 2000  # poles
 MOST = 100  # channels up to which the stable values of C cost some seconds

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from spice_models.array_types import Floats
-from verification.report.html.blocks import Picture, Section, View
-from verification.report.html.pictures import (
+from taction.system.array_types import Floats
+from taction.verification.report.html.blocks import Picture, Section, View
+from taction.verification.report.html.pictures import (
     area,
     axis,
     channel_colours,
@@ -18,9 +18,9 @@ from verification.report.html.pictures import (
     packed,
     thinned,
 )
-from verification.report.html.sections.channels import channel_names, channel_table
-from verification.report.html.texts import counted, figure, quantity
-from verification.verify import Verdict
+from taction.verification.report.html.sections.channels import channel_names, channel_table
+from taction.verification.report.html.texts import counted, figure, quantity
+from taction.verification.verdict.verify import Verdict
 
 POINTS = 60_000  # of all curves of a picture
 EARLY_POINTS = 0.3  # of them in the first rise

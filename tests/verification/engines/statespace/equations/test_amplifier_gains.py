@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spice_models.amplifier import AMPLIFIERS
+from taction.spice_models.amplifier import AMPLIFIERS
+from taction.verification.verdict.verify import verify
 from tests.support.making import make_scene
-from verification.verify import verify
 
 NONLINEAR = [name for name in AMPLIFIERS if name != "linear"]
 INVERSE = {

@@ -7,21 +7,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from netlist_gen.board.circuit import Circuit, Resistor
-from spice_models.array_types import Floats, Ints
-from tests.support.boards import board, kernel, lags, paper_board, strain, two_pole
-from verification.engines.statespace.equations.mirror_symmetry import (
+from taction.netlist_gen.board.circuit import Circuit, Resistor
+from taction.system.array_types import Floats, Ints
+from taction.verification.engines.statespace.equations.mirror_symmetry import (
     Halves,
     evened,
     image_within,
     proposed_image,
     proposed_mirror,
 )
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.engines.statespace.linearised.modes import decompose
-from verification.engines.statespace.transients.exact import exact_solution
-from verification.engines.statespace.transients.matrix_exponential import ModalFlow
-from verification.small_signal.poles import poles
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.modes import decompose
+from taction.verification.engines.statespace.transients.exact import exact_solution
+from taction.verification.engines.statespace.transients.matrix_exponential import ModalFlow
+from taction.verification.stability.poles import poles
+from tests.support.boards import board, kernel, lags, paper_board, strain, two_pole
 
 ODD, EVEN = np.array([4, 3, 2, 1, 0]), np.array([5, 4, 3, 2, 1, 0])
 

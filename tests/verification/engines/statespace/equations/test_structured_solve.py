@@ -7,25 +7,28 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from netlist_gen.analysis import Transient
-from netlist_gen.board.circuit import Circuit
-from spice_models.errors import EngineError
-from tests.support.boards import board, kernel, paper_board, single_mode, strain, two_pole
-from verification.engines.statespace.equations import descriptor
-from verification.engines.statespace.equations.coarse_board import coarsen
-from verification.engines.statespace.equations.stamps import stamp
-from verification.engines.statespace.equations.structured_solve import Structure
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.engines.statespace.linearised.count_unstable import cell_poles, count_right
-from verification.engines.statespace.linearised.rightmost_poles import (
+from taction.netlist_gen.analysis import Transient
+from taction.netlist_gen.board.circuit import Circuit
+from taction.system.errors import EngineError
+from taction.verification.engines.statespace.equations import descriptor
+from taction.verification.engines.statespace.equations.coarse_board import coarsen
+from taction.verification.engines.statespace.equations.stamps import stamp
+from taction.verification.engines.statespace.equations.structured_solve import Structure
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.count_unstable import (
+    cell_poles,
+    count_right,
+)
+from taction.verification.engines.statespace.linearised.rightmost_poles import (
     nearest_poles,
     rightmost_poles,
 )
-from verification.engines.statespace.transients import amplified, structured_radau
-from verification.engines.statespace.transients.exact import exact_solution
-from verification.engines.statespace.transients.simulate import simulate
-from verification.small_signal.poles import count_unstable, poles
-from verification.small_signal.time_scales import time_scales
+from taction.verification.engines.statespace.transients import amplified, structured_radau
+from taction.verification.engines.statespace.transients.exact import exact_solution
+from taction.verification.engines.statespace.transients.simulate import simulate
+from taction.verification.readings.time_scales import time_scales
+from taction.verification.stability.poles import count_unstable, poles
+from tests.support.boards import board, kernel, paper_board, single_mode, strain, two_pole
 
 
 def wide_board(channels: int, C: float = 10e-12) -> Circuit:

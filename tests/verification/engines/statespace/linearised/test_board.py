@@ -8,15 +8,15 @@ from typing import Any
 
 import pytest
 
-from netlist_gen.overrides.axes import with_values
-from netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.axes import with_values
+from taction.netlist_gen.scene.file import load_scene
+from taction.verification.engines.statespace.linearised import board as board_module
+from taction.verification.engines.statespace.linearised import state_space as state_space_module
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.verdict import transient_plan
+from taction.verification.verdict.verify import verify
 from tests.support.boards import paper_board, single_mode
 from tests.support.paths import SCENES
-from verification.engines.statespace.linearised import board as board_module
-from verification.engines.statespace.linearised import state_space as state_space_module
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.pipeline import transient_plan
-from verification.verify import verify
 
 STATES = 91  # of the shipped boards
 

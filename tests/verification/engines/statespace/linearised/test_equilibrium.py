@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from netlist_gen.board.circuit import Resistor
-from spice_models.errors import EngineError
+from taction.netlist_gen.board.circuit import Resistor
+from taction.system.errors import EngineError
+from taction.verification.engines.statespace.equations.amplifier_gains import GAINS, gain_of
+from taction.verification.engines.statespace.equations.stamps import stamp
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.equilibrium import rounding, solve_loop
 from tests.support.boards import IDEAL, board, kernel, paper_board, single_mode, strain, two_pole
-from verification.engines.statespace.equations.amplifier_gains import GAINS, gain_of
-from verification.engines.statespace.equations.stamps import stamp
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.engines.statespace.linearised.equilibrium import rounding, solve_loop
 
 
 def test_the_single_mode_divides_by_its_loop_gain() -> None:

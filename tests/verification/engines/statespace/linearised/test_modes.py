@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from netlist_gen.board.synthesis import synthesise
-from netlist_gen.scene.scene import Scene
-from spice_models.array_types import Complexes, Floats
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.engines.statespace.linearised.modes import decompose
-from verification.engines.statespace.linearised.real_modes import EPS
-from verification.engines.statespace.transients.exact import exact_solution
-from verification.engines.statespace.transients.matrix_exponential import ModalFlow
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.array_types import Complexes, Floats
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.modes import decompose
+from taction.verification.engines.statespace.linearised.real_modes import EPS
+from taction.verification.engines.statespace.transients.exact import exact_solution
+from taction.verification.engines.statespace.transients.matrix_exponential import ModalFlow
 
 
 def stiff(decades: float, seed: int, channels: int = 3) -> Floats:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from netlist_gen.board.circuit import (
+from taction.netlist_gen.board.circuit import (
     Capacitor,
     Circuit,
     NoiseCurrent,
@@ -18,13 +18,13 @@ from netlist_gen.board.circuit import (
     Resistor,
     Scalings,
 )
-from netlist_gen.board.synthesis import synthesise
-from netlist_gen.problem.inverse_problem import make_problem
-from spice_models.errors import EngineError
-from spice_models.opamp import OpAmp
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.scene.inverse_problem import make_problem
+from taction.spice_models.opamp import OpAmp
+from taction.system.errors import EngineError
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.output_noise import _variance, output_noise
 from tests.support.making import make_scene, matrix_problem
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.engines.statespace.linearised.output_noise import _variance, output_noise
 
 KT = 1.380649e-23 * 300.15
 R, C = 10e3, 2e-12

@@ -6,10 +6,13 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from spice_models.array_types import Complexes, Floats
-from verification.engines.statespace.linearised.elimination import ReducedEquations, eliminate
-from verification.engines.statespace.linearised.modes import Modes, decompose
-from verification.engines.statespace.linearised.real_modes import EPS
+from taction.system.array_types import Complexes, Floats
+from taction.verification.engines.statespace.linearised.elimination import (
+    ReducedEquations,
+    eliminate,
+)
+from taction.verification.engines.statespace.linearised.modes import Modes, decompose
+from taction.verification.engines.statespace.linearised.real_modes import EPS
 
 RANDOM = np.random.default_rng(7)
 COUPLING = RANDOM.standard_normal((2, 6))

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy.optimize import root
 
-from netlist_gen.board.synthesis import synthesise
-from spice_models.opamp import OpAmp
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.spice_models.opamp import OpAmp
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
 from tests.support.making import make_scene, matrix_problem
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
 
 T = np.array([[1.0, -0.3, 0.05], [0.2, 0.8, 0.1], [0.0, 0.25, 1.1], [0.4, -0.1, 0.3]])
 EPS = np.array([0.87, 0.46, 0.75, 0.5])

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import pytest
 
-from spice_models.opamp import KNEE
-from spice_models.presets import load_presets
-from verification.characterise.bench import OUT, Bench
-from verification.engines.statespace.linearised.board import LinearBoard
+from taction.spice_models.opamp import KNEE
+from taction.spice_models.presets import load_presets
+from taction.verification.characterise.bench import OUT, Bench
+from taction.verification.engines.statespace.linearised.board import LinearBoard
 
 LIMITED = replace(load_presets()["ua741"], large_signal=True)
 

@@ -8,13 +8,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from netlist_gen.board.circuit import Capacitor, CurrentSource, OpAmpCell, Resistor, VoltageSource
-from spice_models.array_types import Floats
-from spice_models.errors import EngineError
-from spice_models.opamp import OpAmp
+from taction.netlist_gen.board.circuit import (
+    Capacitor,
+    CurrentSource,
+    OpAmpCell,
+    Resistor,
+    VoltageSource,
+)
+from taction.spice_models.opamp import OpAmp
+from taction.system.array_types import Floats
+from taction.system.errors import EngineError
+from taction.verification.engines.statespace.equations.stamps import stamp
+from taction.verification.engines.statespace.linearised.board import LinearBoard
 from tests.support.boards import kernel, paper_board, single_mode, strain
-from verification.engines.statespace.equations.stamps import stamp
-from verification.engines.statespace.linearised.board import LinearBoard
 
 EMPTY = replace(
     single_mode(1e-6), models={}, opamps=(), resistors=(), capacitors=(), currents=(), outputs=()

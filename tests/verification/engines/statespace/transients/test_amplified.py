@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from netlist_gen.analysis import Transient
-from netlist_gen.board.circuit import (
+from taction.netlist_gen.analysis import Transient
+from taction.netlist_gen.board.circuit import (
     Capacitor,
     Circuit,
     CurrentSource,
@@ -17,13 +17,13 @@ from netlist_gen.board.circuit import (
     Resistor,
     SignalAmplifier,
 )
-from spice_models.array_types import Floats
-from spice_models.errors import DivergesError, EngineError
+from taction.system.array_types import Floats
+from taction.system.errors import DivergesError, EngineError
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.transients.amplified import Amplified
+from taction.verification.engines.statespace.transients.simulate import simulate
+from taction.verification.waveforms import Waveforms
 from tests.support.boards import board, kernel, single_mode, strain, two_pole
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.engines.statespace.transients.amplified import Amplified
-from verification.engines.statespace.transients.simulate import simulate
-from verification.waveforms import Waveforms
 
 
 def breadboard(**design: float) -> Circuit:

@@ -9,16 +9,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from netlist_gen.analysis import Transient
-from netlist_gen.board.circuit import Capacitor, Output, Resistor
-from spice_models.errors import EngineError
+from taction.netlist_gen.analysis import Transient
+from taction.netlist_gen.board.circuit import Capacitor, Output, Resistor
+from taction.system.errors import EngineError
+from taction.verification.engines.statespace.equations.stamps import stamp
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.transients.exact import exact_solution
+from taction.verification.engines.statespace.transients.matrix_exponential import (
+    LadderFlow,
+    ModalFlow,
+)
+from taction.verification.engines.statespace.transients.simulate import simulate
 from tests.support.boards import IDEAL, board, kernel, lags, paper_board, strain
 from tests.support.precise import precise_step
-from verification.engines.statespace.equations.stamps import stamp
-from verification.engines.statespace.linearised.board import LinearBoard
-from verification.engines.statespace.transients.exact import exact_solution
-from verification.engines.statespace.transients.matrix_exponential import LadderFlow, ModalFlow
-from verification.engines.statespace.transients.simulate import simulate
 
 TAU = 1e-6
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from spice_models.array_types import Complexes, Floats
-from spice_models.errors import EngineError
-from verification.engines.statespace.transients.radau import Radau, Solve
-from verification.engines.statespace.transients.radau_tableau import tableau
+from taction.system.array_types import Complexes, Floats
+from taction.system.errors import EngineError
+from taction.verification.engines.statespace.transients.radau import Radau, Solve
+from taction.verification.engines.statespace.transients.radau_tableau import tableau
 
 
 class Linear:

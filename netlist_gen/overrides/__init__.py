@@ -1,1 +1,0 @@
-"""Keys of a scene by name, and axes of values for them."""

@@ -1,1 +1,0 @@
-"""The inverse problem of a scene: matrix, strain, their files."""

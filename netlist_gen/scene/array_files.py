@@ -1,0 +1,192 @@
+"""Numbers from CSV and NumPy files beside the scene; errors have line and column."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+import tokenize
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.lib import format as npy
+
+from taction.netlist_gen.scene.arrays import fitted
+from taction.netlist_gen.scene.problem import StatedProblem
+from taction.system.array_types import Floats
+from taction.system.errors import Complaint, InputError
+from taction.system.foreign_files import LARGEST, read_bounded, read_text
+
+SEPARATORS = {";": "';'", "\t": "tabs", " ": "blanks"}
+_COMMA = re.compile(r"[-+]?[0-9]*[.,]?[0-9]+([eE][-+]?[0-9]+)?")  # a number, perhaps 1,5
+_WORD = re.compile(r"[^\W\d]")  # of a title: a letter
+HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
+
+
+def read_array(
+    scene: StatedProblem,
+    key: str,
+    name: str | Floats,
+    shape: tuple[int | None, ...],
+    *,
+    transposed: int | None = None,
+) -> Floats:
+    """Return the array for `key` of `scene`: from the file `name`, or `name` itself.
+
+    `shape` is that of `fitted`, `transposed` the length of a vector if T were transposed.
+
+    Raises
+    ------
+    InputError
+        The file or the array cannot be used; the message has file, line and column.
+    """
+    if isinstance(name, str):
+        path, text = scene.folder / name, repr(name)
+        values = _read_npy(path, key) if path.suffix == ".npy" else _read_csv(path, key)
+    else:
+        path, text, values = scene.file, "", name
+    try:
+        return fitted(values, shape)
+    except ValueError as error:
+        hint = _decimal_commas(values, shape)
+        if transposed is not None and values.size == transposed != shape[0]:
+            hint = "; is problem.matrix transposed? It has one row a sensor, one column a channel"
+        raise InputError(path, Complaint(key, text, f"{error}{hint}")) from None
+
+
+def _decimal_commas(values: Floats, shape: tuple[int | None, ...]) -> str:
+    """Return a question where a column of numbers seems to have decimal commas."""
+    pairs = values.ndim == 2 and values.shape[1] == 2 and len(shape) == 1
+    if pairs and shape[0] in (None, len(values)) and np.all(values[:, 1] % 1 == 0):
+        return "; is ',' a decimal comma here? It separates values; write 1.5 for 1,5"
+    return ""
+
+
+def read_profile(scene: StatedProblem, key: str, name: str) -> tuple[Floats, Floats]:
+    """Read a stress profile: two columns, y (increasing) and stress.
+
+    Raises
+    ------
+    InputError
+        See `read_array`; also a y that does not increase.
+    """
+    table = read_array(scene, key, name, (None, 2))
+    if np.any(np.diff(table[:, 0]) <= 0):
+        line = int(np.argmax(np.diff(table[:, 0]) <= 0)) + 2
+        complaint = Complaint(key, repr(name), f"row {line}: y must increase from row to row")
+        raise InputError(scene.folder / name, complaint)
+    return table[:, 0], table[:, 1]
+
+
+def read_table(path: Path, key: str) -> tuple[Floats, bool]:
+    """Return the numbers of a .csv or .npy file, and whether its first row is a header.
+
+    A first row without any number is a header.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or has an entry that is no number; with line and column.
+    """
+    if path.suffix == ".npy":
+        return _read_npy(path, key), False
+    rows = _rows(path, key)
+    first = next(rows, None)
+    header = first is not None and not any(_is_number(cell) for cell in first[1])
+    return _read_csv(path, key, skip=first[0] if header and first is not None else 0), header
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _read_npy(path: Path, key: str) -> Floats:
+    try:
+        return _real_numbers(io.BytesIO(read_bounded(path, LARGEST)))
+    except ValueError as error:
+        text = f"{error}; expected a .npy file of real numbers"
+        raise InputError(path, Complaint(key, repr(path.name), text)) from None
+
+
+def _real_numbers(file: io.BytesIO) -> Floats:
+    """Read a .npy file; its header is compared with its length before any array is made."""
+    version = npy.read_magic(file)
+    if version not in HEADERS:
+        raise ValueError(f"its format is {version[0]}.{version[1]}")
+    try:
+        shape, in_columns, dtype = HEADERS[version](file)
+    except (SyntaxError, TypeError, tokenize.TokenError, RecursionError, MemoryError):
+        raise ValueError("its header is damaged") from None
+    if dtype.kind not in "iuf":
+        raise ValueError(f"its type is {dtype}")
+    content = file.getbuffer()[file.tell() :]
+    announced = math.prod(shape) * dtype.itemsize
+    if announced != len(content):
+        raise ValueError(f"it has {len(content)} bytes of values, its header says {announced}")
+    values = np.frombuffer(content, dtype).reshape(shape, order="F" if in_columns else "C")
+    return values.astype(np.float64)
+
+
+def _read_csv(path: Path, key: str, skip: int = 0) -> Floats:
+    """Read numbers separated by commas, after the line `skip`."""
+    rows: list[list[float]] = []
+    for number, cells in _rows(path, key):
+        if number <= skip:
+            continue
+        rows.append(_numbers(cells, path, key, number))
+        if len(rows[-1]) != len(rows[0]):
+            text = f"line {number} has {len(rows[-1])} values, the first {len(rows[0])}; expected"
+            text += " as many in every line"
+            raise InputError(path, Complaint(key, repr(path.name), text))
+    return np.array(rows, dtype=np.float64).reshape(len(rows), len(rows[0]) if rows else 0)
+
+
+def _rows(path: Path, key: str) -> Iterator[tuple[int, list[str]]]:
+    """Yield number and cells of each line; empty lines and lines that start with # are skipped."""
+    try:
+        text = read_text(path, LARGEST)
+        for number, cells in enumerate(csv.reader(io.StringIO(text, newline="")), start=1):
+            if not cells or not "".join(cells).strip() or cells[0].lstrip().startswith("#"):
+                continue
+            yield number, cells
+    except (ValueError, csv.Error) as error:  # ValueError: no such file, or binary data
+        text = f"{error}; expected numbers separated by commas"
+        raise InputError(path, Complaint(key, repr(path.name), text)) from None
+
+
+def _expected(cells: Sequence[str], line: int) -> str:
+    """Return what a line should have, by what it seems to be."""
+    text = ",".join(cells)
+    for sign, name in SEPARATORS.items():
+        parts = [part.strip() for part in text.split(sign)]
+        if len(parts) > 1 and all(_COMMA.fullmatch(part) for part in parts):
+            decimal = " and ',' is a decimal comma" if "," in text else ""
+            return (
+                f"the values seem to be separated by {name}{decimal}; expected ',' between values"
+                " and '.' as the decimal point: 1.5,2.5"
+            )
+    words = [cell.strip() for cell in cells]
+    if line == 1 and all(_WORD.search(word) for word in words):
+        return "is line 1 a header? Delete it, or begin it with '#'; expected numbers"
+    return "expected a number such as 1.5e-3"
+
+
+def _numbers(cells: list[str], path: Path, key: str, line: int) -> list[float]:
+    numbers = []
+    for column, cell in enumerate(cells, start=1):
+        try:
+            number = math.nan if "_" in cell else float(cell)  # Python reads 1_5 as 15
+        except ValueError:
+            number = math.nan
+        if not math.isfinite(number):
+            problem = f"{cell.strip()!r} is not a finite number" if cell.strip() else "no value"
+            text = f"line {line}, column {column}: {problem}; {_expected(cells, line)}"
+            raise InputError(path, Complaint(key, repr(path.name), text))
+        numbers.append(number)
+    return numbers

@@ -1,0 +1,232 @@
+"""Axes of a study: the values that keys of a scene take (``--over``).
+
+::
+
+    C=1pF:1nF:31        31 points, logarithmic          C=1p,2p,5p    these three
+    C=1pF:1nF:31:lin    31 points, linear               C             the study's own range
+    gain=1M,2M C=2p,1p  zipped: both change together (one ``--over``, a blank between)
+
+In Python: ``{"C": ("1pF", "1nF", 31), "opamp.base": ["ua741", "lf353"]}``; a tuple is a range, a
+list holds values.
+
+Several ``--over`` span a grid. A key is a dotted path (``design.opamp.gbw``), the end of one
+(``opamp.gbw``, ``gbw``), or a symbol of the paper (`SYMBOLS`).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from taction.netlist_gen.scene.keys import Key, Value, find_key, own_value, read_value
+from taction.netlist_gen.scene.scene import Scene, parse_scene
+from taction.system.errors import Complaint, InputError
+
+MAX_POINTS = 100_000  # on one axis
+POINTS = 31  # of a range without a number of points
+# Keys that exclude each other: a value of the first removes the second.
+REPLACES = {
+    "design.resistance": "design.lambda",
+    "design.lambda": "design.resistance",
+    "design.opamp.second_pole": "design.opamp.phase_margin",
+    "design.opamp.phase_margin": "design.opamp.second_pole",
+}
+_NEXT_KEY = re.compile(r"\s+(?=[A-Za-z_][A-Za-z0-9_.]*=)")
+
+Scale = Literal["log", "lin", "list"]
+Point = Mapping[str, Value]
+Over = str | Iterable[str] | Mapping[str, str | Iterable[Value]]
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """The values of one key."""
+
+    key: Key
+    name: str  # the key as the user wrote it
+    values: tuple[Value, ...]  # base units, in the order of the study
+    scale: Scale  # spacing of the values
+    default: bool = False  # the range follows from the scene's own value
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+
+def parse_axes(
+    scene: Scene, over: Over, *, points: int = POINTS, around: float | None = None
+) -> list[list[Axis]]:
+    """Return the axes of a study: each item spans the grid and is a list of zipped axes.
+
+    `over` is text or a mapping (see the head of this file); `points` and `around` are those of
+    `parse_axis`.
+
+    Raises
+    ------
+    InputError
+        See `parse_axis`; also zipped axes of different lengths, or a key that occurs twice.
+    """
+    if isinstance(over, Mapping):
+        texts: Iterable[str] = [_as_text(name, values) for name, values in over.items()]
+    else:
+        texts = [over] if isinstance(over, str) else over
+    groups = []
+    for text in texts:
+        parts = _NEXT_KEY.split(text.strip())
+        group = [parse_axis(scene, one, points=points, around=around) for one in parts]
+        if len({len(axis) for axis in group}) > 1:
+            lengths = ", ".join(f"{axis.name} has {len(axis)}" for axis in group)
+            raise _wrong(text, f"keys that change together need the same length; {lengths}")
+        groups.append(group)
+    paths = [axis.key.path for group in groups for axis in group]
+    for path in paths:
+        if paths.count(path) > 1:
+            raise _wrong(path, "the key occurs twice; give all its values at once")
+    return groups
+
+
+def _as_text(name: str, values: str | Iterable[Value]) -> str:
+    """Return an axis in the form of ``--over``."""
+    if isinstance(values, str):
+        return f"{name}={values}"
+    between = ":" if isinstance(values, tuple) else ","
+    words = [str(value).lower() if isinstance(value, bool) else str(value) for value in values]
+    wrong = next((word for word in words if set(word) & set(":,=")), None)
+    if wrong is not None:
+        raise _wrong(wrong, "a value of an axis must not contain ':', ',' or '='")
+    return f"{name}={between.join(words)}"
+
+
+def parse_axis(
+    scene: Scene, text: str, *, points: int = POINTS, around: float | None = None
+) -> Axis:
+    """Return the axis ``KEY=VALUES`` (see the head of this file); its values are tried on `scene`.
+
+    Parameters
+    ----------
+    points : int
+        Number of points of a range without one.
+    around : float, optional
+        Accept also ``KEY`` alone: from the scene's own value divided by `around` to the value times
+        `around`, without values that the key does not accept.
+
+    Raises
+    ------
+    InputError
+        An unknown key (with the nearest known key), a value that the key does not accept, or a
+        wrong range.
+    """
+    name, equals, body = (part.strip() for part in text.partition("="))
+    key = find_key(scene, name)
+    if not equals and around is not None and key.kind == "real":
+        return _default_axis(scene, key, name, around, points)
+    if not body:
+        example = "=1pF:1nF:31 or =1pF,2pF" if key.unit == "F" else "=LOW:HIGH:POINTS or =A,B,C"
+        raise _wrong(text, f"expected values, {name}{example}")
+    values, scale = _values(key, text, body, points)
+    tried = values if scale == "list" else (values[0], values[-1])
+    for value in tried:
+        with_value(scene, key.path, value)
+    return Axis(key, name, values, scale)
+
+
+def _values(key: Key, text: str, body: str, points: int) -> tuple[tuple[Value, ...], Scale]:
+    if key.kind == "choice" or ":" not in body:
+        return tuple(read_value(key, part.strip()) for part in body.split(",")), "list"
+    parts = [part.strip() for part in body.split(":")]
+    scale: Scale = "lin" if parts[-1] == "lin" else "log"
+    if parts[-1] in ("lin", "log"):
+        parts.pop()
+    if len(parts) not in (2, 3):
+        raise _wrong(text, "expected LOW:HIGH:POINTS, or LOW:HIGH:POINTS:lin for linear spacing")
+    low, high = (float(read_value(key, part)) for part in parts[:2])
+    count = _count(text, parts[2]) if len(parts) == 3 else points
+    if scale == "log" and min(low, high) <= 0.0:
+        raise _wrong(text, "a logarithmic range must be above zero; append :lin for a linear one")
+    if low == high:
+        raise _wrong(text, f"both ends are {low!r}; expected one value, or two different ends")
+    spaced = np.geomspace if scale == "log" else np.linspace
+    grid = spaced(low, high, count).tolist()
+    grid[0], grid[-1] = low, high
+    if key.kind == "integer":
+        return tuple(dict.fromkeys(round(value) for value in grid)), scale
+    return tuple(grid), scale
+
+
+def _count(text: str, part: str) -> int:
+    # Python converts at most 4,300 digits.
+    count = int(part) if part.isdecimal() and len(part) <= len(str(MAX_POINTS)) else 0
+    if not 2 <= count <= MAX_POINTS:
+        raise _wrong(text, f"{part!r} points; expected a whole number from 2 to {MAX_POINTS}")
+    return count
+
+
+def _default_axis(scene: Scene, key: Key, name: str, around: float, points: int) -> Axis:
+    value = own_value(scene, key)
+    if value is None or not (math.isfinite(value) and value > 0.0):
+        text = f"no range follows from the scene's value {value!r}; give {name}=LOW:HIGH"
+        raise _wrong(name, text)
+    values = np.geomspace(value / around, value * around, points).tolist()
+    return Axis(key, name, tuple(v for v in values if _accepts(scene, key, v)), "log", default=True)
+
+
+def _accepts(scene: Scene, key: Key, value: float) -> bool:
+    try:
+        with_value(scene, key.path, value)
+    except InputError:
+        return False
+    return True
+
+
+def points(groups: Sequence[Sequence[Axis]]) -> Iterator[dict[str, Value]]:
+    """Yield every point of the grid as ``{path: value}``; the last group changes fastest."""
+    steps = [
+        [
+            {axis.key.path: value for axis, value in zip(group, row, strict=True)}
+            for row in zip(*(axis.values for axis in group), strict=True)
+        ]
+        for group in groups
+    ]
+    for chosen in itertools.product(*steps):
+        yield {path: value for part in chosen for path, value in part.items()}
+
+
+def with_value(scene: Scene, path: str, value: Value) -> Scene:
+    """Return `scene` with another value at the dotted `path`; see `with_values`."""
+    return with_values(scene, {path: value})
+
+
+def with_values(scene: Scene, changes: Point) -> Scene:
+    """Return `scene` with other values at dotted paths, validated like a scene from a file.
+
+    A resistance replaces a lambda and the reverse, likewise second pole and phase margin.
+
+    Raises
+    ------
+    InputError
+        An unknown key, or a value that its key does not accept.
+    """
+    data: dict[str, Any] = scene.model_dump(by_alias=True, exclude_unset=True)
+    for path, value in changes.items():
+        if path in REPLACES and REPLACES[path] not in changes:
+            section, last = _section(data, REPLACES[path])
+            section.pop(last, None)
+        section, last = _section(data, path)
+        section[last] = value
+    return parse_scene(data, scene.file, asked=scene.written_questions)
+
+
+def _section(data: dict[str, Any], path: str) -> tuple[dict[str, Any], str]:
+    *sections, last = path.split(".")
+    for name in sections:
+        data = data.setdefault(name, {})
+    return data, last
+
+
+def _wrong(value: str, accepted: str) -> InputError:
+    return InputError("--over", Complaint("values", repr(value), accepted))

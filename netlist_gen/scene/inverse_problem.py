@@ -1,0 +1,157 @@
+"""The inverse problem of a scene: T, the strain, and the true stress if known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from taction.netlist_gen.scene.array_files import read_array, read_profile
+from taction.netlist_gen.scene.arrays import fitted
+from taction.netlist_gen.scene.fields import LARGE, SMALL
+from taction.netlist_gen.scene.problem import (
+    CsvLoad,
+    CylinderLoad,
+    MatrixProblem,
+    Noise,
+    StatedProblem,
+    TactileProblem,
+)
+from taction.system.array_types import Floats
+from taction.system.errors import Complaint, InputError
+
+ROUNDING = 16 * np.finfo(float).eps
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InverseProblem:
+    """``strain = matrix @ stress + noise``, dimensionless."""
+
+    matrix: Floats  # T, (M, N)
+    strain: Floats  # eps with noise, (M,)
+    stress: Floats | None  # true u, (N,), if known
+    positions: Floats | None  # y of the channels, (N,); tactile problems only
+
+
+def make_problem(scene: StatedProblem) -> InverseProblem:
+    """Build the inverse problem that `scene` describes.
+
+    Raises
+    ------
+    InputError
+        A file has a missing value, a wrong shape or a value that is not finite; T is all zeros; or
+        T, the strain or the stress leave the range of numbers in which products stay finite.
+    """
+    with np.errstate(all="ignore"):  # what is not finite is refused
+        if isinstance(scene.problem, MatrixProblem):
+            problem = _from_files(scene, scene.problem)
+        else:
+            problem = _tactile(scene, scene.problem)
+    _check_range(scene, problem)
+    if not problem.matrix.any():
+        text = "T is all zeros; expected an entry that is not zero"
+        raise InputError(scene.file, Complaint("problem", "", text))
+    return problem
+
+
+def _check_range(scene: StatedProblem, problem: InverseProblem) -> None:
+    """Refuse arrays whose largest entry is out of range, or that have an entry without a value."""
+    arrays = {"T": problem.matrix, "the strain": problem.strain, "the stress": problem.stress}
+    for name, array in arrays.items():
+        largest = 0.0 if array is None else float(np.abs(array).max(initial=0.0))
+        if largest and not SMALL <= largest <= LARGE:  # also NaN
+            text = (
+                f"the largest entry of {name} is {largest:g}; expected 0, or a size between"
+                f" {SMALL:g} and {LARGE:g}"
+            )
+            raise InputError(scene.file, Complaint("problem", "", text))
+
+
+def with_strains(scene: StatedProblem, strains: ArrayLike) -> list[InverseProblem]:
+    """Return the problem of `scene` with each row of `strains` (K, M) instead of its strain.
+
+    The scene's noise is not added to the rows, and the true stress is unknown.
+
+    Raises
+    ------
+    InputError
+        See `make_problem`; also strains of a wrong shape, or with an entry that is not finite.
+    """
+    problem = make_problem(scene)
+    try:
+        rows = fitted(np.asarray(strains, dtype=np.float64), (None, len(problem.strain)))
+    except ValueError as error:
+        text = f"{error} (one row per strain, one column per row of T)"
+        raise InputError("strains", Complaint("strains", "", text)) from None
+    return [replace(problem, strain=row, stress=None) for row in rows.copy()]
+
+
+def kernel(
+    offset: Floats, *, depth: float, modulus: float, poisson: float, tangential: bool = False
+) -> Floats:
+    """Return the strain at `depth` per unit of surface stress at a lateral `offset` (any shape).
+
+    Normal stress: eq (2) with ``(1 - nu²) x²`` in place of the printed ``(1 - nu)² x²`` (only
+    this gives eq (19) at nu = 0.5). Tangential stress: eq (3), ``offset / depth`` times that.
+    A value within rounding of a zero of the kernel is zero: no resistor instead of a huge resistor.
+    """
+    near = (1 - poisson**2) * depth**2
+    far = poisson * (1 + poisson) * offset**2
+    difference = near - far
+    difference = np.where(np.abs(difference) <= ROUNDING * (near + np.abs(far)), 0.0, difference)
+    normal = 2 * depth * difference / (np.pi * modulus * (depth**2 + offset**2) ** 2)
+    return normal * (offset / depth) if tangential else normal
+
+
+def grid(points: int, span: float) -> Floats:
+    """Return `points` equally spaced positions y over `span`, centred on 0, (points,)."""
+    if points == 1:
+        return np.zeros(1)
+    return span * (2 * np.arange(points) - (points - 1)) / (2 * (points - 1))  # -y[::-1] exactly
+
+
+def cylinder_stress(y: Floats, load: CylinderLoad) -> Floats:
+    """Return the stress under a cylinder at `y` (N,), eq (18); twice that if normalised (Hertz)."""
+    a = load.half_width
+    scale = np.float64(load.force) / (np.pi * a**2) * (2.0 if load.normalised else 1.0)
+    return scale * np.sqrt(np.maximum(a**2 - (y - load.centre) ** 2, 0.0))
+
+
+def _tactile(scene: StatedProblem, problem: TactileProblem) -> InverseProblem:
+    sensors = problem.sensors or problem.channels
+    y, at = grid(problem.channels, problem.span), grid(sensors, problem.span)
+    matrix = kernel(
+        at[:, None] - y[None, :],
+        depth=problem.depth,
+        modulus=problem.modulus,
+        poisson=problem.poisson,
+        tangential=problem.kernel == "tangential",
+    )
+    if problem.quadrature == "rectangle":
+        matrix = matrix * (problem.span / max(problem.channels - 1, 1))
+    if isinstance(problem.load, CsvLoad):
+        place, profile = read_profile(scene, "problem.load.file", problem.load.file)
+        stress = np.interp(y, place, profile, left=0.0, right=0.0)
+    else:
+        stress = cylinder_stress(y, problem.load)
+    return InverseProblem(matrix, _noisy(matrix @ stress, problem.noise), stress, y)
+
+
+def _from_files(scene: StatedProblem, problem: MatrixProblem) -> InverseProblem:
+    matrix = read_array(scene, "problem.matrix", problem.matrix, (None, None))
+    sensors, channels = matrix.shape
+    strain = read_array(scene, "problem.strain", problem.strain, (sensors,), transposed=channels)
+    stress = None
+    if problem.stress is not None:
+        stress = read_array(
+            scene, "problem.stress", problem.stress, (channels,), transposed=sensors
+        )
+    return InverseProblem(matrix, _noisy(strain, problem.noise), stress, None)
+
+
+def _noisy(strain: Floats, noise: Noise) -> Floats:
+    if noise.variance == 0:
+        return strain
+    draw = np.random.default_rng(noise.seed).normal(0.0, np.sqrt(noise.variance), strain.shape)
+    return strain + draw

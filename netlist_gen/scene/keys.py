@@ -1,0 +1,146 @@
+"""Keys of a scene by name, with type and unit as the scene's own fields declare them."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from operator import attrgetter
+from typing import Any, Literal, get_args
+
+from pydantic import BaseModel
+
+from taction.netlist_gen.board.scalings import choose_opamp, make_scalings
+from taction.netlist_gen.scene.fields import Unit
+from taction.netlist_gen.scene.scene import Scene
+from taction.spice_models.opamp import phase_margin
+from taction.system.errors import Complaint, InputError
+from taction.system.quantities import parse
+
+SYMBOLS = {
+    "C": "design.capacitance",
+    "R": "design.resistance",
+    "s": "design.gain",
+    "G0": "design.unit_conductance",
+    "U0": "design.unit_voltage",
+    "Ve": "design.exponential_slope",
+    "opamp": "design.opamp.base",
+}
+# Tables that are searched for a name without a path, in this order.
+SECTIONS = ("", "design", "design.opamp", "problem", "problem.load", "problem.noise", "analysis")
+
+Value = float | int | str | bool
+
+
+@dataclass(frozen=True, slots=True)
+class Key:
+    """One key of a scene."""
+
+    path: str  # dotted, as in the scene file
+    kind: Literal["real", "integer", "choice"]  # choice: words and truth values
+    unit: str  # SI unit; empty for a plain number
+
+
+def find_key(scene: Scene, name: str) -> Key:
+    """Return the key of `scene` with the path, the end of a path, or the symbol `name`.
+
+    Raises
+    ------
+    InputError
+        An unknown key; the message has the nearest known key.
+    """
+    keys = dict(_keys(scene, "", ""))
+    if (key := _search(keys, name)) is not None:
+        return key
+    known = {symbol: symbol for symbol in SYMBOLS}
+    for key in keys.values():
+        known[key.path] = key.path
+        last = key.path.rpartition(".")[2]
+        known.setdefault(last, last if _search(keys, last) else key.path)
+    folded = {word.lower(): full for word, full in reversed(known.items())}
+    close = difflib.get_close_matches(name.lower(), folded, n=1, cutoff=0.5)
+    hint = f"did you mean {folded[close[0]]!r}? " if close else ""
+    symbols = ", ".join(SYMBOLS)
+    text = f"unknown key of this scene; {hint}known: {symbols}, or a key such as 'design.gain'"
+    raise InputError("--over", Complaint("key", repr(name), text))
+
+
+def _search(keys: Mapping[str, Key], name: str) -> Key | None:
+    path = SYMBOLS.get(name, name)
+    paths = (f"{section}.{path}".removeprefix(".") for section in SECTIONS)
+    return next((keys[candidate] for candidate in paths if candidate in keys), None)
+
+
+def all_keys(scene: Scene) -> Iterator[Key]:
+    """Yield every key that a study can change."""
+    yield from {key.path: key for _, key in _keys(scene, "", "")}.values()
+
+
+def _keys(model: BaseModel, prefix: str, python: str) -> Iterator[tuple[str, Key]]:
+    """Yield each key with its path in a file, and again with its path in Python (`lam`)."""
+    for name, field in type(model).model_fields.items():
+        path, value = f"{prefix}{field.alias or name}", getattr(model, name)
+        if isinstance(value, BaseModel):
+            yield from _keys(value, f"{path}.", f"{python}{name}.")
+        elif not isinstance(value, dict):
+            key = _key(path, field.annotation, field.metadata)
+            yield from ((path, key), (f"{python}{name}", key))
+
+
+def _key(path: str, annotation: Any, metadata: list[Any]) -> Key:
+    parts = [*_parts(annotation), *metadata]
+    units = [part.unit for part in parts if isinstance(part, Unit)]
+    if float in parts:
+        return Key(path, "real", units[0] if units else "")
+    return Key(path, "integer" if int in parts else "choice", "")
+
+
+def _parts(annotation: Any) -> Iterator[Any]:
+    """Yield types and metadata of an annotation, also inside unions and Annotated."""
+    yield annotation
+    for part in get_args(annotation):
+        yield from _parts(part)
+    yield from getattr(annotation, "__metadata__", ())
+
+
+def read_value(key: Key, text: str) -> Value:
+    """Return the value of `text` for `key`, in base units.
+
+    Raises
+    ------
+    InputError
+        The text is not a value of the key's kind.
+    """
+    try:
+        if key.kind == "choice":
+            return {"true": True, "false": False}.get(text, text)
+        if key.unit:
+            return parse(text, key.unit)
+        number = int(text) if key.kind == "integer" else float(text)
+    except ValueError as error:
+        plain = f"expected {'a whole' if key.kind == 'integer' else 'a plain'} number"
+        accepted = str(error) if key.unit else plain
+        raise InputError("--over", Complaint(key.path, repr(text), accepted)) from None
+    if not math.isfinite(number):
+        raise InputError("--over", Complaint(key.path, repr(text), "expected a finite number"))
+    return number
+
+
+_DERIVED: dict[str, Callable[[Scene], float]] = {
+    "design.resistance": lambda scene: make_scalings(scene).resistance,
+    "design.lambda": lambda scene: make_scalings(scene).lam,
+    "design.exponential_slope": lambda scene: make_scalings(scene).exponential_slope,
+    "design.opamp.phase_margin": lambda scene: phase_margin(choose_opamp(scene)),
+}
+
+
+def own_value(scene: Scene, key: Key) -> float | None:
+    """Return the number of `key` in `scene`, given or derived; None if there is no number."""
+    if key.path in _DERIVED:
+        return _DERIVED[key.path](scene)
+    table, _, last = key.path.rpartition(".")
+    if table == "design.opamp" and key.kind == "real":
+        return float(getattr(choose_opamp(scene), last))
+    value = attrgetter(key.path)(scene)
+    return float(value) if isinstance(value, int | float) else None

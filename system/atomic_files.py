@@ -1,0 +1,192 @@
+"""Output files that are written completely or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import os
+import re
+import shutil
+import stat
+import tempfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from taction.system.errors import Complaint, InputError
+from taction.system.own_folders import own_folder
+
+PREFIX = ".taction-"  # of a file that is being written, beside the file that it will replace
+LONGEST_ENDING = 16  # characters
+UNCHANGED = "expected a file that can be written. An older file is unchanged"
+_DESCRIPTOR = re.compile(r"/dev/(?:stdin|stdout|stderr|fd/(\d+))|/proc/self/fd/(\d+)")
+_STREAMS = {"/dev/stdin": 0, "/dev/stdout": 1, "/dev/stderr": 2}
+_REASONS = {  # of errors whose own text does not say what to do
+    errno.ENOENT: "its folder does not exist",
+    errno.EISDIR: "a folder",
+    errno.EFBIG: "File too large (ulimit -f)",
+    errno.ENXIO: "a socket",
+}
+
+
+def write_atomically(path: str | Path, content: str | bytes) -> None:
+    r"""Write `content` to `path` by `replacing`.
+
+    Text is UTF-8; of a file name that is no UTF-8, each wrong byte is written as ``\udcXX``.
+    """
+    with replacing(path) as file:
+        data = content if isinstance(content, bytes) else content.encode(errors="backslashreplace")
+        file.write_bytes(data)
+
+
+def write_together(files: Mapping[Path, str]) -> None:
+    """Write several texts, all or none: they go to their places when all are complete.
+
+    Raises
+    ------
+    InputError
+        A file cannot be written.
+    """
+    with contextlib.ExitStack() as stack:
+        for file, text in files.items():
+            stack.enter_context(replacing(file)).write_text(text, encoding="utf-8")
+
+
+@contextlib.contextmanager
+def replacing(path: str | Path) -> Iterator[Path]:
+    """Give a file to write to, and move it to `path` when it is complete.
+
+    A full disk or a killed process leaves an older file at `path` unchanged. A link is followed;
+    a device, a pipe or a stream of this process (``/dev/stdout``) receives the complete content.
+
+    Raises
+    ------
+    InputError
+        The file cannot be written, with the reason.
+    BrokenPipeError
+        `path` is a stream of this process whose reader has gone.
+    """
+    try:
+        stream = _stream(str(path))
+        if stream is not None or _is_special(path):
+            with own_folder() as folder:
+                file = folder / f"output{_ending(Path(path))}"
+                yield file
+                _send(file, path, stream)
+        else:
+            with _beside(Path(os.path.realpath(path))) as file:
+                yield file
+    except OSError as error:
+        if isinstance(error, BrokenPipeError) and stream is not None:
+            raise
+        reason = _REASONS.get(error.errno or 0) or error.strerror or str(error)
+        raise InputError(path, Complaint("FILE", "", f"{reason}; {UNCHANGED}")) from None
+    except ValueError as error:  # a name with a zero byte
+        raise InputError(path, Complaint("FILE", "", f"{error}; {UNCHANGED}")) from None
+
+
+@contextlib.contextmanager
+def _beside(target: Path) -> Iterator[Path]:
+    """Give a new, locked file in the folder of `target`, and move it there when it is complete."""
+    if target.exists() and not os.access(target, os.W_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+    clear_unfinished(target.parent)
+    number, temporary = _unfinished(target)
+    try:
+        yield temporary
+        _take_over(target, temporary)
+        with temporary.open("rb+") as file:
+            os.fsync(file.fileno())
+        temporary.replace(target)
+        _sync(target.parent)
+    finally:
+        temporary.unlink(missing_ok=True)
+        os.close(number)
+
+
+def _unfinished(target: Path) -> tuple[int, Path]:
+    """Make a locked file beside `target`; return its file descriptor and its path."""
+    while True:
+        number, name = tempfile.mkstemp(prefix=PREFIX, suffix=_ending(target), dir=target.parent)
+        with contextlib.suppress(OSError):  # a file system without locks: nobody else clears there
+            fcntl.flock(number, fcntl.LOCK_EX)
+        if Path(name).exists():
+            return number, Path(name)
+        os.close(number)  # another process cleared it before the lock
+
+
+def clear_unfinished(folder: Path) -> None:
+    """Remove the files in `folder` that killed processes of this user left unfinished."""
+    with contextlib.suppress(OSError):
+        for name in os.listdir(folder):  # noqa: PTH208 - names are enough
+            if name.startswith(PREFIX):
+                with contextlib.suppress(OSError):
+                    _clear(folder / name)
+
+
+def _clear(file: Path) -> None:
+    number = os.open(file, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+    try:
+        status = os.fstat(number)
+        if stat.S_ISREG(status.st_mode) and status.st_uid == os.geteuid():
+            fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)  # BlockingIOError: in use
+            file.unlink()
+    finally:
+        os.close(number)
+
+
+def _stream(path: str) -> int | None:
+    """Return the file descriptor that `path` stands for, such as 1 for ``/dev/stdout``."""
+    found = _DESCRIPTOR.fullmatch(path)
+    if found is None:
+        return None
+    return _STREAMS[path] if path in _STREAMS else int(found[1] or found[2])
+
+
+def _is_special(path: str | Path) -> bool:
+    """Whether there is a device, a pipe or a socket; raise OSError for a folder."""
+    try:
+        mode = os.stat(path).st_mode  # noqa: PTH116 - a name with a zero byte is ValueError
+    except FileNotFoundError:
+        return False
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    return not stat.S_ISREG(mode)
+
+
+def _send(file: Path, path: str | Path, stream: int | None) -> None:
+    with (
+        file.open("rb") as source,
+        open(path if stream is None else os.dup(stream), "wb") as target,  # noqa: PTH123
+    ):
+        shutil.copyfileobj(source, target)
+
+
+def _ending(target: Path) -> str:
+    """Return the ending of a name, by which libraries choose the format."""
+    return target.suffix if len(target.suffix) <= LONGEST_ENDING else ""
+
+
+def _take_over(target: Path, temporary: Path) -> None:
+    """Give the new file the permissions and the owner of the old one."""
+    try:
+        old = target.stat()
+    except FileNotFoundError:
+        umask = os.umask(0)
+        os.umask(umask)
+        temporary.chmod(0o666 & ~umask)
+        return
+    if (old.st_uid, old.st_gid) != (os.geteuid(), os.getegid()):
+        with contextlib.suppress(PermissionError):
+            os.chown(temporary, old.st_uid, old.st_gid)
+    temporary.chmod(stat.S_IMODE(old.st_mode))
+
+
+def _sync(folder: Path) -> None:
+    """Let the new name survive a power cut, where the system can do so."""
+    with contextlib.suppress(OSError):
+        number = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(number)
+        finally:
+            os.close(number)

@@ -1,0 +1,175 @@
+"""Every exception that taction raises on purpose.
+
+::
+
+    TactionError                     exit status
+    ├── InputError                   2   the scene, a file or an option is wrong
+    └── NoVerdictError               3   the input is right, but there is no result to trust
+        ├── SolverError                  a reference solution has no certificate
+        ├── EngineError                  the state-space engine has no result
+        │   └── DivergesError            the outputs leave every bound
+        └── SimulationError              an ngspice run gave no result to trust
+            ├── SimulatorNotFound
+            ├── SimulatorTooOld
+            ├── DidNotLoad
+            ├── SingularCircuit
+            ├── StepTooSmall
+            ├── OutOfDisk
+            ├── TimedOut
+            ├── Killed
+            └── BadEvidence              exit status 0, but the result is incomplete or wrong
+
+A failed check is not an exception; it is data (`taction.verification.verdict.checks`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+LONGEST = {"key": 200, "value": 200, "accepted": 2000}  # characters of a complaint
+MOST_LISTED = 20  # complaints in a message
+INTERRUPTED = 130  # exit status of a process that Ctrl-C ended
+
+
+class TactionError(Exception):
+    """Root of the tree; `exit_status` is the exit status of the command line."""
+
+    exit_status = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Complaint:
+    """One mistake in the input: its key, its value, and the values that are accepted.
+
+    Of a text that is longer than `LONGEST` only the beginning and the end are kept.
+    """
+
+    key: str
+    value: str
+    accepted: str
+
+    def __post_init__(self) -> None:
+        for name, most in LONGEST.items():
+            text = getattr(self, name)
+            if len(text) > most:
+                object.__setattr__(self, name, f"{text[: most // 2]} ... {text[-most // 2 :]}")
+
+    def __str__(self) -> str:
+        value = f" = {self.value}" if self.value else ""
+        return f"{self.key}{value}: {self.accepted}"
+
+
+class InputError(TactionError):
+    """The user's input cannot be used; `complaints` lists all mistakes that were found."""
+
+    exit_status = 2
+
+    def __init__(self, file: str | Path, *complaints: Complaint) -> None:
+        self.file = str(file)
+        self.complaints = complaints
+        lines = [f"{self.file}: {c}" for c in complaints[:MOST_LISTED]]
+        if len(complaints) > MOST_LISTED:
+            lines.append(f"{self.file}: and {len(complaints) - MOST_LISTED} more mistakes")
+        super().__init__("\n".join(lines))
+
+
+class NoVerdictError(TactionError):
+    """The input is right, but no result can be trusted."""
+
+
+class SolverError(NoVerdictError):
+    """A reference solution has no certificate."""
+
+
+class EngineError(NoVerdictError):
+    """The state-space engine has no result for this circuit."""
+
+
+class DivergesError(EngineError):
+    """A transient with given instants leaves every bound before the last one.
+
+    Attributes
+    ----------
+    partial : object or None
+        A `verification.waveforms.Waveforms` up to that instant (`object`, because this module must
+        not import that class).
+    """
+
+    def __init__(self, message: str, partial: object | None = None) -> None:
+        super().__init__(message)
+        self.partial = partial
+
+
+class SimulationError(NoVerdictError):
+    """An ngspice run failed.
+
+    Attributes
+    ----------
+    log : str
+        The lines of the log that explain the failure.
+    folder : Path or None
+        The run folder, kept as a reproducer (deck, command line, log, partial result).
+    partial : object or None
+        A `verification.waveforms.Waveforms` of the points that were written before the failure,
+        without any check (`object`, because this module must not import that class).
+    """
+
+    partial: object | None = None
+
+    def __init__(self, message: str, *, log: str = "", folder: Path | None = None) -> None:
+        self.log = log
+        self.folder = folder
+        self._message = message
+        parts = [message]
+        if log:
+            parts.append("the log says:\n" + "\n".join("  " + line for line in log.splitlines()))
+        if folder is not None:
+            parts.append(f"reproducer: {folder} (`sh command.txt` in this folder repeats the run)")
+        super().__init__("\n".join(parts))
+
+    def in_folder(self, folder: Path) -> SimulationError:
+        """Return the same error with another run folder."""
+        moved = type(self)(self._message, log=self.log, folder=folder)
+        moved.partial = self.partial
+        return moved
+
+
+class SimulatorNotFound(SimulationError):  # noqa: N818
+    """No ngspice executable."""
+
+
+class SimulatorTooOld(SimulationError):  # noqa: N818
+    """An ngspice older than the oldest supported version."""
+
+
+class DidNotLoad(SimulationError):  # noqa: N818
+    """ngspice refused the deck."""
+
+
+class SingularCircuit(SimulationError):  # noqa: N818
+    """A singular matrix."""
+
+
+class StepTooSmall(SimulationError):  # noqa: N818
+    """The time step fell below the simulator's limit."""
+
+
+class OutOfDisk(SimulationError):  # noqa: N818
+    """The result could not be written."""
+
+
+class TimedOut(SimulationError):  # noqa: N818
+    """The time limit was reached; partial waveforms are in the run folder."""
+
+
+class Killed(SimulationError):  # noqa: N818
+    """A signal ended the simulator."""
+
+
+MACHINE_FAILURES = (SimulatorNotFound, SimulatorTooOld, OutOfDisk)
+"""What is wrong with the machine, so that the next run there would fail, too."""
+
+
+class BadEvidence(SimulationError):  # noqa: N818
+    """The run ended with exit status 0, but its result is incomplete or wrong."""

@@ -1,0 +1,74 @@
+"""Files that cannot be written are refused before any work is done."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+from collections.abc import Collection, Mapping
+from pathlib import Path
+
+from taction.system.errors import Complaint, InputError
+
+
+def check_folder(path: str | Path, option: str) -> None:
+    """Refuse a file whose folder is missing or read-only, before any work is done.
+
+    Raises
+    ------
+    InputError
+        The folder does not exist or nobody may write to it, or `path` is a folder.
+    """
+    file = Path(os.path.realpath(path))
+    text = ""
+    if not file.parent.is_dir():
+        text = "its folder does not exist"
+    elif file.is_dir():
+        text = "a folder; expected a file"
+    elif not is_special(path) and not os.access(file.parent, os.W_OK | os.X_OK):
+        text = "you may not write to its folder; expected a file in another one"
+    if text:
+        raise InputError(option, Complaint("FILE", repr(str(path)), text))
+
+
+def is_special(path: str | Path) -> bool:
+    """Whether there is a device or a pipe, which several outputs may share."""
+    return Path(path).exists() and not Path(path).is_file()
+
+
+def check_file(
+    path: str, option: str, endings: Collection[str], packages: Mapping[str, tuple[str, str]]
+) -> None:
+    """Refuse a file that could not be written, before any work is done.
+
+    Parameters
+    ----------
+    endings : collection of str
+        The file names' endings that are known, in lower case.
+    packages : mapping of str to tuple of str
+        By ending, the package that writes the file and the remedy for a missing package.
+
+    Raises
+    ------
+    InputError
+        An unknown ending, a missing folder, or a package that is not installed.
+    """
+    ending = Path(path).suffix.lower()
+    if ending not in endings:
+        text = f"expected a file that ends in {', '.join(endings)}"
+        raise InputError(option, Complaint("FILE", repr(path), text))
+    check_folder(path, option)
+    package, remedy = packages.get(ending, ("", ""))
+    if package and importlib.util.find_spec(package) is None:
+        raise InputError(option, Complaint("FILE", repr(path), remedy))
+
+
+def check_package(package: str, remedy: str, option: str) -> None:
+    """Refuse work that needs a package which is not installed.
+
+    Raises
+    ------
+    InputError
+        The package is missing; the message has the `remedy`.
+    """
+    if importlib.util.find_spec(package) is None:
+        raise InputError(option, Complaint("package", repr(package), remedy))

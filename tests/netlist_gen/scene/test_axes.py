@@ -1,0 +1,137 @@
+"""Axes of a study: keys by symbol, name and path, units, spacing, zipped keys, and refusals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from taction.netlist_gen.scene.axes import parse_axes, parse_axis, points, with_value, with_values
+from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.keys import all_keys, find_key, own_value
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.errors import InputError
+from tests.support.paths import SCENES
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return load_scene(SCENES / "tuned-breadboard.toml")
+
+
+@pytest.mark.parametrize(
+    ("name", "path", "unit", "own"),
+    [
+        ("C", "design.capacitance", "F", 1e-11),
+        ("R", "design.resistance", "ohm", 14.4e6),
+        ("s", "design.gain", "ohm", 2.3e6),
+        ("gain", "design.gain", "ohm", 2.3e6),
+        ("G0", "design.unit_conductance", "S", 1.16e-6),
+        ("U0", "design.unit_voltage", "V", 1.0),
+        ("Ve", "design.exponential_slope", "V", 1.0),
+        ("lambda", "design.lambda", "", 1.0 / (14.4e6 * 2.3e6 * 1.16e-6**2)),
+        ("design.opamp.gbw", "design.opamp.gbw", "Hz", 1.38e6),
+        ("opamp.gbw", "design.opamp.gbw", "Hz", 1.38e6),
+        ("gbw", "design.opamp.gbw", "Hz", 1.38e6),
+        ("half_width", "problem.load.half_width", "", 1.0),
+        ("channels", "problem.channels", "", 7.0),
+        ("variance", "problem.noise.variance", "", 0.0),
+    ],
+)
+def test_a_key_has_a_path_a_unit_and_a_value(
+    scene: Scene, name: str, path: str, unit: str, own: float
+) -> None:
+    key = find_key(scene, name)
+    assert (key.path, key.unit) == (path, unit)
+    assert own_value(scene, key) == pytest.approx(own, rel=1e-12)
+
+
+def test_every_key_is_found_by_its_path(scene: Scene) -> None:
+    assert all(find_key(scene, key.path) == key for key in all_keys(scene))
+
+
+def test_ranges_are_logarithmic_unless_told_otherwise_and_keep_their_ends(scene: Scene) -> None:
+    axis = parse_axis(scene, "C=1pF:1nF:31")
+    assert axis.values == pytest.approx(np.geomspace(1e-12, 1e-9, 31), rel=1e-12)
+    assert (axis.values[0], axis.values[-1], axis.scale) == (1e-12, 1e-9, "log")
+    axis = parse_axis(scene, "stray_capacitance=0:10p:5:lin")
+    assert axis.values == (0.0, 2.5e-12, 5e-12, 7.5e-12, 1e-11)
+    assert parse_axis(scene, "channels=5:25:5").values == (5, 7, 11, 17, 25)
+    assert len(parse_axis(scene, "gain=1M:2M")) == 31
+
+
+def test_lists_are_taken_as_they_stand(scene: Scene) -> None:
+    assert parse_axis(scene, "C=5p, 1e-12,2 pF").values == (5e-12, 1e-12, 2e-12)
+    assert parse_axis(scene, "opamp.base=ua741,lf353").values == ("ua741", "lf353")
+    assert parse_axis(scene, "normalised=true,false").values == (True, False)
+
+
+def test_a_bare_key_takes_a_range_around_its_own_value(scene: Scene) -> None:
+    axis = parse_axis(scene, "gain", around=30.0, points=3)
+    assert axis.default
+    assert axis.values == pytest.approx([2.3e6 / 30.0, 2.3e6, 69e6])
+    axis = parse_axis(scene, "phase_margin", around=30.0, points=61)
+    assert 80.0 < float(axis.values[-1]) < 90.0
+
+
+def test_groups_span_a_grid_and_zipped_keys_change_together(scene: Scene) -> None:
+    groups = parse_axes(scene, ["C=1p,2p gain=1M,2M", "U0=1,3"])
+    assert list(points(groups)) == [
+        {"design.capacitance": c, "design.gain": g, "design.unit_voltage": u}
+        for c, g in ((1e-12, 1e6), (2e-12, 2e6))
+        for u in (1.0, 3.0)
+    ]
+
+
+def test_another_value_is_proved_and_leaves_everything_else(scene: Scene) -> None:
+    changed = with_value(scene, "design.opamp.gbw", 1e6)
+    assert changed.design.opamp.gbw == 1e6
+    assert changed.file == scene.file
+    assert with_value(changed, "design.opamp.gbw", 1.38e6) == scene
+    with pytest.raises(InputError, match=r"design\.capacitance = -1\.0: must be above zero"):
+        with_value(scene, "design.capacitance", -1.0)
+
+
+def test_lambda_replaces_a_resistance_and_back(scene: Scene) -> None:
+    changed = with_value(scene, "design.lambda", 0.5)
+    assert (changed.design.lam, changed.design.resistance) == (0.5, None)
+    changed = with_value(changed, "design.resistance", 1e6)
+    assert (changed.design.lam, changed.design.resistance) == (None, 1e6)
+    with pytest.raises(InputError, match="exclude"):
+        with_values(scene, {"design.lambda": 0.5, "design.resistance": 1e6})
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("capacitence=1p", "did you mean 'capacitance'"),
+        ("gian=1M", "did you mean 'gain'"),
+        ("c=1p", "did you mean 'C'"),
+        ("band=0.01", r"did you mean 'checks\.settling_time\.band'"),
+        ("C", "expected values, C=1pF:1nF:31"),
+        ("C=", "expected values"),
+        ("C=1p:2kV:3", "the unit is 'V'"),
+        ("C=1p:2p:1", "whole number from 2"),
+        ("C=1p:2p:x", "whole number from 2"),
+        (f"C=1p:2p:{'9' * 5000}", "whole number from 2"),
+        ("C=1p:2p:3:4", "LOW:HIGH:POINTS"),
+        ("C=1p:1p:3", "both ends"),
+        ("stray_capacitance=0:1p:3", "append :lin"),
+        ("C=0:1p:3:lin", "must be above zero"),
+        ("C=1p,nonsense", "not a number"),
+        ("dc_gain=lots", "a plain number"),
+        ("channels=7.5", "a whole number"),
+        ("half_width=inf", "finite"),
+        ("topology=ring", "topology"),
+        ("Ve=1", "exponential_slope.* needs a"),
+    ],
+)
+def test_what_cannot_be_used_is_named(scene: Scene, text: str, complaint: str) -> None:
+    with pytest.raises(InputError, match=complaint):
+        parse_axis(scene, text)
+
+
+def test_zipped_keys_of_different_length_and_keys_given_twice_are_refused(scene: Scene) -> None:
+    with pytest.raises(InputError, match="C has 2, gain has 3"):
+        parse_axes(scene, ["C=1p,2p gain=1M,2M,3M"])
+    with pytest.raises(InputError, match="the key occurs twice"):
+        parse_axes(scene, ["C=1p,2p", "capacitance=1p,3p"])

@@ -1,0 +1,166 @@
+"""Files appear whole or not at all."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from taction.system.atomic_files import write_atomically
+from taction.system.errors import InputError
+
+# A limit on the size of files is the kernel's own "no space": the write fails half way.
+FULL = """
+import resource, signal, sys
+from taction.system.errors import InputError
+from taction.system.atomic_files import write_atomically
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, 10_000))
+try:
+    write_atomically(sys.argv[1], "x" * 20_000)
+except InputError as error:
+    print(error)
+"""
+
+
+def test_a_disk_that_is_full_leaves_the_old_file_whole(tmp_path: Path) -> None:
+    file = tmp_path / "baseline.json"
+    file.write_text("old")
+    run = subprocess.run(
+        [sys.executable, "-c", FULL, str(file)], capture_output=True, text=True, check=True
+    )
+    assert str(file) in run.stdout
+    assert "File too large" in run.stdout
+    assert file.read_text() == "old"
+    assert [path.name for path in tmp_path.iterdir()] == ["baseline.json"]
+
+
+def test_a_new_file_has_the_permissions_of_any_other_and_an_old_one_keeps_its_own(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "plain").write_text("")
+    write_atomically(tmp_path / "new", "µ")
+    assert (tmp_path / "new").read_text(encoding="utf-8") == "µ"
+    assert (tmp_path / "new").stat().st_mode == (tmp_path / "plain").stat().st_mode
+    (tmp_path / "new").chmod(0o640)
+    write_atomically(tmp_path / "new", "again")
+    assert (tmp_path / "new").stat().st_mode & 0o777 == 0o640
+
+
+def test_a_link_stays_a_link(tmp_path: Path) -> None:
+    (tmp_path / "real").write_text("old")
+    (tmp_path / "link").symlink_to("real")
+    write_atomically(tmp_path / "link", "new")
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "real").read_text() == "new"
+
+
+def test_a_device_is_written_to_and_not_replaced() -> None:
+    write_atomically(os.devnull, "text")
+    assert not Path(os.devnull).is_file()
+    with pytest.raises(InputError, match="No space left on device"):
+        write_atomically("/dev/full", "text")
+
+
+def test_text_that_is_no_unicode_is_escaped(tmp_path: Path) -> None:
+    name = os.fsdecode(b"board-\xff.toml")
+    write_atomically(tmp_path / "a.json", json.dumps({"µ": name}, ensure_ascii=False))
+    assert json.loads((tmp_path / "a.json").read_text(encoding="utf-8")) == {"µ": name}
+    write_atomically(tmp_path / name, b"content")
+    assert (tmp_path / name).read_bytes() == b"content"
+
+
+def test_a_pipe_receives_the_whole_content(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    reader = subprocess.Popen(["cat", str(tmp_path / "pipe")], stdout=subprocess.PIPE)
+    write_atomically(tmp_path / "pipe", b"content")
+    assert reader.communicate(timeout=60)[0] == b"content"
+    assert [path.name for path in tmp_path.iterdir()] == ["pipe"]
+
+
+STREAM = """
+import sys
+from taction.system.atomic_files import write_atomically
+print("before", flush=True)
+write_atomically(sys.argv[1], "content\\n")
+print("after")
+"""
+
+
+@pytest.mark.parametrize("name", ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"])
+@pytest.mark.parametrize("to_file", [False, True])
+def test_stdout_by_its_name_is_written_in_turn(name: str, to_file: bool, tmp_path: Path) -> None:
+    words = [sys.executable, "-c", STREAM, name]
+    if to_file:
+        with (tmp_path / "out").open("wb") as file:
+            subprocess.run(words, stdout=file, check=True)
+        text = (tmp_path / "out").read_text()
+    else:
+        text = subprocess.run(words, capture_output=True, text=True, check=True).stdout
+    assert text == "before\ncontent\nafter\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("missing/file", "its folder does not exist"),
+        ("folder", "a folder; expected a file that can be written"),
+        ("file/below", "Not a directory"),
+        ("a\0b", "null (byte|character)"),  # by version of Python
+        ("x" * 300, "File name too long"),
+    ],
+)
+def test_a_name_that_cannot_be_written_is_an_input_error(
+    name: str, reason: str, tmp_path: Path
+) -> None:
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match=reason) as refused:
+        write_atomically(tmp_path / name, "text")
+    assert refused.value.file == str(tmp_path / name)
+    assert {path.name for path in tmp_path.iterdir()} == {"file", "folder"}
+
+
+READ_ONLY = """
+import os, sys
+from taction.system.errors import InputError
+from taction.system.atomic_files import write_atomically
+if os.geteuid() == 0:
+    os.seteuid(65534)
+for name in ("closed/new", "open/old"):
+    try:
+        write_atomically(f"{sys.argv[1]}/{name}", "text")
+    except InputError as error:
+        print(error)
+"""
+
+
+def test_a_read_only_folder_and_a_read_only_file(tmp_path: Path) -> None:
+    for name, mode in (("closed", 0o555), ("open", 0o777)):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "old").write_text("old")
+        (tmp_path / name / "old").chmod(0o444)
+        (tmp_path / name).chmod(mode)
+    for folder in (tmp_path, *list(tmp_path.parents)[:3]):
+        if folder.name.startswith(("test", "popen", "pytest")):
+            folder.chmod(0o755)
+    words = [sys.executable, "-c", READ_ONLY, str(tmp_path)]
+    run = subprocess.run(words, capture_output=True, text=True, check=True)
+    assert run.stdout.count("Permission denied; expected a file") == 2
+    assert (tmp_path / "open" / "old").read_text() == "old"
+
+
+def test_the_next_writer_clears_what_a_killed_writer_left(tmp_path: Path) -> None:
+    left, used, foreign = (tmp_path / f".taction-{name}.csv" for name in ("left", "used", "link"))
+    left.write_text("half")
+    used.write_text("half")
+    foreign.symlink_to(tmp_path / "elsewhere")
+    with used.open() as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        write_atomically(tmp_path / "new", "text")
+    assert {path.name for path in tmp_path.iterdir()} == {"new", used.name, foreign.name}

@@ -1,0 +1,198 @@
+"""A choice: the grid, the order by hand-made records, and the command with ngspice."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from taction.cli.main import main
+from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.scene import Scene
+from taction.spice_models.presets import preset_names
+from taction.system.errors import InputError
+from taction.verification.design.choose_ranking import best_designs, design_scene, designs
+from taction.verification.design.choose_request import Request, choice_plan
+from taction.verification.report.choose.picture import plot_choice
+from taction.verification.studies.sweep.store import Store
+from taction.verification.verdict.verify import verify
+from tests.support.paths import ROOT
+from tests.support.sweeping import make_record, store_records
+
+FILE = str(ROOT / "scenes" / "tuned-breadboard.toml")
+TWO = Request(["tl084", "ne5534"], "10pF:22pF", "1M:2.2M", 2, {"checks.settling_time.max": "1ms"})
+
+
+def scene() -> Scene:
+    return load_scene(FILE)
+
+
+def record(settling: float = 1e-4, headroom: float = 0.5, outcome: str = "pass") -> dict[str, Any]:
+    checks = [
+        {"name": "settling_time", "outcome": outcome, "value": settling},
+        {"name": "headroom", "outcome": "pass", "value": headroom},
+        {"name": "stability", "outcome": "pass", "value": 2.5},
+    ]
+    return make_record(
+        outcome=outcome,
+        settling_time=settling,
+        checks=checks,
+        reason="" if outcome == "pass" else "!",
+    )
+
+
+def test_the_grid_has_values_that_can_be_bought() -> None:
+    plan = choice_plan(scene(), Request(["tl084"], points=9))
+    assert plan.shape == (1, 9, 9)
+    assert plan.axes[1].values[0] == 1e-12
+    assert plan.axes[1].values[-1] == 1e-10
+    assert all(float(f"{float(v):.2e}") == v for axis in plan.axes[1:] for v in axis.values)
+    assert plan.engines == ("statespace",)
+    design = plan.scene.design
+    assert design.lam == pytest.approx(0.0224385, rel=1e-5)
+    assert design.opamp.level == "small-signal"  # above 90 % of a limit: inconclusive
+
+
+def test_all_presets_but_the_ideal_one() -> None:
+    names = choice_plan(scene(), Request()).axes[0].values
+    assert set(names) == set(preset_names()) - {"ideal"}
+
+
+def test_series_join_values() -> None:
+    series = scene().design.model_copy(update={"capacitor_series": "E6"})
+    plan = choice_plan(scene().model_copy(update={"design": series}), Request(["tl084"], points=21))
+    assert len(plan.axes[1].values) == 13  # 1 pF to 100 pF: six a decade
+
+
+@pytest.mark.parametrize(
+    ("request_", "text"),
+    [
+        (Request(["tl085"]), "tl084"),
+        (Request(["tl084"], "2pF:1pF"), "--c-range"),
+        (Request(["tl084"], "", "1M:x"), "gain"),
+        (Request(["tl084"], limits={"checks.settling_time.max": "10 F"}), "settling_time"),
+    ],
+)
+def test_requests_that_cannot_be(request_: Request, text: str) -> None:
+    with pytest.raises(InputError, match=text):
+        choice_plan(scene(), request_)
+
+
+def test_the_order_is_that_of_the_worst_share() -> None:
+    """Settling 0.1 of 1 ms and headroom 0.5 of 0.9: 0.56; margin 2 (of the scene) of 2.5: 0.8."""
+    plan = choice_plan(scene(), TWO)
+    made = {
+        0: record(),
+        1: record(settling=9e-4),
+        2: record(headroom=0.8),
+        3: record(settling=2e-3, outcome="fail"),
+        5: record(settling=5e-4),
+    }
+    with Store(":memory:") as store:
+        store_records(plan, store, {("statespace", k): one for k, one in made.items()})
+        ranked = designs(plan, store)
+    assert [design.place for design in ranked] == [0, 5, 2, 1, 3]
+    assert ranked[0].worst == pytest.approx(0.8)
+    assert ranked[2].worst == pytest.approx(0.8 / 0.9)
+    assert ranked[3].worst == pytest.approx(0.9)
+    assert ranked[-1].left == ("settling_time",)
+    best = best_designs(ranked)
+    assert [design.opamp for design in best] == ["tl084", "ne5534", "tl084"]
+    assert [design.place for design in best] == [0, 5, 2]
+
+
+def test_parts_that_cannot_be_bought_are_never_best() -> None:
+    """R = 1/(lambda s G0²) is 166 Mohm at s = 200 kohm; C = 1 pF is below the stray 2.05 pF."""
+    plan = choice_plan(scene(), Request(["tl084"], "1pF:10pF", "200k:2M", 2))
+    with Store(":memory:") as store:
+        store_records(plan, store, {("statespace", k): record() for k in range(4)})
+        ranked = designs(plan, store)
+    assert [design.place for design in best_designs(ranked)] == [3]
+    refused = {design.place: design.refused for design in ranked}
+    assert "resistors R above 50 Mohm" in refused[2]
+    assert "capacitors C below the stray capacitance" in refused[1]
+
+
+def test_an_unstable_design_has_no_share() -> None:
+    plan = choice_plan(scene(), Request(["tl084"], "10pF:10pF", "1M:1M", 1))
+    with Store(":memory:") as store:
+        bad = record(outcome="fail") | {"stable": False}
+        store_records(plan, store, {("statespace", 0): bad})
+        (design,) = designs(plan, store)
+    assert (design.shares, design.settling_time) == ({}, None)
+    assert not best_designs([design])
+
+
+def test_a_picture(tmp_path: Path) -> None:
+    plan, path = choice_plan(scene(), TWO), tmp_path / "choice.svg"
+    with Store(":memory:") as store:
+        store_records(plan, store, {("statespace", k): record() for k in range(8)})
+        ranked = designs(plan, store)
+    plot_choice(ranked, best_designs(ranked), "title", str(path))
+    text = path.read_text("utf-8")
+    assert "<svg" in text
+
+
+def test_a_written_scene_is_the_design() -> None:
+    plan = choice_plan(scene(), TWO)
+    with Store(":memory:") as store:
+        store_records(plan, store, {("statespace", 7): record()})
+        (design,) = designs(plan, store)
+    made = design_scene(plan, scene(), design, 1)
+    assert (made.design.opamp.base, made.design.opamp.level) == ("ne5534", "auto")
+    assert (made.design.capacitance, made.design.gain) == (2.2e-11, 2.2e6)
+    assert made.checks.settling_time.max == 1e-3
+    assert made.name == "tuned-breadboard-1-ne5534"
+
+
+def test_the_command_confirms_by_ngspice(tmp_path: Path, ngspice: str) -> None:
+    folder = tmp_path / "best"
+    words = ["choose", FILE, "--settling", "1ms", "--overshoot", "8%", "--opamps", "ne5534,op27"]
+    words += ["--c-range", "10pF:22pF", "--gain-range", "1M:2.2M", "--points", "2", "--jobs", "1"]
+    words += ["--store", str(tmp_path / "a.sqlite"), "-o", str(folder), "--json"]
+    found = CliRunner().invoke(main, words)
+    assert found.exit_code == 0, found.stderr
+    document = json.loads(found.stdout)
+    assert len(document["designs"]) == 8
+    assert "8 points: about" in found.stderr
+    for best in document["best"]:
+        assert best["ngspice"] == "pass"
+        exact, simulated = best["settling_time"], best["ngspice_settling_time"]
+        assert simulated == pytest.approx(exact, rel=0.02)
+        written = load_scene(best["file"])
+        assert verify(written.with_engine("statespace")).outcome.value == "pass"
+    again = CliRunner().invoke(main, [*words[:-3], "--json"])
+    assert "points: about" not in again.stderr  # all of them are stored
+    assert json.loads(again.stdout)["designs"] == document["designs"]
+
+
+def test_no_design_passes(tmp_path: Path) -> None:
+    words = ["choose", FILE, "--settling", "1ns", "--opamps", "ne5534", "--points", "1"]
+    found = CliRunner().invoke(main, [*words, "--jobs", "1", "--store", str(tmp_path / "a.sqlite")])
+    assert found.exit_code == 1
+    assert "0 of 1 designs pass" in found.stdout
+
+
+def test_limits_that_look_like_a_slip_are_asked_about(tmp_path: Path) -> None:
+    words = ["choose", FILE, "--opamps", "ne5534", "--points", "1", "--jobs", "1"]
+    words += ["--settling", "10", "--overshoot", "5", "--store", str(tmp_path / "a.sqlite")]
+    text = CliRunner().invoke(main, words).stderr
+    assert "question: checks.settling_time.max = 10 has no unit and is 10 s" in text
+    assert "question: checks.overshoot: max = 5 is 500 % of the step" in text
+    assert "taction: 1 point: about" in text
+
+
+@pytest.mark.parametrize("option", [["--overshoot", "x"], ["--margin", "2x"], ["--plot", "a.xyz"]])
+def test_options_that_cannot_be(option: list[str]) -> None:
+    found = CliRunner().invoke(main, ["choose", FILE, *option])
+    assert found.exit_code == 2
+
+
+def test_a_folder_with_files_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text("", encoding="utf-8")
+    found = CliRunner().invoke(main, ["choose", FILE, "-o", str(tmp_path)])
+    assert found.exit_code == 2
+    assert "not empty" in found.stderr

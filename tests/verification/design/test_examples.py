@@ -1,0 +1,33 @@
+"""The examples in the docstrings of the designing commands give what they say."""
+
+from __future__ import annotations
+
+import doctest
+from types import ModuleType
+
+import pytest
+
+from taction.netlist_gen.board import buyable_values, part_warnings
+from taction.netlist_gen.scene import writing
+from taction.verification.design import choose_request, scaling, stable_ranges, tuning_ranges
+from taction.verification.report.verdict import remedies
+from tests.support.paths import ROOT
+
+MODULES = (
+    buyable_values,
+    part_warnings,
+    remedies,
+    choose_request,
+    scaling,
+    stable_ranges,
+    tuning_ranges,
+    writing,
+)
+
+
+@pytest.mark.parametrize("module", MODULES, ids=lambda module: module.__name__)
+def test_examples(module: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    result = doctest.testmod(module)
+    assert result.attempted
+    assert not result.failed

@@ -1,0 +1,209 @@
+"""Values of an exploration against closed forms, `onset` and `verify`."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import taction
+from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.scene import parse_scene
+from taction.netlist_gen.scene.settings import with_settings
+from taction.system.errors import InputError
+from taction.verification.design.board_view import (
+    view_boundary,
+    view_limits,
+    view_poles,
+    view_rest,
+)
+from taction.verification.design.explorer_controls import CAPACITANCE, GAIN, LAMBDA, STRAY, VARIANCE
+from taction.verification.design.explorer_judgement import judge
+from taction.verification.design.explorer_settings import Settings, Start, read_value
+from tests.support.paths import SCENES
+
+ONE = {
+    "name": "one",
+    "problem": {"kind": "tactile", "channels": 1, "depth": 1.0},
+    "design": {
+        "opamp": {"base": "ideal", "dc_gain": 1e6, "gbw": "1GHz"},
+        "capacitance": "1nF",
+        "gain": "1Mohm",
+        "lambda": 0.5,
+        "stray_capacitance": "0F",
+    },
+}
+BREADBOARD = SCENES / "paper-breadboard.toml"
+
+
+@pytest.fixture
+def start() -> Start:
+    return Start.of(load_scene(BREADBOARD))
+
+
+def test_one_channel_rises_as_its_closed_form() -> None:
+    """One ideal channel has ``u = u0 (1 - exp(-t/tau))``, tau = RC / (1 + T² / lambda)."""
+    start = Start.of(parse_scene(ONE, "one.toml"))
+    view = view_rest(start.scene, start.problem)
+    T, eps = float(start.problem.matrix[0, 0]), float(start.problem.strain[0])
+    u0 = T * eps / (T**2 + 0.5)
+    assert view.targets == pytest.approx([u0], rel=1e-12)
+    assert view.rest == pytest.approx([u0], rel=1e-4)
+    scalings = view.board.circuit.scalings
+    tau = scalings.resistance * scalings.capacitance / (1.0 + T**2 / 0.5)
+    response = view_poles(view).response
+    assert response is not None
+    curves = response.curves(response.rise)
+    expected = u0 * (1.0 - np.exp(-curves.time / tau))
+    assert curves.outputs[:, 0] == pytest.approx(expected, abs=5e-3 * abs(u0))
+    assert response.rise == pytest.approx(6.0 * math.log(10.0) * tau, rel=0.1)
+    assert len(curves.time) >= 500
+
+
+def test_the_boundary_is_that_of_onset(start: Start) -> None:
+    control = start.control(CAPACITANCE)
+    view = view_rest(start.scene, start.problem)
+    found = view_boundary(view, view_poles(view), control.low, control.high)
+    onset = taction.onset(start.scene, over="C=1pF:300pF", transients=False)
+    edge = max(each.crossing.value for each in onset.findings)  # below it more poles cross
+    assert [low for low, _ in found.stable] == pytest.approx([edge], rel=1e-6)
+    assert found.stable[-1][1] == control.high
+
+
+def test_the_boundary_is_the_same_from_an_unstable_board(start: Start) -> None:
+    control = start.control(CAPACITANCE)
+    edges = []
+    for value in (5e-12, 1e-11, 1e-10):
+        settings = Settings.of(start, {CAPACITANCE: value})
+        view = view_rest(settings.scene(start), start.problem)
+        found = view_boundary(view, view_poles(view), control.low, control.high)
+        edges.append(found.stable[0][0])
+    assert edges == pytest.approx([edges[1]] * 3, rel=1e-6)
+
+
+def test_an_unstable_board_says_so(start: Start) -> None:
+    settings = Settings.of(start, {CAPACITANCE: 5e-12})
+    view = view_rest(settings.scene(start), start.problem)
+    poles = view_poles(view)
+    assert poles.state == "unstable"
+    assert "unstable" in poles.doubts[0]
+    assert view_limits(view, poles) == ()
+    assert poles.response is not None
+    assert np.abs(poles.response.curves(poles.response.stop).outputs).max() > 1.0
+
+
+def test_op_amps_that_cannot_follow_are_named() -> None:
+    start = Start.of(load_scene(SCENES / "custom-matrix.toml"))
+    view = view_rest(start.scene, start.problem)
+    assert view_limits(view, view_poles(view)) == ()
+    scene = with_settings(start.scene, ["design.opamp.slew_rate=0.001V/us"])
+    view = view_rest(scene, start.problem)
+    poles = view_poles(view)
+    assert poles.state == "stable"
+    (text,) = view_limits(view, poles)
+    assert "slope of op-amp" in text
+
+
+def test_the_gain_leaves_lambda(start: Start) -> None:
+    settings = Settings.of(start, {GAIN: 3e6})
+    before, after = (
+        view_rest(start.scene, start.problem),
+        view_rest(settings.scene(start), start.problem),
+    )
+    assert after.targets == pytest.approx(before.targets, rel=1e-9)
+    assert settings.changes(start)[LAMBDA] == start.control(LAMBDA).own
+
+
+def test_the_scene_itself_has_no_changes(start: Start) -> None:
+    own = {control.path: control.own for control in start.controls}
+    settings = Settings.of(start, own)
+    assert settings.changes(start) == {}
+    assert settings.scene(start) is start.scene
+
+
+def test_noise_changes_the_strain(start: Start) -> None:
+    settings = Settings.of(start, {VARIANCE: 1e-4})
+    scene = settings.scene(start)
+    noisy = settings.problem(start, scene)
+    assert 0.0 < np.abs(noisy.strain - start.problem.strain).max() < 0.1
+    assert Settings().problem(start, start.scene) is start.problem
+
+
+def test_the_command_has_the_present_values(start: Start) -> None:
+    values = {CAPACITANCE: 1.234e-11, GAIN: 5e6, STRAY: 0.0, VARIANCE: 1e-5}
+    settings = Settings.of(start, values, "tl084")
+    words = settings.command(start).split()
+    given = [word for before, word in pairwise(words) if before == "--set"]
+    scene = with_settings(load_scene(BREADBOARD), given)
+    assert scene.model_dump() == settings.scene(start).model_dump()
+
+
+@pytest.mark.parametrize("settings", ["C", "C=", "=1", "colour=1", "C=12 Mohm", "design.opamp=no"])
+def test_wrong_settings_are_refused(settings: str) -> None:
+    with pytest.raises(InputError):
+        with_settings(load_scene(BREADBOARD), [settings])
+
+
+def test_a_saved_scene_reads_as_the_values(start: Start, tmp_path: Path) -> None:
+    file = tmp_path / "board.toml"
+    file.write_text(BREADBOARD.read_text("utf-8"), encoding="utf-8")
+    start = Start.of(load_scene(file))
+    settings = Settings.of(start, {CAPACITANCE: 2e-11, LAMBDA: 0.5})
+    saved = settings.save(start, "new.toml")
+    assert saved == tmp_path / "new.toml"
+    assert load_scene(saved).model_dump() == settings.scene(start).model_dump()
+    expected = judge(settings.scene(start), "statespace", 100)
+    assert judge(load_scene(saved), "statespace", 100).settling == expected.settling
+
+
+@pytest.mark.parametrize("name", ["board.toml", "../new.toml", "new", ".toml", "", "a/b.toml"])
+def test_a_file_is_never_replaced(tmp_path: Path, name: str) -> None:
+    file = tmp_path / "board.toml"
+    text = BREADBOARD.read_text("utf-8")
+    file.write_text(text, encoding="utf-8")
+    start = Start.of(load_scene(file))
+    with pytest.raises(InputError):
+        Settings.of(start, {CAPACITANCE: 2e-11}).save(start, name)
+    assert file.read_text("utf-8") == text
+    assert list(tmp_path.iterdir()) == [file]
+
+
+def test_sliders_are_logarithmic_and_find_the_scene(start: Start) -> None:
+    for control in start.controls:
+        assert control.chosen(control.place(control.own)) == control.own
+        assert control.value(1.0) == control.high
+        middle = control.value(0.5 + 0.5 * (0.04 if control.has_zero else 0.0))
+        assert middle == pytest.approx(math.sqrt(control.low * control.high))
+        assert control.place(2.0 * control.high) == 1.0
+    assert start.control(CAPACITANCE).chosen(0.0) == pytest.approx(1e-11 / 30.0, rel=1e-3)
+    assert start.control(VARIANCE).chosen(0.0) == 0.0
+
+
+def test_typed_values(start: Start) -> None:
+    assert read_value(start.control(CAPACITANCE), " 12p ") == 1.2e-11
+    assert read_value(start.control(GAIN), "5 MΩ") == 5e6
+    assert read_value(start.control(LAMBDA), "0.25") == 0.25
+    for path, text in ((CAPACITANCE, "12 ohm"), (LAMBDA, "a"), (LAMBDA, "inf"), (GAIN, "")):
+        with pytest.raises(InputError):
+            read_value(start.control(path), text)
+
+
+def test_a_verdict_is_that_of_verify(start: Start) -> None:
+    scene = Settings.of(start, {CAPACITANCE: 1.5e-11}).scene(start)
+    found, verdict = judge(scene, "statespace", 200), taction.verify(scene, engine="statespace")
+    assert verdict.measurements.settling_time is not None
+    assert found.settling == verdict.measurements.settling_time.value
+    assert found.outcome == verdict.outcome.value
+    assert found.curves is not None
+    for column, whole in zip(found.curves.outputs.T, verdict.u.T, strict=True):
+        assert (column.min(), column.max()) == (whole.min(), whole.max())
+
+
+def test_a_verdict_that_cannot_be_had_says_why() -> None:
+    data = {**ONE, "problem": {"kind": "matrix", "matrix": "none.csv", "strain": "none.csv"}}
+    found = judge(parse_scene(data, "none.toml"), "statespace", 100)
+    assert found.outcome == "error"
+    assert "none.csv" in found.error

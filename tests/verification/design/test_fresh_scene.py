@@ -1,0 +1,186 @@
+"""Scenes for matrices from files: shapes, headers, lambda by its definition, boards that pass."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+from numpy.typing import NDArray
+
+from taction.cli.main import main
+from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.inverse_problem import make_problem
+from taction.system.errors import InputError, SolverError
+from taction.verification.design.fresh_scene import fresh_scene
+from taction.verification.verdict.verify import verify
+
+SIGMA = 0.01
+Matrix = NDArray[np.float64]
+
+
+@pytest.fixture
+def problem(rng: np.random.Generator) -> tuple[Matrix, Matrix]:
+    T = rng.normal(size=(6, 3))
+    return T, T @ np.array([1.0, 0.5, -0.3]) + SIGMA * rng.normal(size=6)
+
+
+def write(folder: Path, T: Matrix, eps: Matrix, head: str = "") -> list[str]:
+    paths = [folder / "T.csv", folder / "eps.csv"]
+    for path, values in zip(paths, (T, eps), strict=True):
+        text = "".join(",".join(map(repr, row)) + "\n" for row in np.atleast_2d(values).tolist())
+        path.write_text(head + text, encoding="utf-8")
+    return ["--matrix", str(paths[0]), "--strain", str(paths[1])]
+
+
+def new(*arguments: str) -> Result:
+    return CliRunner().invoke(main, ["new", *arguments])
+
+
+@pytest.mark.parametrize("opamp", ["tl084", "ua741"])
+def test_the_scene_passes_at_once(
+    tmp_path: Path, problem: tuple[Matrix, Matrix], opamp: str
+) -> None:
+    file = tmp_path / "board.toml"
+    found = new(*write(tmp_path, *problem), "--opamp", opamp, "-o", str(file), "--json")
+    assert found.exit_code == 0, found.stderr
+    assert json.loads(found.stdout)["outcome"] == "pass"
+    verdict = verify(load_scene(file).with_engine("statespace"))
+    assert verdict.outcome.value == "pass"
+    assert max(load.share for load in verdict.parts.loads) <= 0.9
+
+
+def test_ngspice_verifies_it(tmp_path: Path, problem: tuple[Matrix, Matrix], ngspice: str) -> None:
+    file = tmp_path / "board.toml"
+    assert new(*write(tmp_path, *problem), "--noise", str(SIGMA), "-o", str(file)).exit_code == 0
+    verdict = verify(load_scene(file))
+    assert verdict.waveforms.engine.startswith("ngspice")
+    assert verdict.outcome.value == "pass"
+
+
+def test_lambda_leaves_the_residual_of_the_noise(
+    tmp_path: Path, problem: tuple[Matrix, Matrix]
+) -> None:
+    T, eps = problem
+    write(tmp_path, T, eps)
+    paths = (tmp_path / "T.csv", tmp_path / "eps.csv", tmp_path / "s.toml")
+    lam = fresh_scene(*paths, noise=SIGMA).scaling.lam
+    u = np.linalg.solve(T.T @ T + lam * np.eye(3), T.T @ eps)
+    residual = float(np.sum((T @ u - eps) ** 2))
+    assert residual == pytest.approx(1.3 * len(eps) * SIGMA**2, rel=0.02)  # lambda has 3 digits
+    default = fresh_scene(*paths)
+    assert default.scaling.lam == pytest.approx(0.01 * np.linalg.svd(T)[1][0] ** 2, rel=0.005)
+    assert "default" in default.rule
+
+
+def test_a_transposed_matrix_with_a_header(tmp_path: Path, problem: tuple[Matrix, Matrix]) -> None:
+    T, eps = problem
+    file = tmp_path / "board.toml"
+    found = new(*write(tmp_path, T.T, eps, "a,b,c\n"), "-o", str(file))
+    assert found.exit_code == 0, found.stderr
+    assert "T.csv: the first row is a header, transposed, to 6 rows and 3 columns" in found.stdout
+    read = make_problem(load_scene(file))
+    np.testing.assert_array_equal(read.matrix, T)
+    np.testing.assert_array_equal(read.strain, eps)
+
+
+def test_files_without_changes_stay_where_they_are(
+    tmp_path: Path, problem: tuple[Matrix, Matrix]
+) -> None:
+    folder = tmp_path / "elsewhere"
+    folder.mkdir()
+    file = folder / "board.toml"
+    assert new(*write(tmp_path, *problem), str(file)).exit_code == 0
+    assert sorted(path.name for path in folder.iterdir()) == ["board.toml"]
+    assert load_scene(file).problem.matrix == "../T.csv"  # type: ignore[union-attr]
+
+
+def test_shapes_that_do_not_fit(tmp_path: Path) -> None:
+    write(tmp_path, np.ones((4, 3)), np.ones(5))
+    with pytest.raises(InputError, match="is 4 rows and 3 columns and the strain has 5 values"):
+        fresh_scene(tmp_path / "T.csv", tmp_path / "eps.csv", tmp_path / "s.toml")
+
+
+def test_a_matrix_of_zeros(tmp_path: Path) -> None:
+    write(tmp_path, np.zeros((2, 2)), np.ones(2))
+    with pytest.raises(InputError, match="T is all zeros"):
+        fresh_scene(tmp_path / "T.csv", tmp_path / "eps.csv", tmp_path / "s.toml")
+
+
+def test_a_strain_of_zeros_has_no_loads(tmp_path: Path) -> None:
+    write(tmp_path, np.eye(2), np.zeros(2))
+    found = fresh_scene(tmp_path / "T.csv", tmp_path / "eps.csv", tmp_path / "s.toml")
+    assert "nothing moves with this strain: U0 is that of the scene" in found.scaling.notes
+
+
+def test_a_noise_above_the_strain(tmp_path: Path, problem: tuple[Matrix, Matrix]) -> None:
+    write(tmp_path, *problem)
+    with pytest.raises(SolverError, match="no lambda leaves a residual of a noise of 100"):
+        fresh_scene(tmp_path / "T.csv", tmp_path / "eps.csv", tmp_path / "s.toml", noise=100.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["--matrix", "T.csv"], "belong together"),
+        (["--noise", "0.1"], "needs --matrix"),
+        (["a.toml", "-o", "b.toml"], "not both"),
+        (["--matrix", "none.csv", "--strain", "none.csv", "-o", "x.toml"], "none.csv"),
+    ],
+)
+def test_options_that_cannot_be(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], text: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    found = new(*arguments)
+    assert found.exit_code == 2
+    assert text in found.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_file_that_exists_stays(tmp_path: Path, problem: tuple[Matrix, Matrix]) -> None:
+    file = tmp_path / "board.toml"
+    file.write_text("mine", encoding="utf-8")
+    assert new(*write(tmp_path, *problem), "-o", str(file)).exit_code == 2
+    assert file.read_text("utf-8") == "mine"
+
+
+def gaussian() -> tuple[Matrix, Matrix]:
+    """A kernel of 12 sensors and 9 channels whose entries differ by the factor 2e19."""
+    T = 40.0 * np.exp(
+        -((np.subtract.outer(np.linspace(-1, 1, 12), np.linspace(-1, 1, 9)) / 0.3) ** 2)
+    )
+    return T, T @ np.exp(-((np.linspace(-1, 1, 9) / 0.4) ** 2))
+
+
+def test_a_decaying_kernel_gives_a_board_that_passes(tmp_path: Path) -> None:
+    """Its small entries have no resistors; what that changes is that of the normal equations."""
+    T, eps = gaussian()
+    file = tmp_path / "board.toml"
+    found = new(*write(tmp_path, T, eps), "--lambda", "90", str(file))
+    assert found.exit_code == 0, found.output
+    scene = load_scene(file)
+    assert scene.design.prune == 3e-4
+    kept = np.where(3e-4 * T.max() > T, 0.0, T)
+    before, after = (np.linalg.solve(A.T @ A + 90.0 * np.eye(9), A.T @ eps) for A in (T, kept))
+    share = 100.0 * np.abs(after - before).max() / np.abs(before).max()
+    assert f"leaves out {np.count_nonzero(kept != T)} of the entries" in found.stdout
+    assert f"changes by {share:.2g} %" in found.stdout
+    assert verify(scene.with_engine("statespace")).outcome.value == "pass"
+
+
+def test_a_given_pruning_stays(tmp_path: Path) -> None:
+    file = tmp_path / "board.toml"
+    arguments = write(tmp_path, *gaussian())
+    assert new(*arguments, "--lambda", "90", "--prune", "0.01", str(file)).exit_code == 0
+    assert load_scene(file).design.prune == 0.01
+
+
+def test_a_matrix_without_small_entries_is_not_pruned(
+    tmp_path: Path, problem: tuple[Matrix, Matrix]
+) -> None:
+    file = tmp_path / "board.toml"
+    assert new(*write(tmp_path, *problem), str(file)).exit_code == 0
+    assert "prune" not in file.read_text(encoding="utf-8")

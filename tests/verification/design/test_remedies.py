@@ -1,0 +1,201 @@
+"""What to change: every proposal verified again, edges by winding numbers, and what is refused."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from taction.cli.main import main
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.scene.axes import Point, with_values
+from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.scene import Scene
+from taction.verification.design.remedies import Remedies, find_remedies
+from taction.verification.design.stable_ranges import stable_ranges
+from taction.verification.design.trials import Trials
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.report.verdict.remedies import (
+    distance_text,
+    remedies_document,
+    remedies_text,
+)
+from taction.verification.stability.poles import count_unstable
+from taction.verification.studies.onset.onset import onset, parse_onset_axis
+from taction.verification.verdict.verify import verify
+from tests.support.paths import ROOT
+
+LONG = 1e4  # s
+
+
+def paper(changes: Point | None = None, name: str = "paper-breadboard") -> Scene:
+    scene = load_scene(ROOT / "scenes" / f"{name}.toml").with_engine("statespace")
+    return with_values(scene, changes or {})
+
+
+@cache
+def unstable() -> tuple[Scene, Remedies]:
+    scene = paper({"design.capacitance": 5e-12})
+    found = find_remedies(verify(scene), LONG)
+    assert found is not None
+    return scene, found
+
+
+def test_every_change_of_an_unstable_board_passes_the_whole_verdict() -> None:
+    scene, found = unstable()
+    assert len(found.changes) == 2
+    for change in found.changes:
+        assert not change.left
+        verdict = verify(with_values(scene, change.values))
+        assert verdict.outcome.value == "pass"
+        assert verdict.circuit.scalings.lam == pytest.approx(0.7669809, rel=1e-6)  # of the scene
+
+
+def test_the_capacitance_is_the_least_that_can_be_written_with_three_digits() -> None:
+    scene, found = unstable()
+    least = float(next(iter(found.changes[0].values.values())))
+    below = verify(with_values(scene, {"design.capacitance": least - 1e-14}))
+    assert below.outcome.value == "fail"  # the rise time of the paper has a lower limit
+
+
+def test_edges_of_stability_by_winding_numbers() -> None:
+    """The winding number shares no pole with the search."""
+    scene, found = unstable()
+    for each, side in zip(found.stability, (1.0, -1.0), strict=True):
+        assert each.edge is not None
+        unstable_poles = []
+        for distance in (-1e-3, 1e-3):
+            value = each.edge * (1.0 + side * distance)
+            changes = {each.path: value, "design.lambda": 0.76698091}
+            board = LinearBoard(synthesise(with_values(scene, changes)))
+            unstable_poles.append(count_unstable(board))
+        assert unstable_poles[0] > 0
+        assert unstable_poles[1] == 0
+
+
+def test_opamps_that_make_it_stable_are_named() -> None:
+    scene, found = unstable()
+    assert "ne5534" in found.opamps
+    verdict = verify(with_values(scene, {"design.opamp": "ne5534"}))
+    assert verdict.poles.stable
+    assert "or with" in remedies_text(scene, found)
+
+
+def test_a_limit_on_the_settling_time_of_a_slow_board() -> None:
+    scene = paper({"design.capacitance": 1e-10}, "tuned-breadboard")
+    found = find_remedies(verify(scene), LONG)
+    assert found is not None
+    text = remedies_text(scene, found)
+    assert "C = 77.3 pF (verified)" in text
+    assert all(not change.left for change in found.changes)
+    slower = verify(with_values(scene, {"design.capacitance": 7.74e-11}))
+    assert slower.outcome.value == "fail"
+
+
+def test_a_series_of_the_scene_is_kept() -> None:
+    changes = {"checks.stability.margin": 4.0, "design.capacitor_series": "E12"}
+    found = find_remedies(verify(paper(changes, "tuned-breadboard")), LONG)
+    assert found is not None
+    assert found.changes[0].values == {"design.capacitance": 1.8e-11}  # 4 times 4.134 pF is 16.5
+
+
+def test_volts_that_no_opamp_has() -> None:
+    scene = load_scene(ROOT / "tests/data/cases/impossible-volts.toml").with_engine("statespace")
+    found = find_remedies(verify(scene), LONG)
+    assert found is not None
+    (change,) = found.changes
+    volts = change.values["design.unit_voltage"]
+    assert isinstance(volts, float)
+    verdict = verify(with_values(scene, change.values))
+    assert verdict.outcome.value == "pass"
+    assert 0.8 < verdict.parts.loads[0].share <= 0.9  # two digits below 90 %
+    assert {each.paths for each in found.without} == {("design.opamp",), ("design.supply",)}
+
+
+def test_rounded_resistors_are_named_as_the_cause() -> None:
+    scene = paper({"design.resistor_series": "E24"}, "tuned-breadboard")
+    found = find_remedies(verify(scene), LONG)
+    assert found is not None
+    assert [change.values for change in found.changes] == [{"design.resistor_series": "exact"}]
+
+
+def test_where_nothing_mends_the_searched_keys_are_named() -> None:
+    scene = paper({"checks.noise.max": 1e-6}, "tuned-breadboard")
+    found = find_remedies(verify(scene), LONG)
+    assert found is not None
+    assert not found.changes
+    assert "no tried value of C from 100 fF to 1 nF mends it" in remedies_text(scene, found)
+
+
+def test_a_time_limit_says_what_it_left_out() -> None:
+    scene = paper({"design.capacitance": 5e-12})
+    found = find_remedies(verify(scene), 1e-9)
+    assert found is not None
+    assert found.trials == 0
+    assert found.cut == (
+        ("design.capacitance",),
+        ("design.gain",),
+        ("design.opamp",),
+        ("design.capacitance", "design.gain"),
+    )
+    assert "not searched to the end" in remedies_text(scene, found)
+
+
+def test_a_pass_needs_no_change() -> None:
+    assert find_remedies(verify(paper())) is None
+
+
+def scan_stable(scene: Scene, over: str) -> float:
+    """The upper end of the stable range by the scan of `onset`."""
+    found = onset(scene, parse_onset_axis(scene, over), transients=False)
+    return found.scan.stable_ranges[0][1]
+
+
+def test_distances_from_stability() -> None:
+    trials = Trials(paper({"design.capacitance": 5e-12}))
+    ranges = {each.path: each for each in stable_ranges(trials)}
+    assert set(ranges) == {
+        "design.capacitance",
+        "design.gain",
+        "design.stray_capacitance",
+        "design.opamp.gbw",
+    }
+    found = scan_stable(paper({"design.capacitance": 5e-12}), "stray_capacitance=2pF:10pF:5")
+    assert ranges["design.stray_capacitance"].edge == pytest.approx(found, rel=2e-5)
+    assert "stable from C = 9.023 pF, 1.805 times" in distance_text(ranges["design.capacitance"])
+
+
+def test_the_command_ends_with_the_changes(tmp_path: Path) -> None:
+    text = (ROOT / "scenes" / "tuned-breadboard.toml").read_text("utf-8")
+    file = tmp_path / "slow.toml"
+    file.write_text(text.replace("10pF", "100pF"), encoding="utf-8")
+    arguments = ["verify", str(file), "--engine", "statespace"]
+    shown = CliRunner().invoke(main, [*arguments, "--changes", "1000"])
+    assert shown.exit_code == 1
+    assert "C = 77.3 pF (verified)" in shown.stdout
+    document = json.loads(CliRunner().invoke(main, [*arguments, "--json"]).stdout)
+    assert document["what_to_change"]["failed"] == ["settling_time"]
+    silent = CliRunner().invoke(main, [*arguments, "--changes", "0"])
+    assert "what to change" not in silent.stdout
+
+
+def test_margins_of_an_unstable_board(tmp_path: Path) -> None:
+    text = (ROOT / "scenes" / "tuned-breadboard.toml").read_text("utf-8")
+    file = tmp_path / "ringing.toml"
+    file.write_text(text.replace("10pF", "3pF"), encoding="utf-8")
+    arguments = ["verify", str(file), "--engine", "statespace", "--changes", "0", "--margins"]
+    shown = CliRunner().invoke(main, arguments)
+    assert "margin: C = 3 pF: stable from C = 4.134 pF" in shown.stdout
+    document = json.loads(CliRunner().invoke(main, [*arguments, "--json"]).stdout)
+    edge = document["stability"]["margins"]["design.capacitance"]["edge"]
+    assert edge == pytest.approx(4.1337e-12, rel=1e-4)
+
+
+def test_the_document_has_values_for_a_scene() -> None:
+    scene, found = unstable()
+    document = remedies_document(found)
+    assert document["changes"][0]["verified"]
+    assert with_values(scene, document["changes"][0]["values"]).design.capacitance < 1e-11

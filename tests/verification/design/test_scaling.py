@@ -1,0 +1,117 @@
+"""Scalings: lambda kept, limits of the parts by another engine, ranges of resistors, errors."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from taction.cli.main import main
+from taction.netlist_gen.board.buyable_values import buyable, values_between
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.scene.axes import with_values
+from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.errors import InputError
+from taction.system.quantities import parse
+from taction.verification.design.scaling import scale
+from taction.verification.verdict.verify import verify
+from tests.support.making import make_scene, write_matrix_scene
+from tests.support.paths import ROOT
+
+
+def shipped(name: str, opamp: str) -> Scene:
+    scene = load_scene(ROOT / "scenes" / f"{name}.toml").with_engine("statespace")
+    return with_values(scene, {"design.opamp": opamp})
+
+
+@pytest.mark.parametrize("name", ["tuned-breadboard", "eleven-channel", "custom-matrix"])
+def test_lambda_stays_and_the_parts_can_be_bought(name: str) -> None:
+    scene = shipped(name, "tl084")
+    found = scale(scene)
+    before, after = synthesise(scene).scalings, synthesise(found.scene).scalings
+    assert after.lam == pytest.approx(before.lam, rel=1e-12)
+    # eq (21) of the paper, corrected: lam = 1 / (R s G0²)
+    product = found.resistance * found.gain * found.unit_conductance**2
+    assert product * found.lam == pytest.approx(1.0, rel=1e-12)
+    assert 100.0 <= found.matrix_ohms[0] <= found.matrix_ohms[1] <= 50e6
+    assert found.gain in values_between(100.0, 50e6, "E24")
+    assert found.resistance == pytest.approx(buyable(found.resistance, "E24"), rel=1e-12)
+    assert max(load.share for load in found.loads) <= 0.9
+
+
+def test_ngspice_measures_the_loads_that_were_promised(ngspice: str) -> None:
+    """The peak of the outputs by ngspice is that share of the swing, or below the slope's limit."""
+    slow = with_values(shipped("custom-matrix", "tl084"), {"design.opamp.slew_rate": 1e9})
+    found = scale(slow, 0.4)
+    assert found.loads[0].quantity == "voltage"
+    record = verify(found.scene.with_engine("ngspice"))
+    assert record.parts.loads[0].share == pytest.approx(0.4, rel=0.06)  # U0 has two digits
+    largest = float(np.abs(record.u).max())
+    assert largest <= 0.4 * 13.5  # volts of 15 V less 1.5 V
+
+
+def test_an_unstable_board_becomes_stable() -> None:
+    scene = with_values(shipped("tuned-breadboard", "tl084"), {"design.capacitance": 1e-12})
+    assert not verify(scene).poles.stable
+    assert verify(scale(scene).scene).outcome.value == "pass"
+
+
+def test_a_larger_capacitance_is_named() -> None:
+    scene = with_values(shipped("tuned-breadboard", "ideal"), {"design.opamp.gbw": 3e6})
+    found = scale(scene)
+    assert found.capacitance > scene.design.capacitance
+    assert any("C is another than the scene's" in note for note in found.notes)
+
+
+def test_a_smaller_gain_lets_the_outputs_use_the_swing() -> None:
+    """With the balanced s the slew rate keeps the outputs of this board at 16 % of the swing."""
+    found = scale(shipped("tuned-breadboard", "tl084"))
+    assert max(load.share for load in found.loads if load.quantity == "voltage") > 0.45
+    assert not any("it sets U0" in note for note in found.notes)
+    slow = scale(shipped("tuned-breadboard", "ua741"))
+    assert any("it sets U0" in note for note in slow.notes)
+
+
+def test_parts_without_limits_keep_the_voltage() -> None:
+    found = scale(make_scene({"channels": 2, "span": 1.2}, design={"opamp": "ideal"}))
+    assert found.unit_voltage == 1.0
+    assert "the op-amps have no limits: U0 is that of the scene" in found.notes
+
+
+def test_a_matrix_that_no_resistors_have(tmp_path: Path) -> None:
+    path = write_matrix_scene(tmp_path, [[1.0, 1e-7], [1e-7, 1.0]], [1.0, 0.5])
+    with pytest.raises(InputError, match=r"small entries with design\.prune = 2e-06"):
+        scale(load_scene(path))
+    assert (
+        scale(load_scene(write_matrix_scene(tmp_path, [[1.0, 1e-3]], [1.0]))).matrix_ohms[1] < 50e6
+    )
+
+
+def test_a_lambda_that_no_resistors_have(tmp_path: Path) -> None:
+    path = write_matrix_scene(tmp_path, [[1.0]], [1.0], "[design]\nlambda = 1e12")
+    with pytest.raises(InputError, match="no s and R between 100 and 5e"):
+        scale(load_scene(path))
+
+
+def test_the_command_writes_a_scene_that_passes(tmp_path: Path) -> None:
+    file = tmp_path / "scaled.toml"
+    arguments = ["scale", str(ROOT / "scenes" / "eleven-channel.toml"), "--opamp", "tl084"]
+    found = CliRunner().invoke(main, [*arguments, "--supply", "±12V", "-o", str(file), "--json"])
+    assert found.exit_code == 0, found.stderr
+    document = json.loads(found.stdout)
+    design = tomllib.loads(file.read_text("utf-8"))["design"]
+    assert parse(design["unit_voltage"], "V") == document["unit_voltage"]
+    assert design["supply"] == "12V"
+    assert verify(load_scene(file).with_engine("statespace")).outcome.value == "pass"
+    shown = CliRunner().invoke(main, arguments)
+    assert "PASS (state-space engine)" in shown.stdout
+
+
+def test_an_opamp_that_does_not_exist() -> None:
+    arguments = ["scale", str(ROOT / "scenes" / "eleven-channel.toml"), "--opamp", "tl085"]
+    assert CliRunner().invoke(main, arguments).exit_code == 2

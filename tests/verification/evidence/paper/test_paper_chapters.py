@@ -1,0 +1,65 @@
+"""Every chapter of the reproduction, run quickly: the verdicts are those of the table."""
+
+from __future__ import annotations
+
+import mpmath as mp
+import numpy as np
+import pytest
+
+from taction.system.errors import SolverError
+from taction.verification.evidence.paper.condition_number import asymptotic, condition_number
+from taction.verification.evidence.paper.findings import ClaimOutcome, load_claims
+from taction.verification.evidence.paper.reproduce import CHAPTERS
+from taction.verification.evidence.paper.tactile import Geometry
+
+WITH_NGSPICE = ("breadboard", "hardware")
+BY_CLOCK = {"digital-impossible", "digital-quadratic"}  # as fast as the machine is today
+
+
+@pytest.mark.parametrize("name", CHAPTERS)
+def test_the_verdicts_are_the_expected_ones(name: str, request: pytest.FixtureRequest) -> None:
+    if name in WITH_NGSPICE:
+        request.getfixturevalue("ngspice")
+    found = {finding.id: finding for finding in CHAPTERS[name].run(True).findings}
+    wanted = {c.id: c.expected for c in load_claims() if c.chapter == name and c.quick}
+    assert found.keys() == wanted.keys()
+    judged = found.keys() - BY_CLOCK
+    assert {id_: found[id_].outcome for id_ in judged} == {id_: wanted[id_] for id_ in judged}
+    for finding in found.values():
+        assert finding.run
+        assert ("Condition:" in finding.ours) is (finding.outcome is ClaimOutcome.CONDITION)
+        assert ("Fitted:" in finding.ours) is (finding.outcome is ClaimOutcome.FITTED)
+        assert all(np.isfinite(list(finding.values.values())))
+
+
+@pytest.mark.parametrize(("ratio", "span"), [(2.0, 6.0), (4.0, 6.0), (4.0, 20.0)])
+def test_small_condition_numbers_are_those_of_numpy(ratio: float, span: float) -> None:
+    T = Geometry(round(span * ratio) + 1, span).matrix
+    assert condition_number(ratio, span) == pytest.approx(np.linalg.cond(T), rel=1e-4)
+
+
+def test_a_large_condition_number_is_that_of_mpmath() -> None:
+    """Eigenvalues at 60 digits; N = 41 over 4 depths."""
+    N = 41
+    with mp.workdps(60):
+        row = [(1 - mp.mpf(k * k) / 100) / (1 + mp.mpf(k * k) / 100) ** 2 for k in range(N)]
+        T = mp.matrix(N, N)
+        for i in range(N):
+            for j in range(N):
+                T[i, j] = row[abs(i - j)]
+        values = mp.eigsy(T, eigvals_only=True)
+        expected = float(values[N - 1] / values[0])
+    assert expected > 1e10
+    assert condition_number(10.0, 4.0) == pytest.approx(expected, rel=1e-4)
+
+
+def test_what_106_bits_cannot_hold_is_refused() -> None:
+    with pytest.raises(SolverError):
+        condition_number(40.0, 4.0)
+
+
+def test_the_asymptotic_formula_is_the_ratio_of_the_sampled_spectrum() -> None:
+    """3/2 w exp(-w) at w = 1 over its two aliases at the Nyquist frequency, r = 12."""
+    nyquist = np.pi * 12.0
+    expected = np.exp(-1.0) / (2.0 * nyquist * np.exp(-nyquist))
+    assert asymptotic(12.0) == pytest.approx(expected, rel=1e-12)

@@ -1,0 +1,141 @@
+"""The catalogue of stress cases: what it holds, and that its true values belong to it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.inverse_problem import make_problem
+from taction.system.errors import InputError
+from taction.verification.evidence.stress.catalogue import (
+    FOLDER,
+    OUTCOMES,
+    TRUE_VALUES,
+    Case,
+    load_catalogue,
+    select,
+)
+from tests.support.paths import CASES
+from tests.support.true_values import deck_digest
+
+ALL = load_catalogue()
+STORED = json.loads((FOLDER / TRUE_VALUES).read_text("utf-8"))
+REFUSED = [case for case in ALL if case.refused]
+BOARDS = [case for case in ALL if not case.refused]
+EARLIER = (  # scenes on which taction was wrong once
+    *("auto-stop-offset", "auto-stop-too-short", "avx512-equilibrium", "avx512-step"),
+    *("coarse-points-rise", "impossible-volts", "impossible-volts-strain", "loose-error-settling"),
+    *("margin-window", "margin-window-inside", "nothing-moves", "overshoot-after-band"),
+    *("overshoot-zero", "point-cap", "rise-after-band", "rise-wide-band", "slew", "slew-ua741"),
+    *("stop-on-a-zero", "stop-on-a-zero-long", "unstable-by-1e-4", "unstable-ten-minutes"),
+    *("wrong-way-minus", "wrong-way-plus", "wrong-way-small-step"),
+)
+FILE = """
+[base.problem]
+kind = "matrix"
+matrix = [[1.0]]
+strain = [1.0]
+[case.a]
+why = "w"
+known = "k"
+outcome = "pass"
+"""
+
+
+def name_of(case: Case) -> str:
+    return case.name
+
+
+def folder_with(tmp_path: Path, **files: str) -> Path:
+    for name, text in files.items():
+        (tmp_path / f"{name}.toml").write_text(text)
+    return tmp_path
+
+
+def test_the_catalogue_is_large_and_its_names_are_unique() -> None:
+    assert len(ALL) >= 80
+    assert len({case.name for case in ALL}) == len(ALL)
+    assert not {case.name for case in ALL} & {case.family for case in ALL}
+
+
+def test_every_case_says_why_it_is_hard_and_how_its_outcome_is_known() -> None:
+    for case in ALL:
+        assert len(case.why) > 10, case.name
+        assert len(case.known) > 10, case.name
+        assert {word for words in case.outcome.values() for word in words} <= OUTCOMES
+
+
+def test_scenes_on_which_taction_was_wrong_are_in_the_catalogue() -> None:
+    assert set(EARLIER) <= {case.name for case in ALL if case.family == "earlier-mistakes"}
+
+
+# In the catalogue this board has op-amps that do not slew, as the report assumed.
+SLEWING = {"rise-after-band"}
+
+
+@pytest.mark.parametrize("path", sorted(CASES.glob("*.toml")), ids=lambda path: path.stem)
+def test_their_numbers_are_those_of_the_reports(path: Path) -> None:
+    case, scene = select(ALL, (path.stem,))[0].scene(), load_scene(path)
+    assert case.checks == scene.checks
+    same = {"opamp": scene.design.opamp} if path.stem in SLEWING else {}
+    assert case.design.model_copy(update=same) == scene.design
+    ours, theirs = make_problem(case), make_problem(scene)
+    assert (ours.matrix == theirs.matrix).all()
+    assert (ours.strain == theirs.strain).all()
+
+
+@pytest.mark.parametrize("case", BOARDS, ids=name_of)
+def test_a_scene_that_is_not_refused_can_be_read(case: Case) -> None:
+    assert {case.scene(engine).analysis.engine for engine in case.engines} == set(case.engines)
+
+
+@pytest.mark.parametrize("case", BOARDS, ids=name_of)
+def test_true_values_are_those_of_the_tables_and_of_the_deck(case: Case) -> None:
+    assert case.truth is not None, "scripts/stress_truth.py computes it"
+    record = STORED[case.name]
+    assert record["tables"] == case.digest
+    assert record["deck"] == deck_digest(case), "scripts/stress_truth.py computes the truth anew"
+
+
+def test_no_true_values_of_cases_that_are_gone() -> None:
+    assert set(STORED) <= {case.name for case in ALL}
+
+
+@pytest.mark.parametrize("case", REFUSED, ids=name_of)
+def test_a_refused_scene_has_no_deck(case: Case) -> None:
+    assert (case.truth, deck_digest(case)) == (None, None)
+
+
+def test_two_cases_of_one_name_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="the name of one case only"):
+        load_catalogue(folder_with(tmp_path, one=FILE, two=FILE))
+
+
+@pytest.mark.parametrize(
+    ("line", "text"),
+    [('why = "w"\n', "every case needs why"), ('outcome = "pass"', "every case needs why")],
+)
+def test_a_case_without_a_key_is_refused(tmp_path: Path, line: str, text: str) -> None:
+    with pytest.raises(InputError, match=text):
+        load_catalogue(folder_with(tmp_path, one=FILE.replace(line, "")))
+
+
+def test_an_unknown_outcome_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="expected one of"):
+        load_catalogue(folder_with(tmp_path, one=FILE.replace('"pass"', '["pass", "perhaps"]')))
+
+
+def test_tables_of_a_case_are_laid_over_the_base(tmp_path: Path) -> None:
+    (case,) = load_catalogue(folder_with(tmp_path, one=FILE + "problem.strain = [2.0]\n"))
+    assert case.tables["problem"] == {"kind": "matrix", "matrix": [[1.0]], "strain": [2.0]}
+    assert case.outcome == {"ngspice": ("pass",), "statespace": ("pass",)}
+
+
+def test_cases_are_selected_by_name_and_by_family() -> None:
+    assert [case.name for case in select(ALL, ("identity",))] == ["identity"]
+    assert {case.family for case in select(ALL, ("gain", "strain"))} == {"gain", "strain"}
+    with pytest.raises(InputError, match="did you mean 'identity'"):
+        select(ALL, ("identiti",))

@@ -1,0 +1,158 @@
+"""Running stress cases: no case ends as a pass with a wrong number."""
+
+from __future__ import annotations
+
+import random
+from dataclasses import replace
+
+import pytest
+
+from taction.verification.evidence.stress import run as running
+from taction.verification.evidence.stress.catalogue import Case, load_catalogue, select
+from taction.verification.evidence.stress.run import (
+    CaseRun,
+    Judgement,
+    StressReport,
+    expected_seconds,
+    run_case,
+    run_catalogue,
+)
+from taction.verification.verdict.checks import Outcome
+from tests.support.true_values import true_values
+
+ALL = load_catalogue()
+FAST = 0.25  # s: `make stress` runs all cases
+QUICK = [c for c in ALL if c.seconds and max(c.seconds.values()) < FAST]
+SAMPLE = random.Random(11).sample(QUICK, 20)  # noqa: S311
+LINEAR = [c for c in QUICK if c.truth is not None and c.truth.readable and "Arb, 320" in c.truth.by]
+AGAIN = random.Random(12).sample(LINEAR, 6)  # noqa: S311
+
+
+def name_of(case: Case) -> str:
+    return case.name
+
+
+def one(name: str) -> Case:
+    return select(ALL, (name,))[0]
+
+
+@pytest.mark.usefixtures("ngspice")
+@pytest.mark.parametrize("case", SAMPLE, ids=name_of)
+def test_no_case_ends_as_a_pass_with_a_wrong_number(case: Case) -> None:
+    for engine in case.engines:
+        run = run_case(case, engine)
+        assert run.judgement is Judgement.RIGHT, run.reason
+
+
+@pytest.mark.parametrize("case", AGAIN, ids=name_of)
+def test_stored_true_values_are_those_of_the_oracle(case: Case) -> None:
+    truth = true_values(case.scene())
+    assert case.truth is not None
+    assert truth.rightmost == pytest.approx(case.truth.rightmost, rel=1e-9, abs=1e-12)
+    assert truth.steady_state == pytest.approx(case.truth.steady_state, rel=1e-6, abs=1e-15)
+    for found, stored in zip(truth.channels, case.truth.channels, strict=True):
+        assert found == pytest.approx(stored, rel=1e-9, abs=1e-12)
+
+
+def test_a_refusal_is_a_right_outcome() -> None:
+    run = run_case(one("wrong-shape"), "statespace")
+    assert (run.outcome, run.judgement) == ("InputError", Judgement.RIGHT)
+    assert run.comparisons == ()
+
+
+@pytest.mark.parametrize("outcome", ["fail", "SolverError"])
+def test_another_outcome_than_the_right_one_is_wrong(outcome: str) -> None:
+    case = replace(one("two-channels"), outcome={"statespace": (outcome,)})
+    run = run_case(case, "statespace")
+    assert run.judgement is Judgement.WRONG_OUTCOME
+    assert f"pass instead of {outcome}" in run.reason
+
+
+def test_one_of_several_accepted_outcomes_is_right() -> None:
+    case = replace(one("two-channels"), outcome={"statespace": ("fail", "pass")})
+    assert run_case(case, "statespace").judgement is Judgement.RIGHT
+
+
+def test_a_check_of_its_own_must_have_its_outcome() -> None:
+    case = replace(one("two-channels"), decided={"stability": "fail", "overshoot": "pass"})
+    run = run_case(case, "statespace")
+    assert run.judgement is Judgement.WRONG_OUTCOME
+    assert "stability must be fail, is pass" in run.reason
+    assert "overshoot must be pass, is missing" in run.reason
+
+
+def test_a_pass_with_a_wrong_number_is_wrong() -> None:
+    case = one("two-channels")
+    assert case.truth is not None
+    channels = tuple(dict(c) | {"settling_time": 1.0} for c in case.truth.channels)
+    run = run_case(replace(case, truth=replace(case.truth, channels=channels)), "statespace")
+    assert (run.outcome, run.judgement) == ("pass", Judgement.WRONG_NUMBER)
+    assert "settling_time of u_1" in run.reason
+
+
+def test_an_unforeseen_exception_is_a_wrong_outcome(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object) -> None:
+        raise ZeroDivisionError("planted")
+
+    monkeypatch.setattr(running, "verify", broken)
+    run = run_case(one("two-channels"), "statespace")
+    assert (run.outcome, run.judgement) == ("ZeroDivisionError", Judgement.WRONG_OUTCOME)
+
+
+@pytest.mark.usefixtures("ngspice")
+def test_runs_are_in_the_order_of_the_catalogue() -> None:
+    said: list[str] = []
+    report = run_catalogue(select(ALL, ("two-channels", "wrong-shape")), said.append, jobs=2)
+    assert [(run.case.name, run.engine) for run in report.runs] == [
+        ("wrong-shape", "statespace"),
+        ("two-channels", "ngspice"),
+        ("two-channels", "statespace"),
+    ]
+    assert (report.exit_status, report.count()) == (0, {"right": 3})
+    assert len(said) == 3
+    assert said[-1].startswith("3 of 3: ")
+    assert dict(report.versions).keys() == {"taction", "numpy", "scipy", "ngspice"}
+
+
+def test_without_ngspice_its_runs_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TACTION_NGSPICE", "/nowhere/ngspice")
+    report = run_catalogue(select(ALL, ("two-channels",)), jobs=1)
+    assert [run.judgement for run in report.runs] == [Judgement.NOT_RUN, Judgement.RIGHT]
+    assert report.exit_status == 3
+    assert "taction doctor" in report.runs[0].reason
+
+
+def test_ctrl_c_keeps_what_is_done(monkeypatch: pytest.MonkeyPatch) -> None:
+    def stopped(*_: object) -> list[object]:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(running, "collected", stopped)
+    report = run_catalogue(select(ALL, ("two-channels",)), jobs=1)
+    assert report.interrupted
+    assert report.exit_status == 130
+
+
+def report_of(*judgements: Judgement) -> StressReport:
+    case = one("two-channels")
+    runs = tuple(CaseRun(case, "statespace", Outcome.PASS.value, j) for j in judgements)
+    return StressReport(runs, ())
+
+
+@pytest.mark.parametrize(
+    ("judgements", "status"),
+    [
+        ((Judgement.RIGHT,), 0),
+        ((Judgement.RIGHT, Judgement.NOT_RUN), 3),
+        ((Judgement.WRONG_OUTCOME, Judgement.NOT_RUN), 1),
+        ((Judgement.RIGHT, Judgement.WRONG_NUMBER), 1),
+    ],
+)
+def test_exit_status(judgements: tuple[Judgement, ...], status: int) -> None:
+    assert report_of(*judgements).exit_status == status
+
+
+def test_the_expected_time_is_that_of_the_jobs_but_no_less_than_the_longest_run() -> None:
+    case = one("two-channels")
+    cases = [replace(case, seconds={"ngspice": s, "statespace": 1.0}) for s in (1.0, 5.0)]
+    assert expected_seconds(cases, 1) == pytest.approx(8.0)
+    assert expected_seconds(cases, 2) == pytest.approx(5.0)

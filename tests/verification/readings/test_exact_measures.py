@@ -1,0 +1,174 @@
+"""Measurements on the exact solution: closed forms of a second-order step, and records."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from taction.netlist_gen.analysis import Transient
+from taction.netlist_gen.board.circuit import Circuit, OpAmpCell, Output, VoltageSource
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.scene.inverse_problem import make_problem
+from taction.spice_models.opamp import OpAmp
+from taction.system.errors import EngineError
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.transients.simulate import simulate
+from taction.verification.readings.exact_measures import measure_exact
+from taction.verification.readings.measure import measure
+from taction.verification.readings.settling import ChannelState
+from tests.support.boards import lags, paper_board, single_mode
+from tests.support.making import make_scene
+
+OMEGA, ZETA = 2e6, 0.2
+
+
+def second_order(zeta: float = ZETA, volts: float = 1.0) -> Circuit:
+    """A follower of DC gain 1 - 1e-9 whose two poles give ``OMEGA`` and `zeta`."""
+    second = 2.0 * zeta * OMEGA / (2 * np.pi)  # p1 + p2 = 2 zeta omega
+    gbw = OMEGA**2 / (2.0 * zeta * OMEGA) / (2 * np.pi)  # p2 * 2 pi gbw = omega²
+    return replace(
+        single_mode(1e-6),
+        models={"op": OpAmp("op", 1e9, gbw=gbw, second_pole=second)},
+        opamps=(OpAmpCell("X", "op", "in", "out", "out"),),
+        resistors=(),
+        capacitors=(),
+        currents=(),
+        voltages=(VoltageSource("V", "in", volts),),
+        outputs=(Output("out", 1.0),),
+    )
+
+
+def response(t: float) -> float:
+    decay, omega = ZETA * OMEGA, OMEGA * np.sqrt(1 - ZETA**2)
+    ring = np.cos(omega * t) + decay / omega * np.sin(omega * t)
+    return float(1.0 - np.exp(-decay * t) * ring)
+
+
+@pytest.mark.parametrize("volts", [1.0, -3.0])
+def test_a_second_order_step(volts: float) -> None:
+    found = measure_exact(second_order(volts=volts), np.array([volts])).channels[0]
+    damped = OMEGA * np.sqrt(1 - ZETA**2)
+    half = np.pi / damped
+    assert found.state is ChannelState.SETTLED
+    assert found.overshoot == pytest.approx(np.exp(-ZETA * OMEGA * half), rel=1e-7)
+    low = brentq(lambda t: response(t) - 0.1, 0.0, half, xtol=1e-20, rtol=1e-14)
+    high = brentq(lambda t: response(t) - 0.9, 0.0, half, xtol=1e-20, rtol=1e-14)
+    assert found.rise_time is not None
+    assert found.rise_time.value == pytest.approx(high - low, rel=1e-7)
+    assert found.frequency == pytest.approx(damped / (2 * np.pi), rel=1e-7)
+    assert found.growth_rate == pytest.approx(-ZETA * OMEGA, rel=1e-7)
+    # The n-th extremum is exp(-zeta omega n half) off; the last one above 1 % is the seventh.
+    assert np.exp(-ZETA * OMEGA * 7 * half) > 0.01 > np.exp(-ZETA * OMEGA * 8 * half)
+    settled = brentq(lambda t: abs(response(t) - 1.0) - 0.01, 7 * half, 7.5 * half, xtol=1e-20)
+    assert found.settling_time is not None
+    assert found.settling_time.value == pytest.approx(settled, rel=1e-6)
+    assert found.settling_time.uncertainty < 1e-9 * settled
+
+
+def test_a_peak_that_just_reaches_the_band_is_fragile() -> None:
+    peak = float(np.exp(-np.pi * ZETA / np.sqrt(1 - ZETA**2) * 3))
+    for factor, late in ((0.9999, True), (1.0001, False)):
+        found = measure_exact(second_order(), np.array([1.0]), band=factor * peak)
+        reading = found.settling_time
+        assert reading is not None
+        assert reading.fragile
+        half = float(np.pi / (OMEGA * np.sqrt(1 - ZETA**2)))
+        assert (reading.value > 2.9 * half) is late
+        assert reading.alternative is not None
+        assert (reading.alternative > 2.9 * half) is not late
+
+
+@pytest.mark.parametrize("C", [10e-12, 30e-12])
+def test_the_paper_board_as_a_fine_record_has_it(C: float) -> None:
+    circuit = paper_board(C)
+    rest = LinearBoard(circuit).equilibrium
+    target = np.array([rest[node] for node in circuit.signal_nodes])
+    found = measure_exact(circuit, target)
+    record = simulate(circuit, Transient(4e-3, 2e-7))
+    wanted = measure(record.time, record.values, target)
+    for a, b in zip(found.channels, wanted.channels, strict=True):
+        assert a.state is b.state is ChannelState.SETTLED
+        assert a.settling_time is not None
+        assert b.settling_time is not None
+        assert a.settling_time.value == pytest.approx(b.settling_time.value, rel=1e-6)
+        assert a.overshoot == pytest.approx(b.overshoot, abs=1e-6)
+        if a.rise_time is None or b.rise_time is None:
+            assert a.rise_time is b.rise_time
+        else:
+            assert a.rise_time.value == pytest.approx(b.rise_time.value, rel=1e-5)
+    assert found.settling_time is not None
+    assert found.modes[0].frequency == pytest.approx(40.65e3, rel=2e-3)
+
+
+def test_what_does_not_settle_says_why() -> None:
+    circuit = paper_board(8e-12)
+    rest = LinearBoard(circuit).equilibrium
+    target = np.array([rest[node] for node in circuit.signal_nodes])
+    with pytest.raises(EngineError, match="not stable"):
+        measure_exact(circuit, target)
+
+    off = measure_exact(paper_board(), target + 0.01)
+    assert off.channels[0].state is ChannelState.NOT_SETTLED
+    assert "disagree" in off.reason
+
+    quiet = replace(paper_board(), currents=())
+    still = measure_exact(quiet, np.zeros(7))
+    assert still.settling_time is None
+    assert "no channel has a step" in still.reason
+
+
+def test_a_channel_with_a_small_step_has_no_rise_time() -> None:
+    circuit = paper_board()
+    rest = LinearBoard(circuit).equilibrium
+    target = np.array([rest[node] for node in circuit.signal_nodes])
+    small = measure_exact(circuit, target, start=target - np.array([1.0, *[0.01] * 6]))
+    assert "under 5%" in small.channels[1].rise_reason
+
+
+def test_defective_modes_are_measured_too() -> None:
+    # Critically damped, to the last digit that the op-amp's finite gain leaves.
+    found = measure_exact(second_order(zeta=1.0), np.array([1.0])).channels[0]
+    low, high = (
+        brentq(lambda x, level=level: 1 - (1 + x) * np.exp(-x) - level, 1e-9, 20.0)
+        for level in (0.1, 0.9)
+    )
+    assert found.rise_time is not None
+    assert found.rise_time.value == pytest.approx((high - low) / OMEGA, rel=1e-6)
+    assert found.overshoot < 1e-8
+
+
+@pytest.mark.parametrize("count", [2, 5])
+def test_a_chain_of_equal_lags(count: int) -> None:
+    tau = 1e-6
+    found = measure_exact(lags(count, tau), np.array([1.0])).channels[0]
+
+    def left(x: float) -> float:
+        return float(
+            np.exp(-x) * sum(x**k / np.prod(np.arange(1.0, k + 1.0)) for k in range(count))
+        )
+
+    times = [brentq(lambda x, rest=rest: left(x) - rest, 1e-9, 40.0) for rest in (0.9, 0.1, 0.01)]
+    assert found.rise_time is not None
+    assert found.rise_time.value == pytest.approx(tau * (times[1] - times[0]), rel=1e-9)
+    assert found.settling_time is not None
+    assert found.settling_time.value == pytest.approx(tau * times[2], rel=1e-9)
+
+
+def test_a_channel_that_never_leaves_the_band_settles_at_once_without_doubt():
+    scene = make_scene({"channels": 3, "span": 2.0})
+    circuit = synthesise(scene, make_problem(scene))
+    rest = LinearBoard(circuit).equilibrium
+    target = np.array([out.sign * rest[out.node] for out in circuit.outputs])
+    found = measure_exact(circuit, target)
+    still = [channel for channel in found.channels if abs(channel.target) < 0.01 * found.amplitude]
+    assert still
+    assert all(c.settling_time.value == 0.0 for c in still)
+    assert all(0.0 < c.settling_time.uncertainty < 1e-20 for c in still)
+
+
+def test_what_comes_to_rest_beyond_its_target_overshoots_by_as_much() -> None:
+    found = measure_exact(lags(2, 1e-6), np.array([0.99]), band=0.05).channels[0]
+    assert found.overshoot == pytest.approx(0.01 / 0.99, rel=1e-9)

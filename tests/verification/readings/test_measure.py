@@ -1,0 +1,277 @@
+"""Measures of waveforms with a closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import brentq
+
+from taction.verification.readings.measure import measure
+from taction.verification.readings.settling import ChannelState
+
+ONE = np.ones(1)
+
+
+def first_order(time, tau=1.0):
+    return (1 - np.exp(-time / tau))[:, None]
+
+
+def second_order(time, zeta):
+    damped = np.sqrt(1 - zeta**2)
+    turn = np.cos(damped * time) + zeta / damped * np.sin(damped * time)
+    return (1 - np.exp(-zeta * time) * turn)[:, None]
+
+
+def test_first_order_step_on_uneven_points():
+    time = 10 * np.linspace(0, 1, 300) ** 1.5
+    found = measure(time, first_order(time), ONE)
+    channel = found.channels[0]
+    assert found.amplitude == 1.0
+    assert channel.state is ChannelState.SETTLED
+    assert channel.reason == channel.rise_reason == found.reason == ""
+    for reading, truth in (
+        (channel.rise_time, np.log(9)),
+        (channel.settling_time, np.log(100)),
+        (found.settling_time, np.log(100)),
+    ):
+        assert abs(reading.value - truth) <= reading.uncertainty < 1e-3
+        assert not reading.fragile
+    assert channel.overshoot == 0.0
+    assert channel.frequency is None
+
+
+def test_another_band():
+    time = np.linspace(0, 12, 600)
+    channel = measure(time, first_order(time), ONE, band=1e-3).channels[0]
+    assert channel.settling_time.value == pytest.approx(np.log(1000), abs=1e-5)
+    assert channel.rise_time.value == pytest.approx(np.log(9), abs=1e-5)
+
+
+@pytest.mark.parametrize("zeta", [0.01, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7])
+def test_second_order_step(zeta):
+    time = np.linspace(0, 7 / zeta, int(1500 / np.sqrt(zeta)))
+    channel = measure(time, second_order(time, zeta), ONE).channels[0]
+    assert channel.state is ChannelState.SETTLED
+    assert channel.overshoot == pytest.approx(
+        np.exp(-np.pi * zeta / np.sqrt(1 - zeta**2)), abs=1e-5
+    )
+    fine = np.linspace(0, 7 / zeta, 2_000_001)
+    late = fine[np.abs(second_order(fine, zeta)[:, 0] - 1) > 0.01][-1]
+    assert abs(channel.settling_time.value - late) <= channel.settling_time.uncertainty + 1e-3
+    if zeta < 0.5:
+        assert channel.frequency == pytest.approx(np.sqrt(1 - zeta**2) / (2 * np.pi), rel=1e-5)
+        assert channel.growth_rate == pytest.approx(-zeta, rel=1e-4)
+
+
+@pytest.mark.parametrize("zeta", [0.01, 0.1, 0.3])
+def test_a_record_cut_short_has_no_settling_time(zeta):
+    time = np.linspace(0, 3.5 / zeta, 3000)
+    found = measure(time, second_order(time, zeta), ONE)
+    assert found.settling_time is None
+    assert found.channels[0].state is ChannelState.NOT_SETTLED
+    assert "simulate" in found.reason
+
+
+@pytest.mark.parametrize("stop", [0.5, 2.0, 4.0, 4.606, 4.7])
+def test_a_first_order_record_cut_short(stop):
+    time = np.linspace(0, stop, 500)
+    channel = measure(time, first_order(time), ONE).channels[0]
+    assert channel.state is ChannelState.NOT_SETTLED
+    assert channel.settling_time is None
+    assert "simulate longer" in channel.reason
+    assert (channel.rise_time is None) == (stop < np.log(10))
+
+
+def test_a_record_before_its_expected_stop_settles_nothing():
+    time = np.linspace(0, 10, 500)
+    found = measure(time, first_order(time), ONE, expected_stop=20.0)
+    assert found.settling_time is None
+    assert "before 20.0 s" in found.reason
+
+
+def test_passing_through_the_band_is_not_settling():
+    time = np.linspace(0, 1.08 * np.log(1.1 / 0.11), 500)  # towards 1.1, now inside 1 +- 1 %
+    channel = measure(time, 1.1 * first_order(time), ONE).channels[0]
+    assert abs(channel.final - 1) < 0.01
+    assert channel.state is ChannelState.NOT_SETTLED
+
+
+def test_rest_beside_the_target_blames_the_reference():
+    time = np.linspace(0, 15, 500)
+    found = measure(time, first_order(time), 1.05 * ONE)
+    assert found.channels[0].state is ChannelState.NOT_SETTLED
+    assert "disagree" in found.reason
+
+
+def test_a_growing_oscillation():
+    time = np.linspace(0, 200, 6000)
+    u = first_order(time) + (1e-3 * np.exp(0.02 * time) * np.sin(3 * time))[:, None]
+    channel = measure(time, u, ONE).channels[0]
+    assert channel.state is ChannelState.OSCILLATING
+    assert channel.frequency == pytest.approx(3 / (2 * np.pi), rel=1e-6)
+    assert channel.growth_rate == pytest.approx(0.02, rel=1e-3)
+    assert channel.settling_time is channel.rise_time is None
+
+
+@pytest.mark.parametrize("size", [0.002, 0.3])
+def test_a_sustained_oscillation_never_settles_inside_the_band_or_outside(size):
+    time = np.linspace(0, 200, 6000)
+    channel = measure(time, first_order(time) + size * np.sin(3 * time)[:, None], ONE).channels[0]
+    assert channel.state is ChannelState.OSCILLATING
+    assert channel.settling_time is None
+    assert channel.growth_rate == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_limit_cycle_is_clipped_with_the_growth_before_it():
+    time = np.linspace(0, 100, 12000)
+    u = first_order(time) + np.tanh(1e-4 * np.exp(0.12 * time) * np.sin(3 * time))[:, None]
+    channel = measure(time, u, ONE).channels[0]
+    assert channel.state is ChannelState.CLIPPED
+    assert channel.frequency == pytest.approx(3 / (2 * np.pi), rel=1e-3)
+    assert channel.growth_rate == pytest.approx(0.12, rel=0.01)
+
+
+def test_flat_tops_from_the_start_are_clipped():
+    time = np.linspace(0, 100, 6000)
+    u = 1 + 0.4 * np.clip(3 * np.sin(3 * time), -1, 1)[:, None]
+    channel = measure(time, u, ONE, np.zeros(1)).channels[0]
+    assert channel.state is ChannelState.CLIPPED
+    assert channel.frequency == pytest.approx(3 / (2 * np.pi), rel=1e-3)
+
+
+def test_divergence_is_typed():
+    time = np.linspace(0, 50, 2000)
+    good = first_order(time)[:, 0]
+    broken = np.where(time > 40, np.nan, good)
+    found = measure(time, np.column_stack([good, broken]), np.ones(2))
+    assert [c.state for c in found.channels] == [ChannelState.NOT_SETTLED, ChannelState.DIVERGED]
+    assert "channel 2 diverged" in found.channels[0].reason
+    assert all(np.isfinite(c.final) for c in found.channels)
+    infinite = measure(time, np.where(time > 40, np.inf, good)[:, None], ONE)
+    assert infinite.channels[0].state is ChannelState.DIVERGED
+    beyond = measure(time, (np.exp(0.1 * time) * np.sin(time))[:, None], ONE, bound=50.0)
+    assert beyond.channels[0].state is ChannelState.DIVERGED
+    assert beyond.channels[0].growth_rate == pytest.approx(0.1, rel=1e-3)
+    runaway = measure(time, np.expm1(0.3 * time)[:, None], ONE)
+    assert runaway.channels[0].state is ChannelState.DIVERGED
+    nothing = measure(time, np.full((time.size, 1), np.nan), ONE)
+    assert nothing.channels[0].state is ChannelState.DIVERGED
+
+
+def test_antisymmetric_channels_and_a_zero_target():
+    time = np.linspace(0, 60, 4000)
+    shape = np.array([1.0, 0.0, -1.0])
+    ring = np.exp(-0.2 * time) * np.sin(3 * time)
+    target = np.array([2.0, 0.0, 2.0])
+    u = first_order(time) * target + 0.5 * ring[:, None] * shape
+    found = measure(time, u, target)
+    left, middle, right = found.channels
+    assert found.amplitude == 2.0
+    assert middle.settling_time.value == 0.0
+    assert middle.rise_time is None
+    assert "own step" in middle.rise_reason
+    assert middle.frequency is None
+    assert left.frequency == pytest.approx(right.frequency) == pytest.approx(3 / (2 * np.pi))
+    late = max(left.settling_time.value, right.settling_time.value)
+    assert found.settling_time.value == late
+
+
+def test_no_step_at_all():
+    time = np.linspace(0, 60, 2000)
+    still = measure(time, np.zeros((time.size, 2)), np.zeros(2))
+    assert still.amplitude == 0.0
+    assert still.settling_time is None
+    assert "no channel has a step" in still.reason
+    growing = measure(time, (1e-6 * np.exp(0.1 * time) * np.sin(time))[:, None], np.zeros(1))
+    assert growing.channels[0].state is ChannelState.OSCILLATING
+    assert growing.channels[0].growth_rate == pytest.approx(0.1, rel=1e-6)
+
+
+def knife(time, first_peak):
+    """A step whose first ringing peak is at `first_peak` near t = 1, and which then creeps up."""
+
+    def wave(t, ring):
+        return 1 - (1 - ring) * np.exp(-t / 5) - ring * np.exp(-t / 4) * np.cos(np.pi * t)
+
+    fine = np.linspace(0.5, 1.5, 20001)
+    ring = brentq(lambda a: wave(fine, a).max() - first_peak, 0.3, 0.6, xtol=1e-14)
+    return wave(time, ring)[:, None]
+
+
+def test_a_first_peak_on_the_knifes_edge_gives_both_values():
+    time = np.linspace(0, 60, 6001)
+    above, below = (
+        measure(time, knife(time, peak), ONE).channels[0].rise_time for peak in (0.9001, 0.8999)
+    )
+    assert above.fragile
+    assert below.fragile
+    assert above.value < 1.0 < 2.0 < below.value
+    assert above.alternative == pytest.approx(below.value, rel=0.02)
+    assert below.alternative == pytest.approx(above.value, rel=0.1)
+    clear = measure(time, knife(time, 0.93), ONE).channels[0].rise_time
+    assert not clear.fragile
+
+
+def test_a_peak_that_grazes_the_settling_band_gives_both_values():
+    time = np.linspace(0, 60, 6001)
+    zeta = 0.2
+    peak = np.exp(-3 * np.pi * zeta / np.sqrt(1 - zeta**2))  # third extremum, above the target
+    u = second_order(time, zeta)
+    over, under = (
+        measure(time, u, ONE, band=peak * side).channels[0].settling_time for side in (0.999, 1.001)
+    )
+    assert over.fragile
+    assert under.fragile
+    assert over.value > 1.1 * under.value
+    assert over.alternative == pytest.approx(under.value, rel=0.03)
+    assert under.alternative == pytest.approx(over.value, rel=0.03)
+
+
+@given(zeta=st.floats(0.03, 0.9), points=st.integers(10, 40), seed=st.integers(0, 1000))
+def test_coarse_sampling_is_covered_by_the_uncertainty(zeta, points, seed):
+    stop = 9 / zeta + 25
+    count = int(points * stop / (2 * np.pi))
+    time = np.linspace(0, stop, count)
+    step = time[1]
+    time[1:-1] += np.random.default_rng(seed).uniform(-0.2, 0.2, count - 2) * step
+    channel = measure(time, second_order(time, zeta), ONE).channels[0]
+    fine = np.linspace(0, stop, 400_001)
+    exact = second_order(fine, zeta)[:, 0]
+    settled = fine[np.abs(exact - 1) > 0.01][-1]
+    rise = fine[exact > 0.9][0] - fine[exact > 0.1][0]
+    grain = 2 * fine[1]
+    assert channel.settling_time is not None, channel.reason
+    assert abs(channel.settling_time.value - settled) <= channel.settling_time.uncertainty + grain
+    assert abs(channel.rise_time.value - rise) <= channel.rise_time.uncertainty + grain
+
+
+def test_uncertainty_shrinks_with_the_step():
+    doubts = []
+    for count in (50, 100, 200):
+        time = np.linspace(0, 10, count)
+        doubts.append(measure(time, first_order(time), ONE).settling_time.uncertainty)
+    assert doubts[0] / doubts[1] > 3
+    assert doubts[1] / doubts[2] > 3
+
+
+def test_a_few_points_are_too_few():
+    time = np.linspace(0, 1, 5)
+    found = measure(time, first_order(time), ONE)
+    assert "points" in found.reason
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"time": np.array([0.0, 1.0, 1.0])}, "increase"),
+        ({"u": np.zeros((3, 2))}, "shape"),
+        ({"target": np.array([np.nan])}, "finite"),
+        ({"band": 0.0}, "band"),
+    ],
+)
+def test_mistakes_of_the_caller_raise(change, word):
+    good = {"time": np.arange(3.0), "u": np.zeros((3, 1)), "target": ONE}
+    with pytest.raises(ValueError, match=word):
+        measure(**(good | change))

@@ -1,0 +1,228 @@
+"""Envelope and modes of synthetic transients whose poles are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from taction.verification.readings.envelope import envelope, saturates, slows
+from taction.verification.readings.mode_fit import fit_modes
+
+F0 = 123456.0
+SHAPE = np.array([1, -0.5, 0.3, 0, -0.3, 0.5, -1])  # antisymmetric: the channels' sum is zero
+
+
+def uneven(rng, stop=1e-3, points=20001):
+    time = np.linspace(0, stop, points)
+    time[1:-1] += rng.uniform(-0.3, 0.3, points - 2) * stop / points
+    return time
+
+
+def ring(time, growth, frequency=F0, phase=0.0):
+    return np.exp(growth * time) * np.cos(2 * np.pi * frequency * time + phase)
+
+
+@pytest.mark.parametrize("growth", [-2040.8, -50.0, 0.0, 100.0, 1e4])
+def test_one_antisymmetric_mode_on_a_step_and_uneven_points(rng, growth):
+    time = uneven(rng)
+    signals = (1 - np.exp(-time / 18e-6))[:, None] + 1e-3 * ring(time, growth)[:, None] * SHAPE
+    mode = fit_modes(time, signals)[0]
+    assert mode.frequency == pytest.approx(F0, rel=1e-7)
+    assert mode.growth_rate == pytest.approx(growth, abs=1e-6 * F0)
+    assert mode.growth_sigma < 1e-4 * F0
+    # 20 points a period: sixth-order interpolation leaves about 1e-5 of the ringing.
+    expected = 1e-3 * np.exp(growth * mode.stop) * np.abs(SHAPE)
+    np.testing.assert_allclose(mode.channels, expected, atol=1e-3 * expected.max())
+    assert mode.amplitude == max(mode.channels)
+
+
+def test_growth_and_decay_are_established_and_a_steady_tone_is_not(rng):
+    time = uneven(rng)
+    up, down, steady = (fit_modes(time, ring(time, g)[:, None])[0] for g in (500.0, -500.0, 0.0))
+    assert up.grows
+    assert not up.decays
+    assert down.decays
+    assert not down.grows
+    assert abs(steady.growth_rate) < 1.0
+
+
+def test_two_modes_two_per_cent_apart(rng):
+    time = uneven(rng)
+    first, second = ring(time, -900.0), ring(time, -2000.0, 1.02 * F0)
+    modes = fit_modes(time, np.column_stack([first + second, first - 0.5 * second]))
+    found = sorted((m.frequency, m.growth_rate) for m in modes[:2])
+    np.testing.assert_allclose([f for f, _ in found], [F0, 1.02 * F0], rtol=1e-6)
+    np.testing.assert_allclose([g for _, g in found], [-900.0, -2000.0], atol=1.0)
+
+
+def test_noise_is_covered_by_sigma(rng):
+    time = uneven(rng)
+    pulls = []
+    for _ in range(40):
+        noisy = ring(time, -900.0)[:, None] + 1e-3 * rng.standard_normal((time.size, 2))
+        mode = fit_modes(time, noisy)[0]
+        pulls.append((mode.growth_rate + 900.0) / mode.growth_sigma)
+        assert mode.frequency == pytest.approx(F0, rel=1e-3)
+    assert 0.4 < np.sqrt(np.mean(np.square(pulls))) < 1.3  # neither boastful nor useless
+
+
+def test_only_the_stretch_before_saturation_is_fitted():
+    time = np.linspace(0, 2.5e-3, 50001)
+    mode = fit_modes(time, np.tanh(1e-4 * ring(time, 6e3))[:, None])[0]
+    assert mode.growth_rate == pytest.approx(6e3, rel=1e-4)
+    assert mode.frequency == pytest.approx(F0, rel=1e-6)
+    assert mode.stop < np.log(0.5 / 1e-4) / 6e3
+    assert mode.doubt == ""
+
+
+def test_a_hard_rail_too():
+    time = np.linspace(0, 2.5e-3, 50001)
+    mode = fit_modes(time, np.clip(1e-4 * ring(time, 6e3), -1, 1)[:, None])[0]
+    assert mode.growth_rate == pytest.approx(6e3, rel=1e-6)
+
+
+def uneven_periods(rng, points, periods=60):
+    return uneven(rng, periods / F0, round(points * periods) + 1)
+
+
+@pytest.mark.parametrize("clipped", [0.03, 0.1, 0.2, 0.3, 0.6])  # of the record
+@pytest.mark.parametrize("points", [8.1, 12.0, 25.0, 50.0])  # a period
+def test_seven_channels_at_hard_rails(rng, points, clipped):
+    """Modes of either sign, in phase or not: no clipped end, harmonic or kink of it leads."""
+    for turned in (0.0, 1.0) * 3:
+        even = np.linspace(0, 60 / F0, round(60 * points) + 1)
+        for time in (even, uneven_periods(rng, points)):
+            onset = (1 - clipped) * time[-1]
+            growth = 7.0 / onset
+            shares = rng.uniform(0.3, 1.0, 7) * rng.choice([-1.0, 1.0], 7)
+            phases = turned * rng.uniform(0, 2 * np.pi, 7)
+            grown = np.exp(growth * (time - onset))[:, None]
+            signals = np.clip(
+                grown * shares * np.cos(2 * np.pi * F0 * time[:, None] + phases), -1, 1
+            )
+            mode = fit_modes(time, signals)[0]
+            assert mode.doubt == ""
+            assert mode.frequency == pytest.approx(F0, rel=1e-3)
+            assert mode.growth_rate == pytest.approx(growth, rel=2e-2)
+            if clipped >= 0.2:
+                assert mode.stop < onset
+                assert mode.growth_rate == pytest.approx(growth, rel=3e-3)
+
+
+def test_a_limit_cycle_reached_at_once_casts_doubt():
+    time = np.linspace(0, 1e-3, 20001)
+    mode = fit_modes(time, np.tanh(0.3 * ring(time, 3e4))[:, None])[0]
+    assert mode.doubt != ""
+
+
+def test_a_faded_ringing_is_fitted_where_it_was_still_there(rng):
+    time = uneven(rng)
+    signal = ring(time, -2e4) + 1e-7 * rng.standard_normal(time.size)
+    mode = fit_modes(time, signal[:, None])[0]
+    assert mode.stop < 0.5e-3
+    assert mode.growth_rate == pytest.approx(-2e4, rel=1e-3)
+
+
+def test_an_aperiodic_growth_has_frequency_zero():
+    time = np.linspace(0, 1.0, 500)
+    mode = fit_modes(time, np.exp(3 * time)[:, None])[0]
+    assert mode.frequency == 0.0
+    assert mode.growth_rate == pytest.approx(3.0, rel=1e-6)
+
+
+def test_half_a_period_is_doubted():
+    time = np.linspace(0, 1.0, 500)
+    modes = fit_modes(time, np.sin(2 * np.pi * 0.5 * time)[:, None])
+    assert all("periods" in m.doubt for m in modes if m.frequency > 0)
+
+
+def test_nothing_to_fit():
+    time = np.linspace(0, 1, 100)
+    assert fit_modes(time, np.full((100, 2), 3.7)) == ()
+    assert fit_modes(time[:31], np.ones((31, 1))) == ()
+
+
+def test_envelope_follows_the_amplitude_under_a_trend():
+    time = np.linspace(0, 1e-3, 20001)
+    found = envelope(time, (1 - np.exp(-time / 18e-6) + 1e-2 * ring(time, -1000.0))[:, None])
+    assert found.period == pytest.approx(1 / F0, rel=1e-3)
+    late = found.time > 2e-4
+    expected = 1e-2 * np.exp(-1000.0 * found.time[late])
+    np.testing.assert_allclose(found.amplitude[late, 0], expected, rtol=0.05)
+
+
+@pytest.mark.parametrize("growth", [-5e3, 0.0, 5e3])
+@pytest.mark.parametrize("points", [1001, 2501, 6201])  # 8, 20 and 50 a period
+def test_the_period_of_a_tone_that_decays_or_grows_is_exact(points, growth):
+    time = np.linspace(0, 1e-3, points)
+    found = envelope(time, ring(time, growth, phase=0.4)[:, None])
+    assert found.period == pytest.approx(1 / F0, rel=3e-6)
+
+
+@pytest.mark.parametrize(("points", "error"), [(1001, 2e-2), (2501, 1e-3), (6201, 1e-3)])
+def test_peaks_between_samples_count(points, error):
+    time = np.linspace(0, 1e-3, points)
+    found = envelope(time, np.column_stack([ring(time, 0.0), -0.3 * ring(time, 0.0, phase=1.0)]))
+    np.testing.assert_allclose(found.amplitude, [[1.0, 0.3]] * found.time.size, rtol=error)
+
+
+def test_a_rail_is_not_rounded_up():
+    time = np.linspace(0, 1e-3, 3087)  # 25 points a period
+    found = envelope(time, np.clip(1.3 * ring(time, 0.0), -1, 1)[:, None])
+    assert np.all(found.amplitude > 0.995)
+    assert np.all(found.amplitude < 1.02)
+
+
+def test_a_plain_exponential_has_no_envelope():
+    time = np.linspace(0, 10, 2000)
+    found = envelope(time, (1 - np.exp(-time))[:, None])
+    assert found.period is None
+    assert found.amplitude.max() == 0.0
+
+
+def test_a_square_wave_keeps_its_fundamental():
+    time = np.linspace(0, 1e-3, 20001)
+    assert envelope(time, np.tanh(5 * ring(time, 0.0))[:, None]).period == pytest.approx(
+        1 / F0, rel=1e-3
+    )
+
+
+@pytest.mark.parametrize("share", [1.4, 1.9])
+def test_channels_that_almost_cancel_a_fundamental_keep_its_period(share):
+    # In the mixture, cos(1) of one and cos(2) of the other, a seventh of the fundamental is left.
+    time = np.linspace(0, 1e-3, 5001)
+    tone = ring(time, 0.0)
+    signals = np.column_stack([np.clip(50 * tone, -1, 1), share * tone])
+    assert envelope(time, signals).period == pytest.approx(1 / F0, rel=1e-4)
+
+
+@pytest.mark.parametrize("onset", [0.65, 0.7, 0.75])  # of clipping, in the record
+def test_a_ringing_that_starts_and_clips_on_the_way_keeps_its_period(onset):
+    time = np.linspace(0, 40 / F0, 1001)
+    for growth in (5, 8, 12, 20):
+        for phase in (0.0, 0.7, 1.4, 2.1):
+            grown = np.exp(growth * (time / time[-1] - onset))
+            signal = np.clip(grown * ring(time, 0.0, phase=phase), -1, 1)
+            assert envelope(time, signal[:, None]).period == pytest.approx(1 / F0, rel=2e-3)
+
+
+def test_saturation_needs_growth_and_then_a_plateau():
+    x = np.linspace(0, 1, 40)
+    jagged = np.tanh(1e-3 * np.exp(20 * x)) * (1 + 0.035 * (-1.0) ** np.arange(40))
+    assert saturates(jagged)
+    assert not saturates(np.abs(np.sin(4.6 * x)) + 0.3 * np.sin(4.6 * x) ** 4)  # beats
+    assert saturates(np.tanh(1e-3 * np.exp(20 * x)))
+    assert not saturates(np.exp(3 * x))
+    assert not saturates(np.ones(40))
+
+
+def test_growth_slows_before_it_is_a_plateau():
+    x = np.linspace(0, 1, 64)
+    grown = 1e-3 * np.exp(7.5 * x)  # reaches 1 at 0.92
+    first = slows(np.minimum(grown, 1.0))
+    assert grown[first - 1] <= 0.25 < grown[first]
+    assert slows(np.tanh(grown)) > 0
+    assert slows(grown) == 0
+    assert slows(grown + 0.3 * np.exp(-20 * x)) == 0  # a transient before
+    assert slows(grown + 1e-6 * np.exp(14 * x)) == 0  # a faster one takes over
+    assert slows(np.exp(x)) == 0

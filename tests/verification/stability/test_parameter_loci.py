@@ -1,0 +1,165 @@
+"""Crossings by the loci of parts, against closed forms and against poles."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from taction.netlist_gen.board.circuit import Circuit, Resistor
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.scene import Scene
+from taction.spice_models.opamp import OpAmp
+from taction.verification.engines.statespace.equations import descriptor
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.stability import port_response
+from taction.verification.stability.margin import (
+    gain_resistors,
+    signal_capacitors,
+    with_capacitance,
+)
+from taction.verification.stability.parameter_loci import Loci, _Trace, trace_loci
+from taction.verification.stability.poles import count_unstable, poles
+from taction.verification.stability.port_response import PortResponse
+from tests.support.boards import lag_board, single_mode, window
+from tests.support.paths import SCENES
+
+TAU = 0.455e-6
+
+
+def capacitor_loci(circuit: Circuit, low: float = 0.01, high: float = 1.0) -> Loci:
+    return trace_loci(PortResponse(LinearBoard(circuit), signal_capacitors(circuit)), low, high)
+
+
+def test_both_ends_of_the_window_of_a_loop_gain_of_100() -> None:
+    low, high = window(100.0)
+    assert (low, high) == pytest.approx((24.0 - math.sqrt(575.0), 24.0 + math.sqrt(575.0)))
+    found = capacitor_loci(lag_board(100.0, 100.0), low=1e-4)
+    assert [100.0 * c.share for c in found.crossings] == pytest.approx([high, low], rel=1e-9)
+    assert [c.change for c in found.crossings] == [2, -2]
+    assert [found.unstable_at(share) for share in (0.9, 0.1, 2e-4)] == [0, 2, 0]
+    for crossing in found.crossings:  # on the axis (w tau)² = 1 + 2 tau / RC
+        omega = math.sqrt(1.0 + 2.0 / (100.0 * crossing.share)) / TAU
+        assert crossing.frequency == pytest.approx(omega / (2.0 * math.pi), rel=1e-9)
+    from_below = capacitor_loci(lag_board(0.01, 100.0), 1.0, 1e5)
+    assert [0.01 * c.share for c in from_below.crossings] == pytest.approx([high, low], rel=1e-9)
+
+
+@pytest.mark.parametrize("width", [1e-1, 1e-2, 1e-3, 1e-4, 1e-5])
+@pytest.mark.parametrize("start", [1.5, 30.0])
+def test_a_narrow_window_is_found_from_any_distance(width: float, start: float) -> None:
+    """Near K = 8 the window is ``4 sqrt(K/8 - 1)`` wide around RC = tau."""
+    gain = 8.0 * (1.0 + (width / 4.0) ** 2)
+    low, high = window(gain)
+    assert (high - low) == pytest.approx(width, rel=0.01)
+    found = capacitor_loci(lag_board(start, gain))
+    ends = [start * crossing.share for crossing in found.crossings]
+    assert ends == pytest.approx([high, low], rel=1e-7)
+    assert [crossing.change for crossing in found.crossings] == [2, -2]
+
+
+@pytest.mark.parametrize("below", [1e-1, 1e-3, 1e-6, 1e-9])
+def test_a_mode_that_comes_near_and_turns_back_does_not_cross(below: float) -> None:
+    assert capacitor_loci(lag_board(1.5, 8.0 * (1.0 - below))).crossings == ()
+
+
+def test_a_mode_within_rounding_of_the_axis_is_named() -> None:
+    found = capacitor_loci(lag_board(1.5, 8.0 * (1.0 - 1e-14)))
+    assert any(1.5 * share == pytest.approx(1.0, rel=1e-6) for share in found.near)
+
+
+def test_a_real_pole_crosses_as_a_conductance_falls() -> None:
+    """Negative conductance -g by positive feedback: ``p = -(1/R - g) / C``, unstable below 1/R."""
+    made = single_mode(1e-6)
+    R, follow = 10e3, {"follow": OpAmp("follow", 1e12)}
+    inverter = (Resistor("Ri", "v", "j", R), Resistor("Rj", "j", "b2", R))
+    feedback = Resistor("Rf", "b2", "x", 25e3)
+    opamps = (made.opamps[0], replace(made.opamps[2], noninverting="0", inverting="j"))
+    circuit = replace(
+        made,
+        models=follow,
+        opamps=opamps,
+        resistors=(Resistor("R", "x", "v", R), *inverter, feedback),
+        capacitors=made.capacitors[:1],
+    )
+    board = LinearBoard(circuit)
+    assert poles(board).rightmost.real == pytest.approx(-0.6 / 1e-6, rel=1e-6)
+    resistor = next(part for part in circuit.resistors if part.name == "R")
+    (crossing,) = trace_loci(PortResponse(board, (resistor,)), 0.1).crossings
+    assert (crossing.share, crossing.frequency, crossing.change) == (pytest.approx(0.4), 0.0, 1)
+
+
+@pytest.mark.parametrize("name", ["custom-matrix", "tuned-breadboard", "paper-exponential"])
+def test_the_loci_count_what_winding_numbers_and_poles_count(name: str) -> None:
+    circuit = synthesise(load_scene(SCENES / f"{name}.toml"))
+    found = capacitor_loci(circuit)
+    ends = [1.0, *(crossing.share for crossing in found.crossings), 0.01]
+    for above, below in pairwise(ends):
+        share = math.sqrt(above * below)
+        board = LinearBoard(with_capacitance(circuit, share * circuit.scalings.capacitance))
+        assert poles(board).unstable_count == found.unstable_at(share)
+    assert count_unstable(board) == found.unstable_at(share)
+
+
+def test_modes_and_solves_give_one_response(monkeypatch: pytest.MonkeyPatch) -> None:
+    circuit = synthesise(load_scene(SCENES / "custom-matrix.toml"))
+    omega = np.array([0.0, 1e3, 3e5, 4e6])
+    for parts in (signal_capacitors(circuit), gain_resistors(circuit)):
+        ports = PortResponse(LinearBoard(circuit), parts)
+        modal = ports.at(omega)
+        with monkeypatch.context() as patch:
+            patch.setattr(port_response, "WELL_CONDITIONED", 0.0)
+            assert modal == pytest.approx(ports.at(omega), rel=1e-8, abs=1e-8 * np.abs(modal).max())
+
+
+def test_a_large_board_has_the_crossings_of_the_dense_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    circuit = synthesise(load_scene(SCENES / "tuned-breadboard.toml"))
+    dense = capacitor_loci(circuit)
+    monkeypatch.setattr(descriptor, "LARGE", 0)
+    large = capacitor_loci(circuit)
+    assert len(large.crossings) == len(dense.crossings) == 5
+    for a, b in zip(large.crossings, dense.crossings, strict=True):
+        assert (a.share, a.frequency) == pytest.approx((b.share, b.frequency), rel=1e-6)
+        assert a.change == b.change
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_random_boards_cross_where_their_poles_do(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    sensors, channels = rng.integers(1, 5, 2)
+    T = rng.standard_normal((sensors, channels))
+    figures = {"dc_gain": 1e5, "gbw": 10 ** rng.uniform(6, 7), "output_resistance": 100.0}
+    scene = Scene.from_arrays(
+        T,
+        rng.standard_normal(sensors),
+        capacitance=10 ** rng.uniform(-12, -10),
+        lam=10 ** rng.uniform(-2, 0),
+        gain=10 ** rng.uniform(5, 6),
+        unit_conductance=10 ** rng.uniform(-6, -5),
+        opamp={"base": "ideal", "second_pole": 3.0 * figures["gbw"], **figures},
+        stray_capacitance=5e-12,
+    )
+    circuit = synthesise(scene)
+    farads = circuit.scalings.capacitance
+    found = capacitor_loci(circuit)
+    own = poles(circuit).unstable_count
+    for share in np.geomspace(0.011, 0.99, 23).tolist():
+        counted = poles(with_capacitance(circuit, share * farads)).unstable_count
+        assert counted == own + found.unstable_at(share)
+
+
+def test_a_share_of_zero_is_far_below_every_interval() -> None:
+    """Where the parts alone carry the current, w is 1 and the share ``1 - 1/w`` is 0."""
+
+    class AllCurrent:
+        def at(self, omega: np.ndarray) -> np.ndarray:
+            return np.broadcast_to(np.eye(2, dtype=complex), (len(omega), 2, 2))
+
+    trace = _Trace(AllCurrent(), math.log(1e-3), 0.0)  # type: ignore[arg-type]
+    loci = trace.loci(np.array([1.0, 2.0]))
+    assert np.all(np.isfinite(loci))
+    assert loci.real.max() < math.log(1e-9)

@@ -1,0 +1,108 @@
+"""Poles and time scales, against closed forms and the calibration of the paper's board."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.scene.scene import Scene
+from taction.verification.engines.statespace.transients.exact import exact_solution
+from taction.verification.readings.time_scales import time_scales
+from taction.verification.stability.poles import count_unstable, poles, summarise
+from tests.support.boards import lags, paper_board, single_mode
+
+TAU = 0.455e-6
+
+
+@pytest.mark.parametrize("ratio", [0.015, 0.5, 20.0, 60.0])
+def test_the_single_mode_has_the_roots_of_its_cubic(ratio: float) -> None:
+    found = poles(single_mode(ratio * TAU))
+    cubic = np.polymul([ratio, 1.0], [1.0, 2.0, 1.0])
+    cubic[-1] += 100.0
+    assert np.sort_complex(found.poles * TAU) == pytest.approx(
+        np.sort_complex(np.roots(cubic)), rel=1e-6
+    )
+    assert found.complete
+
+
+@pytest.mark.parametrize("edge", [24.0 - np.sqrt(575.0), 24.0 + np.sqrt(575.0)])
+def test_the_unstable_window_of_the_single_mode_has_two_ends(edge: float) -> None:
+    inside, outside = (1.0 + 1e-5, 1.0 - 1e-5) if edge < 1.0 else (1.0 - 1e-5, 1.0 + 1e-5)
+    assert poles(single_mode(edge * TAU * inside)).unstable_count == 2
+    found = poles(single_mode(edge * TAU * outside))
+    assert found.stable
+    # On the axis: w^2 tau^2 = 1 + 2 tau / RC.
+    assert found.frequency == pytest.approx(np.sqrt(1 + 2 / edge) / TAU / 2 / np.pi, rel=1e-4)
+    assert 0.0 < found.damping_ratio < 1e-4
+
+
+@pytest.mark.parametrize(("C", "stable"), [(10e-12, True), (9e-12, True), (8.2e-12, False)])
+def test_the_papers_board_is_stable_where_the_paper_says(C: float, stable: bool) -> None:
+    assert poles(paper_board(C)).stable is stable
+
+
+def test_the_papers_board_rises_in_ten_microseconds_and_rings_for_half_a_millisecond() -> None:
+    scales = time_scales(paper_board(), error=1e-4, points=125.0)
+    time = np.linspace(0.0, 20e-6, 2001)
+    solution = exact_solution(paper_board())
+    centre = solution.at(time)[:, 3] / solution.final[3]
+    rise = time[np.argmax(centre >= 0.9)] - time[np.argmax(centre >= 0.1)]
+    assert rise == pytest.approx(9.5e-6, rel=0.02)
+    assert scales.ringing[0].decay == pytest.approx(0.5e-3, rel=0.15)
+    assert scales.max_step == pytest.approx(scales.ringing[0].period / 125.0)
+    assert scales.growth_time == np.inf
+    left = scales.amplitudes @ np.exp(scales.poles.real * scales.stop)
+    assert left == pytest.approx(1e-4, rel=1e-3)
+    assert scales.stop_for(1e-2) < scales.stop < scales.stop_for(1e-6)
+
+
+def test_an_unstable_board_is_given_time_to_show_it() -> None:
+    scales = time_scales(paper_board(5e-12))
+    assert scales.ringing[0].decay < 0.0
+    assert 0.0 < scales.growth_time <= scales.stop < np.inf
+
+
+def test_modes_that_cannot_be_told_apart_are_given_time_too() -> None:
+    """Poles of 1e27 /s beside 1e6 /s: the amplitudes of the growing modes are not known."""
+    scales = time_scales(paper_board(1e-29))
+    fastest = scales.poles.real.max()
+    assert fastest > 0.0
+    assert 1.0 / fastest <= scales.growth_time < np.inf
+
+
+def test_a_board_without_oscillating_poles_has_no_frequency() -> None:
+    found = summarise(np.array([-3.0, -1.0], dtype=np.complex128), complete=True)
+    assert (found.rightmost, found.stable) == (-1.0, True)
+    assert (found.damping_ratio, found.frequency) == (1.0, 0.0)
+    nothing = summarise(np.zeros(0, dtype=np.complex128), complete=True)
+    assert nothing.stable
+
+
+def test_defective_modes_are_given_time() -> None:
+    scales = time_scales(lags(5, 1e-6))
+    assert scales.slowest == pytest.approx(1e-6, rel=0.05)
+    x = scales.stop / 1e-6
+    left = np.exp(-x) * sum(x**k / np.prod(np.arange(1.0, k + 1.0)) for k in range(5))
+    assert left < 1e-4
+
+
+def test_a_board_without_a_step_still_has_time_scales() -> None:
+    scales = time_scales(replace(paper_board(), currents=()))
+    assert 0.0 < scales.stop < np.inf
+    assert 0.0 < scales.max_step < np.inf
+
+
+@pytest.mark.parametrize(("opamp", "gain", "unstable"), [("ua741", 1e3, 0), ("tl084", 3e5, 10)])
+def test_the_winding_counts_nearly_defective_cells(opamp: str, gain: float, unstable: int) -> None:
+    """The counts are those of the poles with 80 digits: -25189 +- 73794j is the rightmost."""
+    T = np.eye(5, k=1)
+    scene = Scene.from_arrays(
+        T, T @ np.ones(5), capacitance=1e-14, gain=gain, opamp=opamp, lam=0.1,
+        unit_conductance="10uS",
+    )  # fmt: skip
+    circuit = synthesise(scene)
+    assert count_unstable(circuit) == unstable
+    assert poles(circuit).unstable_count == unstable

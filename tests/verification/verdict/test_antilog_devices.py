@@ -1,0 +1,200 @@
+"""Antilog stages of transistors: closed form, both engines, error budget, onset, noise."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mpmath
+import numpy as np
+import pytest
+
+from taction.netlist_gen.analysis import OperatingPoint, Transient
+from taction.netlist_gen.board.bill_of_materials import bill_of_materials
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.deck.deck import write_deck
+from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.scene import Scene, parse_scene
+from taction.spice_models.transistor import load_pairs
+from taction.system.errors import InputError
+from taction.verification.engines.ngspice.process import find_simulator, start
+from taction.verification.engines.statespace.equations import descriptor
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.transients.simulate import simulate
+from taction.verification.studies.onset.onset import onset, parse_onset_axis
+from taction.verification.verdict.checks import Outcome
+from taction.verification.verdict.clock import Clock
+from taction.verification.verdict.design import design_board
+from taction.verification.verdict.output_noise import OutputNoise
+from taction.verification.verdict.verify import Verdict, verify
+from tests.support.paths import SCENES
+
+PATH = SCENES / "paper-exponential-devices.toml"
+IDEAL = {"base": "ideal", "dc_gain": 1e10}
+
+
+def changed(**design: Any) -> Scene:
+    """The shipped scene with other keys of its design."""
+    scene = load_scene(PATH)
+    data = scene.model_dump(by_alias=True, exclude_unset=True)
+    data["design"] |= design
+    return parse_scene(data, PATH)
+
+
+@pytest.fixture(scope="module")
+def verified(ngspice: str) -> Verdict:
+    return verify(load_scene(PATH))
+
+
+def stage_output(name: str, v: float, celsius: float = 27.0) -> float:
+    """Solve the circuit of one stage with ideal op-amps, V; currents by the textbook's model.
+
+    The unknowns are the divided base and both inner emitters; for NPN with all signs turned.
+    """
+    pair = load_pairs()[name]
+    V = (
+        mpmath.mpf("1.380649e-23")
+        * (celsius + mpmath.mpf("273.15"))
+        / mpmath.mpf("1.602176634e-19")
+    )
+    V27 = V * mpmath.mpf("300.15") / (celsius + mpmath.mpf("273.15"))
+    IS, BF, BR = pair.saturation_current, pair.forward_gain, pair.reverse_gain
+    rdiv = 100 * (mpmath.mpf("0.1") / V27 - 1)
+
+    def currents(vbe: Any, vbc: Any) -> tuple[Any, Any]:
+        F, R = IS * mpmath.exp(vbe / V), IS * mpmath.exp(vbc / V)
+        return F - R - (R - IS) / BR, (F - IS) / BF + (R - IS) / BR
+
+    s = int(pair.sign)
+    divided_is_output = s > 0
+
+    def equations(b: Any, e1: Any, e2: Any) -> list[Any]:
+        b1, b2 = (0, b) if divided_is_output else (b, 0)
+        (i1, ib1), (i2, ib2) = currents(s * (b1 - e1), s * b1), currents(s * (b2 - e2), s * b2)
+        divided = ib2 if divided_is_output else ib1
+        RE = pair.emitter_resistance
+        return [
+            i1 - mpmath.mpf("1e-4"),
+            (v - b) / rdiv - b / 100 - s * divided,
+            (e1 - s * RE * (i1 + ib1)) - (e2 - s * RE * (i2 + ib2)),
+        ]
+
+    start_at = (0.2586 * v, -s * 0.54 + (0 if divided_is_output else 0.2586 * v),
+                -s * 0.54 + (0.2586 * v if not divided_is_output else 0))  # fmt: skip
+    b, _, e2 = mpmath.findroot(equations, start_at, tol=1e-25, maxsteps=200)
+    b2 = b if divided_is_output else 0
+    return float(currents(s * (b2 - e2), s * b2)[0] * 10_000)
+
+
+@pytest.mark.parametrize("name", ["ssm2220", "ssm2212"])
+@pytest.mark.parametrize("celsius", [27.0, 60.0])
+def test_a_stage_has_the_output_of_its_equations(name: str, celsius: float) -> None:
+    antilog = {"stage": "device", "transistors": name, "temperature": celsius}
+    board = LinearBoard(synthesise(changed(antilog=antilog, opamp=IDEAL)))
+    point = board.equilibrium
+    for n, output in enumerate(board.circuit.outputs[:4], 1):
+        expected = stage_output(name, point[f"v_{n}"], celsius)
+        assert output.sign * point[output.node] == pytest.approx(expected, rel=1e-7)
+
+
+@pytest.mark.parametrize("name", ["ssm2220", "ssm2212"])
+def test_ngspice_finds_the_same_equilibrium(ngspice: str, name: str) -> None:
+    antilog = {"stage": "device", "transistors": name}
+    board = LinearBoard(synthesise(changed(antilog=antilog)))
+    nodes = [name for name in board.descriptor.names if "." not in name and name != "reference"]
+    deck = write_deck(board.circuit, OperatingPoint(), relative=1e-9, saved=nodes)
+    with start(deck, find_simulator(), timeout=60.0) as run:
+        found = run.result().values[-1]
+    np.testing.assert_allclose(found, [board.equilibrium[node] for node in nodes], atol=3e-7)
+
+
+def test_the_shipped_scene_passes_and_the_engines_agree(verified: Verdict) -> None:
+    outcomes = {check.name: check for check in verified.checks}
+    assert verified.outcome is Outcome.PASS
+    agree = outcomes["engines_agree"]
+    assert agree.value is not None
+    assert agree.value < 5e-5
+    assert agree.expected == 1e-4
+
+
+def test_the_budget_has_the_stages_as_a_part(verified: Verdict) -> None:
+    parts = {part.name: part for part in verified.budget}
+    board = LinearBoard(synthesise(load_scene(PATH)))
+    ideal = LinearBoard(synthesise(changed(antilog="ideal")))
+    moved = [
+        output.sign * (board.equilibrium[output.node] - ideal.equilibrium[output.node])
+        for output in board.circuit.outputs
+    ]
+    assert parts["antilog"].value == pytest.approx(np.abs(moved).max(), rel=1e-12)
+    assert "up to 0.3 % from U0" in parts["antilog"].how
+    v, u = board.rest["v_3"], -board.rest["a_3"]
+    off = stage_output("ssm2220", v) / np.exp(v / 0.1) - 1.0
+    assert u / np.exp(v / 0.1) - 1.0 == pytest.approx(off, rel=0.01)
+    assert off == pytest.approx(2.976e-3, rel=0.01)
+
+
+def test_the_onset_is_confirmed_by_ngspice(ngspice: str) -> None:
+    scene = load_scene(PATH)
+    (finding,) = onset(scene, parse_onset_axis(scene, "C=36pF:38.5pF:3")).findings
+    assert finding.crossing.value == pytest.approx(37.2e-12, rel=1e-3)
+    assert finding.confirmation.confirmed
+
+
+@pytest.mark.parametrize("name", ["ssm2220", "ssm2212"])
+def test_large_boards_have_the_same_transient(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    circuit = synthesise(changed(antilog={"stage": "device", "transistors": name}))
+    analysis, times = Transient(5e-5, 1e-6, initial="rest"), np.linspace(0.0, 5e-5, 11)
+    reduced = simulate(circuit, analysis, times=times)
+    monkeypatch.setattr(descriptor, "LARGE", 10)
+    whole = simulate(circuit, analysis, times=times)
+    np.testing.assert_allclose(whole.values, reduced.values, atol=2e-8)
+
+
+@pytest.mark.parametrize(
+    ("design", "text"),
+    [
+        ({"exponential_slope": "25mV"}, "exponential_slope.*above the thermal voltage of 0.0258"),
+        ({"antilog": {"stage": "device", "transistors": "lm395"}}, "'ssm2220', 'ssm2212'"),
+        ({"amplifier": "sinh"}, "antilog.*'device' needs amplifier = 'exponential'"),
+        ({"topology": "passive", "bias": False}, "topology.*expected 'integrator'"),
+        ({"antilog": {"stage": "device", "temperature": 300}}, "antilog.temperature.*125"),
+    ],
+)
+def test_a_stage_that_cannot_be_built_is_refused(design: dict[str, Any], text: str) -> None:
+    with pytest.raises(InputError, match=text):
+        synthesise(changed(**design))
+
+
+def test_a_stage_does_not_start_discharged() -> None:
+    scene = load_scene(PATH)
+    zero = scene.analysis.model_copy(update={"initial": "zero"})
+    with pytest.raises(InputError, match=r"analysis.initial = 'zero'.*expected 'rest'"):
+        synthesise(scene.model_copy(update={"analysis": zero}))
+
+
+def test_an_opamp_without_poles_needs_no_capacitors() -> None:
+    circuit = synthesise(changed(opamp=IDEAL))
+    assert not [part for part in circuit.capacitors if part.name.startswith(("ref_", "out_"))]
+
+
+def test_an_npn_pair_gives_plus_u_and_has_an_inverter() -> None:
+    circuit = synthesise(changed(antilog={"stage": "device", "transistors": "ssm2212"}))
+    assert {(out.node[:2], out.sign) for out in circuit.outputs} == {("u_", 1.0)}
+    assert {"a_1", "u_1", "d_1"} <= {cell.name for cell in circuit.opamps}
+
+
+def test_the_parts_list_has_the_pairs() -> None:
+    scene = load_scene(PATH)
+    bill = bill_of_materials(synthesise(scene), scene)
+    assert "7 matched pairs ssm2220" in bill.not_listed
+    assert {"Rdiv_1", "Rem_7"} <= {name for line in bill.lines for name in line.references}
+
+
+def test_ngspice_has_the_same_noise(ngspice: str) -> None:
+    scene = load_scene(PATH)
+    checks = scene.checks.model_copy(update={"noise": {"max": 1e-3}})
+    scene = scene.model_copy(update={"checks": checks})
+    noise = OutputNoise.of(design_board(scene, Clock(lambda stage: None)))
+    assert noise is not None
+    assert noise.simulated is not None
+    assert noise.largest == pytest.approx(1.383e-4, rel=0.01)
+    assert noise.difference < 1e-4 * noise.largest

@@ -1,0 +1,63 @@
+"""Contradictions between the numbers of the board, of the reference and of the record."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
+from taction.verification.verdict.contradictions import find_contradiction
+from tests.support.making import make_scene, matrix_problem
+
+PROBLEM = matrix_problem([[1.0, -0.3], [0.2, 0.8]], [1.0, 0.5])
+
+
+def made(**design: Any) -> tuple[Circuit, IdealAnswer]:
+    scene = make_scene(design=design)
+    return synthesise(scene, PROBLEM), ideal_answer(ideal_network(PROBLEM, scene), scene)
+
+
+@pytest.mark.parametrize("given", [{"lambda": 0.3}, {"resistance": "2Mohm"}])
+@pytest.mark.parametrize("amplifier", ["linear", "exponential", "tanh"])
+def test_a_board_and_its_reference_agree(amplifier: str, given: dict[str, Any]) -> None:
+    volts = {"unit_voltage": "0.3V"}
+    if amplifier != "linear":
+        volts["exponential_slope"] = "70mV"
+    circuit, ideal = made(amplifier=amplifier, **volts, **given)
+    assert find_contradiction(circuit, ideal, ideal.start) == ""
+
+
+@pytest.mark.parametrize(
+    ("number", "text"),
+    [
+        ("lam", "the board states lambda = 0.6, the reference uses 0.3"),
+        ("unit_voltage", "the board states unit_voltage = 2.0, the reference uses 1.0"),
+        ("exponential_slope", "the board states exponential_slope = 2.0, the reference uses 1.0"),
+    ],
+)
+def test_another_number_is_a_contradiction(number: str, text: str) -> None:
+    circuit, ideal = made(**{"lambda": 0.3})
+    doubled = replace(circuit.scalings, **{number: 2.0 * getattr(circuit.scalings, number)})
+    assert text in find_contradiction(replace(circuit, scalings=doubled), ideal, ideal.start)
+
+
+@pytest.mark.parametrize("changes", [{"error": 1.0}, {"problem": "the gap is too wide"}])
+def test_without_a_step_to_judge_no_start_is_compared(changes: dict[str, Any]) -> None:
+    circuit, ideal = made(**{"lambda": 0.3})
+    assert find_contradiction(circuit, ideal, ideal.start + 1.0).startswith("channel 1 starts at")
+    assert find_contradiction(circuit, replace(ideal, **changes), ideal.start + 1.0) == ""
+
+
+@pytest.mark.parametrize(("away", "found"), [(0.09, False), (0.11, True)])
+def test_a_record_starts_where_the_reference_starts(away: float, found: bool) -> None:
+    circuit, ideal = made(amplifier="exponential", **{"lambda": 0.3})
+    amplitude = float(np.abs(ideal.target - ideal.start).max())
+    start = ideal.start + np.array([0.0, away * amplitude])
+    text = find_contradiction(circuit, ideal, start)
+    assert text.startswith("channel 2 starts at") is found
+    assert bool(text) is found

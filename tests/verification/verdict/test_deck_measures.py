@@ -1,0 +1,160 @@
+"""The measures of a deck, run by ngspice, against the readings of `verify`.
+
+ngspice joins points by straight lines and its trapezoidal rule has 125 points on a period of
+ringing, so a rise time is right to 1e-3 and an overshoot to 1e-4 A. A settling time is the last
+crossing of the band: where the ringing just touches the band, it is right to one period.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import taction
+from taction.netlist_gen.deck.deck import Deck
+from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.scene import parse_scene
+from taction.system.errors import InputError
+from taction.verification.readings.measurements import ChannelMeasure
+from taction.verification.readings.readings import Reading
+from tests.support.other_simulators import run_ngspice
+from tests.support.paths import SCENES
+
+RESULT = re.compile(r"(?m)^((?:last|t_settle|t_rise|overshoot)\w*)\s+=\s+(\S+)")
+MODES = {"ngspice": "", "ltspice": "ltpsa", "hspice": "hsa"}
+
+
+def results(deck: Deck, folder: Path, mode: str = "") -> dict[str, float]:
+    words = ["-D", f"ngbehavior={mode}"] if mode else []
+    printed = run_ngspice(deck, folder, *words).stdout
+    found = dict(RESULT.findall(printed))
+    return {name: float(value) for name, value in found.items() if value != "failed"}
+
+
+def measured(name: str, **options: bool) -> Deck:
+    return taction.netlist(SCENES / f"{name}.toml", measure=True, **options)
+
+
+def value(reading: Reading | None) -> float:
+    assert reading is not None
+    return reading.value
+
+
+def agree(n: int, channel: ChannelMeasure, found: dict[str, float], period: float) -> None:
+    """Every measure of a channel is there, and it is the reading within its error."""
+    settling = value(channel.settling_time)
+    assert found[f"t_settle_{n}"] == pytest.approx(settling, rel=2e-3, abs=period)
+    if channel.rise_time is None:
+        assert f"t_rise_{n}" not in found
+    else:
+        assert found[f"t_rise_{n}"] == pytest.approx(value(channel.rise_time), rel=1e-3)
+    assert found[f"overshoot_{n}"] == pytest.approx(channel.overshoot, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("name", "period"),
+    [("tuned-breadboard", 0.0), ("paper-breadboard", 2.1e-5), ("paper-exponential", 0.0)],
+)
+def test_measures_are_the_readings_of_verify(
+    name: str, period: float, ngspice: str, tmp_path: Path
+) -> None:
+    readings = taction.verify(SCENES / f"{name}.toml", engine="statespace").measurements
+    found = results(measured(name), tmp_path)
+    expected = value(readings.settling_time)
+    assert found["t_settle"] == pytest.approx(expected, rel=1e-3)
+    for n, channel in enumerate(readings.channels, 1):
+        agree(n, channel, found, period)
+
+
+@pytest.mark.parametrize("dialect", MODES)
+def test_known_readings_are_measured_in_every_dialect(
+    dialect: str, ngspice: str, tmp_path: Path
+) -> None:
+    deck = taction.netlist(SCENES / "known-readings.toml", dialect=dialect, measure=True)
+    found = results(deck, tmp_path, MODES[dialect])
+    settling = "last" if dialect == "ltspice" else "t_settle"  # ngspice does not read its PARAM
+    assert 77.44e-6 < found[settling] < 78.22e-6  # the scene's limits, from 320-bit arithmetic
+    assert 21.97e-6 < found["t_rise_2"] < 22.10e-6
+
+
+def test_the_results_of_results_are_in_the_words_of_ltspice() -> None:
+    deck = taction.netlist(SCENES / "known-readings.toml", dialect="ltspice", measure=True)
+    line = next(line for line in deck.text.split("\n") if line.startswith(".meas tran t_settle "))
+    assert re.fullmatch(r"\.meas tran t_settle PARAM last\+1e\+99\*\(end>[0-9.e-]+\)", line)
+
+
+def test_an_edited_capacitor_has_the_readings_of_its_override(ngspice: str, tmp_path: Path) -> None:
+    deck = measured("known-readings", parameters=True)
+    text = deck.text.replace(".param C=1.5e-11\n", ".param C=2.2e-11\n")
+    found = results(replace(deck, text=text), tmp_path)
+    scene = load_scene(SCENES / "known-readings.toml")
+    data = scene.model_dump(by_alias=True, exclude_unset=True)
+    data["design"]["capacitance"] = 22e-12
+    expected = taction.verify(parse_scene(data, scene.file), engine="statespace").measurements
+    assert found["t_settle"] == pytest.approx(value(expected.settling_time), rel=2e-3)
+    assert found["t_rise_2"] == pytest.approx(value(expected.channels[1].rise_time), rel=1e-3)
+
+
+def test_lambda_is_no_parameter_of_a_deck_that_measures() -> None:
+    assert ".param lambda=" in taction.netlist(SCENES / "known-readings.toml", parameters=True).text
+    text = measured("known-readings", parameters=True).text
+    assert ".param lambda=" not in text
+    assert (
+        "* targets: the numerical solution at lambda = 0.05; a lambda that is edited needs" in text
+    )
+
+
+def test_a_record_that_ends_too_early_has_not_settled(ngspice: str, tmp_path: Path) -> None:
+    deck = measured("known-readings")
+    stop = re.search(r"(?m)^\.tran \S+ (\S+)", deck.text)
+    assert stop is not None
+    text = deck.text.replace(stop[1], "5e-05").replace(repr(0.9 * float(stop[1])), "4.5e-05")
+    assert results(replace(deck, text=text), tmp_path)["t_settle"] == 1e99
+
+
+def test_an_oscillation_that_ends_inside_the_band_has_not_settled(
+    ngspice: str, tmp_path: Path
+) -> None:
+    scene = load_scene(SCENES / "paper-breadboard.toml")
+    data = scene.model_dump(by_alias=True, exclude_unset=True)
+    data["design"]["capacitance"] = "8.2pF"  # it oscillates: the paper
+    data["analysis"] = {"stop": "300us"}
+    deck = taction.netlist(parse_scene(data, scene.file), measure=True)
+    found = results(deck, tmp_path)
+    assert 0.0 < found["last"] < 300e-6
+    settlings = [value for name, value in found.items() if name.startswith("t_settle")]
+    assert settlings == [1e99] * 8
+
+
+@pytest.mark.parametrize("dialect", ["xyce", "spectre"])
+def test_measures_that_no_free_program_checks_are_refused(dialect: str) -> None:
+    with pytest.raises(
+        InputError, match=rf"--dialect = {dialect}: --measure: .*expected ngspice, ltspice, hspice$"
+    ):
+        taction.netlist(SCENES / "known-readings.toml", dialect=dialect, measure=True)
+
+
+@pytest.mark.parametrize("key", ["resistor_series", "capacitor_series"])
+def test_parameters_of_values_in_a_series_are_refused(key: str) -> None:
+    scene = load_scene(SCENES / "known-readings.toml")
+    data = scene.model_dump(by_alias=True, exclude_unset=True)
+    data["design"][key] = "E24"
+    with pytest.raises(
+        InputError, match=rf"design.{key} = 'E24': --parameters: .*expected 'exact'"
+    ):
+        taction.netlist(parse_scene(data, scene.file), parameters=True)
+
+
+def test_a_dialect_that_refuses_a_board_names_the_key_of_the_scene() -> None:
+    with pytest.raises(
+        InputError, match=r"paper-exponential.toml: design.amplifier = 'exponential'"
+    ):
+        taction.netlist(SCENES / "paper-exponential.toml", dialect="spectre")
+
+
+def test_an_unknown_dialect_is_refused() -> None:
+    with pytest.raises(InputError, match=r"dialect = 'pspice': expected one of ngspice, ltspice"):
+        taction.netlist(SCENES / "known-readings.toml", dialect="pspice")

@@ -1,0 +1,263 @@
+"""The error budget: every part against a solution that is not taction's, and the sum of all."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import mpmath as mp
+import numpy as np
+import pytest
+from rich.console import Console
+from scipy.optimize import root
+
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.synthesis import realised_matrix, synthesise
+from taction.netlist_gen.scene.inverse_problem import InverseProblem
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.array_types import Floats
+from taction.verification.report.verdict.budget_table import budget_table
+from taction.verification.report.verdict.json_document import budget_record, verdict_document
+from taction.verification.report.verdict.table import verdict_text
+from taction.verification.verdict.error_chain import ErrorBudget, ErrorChain, ErrorPart
+from taction.verification.verdict.verify import Verdict, verify
+from tests.support.making import make_scene, matrix_problem
+
+T = np.array([[1.0, -0.3, 0.05], [0.2, 0.8, 0.1], [0.0, 0.25, 1.1], [0.4, -0.1, 0.3]])
+STRESS = np.array([0.9, 0.3, 0.6])
+EPS = T @ STRESS + np.array([0.01, -0.02, 0.015, 0.0])
+LAM, U0, VE = 0.2, 0.5, 0.1
+POOR = {"base": "ideal", "dc_gain": 2e3, "gbw": "10MHz", "output_resistance": "75ohm"}
+BOARD: dict[str, Any] = {
+    "lambda": LAM,
+    "gain": "100kohm",
+    "unit_conductance": "10uS",
+    "unit_voltage": U0,
+    "capacitance": "470pF",
+    "stray_capacitance": 0,
+    "resistor_series": "E96",
+    "opamp": POOR,
+}
+
+
+def problem(*, known: bool) -> InverseProblem:
+    return replace(matrix_problem(T, EPS), stress=STRESS if known else None)
+
+
+def a_scene(amplifier: str = "linear", engine: str = "statespace", **design: Any) -> Scene:
+    slope = {} if amplifier == "linear" else {"exponential_slope": VE}
+    design = {**BOARD, "amplifier": amplifier, **slope, **design}
+    checks = {"steady_state": {"tolerance": 0.5}, "settling_time": {"band": 0.1}}
+    return make_scene(design=design, analysis={"engine": engine, "error": 1e-4}, checks=checks)
+
+
+def judged(amplifier: str, engine: str = "statespace", *, known: bool = True) -> Verdict:
+    return verify(a_scene(amplifier, engine), problem=problem(known=known))
+
+
+def optimum(matrix: Floats, lam: float, amplifier: str) -> Floats:
+    """Solve in 30 digits (Tikhonov), or by MINPACK for the entropy ``sum u log u``; V."""
+    if amplifier == "linear":
+        with mp.workdps(30):
+            A = mp.matrix(matrix.tolist())
+            u = mp.lu_solve(A.T * A + lam * mp.eye(A.cols), A.T * mp.matrix(EPS.tolist()))
+            return np.array([float(value) for value in u]) * U0
+    found = root(
+        lambda v: 2 * matrix.T @ (matrix @ np.exp(v) - EPS) + lam * (v + 1.0),
+        np.zeros(3),
+        tol=1e-14,
+    )
+    return np.asarray(np.exp(found.x)) * U0
+
+
+def rounded(circuit: Circuit, amplifier: str) -> tuple[Floats, float]:
+    """T and lambda of the resistors of a board, from the formulas of the guide."""
+    ohms = {part.name: part.ohms for part in circuit.resistors}
+    lam = 1.0 / (ohms["r_1"] * ohms["s_1"] * 1e-5**2)
+    if amplifier != "linear":
+        lam *= 2.0 * VE / U0
+    return realised_matrix(circuit), lam
+
+
+@pytest.mark.parametrize("amplifier", ["linear", "exponential"])
+@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("engine", ["statespace", "ngspice"])
+def test_the_parts_add_up_and_each_is_right(
+    amplifier: str, engine: str, known: bool, request: pytest.FixtureRequest
+) -> None:
+    if engine == "ngspice":
+        request.getfixturevalue("ngspice")
+    verdict = judged(amplifier, engine, known=known)
+    parts = {part.name: np.array(part.channels) for part in verdict.budget}
+    assert list(parts) == ["ill_posedness", "resistors", "opamps", "unsettled", "simulator"]
+    best = optimum(T, LAM, amplifier)
+    built = optimum(*rounded(verdict.circuit, amplifier), amplifier)
+    whole = verdict.u[-1] - (STRESS * U0 if known else best)
+    assert verdict.budget.total is not None
+    assert verdict.budget.total.channels == pytest.approx(whole.tolist(), abs=1e-9)
+    assert np.all(np.abs(np.array(verdict.budget.summed) - whole) <= 0.01 * np.abs(whole))
+    if known:
+        assert parts["ill_posedness"] == pytest.approx(best - STRESS * U0, abs=1e-9)
+    assert parts["resistors"] == pytest.approx(built - best, abs=1e-9)
+    assert parts["opamps"] == pytest.approx(verdict.steady.values - built, abs=1e-9)
+    assert np.abs(parts["opamps"]).max() > 1e-4
+    rest = verdict.u[-1] - verdict.steady.values
+    assert parts["unsettled"] + parts["simulator"] == pytest.approx(rest, abs=1e-12)
+    assert np.abs(parts["simulator"]).max() < 1e-4
+
+
+def test_a_finite_gain_is_the_opamps_part() -> None:
+    """The gain error of each op-amp goes as 1 / A0."""
+    sizes = []
+    for gain in (1e4, 1e5):
+        scene = a_scene(opamp={"base": "ideal", "dc_gain": gain})
+        budget = verify(scene, problem=problem(known=True)).budget
+        sizes.append(next(part.value for part in budget if part.name == "opamps"))
+    assert sizes[0] is not None
+    assert sizes[1] is not None
+    assert sizes[0] / sizes[1] == pytest.approx(10.0, rel=0.01)
+
+
+def test_exact_resistors_have_no_part_and_no_prediction() -> None:
+    budget = verify(a_scene(resistor_series="exact"), problem=problem(known=True)).budget
+    part = next(part for part in budget if part.name == "resistors")
+    assert part.value is not None
+    assert part.value < 1e-13
+    assert part.predicted == ()
+
+
+@pytest.mark.parametrize("amplifier", ["linear", "exponential", "softplus"])
+@pytest.mark.parametrize("series", ["E96", "E192"])
+def test_first_order_predicts_the_effect_of_rounding(amplifier: str, series: str) -> None:
+    scene = a_scene(amplifier, resistor_series=series)
+    budget = verify(scene, problem=problem(known=True)).budget
+    part = next(part for part in budget if part.name == "resistors")
+    assert part.value is not None
+    assert np.abs(np.array(part.predicted) - part.channels).max() < 0.1 * part.value
+    assert part.value > 1e-4
+
+
+def test_the_prediction_of_the_passive_topology_has_each_resistor_of_its_own() -> None:
+    """There every R_n has another value, and its own rounding."""
+    design = {"topology": "passive", "opamp": {"base": "ideal", "dc_gain": 1e9}}
+    scene = a_scene(**design, **{"lambda": None, "resistance": "20kohm"})
+    verdict = verify(scene, problem=problem(known=False))
+    values = {part.name: part.ohms for part in verdict.circuit.resistors}
+    assert len({values[f"r_{n}"] for n in (1, 2, 3)}) == 3
+    part = next(part for part in verdict.budget if part.name == "resistors")
+    assert part.value is not None
+    assert np.abs(np.array(part.predicted) - part.channels).max() < 0.1 * part.value
+    # The equations of the network with a conductance of its own for each channel.
+    G = realised_matrix(verdict.circuit) * 1e-5
+    load = np.array([1.0 / values[f"r_{n}"] for n in (1, 2, 3)]) + np.abs(G).sum(axis=0)
+    s = values["s_1"]
+    rest = np.linalg.solve(np.diag(load) + s * G.T @ G, s * G.T @ EPS * 1e-5 * U0)
+    built = verdict.ideal.target + np.array(part.channels)
+    assert built == pytest.approx(rest, rel=1e-9)
+
+
+def test_an_inverter_that_is_off_counts_with_the_resistors() -> None:
+    """A ratio of 1.02 in the inverter of u_1 scales the positive entries of column 1 of T."""
+    scene = a_scene(resistor_series="exact", opamp={"base": "ideal", "dc_gain": 1e12})
+    circuit = synthesise(scene, problem(known=False))
+    parts = tuple(
+        replace(part, ohms=1.02 * part.ohms) if part.name == "a_1_fb" else part
+        for part in circuit.resistors
+    )
+    verdict = verify(scene, problem=problem(known=False), circuit=replace(circuit, resistors=parts))
+    forward = T.copy()
+    forward[:, 0] *= 1.02
+    rest = np.linalg.solve(T.T @ forward + LAM * np.eye(3), T.T @ EPS) * U0
+    part = next(part for part in verdict.budget if part.name == "resistors")
+    assert part.channels == pytest.approx((rest - verdict.ideal.target).tolist(), abs=1e-10)
+    assert part.predicted == pytest.approx(part.channels, rel=0.1, abs=1e-5)
+
+
+def test_offset_and_input_currents_are_links_of_their_own() -> None:
+    """One channel, T = 1, s = 1/G0: against Kirchhoff's law at the three inverting inputs."""
+    opamp = {"base": "ideal", "dc_gain": 1e12, "offset_voltage": 1e-3, "bias_current": 1e-9}
+    design = {"opamp": opamp | {"input_errors": True}, "resistor_series": "exact"}
+    design |= {"inverter_resistance": "10kohm", "unit_voltage": 1.0}
+    scene = a_scene(**design)
+    verdict = verify(scene, problem=matrix_problem([[1.0]], [1.2]))
+    parts = {part.name: part for part in verdict.budget}
+    assert list(parts)[2:5] == ["opamps", "offset_voltage", "input_currents"]
+    causes = {"offset_voltage": (1e-3, 0.0), "input_currents": (0.0, 1e-9)}
+    for name, (volts, amps) in causes.items():
+        moved = _moved(volts, amps, lam=LAM, R=1e5, r=1e4)
+        assert abs(parts[name].channels[0]) == pytest.approx(abs(moved), rel=1e-6)
+    assert verdict.budget.total is not None
+    assert verdict.budget.summed == pytest.approx(verdict.budget.total.channels, rel=1e-9)
+
+
+def _moved(e: float, current: float, *, lam: float, R: float, r: float) -> float:
+    """Solve Kirchhoff's law at the three inverting inputs, each at e, for u without strain."""
+    G, Gl = 1.0 / R, lam / R
+    # Unknowns u, a, w; the current leaves each node into its input.
+    A = np.array([[1 / r, 1 / r, 0.0], [0.0, G, G], [Gl, 0.0, G]])
+    b = np.array([2 * e / r, 2 * e * G, e * (Gl + G)]) + current
+    return float(np.linalg.solve(A, b)[0])
+
+
+def test_limits_are_a_link_of_their_own() -> None:
+    """At the large-signal level the clamps move the rest a little."""
+    opamp = {"base": "ua741", "level": "large-signal"}
+    design = {"opamp": opamp, "unit_voltage": "4V", "resistor_series": "exact"}
+    budget = verify(a_scene(**design), problem=problem(known=True)).budget
+    parts = {part.name: part for part in budget}
+    assert list(parts)[1:4] == ["resistors", "opamps", "limits"]
+    assert parts["limits"].value is not None
+    assert 0.0 < parts["limits"].value < 1e-3
+    whole = np.array(budget.total.channels) if budget.total else np.zeros(3)
+    assert np.all(np.abs(np.array(budget.summed) - whole) <= 0.01 * np.abs(whole))
+
+
+def test_an_unstable_board_has_no_second_solution() -> None:
+    slow = {"base": "ideal", "dc_gain": 1e5, "gbw": "200kHz", "second_pole": "300kHz"}
+    verdict = verify(a_scene(opamp=slow, capacitance="1pF"), problem=problem(known=False))
+    parts = {part.name: part for part in verdict.budget}
+    assert not verdict.poles.stable
+    assert parts["ill_posedness"].value is None
+    assert parts["ill_posedness"].channels == ()
+    assert verdict.budget.total is not None
+    assert verdict.budget.summed == pytest.approx(verdict.budget.total.channels, rel=1e-9)
+
+
+def test_a_solution_that_fails_says_so_and_the_next_part_contains_it() -> None:
+    from taction.system.errors import EngineError
+
+    def fails() -> Floats:
+        raise EngineError("no equilibrium")
+
+    chain = ErrorChain(np.array([1.0, 2.0]))
+    chain.solve("a", "first against second", fails)
+    chain.link("b", "third", np.array([1.5, 1.0]))
+    assert chain.parts[0] == ErrorPart("a", None, "first against second: no equilibrium")
+    assert chain.parts[1].channels == (0.5, -1.0)
+    assert ErrorBudget(tuple(chain.parts)).summed == (0.5, -1.0)
+
+
+def test_table_and_document_have_every_part_the_sum_and_the_total() -> None:
+    verdict = judged("linear")
+    record = verdict_document(verdict)["error_budget"]
+    total = record["total"]
+    assert total["sum"] == pytest.approx(total["channels"], rel=1e-9)
+    assert total["solves"] == 2  # the board as built with ideal op-amps, and the sensitivities
+    assert verdict.timing["error budget"] > 0.0
+    added = np.sum([record[part.name]["channels"] for part in verdict.budget], axis=0)
+    assert added == pytest.approx(np.array(total["sum"]), rel=1e-12)
+    assert record["resistors"]["predicted"] == pytest.approx(
+        record["resistors"]["channels"], rel=0.1, abs=2e-5
+    )
+    assert record["simulator"]["bound"] > 0.0
+    text = verdict_text(verdict)
+    assert "first order predicts" in text
+    assert "error budget: 2 solutions of its own" in text
+
+
+def test_a_budget_without_details_is_empty() -> None:
+    console = Console(width=100)
+    with console.capture() as captured:
+        console.print(budget_table(ErrorBudget(), 0.0))
+    assert "channel" not in captured.get()
+    assert budget_record(ErrorBudget()) == {}

@@ -1,0 +1,201 @@
+"""Loads of op-amps: beside ngspice at every op-amp's output, and beside Kirchhoff's law at rest."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from taction.netlist_gen.analysis import Transient
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.deck.deck import write_deck
+from taction.netlist_gen.scene.axes import with_values
+from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.errors import InputError
+from taction.verification.engines.ngspice.process import find_simulator, simulate
+from taction.verification.report.verdict.json_document import verdict_document
+from taction.verification.report.verdict.table import verdict_text
+from taction.verification.verdict.checks import Check, Outcome
+from taction.verification.verdict.clock import Clock
+from taction.verification.verdict.design import Design, design_board
+from taction.verification.verdict.headroom import Load, headroom
+from taction.verification.verdict.verify import Verdict, verify
+from tests.support.paths import CASES, SCENES
+
+
+def designed(scene: Scene) -> Design:
+    return design_board(scene, Clock(lambda stage: None))
+
+
+def worst(loads: tuple[Load, ...], quantity: str) -> Load:
+    return next(load for load in loads if load.quantity == quantity)
+
+
+def board(amplifier: str = "linear", **design: Any) -> Scene:
+    """A board of two channels of tl084, whose loads are of several per cent."""
+    slope = {} if amplifier == "linear" else {"exponential_slope": "0.3V"}
+    parts = {"capacitance": "1nF", "lambda": 0.2, "gain": "100kohm", "opamp": "tl084"}
+    parts |= {"unit_conductance": "10uS", "amplifier": amplifier, **slope, **design}
+    return Scene.from_arrays([[1.0, 0.3], [-0.2, 0.8]], [0.6, -0.4], design=parts)
+
+
+def small_signal(name: str) -> Scene:
+    scene = load_scene(CASES / f"{name}.toml")
+    return with_values(scene, {"design.opamp.level": "small-signal"})
+
+
+@pytest.mark.usefixtures("ngspice")
+@pytest.mark.parametrize(
+    "scene",
+    [load_scene(SCENES / "custom-matrix.toml"), small_signal("slew-ua741")],
+    ids=lambda scene: scene.name,
+)
+def test_peaks_are_those_of_ngspice(scene: Scene) -> None:
+    design = designed(scene)
+    loads = headroom(design.board, transient=design.transient)
+    nodes = {cell.name: cell.output for cell in design.circuit.opamps}
+    stop = 20.0 * worst(loads, "voltage").at
+    simulator = find_simulator()
+    deck = write_deck(
+        design.circuit,
+        Transient(stop, stop / 20_000),
+        solver=simulator.solver_option,
+        saved=tuple(nodes.values()),
+    )
+    wave = simulate(deck, simulator, timeout=60.0)
+    slopes = np.gradient(wave.values, wave.time, axis=0)
+    for quantity, values in (("voltage", wave.values), ("slope", slopes)):
+        found = worst(loads, quantity)
+        peak = float(np.abs(values).max())
+        assert found.peak == pytest.approx(peak, rel=5e-3, abs=found.error)
+        own = np.abs(values[:, wave.nodes.index(nodes[found.part])])
+        assert float(own.max()) == pytest.approx(peak, rel=1e-2)  # mirrored channels are alike
+        assert found.at == pytest.approx(float(wave.time[own.argmax()]), rel=0.2)
+
+
+def current_at(circuit: Circuit, voltages: dict[str, float], node: str) -> float:
+    """Return the current that the parts on a node draw, A."""
+    amps = 0.0
+    for part in circuit.resistors:
+        for here, there in ((part.a, part.b), (part.b, part.a)):
+            if here == node:
+                amps += (voltages[node] - voltages[there]) / part.ohms
+    for matrix in circuit.matrices:
+        for _, _, source, sink, ohms in matrix.elements():
+            if source == node:
+                amps += (voltages[node] - voltages[sink]) / ohms
+    return amps
+
+
+def test_a_current_at_rest_is_that_of_kirchhoff() -> None:
+    design = designed(board())
+    equilibrium = design.board.equilibrium
+    voltages = {name: equilibrium[name] for name in design.board.descriptor.names} | {"0": 0.0}
+    load = worst(headroom(design.board, transient=design.transient), "current")
+    cell = next(cell for cell in design.circuit.opamps if cell.name == load.part)
+    expected = current_at(design.circuit, voltages, cell.output)
+    assert load.rest == pytest.approx(abs(expected), rel=1e-6)
+
+
+@pytest.mark.parametrize("amplifier", ["linear", "exponential"])
+def test_loads_follow_the_limits(amplifier: str) -> None:
+    whole, half = (
+        headroom((d := designed(board(amplifier, opamp=opamp))).board, transient=d.transient)
+        for opamp in (
+            {"base": "tl084", "level": "small-signal"},
+            {
+                "base": "tl084",
+                "level": "small-signal",
+                "slew_rate": "6.5V/us",
+                "saturation": "8.25V",
+            },
+        )
+    )
+    for quantity in ("slope", "voltage"):
+        share = worst(whole, quantity).share
+        assert worst(half, quantity).share == pytest.approx(2.0 * share, rel=5e-3)
+
+
+def test_a_record_gives_the_loads_of_the_exact_solution() -> None:
+    # An amplifier U0 tanh(v / Ve) far below U0 = Ve is an inverter of gain 1.
+    design = designed(board())
+    exact = headroom(design.board, transient=design.transient)
+    large = designed(board("tanh", unit_voltage="1kV", exponential_slope="1kV"))
+    scaled = Scene.from_arrays(
+        [[1.0, 0.3], [-0.2, 0.8]],
+        [0.6e-3, -0.4e-3],
+        design=large.scene.design.model_dump(by_alias=True, exclude_none=True),
+    )
+    sampled = designed(scaled)
+    found = headroom(sampled.board, transient=sampled.transient)
+    for quantity in ("voltage", "slope", "current"):
+        assert worst(found, quantity).share == pytest.approx(worst(exact, quantity).share, rel=0.05)
+
+
+def test_parts_without_limits_have_no_loads() -> None:
+    design = designed(board(opamp="ideal"))
+    assert headroom(design.board, transient=design.transient) == ()
+    assert "headroom" not in {check.name for check in verify(board(opamp="ideal")).checks}
+
+
+def headroom_of(verdict: Verdict) -> Check:
+    return next(check for check in verdict.checks if check.name == "headroom")
+
+
+@pytest.mark.usefixtures("ngspice")
+@pytest.mark.parametrize("engine", ["ngspice", "statespace"])
+@pytest.mark.parametrize(
+    ("name", "outcome", "share", "part"),
+    [
+        # 47.5 V/us for 0.5 V/us; 1.58 V/us; 4.94 MV/us for 13 V/us (cases/README.md).
+        ("slew", Outcome.FAIL, 94.9, "v_5"),
+        ("slew-ua741", Outcome.INCONCLUSIVE, 3.164, "c_6"),
+        ("impossible-volts", Outcome.FAIL, 3.797e5, "v_2"),
+    ],
+)
+def test_a_board_whose_parts_cannot_do_it_never_passes(
+    name: str, engine: str, outcome: Outcome, share: float, part: str
+) -> None:
+    verdict = verify(small_signal(name).with_engine(engine))
+    check = headroom_of(verdict)
+    assert (verdict.outcome, check.outcome) == (outcome, outcome)
+    assert check.value == pytest.approx(share, rel=2e-3)
+    assert f"op-amp {part} " in check.reason
+    assert "unit_voltage = " in check.reason
+
+
+def test_the_proposed_unit_voltage_mends_the_board() -> None:
+    scene = small_signal("slew-ua741").with_engine("statespace")
+    reason = headroom_of(verify(scene)).reason
+    volts = reason.split("unit_voltage = ")[1].split(" keeps")[0]
+    design = scene.design.model_copy(update={"unit_voltage": float(volts.split()[0]) * 1e-3})
+    assert volts.endswith(" mV")
+    found = headroom_of(verify(scene.model_copy(update={"design": design})))
+    assert found.outcome is Outcome.PASS
+    assert found.value == pytest.approx(0.9, rel=0.05)
+
+
+def test_the_table_and_the_document_have_the_worst_first() -> None:
+    verdict = verify(small_signal("slew-ua741").with_engine("statespace"))
+    text = verdict_text(verdict)
+    assert "slope of c_6" in text
+    assert "1.58 V/us" in text
+    rows = verdict_document(verdict)["headroom"]
+    assert (rows[0]["part"], rows[0]["quantity"], rows[0]["unit"]) == ("c_6", "slope", "V/s")
+    assert rows[0]["share"] == pytest.approx(1.582e6 / 0.5e6, rel=1e-3)
+    assert {row["quantity"] for row in rows} == {"slope", "voltage", "current"}
+    shares = [row["share"] for row in rows]
+    assert shares == sorted(shares, reverse=True)
+
+
+def test_a_supply_outside_the_range_of_the_part_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"ua741 works at supplies from ±5 V to ±15 V"):
+        designed(board(opamp="ua741", supply="±18V"))
+    with pytest.raises(InputError, match=r"saturation = 15 V: must be below the supply of ±15 V"):
+        designed(board(opamp={"base": "ideal", "saturation": "15V"}))
+    assert board(opamp="op27", supply="±18V").design.supply == 18.0
+    assert math.isclose(board(supply="+-12 V").design.supply, 12.0)

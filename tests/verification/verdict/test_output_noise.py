@@ -1,0 +1,238 @@
+"""Noise of the outputs: both engines, the check, the report and the error budget."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from taction.netlist_gen.analysis import Analysis, Noise
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.deck.deck import Deck, write_deck
+from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.inverse_problem import make_problem
+from taction.netlist_gen.scene.scene import Scene
+from taction.verification.engines.ngspice.process import find_simulator, start
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.output_noise import output_noise
+from taction.verification.reference.lambda_rule import resolve_lambda
+from taction.verification.report.verdict.json_document import verdict_document
+from taction.verification.report.verdict.table import verdict_text
+from taction.verification.verdict.checks import Check, Outcome
+from taction.verification.verdict.noise_bands import noise_bands
+from taction.verification.verdict.output_noise import OutputNoise
+from taction.verification.verdict.run_checks import run_checks
+from taction.verification.verdict.verify import verify
+from tests.mutation.faults import CircuitChange, figures, scaled
+from tests.support.measured import evidence
+from tests.support.paths import SCENES
+
+TYPICAL = {"voltage_noise": "20nV/rtHz", "current_noise": "0.5pA/rtHz"}
+OPEN = {"base": "ideal", "gbw": "10MHz", "output_resistance": "75ohm"}
+LOUD: dict[str, dict[str, Any]] = {
+    "voltage": {"opamp": {"base": "tl084", "voltage_noise": "10uV/rtHz"}},
+    "current": {"opamp": {"base": "tl084", "current_noise": "1nA/rtHz"}},
+    "sensors": {"opamp": "tl084", "sensor_noise": "1nA/rtHz"},
+    "resistors": {"opamp": "tl084"},
+}
+
+
+def changed(path: Path, **figures: str) -> Scene:
+    """A scene with other figures of its op-amps."""
+    scene = resolve_lambda(load_scene(path))
+    opamp = scene.design.opamp.model_copy(update=numbers(figures))
+    return scene.model_copy(update={"design": scene.design.model_copy(update={"opamp": opamp})})
+
+
+def numbers(figures: dict[str, str]) -> dict[str, float]:
+    units = {"nV/rtHz": 1e-9, "pA/rtHz": 1e-12}
+    return {key: float(text[:-7]) * units[text[-7:]] for key, text in figures.items()}
+
+
+def from_ngspice(board: LinearBoard, channel: int) -> float:
+    bands = noise_bands(board.state_space.eigenvalues)
+    deck = write_deck(board.circuit, Noise(bands), saved=[board.circuit.outputs[channel].node])
+    with start(deck, find_simulator(), timeout=60.0) as run:
+        return run.noise()
+
+
+@pytest.mark.usefixtures("ngspice")
+@pytest.mark.parametrize("path", sorted(SCENES.glob("*.toml")), ids=lambda path: path.stem)
+def test_both_engines_find_the_noise_of_every_shipped_scene(path: Path) -> None:
+    """Linear and exponential, the latter at the equilibrium; the loudest and the first channel."""
+    scene = changed(path, **TYPICAL)
+    board = LinearBoard(synthesise(scene, make_problem(scene)))
+    rms, error = output_noise(board)
+    assert (error < 0.01 * rms).all()
+    for channel in {0, int(rms.argmax())}:
+        assert from_ngspice(board, channel) == pytest.approx(rms[channel], rel=1e-3)
+
+
+def small(amplifier: str = "linear", checks: dict[str, Any] | None = None, **design: Any) -> Scene:
+    parts = {"capacitance": "1nF", "lambda": 0.2, "gain": "100kohm", "opamp": "tl084"}
+    parts |= {"unit_conductance": "10uS", "amplifier": amplifier, **design}
+    matrix = [[1.0, 0.3], [-0.2, 0.8]]
+    return Scene.from_arrays(matrix, [0.6, 0.4], design=parts, checks=checks or {})
+
+
+@pytest.mark.usefixtures("ngspice")
+@pytest.mark.parametrize("amplifier", ["linear", "exponential"])
+@pytest.mark.parametrize("source", LOUD)
+def test_both_engines_agree_on_every_source_by_itself(source: str, amplifier: str) -> None:
+    quiet, loud = (
+        LinearBoard(synthesise(small(amplifier, **design)))
+        for design in (LOUD["resistors"], LOUD[source])
+    )
+    rms = output_noise(loud)[0]
+    assert source == "resistors" or (rms > 20.0 * output_noise(quiet)[0]).all()
+    for channel in (0, 1):
+        assert from_ngspice(loud, channel) == pytest.approx(rms[channel], rel=1e-3)
+
+
+def test_noise_follows_its_sources() -> None:
+    """White sources of different kinds add up in power."""
+
+    def power(**design: Any) -> np.ndarray:
+        return np.square(output_noise(LinearBoard(synthesise(small(**design))))[0])
+
+    silent = {"voltage_noise": 0, "current_noise": 0}
+    alone = power(opamp={"base": "tl084", **silent})
+    parts = [
+        power(opamp={"base": "tl084", **silent, name: value}) - alone
+        for name, value in (("voltage_noise", "18nV/rtHz"), ("current_noise", "1pA/rtHz"))
+    ]
+    sensors = power(opamp={"base": "tl084", **silent}, sensor_noise="2pA/rtHz") - alone
+    figures = {"voltage_noise": "18nV/rtHz", "current_noise": "1pA/rtHz"}
+    together = power(opamp={"base": "tl084", **figures}, sensor_noise="2pA/rtHz")
+    assert together == pytest.approx(alone + sum(parts) + sensors, rel=1e-9)
+
+
+def check_of(noise: OutputNoise | None, limit: float | None = 1e-3) -> Check | None:
+    checks = {} if limit is None else {"noise": {"max": limit}}
+    found = run_checks(evidence(checks=checks, noise=noise))
+    return next((check for check in found if check.name == "noise"), None)
+
+
+def test_a_scene_without_a_limit_has_no_check() -> None:
+    assert check_of(None, None) is None
+    verdict = verify(small().with_engine("statespace"))
+    assert verdict.noise is None
+    assert verdict_document(verdict)["noise"] is None
+    assert "noise" not in {part.name for part in verdict.budget}
+
+
+@pytest.mark.parametrize(
+    ("rms", "simulated", "unstated", "outcome", "reason"),
+    [
+        (0.9e-3, None, (), Outcome.PASS, "channel 2"),
+        (1.1e-3, None, (), Outcome.FAIL, "channel 2"),
+        (1.0e-3, None, (), Outcome.INCONCLUSIVE, "channel 2"),
+        (0.9e-3, 0.905e-3, (), Outcome.PASS, "channel 2"),
+        (0.997e-3, 1.002e-3, (), Outcome.INCONCLUSIVE, "channel 2"),
+        (0.9e-3, 0.88e-3, (), Outcome.INCONCLUSIVE, "ngspice differs by 2.22 %"),
+        (1.5e-3, 1.6e-3, (), Outcome.INCONCLUSIVE, "ngspice differs by 6.67 %"),
+        (0.9e-3, None, ("mine",), Outcome.INCONCLUSIVE, "of op-amp mine is not given"),
+        (1.1e-3, None, ("mine",), Outcome.FAIL, "channel 2"),
+    ],
+)
+def test_the_check(
+    rms: float, simulated: float | None, unstated: tuple[str, ...], outcome: Outcome, reason: str
+) -> None:
+    check = check_of(OutputNoise((1e-6, rms), (1e-9, 1e-9), "", simulated, unstated))
+    assert check is not None
+    assert check.outcome is outcome
+    assert reason in check.reason
+    assert (check.value, check.unit, check.expected) == (rms, "V", 1e-3)
+
+
+def test_an_unknown_noise_decides_nothing() -> None:
+    check = check_of(OutputNoise(unknown="the board is too large"))
+    assert check is not None
+    assert check.outcome is Outcome.INCONCLUSIVE
+    assert check.reason == "the board is too large"
+
+
+@pytest.mark.usefixtures("ngspice")
+@pytest.mark.parametrize("engine", ["ngspice", "statespace"])
+def test_the_verdict_has_the_noise_of_every_channel(engine: str) -> None:
+    scene = small(checks={"noise": {"max": "1mV"}}).with_engine(engine)
+    verdict = verify(scene)
+    rms = output_noise(LinearBoard(synthesise(scene)))[0]
+    check = next(check for check in verdict.checks if check.name == "noise")
+    assert check.outcome is Outcome.PASS
+    assert check.value == pytest.approx(rms.max(), rel=1e-9)
+    document = verdict_document(verdict)
+    assert document["noise"]["rms"] == pytest.approx(rms.tolist(), rel=1e-9)
+    assert (document["noise"]["ngspice"] is None) is (engine == "statespace")
+    assert document["error_budget"]["noise"]["value"] == pytest.approx(rms.max(), rel=1e-9)
+    assert "noise" in verdict_text(verdict)
+
+
+@pytest.mark.usefixtures("ngspice")
+@pytest.mark.parametrize(
+    ("volts", "amps", "fault"),
+    [
+        ("50nV/rtHz", "0.1pA/rtHz", figures(voltage_noise=40e-9)),
+        ("50nV/rtHz", "0.1pA/rtHz", figures(gbw=2e6)),
+        ("5nV/rtHz", "20pA/rtHz", figures(current_noise=15e-12)),
+        ("5nV/rtHz", "20pA/rtHz", scaled("noises", "eps_", density=0.9)),
+        ("1nV/rtHz", "0.01pA/rtHz", scaled("capacitors", "c_", farads=1.05)),
+        ("1nV/rtHz", "0.01pA/rtHz", scaled("resistors", "r_", ohms=0.5)),
+    ],
+)
+def test_a_fault_in_the_deck_alone_is_no_pass(
+    volts: str, amps: str, fault: CircuitChange, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def faulty(circuit: Circuit, analysis: Analysis, **options: Any) -> Deck:
+        return write_deck(fault(circuit), analysis, **options)
+
+    model = {"base": "tl084", "voltage_noise": volts, "current_noise": amps}
+    design = {"opamp": model, "sensor_noise": amps}
+    scene = small(checks={"noise": {"max": "1mV"}}, **design).with_engine("ngspice")
+    outcomes = []
+    for writer in (write_deck, faulty):
+        monkeypatch.setattr("taction.verification.verdict.output_noise.write_deck", writer)
+        outcomes += [check for check in verify(scene).checks if check.name == "noise"]
+    assert [check.outcome for check in outcomes] == [Outcome.PASS, Outcome.INCONCLUSIVE]
+    assert "ngspice differs by" in outcomes[1].reason
+
+
+@pytest.mark.parametrize(
+    ("design", "reason"),
+    [
+        ({"topology": "passive", "gain": "1Mohm", "opamp": OPEN}, "has no limit of its bandwidth"),
+        ({"capacitance": "1fF", "stray_capacitance": "1nF"}, "an unstable board has no noise"),
+    ],
+)
+def test_a_board_whose_noise_has_no_bound_is_undecided(design: dict[str, Any], reason: str) -> None:
+    scene = small(checks={"noise": {"max": "1mV"}}, **design).with_engine("statespace")
+    verdict = verify(scene)
+    check = next(check for check in verdict.checks if check.name == "noise")
+    assert check.outcome is Outcome.INCONCLUSIVE
+    assert reason in check.reason
+    assert next(part for part in verdict.budget if part.name == "noise").value is None
+
+
+@pytest.mark.parametrize(
+    ("opamp", "outcome", "reason"),
+    [
+        ({"base": "ideal"}, Outcome.PASS, "op-amp ideal is ideal and has no noise: only resistors"),
+        (
+            {"base": "ideal", "gbw": "1MHz"},
+            Outcome.INCONCLUSIVE,
+            "voltage noise of op-amp ideal_changed is not given: set design.opamp.voltage_noise",
+        ),
+        ({"base": "ideal", "gbw": "1MHz", "voltage_noise": "9nV/rtHz"}, Outcome.PASS, "channel"),
+    ],
+)
+def test_an_ideal_opamp_says_what_its_noise_is(
+    opamp: dict[str, Any], outcome: Outcome, reason: str
+) -> None:
+    scene = small(checks={"noise": {"max": "1mV"}}, opamp=opamp).with_engine("statespace")
+    check = next(check for check in verify(scene).checks if check.name == "noise")
+    assert check.outcome is outcome
+    assert reason in check.reason
+    assert ("ideal" in check.reason) is ("voltage_noise" not in opamp)

@@ -1,0 +1,193 @@
+"""How long a board is simulated, and how finely."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.scene.axes import with_values
+from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.errors import EngineError
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.readings.time_scales import TimeScales, time_scales
+from taction.verification.verdict.clock import Clock
+from taction.verification.verdict.design import design_board
+from taction.verification.verdict.even_steps import coarser
+from taction.verification.verdict.transient_plan import (
+    UNSTABLE_SECONDS,
+    Plan,
+    plan_transient,
+    seconds_per_step,
+    wanted_error,
+)
+from tests.support.boards import board, paper_board, two_pole
+from tests.support.making import make_scene
+from tests.support.paths import SCENES
+
+SETTLING = 1.2 * math.log(1e4)  # time constants until a tenth of 1e-3 is left, and a fifth more
+
+
+def planned(scene: Scene, **options: Any) -> tuple[Plan, TimeScales]:
+    board = LinearBoard(synthesise(scene))
+    scales = time_scales(board, initial=scene.analysis.initial)
+    return plan_transient(scene, board, scales, **options), scales
+
+
+def breadboard(**values: Any) -> Scene:
+    changed = {name.replace("__", "."): value for name, value in values.items()}
+    return with_values(load_scene(SCENES / "paper-breadboard.toml"), changed)
+
+
+def test_the_wanted_error_is_a_quarter_of_the_tightest_limit() -> None:
+    checks = {"steady_state": {"tolerance": 1e-2}, "engines_agree": {"tolerance": 4e-2}}
+    assert wanted_error(make_scene(checks=checks)) == pytest.approx(2.5e-3)
+    band = checks | {"settling_time": {"band": 2e-3}}
+    assert wanted_error(make_scene(checks=band)) == pytest.approx(5e-4)
+    assert wanted_error(make_scene(checks=checks | {"overshoot": {"max": 0.0}})) == 2.5e-3
+    assert wanted_error(make_scene(checks=checks | {"overshoot": {"max": 4e-4}})) == 1e-4
+    assert wanted_error(make_scene(analysis={"error": 1e-7})) == 1e-7
+    assert wanted_error(make_scene()) == pytest.approx(2.5e-4)
+
+
+def test_the_stop_time_follows_the_slowest_mode() -> None:
+    """Of the board at 1 nF and 100 kohm the signal nodes' own R and C are by far the slowest."""
+    plan, scales = planned(breadboard(design__capacitance=1e-9, design__gain=1e5))
+    slow = scales.amplitudes[scales.poles.real > -1e4].sum()
+    longest = (SETTLING + 1.2 * math.log(max(slow, 1.0))) * scales.slowest
+    assert 0.8 * longest < plan.transient.stop <= 1.01 * longest
+
+
+def test_the_times_of_the_scene_are_kept() -> None:
+    analysis = {"stop": 1 / 300, "initial": "rest", "points_per_period": 100}
+    plan, scales = planned(make_scene(analysis=analysis))
+    assert plan.transient.stop == 1 / 300
+    assert plan.transient.initial == "rest"
+    assert plan.transient.max_step == pytest.approx(scales.max_step_for(100), rel=1e-5)
+
+
+def test_a_tighter_error_costs_more_steps_and_an_aim_replaces_it() -> None:
+    loose, _ = planned(breadboard(design__capacitance=1e-10, analysis__error=1e-2))
+    tight, _ = planned(breadboard(design__capacitance=1e-10, analysis__error=1e-4))
+    assert loose.forecast.error <= 8e-3
+    assert tight.forecast.error <= 8e-5
+    assert tight.forecast.steps > 3 * loose.forecast.steps
+    aimed, _ = planned(breadboard(design__capacitance=1e-10, analysis__error=1e-2), aim=8e-5)
+    assert aimed.forecast.steps == tight.forecast.steps
+    assert aimed.wanted == 1e-2
+
+
+def test_ringing_that_does_not_show_costs_nothing() -> None:
+    """At 1 nF and 100 kohm the ringing has 3e-4 of the step and dies in 4 us of 20 ms."""
+    plan, scales = planned(breadboard(design__capacitance=1e-9, design__gain=1e5))
+    assert scales.ringing
+    assert plan.transient.stop / scales.ringing[0].period > 4000
+    assert plan.forecast.steps < 500
+
+
+def test_an_unstable_board_gets_the_time_to_show_it_and_no_more() -> None:
+    plan, scales = planned(breadboard(design__capacitance=5e-12))
+    assert plan.growing
+    assert plan.transient.stop == pytest.approx(scales.growth_time, rel=1e-5)
+    assert plan.seconds <= UNSTABLE_SECONDS
+    assert plan.notes == ()
+
+
+def test_an_instability_too_slow_to_be_seen_is_not_waited_for() -> None:
+    """1e-5 inside the edge of oscillation, the ringing grows over a million of periods."""
+    plan, scales = planned(breadboard(design__capacitance=9.0224e-12 * (1 - 1e-5)))
+    assert scales.growth_time < math.inf
+    assert plan.seconds <= 1.1 * UNSTABLE_SECONDS
+    (note,) = plan.notes
+    assert "before the instability has grown" in note
+    assert plan.transient.stop < scales.growth_time
+
+
+@pytest.mark.parametrize("share", [1e-2, 1e-5])
+def test_a_growing_record_of_the_exact_engine_shows_every_period(share: float) -> None:
+    scene = breadboard(design__capacitance=9.0224e-12 * (1 - share))
+    plan, scales = planned(scene, engine="statespace")
+    period = scales.max_step_for(1.0)
+    assert plan.growing
+    assert plan.transient.max_step <= period / 8
+    assert plan.transient.stop <= 20_001 * period
+    assert bool(plan.notes) == (plan.transient.stop < 0.999 * scales.growth_time)
+
+
+def test_the_larger_side_of_a_matrix_decides_the_cost_of_a_step() -> None:
+    boards = [
+        LinearBoard(board(np.ones((rows, columns)), np.ones(rows), two_pole(1e6, 5e-12)))
+        for rows, columns in ((6, 1), (1, 6), (6, 6))
+    ]
+    assert len({seconds_per_step(each) for each in boards}) == 1
+
+
+def test_a_given_stop_is_kept_however_short() -> None:
+    assert planned(make_scene(analysis={"stop": 1e-12}))[0].transient.stop == 1e-12
+
+
+def test_a_board_without_visible_modes_has_no_plan() -> None:
+    still = TimeScales(*(time_scales(paper_board()).poles[:0],) * 2, 0.0, (), math.inf, 0.0, 0.0)
+    with pytest.raises(EngineError, match="no stop time can be chosen"):
+        plan_transient(make_scene(), LinearBoard(paper_board()), still)
+
+
+def test_figures_of_a_deck_have_six_digits() -> None:
+    transient = planned(breadboard())[0].transient
+    for value in (transient.stop, transient.max_step, transient.truncation, transient.charge):
+        assert value == float(f"{value:.6g}")
+
+
+def test_a_coarser_run_is_coarser_everywhere() -> None:
+    fine = planned(breadboard())[0].transient
+    twice = coarser(fine, 2.0)
+    assert twice.max_step == 2 * fine.max_step
+    assert twice.truncation == 8 * fine.truncation
+    assert twice.begin == 2 * fine.begin
+    assert twice.stop == fine.stop
+
+
+def test_a_long_run_is_announced() -> None:
+    quick, _ = planned(breadboard(design__capacitance=1e-9, design__gain=1e5))
+    assert quick.remark == ""
+    slow, _ = planned(breadboard(analysis__error=1e-6))
+    assert slow.remark.startswith(f"about {slow.seconds:.0f} s for ")
+    assert "--engine statespace" in slow.remark
+
+
+def test_the_coarse_image_of_a_large_board_does_not_decide_whether_the_outputs_grow() -> None:
+    """At 2 pF the image of these 64 channels is unstable, and the board itself is stable."""
+    problem = {"channels": 64, "span": 16.0, "quadrature": "rectangle"}
+    design = {
+        "capacitance": 2e-12,
+        "gain": 5e5,
+        "unit_conductance": 2e-6,
+        "lambda": 0.1,
+        "opamp": "tl084",
+        "stray_capacitance": 2e-12,
+    }
+    asked = make_scene(problem, design=design, analysis={"engine": "ngspice"})
+    found = design_board(asked, Clock(lambda stage: None))
+    assert not found.scales.complete
+    assert found.scales.growth_time < math.inf
+    assert found.poles.stable
+    assert not found.plan.growing
+    assert found.plan.notes == ()
+    slowest = -1.0 / found.poles.rightmost.real
+    assert found.transient.stop > 4.0 * slowest
+
+
+def test_a_slower_pole_of_a_large_board_makes_its_record_longer() -> None:
+    coarse = replace(time_scales(paper_board()), complete=False)
+    rate = 0.1 / coarse.slowest
+    slower = coarse.with_slower(complex(-rate))
+    assert slower.stop_for(1e-4) == pytest.approx(math.log(1e4) / rate, rel=1e-2)
+    assert coarse.with_slower(complex(-0.9 / coarse.slowest)) is coarse
+    assert coarse.with_slower(complex(rate)) is coarse
+    whole = time_scales(paper_board())
+    assert whole.with_slower(complex(-rate)) is whole

@@ -1,0 +1,1 @@
+"""The search for a better board: candidates, their evaluation, and a ranking."""

@@ -1,0 +1,291 @@
+"""What to change on a board whose checks fail: the nearest changes that mend it, each verified.
+
+Every failed check has its own keys (`KEYS`). Over each key the search starts from the scene's value
+and ends at the nearest value with which the state-space engine's verdict passes. What an unstable
+board needs is solved on the poles first: the search begins at the edge of the stable range. Where
+no single key mends a transient, C and the gain are changed together.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from taction.netlist_gen.board.scalings import choose_opamp
+from taction.netlist_gen.scene.keys import Value
+from taction.netlist_gen.scene.scene import Scene
+from taction.spice_models.presets import load_presets
+from taction.verification.design.axis_search import (
+    Searched,
+    search_list,
+    search_pair,
+    search_range,
+)
+from taction.verification.design.stable_ranges import StableRange, stable_ranges
+from taction.verification.design.trials import Trial, Trials
+from taction.verification.verdict.checks import Outcome
+from taction.verification.verdict.verify import Verdict
+
+LIMIT = 4.0  # s: time limit of a search
+CAPACITANCE, GAIN, OPAMP = "design.capacitance", "design.gain", "design.opamp"
+TRANSIENT = (CAPACITANCE, GAIN, OPAMP)
+KEYS: dict[str, tuple[str, ...]] = {
+    "stability": TRANSIENT,
+    "settling_time": TRANSIENT,
+    "rise_time": TRANSIENT,
+    "overshoot": TRANSIENT,
+    "undershoot": TRANSIENT,
+    "steady_state": (
+        "design.resistor_series",
+        "design.prune",
+        OPAMP,
+        "design.unit_conductance",
+        GAIN,
+        "design.lambda",
+    ),
+    "headroom": ("design.unit_voltage", OPAMP, "design.supply"),
+    "noise": (OPAMP, CAPACITANCE, GAIN, "design.unit_voltage"),
+}
+"""The keys that can mend a check; no key mends a check that is not listed."""
+SERIES = ("E24", "E96", "E192", "exact")
+SUPPLIES = (5.0, 9.0, 12.0, 15.0, 18.0, 22.0)
+SHOWN = 4  # op-amps that are proposed
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """A change with what the state-space verdict says about it.
+
+    Attributes
+    ----------
+    values : dict
+        New values by dotted paths, with a lambda where it is held.
+    mends : tuple of str
+        The failed checks that pass with the change.
+    left : tuple of str
+        The checks that do not pass; empty where the verdict is a pass.
+    resistance : float or None
+        R of the changed board where it differs from the scene's, ohm.
+    """
+
+    values: dict[str, Value]
+    mends: tuple[str, ...]
+    left: tuple[str, ...]
+    resistance: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Remedies:
+    """The changes that were found for a verdict that fails.
+
+    Attributes
+    ----------
+    failed : tuple of str
+        The failed checks.
+    stability : tuple of StableRange
+        The nearest stable ranges of an unstable board.
+    changes : tuple of Change
+        Those that mend everything, else those that mend most.
+    without : tuple of Searched
+        The searches over keys that mend nothing.
+    cut : tuple of tuple of str
+        Keys whose search the time limit ended.
+    unmendable : tuple of str
+        Failed checks that no change of the design mends.
+    opamps : tuple of str
+        The presets with which an unstable board is stable.
+    trials : int
+        Number of verdicts.
+    limit : float
+        Time limit, s.
+    """
+
+    failed: tuple[str, ...]
+    stability: tuple[StableRange, ...]
+    changes: tuple[Change, ...]
+    without: tuple[Searched, ...]
+    cut: tuple[tuple[str, ...], ...]
+    unmendable: tuple[str, ...]
+    opamps: tuple[str, ...]
+    trials: int
+    limit: float
+
+
+def find_remedies(verdict: Verdict, seconds: float = LIMIT) -> Remedies | None:
+    """Return the nearest changes that mend a failed verdict; None for any other outcome.
+
+    Parameters
+    ----------
+    verdict : Verdict
+        Of the board that its scene describes.
+    seconds : float
+        Time limit, s; a simulation that has begun is finished.
+
+    Raises
+    ------
+    InputError
+        The files of the scene cannot be read any more.
+
+    Notes
+    -----
+    Costs up to about 100 verdicts by the state-space engine (seven channels: 0.04 s each), and for
+    an unstable board the poles of about 40 boards (5 ms each).
+    """
+    failed = tuple(check.name for check in verdict.checks if check.outcome is Outcome.FAIL)
+    if not failed:
+        return None
+    search = _Search(verdict.scene, failed, _causes(verdict), seconds)
+    if verdict.parts.largest_unit_voltage is not None:
+        search.edges["design.unit_voltage"] = verdict.parts.largest_unit_voltage
+    search.run(unstable=verdict.poles.certain and not verdict.poles.stable)
+    return search.result()
+
+
+def _causes(verdict: Verdict) -> tuple[str, ...]:
+    """Return the failed checks without those that fail only because another one does.
+
+    An unstable board has no readings, and one that rests outside the settling band never settles.
+    """
+    failed = {check.name: check for check in verdict.checks if check.outcome is Outcome.FAIL}
+    if "stability" in failed and not verdict.poles.stable:
+        return ("stability",)
+    settling = failed.get("settling_time")
+    if "steady_state" in failed and settling is not None and settling.value is None:
+        del failed["settling_time"]
+    return tuple(failed)
+
+
+class _Search:
+    """A search in progress."""
+
+    def __init__(
+        self, scene: Scene, failed: tuple[str, ...], causes: tuple[str, ...], seconds: float
+    ) -> None:
+        self.trials = Trials(scene, seconds)
+        self.scene, self.failed, self.causes = scene, failed, causes
+        self.ranges: tuple[StableRange, ...] = ()
+        self.edges: dict[str, float] = {}  # where a search begins, if not at the scene's value
+        self.searched: list[Searched] = []
+        self.passing: list[Trial] = []
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """The keys that can mend the failed checks, each once."""
+        if any(name not in KEYS for name in self.failed):
+            return ()
+        return tuple(dict.fromkeys(path for name in self.causes for path in KEYS[name]))
+
+    def run(self, *, unstable: bool) -> None:
+        """Search over every key, then over C and the gain together."""
+        paths = self.paths
+        if unstable and paths:
+            self.trials.share(len(paths) + 1)
+            self.ranges = stable_ranges(self.trials, (CAPACITANCE, GAIN))
+        known = {each.path: each for each in self.ranges}
+        self.edges |= {path: one.edge for path, one in known.items() if one.edge is not None}
+        for number, path in enumerate(paths):
+            self.trials.share(len(paths) - number + 1)
+            found = known.get(path)
+            if found is not None and not found.found and not found.reason:
+                self.searched.append(Searched((path,), None, found.least, found.most))
+                continue
+            self._over(path)
+        single = any({CAPACITANCE, GAIN}.intersection(t.changes) for t in self.passing)
+        if not single and all(KEYS.get(name) is TRANSIENT for name in self.causes):
+            self.trials.share(1)
+            self._keep(search_pair(self.trials, (CAPACITANCE, GAIN), accepts=_passes))
+
+    def _over(self, path: str) -> None:
+        values = _listed(self.scene, path)
+        if values is None:
+            found = search_range(self.trials, path, _passes, self.edges.get(path))
+            if found is not None:
+                self._keep(found)
+            return
+        if not values:
+            return
+        listed, accepted = search_list(self.trials, path, values, _passes)
+        self.searched.append(listed)
+        self.passing += accepted[:SHOWN]
+
+    def _keep(self, found: Searched) -> None:
+        self.searched.append(found)
+        if found.found is not None:
+            self.passing.append(found.found)
+
+    def result(self) -> Remedies:
+        """Return what was found."""
+        best = self.passing or list(self._partial())
+        return Remedies(
+            failed=self.failed,
+            stability=self.ranges,
+            changes=tuple(self._change(trial) for trial in best),
+            without=tuple(s for s in self.searched if s.found is None and s.complete),
+            cut=tuple(s.paths for s in self.searched if not s.complete),
+            unmendable=tuple(name for name in self.failed if name not in KEYS),
+            opamps=self._stable_opamps() if self.ranges else (),
+            trials=len(self.trials.tried),
+            limit=self.trials.limit,
+        )
+
+    def _stable_opamps(self) -> tuple[str, ...]:
+        stable = (t for t in self.trials.tried if t.outcomes.get("stability") is Outcome.PASS)
+        return tuple(str(t.changes[OPAMP]) for t in stable if t.changes.keys() == {OPAMP})
+
+    def _partial(self) -> Iterator[Trial]:
+        """Yield the trial nearest to the scene that mends most checks, for each set of keys."""
+        mended: dict[tuple[str, ...], Trial] = {}
+        for trial in self.trials.tried:
+            paths, count = tuple(sorted(trial.changes)), len(self._mends(trial))
+            if trial.refused or not trial.outcomes or not count:
+                continue
+            known = mended.get(paths)
+            if known is None or count > len(self._mends(known)):
+                mended[paths] = trial
+        most = max((len(self._mends(trial)) for trial in mended.values()), default=0)
+        yield from (trial for trial in mended.values() if len(self._mends(trial)) == most)
+
+    def _mends(self, trial: Trial) -> tuple[str, ...]:
+        return tuple(n for n in self.failed if trial.outcomes.get(n) is Outcome.PASS)
+
+    def _change(self, trial: Trial) -> Change:
+        values = self.trials.completed(trial.changes)
+        resistance = None
+        if "design.lambda" in values:
+            resistance = self.trials.resistance_at(trial.changes)
+        return Change(values, self._mends(trial), trial.left, resistance)
+
+
+def _passes(trial: Trial) -> bool:
+    return trial.passes
+
+
+def _listed(scene: Scene, path: str) -> Sequence[Value] | None:
+    """Return the values of a key that has a list of them, the nearest first; else None."""
+    design = scene.design
+    if path == OPAMP:
+        return _opamps(scene)
+    if path == "design.resistor_series":
+        finer = SERIES[SERIES.index(design.resistor_series) + 1 :]
+        return finer
+    if path == "design.prune":
+        return [design.prune / 3.0, design.prune / 10.0, 0.0] if design.prune else []
+    if path == "design.supply":
+        return sorted((v for v in SUPPLIES if v > design.supply), key=lambda v: v - design.supply)
+    return None
+
+
+def _opamps(scene: Scene) -> list[Value]:
+    """Return the presets, the one with the nearest bandwidth first; not the scene's own."""
+    own, changed = choose_opamp(scene), scene.design.opamp
+
+    def distance(name: str) -> float:
+        return abs(math.log(load_presets()[name].gbw / own.gbw))
+
+    names = (
+        name
+        for name, part in load_presets().items()
+        if math.isfinite(part.gbw) and (name != changed.base or own.name != name)
+    )
+    return [*sorted(names, key=distance)]

@@ -1,0 +1,288 @@
+"""Scalings for given op-amps and supply: G0, U0, s and R from the matrix, lambda and the loads.
+
+The matrix sets G0: on the logarithmic scale its resistors lie in the middle of the range that can
+be bought. The strain sets s: the constraint plane swings about as far as the outputs,
+``s G0 max|eps| = max|u|``, as far as R stays in that range; where the slew rate would keep the
+outputs low, s is up to ten times smaller. At last U0: the loads of the board (`headroom`) are
+proportional to U0 on a linear board, and the highest output voltage becomes the wanted share of the
+swing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from taction.netlist_gen.board.buyable_values import buyable
+from taction.netlist_gen.board.part_warnings import part_warnings
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.scene.axes import with_values
+from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.errors import EngineError
+from taction.verification.design.axis_search import search_range
+from taction.verification.design.resistors import scaled_resistors
+from taction.verification.design.stable_ranges import stable_ranges
+from taction.verification.design.trials import Trials, at_small_signal
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.readings.time_scales import time_scales
+from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
+from taction.verification.stability.poles import Poles, poles_behind
+from taction.verification.verdict.headroom import FULL, Load
+from taction.verification.verdict.part_limits import PartLoads, describe
+from taction.verification.verdict.transient_plan import plan_transient
+
+SHARE = 0.5  # of the swing, for the highest output voltage
+SMALLER = (1.0, 0.3, 0.1)  # times the balanced s, while slopes or currents set U0
+ROUNDS = 4  # of U0 on a board whose loads are not proportional to it
+PATIENCE = 10.0  # s: time limit of the search for a C with which the checks pass
+RESERVE = 2.0  # C over the value at which the board begins to oscillate
+
+
+@dataclass(frozen=True, slots=True)
+class Scaling:
+    """Scalings that were found.
+
+    Attributes
+    ----------
+    scene : Scene
+        With the scalings.
+    unit_conductance, unit_voltage, gain, resistance, capacitance : float
+        S, V, ohm, ohm and F.
+    lam : float
+        Lambda, as in the scene.
+    matrix_ohms : tuple of float
+        The smallest and the largest matrix resistor, ohm.
+    loads : tuple of Load
+        The largest load of each quantity, the largest share of a limit first.
+    notes : tuple of str
+        What could not be reached, and the warnings of the parts.
+    """
+
+    scene: Scene
+    unit_conductance: float
+    unit_voltage: float
+    gain: float
+    resistance: float
+    capacitance: float
+    lam: float
+    matrix_ohms: tuple[float, float]
+    loads: tuple[Load, ...]
+    notes: tuple[str, ...]
+
+
+def scale(scene: Scene, share: float = SHARE) -> Scaling:
+    """Return scalings with which the board uses its op-amps well; the solution does not change.
+
+    Parameters
+    ----------
+    scene : Scene
+        Lambda is a number.
+    share : float
+        Of the swing, for the highest output voltage of any op-amp at any time; slopes and currents
+        stay below 90 % of their limits.
+
+    Raises
+    ------
+    InputError
+        The problem or the design cannot be used, or T has a ratio of entries that no range of
+        resistors has.
+    EngineError
+        The board has no equilibrium.
+
+    Examples
+    --------
+    >>> import taction
+    >>> found = scale(taction.load_scene("scenes/tuned-breadboard.toml"))
+    >>> print(f"{found.gain:g} ohm, {found.resistance:g} ohm, lambda {found.lam:.3g}")
+    16000 ohm, 510000 ohm, lambda 0.0224
+    """
+    problem = make_problem(scene)
+    answer = ideal_answer(ideal_network(problem, scene), scene)
+    found: list[_Scaled] = []
+    for factor in SMALLER:
+        found.append(_scaled(scene, problem, answer, share, factor))
+        if found[-1].reaches or not found[-1].loads:
+            break
+    best = _passing(found)
+    if best.loads and not best.reaches:
+        best.notes.append(f"{describe(best.loads[0])}: it sets U0, not the share of the swing")
+    design = best.scene.design.model_copy(update={"opamp": scene.design.opamp})
+    scaled = best.scene.model_copy(update={"design": design})
+    return _result(scaled, problem, best.loads, best.notes)
+
+
+def _passing(found: list[_Scaled]) -> _Scaled:
+    """Return the first that passes its checks, that with the highest voltage first."""
+    ordered = sorted(found, key=lambda one: -one.voltage)
+    for one in ordered:
+        passing = _with_passing_capacitance(one.scene, one.notes)
+        if passing is not None:
+            return replace(one, scene=passing)
+    return ordered[0]
+
+
+@dataclass(slots=True)
+class _Scaled:
+    """The scene with one gain s, and its loads; `share` is that of the swing that is wanted."""
+
+    scene: Scene
+    loads: tuple[Load, ...]
+    notes: list[str]
+    share: float
+
+    @property
+    def reaches(self) -> bool:
+        """Whether the voltage sets U0, not a slope or a current; U0 has two digits."""
+        return self.voltage >= FULL * self.share
+
+    @property
+    def voltage(self) -> float:
+        """The highest output voltage, as a share of the swing."""
+        return max((load.share for load in self.loads if load.quantity == "voltage"), default=0.0)
+
+
+def _scaled(
+    scene: Scene, problem: InverseProblem, answer: IdealAnswer, share: float, factor: float
+) -> _Scaled:
+    """Return the scene scaled with `factor` times the balanced s."""
+    notes: list[str] = []
+    values = scaled_resistors(scene, problem, answer, factor, notes)
+    scaled = with_values(at_small_signal(scene), {**values, "design.lambda": answer.network.lam})
+    scaled = _with_voltage(scaled, problem, answer, share)
+    scaled = _with_stable_capacitance(scaled, problem, notes)
+    scaled, loads = _with_loads(scaled, problem, share, notes)
+    return _Scaled(scaled, loads, notes, share)
+
+
+def _result(
+    scene: Scene, problem: InverseProblem, loads: tuple[Load, ...], notes: list[str]
+) -> Scaling:
+    circuit = synthesise(scene, problem)
+    ohms = np.concatenate([matrix.ohms.ravel() for matrix in circuit.matrices])
+    ohms = ohms[np.isfinite(ohms)]
+    used = circuit.scalings
+    return Scaling(
+        scene=scene,
+        unit_conductance=used.unit_conductance,
+        unit_voltage=used.unit_voltage,
+        gain=used.gain,
+        resistance=used.resistance,
+        capacitance=used.capacitance,
+        lam=used.lam,
+        matrix_ohms=(float(ohms.min()), float(ohms.max())),
+        loads=loads,
+        notes=(*notes, *part_warnings(circuit)),
+    )
+
+
+def _with_voltage(
+    scene: Scene, problem: InverseProblem, answer: IdealAnswer, share: float
+) -> Scene:
+    """Return the scene with the U0 that the outputs at rest allow; the loads refine it."""
+    model = next(iter(synthesise(scene, problem).models.values()))
+    swing, drive = model.swing(scene.design.supply), float(np.abs(answer.solution.u).max())
+    if not math.isfinite(swing) or not drive:
+        return scene
+    return _at_voltage(scene, share * swing / drive)
+
+
+def _at_voltage(scene: Scene, volts: float) -> Scene:
+    """Return the scene with U0 of two digits, rounded down; G0 keeps R and lambda if it must."""
+    digit = 10.0 ** (math.floor(math.log10(volts)) - 1)
+    rounded = float(f"{digit * math.floor(volts / digit * (1.0 + 1e-9)):.1e}")
+    changes = {"design.unit_voltage": rounded}
+    if scene.design.amplifier != "linear":
+        ratio = scene.design.unit_voltage / rounded
+        changes["design.unit_conductance"] = scene.design.unit_conductance * math.sqrt(ratio)
+    return with_values(scene, changes)
+
+
+def _with_stable_capacitance(scene: Scene, problem: InverseProblem, notes: list[str]) -> Scene:
+    """Return the scene with a larger C if it is unstable with its own."""
+    found = _poles(scene, problem)
+    if found.stable and found.certain:
+        return scene
+    (stable,) = stable_ranges(Trials(scene), ["design.capacitance"])
+    if stable.edge is None:
+        notes.append("no C within a factor of 100 makes the board stable")
+        return scene
+    series = scene.design.capacitor_series
+    farads = buyable(RESERVE * stable.edge, "E12" if series == "exact" else series)
+    notes.append(f"C is larger than the scene's: below {stable.edge:.3g} F the board oscillates")
+    return with_values(scene, {"design.capacitance": farads})
+
+
+def _with_passing_capacitance(scene: Scene, notes: list[str]) -> Scene | None:
+    """Return the scene with the nearest C with which the checks pass; None if none does."""
+    trials, path = Trials(scene, PATIENCE), "design.capacitance"
+    own = trials.at({path: scene.design.capacitance})
+    if own.passes:
+        return scene
+    found = search_range(trials, path, lambda trial: trial.passes)
+    if found is None or found.found is None:
+        left = own.refused or ", ".join(name.replace("_", " ") for name in own.left)
+        within = "" if found is None or found.complete else f" was found in {PATIENCE:g} s that"
+        notes.append(f"no C{within} makes the board pass: {left}")
+        return None
+    farads = found.found.changes[path]
+    notes.append(f"C is another than the scene's, so that all checks pass: {farads:.3g} F")
+    return with_values(scene, {path: farads})
+
+
+def _poles(scene: Scene, problem: InverseProblem) -> Poles:
+    board = LinearBoard(synthesise(scene, problem))
+    return poles_behind(board, time_scales(board, initial=scene.analysis.initial))
+
+
+def _with_loads(
+    scene: Scene, problem: InverseProblem, share: float, notes: list[str]
+) -> tuple[Scene, tuple[Load, ...]]:
+    """Return the scene with the largest U0 that keeps the shares, and its loads."""
+    loads: tuple[Load, ...] = ()
+    for _ in range(ROUNDS):
+        board = LinearBoard(synthesise(scene, problem))
+        scales = time_scales(board, initial=scene.analysis.initial)
+        found = poles_behind(board, scales)
+        if not (found.stable and found.certain):
+            notes.append("the loads of an unstable board are not known: U0 is that of the outputs")
+            return scene, ()
+        plan = plan_transient(scene, board, scales, "statespace")
+        parts = PartLoads.of(board, initial=scene.analysis.initial, transient=plan.transient)
+        if parts.unknown:
+            raise EngineError(parts.unknown)
+        loads = parts.worst
+        if not loads:
+            notes.append("the op-amps have no limits: U0 is that of the scene")
+            return scene, ()
+        ratio = min(_allowed(load, share) for load in parts.loads)
+        if not math.isfinite(ratio):
+            notes.append("nothing moves with this strain: U0 is that of the scene")
+            return scene, loads
+        volts = scene.design.unit_voltage
+        after = _at_voltage(scene, volts * ratio)
+        if after.design.unit_voltage == volts:
+            break
+        scene = after
+    return scene, loads
+
+
+def _allowed(load: Load, share: float) -> float:
+    """Return the factor by which a load may grow."""
+    limit = share if load.quantity == "voltage" else FULL * (1.0 - 1e-6)
+    margin = 0.0 if load.quantity == "voltage" else load.error
+    return limit * load.limit / (load.peak + margin) if load.peak else math.inf
+
+
+def scalings_of(scaling: Scaling) -> Mapping[str, tuple[float, str]]:
+    """Return the scalings by their symbols, with their units."""
+    return {
+        "G0": (scaling.unit_conductance, "S"),
+        "U0": (scaling.unit_voltage, "V"),
+        "s": (scaling.gain, "ohm"),
+        "R": (scaling.resistance, "ohm"),
+        "C": (scaling.capacitance, "F"),
+    }

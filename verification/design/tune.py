@@ -1,0 +1,280 @@
+"""The paper's CONSOLE step: the design with the least settling time that every check accepts.
+
+The verdict of the state-space engine judges every candidate, by all checks of the scene and the
+limits of the search, and with values that can be bought. The solution that the board computes does
+not change, because lambda is constant (R follows). Settling time jumps where a ringing peak crosses
+the band, so the search uses no gradient: a grid, then Nelder and Mead's simplex from its best
+points.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from taction.netlist_gen.board.buyable_values import buyable, series_of
+from taction.netlist_gen.scene.checks import ExcursionCheck, StabilityCheck
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.array_types import Floats
+from taction.system.errors import EngineError
+from taction.system.quantities import show
+from taction.verification.design.axis_search import search_range
+from taction.verification.design.trials import Trial, Trials
+from taction.verification.design.tuning_ranges import Range, parse_ranges
+from taction.verification.studies.running.pace import Pace
+
+GRID = {1: 25, 2: 9, 3: 5}  # points of each parameter, by the number of parameters
+REACH = 20.0  # the range is the scene's value divided and multiplied by this factor
+OVERSHOOT = 0.05  # default limit
+STARTS = 3  # points of the grid from which a simplex starts
+EVALUATIONS = 40  # of one simplex
+USUAL = {1: 24, 2: EVALUATIONS, 3: EVALUATIONS}  # of one simplex, for the remaining time
+RESERVE = 0.99  # of the overshoot limit: the verification adds the simulator's error
+INFEASIBLE = 1e6  # added to the objective for every check that does not pass
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """One design of the search."""
+
+    values: dict[str, float]  # by dotted path
+    settling_time: float  # s, the longer value of a fragile reading; infinite if it never settles
+    overshoot: float  # fraction of the step amplitude; infinite for an unstable board
+    left: tuple[str, ...] = ()  # the checks that do not pass
+    refused: str = ""  # why there is no verdict, or which parts cannot be bought
+
+    @property
+    def good(self) -> bool:
+        """Whether every check passes with parts that can be bought."""
+        return not self.left and not self.refused
+
+
+@dataclass(frozen=True, slots=True)
+class Tuning:
+    """Result of a search."""
+
+    before: Candidate  # the design of the scene
+    after: Candidate  # the best design within the limits
+    scene: Scene  # with the best design, and the limits as checks
+    frontier: tuple[Candidate, ...]  # no candidate has both less overshoot and less settling time
+    tried: int  # candidates evaluated
+    overshoot_limit: float
+    margin: float
+    ranges: tuple[Range, ...]
+
+    @property
+    def at_edges(self) -> dict[str, float]:
+        """The ends of the ranges at which the best design lies, by dotted path."""
+        edges = {each.path: each.edge_of(self.after.values[each.path]) for each in self.ranges}
+        return {path: edge for path, edge in edges.items() if edge is not None}
+
+
+def tune(
+    scene: Scene,
+    keys: Iterable[str] = ("gain",),
+    *,
+    overshoot: float | None = None,
+    margin: float | None = None,
+    reach: float | None = None,
+    progress: Callable[[str], None] = lambda stage: None,
+) -> Tuning:
+    """Search for the least settling time over `keys`.
+
+    Parameters
+    ----------
+    keys : iterable of str
+        One to three numeric keys of the scene's design, each with an optional range:
+        ``"gain=1M:10M"``.
+    overshoot : float, optional
+        Limit, fraction of the step amplitude; by default the scene's check, else `OVERSHOOT`.
+    margin : float, optional
+        Factor by which C may shrink; by default the scene's check.
+    reach : float, optional
+        A key without a range goes from the scene's value divided by it to the value times it, by
+        default `REACH`.
+
+    Raises
+    ------
+    InputError
+        A key is unknown or not of the design, a range is none, there are no keys or too many, or
+        the design of the scene cannot be built.
+    EngineError
+        No candidate passes the checks; the message has the one that came closest.
+    """
+    ranges = parse_ranges(scene, keys, reach or REACH, max(GRID))
+    check = scene.checks.overshoot
+    limit = overshoot or (OVERSHOOT if check is None else check.max)
+    search = _Search(scene, ranges, limit, margin or scene.checks.stability.margin, progress)
+    before = search.evaluate({each.path: each.own for each in ranges})
+    count = GRID[len(ranges)]
+    axes = [np.linspace(math.log(each.low), math.log(each.high), count) for each in ranges]
+    grid = [np.array(point) for point in product(*axes)]
+    for number, point in enumerate(grid, 1):
+        search.begin(f"grid {number} of {len(grid)}", len(grid) - number + 1, STARTS)
+        search.at(point)
+    if not search.feasible(search.best(1)[0]):
+        search.begin("from the scene outwards", 0, STARTS)
+        search.seed()
+    for number, start in enumerate(search.best(STARTS), 1):
+        search.begin(f"simplex {number} of {STARTS}", 0, STARTS - number + 1)
+        search.descend(start, [float(axis[1] - axis[0]) for axis in axes])
+    after = search.best(1)[0]
+    if not search.feasible(after):
+        raise search.no_design(after)
+    return Tuning(
+        before=before,
+        after=after,
+        scene=search.tuned_scene(after),
+        frontier=_frontier(search.candidates),
+        tried=len(search.candidates),
+        overshoot_limit=limit,
+        margin=search.margin,
+        ranges=ranges,
+    )
+
+
+def _frontier(candidates: Iterable[Candidate]) -> tuple[Candidate, ...]:
+    """Return the Pareto-optimal candidates, by growing overshoot.
+
+    A candidate counts if it fails no check other than that of the overshoot.
+    """
+    frontier: list[Candidate] = []
+    kept = [c for c in candidates if not c.refused and set(c.left) <= {"overshoot"}]
+    settling = [c for c in kept if math.isfinite(c.settling_time)]
+    for candidate in sorted(settling, key=lambda c: (c.overshoot, c.settling_time)):
+        if not frontier or candidate.settling_time < frontier[-1].settling_time:
+            frontier.append(candidate)
+    return tuple(frontier)
+
+
+@dataclass(slots=True)
+class _Search:
+    """Candidates of one search."""
+
+    original: Scene
+    ranges: Sequence[Range]
+    overshoot: float
+    margin: float
+    progress: Callable[[str], None]
+    candidates: list[Candidate] = field(default_factory=list)
+    trials: Trials = field(init=False)
+    pace: Pace = field(default_factory=Pace)
+    stage: str = "the scene's design"
+    left: int = 0  # candidates that are left, about
+
+    def __post_init__(self) -> None:
+        self.trials = Trials(self.limited)
+
+    @property
+    def limited(self) -> Scene:
+        """The original scene with the limits as checks."""
+        limits: dict[str, Any] = {"overshoot": ExcursionCheck(max=self.overshoot)}
+        limits |= {"stability": StabilityCheck(margin=self.margin)}
+        checks = self.original.checks.model_copy(update=limits)
+        return self.original.model_copy(update={"checks": checks})
+
+    def begin(self, stage: str, points: int, simplexes: int) -> None:
+        """Begin a stage; so many points of the grid and simplexes are left with it."""
+        self.stage, self.left = stage, points + simplexes * USUAL[len(self.ranges)]
+
+    def tuned_scene(self, candidate: Candidate) -> Scene:
+        """Return the original scene with the design of `candidate` and the limits as checks."""
+        return self.trials.scene_at(candidate.values, self.limited)
+
+    def feasible(self, candidate: Candidate) -> bool:
+        """Whether a candidate passes, with a reserve for the simulator's error."""
+        return candidate.good and candidate.overshoot <= RESERVE * self.overshoot
+
+    def objective(self, candidate: Candidate) -> float:
+        """Return ln(settling time), plus a penalty for every check that does not pass."""
+        broken = len(candidate.left) + bool(candidate.refused)
+        if not math.isfinite(candidate.settling_time):
+            return (100 + broken) * INFEASIBLE
+        excess = max(candidate.overshoot - RESERVE * self.overshoot, 0.0)
+        penalty = INFEASIBLE * (broken + min(excess, 1.0) + bool(excess))
+        return math.log(candidate.settling_time) + penalty
+
+    def best(self, count: int) -> list[Candidate]:
+        """Return the best candidates so far."""
+        return sorted(self.candidates, key=self.objective)[:count]
+
+    def no_design(self, closest: Candidate) -> EngineError:
+        """Return the error that no candidate passes, with the one that came closest."""
+        ends = ", ".join(
+            f"{each.path} from {show(each.low, each.unit, 3)} to {show(each.high, each.unit, 3)}"
+            for each in self.ranges
+        )
+        values = ", ".join(
+            f"{each.path} = {show(closest.values[each.path], each.unit)}" for each in self.ranges
+        )
+        failing = ", ".join(name.replace("_", " ") for name in closest.left) or "overshoot"
+        if closest.refused:
+            failing = closest.refused
+        reached = ""
+        if math.isfinite(closest.overshoot):
+            reached = f" with an overshoot of {100 * closest.overshoot:.3g} %"
+        return EngineError(
+            f"no design passes every check with an overshoot of {100 * self.overshoot:g} % and a"
+            f" margin of {self.margin:g} in C; tried {len(self.candidates)} over {ends}. The"
+            f" closest is {values}{reached}: it does not pass {failing}. Loosen a limit, give"
+            " another range, or tune another key"
+        )
+
+    def at(self, point: Floats) -> Candidate:
+        """Try the design at the logarithms `point`, with the nearest values that can be bought."""
+        values = {}
+        for each, place in zip(self.ranges, point.tolist(), strict=True):
+            value = min(max(math.exp(place), each.low), each.high)
+            values[each.path] = buyable(value, series_of(self.original.design, each.path))
+        return self.evaluate(values)
+
+    def evaluate(self, values: dict[str, float]) -> Candidate:
+        """Try the design with `values`."""
+        trial = self.trials.at(dict(values))
+        if not self.candidates and not trial.outcomes:
+            self.trials.board_at(dict(values))  # raises the error of the scene's own design
+        candidate = _candidate(values, trial)
+        self.candidates.append(candidate)
+        self.left = max(self.left - 1, 0)
+        self.progress(f"{self.stage}{self.pace.ended(self.left)}")
+        return candidate
+
+    def seed(self) -> None:
+        """Search outwards from the scene's values for a design that passes, key by key.
+
+        The grid may step over a narrow window that this search halves its way into.
+        """
+        for each in self.ranges:
+
+            def accepts(trial: Trial, each: Range = each) -> bool:
+                value = float(trial.changes[each.path])
+                return trial.passes and each.low <= value <= each.high
+
+            found = search_range(self.trials, each.path, accepts)
+            if found is not None and found.found is not None:
+                own = {other.path: other.own for other in self.ranges}
+                value = float(found.found.changes[each.path])
+                self.evaluate(own | {each.path: value})
+
+    def descend(self, start: Candidate, spacings: Sequence[float]) -> None:
+        """Run a simplex from `start`; the grid has these `spacings`."""
+        from scipy.optimize import minimize
+
+        x0 = np.log([start.values[each.path] for each in self.ranges])
+        simplex = np.vstack([x0, x0 + 0.5 * np.diag(spacings)])
+        options: Any = {"initial_simplex": simplex, "maxfev": EVALUATIONS}
+        options |= {"xatol": 1e-3, "fatol": 1e-4}
+
+        def objective(point: Floats) -> float:
+            return self.objective(self.at(point))
+
+        minimize(objective, x0.tolist(), method="Nelder-Mead", options=options)
+
+
+def _candidate(values: dict[str, float], trial: Trial) -> Candidate:
+    return Candidate(values, trial.settling_time, trial.overshoot, trial.left, trial.refused)

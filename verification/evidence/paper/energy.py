@@ -1,0 +1,114 @@
+"""Section 3 and 4.1: the energy function, its descent, and the conditions of theorem 3.1."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from taction.system.array_types import Floats
+from taction.verification.evidence.paper.findings import Chapter, Finding, finding, weigh
+from taction.verification.evidence.paper.pictures import Panel, Picture, curve
+from taction.verification.evidence.paper.tactile import Geometry, largest_difference, unit_network
+from taction.verification.reference import IdealNetwork, ideal_transient
+from taction.verification.reference.dynamics import AGREEMENT, ScaledNetwork, Transient, Trust
+from taction.verification.reference.regularisers import REGULARISERS
+
+GEOMETRY = Geometry(15, 6.0)
+MU = 0.05
+STARTS = 4
+STATES = 200  # random states for each regulariser
+
+
+def energy(quick: bool) -> Chapter:
+    """Judge the Lyapunov property on the exponential network and the convexity of eq (17)."""
+    network = unit_network(GEOMETRY.matrix, GEOMETRY.strain(1, 0.01), MU)
+    descent, picture = _descent(network)
+    scaled = ScaledNetwork(network)
+    attraction = _everywhere(network, 2 if quick else STARTS)
+    findings = (descent, _gradient(scaled), attraction, _symmetry(scaled), _minima())
+    return Chapter(findings, (picture,))
+
+
+def _descent(network: IdealNetwork) -> tuple[Finding, Picture]:
+    run = ideal_transient(network, np.zeros(GEOMETRY.channels))
+    scaled = ScaledNetwork(network)
+    time, fallen = np.array([0.0]), np.array([0.0])
+    rising = np.inf
+    if run.response is not None:
+        time = run.response.time
+        levels = np.array([scaled.energy(row) for row in np.log(run.response.outputs(time))])
+        fallen = levels - levels[-1]
+        rising = float(np.max(np.diff(levels), initial=0.0)) / float(levels[0] - levels[-1])
+    trusted = run.outcome is Trust.TRUSTED and run.energy_residual <= AGREEMENT
+    result = finding(
+        "lyapunov",
+        {"residual": run.energy_residual, "largest_rise": rising},
+        weigh(trusted and rising <= 1e-9),
+        channels=GEOMETRY.channels,
+        stiffness=run.stiffness,
+    )
+    shown = (time > 1e-5) & (fallen > 1e-12 * fallen.max())
+    line = curve(time[shown], fallen[shown])
+    panel = Panel("energy above its minimum", "time (RC)", "P - P(end)", (line,), logs="xy")
+    return result, Picture("energy", "The energy falls along a trajectory.", (panel,))
+
+
+def _gradient(scaled: ScaledNetwork) -> Finding:
+    """Compare ``du/dt`` with ``-G C⁻¹ dP/du``, the gradient by central differences in u."""
+    x = np.random.default_rng(2).normal(0.0, 1.0, GEOMETRY.channels)
+    u, step = np.exp(x), 1e-5
+    slope = np.empty_like(u)
+    for n in range(len(u)):
+        above, below = u.copy(), u.copy()
+        above[n] *= 1.0 + step
+        below[n] *= 1.0 - step
+        rise = scaled.energy(np.log(above)) - scaled.energy(np.log(below))
+        slope[n] = rise / (2.0 * step * u[n])
+    difference = largest_difference(-u * slope, u * scaled.slope(0.0, x))
+    return finding("gradient-system", {"difference": difference}, weigh(difference <= 1e-6))
+
+
+def _final(run: Transient) -> Floats:
+    """Return the outputs (N,) at the end of a transient; NaN for a transient that failed."""
+    if run.response is None:
+        return np.full(GEOMETRY.channels, np.nan)
+    return np.asarray(run.response.outputs(run.response.time[-1:])[0])
+
+
+def _everywhere(network: IdealNetwork, starts: int) -> Finding:
+    rng = np.random.default_rng(3)
+    runs = [
+        ideal_transient(network, rng.normal(0.0, 2.0, GEOMETRY.channels)) for _ in range(starts)
+    ]
+    worst = float(np.max([largest_difference(_final(run), run.rest.u) for run in runs]))
+    outcome = weigh(worst <= 1e-6)
+    return finding("asymptotically-stable", {"difference": worst}, outcome, starts=starts)
+
+
+def _symmetry(scaled: ScaledNetwork) -> Finding:
+    x = np.random.default_rng(4).normal(0.0, 1.0, GEOMETRY.channels)
+    by_v = scaled.jacobian(0.0, x)
+    values = {
+        name: float(np.linalg.norm(jacobian - jacobian.T) / np.linalg.norm(jacobian))
+        for name, jacobian in (("in_v", by_v), ("in_u", by_v / np.exp(x)))
+    }
+    return finding("hypothesis-2", values, weigh(values["in_v"] <= 1e-12))
+
+
+def _minima() -> Finding:
+    """Search for a direction in which an energy of the class (17) curves down."""
+    rng = np.random.default_rng(5)
+    T = GEOMETRY.matrix
+    least, apart = np.inf, 0.0
+    kinds = [name for name in REGULARISERS if name != "linear"]
+    for name in kinds:
+        network = unit_network(T, GEOMETRY.strain(1, 0.01), MU, name)
+        for _ in range(STATES):
+            v = rng.normal(0.0, 2.0, GEOMETRY.channels)
+            hessian = T.T @ T / MU + np.diag(1.0 / REGULARISERS[name].slope(v))
+            least = min(least, float(np.linalg.eigvalsh(hessian)[0]))
+        starts = (rng.normal(0.0, 1.5, GEOMETRY.channels) for _ in range(2))
+        first, second = (_final(ideal_transient(network, start)) for start in starts)
+        apart = float(np.maximum(apart, np.max(np.abs(first - second))))
+    values = {"least_eigenvalue": least, "apart": apart}
+    outcome = weigh(not (least > 0.0 and apart <= 1e-5))
+    return finding("multiple-minima", values, outcome, drawn=STATES, kinds=", ".join(kinds))

@@ -1,0 +1,164 @@
+"""Section 4.2: why simulation was hard for SIMNON, an explicit against an implicit method."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from taction.system.array_types import Floats
+from taction.verification.evidence.paper.findings import Chapter, Finding, finding, weigh
+from taction.verification.evidence.paper.pictures import Panel, Picture, curve
+from taction.verification.evidence.paper.tactile import Geometry, largest_difference, unit_network
+from taction.verification.reference import ideal_transient
+from taction.verification.reference.dynamics import AGREEMENT, ScaledNetwork, Transient, Trust
+
+GEOMETRY = Geometry(21, 6.0)
+MU = 5e-4
+REAL_AXIS = 2.785  # classical Runge-Kutta is stable for steps up to this over the fastest rate
+QUARTER = 0.25
+RUNAWAY = 10.0  # above every output of this network
+MAX_ERROR = 1e-3  # of the largest output
+END = 5.0  # R C
+INSTANTS = 50
+SHARES: tuple[float, ...] = (0.7, 0.5, 0.35, 0.25)  # of the largest step that is stable at rest
+TOLERANCES: tuple[float, ...] = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
+QUICK = slice(1, 2)  # of `SHARES` and `TOLERANCES` in a quick run
+
+
+@dataclass(frozen=True, slots=True)
+class _Run:
+    """One integration: error over the largest output, wall time in s, evaluations of the slope."""
+
+    error: float
+    seconds: float
+    evaluations: int
+
+
+def simnon(quick: bool) -> Chapter:
+    """Judge section 4.2's remarks on simulation with the exponential network."""
+    network = unit_network(GEOMETRY.matrix, GEOMETRY.strain(1, 0.01), MU)
+    exact = ideal_transient(network, np.zeros(GEOMETRY.channels))
+    scaled = ScaledNetwork(network)
+    instants = np.linspace(0.0, END, INSTANTS + 1)[1:]
+    rest = exact.rest.u if exact.rest.v is None else exact.rest.v
+    fastest = float(np.max(-np.linalg.eigvals(scaled.jacobian(0.0, rest)).real))
+    if exact.response is None:
+        truth = np.full((INSTANTS, GEOMETRY.channels), np.nan)
+    else:
+        truth = exact.response.outputs(instants)
+    part = QUICK if quick else slice(None)
+    steps = [share * REAL_AXIS / fastest for share in SHARES[part]]
+    explicit = [_measure(partial(_runge_kutta, scaled, instants, h), truth) for h in steps]
+    implicit = [_measure(partial(_radau, scaled, instants, t), truth) for t in TOLERANCES[part]]
+    findings = (
+        _unstable(scaled, fastest),
+        _cost(explicit, implicit, exact.stiffness),
+        _accuracy(exact),
+    )
+    return Chapter(findings, (_picture(explicit, implicit),))
+
+
+def _runge_kutta(scaled: ScaledNetwork, instants: Floats, step: float) -> tuple[Floats, int]:
+    """Return outputs (P, N) at equally spaced `instants` by the classical method of order 4."""
+    x, outputs = np.zeros(GEOMETRY.channels), []
+    steps = max(int(np.ceil(float(instants[0]) / step)), 1)  # between two instants
+    h, slope = float(instants[0]) / steps, scaled.slope
+    with np.errstate(all="ignore"):
+        for _ in instants:
+            for _ in range(steps):
+                a = slope(0.0, x)
+                b = slope(0.0, x + 0.5 * h * a)
+                c = slope(0.0, x + 0.5 * h * b)
+                d = slope(0.0, x + h * c)
+                x = x + h / 6.0 * (a + 2.0 * (b + c) + d)
+            outputs.append(np.exp(x))
+    return np.array(outputs), 4 * steps * len(instants)
+
+
+def _radau(scaled: ScaledNetwork, instants: Floats, tolerance: float) -> tuple[Floats, int]:
+    from scipy.integrate import solve_ivp
+
+    run = solve_ivp(
+        scaled.slope, (0.0, END), np.zeros(GEOMETRY.channels), "Radau", t_eval=instants,
+        jac=scaled.jacobian, rtol=tolerance, atol=tolerance,
+    )  # fmt: skip
+    return np.exp(run.y.T), int(run.nfev)
+
+
+def _measure(run: Callable[[], tuple[Floats, int]], truth: Floats) -> _Run:
+    seconds = np.inf
+    for _ in range(2):
+        start = time.perf_counter()
+        u, evaluations = run()
+        seconds = min(seconds, time.perf_counter() - start)
+    error = largest_difference(u, truth)
+    return _Run(error if np.isfinite(error) else np.inf, seconds, evaluations)
+
+
+def _unstable(scaled: ScaledNetwork, fastest: float) -> Finding:
+    """Keep the step, a quarter of the largest stable one at first, and shrink C by bisection."""
+    instants = np.linspace(0.0, 0.2, 3)[1:]
+    step = QUARTER * REAL_AXIS / fastest
+    stable, unstable = 1.0, 0.05  # C over its first value
+    while stable > 1.02 * unstable:
+        middle = float(np.sqrt(stable * unstable))
+        u, _ = _runge_kutta(scaled, instants, step / middle)
+        bounded = np.all(np.isfinite(u)) and float(np.max(np.abs(u))) < RUNAWAY
+        stable, unstable = (middle, unstable) if bounded else (stable, middle)
+    return finding(
+        "simnon-unstable",
+        {"capacitance_ratio": unstable, "fastest_rate_rc": fastest},
+        weigh(0.6 * QUARTER < unstable < 1.7 * QUARTER),
+        step=step,
+        channels=GEOMETRY.channels,
+        limit=REAL_AXIS,
+        quarter=QUARTER,
+    )
+
+
+def _cost(explicit: list[_Run], implicit: list[_Run], stiffness: float) -> Finding:
+    runge_kutta, radau = (
+        min((run for run in runs if run.error <= MAX_ERROR), key=lambda run: run.evaluations)
+        for runs in (explicit, implicit)
+    )
+    ratio = runge_kutta.evaluations / radau.evaluations
+    return finding(
+        "simnon-cost",
+        {"explicit": runge_kutta.seconds, "implicit": radau.seconds, "evaluations_ratio": ratio},
+        weigh(False, ratio > 10.0),
+        end=END,
+        error=MAX_ERROR,
+        evaluations=(runge_kutta.evaluations, radau.evaluations),
+        stiffness=stiffness,
+    )
+
+
+def _accuracy(run: Transient) -> Finding:
+    settling = run.response.settling_time() if run.response is not None else float("nan")
+    trusted = run.outcome is Trust.TRUSTED and run.second_opinion <= AGREEMENT
+    values = {"settling_time_rc": settling, "second_opinion": run.second_opinion}
+    outcome = weigh(not trusted)
+    return finding("simnon-accuracy", values, outcome, energy_residual=run.energy_residual)
+
+
+def _picture(explicit: list[_Run], implicit: list[_Run]) -> Picture:
+    methods = (
+        (explicit, "Runge-Kutta 4, explicit", "C3s-"),
+        (implicit, "Radau IIA, implicit", "C0o-"),
+    )
+    panels = []
+    for title, x, key in (
+        ("error against run time", "wall time (s)", "seconds"),
+        ("error against work", "evaluations of the right-hand side", "evaluations"),
+    ):
+        lines = tuple(
+            curve([getattr(run, key) for run in runs], [run.error for run in runs], name, style)
+            for runs, name, style in methods
+        )
+        panels.append(Panel(title, x, "largest error (of the largest output)", lines, logs="xy"))
+    text = "The explicit method is stable only where it is far more accurate than necessary."
+    return Picture("simnon", text, tuple(panels))

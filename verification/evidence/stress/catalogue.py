@@ -1,0 +1,183 @@
+"""The catalogue of stress cases: TOML files of one family each, and their true values.
+
+A file has a table ``[base]`` with the tables of a scene, and tables ``[case.NAME]`` whose tables of
+a scene are laid over the base. Beside them a case has the fields of
+`Case` from `why` to `decided`.
+"""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import json
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from taction.netlist_gen.scene.scene import Scene, parse_scene
+from taction.system import errors
+from taction.system.errors import Complaint, InputError, TactionError
+from taction.verification.evidence.stress.matrices import make_array
+from taction.verification.evidence.stress.true_values import TrueValues
+from taction.verification.verdict.checks import Outcome
+
+FOLDER = Path(__file__).parents[3] / "scenes" / "stress"
+TRUE_VALUES = "true-values.json"
+ENGINES = ("ngspice", "statespace")
+REFUSALS = frozenset(
+    name
+    for name, kind in vars(errors).items()
+    if isinstance(kind, type) and issubclass(kind, TactionError)
+)
+OUTCOMES = frozenset(outcome.value for outcome in Outcome) | REFUSALS
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One scene with its right outcome.
+
+    Attributes
+    ----------
+    name, family : str
+        `family` is the stem of the case's file.
+    why : str
+        Why the scene is hard.
+    known : str
+        How the right outcome is known.
+    outcome : dict of str to tuple of str
+        By engine: pass, fail, inconclusive, or the exception that refuses the scene. The first is
+        the right outcome; others are accepted where the accuracy of the engine decides, and none
+        of them contradicts the first. Bad input is refused before an engine is chosen, so it has
+        one engine.
+    decided : dict of str to str
+        Outcomes of single checks, on every engine.
+    tables : dict
+        The tables of the scene.
+    truth : TrueValues or None
+        None where the scene is refused.
+    seconds : dict of str to float
+        By engine: the time that a run took where the true values were computed, s.
+    """
+
+    name: str
+    family: str
+    why: str
+    known: str
+    outcome: Mapping[str, tuple[str, ...]]
+    decided: Mapping[str, str]
+    tables: Mapping[str, Any]
+    truth: TrueValues | None
+    seconds: Mapping[str, float]
+
+    @property
+    def engines(self) -> tuple[str, ...]:
+        """The engines that the case runs on."""
+        return tuple(self.outcome)
+
+    @property
+    def refused(self) -> bool:
+        """Whether the scene is bad input, of which no board can be made."""
+        return any(InputError.__name__ in words for words in self.outcome.values())
+
+    @property
+    def digest(self) -> str:
+        """Digest of the tables: the true values hold for the tables of which they have it."""
+        text = json.dumps(self.tables, sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+    def scene(self, engine: str | None = None) -> Scene:
+        """Return the scene of the case, for its own or another engine.
+
+        Raises
+        ------
+        InputError
+            The scene is refused.
+        """
+        tables = copy.deepcopy(dict(self.tables))
+        problem = tables.get("problem", {})
+        for key in ("matrix", "strain", "stress"):
+            if key in problem:
+                problem[key] = make_array(problem[key])
+        scene = parse_scene(tables | {"name": self.name}, FOLDER / f"{self.family}.toml")
+        return scene if engine is None else scene.with_engine(engine)
+
+
+def load_catalogue(folder: Path = FOLDER) -> tuple[Case, ...]:
+    """Return all cases by family, in the order of their files.
+
+    Raises
+    ------
+    InputError
+        A case has an unknown or missing key, or two cases have one name.
+    """
+    found = [case for path in sorted(folder.glob("*.toml")) for case in _cases(path)]
+    names = [case.name for case in found]
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise InputError(folder, Complaint("case", ", ".join(twice), "the name of one case only"))
+    return tuple(found)
+
+
+@cache
+def read_true_values(folder: Path) -> dict[str, tuple[TrueValues | None, dict[str, float]]]:
+    """Return true values and run times of every case of `folder`, as far as they are stored."""
+    path = folder / TRUE_VALUES
+    stored = json.loads(path.read_text("utf-8")) if path.exists() else {}
+    return {
+        name: (record["truth"] and TrueValues.from_record(record["truth"]), record["seconds"])
+        for name, record in stored.items()
+    }
+
+
+def select(cases: tuple[Case, ...], names: tuple[str, ...]) -> tuple[Case, ...]:
+    """Return the cases with one of `names`, which are names of cases or families; all for none.
+
+    Raises
+    ------
+    InputError
+        A name that is neither; the message has the nearest.
+    """
+    known = {case.name for case in cases} | {case.family for case in cases}
+    for name in names:
+        if name not in known:
+            import difflib
+
+            close = difflib.get_close_matches(name, sorted(known), n=1, cutoff=0.0)
+            text = f"no such case or family; did you mean {close[0]!r}?"
+            raise InputError("--only", Complaint("NAME", repr(name), text))
+    return tuple(c for c in cases if not names or c.name in names or c.family in names)
+
+
+def _cases(path: Path) -> Iterator[Case]:
+    document = tomllib.loads(path.read_text("utf-8"))
+    for name, table in document["case"].items():
+        own = dict(table)
+        try:
+            why, known, outcome = own.pop("why"), own.pop("known"), own.pop("outcome")
+        except KeyError as error:
+            text = "every case needs why, known and outcome"
+            raise InputError(path, Complaint(f"case.{name}", str(error), text)) from None
+        decided = own.pop("decided", {})
+        engines = ENGINES[-1:] if outcome == InputError.__name__ else ENGINES
+        listed: Mapping[str, Any] = (
+            outcome if isinstance(outcome, Mapping) else dict.fromkeys(engines, outcome)
+        )
+        by_engine = {e: (x,) if isinstance(x, str) else tuple(x) for e, x in listed.items()}
+        for word in {word for words in by_engine.values() for word in words} - OUTCOMES:
+            text = f"expected one of {', '.join(sorted(OUTCOMES))}"
+            raise InputError(path, Complaint(f"case.{name}.outcome", repr(word), text))
+        tables = _laid_over(document.get("base", {}), own)
+        truth, seconds = read_true_values(path.parent).get(name, (None, {}))
+        yield Case(name, path.stem, why, known, by_engine, decided, tables, truth, seconds)
+
+
+def _laid_over(base: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
+    """Return `base` with the values of `own` in their places."""
+    merged = dict(base)
+    for key, value in own.items():
+        both = isinstance(value, Mapping) and isinstance(merged.get(key), Mapping)
+        whole = both and not {"make", "kind"} & value.keys()  # such a table is replaced
+        merged[key] = _laid_over(merged[key], value) if whole else value
+    return merged

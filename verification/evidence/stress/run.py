@@ -1,0 +1,215 @@
+"""Run the catalogue of stress cases and judge outcomes and numbers."""
+
+from __future__ import annotations
+
+import enum
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+
+from taction.system.errors import INTERRUPTED
+from taction.verification.evidence.stress.catalogue import Case
+from taction.verification.evidence.stress.compare import Comparison, compare, worst, wrong_checks
+from taction.verification.studies.running.collecting import collected
+from taction.verification.studies.running.executors import cores, local
+from taction.verification.studies.running.machine import describe_machine
+from taction.verification.verdict.checks import Check
+from taction.verification.verdict.verify import Verdict, verify
+
+Progress = Callable[[str], None]
+TYPICAL = 0.5  # s: a run of unknown length
+SHORT = 0.01  # s: no run is shorter
+VERSIONS = ("taction", "numpy", "scipy", "ngspice")
+STOPPED = "interrupted"
+NO_NGSPICE = "ngspice was not found, or it is too old; `taction doctor` says more"
+
+
+class Judgement(enum.Enum):
+    """Whether taction was right on a case."""
+
+    RIGHT = "right"
+    WRONG_OUTCOME = "wrong outcome"
+    WRONG_NUMBER = "wrong number"
+    NOT_RUN = "not run"
+
+
+@dataclass(frozen=True, slots=True)
+class CaseRun:
+    """One case on one engine.
+
+    Attributes
+    ----------
+    case : Case
+    engine : str
+    outcome : str
+        Outcome of the verdict, or the name of the exception; "-" without either.
+    judgement : Judgement
+    checks : tuple of Check
+        Empty for a refused scene.
+    comparisons : tuple of Comparison
+        Every stated number with its true value.
+    reason : str
+        What is wrong, or why the scene was refused.
+    seconds : float
+        Wall time.
+    """
+
+    case: Case
+    engine: str
+    outcome: str
+    judgement: Judgement
+    checks: tuple[Check, ...] = ()
+    comparisons: tuple[Comparison, ...] = ()
+    reason: str = ""
+    seconds: float = 0.0
+
+    @property
+    def worst(self) -> Comparison | None:
+        """The stated number with the largest true error over its stated error."""
+        return worst(self.comparisons)
+
+    @property
+    def outside(self) -> int:
+        """How many true values are outside the stated uncertainty."""
+        return sum(comparison.outside for comparison in self.comparisons)
+
+
+@dataclass(frozen=True, slots=True)
+class StressReport:
+    """The runs of all cases; `versions` are those of the programs that were used."""
+
+    runs: tuple[CaseRun, ...]
+    versions: tuple[tuple[str, str], ...]
+
+    @property
+    def wrong(self) -> tuple[CaseRun, ...]:
+        """Runs with a wrong outcome or a wrong number."""
+        fine = (Judgement.RIGHT, Judgement.NOT_RUN)
+        return tuple(run for run in self.runs if run.judgement not in fine)
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether Ctrl-C ended the run before its last case."""
+        return any(run.reason == STOPPED for run in self.runs)
+
+    @property
+    def exit_status(self) -> int:
+        """0 all right, 1 an outcome or a number is wrong, 3 a case was not run."""
+        if self.interrupted:
+            return INTERRUPTED
+        if self.wrong:
+            return 1
+        return 3 if any(run.judgement is Judgement.NOT_RUN for run in self.runs) else 0
+
+    @property
+    def numbers(self) -> int:
+        """How many stated numbers have a true value."""
+        return sum(len(run.comparisons) for run in self.runs)
+
+    @property
+    def outside(self) -> int:
+        """How many of them differ from it by more than their stated error."""
+        return sum(run.outside for run in self.runs)
+
+    def count(self) -> dict[str, int]:
+        """Return the number of runs by judgement, without zeros."""
+        found = [run.judgement for run in self.runs]
+        return {kind.value: found.count(kind) for kind in Judgement if kind in found}
+
+
+def run_catalogue(
+    cases: Sequence[Case], progress: Progress = lambda stage: None, jobs: int | None = None
+) -> StressReport:
+    """Run every case on every one of its engines, and announce the time that is left.
+
+    Without ngspice its runs are `Judgement.NOT_RUN`, and after Ctrl-C all remaining runs are.
+    `jobs` runs are computed at a time, by default one per core, the longest first.
+    """
+    machine = describe_machine()
+    versions = tuple((name, str(machine[name])) for name in VERSIONS)
+    todo = [(case, engine) for case in cases for engine in case.engines]
+    runs = {(case.name, engine): _not_run(case, engine, STOPPED) for case, engine in todo}
+    if machine["ngspice"] is None:
+        runs |= {(c.name, e): _not_run(c, e, NO_NGSPICE) for c, e in todo if e == "ngspice"}
+        todo = [(case, engine) for case, engine in todo if engine != "ngspice"]
+    todo.sort(key=lambda key: -usual_seconds(*key))
+    left, done = sum(usual_seconds(*key) for key in todo), 0.0
+    began = time.perf_counter()
+    with local(jobs) as workers, suppress(KeyboardInterrupt):
+        calls = ((key, key) for key in todo)
+        for number, ((case, engine), run) in enumerate(collected(workers, run_case, calls)):
+            runs[case.name, engine] = run if isinstance(run, CaseRun) else _killed(case, engine)
+            done += usual_seconds(case, engine)
+            seconds = (time.perf_counter() - began) * (left / done - 1.0)
+            name = f"{number + 1} of {len(todo)}: {case.name}, {engine}"
+            progress(f"{name}; {seconds:.0f} s left")
+    return StressReport(tuple(runs.values()), versions)
+
+
+def _not_run(case: Case, engine: str, reason: str) -> CaseRun:
+    return CaseRun(case, engine, "-", Judgement.NOT_RUN, reason=reason)
+
+
+def _killed(case: Case, engine: str) -> CaseRun:
+    return CaseRun(case, engine, "-", Judgement.WRONG_OUTCOME, reason="its process was killed")
+
+
+def usual_seconds(case: Case, engine: str) -> float:
+    """Return the time of a run where the times were measured, s."""
+    return max(case.seconds.get(engine, TYPICAL), SHORT)
+
+
+def expected_seconds(cases: Sequence[Case], jobs: int | None = None) -> float:
+    """Return about how long `run_catalogue` takes, s."""
+    runs = [usual_seconds(case, engine) for case in cases for engine in case.engines]
+    return max(sum(runs) / (jobs or cores()), max(runs, default=0.0))
+
+
+def run_case(case: Case, engine: str) -> CaseRun:
+    """Verify one case with one engine and judge the verdict, or the exception."""
+    began = time.perf_counter()
+    try:
+        verdict = verify(case.scene(engine))
+    except Exception as error:
+        # Also an exception that taction does not raise on purpose is an outcome, a wrong one.
+        seconds, name = time.perf_counter() - began, type(error).__name__
+        right = name in case.outcome[engine]
+        judgement = Judgement.RIGHT if right else Judgement.WRONG_OUTCOME
+        return CaseRun(case, engine, name, judgement, reason=str(error), seconds=seconds)
+    return _judged(case, engine, verdict, time.perf_counter() - began)
+
+
+def _judged(case: Case, engine: str, verdict: Verdict, seconds: float) -> CaseRun:
+    comparisons = () if case.truth is None else compare(verdict, case.truth)
+    mistakes = list(_wrong_outcomes(case, engine, verdict))
+    judgement = Judgement.WRONG_OUTCOME if mistakes else Judgement.RIGHT
+    if wrong := [c.name for c in comparisons if c.wrong]:
+        judgement = Judgement.WRONG_NUMBER
+        mistakes.append(f"wrong: {', '.join(wrong)}")
+    return CaseRun(
+        case=case,
+        engine=engine,
+        outcome=verdict.outcome.value,
+        judgement=judgement,
+        checks=verdict.checks,
+        comparisons=comparisons,
+        reason="; ".join(mistakes),
+        seconds=seconds,
+    )
+
+
+def _wrong_outcomes(case: Case, engine: str, verdict: Verdict) -> list[str]:
+    """Return what differs from the right outcomes, with the reasons of the checks."""
+    found = {check.name: check for check in verdict.checks}
+    wrong = []
+    if verdict.outcome.value not in case.outcome[engine]:
+        reasons = [f"{c.name} {c.outcome.value}: {c.reason}" for c in verdict.checks]
+        words = " or ".join(case.outcome[engine])
+        wrong.append(f"{verdict.outcome.value} instead of {words} ({'; '.join(reasons)})")
+    for name, right in case.decided.items():
+        check = found.get(name)
+        if check is None or check.outcome.value != right:
+            now = "missing" if check is None else f"{check.outcome.value}: {check.reason}"
+            wrong.append(f"{name} must be {right}, is {now}")
+    return wrong + ([] if case.truth is None else list(wrong_checks(verdict, case.truth)))

@@ -1,1 +1,0 @@
-"""What an ideal network does: its answer, its energy, the choice of lambda."""

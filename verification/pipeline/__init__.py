@@ -1,1 +1,0 @@
-"""The stages of `verification.verify.verify`, in the order of the data."""

@@ -1,0 +1,254 @@
+"""Rise and settling time, overshoot and undershoot: one implementation for all signals.
+
+A `Signal` is either a sampled record (`verification.readings.sampled_signal`) or an exact solution
+(`verification.readings.exact_crossings`). `verification.readings.measure` has the definitions
+and decides which readings are proven.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from taction.system.array_types import Bools, Floats, Indices
+from taction.system.reading_definitions import (
+    BAND_SHIFT,
+    FRAGILE,
+    LEVEL_SHIFT,
+    RISE_LEVELS,
+    SMALL_STEP,
+)
+from taction.verification.readings.crossings import Crossings
+
+STILL = 1e-6  # of A: a smaller step has no direction; both sides of it count as undershoot
+
+
+class Signal(Protocol):
+    """Errors of N channels over time: distances from the targets, themselves known to a bound."""
+
+    @property
+    def ends(self) -> Floats:
+        """Errors (N,) where the signal ends or comes to rest."""
+
+    @property
+    def end_bounds(self) -> Floats:
+        """Bounds (N,) of the uncertainty of `ends`; 0 for a signal whose bounds are not known."""
+
+    def last_outside(self, levels: Floats, shifts: Floats) -> Crossings:
+        """Find the last instants (J, N), from the start, with ``|error|`` above `levels` (J,).
+
+        For each level the signal is shifted outwards by `shifts` (J,) times its bound. NaN for a
+        channel that never is above.
+        """
+
+    def first_reached(
+        self, rows: Indices, steps: Floats, levels: Floats, shifts: Floats
+    ) -> Crossings:
+        """Find when ``1 + error / step`` first exceeds `levels` (J,), in channels `rows` (R,).
+
+        For each level the signal is shifted in the direction of the step by `shifts` (J,) times its
+        bound. Shape (J, R); NaN for a level that is never exceeded.
+        """
+
+    def highest(self, sign: float) -> tuple[Floats, Floats]:
+        """Return the maximum of ``sign * error`` of every channel and its uncertainty, (N,)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """A measured time.
+
+    Attributes
+    ----------
+    value : float
+        s.
+    uncertainty : float
+        Bound of the error of `value`, s: of the crossings between the points and, where the signal
+        has bounds, of the signal. Infinite if the true signal may have no such time.
+    fragile : bool
+        A small shift of the level or of the band changes the time: a peak just reaches, or just
+        misses, the level.
+    alternative : float or None
+        The time with the level shifted by `LEVEL_SHIFT`, or the band by `BAND_SHIFT`, s; None if
+        the reading is not fragile, or if the shifted level is not crossed.
+    """
+
+    value: float
+    uncertainty: float
+    fragile: bool = False
+    alternative: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Readings:
+    """Readings of one signal, one entry per channel."""
+
+    finals: tuple[float, ...]  # last values
+    rise_times: tuple[Reading | None, ...]  # None for a channel that does not reach both levels
+    settling_times: tuple[Reading | None, ...]  # None for a channel that ends outside its band
+    overshoots: tuple[float, ...]  # fractions of A
+    undershoots: tuple[float, ...]  # fractions of A
+    overshoot_errors: tuple[float, ...]  # bounds, fractions of A
+    undershoot_errors: tuple[float, ...]  # bounds, fractions of A
+
+    @property
+    def settling_time(self) -> Reading | None:
+        """Settling time of the last channel; None unless every channel has a settling time."""
+        times = [reading for reading in self.settling_times if reading is not None]
+        return latest(times) if len(times) == len(self.settling_times) else None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Step:
+    """Values before the step and targets, (N,) each."""
+
+    start: Floats
+    target: Floats
+
+    @property
+    def sizes(self) -> Floats:
+        """From start to target, (N,)."""
+        return self.target - self.start
+
+    @property
+    def amplitude(self) -> float:
+        """Step amplitude A of the network."""
+        return float(np.abs(self.sizes).max(initial=0.0))
+
+    def rising(self) -> Bools:
+        """Mark the channels whose step is large enough for a rise time, (N,)."""
+        sizes = np.abs(self.sizes)
+        return np.asarray((sizes >= SMALL_STEP * self.amplitude) & (sizes > 0))
+
+
+def read(signal: Signal, step: Step, finals: Floats, tolerance: float, lost: Bools) -> Readings:
+    """Read a signal with last values `finals` (N,).
+
+    `tolerance` is half the width of the settling band, in the unit of the signal; `lost` (N,)
+    marks channels whose rise time has no meaning.
+    """
+    (overshoots, over_errors), (undershoots, under_errors) = excursions(signal, step)
+    return Readings(
+        finals=tuple(finals.tolist()),
+        rise_times=rise_times(signal, step.sizes, step.rising() & ~lost),
+        settling_times=settling_times(signal, tolerance),
+        overshoots=overshoots,
+        undershoots=undershoots,
+        overshoot_errors=over_errors,
+        undershoot_errors=under_errors,
+    )
+
+
+def settling_times(signal: Signal, tolerance: float) -> tuple[Reading | None, ...]:
+    """Return when each channel was last outside ``±tolerance``; None if it ends outside."""
+    ends = np.abs(signal.ends)
+    if ends.min() > tolerance:
+        return (None,) * len(ends)
+    # The last two shift the signal by its bound.
+    levels = tolerance * np.array([1.0, 1.0 - BAND_SHIFT, 1.0 + BAND_SHIFT, 1.0, 1.0])
+    at, doubt = signal.last_outside(levels, np.array([0.0, 0.0, 0.0, -1.0, 1.0]))
+    at = np.where(np.isnan(at), 0.0, at)
+    at[:3][ends > levels[:3, None]] = np.nan
+    at[4, ends + signal.end_bounds > tolerance] = np.inf
+    # A crossing of the true signal lies between those of the shifted signals.
+    late, early = at[4] + doubt[4] - at[0], at[0] - at[3] + doubt[3]
+    width = np.fmax(np.fmax(late, early), doubt[0])
+    readings: list[Reading | None] = []
+    for (value, *others), doubted in zip(at[:3].T.tolist(), width.tolist(), strict=True):
+        shifted = [None if math.isnan(other) else other for other in others]
+        readings.append(None if math.isnan(value) else _reading(value, doubted, shifted))
+    return tuple(readings)
+
+
+def rise_times(signal: Signal, steps: Floats, selected: Bools) -> tuple[Reading | None, ...]:
+    """Return the time from the first crossing of the lower level to that of the upper level.
+
+    None for a channel that is not `selected` (N,) or does not reach both levels.
+    """
+    readings: list[Reading | None] = [None] * len(steps)
+    rows = np.flatnonzero(selected)
+    if rows.size == 0:
+        return tuple(readings)
+    (low, high), shift = RISE_LEVELS, LEVEL_SHIFT
+    levels = [low, high, high - shift, high + shift, low - shift, low + shift, low, low, high, high]
+    shifts = [0.0] * 6 + [1.0, -1.0] * 2  # the last four shift the signal by its bound
+    at, doubt = signal.first_reached(rows, steps[rows], np.array(levels), np.array(shifts))
+    rise = at[1] - at[0]
+    (early_low, early_high), (late_low, late_high) = (at - doubt)[[6, 8]], (at + doubt)[[7, 9]]
+    moved = np.maximum(late_high - early_low - rise, rise - (early_high - late_low))
+    width = np.where(np.isnan(moved), np.inf, np.maximum(moved, doubt[0] + doubt[1]))
+    for n, instants, doubted in zip(rows.tolist(), at[:6].T.tolist(), width.tolist(), strict=True):
+        begin, end, *ends = instants[:4]
+        if math.isnan(begin) or math.isnan(end):
+            continue
+        others = [None if math.isnan(e) else e - begin for e in ends]
+        others += [end - b for b in instants[4:] if not math.isnan(b)]
+        readings[n] = _reading(end - begin, doubted, others)
+    return tuple(readings)
+
+
+Excursions = tuple[tuple[float, ...], tuple[float, ...]]
+
+
+def excursions(signal: Signal, step: Step) -> tuple[Excursions, Excursions]:
+    """Return overshoots and undershoots, each with bounds of the errors, fractions of A.
+
+    They are 0 without a step.
+    """
+    amplitude, sizes = step.amplitude, step.sizes
+    if amplitude == 0:
+        nothing = (0.0,) * len(sizes)
+        return (nothing, nothing), (nothing, nothing)
+    up, down = np.array(signal.highest(1.0)), np.array(signal.highest(-1.0))
+    ahead, away = np.where(sizes < 0, (down, up), (up, down))  # heights and their doubts each
+    away[0] -= np.abs(sizes)  # beyond the start
+    either = np.maximum(ahead, away)
+    over = np.where(step.rising(), ahead, either) / amplitude
+    under = np.where(np.abs(sizes) > STILL * amplitude, away, either) / amplitude
+    return _from_zero(*over), _from_zero(*under)
+
+
+def _from_zero(values: Floats, doubts: Floats) -> Excursions:
+    """Return values of at least 0, and bounds of their errors of at least rounding."""
+    low, value, high = (np.maximum(x, 0.0) for x in (values - doubts, values, values + doubts))
+    errors = np.maximum(np.maximum(high - value, value - low), np.spacing(1.0 + value))
+    return tuple(value.tolist()), tuple(errors.tolist())
+
+
+def largest_error(values: Iterable[float], errors: Iterable[float]) -> float:
+    """Return the bound of the error of the largest value.
+
+    Examples
+    --------
+    >>> largest_error((0.5, 0.25), (0.0625, 0.5))
+    0.25
+    """
+    pairs = tuple(zip(values, errors, strict=True))
+    largest = max(value for value, _ in pairs)
+    highest, lowest = (max(value + s * error for value, error in pairs) for s in (1.0, -1.0))
+    return max(highest - largest, largest - lowest)
+
+
+def latest(readings: list[Reading]) -> Reading:
+    """Return the latest of several readings, fragile where a fragile reading could change it."""
+    value = max(r.value for r in readings)
+    highest, lowest = (max(r.value + s * r.uncertainty for r in readings) for s in (1.0, -1.0))
+    doubt = max(highest - value, value - lowest)
+    rivals = [[r.value, r.value if r.alternative is None else r.alternative] for r in readings]
+    others: list[float | None] = [max(map(max, rivals)), max(map(min, rivals))]
+    if any(r.fragile and r.alternative is None for r in readings):
+        others.append(None)
+    return _reading(value, doubt, others)
+
+
+def _reading(value: float, uncertainty: float, others: list[float | None]) -> Reading:
+    """Build a reading; `others` are its values at the shifted levels (None: no crossing)."""
+    limit = max(FRAGILE * abs(value), uncertainty)
+    far = [o for o in others if o is not None and abs(o - value) > limit]
+    fragile = bool(far) or None in others
+    alternative = max(far, key=lambda o: abs(o - value)) if far else None
+    return Reading(value, uncertainty, fragile, alternative)

@@ -1,0 +1,244 @@
+"""The state of one channel at the end of its record, and the proof of a settling time.
+
+A record proves that a channel settled when, at its end, the channel
+
+1. is inside the band, and has been for 5 % of its settling time and, while it rings, for three
+   ringing periods, unless what rings is by now below half the band;
+2. does not ring on: what ringing is left is below 5 % of the band, or fades (`_loss`);
+3. does not drift out again: the limit extrapolated from its last three stretches is in the band.
+
+Everything else is another state, with a reason that says what to do.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from taction.system.array_types import Floats
+from taction.verification.readings.envelope import saturates
+from taction.verification.readings.mode_fit import GOOD_FIT, RESOLVED, Mode
+from taction.verification.readings.readings import Reading
+
+_DWELL = 0.05  # of the settling time: the record must continue inside the band for that long
+_DWELL_PERIODS = 3.0
+_SAFE = 0.5  # of the band: a decaying ringing below it will not leave the band again
+_QUIET = 0.05  # of the band: ringing below it is not judged
+_STEADY = 0.1  # nepers over the record: a ringing that loses less has the amplitude that it had
+_FLAT_TOP = 0.2  # of a period spent within 1 % of one extreme; 0.064 for a sinusoid
+_ENDS = np.array([3.0, 2.0, 1.0, 0.0])  # of the last three stretches, counted from the last
+_RUNAWAY = 10.0  # step amplitudes off target, and accelerating
+
+
+class ChannelState(StrEnum):
+    """How a channel's record ends; the best first."""
+
+    SETTLED = "settled"
+    UNDECIDED = "undecided"
+    NOT_SETTLED = "not settled"
+    OSCILLATING = "oscillating"
+    CLIPPED = "clipped"
+    DIVERGED = "diverged"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ChannelRinging:
+    """The ringing in one channel."""
+
+    time: Floats  # of the envelope (M,), s
+    amplitude: Floats  # envelope (M,), in the unit of the signal
+    period: float | None  # s
+    mode: Mode | None  # the strongest oscillating mode
+    share: float  # amplitude of that mode in this channel at the end of the fitted stretch
+
+
+@dataclass(frozen=True, slots=True)
+class Settlement:
+    """State of a channel, with its settling time or the reason why it has none."""
+
+    state: ChannelState
+    settling_time: Reading | None
+    reason: str
+
+
+class Drift:
+    """Extrapolation of the channels beyond the end of a record.
+
+    `errors` (N, P) are finite distances to the targets at the instants `time` (P,), s.
+    """
+
+    def __init__(self, time: Floats, errors: Floats) -> None:
+        self.time, self.errors = time, errors
+        self._stretch = 0.1 * float(np.ptp(time)) if time.size else 0.0
+        first = max(int(np.searchsorted(time, time[-1:].sum() - 3 * self._stretch)) - 1, 0)
+        self._marked, last = time[first:], errors[:, first:]
+        means, widths = last[:, 1:] + last[:, :-1], 0.5 * np.diff(self._marked)
+        self._area = np.zeros_like(last)
+        np.cumsum(means * widths, 1, out=self._area[:, 1:])
+
+    def heading(self, n: int, period: float) -> tuple[float, float]:
+        """Extrapolate the error of channel `n`.
+
+        The means of the last three stretches, each a tenth of the record in whole ringing periods,
+        form a geometric series for an exponential approach (Aitken's extrapolation), continued
+        for one more record at most, and for one stretch if a ringing period is longer than a
+        stretch.
+
+        Returns
+        -------
+        limit, ratio : float
+            Limit of the error, and the ratio of the last two changes between stretches; the ratio
+            is 0 for a constant error and for alternating changes.
+        """
+        width = self._stretch
+        furthest = 10.0 if width >= period else 1.0
+        if 0 < period <= width:
+            width = period * int(width / period)
+        ends = self._marked[-1] - width * _ENDS
+        a, b, c, d = np.interp(ends, self._marked, self._area[n]).tolist()
+        first, second, third = (b - a) / width, (c - b) / width, (d - c) / width
+        before, last = second - first, third - second
+        if before * last <= 0:
+            return third, 0.0
+        ratio = last / before
+        stretches = min(ratio / (1 - ratio), furthest) if ratio < 1 else furthest
+        return third + last * stretches, ratio
+
+
+def _flat_top(time: Floats, error: Floats, period: float) -> bool:
+    """Tell whether the signal stays at an extreme in its last three periods, as at a supply."""
+    first = int(np.searchsorted(time, time[-1] - 3 * period))
+    e, weight = error[first:], np.gradient(time[first:])
+    margin = 0.01 * (e.max() - e.min())
+    top, bottom = weight[e > e.max() - margin].sum(), weight[e < e.min() + margin].sum()
+    return bool(max(top, bottom) > _FLAT_TOP * weight.sum())
+
+
+def _loss(ring: ChannelRinging) -> tuple[float, float, float]:
+    """Return the least and the most nepers that the ringing loses, and what is a loss at all."""
+    mode = ring.mode
+    if mode is not None and mode.residual < GOOD_FIT:  # over its stretch, within two sigma
+        length, doubt = mode.stop - mode.start, 2 * mode.growth_sigma
+        return length * (-mode.growth_rate - doubt), length * (-mode.growth_rate + doubt), RESOLVED
+    half = ring.amplitude[-max(ring.amplitude.size // 2, 1) :]
+    if half.size < 2:  # nothing is known: the dwell must prove that the channel settled
+        return math.inf, math.inf, 0.0
+    log = np.log(np.maximum(half, np.finfo(np.float64).tiny))
+    lost, doubt = float(log[0] - log[-1]), float(np.abs(np.diff(log, 2)).sum()) / half.size
+    return lost - doubt, lost + doubt, _STEADY
+
+
+def _left(ring: ChannelRinging, end: float) -> tuple[float, float]:
+    """Return the ringing's amplitude at `end` and its period (0 and 0 without ringing).
+
+    The last chunk of the envelope lies before the end, and a record of few periods has few
+    chunks: a good fit of a decaying mode extrapolates the envelope. The envelope removes a mode
+    slower than the dominant line as a trend, so the larger amplitude counts.
+    """
+    last, mode, period = float(ring.amplitude[-1]), ring.mode, ring.period or 0.0
+    if mode is None or mode.residual > GOOD_FIT or not mode.decays:
+        return last, period
+    fitted = ring.share * math.exp(mode.growth_rate * (end - mode.stop))
+    if mode.frequency * (mode.stop - mode.start) < 1:
+        fitted = 0.0  # less than a period may also be a drift
+    elif ring.amplitude.size < 8:
+        return fitted, 1 / mode.frequency
+    extrapolated = last * math.exp(mode.growth_rate * (end - ring.time[-1]))
+    return max((extrapolated, period), (fitted, 1 / mode.frequency))
+
+
+def sustained(
+    time: Floats, error: Floats, tolerance: float, ring: ChannelRinging
+) -> ChannelState | None:
+    """Return OSCILLATING or CLIPPED if the channel rings on, UNDECIDED if it may, else None."""
+    mode = ring.mode
+    if ring.period is None:
+        grows = mode is not None and mode.grows and not mode.doubt and ring.share > tolerance
+        return ChannelState.OSCILLATING if grows else None
+    if ring.amplitude[-1] <= _QUIET * tolerance:
+        return None
+    if saturates(ring.amplitude):
+        return ChannelState.CLIPPED
+    least, most, clear = _loss(ring)
+    if least > clear or most > _STEADY:
+        return None if least > clear else ChannelState.UNDECIDED
+    return ChannelState.CLIPPED if _flat_top(time, error, ring.period) else ChannelState.OSCILLATING
+
+
+def prove(
+    drift: Drift, n: int, found: Reading | None, tolerance: float, step: float, ring: ChannelRinging
+) -> Settlement:
+    """Tell whether channel `n` settled, and why not.
+
+    Parameters
+    ----------
+    drift : Drift
+        Of the record, of at least 8 points.
+    found : Reading or None
+        When it was last outside its band; None if it ends outside.
+    tolerance : float
+        Half width of the settling band, in the unit of `error`.
+    step : float
+        The network's step amplitude, in the same unit.
+    ring : ChannelRinging
+        The channel's ringing.
+    """
+    time, error = drift.time, drift.errors[n]
+    state = sustained(time, error, tolerance, ring)
+    if state is ChannelState.UNDECIDED:
+        return Settlement(state, None, _either(ring, found))
+    if state is not None:
+        how = "at a constant amplitude" if state is ChannelState.CLIPPED else "and does not decay"
+        return Settlement(state, None, f"it oscillates {how}: it never settles")
+    left, period = _left(ring, float(time[-1]))
+    limit, ratio = drift.heading(n, period)
+    if found is None:
+        return _outside(float(error[-1]), tolerance, step, ring.mode, left, limit, ratio)
+    if abs(limit) > tolerance and left < tolerance:
+        reason = f"inside the band at the end but drifting towards {limit:.4g} off target"
+        return Settlement(ChannelState.NOT_SETTLED, None, reason + ": simulate longer")
+    dwell = float(time[-1] - time[0]) - found.value
+    need = _DWELL * found.value
+    if left > _SAFE * tolerance:
+        need = max(need, period * _DWELL_PERIODS)
+    if dwell < need:
+        reason = f"inside the band for the last {dwell:.4g} s only, {need:.4g} s would prove it"
+        return Settlement(ChannelState.NOT_SETTLED, None, reason + ": simulate longer")
+    return Settlement(ChannelState.SETTLED, found, "")
+
+
+def _either(ring: ChannelRinging, found: Reading | None) -> str:
+    """Give both readings of a ringing whose loss is not established."""
+    least, most, _ = _loss(ring)
+    settles = "it settles later" if found is None else f"the settling time is {found.value:.4g} s"
+    return f"the ringing loses {least:.2g} to {most:.2g} nepers over the record: if it decays, \
+{settles}; if it does not, it never settles: simulate longer"
+
+
+def _outside(
+    last: float,
+    tolerance: float,
+    step: float,
+    mode: Mode | None,
+    left: float,
+    limit: float,
+    ratio: float,
+) -> Settlement:
+    """Return the state of a channel that ends outside its band and does not oscillate."""
+    off = f"{last:.4g} off target ({abs(last) / step:.3%} of the step)"
+    if ratio >= 1 and abs(last) > _RUNAWAY * step:
+        return Settlement(ChannelState.DIVERGED, None, f"{off} at the end, and accelerating")
+    if left > _QUIET * tolerance and mode is not None and mode.decays:
+        longer = math.log(max(left / tolerance, 2.0)) / -mode.growth_rate
+        reason = f"still ringing at {mode.frequency:.4g} Hz with {left:.4g}, which decays"
+        reason += f": simulate {longer:.2g} s longer"
+    elif abs(limit) <= tolerance:
+        reason = f"{off} at the end, still moving towards it: simulate longer"
+    elif abs(limit - last) < tolerance:
+        reason = f"at rest {off}: the reference and the circuit disagree"
+    else:
+        reason = f"{off} at the end and moving towards {limit:.4g} off target: simulate longer"
+    return Settlement(ChannelState.NOT_SETTLED, None, reason)

@@ -1,0 +1,216 @@
+"""Time scales of a board: the record length and time step that its strain step needs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from taction.netlist_gen.board.circuit import Circuit
+from taction.system.array_types import Complexes, Floats
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.initial_state import initial_unknowns
+
+GROWN = 10.0  # step amplitudes: an instability of this height counts as shown
+LEAST = 1.0  # time constants: growth shown of a mode that is as high from the start
+INVISIBLE = 1e-12  # amplitude of a mode that only rounding and asymmetry excite
+RESOLVED = 1e6  # step amplitudes: modes with a larger sum of amplitudes are defective
+UNRESOLVED = 1e6  # amplitude assumed for defective modes: t^k exp(-t) peaks higher than exp(-t)
+SLOWER = 0.5  # times the slowest rate of a coarse board: the board has a mode that it lacks
+RINGS = 1.0 / math.sqrt(2.0)  # a mode rings if its damping ratio is below this
+
+
+@dataclass(frozen=True, slots=True)
+class Ringing:
+    """One oscillating mode that the strain step excites.
+
+    Attributes
+    ----------
+    frequency, period : float
+        Frequency, Hz, and period, s.
+    decay : float
+        Time constant of the envelope, s; negative for growing ringing.
+    amplitude : float
+        Largest initial amplitude over the outputs, in step amplitudes.
+    """
+
+    frequency: float
+    period: float
+    decay: float
+    amplitude: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TimeScales:
+    """Record length and time step of a board, from the modes that its strain step excites.
+
+    Attributes
+    ----------
+    poles : ndarray (n,)
+        Poles, 1/s, rightmost first.
+    amplitudes : ndarray (n,)
+        Largest share of each mode in any output, in step amplitudes.
+    slowest : float
+        Time constant of the slowest relevant decaying mode, s.
+    ringing : tuple of Ringing
+        Relevant oscillating modes, the fastest first.
+    growth_time : float
+        Instant at which the fastest growing mode reaches `GROWN`, s; infinite if stable.
+    stop : float
+        Suggested stop time, s.
+    max_step : float
+        Suggested maximum step, s.
+    step : float
+        Step amplitude of the board: the largest distance of an output from the equilibrium at
+        t = 0, V.
+    complete : bool
+        Whether `poles` are those of the board; False for a large board, whose `poles` are those of
+        the coarse board (`coarse_board`) and do not show its stability.
+    """
+
+    poles: Complexes
+    amplitudes: Floats
+    slowest: float
+    ringing: tuple[Ringing, ...]
+    growth_time: float
+    stop: float
+    max_step: float
+    step: float = 0.0
+    complete: bool = True
+
+    def left(self, time: float) -> float:
+        """Return the sum of the decaying modes at an instant, s, in step amplitudes."""
+        weight, rate = self._decaying(0.0)
+        return float(weight @ np.exp(rate * time))
+
+    def stop_for(self, error: float, *, slowest: float = 0.0) -> float:
+        """Return the time after which the sum of decaying modes stays below `error`, s.
+
+        `error` is in step amplitudes. For an unstable board the time is at least `growth_time`.
+        The time has no upper bound: a pole close to the imaginary axis makes it very long. With
+        `slowest`, 1/s, only modes that decay faster count.
+        """
+        settled = last_crossing(*self._decaying(slowest), error)
+        growing = slowest == 0.0 and math.isfinite(self.growth_time)
+        return max(settled, self.growth_time) if growing else settled
+
+    def _decaying(self, slowest: float) -> tuple[Floats, Floats]:
+        """Return amplitudes and rates, 1/s, of the modes that decay faster than `slowest`."""
+        decaying = self.poles.real < -slowest
+        return self.amplitudes[decaying], self.poles.real[decaying]
+
+    def with_slower(self, pole: complex) -> TimeScales:
+        """Return scales of a large board with its rightmost pole, 1/s, if it is slower than theirs.
+
+        The coarse board does not show its amplitude, which is taken as one step amplitude.
+        """
+        rate, (_, rates) = -pole.real, self._decaying(0.0)
+        slowest = -float(rates.max(initial=-math.inf))
+        if self.complete or not 0.0 < rate <= SLOWER * slowest:
+            return self
+        poles, amplitudes = np.append(self.poles, pole), np.append(self.amplitudes, 1.0)
+        return replace(self, poles=poles, amplitudes=amplitudes, slowest=1.0 / rate)
+
+    def max_step_for(self, points: float) -> float:
+        """Return the step that puts `points` points on the period of the fastest ringing, s.
+
+        Without ringing, ``2 pi / |p|`` of the fastest mode with at least a tenth of the largest
+        amplitude counts as the period.
+        """
+        if self.ringing:
+            return self.ringing[0].period / points
+        large = np.abs(self.poles[self.amplitudes >= 0.1 * self.amplitudes.max(initial=0.0)])
+        return 2.0 * math.pi / float(large.max()) / points if len(large) else math.inf
+
+
+def last_crossing(weight: Floats, rate: Floats, level: float) -> float:
+    """Solve ``sum weight exp(rate t) = level`` for t >= 0 (weights positive, rates negative).
+
+    The logarithm of the sum is convex, so Newton's method from t = 0 converges from one side.
+    """
+    if not len(weight) or weight.sum() <= level:
+        return 0.0
+    if level <= 0.0:
+        return math.inf
+    t = 0.0
+    while True:
+        left = weight * np.exp(rate * t)
+        total = float(left.sum())
+        excess = math.log(total / level)
+        step = total * excess / -float(left @ rate)
+        t += step
+        # Close to t = 0 the rounding of the level limits the relative precision of t.
+        if abs(step) <= 1e-12 * t or abs(excess) <= 1e-13:
+            return t
+
+
+def time_scales(
+    circuit: Circuit | LinearBoard,
+    *,
+    error: float = 1e-4,
+    points: float = 60.0,
+    initial: Literal["zero", "rest"] = "zero",
+) -> TimeScales:
+    """Compute the time scales of the outputs after the strain step.
+
+    For a board with behavioural amplifiers the modes are those at the equilibrium with the strain
+    applied; they are an estimate if the step is large.
+
+    Parameters
+    ----------
+    error : float
+        Amplitude below which a mode is ignored, and remaining ringing at `stop`, step amplitudes.
+    points : float
+        Points on the fastest ringing period with `max_step`.
+    initial : str
+        As in `taction.netlist_gen.analysis.Transient`.
+
+    Raises
+    ------
+    EngineError
+        No state-space form, or no equilibrium.
+    """
+    board = LinearBoard.of(circuit)
+    large = board.descriptor.is_large
+    board = board.coarse if large else board
+    space, modes = board.state_space, board.state_space.modes
+    C, _ = space.rows(sorted({*board.reported(None)}.intersection(space.nodes)))
+    target = space.state_of(board.equilibrium.values)
+    deviation = space.state_of(initial_unknowns(board, initial)) - target
+    step = float(np.abs(C @ deviation).max(initial=0.0))
+    weight = np.ones(space.n)
+    if step > 0.0:
+        with np.errstate(invalid="ignore", over="ignore"):
+            weight = np.abs(modes.amplitudes(C, deviation)).max(axis=0, initial=0.0) / step
+        if not weight.sum() < RESOLVED:
+            weight = np.full(space.n, UNRESOLVED)
+    scales = _scales(modes.poles, weight, error, points)
+    return replace(scales, step=step, complete=not large)
+
+
+def _scales(p: Complexes, weight: Floats, error: float, points: float) -> TimeScales:
+    relevant = weight >= error
+    decay = -1.0 / p.real[relevant & (p.real < 0.0)]
+    rings = relevant & (p.imag > 0.0) & (-p.real < RINGS * np.abs(p))
+    growing = p.real > 0.0
+    growth = np.log(GROWN / np.maximum(weight[growing], INVISIBLE))
+    scales = TimeScales(
+        poles=p,
+        amplitudes=weight,
+        slowest=float(decay.max(initial=0.0)),
+        ringing=tuple(sorted(_ringing(p[rings], 2.0 * weight[rings]), key=lambda r: r.period)),
+        growth_time=float((np.maximum(growth, LEAST) / p.real[growing]).min(initial=math.inf)),
+        stop=0.0,
+        max_step=0.0,
+    )
+    return replace(scales, stop=scales.stop_for(error), max_step=scales.max_step_for(points))
+
+
+def _ringing(poles_: Complexes, amplitudes: Floats) -> Iterable[Ringing]:
+    for p, amplitude in zip(poles_.tolist(), amplitudes.tolist(), strict=True):
+        frequency = p.imag / (2.0 * math.pi)
+        decay = -1.0 / p.real if p.real else math.inf  # the pole is exactly on the axis
+        yield Ringing(frequency, 1.0 / frequency, decay, amplitude)

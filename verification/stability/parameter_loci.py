@@ -1,0 +1,254 @@
+"""All values of some equal parts at which a board has a pole on the imaginary axis.
+
+Let the parts (capacitors, or conductances) have the share c of their values. Then
+``det(s M - K)`` is that of the given board times ``det(1 + (c - 1) W(s))``, where W is the parts'
+admittance times the impedance at their terminals (`port_response`). So one board tells the poles
+on the imaginary axis of the boards at all c: at the frequency omega, the shares are
+``c = 1 - 1/w`` for the eigenvalues w of ``W(j omega)``. As omega runs, the shares follow the
+characteristic loci of Nyquist's criterion (MacFarlane and Postlethwaite 1977), whose windings
+around a real share count the unstable poles of its board. Between two crossings of the real axis
+the count is the same: c is not sampled, so no interval is too narrow to be found.
+
+The loci are smooth over the distance to the board's nearest pole, which sets the first steps of
+omega. A step is halved until each locus avoids the interval of c by more than its own bend, or
+crosses the real axis once.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from taction.system.array_types import Bools, Complexes, Floats
+from taction.system.errors import EngineError
+from taction.verification.stability.port_response import PortResponse
+
+SPACING = 0.5  # of the first frequencies: times the distance to the nearest pole
+TINY = 1e-9  # relative distance of a pole from the axis below which steps get no shorter
+BOTTOM, TOP = 1e-2, 10.0  # of the frequencies: times the slowest and the fastest pole
+SMALLEST = 1e-12  # of w and of a share: a smaller one has a share far from the interval
+NEAR = 1e-10  # height of a locus, relative to the share: below it rounding may count
+FLAT = 1e-14  # largest bend of the step in which a locus turns back near the axis
+CLUSTER = 1e-2  # relative width of a cluster of shares where a locus comes near
+ONCE = 0.25  # of the change of its height: largest bend of a locus that crosses once
+NARROW = 1e-12  # relative width of the narrowest step of omega
+LARGEST = 5000  # frequencies; with more, the loci still undecided count as near
+PRECISE, ITERATIONS = 1e-14, 60  # of the search of a crossing's frequency
+ON_AXIS = 1e-3  # of the height of a step: largest height of a locus at its crossing
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _States:
+    """What K loci do over P steps, (P, K) each; all other loci avoid the interval."""
+
+    near: Bools  # come near the real axis without crossing
+    crosses: Bools  # cross the real axis once
+    undecided: Bools  # need shorter steps
+
+
+@dataclass(frozen=True, slots=True)
+class LocusCrossing:
+    """A share of the parts' values at which a pole, or a complex pair, lies on the axis.
+
+    `frequency` is in Hz, 0 for a real pole; `change` is that of the number of unstable poles as
+    the share falls.
+    """
+
+    share: float
+    frequency: float
+    change: int
+
+
+@dataclass(frozen=True, slots=True)
+class Loci:
+    """Crossings between the shares `low` and `high`, the largest share first.
+
+    At the shares `near` a locus comes close to the axis without crossing: their poles must tell.
+    """
+
+    low: float
+    high: float
+    crossings: tuple[LocusCrossing, ...]
+    near: tuple[float, ...]
+
+    def unstable_at(self, share: float) -> int:
+        """Count the unstable poles at a share below 1 of a board that is stable itself."""
+        return sum(each.change for each in self.crossings if share < each.share <= 1.0)
+
+
+def trace_loci(ports: PortResponse, low: float, high: float = 1.0) -> Loci:
+    """Find every share from `low` (above 0) to `high` at which the board has a pole on the axis.
+
+    The board of `ports` itself, with the share 1, has none; its linearisation does not depend on
+    the shares.
+
+    Raises
+    ------
+    EngineError
+        No equilibrium, no state-space form, or a pole of the board is on the axis.
+
+    Notes
+    -----
+    Costs one dense eigenproblem, of the size of the number of parts, at some 100 frequencies (seven
+    channels: 5 ms); for a large board, one structured factorisation at each of them.
+    """
+    trace = _Trace(ports, math.log(low), math.log(high))
+    trace.run(_frequencies(ports.poles, low, high))
+    crossings = sorted(trace.crossings, key=lambda each: -each.share)
+    return Loci(low, high, tuple(crossings), trace.nearest())
+
+
+def _frequencies(poles: Complexes, low: float, high: float) -> Floats:
+    """Return angular frequencies whose distances follow that to the nearest pole, 1/s.
+
+    The poles of the boards at other shares are at most so much slower or faster as the shares.
+    """
+    upper = np.unique(poles[poles.imag >= 0.0])
+    size = np.abs(upper)
+    omega = [BOTTOM * float(max(size.min(), TINY * size.max())) / max(high, 1.0)]
+    while omega[-1] < TOP * float(size.max()) / min(low, 1.0):
+        nearest = float(np.abs(1j * omega[-1] - upper).min())
+        omega.append(omega[-1] + SPACING * max(nearest, TINY * omega[-1]))
+    return np.array(omega)
+
+
+@dataclass(slots=True)
+class _Trace:
+    """The loci over angular frequency: logarithms of the shares, so that widths are relative."""
+
+    ports: PortResponse
+    low: float  # logarithms of the ends of the interval
+    high: float
+    crossings: list[LocusCrossing] = field(default_factory=list)
+    near: list[complex] = field(default_factory=list)  # logarithms of shares
+
+    def loci(self, omega: Floats) -> Complexes:
+        """Return the logarithms of the shares at frequencies (P,), shape (P, K)."""
+        response = self.ports.at(omega)
+        if not np.all(np.isfinite(response)):
+            raise EngineError("a pole of the board is on the imaginary axis")
+        w = np.linalg.eigvals(response)
+        shares = 1.0 - 1.0 / np.where(np.abs(w) < SMALLEST, SMALLEST, w)
+        return np.log(np.where(np.abs(shares) < SMALLEST, SMALLEST, shares))
+
+    def run(self, omega: Floats) -> None:
+        """Follow all loci from the lowest to the highest frequency."""
+        z = self.loci(omega)
+        if not self.ports.reactive:
+            self._real_poles(z[0])
+        a, b, za, zb = omega[:-1], omega[1:], z[:-1], _follow(z[:-1], z[1:])
+        chord = np.abs(zb - za)
+        kept = ~self._avoids(np.stack([za, zb]), chord, chord).all(axis=1)
+        steps, taken = (a[kept], b[kept], za[kept], zb[kept]), len(omega)
+        while len(steps[0]):
+            a, b, za, zb = steps
+            m, taken = 0.5 * (a + b), taken + len(a)
+            zm = self.loci(m)
+            z = np.stack([_follow(zm, za), zm, _follow(zm, zb)])
+            states = self._judge(z)
+            self._cross_all(a, b, z, states)
+            again = states.undecided.any(axis=1)
+            again &= (b - a > NARROW * b) & (taken <= LARGEST)
+            close = (states.near | states.undecided) & ~again[:, None]
+            self.near += z[:, close].ravel().tolist()
+            halves = ((a, m), (m, b), (z[0], zm), (zm, z[2]))
+            a, b, za, zb = (np.concatenate([x[again], y[again]]) for x, y in halves)
+            steps = a, b, za, zb
+
+    def _judge(self, z: Complexes) -> _States:
+        """Judge the loci at the ends and in the middle of steps, (3, P, K)."""
+        bend = z[0] - 2.0 * z[1] + z[2]
+        avoids = self._avoids(z, np.abs(bend.real), np.maximum(np.abs(bend.imag), NEAR))
+        height, one_side = np.abs(bend.imag), _one_side(z)
+        first, last = (4.0 * z[1] - 3.0 * z[0] - z[2]).imag, (3.0 * z[2] + z[0] - 4.0 * z[1]).imag
+        turns = first * last <= 0.0  # the slopes at the ends
+        near = ~avoids & one_side & (height < np.where(turns, FLAT, NEAR))
+        crosses = ~avoids & ~one_side & (height < ONCE * np.abs(z[2].imag - z[0].imag))
+        return _States(near, crosses, ~(avoids | near | crosses))
+
+    def _avoids(self, z: Complexes, width: Floats, height: Floats) -> Bools:
+        """Tell which loci, (J, P, K) at points of steps, avoid the interval by their bends."""
+        above = z.real.min(axis=0) > self.high + width
+        below = z.real.max(axis=0) < self.low - width
+        away = _one_side(z) & (np.abs(z.imag).min(axis=0) > height)
+        return np.asarray(above | below | away)
+
+    def nearest(self) -> tuple[float, ...]:
+        """Return the shares where the loci come near the axis, the nearest of each cluster."""
+        kept: list[complex] = []
+        for z in sorted(self.near, key=lambda z: abs(z.imag)):
+            if all(abs(z.real - other.real) > CLUSTER for other in kept):
+                kept.append(z)
+        inside = [min(max(z.real, self.low), self.high) for z in kept]
+        return tuple(sorted(map(math.exp, inside), reverse=True))
+
+    def _cross_all(self, a: Floats, b: Floats, z: Complexes, states: _States) -> None:
+        """Find the crossings of the steps in which every locus is decided.
+
+        What seems to cross may also be two loci that were taken for one: such a step is undecided.
+        """
+        complete = states.crosses.any(axis=1) & ~states.undecided.any(axis=1)
+        for i in np.flatnonzero(complete).tolist():
+            loci = np.flatnonzero(states.crosses[i]).tolist()
+            found = [self._cross(float(a[i]), float(b[i]), z[:, i], k) for k in loci]
+            states.undecided[i, loci] = [crossing is None for crossing in found]
+            if None not in found:
+                self._keep(found)
+
+    def _cross(self, a: float, b: float, z: Complexes, k: int) -> LocusCrossing | None:
+        """Find where locus k crosses the real axis between two frequencies (Illinois method).
+
+        `z` (3, K) are all loci at both ends and in the middle; None if no locus is there.
+        """
+        start, width, kept = a, b - a, 0
+        low, high, m = z[0, k].imag, z[2, k].imag, a
+        for _ in range(ITERATIONS):
+            last, m = m, (a * high - b * low) / (high - low)
+            t = (m - start) / width
+            expected = z[0] + t * (z[2] - z[0]) - 2.0 * t * (1.0 - t) * (z[0] - 2.0 * z[1] + z[2])
+            found = complex(_follow(expected[None], self.loci(np.array([m])))[0, k])
+            if found.imag == 0.0 or abs(m - last) <= PRECISE * b:
+                break
+            if (found.imag > 0.0) == (high > 0.0):
+                b, high, low, kept = m, found.imag, (0.5 * low if kept > 0 else low), 1
+            else:
+                a, low, high, kept = m, found.imag, (0.5 * high if kept < 0 else high), -1
+        if abs(found.imag) > ON_AXIS * abs(z[2, k].imag - z[0, k].imag):
+            return None
+        change = 2 if z[2, k].imag < z[0, k].imag else -2
+        return LocusCrossing(math.exp(found.real), m / (2.0 * math.pi), change)
+
+    def _real_poles(self, ahead: Complexes) -> None:
+        """Find the shares with a pole at zero; `ahead` are the loci at the lowest frequency."""
+        w = np.linalg.eigvals(self.ports.at(np.zeros(1))[0].real)
+        for share in (1.0 - 1.0 / w[(w.imag == 0.0) & (w.real > 1.0)].real).tolist():
+            following = ahead[np.argmin(np.abs(ahead - math.log(share)))]
+            self._keep([LocusCrossing(share, 0.0, 1 if following.imag < 0.0 else -1)])
+
+    def _keep(self, found: Iterable[LocusCrossing | None]) -> None:
+        """Keep the crossings in the interval."""
+        for each in found:
+            if each is not None and self.low <= math.log(each.share) <= self.high:
+                self.crossings.append(each)
+
+
+def _one_side(z: Complexes) -> Bools:
+    """Tell which loci, (J, P, K), are on one side of the real axis at all points."""
+    return np.asarray(np.abs(np.sign(z.imag).sum(axis=0)) == len(z))
+
+
+def _follow(z: Complexes, others: Complexes) -> Complexes:
+    """Sort the loci `others` (P, K) as `z`: the closest two belong together, and so on."""
+    apart = others[:, None, :] - z[:, :, None]
+    apart.imag -= 2.0 * math.pi * np.round(apart.imag / (2.0 * math.pi))
+    distance, step = np.abs(apart), np.arange(len(z))
+    sorted_ = np.empty_like(z)
+    for _ in range(z.shape[1]):
+        i, j = np.divmod(distance.reshape(len(z), -1).argmin(axis=1), z.shape[1])
+        sorted_[step, i] = z[step, i] + apart[step, i, j]
+        distance[step, i, :] = np.inf
+        distance[step, :, j] = np.inf
+    return sorted_

@@ -1,0 +1,251 @@
+"""All crossings of the imaginary axis by poles as one value changes.
+
+The scan samples all poles on a grid and follows each from value to value. It adds points where the
+real part of a pole might change its sign, and climbs to the place where a pole comes nearest to
+the axis, because a crossing and its reverse may lie within one grid interval. Then it brackets each
+change of the number of unstable poles: the k-th largest real part ``r_k`` is a continuous function
+of the value, and a crossing is a zero of some ``r_k``.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from taction.system.errors import EngineError, InputError, TactionError
+from taction.verification.stability.poles import Poles
+from taction.verification.stability.scan_result import AxisCrossing, Sample, Scan
+
+TOLERANCE = 1e-8  # of a crossing's value
+PASSES = (6, 4)  # halvings of a grid interval in each round
+BEND = 0.5  # of the distance to the axis: largest error of interpolation without more points
+REACH = 0.9  # of the distance to the axis: a parabola with its extreme beyond misses the axis
+NARROW = 1e-6  # relative width below which rounding can decide the side of the axis
+SAME_FREQUENCY = 1e-3  # relative difference of frequencies that count as equal
+
+Reader = Callable[[float], Poles]
+Triple = tuple[Sample, Sample, Sample]
+Followed = tuple[complex, complex, complex]  # one pole in three samples
+
+
+def scan(
+    read: Reader, values: Sequence[float], *, logarithmic: bool = True, tolerance: float = TOLERANCE
+) -> Scan:
+    """Find every crossing between the least and the largest of `values`.
+
+    Parameters
+    ----------
+    read : callable
+        Poles at a value. If the poles are incomplete, as those of a large board, only crossings
+        of the rightmost pole are listed.
+    values : sequence of float
+        The first grid; above zero if `logarithmic`.
+    logarithmic : bool
+        Whether to interpolate and halve in the logarithm of the value.
+    tolerance : float
+        Width of the bracket of a crossing, relative to the crossing's value (linear: relative to
+        the range if the range is smaller).
+
+    Raises
+    ------
+    InputError, EngineError
+        No value gives poles. If only some values fail, see `Sample.failure`.
+
+    Notes
+    -----
+    Costs one call of `read` per grid point, and about twenty per crossing.
+    """
+    search = _Search(read, values, logarithmic)
+    for passes in PASSES:  # twice: a crossing may hide others in its own grid interval
+        search.refine(passes)
+        search.climb()
+        search.close(tolerance)
+    return Scan(tuple(search.samples), tuple(search.crossings()), logarithmic)
+
+
+class _Search:
+    """A scan in progress: samples in increasing order of the value."""
+
+    def __init__(self, read: Reader, values: Sequence[float], logarithmic: bool) -> None:
+        self.read, self.logarithmic = read, logarithmic
+        self.samples: list[Sample] = []
+        self._error: TactionError | None = None
+        for value in sorted({float(value) for value in values}):
+            self.take(math.log(value) if logarithmic else value, value)
+        if self._error is not None and all(sample.failure for sample in self.samples):
+            raise self._error
+
+    def take(self, place: float, value: float | None = None) -> Sample:
+        """Return the sample at a place: one more in its order, or the one that is there."""
+        there = bisect_left(self.samples, place, key=lambda each: each.place)
+        if there < len(self.samples) and self.samples[there].place == place:
+            return self.samples[there]
+        if value is None:
+            value = math.exp(place) if self.logarithmic else place
+        try:
+            poles = self.read(value)
+            sample = Sample(place, value, poles.poles, poles.errors, poles.complete)
+        except (InputError, EngineError) as error:
+            self._error = self._error or error
+            sample = Sample(place, value, np.zeros(0, complex), failure=str(error))
+        self.samples.insert(there, sample)
+        return sample
+
+    def without_crossing(self) -> list[Triple]:
+        """Return neighbouring triples with equal numbers of unstable poles."""
+        triples = zip(self.samples, self.samples[1:], self.samples[2:], strict=False)
+        return [t for t in triples if not any(s.failure for s in t) and _equal(*t)]
+
+    def refine(self, passes: int) -> None:
+        """Halve intervals until interpolation proves that poles stay on their side of the axis."""
+        for _ in range(passes):
+            places = set()
+            for a, m, b in self.without_crossing():
+                if any(_bends((a, m, b), each) for each in _followed(a, m, b)):
+                    places |= {0.5 * (a.place + m.place), 0.5 * (m.place + b.place)}
+            if not places:
+                return
+            for place in places:
+                self.take(place)
+
+    def climb(self) -> None:
+        """Follow every pole that turns back before the axis to its point nearest the axis."""
+        for triple in self.without_crossing():
+            for each in _followed(*triple):
+                self._climb(triple, each)
+
+    def _climb(self, triple: Triple, pole: Followed) -> None:
+        (a, m, b), (pa, pm, pb) = triple, pole
+        for _ in range(60):
+            near, ends = abs(pm.real), (abs(pa.real), abs(pb.real))
+            if not near < min(ends) or _width(a, b) < NARROW:
+                return
+            top, height = _vertex((a, m, b), (pa.real, pm.real, pb.real))
+            if height * np.sign(pm.real) > REACH * near:
+                return
+            sample = self.take(top)
+            if sample.failure or sample.unstable != m.unstable:
+                return  # a crossing: `close` brackets it
+            found = sample.nearest(_between_places((a, m, b), (pa, pm, pb), top))
+            order = sorted([(a, pa), (m, pm), (b, pb), (sample, found)], key=lambda x: x[0].place)
+            best = min((1, 2), key=lambda i: abs(order[i][1].real))
+            (a, pa), (m, pm), (b, pb) = order[best - 1 : best + 2]
+
+    def close(self, tolerance: float) -> None:
+        """Bracket every change of the number of unstable poles that is more than rounding."""
+        while wide := [
+            (a, b)
+            for a, b in _changes(self.samples)
+            if _width(a, b) > tolerance and (a.certain or b.certain)
+        ]:
+            self._close(*wide[0], tolerance)
+
+    def _close(self, a: Sample, b: Sample, tolerance: float) -> None:
+        """Bracket a zero of one r_k from both sides (ITP; Oliveira and Takahashi 2020)."""
+        k = min(a.unstable, b.unstable)
+        first = b.place - a.place
+        for step in range(200):
+            if _width(a, b) <= tolerance:
+                return
+            width, middle = b.place - a.place, 0.5 * (a.place + b.place)
+            ra, rb = a.real(k), b.real(k)
+            chord = (a.place * rb - b.place * ra) / (rb - ra) if math.isfinite(rb - ra) else middle
+            push = math.copysign(min(0.2 / first * width**2, abs(middle - chord)), middle - chord)
+            least = 0.25 * width * tolerance / _width(a, b)
+            shifted = chord + math.copysign(max(abs(push), min(least, abs(middle - chord))), push)
+            slack = max(first * 2.0 ** (1 - step) - 0.5 * width, 0.0)
+            place = min(max(shifted, middle - slack), middle + slack)
+            sample = self.take(place)
+            if sample.failure:
+                return
+            a, b = (sample, b) if (sample.real(k) >= 0.0) == (ra >= 0.0) else (a, sample)
+
+    def crossings(self) -> list[AxisCrossing]:
+        """Return the crossings between samples off the axis by more than rounding.
+
+        Changes closer than `NARROW` count as one change.
+        """
+        clusters: list[tuple[Sample, Sample]] = []
+        known = [sample for sample in self.samples if sample.certain or sample.failure]
+        for a, b in _changes(known):
+            if clusters and _width(clusters[-1][0], b) < NARROW:
+                clusters[-1] = (clusters[-1][0], b)
+            else:
+                clusters.append((a, b))
+        return [c for a, b in clusters if a.unstable != b.unstable for c in self._between(a, b)]
+
+    def _between(self, a: Sample, b: Sample) -> list[AxisCrossing]:
+        """Return the crossings between two samples; the change next to the axis is the place."""
+        less, more = sorted((a, b), key=lambda each: each.unstable)
+        crossed = more.poles[less.unstable : more.unstable]
+        frequencies: list[float] = []
+        for omega in sorted(np.abs(crossed.imag).tolist()):
+            if not frequencies or omega > (1.0 + SAME_FREQUENCY) * frequencies[-1]:
+                frequencies.append(omega)
+        inside = [sample for sample in self.samples if a.place <= sample.place <= b.place]
+        changes = _changes(inside)
+        low, high = changes[0][0], changes[-1][1]
+        k = less.unstable
+        ra, rb = low.real(k), high.real(k)
+        share = ra / (ra - rb) if math.isfinite(ra - rb) and ra * rb < 0.0 else 0.5
+        value = low.value + share * (high.value - low.value)
+        return [
+            AxisCrossing(value, w / (2.0 * math.pi), b is more, a.unstable, b.unstable)
+            for w in frequencies
+        ]
+
+
+def _changes(samples: Sequence[Sample]) -> list[tuple[Sample, Sample]]:
+    """Return neighbours with different numbers of unstable poles."""
+    pairs = [(a, b) for a, b in pairwise(samples) if not (a.failure or b.failure)]
+    return [(a, b) for a, b in pairs if a.unstable != b.unstable]
+
+
+def _width(a: Sample, b: Sample) -> float:
+    return (b.value - a.value) / max(abs(a.value), abs(b.value))
+
+
+def _equal(*samples: Sample) -> bool:
+    return len({sample.unstable for sample in samples}) == 1
+
+
+def _followed(a: Sample, m: Sample, b: Sample) -> list[Followed]:
+    """Return each pole with Im >= 0 of the sample in the middle, with the nearest ones beside."""
+    upper = [pole for pole in m.poles[: m.known].tolist() if pole.imag >= 0.0]
+    return [(a.nearest(pole), pole, b.nearest(pole)) for pole in upper]
+
+
+def _bends(triple: Triple, pole: Followed) -> bool:
+    a, m, b = triple
+    share = (m.place - a.place) / (b.place - a.place)
+    left, middle, right = (each.real for each in pole)
+    chord = (1.0 - share) * left + share * right
+    return abs(middle - chord) > BEND * min(abs(left), abs(middle), abs(right))
+
+
+def _between_places(triple: Triple, pole: Followed, place: float) -> complex:
+    """Interpolate a pole at a place by the parabola through three samples."""
+    total = 0j
+    for own, value in zip(triple, pole, strict=True):
+        others = [each.place for each in triple if each is not own]
+        total += value * math.prod((place - x) / (own.place - x) for x in others)
+    return total
+
+
+def _vertex(triple: Triple, real: tuple[float, float, float]) -> tuple[float, float]:
+    """Return place and height of the extreme of the parabola through three points."""
+    (a, m, b), (ra, rm, rb) = triple, real
+    left, right = m.place - a.place, b.place - m.place
+    down, up = (rm - ra) / left, (rb - rm) / right
+    curvature = (up - down) / (left + right)
+    slope = (down * right + up * left) / (left + right)
+    offset = -0.5 * slope / curvature if curvature else 0.0
+    height = rm + offset * slope + offset**2 * curvature
+    least = 0.05 * (right if offset >= 0.0 else left)
+    if abs(offset) < least:  # a new point too near m would not shrink the bracket
+        offset = math.copysign(least, offset if offset else right - left)
+    return m.place + offset, height

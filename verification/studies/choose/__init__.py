@@ -1,1 +1,0 @@
-"""Op-amp, C and gain chosen over all presets."""

@@ -1,1 +1,0 @@
-"""One board under the user's hand: values of a few keys, and what they do at once."""

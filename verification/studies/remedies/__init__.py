@@ -1,1 +1,0 @@
-"""Changes of a design that mend a failed check."""

@@ -1,1 +1,0 @@
-"""Proposals for the scalings of a design."""

@@ -1,0 +1,1 @@
+"""The stages of `taction.verification.verdict.verify.verify`, in the order of the data."""

@@ -1,0 +1,89 @@
+"""Supply current and dissipation of a whole board at rest, with the strain applied."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from taction.netlist_gen.board.circuit import Circuit
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+
+
+@dataclass(frozen=True, slots=True)
+class BoardPower:
+    """Power in W and current in A; ideal antilog stages take part in neither.
+
+    Attributes
+    ----------
+    quiescent : float
+        Of the op-amps without load.
+    outputs : float
+        In the output stages of the op-amps, which carry the load currents from a supply.
+    resistors : float
+        In all resistors.
+    supply_current : float
+        Of the supply that carries more: quiescent current and load currents.
+    """
+
+    quiescent: float
+    outputs: float
+    resistors: float
+    supply_current: float
+
+    @property
+    def total(self) -> float:
+        """Dissipation of the board, W."""
+        return self.quiescent + self.outputs + self.resistors
+
+
+def board_power(board: LinearBoard) -> BoardPower:
+    """Return the power at the equilibrium of `board`.
+
+    An op-amp that drives the current I out of its output at the voltage V takes I from the positive
+    supply and dissipates ``(supply - V) I``; for a current into the output the negative supply
+    carries the current, and the op-amp dissipates ``(supply + V) |I|``.
+
+    Raises
+    ------
+    EngineError
+        The board has no equilibrium.
+
+    Examples
+    --------
+    >>> import taction
+    >>> scene = taction.load_scene("scenes/custom-matrix.toml")
+    >>> board_power(LinearBoard(taction.synthesise(scene))).quiescent  # 12 uA741 at 51 mW
+    0.612
+    """
+    circuit, rest = board.circuit, board.equilibrium
+    ends, ohms = zip(*_resistors(circuit), strict=True)
+    nodes = sorted({node for pair in ends for node in pair})
+    volts = np.array([rest[node] for node in nodes])
+    number = {node: place for place, node in enumerate(nodes)}
+    a, b = np.array([[number[node] for node in pair] for pair in ends]).T
+    across = volts[a] - volts[b]
+    current = across / np.array(ohms)
+    leaving = np.zeros(len(nodes))
+    np.add.at(leaving, a, current)
+    np.add.at(leaving, b, -current)
+    loaded = [number[cell.output] for cell in circuit.opamps if cell.output in number]
+    load, height = leaving[loaded], volts[loaded]
+    quiet = sum(circuit.models[cell.model].supply_current for cell in circuit.opamps)
+    sourced, sunk = np.maximum(load, 0.0), np.maximum(-load, 0.0)
+    return BoardPower(
+        quiescent=2.0 * circuit.supply * quiet,
+        outputs=float((circuit.supply - height) @ sourced + (circuit.supply + height) @ sunk),
+        resistors=float(across @ current),
+        supply_current=quiet + float(max(sourced.sum(), sunk.sum())),
+    )
+
+
+def _resistors(circuit: Circuit) -> Iterator[tuple[tuple[str, str], float]]:
+    """Yield the nodes and the value, ohm, of every resistor."""
+    for part in circuit.resistors:
+        yield (part.a, part.b), part.ohms
+    for matrix in circuit.matrices:
+        for _, _, source, sink, ohms in matrix.elements():
+            yield (source, sink), ohms

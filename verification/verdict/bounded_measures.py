@@ -1,0 +1,194 @@
+"""Measurements of a record whose uncertainties are bounds on the errors of the readings.
+
+A record with a bound on its error has readings between those of the shifted levels. A record of
+ngspice is measured beside the state-space solution: the error of a reading is at most its
+difference to the reading of that solution, and the uncertainty of that one. The exact solution of a
+linear board is measured for all time, so that no reading depends on the end of a record.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from taction.system.array_types import Floats
+from taction.system.errors import EngineError
+from taction.verification.engines.ngspice.process import PHYSICAL_BOUND
+from taction.verification.readings.continuous_signal import Curve
+from taction.verification.readings.measure import measure
+from taction.verification.readings.measurements import Measurements
+from taction.verification.readings.sampled_signal import Rest
+from taction.verification.reference.ideal_answer import IdealAnswer
+from taction.verification.verdict.companion import Companion
+from taction.verification.verdict.design import Design
+from taction.verification.verdict.simulation import outputs
+from taction.verification.verdict.state_space_error import StateSpaceError, is_exact
+from taction.verification.verdict.steady_state import SteadyState
+from taction.verification.verdict.step_error import bounded
+from taction.verification.waveforms import Waveforms
+
+LATE = 0.9  # of a record: after it the largest distance from the equilibrium will not be exceeded
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BoundedMeasures:
+    """Measurements of a record.
+
+    Attributes
+    ----------
+    measurements : Measurements
+        Readings, whose uncertainties are bounds.
+    u : ndarray (P, N)
+        Outputs of the record, V.
+    end_error : float
+        Bound of the error of the record's end, V.
+    forever : bool
+        Whether the measurements are those of the exact solution, which has no end.
+    """
+
+    measurements: Measurements
+    u: Floats
+    end_error: float
+    forever: bool
+
+
+def measure_with_bounds(
+    design: Design,
+    ideal: IdealAnswer,
+    wave: Waveforms,
+    own: StateSpaceError | None,
+    companion: Companion | None,
+) -> BoundedMeasures:
+    """Measure a record.
+
+    Parameters
+    ----------
+    own : StateSpaceError or None
+        The error of a record of the state-space engine.
+    companion : Companion or None
+        A second solution beside a record of ngspice.
+    """
+    solution = None
+    if design.poles.known_stable and is_exact(design.board) and (companion or own):
+        solution = _on_the_solution(design, ideal)
+    if companion is not None:
+        measured, u = _measures_beside(design, ideal, wave, companion, solution)
+        return BoundedMeasures(measured, u, companion.end_error, forever=False)
+    end_error = own.volts if own is not None and math.isfinite(own.volts) else math.inf
+    if solution is None:
+        measured, u = _own_measures(design, ideal, wave, own)
+        return BoundedMeasures(measured, u, end_error, forever=False)
+    u = outputs(design.circuit, wave)
+    # As for every engine, `final` is the end of the record.
+    ends = zip(solution.channels, u[-1].tolist(), strict=True)
+    channels = tuple(replace(channel, final=end) for channel, end in ends)
+    return BoundedMeasures(replace(solution, channels=channels), u, end_error, forever=True)
+
+
+def _own_measures(
+    design: Design,
+    ideal: IdealAnswer,
+    wave: Waveforms,
+    own: StateSpaceError | None,
+) -> tuple[Measurements, Floats]:
+    """Measure a record by its own error, or beside the second run that errs less."""
+    error = own.rounding if own is not None and math.isfinite(own.rounding) else 0.0
+    measured, u = measure_outputs(design, ideal, wave, error=error)
+    if own is None or not math.isfinite(own.volts):
+        return bounded(measured, None), u
+    if own.second is None:
+        return measured, u
+    second, _ = measure_outputs(design, ideal, own.second, error=own.second_error)
+    return bounded(measured, second.readings), u
+
+
+def _measures_beside(
+    design: Design,
+    ideal: IdealAnswer,
+    wave: Waveforms,
+    companion: Companion,
+    solution: Measurements | None,
+) -> tuple[Measurements, Floats]:
+    """Measure a record of ngspice beside a second solution."""
+    if companion.error is None:
+        return measure_outputs(design, ideal, wave, error=companion.difference)
+    measured, u = measure_outputs(design, ideal, wave)
+    if solution is None:
+        other = companion.solution
+        solution, _ = _own_measures(design, ideal, other, companion.error)
+    return bounded(measured, solution.readings), u
+
+
+def _target_error(ideal: IdealAnswer) -> float:
+    """Return the bound of the error of an output's distance from the reference, V.
+
+    The error of the reference moves the distance, and as step amplitude the band.
+    """
+    return 2.0 * ideal.solution.error_bound * ideal.network.U0
+
+
+def _on_the_solution(design: Design, ideal: IdealAnswer) -> Measurements | None:
+    """Measure the exact solution of a linear board; None if its modes are not all stable."""
+    from taction.verification.readings.exact_measures import measure_exact
+
+    try:
+        return measure_exact(
+            design.board,
+            ideal.target,
+            ideal.start,
+            initial=design.transient.initial,
+            stop=design.transient.stop,
+            band=design.scene.checks.settling_time.band,
+            target_error=_target_error(ideal),
+        )
+    except EngineError:
+        return None
+
+
+def measure_outputs(
+    design: Design,
+    ideal: IdealAnswer,
+    waveforms: Waveforms,
+    *,
+    error: float = 0.0,
+) -> tuple[Measurements, Floats]:
+    """Measure `waveforms` against the reference; return the measurements and u (P, N), V.
+
+    `error` bounds the error of the waveforms, V.
+    """
+    u, time = outputs(design.circuit, waveforms), waveforms.time
+    measured = measure(
+        time,
+        u,
+        ideal.target,
+        ideal.start,
+        band=design.scene.checks.settling_time.band,
+        bound=PHYSICAL_BOUND * design.circuit.scalings.unit_voltage,
+        expected_stop=design.transient.stop,
+        error=error + _target_error(ideal),
+        rest=_rest(design, time, u),
+        curve=_curve(design, waveforms),
+    )
+    return measured, u
+
+
+def _curve(design: Design, waveforms: Waveforms) -> Curve | None:
+    """Return the outputs between the points of a record, by channel, if they are known."""
+    between, found = waveforms.curve, design.circuit.outputs
+    if between is None:
+        return None
+    columns = np.array([waveforms.nodes.index(output.node) for output in found])
+    signs = np.array([output.sign for output in found])
+    return lambda times, channels: signs[channels] * between(times, columns[channels])
+
+
+def _rest(design: Design, time: Floats, u: Floats) -> Rest | None:
+    """Return where the outputs of a stable board come to rest after a record."""
+    if not design.poles.known_stable:
+        return None
+    steady = SteadyState.of(design.board, design.scales)
+    late = u[int(np.searchsorted(time, LATE * time[-1])) :]
+    moving = float(np.abs(late - steady.values).max(initial=0.0))
+    return Rest(steady.values, max(steady.left(float(time[-1])), moving))

@@ -1,0 +1,252 @@
+"""Checks, their outcomes, and the evidence that decides them.
+
+An undecided check is never a pass. `run_checks` has the functions that decide.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from taction.netlist_gen.scene.checks import Checks
+from taction.system.quantities import show, show_rate
+from taction.verification.readings.measurements import Measurements
+from taction.verification.readings.settling import ChannelState
+from taction.verification.stability.margin import Margin
+from taction.verification.stability.poles import Poles
+from taction.verification.verdict.agreement import Agreement
+from taction.verification.verdict.channel_states import describe_states
+from taction.verification.verdict.output_noise import OutputNoise
+from taction.verification.verdict.part_limits import NOT_LIMITED, PartLoads
+from taction.verification.verdict.steady_state import SteadyState
+from taction.verification.verdict.step_error import StepError
+from taction.verification.verdict.transient_plan import AFTER_SETTLING
+
+
+class Outcome(enum.Enum):
+    """The outcome of a check, or of a whole verification."""
+
+    PASS = "pass"  # noqa: S105
+    FAIL = "fail"
+    INCONCLUSIVE = "inconclusive"
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One check.
+
+    Attributes
+    ----------
+    value, uncertainty : float or None
+        The measured value and the bound on its error, in `unit`.
+    expected, tolerance : float or None
+        The expected value and the accepted deviation, or the limit in `expected` alone.
+    unit : str
+        ``"s"``, ``"1/s"``, ``"V"``, ``"step"`` (a fraction of the step amplitude) or ``"ratio"``.
+    """
+
+    name: str
+    outcome: Outcome
+    value: float | None
+    uncertainty: float | None
+    expected: float | None
+    tolerance: float | None
+    unit: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """The input of the checks.
+
+    Attributes
+    ----------
+    steady : SteadyState
+        The equilibrium of the board, and what its modes leave at an instant.
+    end : float
+        Last instant of the record, s.
+    forever : bool
+        Whether the measurements hold for all time, since they are those of an exact solution.
+    wanted : float
+        Error of the transient that the scene allows, fraction of the step amplitude.
+    agreement : Agreement or None
+        None if only one engine ran, or if the board is unstable.
+    margin : Margin or None
+        None if the scene asks for no stability margin.
+    reference_error : float
+        Bound on the error of the reference solution, fraction of the step amplitude.
+    reference_problem : str
+        Why the reference solution cannot be used, or empty.
+    parts : PartLoads
+        What the op-amps have to do, beside their limits.
+    noise : OutputNoise or None
+        Noise of the outputs; None if the scene has no limit for it.
+    unwitnessed : str
+        Why the board has no state-space witness, or empty; then its values are estimates.
+    contradiction : str
+        Which number of the board or the record differs from the reference's, or empty.
+    """
+
+    checks: Checks
+    measurements: Measurements
+    error: StepError
+    steady: SteadyState
+    end: float
+    forever: bool
+    wanted: float
+    agreement: Agreement | None
+    poles: Poles
+    margin: Margin | None
+    reference_error: float
+    reference_problem: str
+    contradiction: str = ""
+    parts: PartLoads = NOT_LIMITED
+    noise: OutputNoise | None = None
+    unwitnessed: str = ""
+
+    @property
+    def no_step(self) -> str:
+        """Why the step has no height to compare with, or an empty text."""
+        rounding = ROUNDING if self.static_error >= 1.0 else ""
+        return rounding if self.measurements.amplitude else NO_STEP
+
+    @property
+    def obstacle(self) -> str:
+        """Why nothing can be judged against the reference, or an empty text."""
+        doubt = "" if self.poles.certain else doubtful(self.poles.resolution)
+        return self.reference_problem or self.no_step or doubt
+
+    @property
+    def growth(self) -> str:
+        """How an unstable board behaves, by its poles; empty if it is not known to be unstable."""
+        pole = self.poles.rightmost
+        if not self.poles.known_unstable:
+            return ""
+        frequency = show(abs(pole.imag) / math.tau, "Hz")
+        verb = f"oscillates at {frequency}" if pole.imag else "runs away"
+        return f"{verb}, growth rate {show_rate(pole.real)}"
+
+    @property
+    def unsteady(self) -> str:
+        """The states of the channels if one of them does not come to rest, or an empty text."""
+        states = {channel.state for channel in self.measurements.channels}
+        return describe_states(self.measurements) if states.intersection(UNSTEADY) else ""
+
+    @property
+    def disagreement(self) -> str:
+        """How the transient contradicts stable poles, or an empty text."""
+        states = self.unsteady
+        return f"the poles are stable, the transient is not: {states}" if states else ""
+
+    @property
+    def perhaps_ringing(self) -> str:
+        """Both readings of an undecided channel, if all other channels have settled."""
+        states = {channel.state: channel for channel in self.measurements.channels}
+        if not states.keys() <= {ChannelState.SETTLED, ChannelState.UNDECIDED}:
+            return ""
+        unclear = states.get(ChannelState.UNDECIDED)
+        return f"channel {unclear.index + 1}: {unclear.reason}" if unclear else ""
+
+    @property
+    def static(self) -> float:
+        """Largest distance of the equilibrium from the reference, fraction of the step."""
+        targets = [channel.target for channel in self.measurements.channels]
+        return self._share(np.abs(self.steady.values - targets))
+
+    @property
+    def static_error(self) -> float:
+        """Bound on the error of `static`."""
+        return self._share(self.steady.error) + self.reference_error
+
+    @property
+    def at_end(self) -> float:
+        """Largest distance of the end of the record from the reference, fraction of the step."""
+        return self._share([each.final - each.target for each in self.measurements.channels])
+
+    @property
+    def apart(self) -> float:
+        """Largest distance of the end of the record from the equilibrium, fraction of the step."""
+        finals = np.array([channel.final for channel in self.measurements.channels])
+        return self._share(finals - self.steady.values)
+
+    @property
+    def left(self) -> float:
+        """What the modes leave after the record, fraction of the step."""
+        return 0.0 if self.forever else self._share(self.steady.left(self.end))
+
+    def too_short(self, share: float) -> str:
+        """Return how long a record must be that leaves at most `share` of the step; else empty."""
+        if self.forever or self.left <= share:
+            return ""
+        text = f"the record ends after {show(self.end, 's')}"
+        if share <= 0.0:
+            return f"{text} and moves on, and the limit leaves no room"
+        needed = AFTER_SETTLING * self.steady.stop_for(share * self.measurements.amplitude)
+        return f"{text}: analysis.stop = {show(needed, 's')} is needed"
+
+    def _share(self, volts: ArrayLike) -> float:
+        largest = float(np.abs(volts).max(initial=0.0))
+        return largest / (self.measurements.amplitude or 1.0)
+
+
+NO_STEP = "nothing to judge: with this strain and initial state no output has to move"
+ROUNDING = (
+    "nothing to judge: the step amplitude is below the rounding of the board's equilibrium,"
+    " or below the error of the reference solution"
+)
+UNSTEADY = (ChannelState.OSCILLATING, ChannelState.CLIPPED, ChannelState.DIVERGED)
+
+
+def overall(checks: Iterable[Check]) -> Outcome:
+    """Fail if any check failed, else inconclusive if any is undecided, else pass."""
+    outcomes = {check.outcome for check in checks}
+    for worst in (Outcome.FAIL, Outcome.INCONCLUSIVE):
+        if worst in outcomes:
+            return worst
+    return Outcome.PASS if outcomes else Outcome.INCONCLUSIVE
+
+
+def at_most(value: float, uncertainty: float, limit: float) -> Outcome:
+    """Compare with an upper limit; a difference within the uncertainty is inconclusive."""
+    if not math.isfinite(value):
+        return Outcome.INCONCLUSIVE
+    if value + uncertainty <= limit:
+        return Outcome.PASS
+    return Outcome.FAIL if value - uncertainty > limit else Outcome.INCONCLUSIVE
+
+
+def failed(name: str, reason: str, limit: float | None) -> Check:
+    """Return the check of a time that failed without a value."""
+    return Check(name, Outcome.FAIL, None, None, limit, None, "s", reason)
+
+
+def undecided(name: str, unit: str, reason: str, limit: float | None) -> Check:
+    """Return an inconclusive check without a value."""
+    return Check(name, Outcome.INCONCLUSIVE, None, None, limit, None, unit, reason)
+
+
+def doubtful(resolution: float) -> str:
+    """Return what rounding, 1/s, leaves open of the rightmost pole."""
+    known = show(resolution, "1/s", 2)
+    return f"the rightmost pole is known to ±{known}: the board may be stable or unstable"
+
+
+def joined(*texts: str) -> str:
+    """Join the texts that are not empty."""
+    return "; ".join(filter(None, texts))
+
+
+def percent(share: float) -> str:
+    """Return a fraction as text.
+
+    Examples
+    --------
+    >>> percent(0.0123456)
+    '1.23 %'
+    """
+    return f"{100 * share:.3g} %"

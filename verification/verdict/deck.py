@@ -1,0 +1,186 @@
+"""The deck of a scene, and the files that it is written to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.deck.checks import FILE_NAME
+from taction.netlist_gen.deck.deck import Deck, write_deck
+from taction.netlist_gen.deck.dialects.dialect import NATIVE
+from taction.netlist_gen.deck.dialects.table import DIALECTS
+from taction.netlist_gen.deck.parameters import NO_PARAMETERS, Parameters, parameters_of
+from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.atomic_files import write_together
+from taction.system.errors import Complaint, InputError, SolverError
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.readings.time_scales import time_scales
+from taction.verification.stability.poles import poles_behind
+from taction.verification.verdict.opamp_level import at_level, has_large_signal
+from taction.verification.verdict.transient_plan import plan_transient
+
+if TYPE_CHECKING:
+    from taction.netlist_gen.deck.measures import Measures
+
+EVEN_POINTS = 125.0  # on a period of ringing: an error of about 1e-4 of the step in ngspice
+
+
+@dataclass(frozen=True, slots=True)
+class DeckChoice:
+    """What a deck is to be beside the board itself.
+
+    Attributes
+    ----------
+    dialect : str
+        Key of `DIALECTS`.
+    split : bool
+        Whether the resistor matrices go into a second file.
+    parameters : bool
+        Whether C, gain and lambda are ``.param`` cards.
+    measures : bool
+        Whether the deck measures rise time, settling time and overshoot; lambda is then fixed.
+    """
+
+    dialect: str = NATIVE
+    split: bool = False
+    parameters: bool = False
+    measures: bool = False
+
+    @property
+    def has_even_steps(self) -> bool:
+        """Whether the transient has even steps.
+
+        Step control is tuned for ngspice alone, and a measure is exact only to the spacing of the
+        points, which it joins by straight lines.
+        """
+        return self.measures or self.dialect != NATIVE
+
+
+def deck_of(
+    scene: Scene, *, output: str | Path | None = None, choice: DeckChoice = DeckChoice()
+) -> tuple[Circuit, Deck]:
+    """Return the board of `scene` and the deck of its transient.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene with a number for lambda.
+    output : path, optional
+        File of the deck; the name of the matrix file follows from this name.
+    choice : DeckChoice
+        The kind of deck.
+
+    Raises
+    ------
+    InputError
+        The scene cannot be built, the dialect cannot express the board, parameters or measures, or
+        ``split`` has no `output` whose name a deck can contain.
+    SolverError
+        The deck is to measure, but the problem has no solution to compare with.
+    """
+    matrix_file = _matrix_file(output) if choice.split else None
+    problem = make_problem(scene)
+    circuit = synthesise(scene, problem)
+    if choice.has_even_steps:
+        scene = _with_even_steps(scene)
+    board = LinearBoard(circuit)
+    scales = time_scales(board, initial=scene.analysis.initial)
+    transient = plan_transient(scene, board, scales).transient
+    leveled = board
+    if has_large_signal(board):
+        stable = poles_behind(board, scales).known_stable
+        leveled, _ = at_level(scene, board, transient, stable=stable)
+    if leveled is not board:
+        scales = time_scales(leveled, initial=scene.analysis.initial)
+        transient = plan_transient(scene, leveled, scales).transient
+    circuit = leveled.circuit
+    _check(scene, circuit, choice)
+    return circuit, write_deck(
+        circuit,
+        transient,
+        matrix_file=matrix_file,
+        dialect=choice.dialect,
+        parameters=_parameters(circuit, choice),
+        measures=_measures(scene, problem, circuit) if choice.measures else None,
+    )
+
+
+def _with_even_steps(scene: Scene) -> Scene:
+    """Return `scene` with even steps; its own number of points, if it has one."""
+    if scene.analysis.points_per_period is not None:
+        return scene
+    even = {"points_per_period": EVEN_POINTS, "error": "auto"}
+    return scene.model_copy(update={"analysis": scene.analysis.model_copy(update=even)})
+
+
+def _check(scene: Scene, circuit: Circuit, choice: DeckChoice) -> None:
+    """Raise an InputError for what a deck cannot have, all mistakes at once."""
+    dialect = DIALECTS[choice.dialect]()
+    complaints = list(dialect.refusals(circuit))
+    wanted = {
+        "--parameters": (choice.parameters, "parameters"),
+        "--measure": (choice.measures, "measures"),
+    }
+    for option, (asked, what) in wanted.items():
+        if asked and not getattr(dialect, what):
+            able = [name for name, load in DIALECTS.items() if getattr(load(), what)]
+            text = f"no free program checks the {what} of this dialect; expected {', '.join(able)}"
+            complaints.append(Complaint("--dialect", choice.dialect, f"{option}: {text}"))
+    for key in ("resistor_series", "capacitor_series"):
+        series = getattr(scene.design, key)
+        if choice.parameters and series != "exact":
+            text = "a value in a series does not follow a parameter; expected 'exact'"
+            complaints.append(Complaint(f"design.{key}", repr(series), f"--parameters: {text}"))
+    if complaints:
+        raise InputError(scene.file, *complaints)
+
+
+def _parameters(circuit: Circuit, choice: DeckChoice) -> Parameters:
+    if not choice.parameters:
+        return NO_PARAMETERS
+    return parameters_of(circuit, fixed_lambda=choice.measures)
+
+
+def _measures(scene: Scene, problem: InverseProblem, circuit: Circuit) -> Measures:
+    """Return what the measures compare with: the reference solution, at the output nodes."""
+    from taction.netlist_gen.deck.measures import Measures
+    from taction.verification.reference.ideal_answer import ideal_answer, ideal_network
+
+    ideal = ideal_answer(ideal_network(problem, scene), scene)
+    if ideal.problem:
+        raise SolverError(f"--measure needs a reference solution: {ideal.problem}")
+    signs = [output.sign for output in circuit.outputs]
+    targets, starts = (
+        tuple(float(sign * u) for sign, u in zip(signs, values, strict=True))
+        for values in (ideal.target, ideal.start)
+    )
+    return Measures(targets, starts, ideal.band)
+
+
+def _matrix_file(output: str | Path | None) -> str:
+    if output is None:
+        text = "give -o FILE; the matrix is then written to FILE with the ending _matrix.inc"
+        raise InputError("--split", Complaint("-o", "", text))
+    name = f"{Path(output).stem}_matrix.inc"
+    if not FILE_NAME.fullmatch(name):
+        text = "with --split the name is part of the deck: letters, digits, '-', '_' and '.' only"
+        raise InputError("-o", Complaint("FILE", repr(str(output)), text))
+    return name
+
+
+def write_files(deck: Deck, output: str | Path) -> list[Path]:
+    """Write the files of `deck` beside each other, all or none; return their paths, the deck first.
+
+    Raises
+    ------
+    InputError
+        A file cannot be written.
+    """
+    path = Path(output)
+    files = {path: deck.text} | {path.with_name(n): text for n, text in deck.files.items()}
+    write_together(files)
+    return list(files)

@@ -1,0 +1,242 @@
+"""Headroom: what the small-signal solution asks of every op-amp, beside the limits of the part.
+
+Of each op-amp: the peak of its output voltage (limit: supply less saturation), of the slope of its
+output (slew rate) and of its output current, over all time and at rest. The current is that through
+the output resistance. A board whose parts stay
+below their limits is a small-signal board; above the limits its solution is not true.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from taction.netlist_gen.analysis import Transient
+from taction.netlist_gen.board.circuit import Circuit, OpAmpCell
+from taction.system.array_types import Floats, Ints
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.initial_state import Initial
+from taction.verification.engines.statespace.transients.exact import Exact, combinations
+from taction.verification.engines.statespace.transients.simulate import simulate
+from taction.verification.readings.exact_crossings import ExactSignal
+
+FULL = 0.9  # of a limit: above it the small-signal solution is not taken for true
+PRECISION = 0.01  # of a limit: error of a peak
+DETAIL = 0.02  # of a limit: smaller modes need no points of their own
+TOLERANCE = 1e-3  # of the steps of a board without exact solution, in step amplitudes
+SAMPLES = 100  # of an exact solution, for a lower bound of its peaks
+EARLY, LATE = 0.03, 30.0  # of the fastest, and of the slowest time constant: first and last of them
+INSTANTS = 1000  # of such a board, in geometric progression
+EARLIEST = 1e-6  # of the record: the first of them
+
+Quantity = Literal["voltage", "slope", "current"]
+UNITS: dict[Quantity, str] = {"voltage": "V", "slope": "V/s", "current": "A"}
+
+
+@dataclass(frozen=True, slots=True)
+class Load:
+    """What one op-amp has to do.
+
+    Attributes
+    ----------
+    part : str
+        Name of the op-amp in the circuit.
+    quantity : str
+        A key of `UNITS`: ``"voltage"``, ``"slope"`` or ``"current"`` of the output.
+    peak, limit : float
+        Largest size over all time, and the limit of the part, in the quantity's unit.
+    at : float
+        Instant of the peak, s; infinite at rest.
+    rest : float
+        Size at the equilibrium, in the quantity's unit.
+    error : float
+        Bound on the error of `peak`, in the quantity's unit.
+    """
+
+    part: str
+    quantity: Quantity
+    peak: float
+    limit: float
+    at: float
+    rest: float
+    error: float
+
+    @property
+    def share(self) -> float:
+        """``peak / limit``."""
+        return self.peak / self.limit
+
+    @property
+    def is_above(self) -> bool:
+        """Whether the load may be above `FULL` of its limit, within its error."""
+        return self.peak + self.error > FULL * self.limit
+
+    @property
+    def unit(self) -> str:
+        """Unit of the quantity."""
+        return UNITS[self.quantity]
+
+
+def headroom(
+    board: LinearBoard, *, initial: Initial = "zero", transient: Transient | None = None
+) -> tuple[Load, ...]:
+    """Return the loads of op-amps that have limits, the largest share of a limit first.
+
+    The loads that an upper bound excludes are left out: those below `FULL` of their limit that are
+    not the largest load of their quantity.
+
+    Parameters
+    ----------
+    board : LinearBoard
+        A stable board.
+    initial
+        As in `Transient`.
+    transient : Transient, optional
+        The record of a board without exact solution, which needs one: a large board, or a board
+        with behavioural amplifiers or with op-amps at the large-signal level. The limits that these
+        op-amps have in their model are no loads.
+
+    Raises
+    ------
+    EngineError
+        As `exact_solution` or `simulate`.
+
+    Examples
+    --------
+    >>> import taction
+    >>> from taction.verification.engines.statespace.linearised.board import LinearBoard
+    >>> scene = taction.load_scene("scenes/custom-matrix.toml")
+    >>> board = LinearBoard(taction.synthesise(scene))
+    >>> worst = headroom(board)[0]
+    >>> worst.part, worst.quantity
+    ('z_1', 'slope')
+    """
+    rows = tuple(_rows(board.circuit))
+    if not rows:
+        return ()
+    if transient is not None and (not board.circuit.is_linear or board.descriptor.is_large):
+        loads = _sampled(_Loads.of(board, rows), transient)
+    else:
+        loads = _exact(_Loads.of(board, rows), initial)
+    return tuple(sorted(loads, key=lambda load: (-load.share, load.part, load.quantity)))
+
+
+@dataclass(frozen=True, slots=True)
+class _Row:
+    """One quantity as weights of node voltages (or of their slopes), in parts of its limit."""
+
+    part: str
+    quantity: Quantity
+    nodes: tuple[str, ...]
+    weights: tuple[float, ...]
+    limit: float
+
+
+def _rows(circuit: Circuit) -> Iterator[_Row]:
+    for cell in circuit.opamps:
+        model, out = circuit.models[cell.model], cell.output
+        swing = model.swing(circuit.supply)
+        if math.isfinite(swing) and not model.large_signal:
+            yield _Row(cell.name, "voltage", (out,), (1.0 / swing,), swing)
+        if math.isfinite(model.slew_rate) and not model.large_signal:
+            yield _Row(cell.name, "slope", (out,), (1.0 / model.slew_rate,), model.slew_rate)
+        if model.has_largest_current and not model.is_current_limited:
+            nodes, gains = _behind_the_output(circuit, cell)
+            weight = 1.0 / (model.output_resistance * model.output_current)
+            weights = (*(weight * gain for gain in gains), -weight)
+            yield _Row(cell.name, "current", (*nodes, out), weights, model.output_current)
+
+
+def _behind_the_output(circuit: Circuit, cell: OpAmpCell) -> tuple[tuple[str, ...], list[float]]:
+    """Return nodes and gains of the voltage behind the output resistance."""
+    model = circuit.models[cell.model]
+    for number, pole in ((2, model.second_pole), (1, model.gbw)):
+        if math.isfinite(pole):
+            return (f"x{cell.name}.p{number}",), [1.0]
+    return (cell.noninverting, cell.inverting), [model.dc_gain, -model.dc_gain]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Loads:
+    """Rows (K,) of a board as weights (K, n) of node voltages and of their slopes."""
+
+    board: LinearBoard
+    rows: tuple[_Row, ...]
+    nodes: tuple[str, ...]
+    volts: Floats
+    rates: Floats
+
+    @classmethod
+    def of(cls, board: LinearBoard, rows: tuple[_Row, ...]) -> _Loads:
+        nodes = tuple(dict.fromkeys(node for row in rows for node in row.nodes))
+        place = {node: k for k, node in enumerate(nodes)}
+        volts, rates = np.zeros((2, len(rows), len(nodes)))
+        for k, row in enumerate(rows):
+            weights = rates if row.quantity == "slope" else volts
+            weights[k, [place[node] for node in row.nodes]] = row.weights
+        return cls(board, rows, nodes, volts, rates)
+
+    def solution(self, initial: Initial) -> Exact:
+        return combinations(self.board, self.nodes, self.volts, self.rates, initial=initial)
+
+    def loads(self, peaks: Floats, instants: Floats, errors: Floats) -> Iterator[Load]:
+        rest = np.abs(self.volts @ [self.board.equilibrium[node] for node in self.nodes])
+        limits = np.array([row.limit for row in self.rows])
+        columns = (peaks * limits, limits, instants, rest * limits, errors * limits)
+        for row, *numbers in zip(self.rows, *(x.tolist() for x in columns), strict=True):
+            yield Load(row.part, row.quantity, *numbers)
+
+
+def _exact(loads: _Loads, initial: Initial) -> Iterator[Load]:
+    """Yield the loads of a board with an exact solution."""
+    solution = loads.solution(initial)
+    kept = _not_excluded(loads, solution)
+    loads, count = _Loads.of(loads.board, tuple(loads.rows[k] for k in kept.tolist())), len(kept)
+    signal = ExactSignal(solution.part(kept), np.ones(count), np.zeros(count), PRECISION, DETAIL)
+    (high, above), (low, below) = (signal.highest(sign) for sign in (1.0, -1.0))
+    sizes, time = np.abs(signal.grid.errors), np.append(signal.grid.time, math.inf)
+    place = np.append(sizes, np.abs(signal.ends)[None], axis=0).argmax(axis=0)
+    yield from loads.loads(np.maximum(high, low), time[place], np.where(high > low, above, below))
+
+
+def _not_excluded(loads: _Loads, solution: Exact) -> Ints:
+    """Return the places of the rows that no upper bound excludes (see `headroom`)."""
+    if solution.form != "modes":
+        return np.arange(len(loads.rows))
+    rates = np.abs(solution.poles.real)
+    time = np.geomspace(EARLY / rates.max(), LATE / rates.min(), SAMPLES)
+    reached = np.abs(solution.at(time)).max(axis=0, initial=0.0)
+    bound = np.abs(solution.share).sum(axis=0) + np.abs(solution.final)
+    worst: dict[str, float] = {}
+    for row, size in zip(loads.rows, reached.tolist(), strict=True):
+        worst[row.quantity] = min(max(worst.get(row.quantity, 0.0), size), FULL)
+    least = np.array([worst[row.quantity] for row in loads.rows])
+    return np.flatnonzero(bound >= least)
+
+
+def _sampled(loads: _Loads, transient: Transient) -> Iterator[Load]:
+    """Yield the loads from a simulated record; the errors are those of every second point."""
+    from scipy.sparse import csr_array
+
+    stop = transient.stop
+    time = np.concatenate([[0.0], np.geomspace(EARLIEST * stop, stop, INSTANTS)])
+    wave = simulate(loads.board, transient, nodes=loads.nodes, times=time, tolerance=TOLERANCE)
+    heights, slopes = csr_array(loads.volts), csr_array(loads.rates)
+
+    def sizes(step: int) -> Floats:
+        t, V = wave.time[::step], np.ascontiguousarray(wave.values[::step].T)
+        loaded = np.asarray(heights @ V + slopes @ np.gradient(V, t, axis=1))
+        return np.asarray(np.abs(loaded).T)
+
+    fine, coarse = sizes(1), sizes(2)
+    peaks = fine.max(axis=0)
+    errors = np.abs(peaks - coarse.max(axis=0)) + PRECISION
+    found = list(loads.loads(peaks, wave.time[fine.argmax(axis=0)], errors))
+    worst = dict[str, float]()
+    for load in found:
+        worst[load.quantity] = max(worst.get(load.quantity, 0.0), load.share)
+    yield from (load for load in found if load.share >= min(worst[load.quantity], FULL))

@@ -1,0 +1,93 @@
+"""The noise of the outputs at rest, where a scene has a limit for it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from taction.netlist_gen.analysis import Noise
+from taction.netlist_gen.deck.deck import write_deck
+from taction.system.errors import EngineError, SimulationError
+from taction.verification.engines.ngspice.process import find_simulator, start
+from taction.verification.engines.statespace.linearised.output_noise import output_noise
+from taction.verification.verdict.design import Design
+from taction.verification.verdict.noise_bands import noise_bands
+
+UNSTABLE = "an unstable board has no noise at rest"
+MAYBE_UNSTABLE = "the board may be unstable, and an unstable board has no noise at rest"
+
+
+@dataclass(frozen=True, slots=True)
+class OutputNoise:
+    """Noise of every channel over all frequencies, from the state-space engine.
+
+    Attributes
+    ----------
+    rms, error : tuple of float
+        Of each channel, and bounds on the errors, V; empty where they are not known.
+    unknown : str
+        Why they are not known, or empty.
+    simulated : float or None
+        Noise of the channel with the largest one from ngspice, V; None without ngspice.
+    unstated : tuple of str
+        Op-amps with poles whose voltage noise is not given.
+    noiseless : tuple of str
+        Ideal op-amps: without poles and without voltage noise.
+    """
+
+    rms: tuple[float, ...] = ()
+    error: tuple[float, ...] = ()
+    unknown: str = ""
+    simulated: float | None = None
+    unstated: tuple[str, ...] = ()
+    noiseless: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, design: Design) -> OutputNoise | None:
+        """Find the noise of the board of `design`; None if its scene has no limit for it."""
+        if design.scene.checks.noise is None:
+            return None
+        if not design.poles.known_stable:
+            return cls(unknown=UNSTABLE if design.poles.known_unstable else MAYBE_UNSTABLE)
+        try:
+            rms, error = output_noise(design.board)
+            ngspice = design.engine == "ngspice"
+            simulated = _simulated(design, int(rms.argmax())) if ngspice else None
+        except (EngineError, SimulationError) as problem:
+            return cls(unknown=f"the noise is not known: {problem}")
+        models = design.circuit.models.values()
+        silent = [model for model in models if model.voltage_noise == 0.0]
+        unstated = tuple(model.name for model in silent if math.isfinite(model.gbw))
+        noiseless = tuple(model.name for model in silent if math.isinf(model.gbw))
+        return cls(tuple(rms.tolist()), tuple(error.tolist()), "", simulated, unstated, noiseless)
+
+    @property
+    def worst(self) -> int:
+        """Number of the channel with the largest noise, from 0."""
+        return int(np.argmax(self.rms))
+
+    @property
+    def largest(self) -> float:
+        """The largest noise of any channel, V."""
+        return self.rms[self.worst]
+
+    @property
+    def known(self) -> float | None:
+        """The largest noise of any channel, V; None where it is not known."""
+        return None if self.unknown else self.largest
+
+    @property
+    def difference(self) -> float:
+        """How far ngspice is from the state-space engine, V; 0 without ngspice."""
+        return 0.0 if self.simulated is None else abs(self.simulated - self.largest)
+
+
+def _simulated(design: Design, channel: int) -> float:
+    """Return the noise of a channel from ngspice, V."""
+    bands = noise_bands(design.board.state_space.eigenvalues)
+    node = design.circuit.outputs[channel].node
+    deck = write_deck(design.circuit, Noise(bands), saved=[node])
+    with start(deck, find_simulator(), timeout=design.scene.analysis.timeout) as run:
+        return run.noise()

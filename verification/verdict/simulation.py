@@ -1,0 +1,249 @@
+"""Simulate one transient of a scene with one engine.
+
+`ENGINES` is the table of engines; each takes a board and a plan, and returns `Pending`.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from taction.netlist_gen.analysis import Transient
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.deck.deck import write_deck
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.array_types import Floats
+from taction.system.errors import (
+    BadEvidence,
+    DivergesError,
+    EngineError,
+    NoVerdictError,
+    SimulatorNotFound,
+    SimulatorTooOld,
+    StepTooSmall,
+    TimedOut,
+)
+from taction.verification.engines.ngspice.executable import find_simulator
+from taction.verification.engines.ngspice.process import PHYSICAL_BOUND, Run, start
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.verdict.transient_plan import Plan
+from taction.verification.waveforms import Cost, Waveforms
+
+# With KLU the tiny steps after a start from zero have more rounding than with the older solver;
+# a few boards with nonlinear amplifiers fail there with KLU but not with the older solver.
+SPARSE = "noopiter"
+SECOND_SOLVER = (
+    "the KLU solver failed at the start; this result is from the older solver of ngspice"
+)
+SLOWER = 5.0  # times the timeout: a run with a longer estimated time does not start
+GROWING = 20_000  # least number of points in the record of an unstable board
+STEP_SHARE = 0.2  # of a wanted error: the tolerance of the state-space engine
+LEAST_TOLERANCE, MOST_TOLERANCE = 1e-10, 1e-3  # limits set by rounding and by convergence
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Simulation:
+    """A simulated transient.
+
+    Attributes
+    ----------
+    waveforms : Waveforms
+        The record.
+    notes : tuple of str
+        Remarks of the engine.
+    """
+
+    waveforms: Waveforms
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Pending:
+    """A simulation whose process may still run; `result` waits for the end.
+
+    Attributes
+    ----------
+    wait : callable
+        Waits for the run and returns its waveforms.
+    instead : callable or None
+        Simulates a board that is known to be unstable by the state-space engine, if the run fails.
+    """
+
+    wait: Callable[[], Waveforms]
+    instead: Callable[[], Waveforms] | None = None
+
+    def result(self) -> Simulation:
+        """Wait and return the simulation, or raise the error of the failed run.
+
+        For an unstable board the result may be a partial record: up to the instant at which the
+        voltages left every bound or the step fell below its limit. A run without any record has
+        the one of `instead`.
+        """
+        try:
+            waveforms = self.wait()
+            return Simulation(waveforms, waveforms.flags)
+        except NoVerdictError as error:
+            if self.instead is None:
+                raise
+            reason = str(error).splitlines()[0]
+            found = error.partial if isinstance(error, StepTooSmall | BadEvidence) else None
+            if isinstance(found, Waveforms) and len(found.time) > 1:
+                return Simulation(found, (f"the record ends early: {reason}",))
+            waveforms = self.instead()
+            note = f"this record is from the state-space engine: {reason}"
+            return Simulation(waveforms, (note, *waveforms.flags))
+
+
+def choose_engine(scene: Scene) -> str:
+    """Return the engine of `scene`; ``auto`` is ngspice where a usable ngspice is found.
+
+    A scene that gives an error gets the cheapest engine for that error, the state-space engine,
+    unless the scene also asks for a comparison of the two engines.
+    """
+    if scene.analysis.engine != "auto":
+        return scene.analysis.engine
+    compared = scene.checks.engines_agree.tolerance is not None
+    if scene.analysis.error != "auto" and not compared:
+        return "statespace"
+    try:
+        find_simulator()
+    except (SimulatorNotFound, SimulatorTooOld):
+        return "statespace"
+    return "ngspice"
+
+
+def state_space_tolerance(wanted: float) -> float:
+    """Return the tolerance of the state-space engine's steps for an error of `wanted`.
+
+    Step errors add up over the periods of ringing, so the tolerance is well below `wanted`.
+    """
+    return min(max(STEP_SHARE * wanted, LEAST_TOLERANCE), MOST_TOLERANCE)
+
+
+def begin(scene: Scene, board: LinearBoard, plan: Plan, engine: str) -> Pending:
+    """Start a simulation; its process runs while the caller does other work.
+
+    Raises
+    ------
+    NoVerdictError
+        From this function or from `Pending.result`. A board that the plan knows to be unstable has
+        a short record by the state-space engine instead.
+    """
+    if not plan.growing:
+        return ENGINES[engine](scene, board, plan)
+    instead = partial(growing_record, board, plan)
+    try:
+        return replace(ENGINES[engine](scene, board, plan), instead=instead)
+    except NoVerdictError as error:
+        return Pending(partial(_raise, error), instead)
+
+
+def _raise(error: NoVerdictError) -> Waveforms:
+    raise error
+
+
+def growing_record(board: LinearBoard, plan: Plan) -> Waveforms:
+    """Return the start of the transient of an unstable board, by the state-space engine.
+
+    If the amplifiers of a small board stop the engine, too, the record is that of the board
+    linearised at its equilibrium.
+
+    Raises
+    ------
+    EngineError
+        A large board has no such record.
+    """
+    from taction.verification.engines.statespace.transients.exact import exact_solution
+    from taction.verification.engines.statespace.transients.simulate import ENGINE, simulate
+
+    stop, initial = plan.grown, plan.transient.initial
+    try:
+        return simulate(board, Transient(stop, stop / GROWING, initial=initial))
+    except EngineError:
+        if board.descriptor.is_large:
+            raise
+    solution = exact_solution(board, initial=initial, stop=stop, linearised=True)
+    times = np.linspace(0.0, stop, GROWING + 1)
+    cost, flag = Cost(0.0, len(times), 1), "the record is that of the linearised board"
+    values, method = solution.at(times), "exact, linearised"
+    return Waveforms(
+        times, solution.nodes, values, ENGINE, cost, (flag,), solution.error, method=method
+    )
+
+
+def outputs(circuit: Circuit, waveforms: Waveforms) -> Floats:
+    """Return u of every channel, shape (P, N), V; each channel is contiguous in memory.
+
+    Callers must not change the array: it may share memory with `waveforms`.
+    """
+    nodes = tuple(out.node for out in circuit.outputs)
+    if nodes == waveforms.nodes and all(out.sign == 1.0 for out in circuit.outputs):
+        return np.ascontiguousarray(waveforms.values.T).T
+    rows = np.empty((len(circuit.outputs), len(waveforms.time)))
+    for row, out in zip(rows, circuit.outputs, strict=True):
+        np.multiply(waveforms[out.node], out.sign, out=row)
+    return rows.T
+
+
+def _ngspice(scene: Scene, board: LinearBoard, plan: Plan) -> Pending:
+    circuit, analysis, timeout = board.circuit, plan.transient, scene.analysis.timeout
+    if plan.seconds > SLOWER * timeout:
+        raise TimedOut(
+            f"ngspice would need about {plan.seconds:.2g} s for {plan.forecast.steps:.2g} steps;"
+            f" analysis.timeout is {timeout:g} s. Use the state-space engine, a larger"
+            " analysis.error, a shorter analysis.stop or a longer analysis.timeout"
+        )
+    simulator = find_simulator()
+    bound = PHYSICAL_BOUND * circuit.scalings.unit_voltage
+
+    def run(solver: str) -> Run:
+        deck = write_deck(circuit, analysis, solver=solver)
+        return start(deck, simulator, timeout=timeout, bound=bound)
+
+    first = run(simulator.solver_option)
+
+    def wait() -> Waveforms:
+        try:
+            return first.result()
+        except StepTooSmall as error:
+            if simulator.solver_option == SPARSE or not _at_the_start(error, analysis):
+                raise
+            if error.folder is not None:  # the second run replaces this reproducer
+                shutil.rmtree(error.folder, ignore_errors=True)
+        waveforms = run(SPARSE).result()
+        return replace(waveforms, flags=(*waveforms.flags, SECOND_SOLVER))
+
+    return Pending(wait)
+
+
+def _at_the_start(error: StepTooSmall, analysis: Transient) -> bool:
+    """Whether a run failed in the first 0.1 % of the record, where rounding can stop a run."""
+    partial = error.partial
+    return not isinstance(partial, Waveforms) or partial.time[-1] < 1e-3 * analysis.stop
+
+
+def _statespace(scene: Scene, board: LinearBoard, plan: Plan) -> Pending:
+    from taction.verification.engines.statespace.transients.simulate import simulate
+
+    tolerance = state_space_tolerance(plan.wanted)
+    instants, analysis = plan.instants(board), plan.transient
+    if instants is None:
+        analysis = replace(analysis, max_step=min(analysis.max_step, analysis.stop / GROWING))
+    try:
+        waveforms = simulate(board, analysis, times=instants, tolerance=tolerance)
+    except DivergesError as error:
+        # A transient may diverge beside a stable equilibrium: its record ends early.
+        if not isinstance(error.partial, Waveforms):
+            raise
+        waveforms = error.partial
+    return Pending(lambda: waveforms)
+
+
+ENGINES: dict[str, Callable[[Scene, LinearBoard, Plan], Pending]] = {
+    "ngspice": _ngspice,
+    "statespace": _statespace,
+}

@@ -1,0 +1,283 @@
+"""Forecast of the step control of ngspice on a board, before ngspice runs.
+
+ngspice (``CKTterr``) chooses every step h of the trapezoidal rule such that the local error of each
+capacitor's charge q stays below a tolerance,
+
+    h² |q'''| / 72 <= truncation · max(|q'|, charge / h),
+
+and never above a maximum step. The modes of a board give q at any time, so they give the step at
+any time and the number of steps. They also give the error of the outputs: a step multiplies each
+mode by ``(1 + hp/2) / (1 - hp/2)`` instead of ``exp(hp)``. No transient is simulated.
+
+For a linear board the forecast omits the start of ngspice (up to 50 steps) and the rounding of
+steps. For a board with behavioural amplifiers, and for the coarse board of a large board, the
+forecast is an estimate: the measured error is within a factor of 2 of the forecast.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from taction.spice_models.subcircuits import STAGE_CAPACITANCE
+from taction.system.array_types import Complexes, Floats
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.initial_state import (
+    Initial,
+    initial_unknowns,
+)
+from taction.verification.engines.statespace.linearised.state_space import StateSpace
+from taction.verification.readings.mode_sums import (
+    TINY,
+    integral,
+    limited_exp,
+    real_magnitude,
+    slip,
+)
+from taction.verification.readings.time_scales import RESOLVED
+
+CKTTERR = 72.0  # 12 of the trapezoidal rule's local error times 3! of the divided difference
+INSTANTS = 240  # number of instants of the forecast, in geometric progression
+EARLIEST = 0.01  # of the fastest time constant: the first instant after 0
+UNSEEN = 1e-9  # of the step amplitude: smaller modes are ignored at the outputs
+FEWEST_STEPS = (50.0, 100.0, 200.0, 500.0, 1500.0)
+"""Candidates for the least number of steps of a record. With the trapezoidal rule an unresolved
+stiff mode decays more slowly the longer the step is: if this limits the error, a shorter maximum
+step is cheaper than a smaller truncation error."""
+FIRST = 0.1  # of the step that the charges allow at t = 0: the first step
+FEWEST_INSTANTS = 200.0  # least number of instants of a record
+MOST_INSTANTS = 500_000  # and the largest
+MOVE = 0.02  # of the step amplitude: largest change of an output between two instants
+CHARGE = 10.0  # times C times the step amplitude: above the charges of usual boards
+EXPONENT = 1.5  # the truncation error is proportional to this power of the error
+AIM = 0.93  # of the allowed error: target of each search step
+CLOSE = 0.8  # of the allowed error: the search stops above this fraction
+SPREAD = 1e-3  # relative perturbation of a matrix with defective modes
+TRIES = 12
+LEAST, MOST = 1e-15, 0.5  # truncation errors
+
+
+@dataclass(frozen=True, slots=True)
+class StepForecast:
+    """A step control and the forecast of its steps and error.
+
+    Attributes
+    ----------
+    truncation : float
+        Local error that one step may make, relative.
+    charge : float
+        Charge below which the truncation error is absolute, C.
+    max_step, first_step : float
+        Maximum and first step, s.
+    steps : float
+        Number of accepted steps.
+    error : float
+        Largest error of any output at any time, in step amplitudes.
+    """
+
+    truncation: float
+    charge: float
+    max_step: float
+    first_step: float
+    steps: float
+    error: float
+
+    def rank(self, error: float) -> tuple[float, float]:
+        """Return a sort key: the error if it exceeds `error`, then the number of steps."""
+        return max(self.error, error), self.steps
+
+
+@dataclass(frozen=True, eq=False)
+class StepModel:
+    """The step control of one board over one record.
+
+    Attributes
+    ----------
+    time : ndarray (T,)
+        s, from 0 to the end of the record.
+    poles : ndarray (n,)
+        Modes that show at the outputs, one of each conjugate pair, 1/s.
+    shares : ndarray (n, N)
+        Their amplitudes at the outputs, in step amplitudes.
+    all_poles, charges : ndarray (m,) and (m, Q)
+        All modes, and their amplitudes in every charge, 1/s and C.
+    charge : float
+        Charge below which the truncation error is absolute, C.
+    """
+
+    time: Floats
+    poles: Complexes
+    shares: Complexes
+    all_poles: Complexes
+    charges: Complexes
+    charge: float
+
+    @classmethod
+    def of(
+        cls, board: LinearBoard, stop: float, initial: Initial = "zero", *, stable: bool = False
+    ) -> StepModel:
+        """Model the strain step of `board` up to `stop`, s; a large board by its coarse board.
+
+        A growing mode of the coarse image of a board that is known to be `stable` is taken as
+        decaying at the same rate.
+
+        Raises
+        ------
+        EngineError
+            No state-space form, or no equilibrium.
+        """
+        coarse = board.descriptor.is_large
+        board = board.coarse if coarse else board
+        space, equations = board.state_space, board.descriptor
+        C, _ = space.rows(equations.names)
+        deviation = space.state_of(initial_unknowns(board, initial))
+        deviation -= space.state_of(board.equilibrium.values)
+        poles, modes = _modes(space, C, deviation)
+        if coarse and stable:
+            poles = -np.abs(poles.real) + 1j * poles.imag
+        farads = np.ones(equations.size)
+        farads[equations.node_count :] = STAGE_CAPACITANCE
+        charges = modes @ (equations.dense.mass.T * farads)
+        outputs = [node for node in board.reported(None) if node in equations.places]
+        shares = modes[:, [equations.places[node] for node in outputs]]
+        amplitude = float(np.abs(shares.sum(axis=0).real).max(initial=0.0)) or 1.0
+        shown = np.abs(shares).max(axis=1, initial=0.0) > UNSEEN * amplitude
+        return cls(
+            time=_instants(poles, stop),
+            poles=poles[shown],
+            shares=shares[shown] / amplitude,
+            all_poles=poles,
+            charges=charges[:, np.abs(charges).max(axis=0, initial=0.0) > 0.0],
+            charge=CHARGE * board.circuit.scalings.capacitance * amplitude,
+        )
+
+    @cached_property
+    def exponents(self) -> Complexes:
+        """``p t`` of the modes that show, shape (T, n)."""
+        return np.asarray(np.multiply.outer(self.time, self.poles))
+
+    @cached_property
+    def growth(self) -> Complexes:
+        """``exp(p t)`` of the modes that show, shape (T, n)."""
+        return limited_exp(self.exponents)
+
+    @cached_property
+    def limits(self) -> tuple[Floats, Floats]:
+        """The longest steps that the charges allow at a truncation error of 1, s, shape (T,) each.
+
+        By `charge`, which grows with the third root of the truncation error, and by the currents,
+        which grows with the second root.
+        """
+        growth = limited_exp(np.multiply.outer(self.time, self.all_poles))
+        third = real_magnitude(growth, self.all_poles[:, None] ** 3 * self.charges)
+        third = np.maximum(third, TINY)
+        by_charge = np.cbrt(CKTTERR * self.charge / third.max(axis=1, initial=TINY))
+        current = real_magnitude(growth, self.all_poles[:, None] * self.charges)
+        by_current = np.sqrt(CKTTERR * (current / third).min(axis=1, initial=math.inf))
+        return by_charge, by_current
+
+    def step_lengths(self, truncation: float, max_step: float) -> Floats:
+        """Return the step at every instant of `time`, s, shape (T,)."""
+        by_charge, by_current = self.limits
+        allowed = np.maximum(by_charge * truncation ** (1 / 3), by_current * truncation ** (1 / 2))
+        return np.asarray(np.minimum(allowed, max_step))
+
+    def forecast(self, truncation: float, max_step: float) -> StepForecast:
+        """Forecast the run of ngspice with a truncation error and a maximum step, s."""
+        step = self.step_lengths(truncation, max_step)[:, None]
+        drift = integral(slip(step, self.poles), self.time)
+        off = limited_exp(self.exponents + drift) - self.growth
+        return StepForecast(
+            truncation=truncation,
+            charge=self.charge,
+            max_step=max_step,
+            first_step=FIRST * float(step[0, 0]),
+            steps=float(integral(1.0 / step[:, 0], self.time)[-1]),
+            error=float(real_magnitude(off, self.shares).max(initial=0.0)),
+        )
+
+    def even(self, max_step: float) -> StepForecast:
+        """Forecast a run with even steps of `max_step`, s; only faster modes get shorter steps."""
+        truncation = (max_step * float(np.abs(self.poles.imag).max(initial=0.0))) ** 3 / 6.0
+        return self.forecast(min(max(truncation / CHARGE, LEAST), MOST), max_step)
+
+    def reached(self, forecast: StepForecast, steps: float) -> float:
+        """Return the instant at which a run of `forecast` has taken `steps` steps, s."""
+        rate = 1.0 / self.step_lengths(forecast.truncation, forecast.max_step)
+        return float(np.interp(steps, integral(rate, self.time), self.time))
+
+    def instants(self, error: float) -> Floats:
+        """Return the instants of a record whose cubic interpolation errs by `error`, s.
+
+        Parameters
+        ----------
+        error : float
+            Interpolation error, in step amplitudes. The error of a cubic through four points h
+            apart is ``h⁴ |d⁴u/dt⁴| 3/128``.
+            The record errs more where `MOST_INSTANTS` do not suffice.
+        """
+        rate = np.abs(self.growth @ (self.poles[:, None] * self.shares)).max(axis=1, initial=TINY)
+        bend = np.abs(self.growth @ (self.poles[:, None] ** 4 * self.shares))
+        bend = np.maximum(bend.max(axis=1, initial=0.0), TINY)
+        longest = np.minimum(self.time[-1] / FEWEST_INSTANTS, MOVE / rate)
+        spacing = np.minimum((128.0 / 3.0 * error / bend) ** 0.25, longest)
+        count = integral(1.0 / spacing, self.time)
+        places = np.linspace(0.0, count[-1], min(math.ceil(count[-1]) + 1, MOST_INSTANTS))
+        return np.asarray(np.interp(places, count, self.time))
+
+    def cheapest(self, error: float) -> StepForecast:
+        """Return the step control with the fewest steps whose error stays within `error`.
+
+        If no step control does, return the one with the smallest error.
+        """
+        stop = float(self.time[-1])
+        best = self._reach(error, stop / FEWEST_STEPS[0], 1e-6)
+        for fewest in FEWEST_STEPS[1:]:
+            if best.error > error or best.steps > 2.0 * fewest:
+                candidate = self._reach(error, stop / fewest, best.truncation)
+                best = min(best, candidate, key=lambda forecast: forecast.rank(error))
+        return best
+
+    def _reach(self, error: float, max_step: float, truncation: float) -> StepForecast:
+        """Search the largest truncation error whose forecast stays within `error`."""
+        low, high, best = LEAST, MOST, None
+        for _ in range(TRIES):
+            forecast = self.forecast(truncation, max_step)
+            if forecast.error <= error:
+                low, best = truncation, forecast
+                if forecast.error >= CLOSE * error or truncation >= MOST:
+                    return forecast
+            else:
+                high = truncation
+            ratio = AIM * error / max(forecast.error, TINY)
+            following = min(truncation * min(ratio, 1e12) ** EXPONENT, MOST)
+            inside = low < following < high or (following == high == MOST)
+            truncation = following if inside else math.sqrt(low * high)
+            if high < 1.05 * low:
+                break
+        return best or forecast
+
+
+def _modes(space: StateSpace, C: Floats, deviation: Floats) -> tuple[Complexes, Complexes]:
+    """Return poles (n,), one of each conjugate pair, and their amplitudes in ``C x``, (n, K).
+
+    Defective modes are replaced by those of a matrix whose entries differ by about `SPREAD`, which
+    is close enough for a forecast.
+    """
+    poles, amplitudes = space.modes.poles, space.modes.amplitudes(C, deviation).T
+    if not np.abs(amplitudes).sum(axis=0).max(initial=0.0) < RESOLVED * np.abs(C @ deviation).max():
+        noise = np.random.default_rng(0).standard_normal(space.A.shape)
+        poles, right = np.linalg.eig(space.A * (1.0 + SPREAD * noise))
+        weights = np.linalg.solve(right, deviation.astype(np.complex128))
+        amplitudes = weights[:, None] * (C @ right).T
+    kept = poles.imag >= 0.0
+    twice = np.where(poles[kept].imag > 0.0, 2.0, 1.0)[:, None]
+    return poles[kept], twice * amplitudes[kept]
+
+
+def _instants(poles: Complexes, stop: float) -> Floats:
+    earliest = min(EARLIEST / float(np.abs(poles).max(initial=1.0 / stop)), 0.5 * stop)
+    return np.concatenate([[0.0], np.geomspace(earliest, stop, INSTANTS)])

@@ -1,0 +1,238 @@
+"""Length and step control of a transient: the cheapest that the checks allow."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from taction.netlist_gen.analysis import Transient
+from taction.netlist_gen.scene.checks import Checks
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.array_types import Floats
+from taction.system.errors import EngineError
+from taction.system.quantities import show
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.initial_state import Initial
+from taction.verification.readings.time_scales import GROWN, TimeScales
+from taction.verification.verdict.step_forecast import StepForecast, StepModel
+
+REMAINDER = 0.1  # of the steady-state tolerance and the band: remaining ringing at the end
+AFTER_SETTLING = 1.2  # times the settling time: the record must show that outputs remain settled
+SHARE = 0.25  # of the tightest tolerance of the checks: the error wanted by ``error = "auto"``
+AIM = 0.8  # of the wanted error: the error that a transient is planned for
+LEAST_ERROR = 1e-8  # of the step amplitude: the least error that ngspice is planned for
+GROWTH_ERROR = 0.01  # of `GROWN`: the error that a growing transient is planned for
+FEWEST_PERIODS = 8  # of ringing in every record
+RECORD_ERROR = 2e-8  # of the step amplitude: error of interpolation between points of a record
+UNSTABLE_SECONDS = 2.0  # of processor time: limit for a board that is known to be unstable
+LINEAR_STEP, MATRIX_STEP = 2.7e-6, 3.1e-9
+"""Processor time of a step of ngspice 46 with KLU: ``LINEAR_STEP N + MATRIX_STEP N³``, s, measured
+for N = M = 7 to 128 on one machine (else N is the larger of the two); with behavioural amplifiers a
+step takes `NEWTON` times as long."""
+NEWTON = 2.5
+LONG = 10.0  # s: a longer run is announced
+SHORTER = "the state-space engine (--engine statespace) is usually faster"
+NO_STEPS = StepForecast(0.0, 0.0, 0.0, 0.0, steps=0.0, error=0.0)
+UNSTABLE_PERIODS = 100.0  # of ringing: the same for the state-space engine, where it needs steps
+EXACT_PERIODS = 20_000.0  # the same where it needs none: the record has `GROWING_POINTS` on each
+GROWING_POINTS = 10.0  # on a period: fewer would show ringing at another frequency
+TOO_LONG = "the record ends after {stop}, before the instability has grown"
+TOO_SLOW = (
+    "the record ends after {stop}, before the instability has grown: ngspice needs"
+    " {seconds:g} s up to there"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A transient and the forecast of its error and cost.
+
+    Attributes
+    ----------
+    transient : Transient
+        The transient to simulate.
+    wanted : float
+        Largest error of any output at any time that the checks allow, in step amplitudes.
+    forecast : StepForecast
+        What ngspice's step control will do; `NO_STEPS` for the state-space engine.
+    seconds : float
+        Estimated processor time of ngspice, s.
+    growing : bool
+        Whether the board is unstable and its outputs grow.
+    grown : float
+        Length of the shortest record that shows a growing instability, s.
+    notes : tuple of str
+        What the plan omits, for the user.
+    """
+
+    transient: Transient
+    wanted: float
+    forecast: StepForecast
+    seconds: float
+    growing: bool
+    grown: float
+    notes: tuple[str, ...] = ()
+
+    @property
+    def remark(self) -> str:
+        """How long ngspice will take, if it takes long; else empty."""
+        if self.seconds < LONG:
+            return ""
+        return f"about {self.seconds:.0f} s for {self.forecast.steps:.2g} steps; {SHORTER}"
+
+    def instants(self, board: LinearBoard) -> Floats | None:
+        """Return the instants of a state-space record, s; None if the outputs grow.
+
+        The instants are dense where the outputs bend, so that cubic interpolation errs by about
+        `RECORD_ERROR`.
+        """
+        if self.growing:
+            return None
+        model = StepModel.of(board, self.transient.stop, self.transient.initial, stable=True)
+        return model.instants(RECORD_ERROR)
+
+
+def wanted_error(scene: Scene) -> float:
+    """Return the largest error of the transient that the scene allows, in step amplitudes.
+
+    ``analysis.error``, or with ``"auto"`` the share `SHARE` of the tightest of: the tolerances of
+    the steady state and of the comparison of engines, the settling band, the limits of overshoot
+    and undershoot.
+    """
+    error = scene.analysis.error
+    return SHARE * tightest(scene.checks) if error == "auto" else error
+
+
+def tightest(checks: Checks) -> float:
+    """Return the smallest limit of `checks` that is a fraction of the step amplitude."""
+    limits = [
+        checks.steady_state.tolerance,
+        checks.engines_agree.limit,
+        checks.settling_time.band,
+    ]
+    excursions = [check.max for check in (checks.overshoot, checks.undershoot) if check is not None]
+    return min(limits + [limit for limit in excursions if limit > 0.0])
+
+
+def plan_transient(
+    scene: Scene,
+    board: LinearBoard,
+    scales: TimeScales,
+    engine: str = "ngspice",
+    *,
+    stable: bool | None = None,
+    resolution: float = 0.0,
+    aim: float | None = None,
+) -> Plan:
+    """Choose the length of the record and the cheapest step control for the wanted error.
+
+    With ``stop = "auto"`` a record ends when the remaining ringing is a tenth of the steady-state
+    tolerance, or when an instability has grown. ``analysis.points_per_period`` asks for even steps
+    instead of the cheapest step control.
+    The state-space engine needs no step control.
+
+    Parameters
+    ----------
+    stable : bool, optional
+        Whether the board is stable, by its own poles; by default as `scales` say, which for a
+        large board are those of its coarse image.
+    resolution : float, optional
+        Rounding error of the poles, 1/s: a record does not wait for a mode that decays, or grows,
+        more slowly.
+    aim : float, optional
+        Error to plan for, in step amplitudes; the default is `AIM` times the wanted error.
+
+    Raises
+    ------
+    EngineError
+        No mode of the board is visible at its outputs.
+    """
+    growing = math.isfinite(scales.growth_time) if stable is None else not stable
+    stop, error = _stop(scene, scales, resolution, growing=growing), wanted_error(scene)
+    initial = scene.analysis.initial
+    if engine == "statespace":
+        return _without_steps(scene, board, scales, stop, growing=growing)
+    model = StepModel.of(board, stop, initial, stable=not growing)
+    step_seconds, points = seconds_per_step(board), scene.analysis.points_per_period
+    notes: tuple[str, ...] = ()
+    if points is not None:
+        forecast = model.even(scales.max_step_for(points))
+    elif growing:
+        stop, forecast, notes = _growing(board, model, initial, step_seconds)
+    else:
+        forecast = model.cheapest(max(AIM * error if aim is None else aim, LEAST_ERROR))
+    transient = Transient(
+        stop=stop,
+        max_step=_six_digits(forecast.max_step),
+        truncation=_six_digits(forecast.truncation),
+        charge=_six_digits(forecast.charge),
+        first_step=_six_digits(forecast.first_step),
+        initial=initial,
+    )
+    seconds, grown = forecast.steps * step_seconds, min(scales.growth_time, stop)
+    return Plan(transient, error, forecast, seconds, growing, grown, notes)
+
+
+def _growing(
+    board: LinearBoard, model: StepModel, initial: Initial, step_seconds: float
+) -> tuple[float, StepForecast, tuple[str, ...]]:
+    """Return the end of a growing record, s, its step control, and a note if the end is early."""
+    forecast = model.cheapest(GROWTH_ERROR * GROWN)
+    if forecast.steps * step_seconds <= UNSTABLE_SECONDS:
+        return float(model.time[-1]), forecast, ()
+    stop = model.reached(forecast, UNSTABLE_SECONDS / step_seconds)
+    note = TOO_SLOW.format(stop=show(stop, "s", 3), seconds=UNSTABLE_SECONDS)
+    return stop, StepModel.of(board, stop, initial).cheapest(GROWTH_ERROR), (note,)
+
+
+def _without_steps(
+    scene: Scene, board: LinearBoard, scales: TimeScales, stop: float, *, growing: bool
+) -> Plan:
+    """Plan a run of the state-space engine; a growing run shows every period and is kept short."""
+    notes: tuple[str, ...] = ()
+    stepped = not board.circuit.is_linear or board.descriptor.is_large
+    longest = (UNSTABLE_PERIODS if stepped else EXACT_PERIODS) * scales.max_step_for(1.0)
+    if growing and stop > longest:
+        stop, notes = longest, (TOO_LONG.format(stop=show(longest, "s", 3)),)
+    spacing = min(stop, scales.max_step_for(GROWING_POINTS)) if growing else stop
+    transient = Transient(stop, spacing, initial=scene.analysis.initial)
+    grown = min(scales.growth_time, stop)
+    return Plan(transient, wanted_error(scene), NO_STEPS, 0.0, growing, grown, notes)
+
+
+def seconds_per_step(board: LinearBoard) -> float:
+    """Estimate the processor time of one step of ngspice, s."""
+    size = max(len(board.circuit.signal_nodes), len(board.circuit.constraint_nodes))
+    linear = LINEAR_STEP * size + MATRIX_STEP * size**3
+    return linear if board.circuit.is_linear else NEWTON * linear
+
+
+def _stop(scene: Scene, scales: TimeScales, resolution: float, *, growing: bool) -> float:
+    if scene.analysis.stop != "auto":
+        return scene.analysis.stop
+    if growing and math.isfinite(scales.growth_time):
+        return _six_digits(scales.growth_time)
+    return settled_after(scene.checks, scales, resolution)
+
+
+def settled_after(checks: Checks, scales: TimeScales, resolution: float = 0.0) -> float:
+    """Return the length of a record in which every check of a stable board can be decided, s.
+
+    Raises
+    ------
+    EngineError
+        No mode of the board is visible at its outputs.
+    """
+    remainder = REMAINDER * min(checks.steady_state.tolerance, checks.settling_time.band)
+    settled = AFTER_SETTLING * scales.stop_for(remainder, slowest=resolution)
+    longest = max(settled, FEWEST_PERIODS * scales.max_step_for(1.0))
+    if not (math.isfinite(longest) and longest > 0.0):
+        raise EngineError(
+            "no mode of this board is visible at its outputs, so no stop time can be chosen"
+        )
+    return _six_digits(longest)
+
+
+def _six_digits(value: float) -> float:
+    """Round to six digits, so that rounding of the eigenvalues does not change the deck."""
+    return float(f"{value:.6g}")
