@@ -26,7 +26,7 @@ from benchmarks.measuring import (
 
 ROUNDS = {Extent.TINY: 1, Extent.QUICK: 7, Extent.FULL: 20}
 NAME = "taction"
-OWN = ("spice_models", "netlist_gen", "verification", "cli", "taction")  # below taction in a wheel
+OWN = ("system", "spice_models", "netlist_gen", "verification", "cli", "taction")  # below taction
 DEVELOPMENT = "dev"
 SCENE = SCENES / "paper-breadboard.toml"
 LARGE = ("numpy", "scipy")
