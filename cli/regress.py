@@ -51,8 +51,8 @@ def regress(
     """
     from pathlib import Path
 
+    from taction.verification.report.junit import regression_junit
     from taction.verification.report.output_checks import check_folder
-    from taction.verification.report.regression.junit import regression_junit
     from taction.verification.report.regression.markdown import regression_markdown
     from taction.verification.studies.regression.baseline import baseline_text, load_baseline
     from taction.verification.studies.regression.run import regress as run

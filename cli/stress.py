@@ -31,12 +31,9 @@ def stress(
     from taction.system.atomic_files import write_atomically
     from taction.verification.evidence.stress.catalogue import load_catalogue, select
     from taction.verification.evidence.stress.run import expected_seconds, run_catalogue
+    from taction.verification.report.junit import stress_junit
     from taction.verification.report.stress.page import stress_page
-    from taction.verification.report.stress.report import (
-        print_stress,
-        stress_document,
-        stress_junit,
-    )
+    from taction.verification.report.stress.report import print_stress, stress_document
 
     cases = select(load_catalogue(), only)
     seconds = expected_seconds(cases, jobs)

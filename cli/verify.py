@@ -170,8 +170,8 @@ def _report(verdict: taction.Verdict, remedies: Remedies | None) -> Report:
 
 
 def _verify_files(scenes: tuple[str, ...], as_json: bool, options: dict[str, Any]) -> None:
-    from taction.verification.report.files.junit import files_junit
     from taction.verification.report.files.table import files_document, print_files
+    from taction.verification.report.junit import files_junit
     from taction.verification.studies.scene_files import scene_files
     from taction.verification.studies.verify_files import verify_files
 

@@ -1,18 +1,39 @@
-"""Test suites as JUnit XML, as the reporters of Jenkins, GitLab and GitHub read it."""
+"""Verdicts, regressions and stress cases as JUnit XML, for the reporters of Jenkins and GitLab.
+
+Every study is a list of suites of tests: a scene is a suite, and each of its checks is a test. A
+failed check is a failure, an undecided one an error, and what was not run is skipped.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Literal
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal
 from xml.etree import ElementTree as ET
+
+from taction.verification.evidence.stress.catalogue import FOLDER
+from taction.verification.evidence.stress.run import CaseRun, Judgement, StressReport
+from taction.verification.report.regression.text import change_line, remarks
+from taction.verification.report.tables import value_text
+from taction.verification.report.verdict.json_document import check_record
+from taction.verification.studies.regression.compare import Difference
+from taction.verification.studies.regression.run import RegressionReport, SceneResult, Status
+from taction.verification.studies.verify_files import NOT_RUN, VerifiedFiles
 
 # Characters that XML 1.0 cannot hold; the log of a simulator may contain them.
 FORBIDDEN = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 COUNTS = (("failures", "failure"), ("errors", "error"), ("skipped", "skipped"))
 
 End = Literal["", "failure", "error", "skipped"]
+ENDS: dict[str, End] = {"pass": "", "fail": "failure", "inconclusive": "error", NOT_RUN: "skipped"}
+WITHOUT_VERDICT: dict[Status, End] = {
+    Status.MISSING: "failure",
+    Status.NO_VERDICT: "error",
+    Status.BAD_INPUT: "error",
+    Status.NOT_RUN: "skipped",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +60,26 @@ class JUnitSuite:
     def seconds(self) -> float:
         """The time of all tests, s."""
         return sum(case.seconds for case in self.cases)
+
+
+def files_junit(files: VerifiedFiles) -> str:
+    """Return the verdicts of several files as JUnit XML."""
+    return junit_text("taction verify", [_verdict_suite(each) for each in files.documents])
+
+
+def regression_junit(report: RegressionReport) -> str:
+    """Return a regression run as JUnit XML; a group of compared quantities is a test, too."""
+    return junit_text("taction regress", [_scene_suite(each, report) for each in report.results])
+
+
+def stress_junit(report: StressReport) -> str:
+    """Return a run of the stress cases as JUnit XML: a suite per family, a test per run."""
+    suites = []
+    for family in dict.fromkeys(run.case.family for run in report.runs):
+        tests = [_case_test(run) for run in report.runs if run.case.family == family]
+        file = str(FOLDER / f"{family}.toml")
+        suites.append(JUnitSuite(f"stress.{family}", file, tests, dict(report.versions)))
+    return junit_text("taction stress", suites)
 
 
 def junit_text(name: str, suites: Sequence[JUnitSuite]) -> str:
@@ -85,3 +126,83 @@ def _seconds(seconds: float) -> str:
 
 def _clean(text: str) -> str:
     return FORBIDDEN.sub("\N{REPLACEMENT CHARACTER}", text)
+
+
+def _scene(
+    file: str, folder: str, tests: Iterator[JUnitTest], seconds: float, properties: dict[str, str]
+) -> JUnitSuite:
+    """Return the suite of a scene; its first test has the time of the run, which has all tests."""
+    first, *others = tests
+    cases = (replace(first, seconds=seconds), *others)
+    return JUnitSuite(Path(file).stem, str(Path(folder) / file), cases, properties)
+
+
+def _check_test(check: Mapping[str, Any]) -> JUnitTest:
+    limit = check["expected"] if check["tolerance"] is None else check["tolerance"]
+    value, bound = (value_text(number, check["unit"], 6) for number in (check["value"], limit))
+    text = f"{check['outcome']}: {value}, limit {bound}; {check['reason']}"
+    return JUnitTest(f"check {check['name']}", ENDS[check["outcome"]], text, text)
+
+
+def _verdict_suite(document: Mapping[str, Any]) -> JUnitSuite:
+    properties = {key: document[key] for key in ("outcome", "simulator") if key in document}
+    seconds = document.get("timing", {}).get("total", 0.0)
+    return _scene(document["file"], "", _verdict_tests(document), seconds, properties)
+
+
+def _verdict_tests(document: Mapping[str, Any]) -> Iterator[JUnitTest]:
+    yield from map(_check_test, document.get("checks", ()))
+    if "checks" not in document:
+        outcome = document["outcome"]
+        text = document.get("error", {}).get("message", "interrupted")
+        yield JUnitTest("verify", ENDS.get(outcome, "error"), f"{outcome}: {text}", text)
+
+
+def _scene_suite(result: SceneResult, report: RegressionReport) -> JUnitSuite:
+    properties = {"status": result.status.value, "revision": report.revision}
+    if result.entry is not None:
+        properties["simulator"] = result.entry.simulator
+    if result.baseline is not None:
+        properties["baseline revision"] = result.baseline.revision
+        properties["baseline simulator"] = result.baseline.simulator
+    tests = _scene_tests(result, updated=report.updated)
+    return _scene(result.file, report.folder, tests, result.seconds, properties)
+
+
+def _scene_tests(result: SceneResult, *, updated: bool) -> Iterator[JUnitTest]:
+    if not result.checks:
+        # An update of the baseline removes the scenes that are gone from the folder.
+        accepted = updated and result.status is Status.MISSING
+        end: End = "skipped" if accepted else WITHOUT_VERDICT[result.status]
+        yield JUnitTest("verify", end, f"{result.status.value}: {result.reason}", result.reason)
+        return
+    yield from (_check_test(check_record(check)) for check in result.checks)
+    if result.baseline is None:
+        yield JUnitTest("baseline", "skipped", "new: not in the baseline")
+        return
+    lines = remarks(result)
+    for group in dict.fromkeys(d.group for d in result.differences):
+        changes = [d for d in result.changes if d.group == group]
+        yield _group_test(group, changes, lines, accepted=updated or not result.fails)
+
+
+def _group_test(
+    group: str, changes: list[Difference], lines: list[str], *, accepted: bool
+) -> JUnitTest:
+    name = f"baseline {group}"
+    if not changes:
+        return JUnitTest(name)
+    texts = [change_line(each) for each in changes]
+    more = f" and {len(changes) - 1} more" if len(changes) > 1 else ""
+    text = "\n".join([*texts, *lines])
+    return JUnitTest(name, "skipped" if accepted else "failure", texts[0] + more, text)
+
+
+def _case_test(run: CaseRun) -> JUnitTest:
+    name = f"{run.case.name} {run.engine}"
+    if run.judgement is Judgement.RIGHT:
+        return JUnitTest(name, seconds=run.seconds)
+    if run.judgement is Judgement.NOT_RUN:
+        return JUnitTest(name, "skipped", run.reason or run.judgement.value)
+    message = f"{run.judgement.value}: {run.reason}"
+    return JUnitTest(name, "failure", message, f"{message}\nhard because {run.case.why}")

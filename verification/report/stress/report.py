@@ -9,9 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.text import Text
 
-from taction.verification.evidence.stress.catalogue import FOLDER
 from taction.verification.evidence.stress.run import CaseRun, Judgement, StressReport
-from taction.verification.report.junit import JUnitSuite, JUnitTest, junit_text
 from taction.verification.report.tables import make_table, value_text
 from taction.verification.report.verdict.json_document import check_record
 
@@ -110,24 +108,3 @@ def _record(run: CaseRun) -> dict[str, Any]:
             for c in run.comparisons
         ],
     }
-
-
-def stress_junit(report: StressReport) -> str:
-    """Return a run as JUnit XML: a suite per family, a test per case and engine."""
-    families = dict.fromkeys(run.case.family for run in report.runs)
-    suites = []
-    for family in families:
-        tests = [_test(run) for run in report.runs if run.case.family == family]
-        file = str(FOLDER / f"{family}.toml")
-        suites.append(JUnitSuite(f"stress.{family}", file, tests, dict(report.versions)))
-    return junit_text("taction stress", suites)
-
-
-def _test(run: CaseRun) -> JUnitTest:
-    name = f"{run.case.name} {run.engine}"
-    if run.judgement is Judgement.RIGHT:
-        return JUnitTest(name, seconds=run.seconds)
-    if run.judgement is Judgement.NOT_RUN:
-        return JUnitTest(name, "skipped", run.reason or run.judgement.value)
-    message = f"{run.judgement.value}: {run.reason}"
-    return JUnitTest(name, "failure", message, f"{message}\nhard because {run.case.why}")

@@ -12,7 +12,7 @@ from lxml import etree
 from rich.console import Console
 
 from taction.cli.common import plain
-from taction.verification.report.regression.junit import regression_junit
+from taction.verification.report.junit import regression_junit
 from taction.verification.report.regression.markdown import regression_markdown
 from taction.verification.report.regression.text import SHOWN, print_regression, regression_document
 from taction.verification.studies.regression.compare import Difference

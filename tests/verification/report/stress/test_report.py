@@ -14,13 +14,13 @@ from taction.cli.common import plain
 from taction.verification.evidence.stress.catalogue import load_catalogue, select
 from taction.verification.evidence.stress.compare import Comparison
 from taction.verification.evidence.stress.run import CaseRun, Judgement, StressReport
+from taction.verification.report.junit import stress_junit
 from taction.verification.report.stress.page import stress_page
 from taction.verification.report.stress.report import (
     TITLES,
     case_row,
     print_stress,
     stress_document,
-    stress_junit,
 )
 from taction.verification.verdict.checks import Check, Outcome
 from tests.support.paths import DATA, ROOT
