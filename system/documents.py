@@ -1,0 +1,374 @@
+"""Documents from types: a frozen dataclass gives its JSON, its schema, its columns and its units.
+
+A field of a result carries its unit as a text in its annotation: ``Annotated[float, "s"]``. From
+the type follow the plain data of a document (`plain`), the way back (`read`), the JSON Schema
+(`schema`) and the unit of every name (`units`). Numbers that are not finite are null.
+
+What else an annotation may carry: `Key`, another name in the document; `INLINE`, the parts of the
+field stand beside it in the document; `HIDDEN`, the field is not part of it. The class variable
+``SHOWN`` names properties that are part of it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import math
+import types
+import typing
+from collections.abc import Iterator, Mapping
+from functools import cache
+from pathlib import PurePath
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+
+from taction.system.file_names import printable
+
+T = TypeVar("T")
+
+Seconds = Annotated[float | None, "s"]
+Volts = Annotated[float | None, "V"]
+Steps = Annotated[float | None, "step"]
+"""Fraction of the step amplitude."""
+Rate = Annotated[float | None, "1/s"]
+Hertz = Annotated[float | None, "Hz"]
+Ohms = Annotated[float | None, "ohm"]
+Farads = Annotated[float | None, "F"]
+Amperes = Annotated[float | None, "A"]
+Siemens = Annotated[float | None, "S"]
+Watts = Annotated[float | None, "W"]
+Number = float | None
+"""A number without a unit; null: unknown, or infinite."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Key:
+    """The name of a field in the document, where it is not that of the attribute."""
+
+    name: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Inline:
+    """The entries of a field stand in the document of its class; `units` has the known names."""
+
+    units: Mapping[str, str] = dataclasses.field(default_factory=dict, hash=False)
+
+
+@dataclasses.dataclass(frozen=True)
+class Note:
+    """What a reader of the schema should know about a field."""
+
+    text: str
+
+
+INLINE = Inline()
+HIDDEN = object()
+
+
+@dataclasses.dataclass(frozen=True)
+class Part:
+    """One field of a document."""
+
+    attribute: str
+    key: str
+    kind: Any  # without its notes
+    unit: str
+    note: str
+    inline: Inline | None
+    required: bool
+
+
+@cache
+def parts_of(kind: Any) -> tuple[Part, ...]:
+    """Return the fields that are in the document of a dataclass, with those named by ``SHOWN``."""
+    hints = get_type_hints(kind, include_extras=True)
+    found = []
+    for field in dataclasses.fields(kind):
+        inner, notes = _unwrapped(hints[field.name])
+        if HIDDEN not in notes:
+            found.append(_part(field.name, inner, notes))
+    for name in getattr(kind, "SHOWN", ()):
+        returned = get_type_hints(getattr(kind, name).fget, include_extras=True)["return"]
+        found.append(_part(name, *_unwrapped(returned)))
+    return tuple(found)
+
+
+def _part(name: str, inner: Any, notes: tuple[Any, ...]) -> Part:
+    key = next((note.name for note in notes if isinstance(note, Key)), name)
+    text = next((note.text for note in notes if isinstance(note, Note)), "")
+    unit = next((note for note in notes if isinstance(note, str)), "")
+    inline = next((note for note in notes if isinstance(note, Inline)), None)
+    return Part(name, key, inner, unit, text, inline, required=True)
+
+
+def _unwrapped(hint: Any) -> tuple[Any, tuple[Any, ...]]:
+    if get_origin(hint) is Annotated:
+        inner, *notes = get_args(hint)
+        return inner, tuple(notes)
+    return hint, ()
+
+
+def plain(value: Any) -> Any:
+    """Return `value` in the types of JSON.
+
+    Examples
+    --------
+    >>> plain({"poles": (complex(-1.0, 2.0),), "margin": float("inf")})
+    {'poles': [[-1.0, 2.0]], 'margin': None}
+    """
+    if value is None or (isinstance(value, bool | int) and not isinstance(value, enum.Enum)):
+        return value
+    if isinstance(value, enum.Enum):
+        return plain(value.value)
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    if isinstance(value, str):
+        return printable(value)
+    if isinstance(value, complex):
+        return [plain(value.real), plain(value.imag)]
+    if isinstance(value, Mapping):
+        return {printable(str(key)): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple | set | frozenset):
+        return [plain(item) for item in value]
+    if isinstance(value, PurePath):
+        return printable(str(value))
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return _plain_parts(value)
+    if hasattr(value, "tolist"):
+        return plain(value.tolist())
+    raise TypeError(f"{type(value).__name__} has no form in a document")
+
+
+def _plain_parts(value: Any) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    kind: type = type(value)
+    for part in parts_of(kind):
+        item = plain(getattr(value, part.attribute))
+        if part.inline is None:
+            found[part.key] = item
+        elif item is not None:
+            found |= item
+    return found
+
+
+def read(kind: type[T], data: Any) -> T:
+    """Return the value of a type from its plain data: the inverse of `plain`.
+
+    Raises
+    ------
+    ValueError
+        A field is missing or has another type; the text begins with its place.
+    """
+    made: T = _read(kind, data, "")
+    return made
+
+
+def _read(kind: Any, data: Any, place: str) -> Any:
+    kind, _ = _unwrapped(kind)
+    origin, inner = get_origin(kind), get_args(kind)
+    if kind is Any:
+        return data
+    if origin in (Union, types.UnionType):
+        return _read_union(inner, data, place)
+    if origin is Literal:
+        if data not in inner:
+            raise ValueError(f"{place}: {data!r} is not one of {', '.join(map(repr, inner))}")
+        return data
+    if origin is tuple or origin is list:
+        if not isinstance(data, list | tuple):
+            raise ValueError(f"{place}: a list is missing")
+        items = [_read(inner[0], item, f"{place}[{n}]") for n, item in enumerate(data)]
+        return tuple(items) if origin is tuple else items
+    if origin is not None and issubclass(origin, Mapping):
+        if not isinstance(data, Mapping):
+            raise ValueError(f"{place}: a table is missing")
+        return {key: _read(inner[1], item, f"{place}.{key}") for key, item in data.items()}
+    return _read_one(kind, data, place)
+
+
+def _read_union(kinds: tuple[Any, ...], data: Any, place: str) -> Any:
+    reason = ""
+    for kind in kinds:
+        try:
+            return _read(kind, data, place)
+        except ValueError as error:
+            reason = reason or str(error)
+    raise ValueError(reason)
+
+
+def _read_one(kind: type, data: Any, place: str) -> Any:
+    if dataclasses.is_dataclass(kind):
+        return _read_parts(kind, data, place)
+    if kind is type(None):
+        wrong = data is not None
+    elif issubclass(kind, enum.Enum):
+        return kind(data)
+    elif kind is float:
+        wrong = not isinstance(data, int | float) or isinstance(data, bool)
+        data = data if wrong else float(data)
+        wrong = wrong or not math.isfinite(data)
+    else:
+        wrong = not isinstance(data, kind) or (kind is int and isinstance(data, bool))
+    if wrong:
+        raise ValueError(f"{place}: {data!r} is no {getattr(kind, '__name__', kind)}")
+    return data
+
+
+def _read_parts(kind: Any, data: Any, place: str) -> Any:
+    if not isinstance(data, Mapping):
+        raise ValueError(f"{place}: a table is missing")
+    shown, values = getattr(kind, "SHOWN", ()), {}
+    optional = {
+        field.name
+        for field in dataclasses.fields(kind)
+        if field.default is not dataclasses.MISSING
+        or field.default_factory is not dataclasses.MISSING
+    }
+    for part in parts_of(kind):
+        here = f"{place}.{part.key}".lstrip(".")
+        if part.attribute in shown:
+            continue
+        if part.inline is not None:
+            names = part.inline.units
+            known = {key: data[key] for key in names if key in data} if names else data
+            values[part.attribute] = _read(part.kind, known, place)
+        elif part.key in data:
+            values[part.attribute] = _read(part.kind, data[part.key], here)
+        elif part.attribute not in optional:
+            raise ValueError(f"{here}: missing")
+    return kind(**values)
+
+
+def schema(kind: Any) -> dict[str, Any]:
+    """Return the JSON Schema of the documents of a type; a field with a unit has it as `unit`.
+
+    Examples
+    --------
+    >>> schema(dict[str, Seconds])["additionalProperties"]
+    {'type': ['number', 'null'], 'unit': 's'}
+    """
+    shared: dict[str, Any] = {}
+    made = _schema(kind, shared)
+    if "$ref" in made:
+        made = shared.pop(made["$ref"].rpartition("/")[2])
+    return made | ({"$defs": dict(sorted(shared.items()))} if shared else {})
+
+
+_PLAIN = {bool: "boolean", int: "integer", str: "string", type(None): "null"}
+
+
+def _schema(kind: Any, shared: dict[str, Any]) -> dict[str, Any]:
+    kind, notes = _unwrapped(kind)
+    unit = next((note for note in notes if isinstance(note, str)), "")
+    made = _schema_of(kind, shared)
+    return made | ({"unit": unit} if unit else {})
+
+
+def _schema_of(kind: Any, shared: dict[str, Any]) -> dict[str, Any]:
+    origin, inner = get_origin(kind), get_args(kind)
+    if kind is Any:
+        return {}
+    if origin in (Union, types.UnionType):
+        return _any_of([_schema(each, shared) for each in inner])
+    if origin is Literal:
+        return {"enum": list(inner)}
+    if origin is not None and issubclass(origin, Mapping):
+        return {"type": "object", "additionalProperties": _schema(inner[1], shared) or True}
+    if origin in (tuple, list):
+        return {"type": "array", "items": _schema(inner[0], shared)}
+    if kind is float:
+        return {"type": ["number", "null"]}
+    if kind is complex:
+        return {"type": "array", "items": {"type": ["number", "null"]}}
+    if kind in _PLAIN:
+        return {"type": _PLAIN[kind]}
+    if dataclasses.is_dataclass(kind):
+        name = typing.cast(type, kind).__name__
+        if name not in shared:
+            shared[name] = {}  # a type may contain itself
+            shared[name] = _object(typing.cast(type, kind), shared)
+        return {"$ref": f"#/$defs/{name}"}
+    if issubclass(kind, enum.Enum):
+        return {"enum": [one.value for one in kind]}
+    if issubclass(kind, PurePath):
+        return {"type": "string"}
+    return {"type": "array", "items": {"type": ["number", "null"]}}  # an array of NumPy
+
+
+def _any_of(found: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return the schema of either; plain types are listed in one."""
+    if not all(one.keys() == {"type"} for one in found):
+        return {"anyOf": found}
+    names: list[str] = []
+    for one in found:
+        kinds = one["type"] if isinstance(one["type"], list) else [one["type"]]
+        names += [name for name in kinds if name not in names]
+    return {"type": names if len(names) > 1 else names[0]}
+
+
+def _object(kind: type, shared: dict[str, Any]) -> dict[str, Any]:
+    properties: dict[str, Any] = {}
+    required: list[str] = []
+    for part in parts_of(kind):
+        if part.inline is None:
+            made = _schema(part.kind, shared)
+            more = {"unit": part.unit} if part.unit else {}
+            properties[part.key] = made | more | ({"description": part.note} if part.note else {})
+            required.append(part.key)
+        elif part.inline.units:
+            for name, unit in part.inline.units.items():
+                properties[name] = {"type": ["number", "null"]} | ({"unit": unit} if unit else {})
+            required += part.inline.units
+        else:
+            inner = _object(_inner_class(part.kind), shared)
+            properties |= inner["properties"]
+            required += inner["required"]
+    first = (kind.__doc__ or "").partition("\n")[0]
+    head = {"type": "object", "description": first, "properties": properties}
+    return head | {"required": required, "additionalProperties": False}
+
+
+def _inner_class(kind: Any) -> type:
+    found = next(each for each in (*get_args(kind), kind) if dataclasses.is_dataclass(each))
+    return typing.cast(type, found)
+
+
+def units(kind: Any) -> dict[str, str]:
+    """Return the unit of every name in the documents of a type; by path where a name has two."""
+    found: dict[str, set[tuple[str, str]]] = {}
+    for inside, name, unit in _units(schema(kind), "", schema(kind).get("$defs", {}), frozenset()):
+        found.setdefault(name, set()).add((unit, inside))
+    plain_names = {name: pairs for name, pairs in found.items() if len({u for u, _ in pairs}) == 1}
+    result = {name: next(iter(pairs))[0] for name, pairs in plain_names.items()}
+    for name, pairs in found.items():
+        if name not in result:
+            result |= {f"{inside}.{name}".lstrip("."): unit for unit, inside in pairs}
+    return dict(sorted((name, unit) for name, unit in result.items() if unit))
+
+
+def _units(
+    part: Any, inside: str, shared: Mapping[str, Any], seen: frozenset[str]
+) -> Iterator[tuple[str, str, str]]:
+    if isinstance(part, list):
+        for item in part:
+            yield from _units(item, inside, shared, seen)
+    if not isinstance(part, dict):
+        return
+    reference = part.get("$ref", "").rpartition("/")[2]
+    if reference and reference not in seen:
+        yield from _units(shared[reference], inside, shared, seen | {reference})
+    for name, field in part.get("properties", {}).items():
+        if found := _unit_in(field):
+            yield inside, name, found
+        yield from _units(field, name, shared, seen)
+    for name in ("items", "anyOf", "additionalProperties"):
+        yield from _units(part.get(name), inside, shared, seen)
+
+
+def _unit_in(field: Any) -> str:
+    """Return the unit of a field, also where it is a list or a table of numbers."""
+    if not isinstance(field, dict):
+        return ""
+    inner = next((field[name] for name in ("items", "additionalProperties") if name in field), None)
+    either = (_unit_in(one) for one in field.get("anyOf", ()))
+    return field.get("unit") or _unit_in(inner) or next((u for u in either if u), "")

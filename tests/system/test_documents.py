@@ -1,0 +1,171 @@
+"""Plain data, the way back, the schema and the units of a type."""
+
+from __future__ import annotations
+
+import enum
+import json
+import math
+from dataclasses import dataclass, field
+from typing import Annotated, Any, ClassVar, Literal
+
+import jsonschema
+import numpy as np
+import pytest
+
+from taction.system.documents import (
+    HIDDEN,
+    INLINE,
+    Inline,
+    Key,
+    Note,
+    Seconds,
+    plain,
+    read,
+    schema,
+    units,
+)
+
+
+class Colour(enum.Enum):
+    """A word."""
+
+    RED = "red"
+
+
+@dataclass(frozen=True)
+class Inner:
+    """The inner part."""
+
+    time: Seconds
+    level: Annotated[float, "V"] = 0.0
+
+
+@dataclass(frozen=True)
+class Beside:
+    """Stands beside the fields of its owner."""
+
+    word: Literal["a", "b"]
+
+
+@dataclass(frozen=True)
+class Outer:
+    """The outer part.
+
+    More about it.
+    """
+
+    SHOWN: ClassVar[tuple[str, ...]] = ("twice",)
+
+    lam: Annotated[float, Key("lambda"), Note("never 0")]
+    colour: Colour
+    inner: tuple[Inner, ...]
+    beside: Annotated[Beside, INLINE]
+    numbers: Annotated[dict[str, float | None], Inline({"gain": "ohm", "factor": ""})]
+    free: dict[str, Any]
+    secret: Annotated[object, HIDDEN] = None
+    maybe: int | None = None
+    rates: Annotated[list[float], "1/s"] = field(default_factory=list)
+
+    @property
+    def twice(self) -> Annotated[float, "s"]:
+        """A property that is shown."""
+        return 2.0 * self.lam
+
+
+OUTER = Outer(
+    0.5,
+    Colour.RED,
+    (Inner(1e-6), Inner(None, 2.0)),
+    Beside("a"),
+    {"gain": 1e4, "factor": None},
+    {"x": [1]},
+    secret=object(),
+)
+DATA = {
+    "lambda": 0.5,
+    "colour": "red",
+    "inner": [{"time": 1e-6, "level": 0.0}, {"time": None, "level": 2.0}],
+    "word": "a",
+    "gain": 1e4,
+    "factor": None,
+    "free": {"x": [1]},
+    "maybe": None,
+    "rates": [],
+    "twice": 1.0,
+}
+
+
+def test_plain_data_of_a_type() -> None:
+    assert plain(OUTER) == DATA
+    json.dumps(plain(OUTER), allow_nan=False)
+
+
+def test_plain_numbers() -> None:
+    values = (math.nan, math.inf, np.float64(2.0), np.array([1.0, math.nan]), 1 - 2j, True)
+    assert plain(values) == [None, None, 2.0, [1.0, None], [1.0, -2.0], True]
+    with pytest.raises(TypeError, match="object has no form"):
+        plain(object())
+
+
+def test_the_way_back() -> None:
+    back = read(Outer, json.loads(json.dumps(DATA)))
+    assert plain(back) == DATA
+    assert back.inner[1] == Inner(None, 2.0)
+    assert back.secret is None
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"lambda": "0.5"}, "lambda: '0.5' is no float"),
+        ({"lambda": True}, "lambda: True is no float"),
+        ({"lambda": math.inf}, "lambda: inf is no float"),
+        ({"word": "c"}, "word: 'c' is not one of 'a', 'b'"),
+        ({"inner": [{"level": 1.0}]}, r"inner\[0\].time: missing"),
+        ({"inner": 3}, "inner: a list is missing"),
+        ({"free": []}, "free: a table is missing"),
+        ({"maybe": 1.5}, "maybe: 1.5 is no int"),
+        ({"colour": "blue"}, "'blue' is not a valid Colour"),
+    ],
+)
+def test_wrong_data_are_refused_with_their_place(change: dict[str, Any], text: str) -> None:
+    with pytest.raises(ValueError, match=text):
+        read(Outer, DATA | change)
+
+
+def test_plain_data_fit_the_schema_and_nothing_else_does() -> None:
+    found = schema(Outer)
+    jsonschema.Draft202012Validator.check_schema(found)
+    jsonschema.validate(DATA, found)
+    for wrong in (DATA | {"more": 1}, DATA | {"word": "c"}, {**DATA, "gain": "1"}):
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate(wrong, found)
+    less = {name: value for name, value in DATA.items() if name != "factor"}
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(less, found)
+    assert found["description"] == "The outer part."
+    assert found["properties"]["lambda"]["description"] == "never 0"
+    assert found["properties"]["gain"]["unit"] == "ohm"
+    assert "secret" not in found["properties"]
+
+
+def test_units_of_a_type() -> None:
+    assert units(Outer) == {
+        "gain": "ohm",
+        "level": "V",
+        "rates": "1/s",
+        "time": "s",
+        "twice": "s",
+    }
+
+
+@dataclass(frozen=True)
+class Twice:
+    """Has a name of `Inner` with another unit."""
+
+    time: Annotated[float, "V"]
+    inner: Inner
+
+
+def test_a_name_with_two_units_has_its_path() -> None:
+    assert units(Twice) == {"inner.time": "s", "level": "V", "time": "V"}
