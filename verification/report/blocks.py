@@ -1,0 +1,270 @@
+"""What a result shows: a page of sections with blocks, plain values for every renderer.
+
+`view(result)` in `report/views/` makes a `Page`; the renderers of `report/renderers/` show it in a
+terminal, as an HTML page, as a picture and in a notebook. A text is plain text, never markup: the
+renderers escape it. The one exception is `Drawing.svg`, which the drawing program writes.
+Quantities are written with µ and Ω; the terminal writes them as SPICE does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+from taction.verification.report.charts import Chart, Outcome
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """A cell of a table: its text, the number it sorts by (None: its text), and an outcome."""
+
+    text: str
+    number: float | None = None
+    outcome: Outcome = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table; the first cell of a row is its header."""
+
+    kind: ClassVar[str] = "table"
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Bar:
+    """A value beside its limit.
+
+    Attributes
+    ----------
+    share : float or None
+        The part of the limit that is used: at 1 the limit is reached; None without a number.
+    doubt : float
+        Bound on the error of `share`.
+    value, limit, reason : str
+        The same in words; the value with its uncertainty.
+    """
+
+    name: str
+    outcome: Outcome
+    share: float | None
+    doubt: float
+    value: str
+    limit: str
+    reason: str = ""
+
+    @property
+    def width(self) -> float:
+        """Length of the bar, of 300 units; the limit is at `AT_LIMIT`."""
+        return _place(self.share or 0.0)
+
+    @property
+    def whisker(self) -> tuple[float, float] | None:
+        """Ends of the line that shows `doubt`; None where it would be too short to see."""
+        share = self.share or 0.0
+        low, high = _place(share - self.doubt), _place(share + self.doubt)
+        return (low, high) if high - low > SHORTEST else None
+
+    @property
+    def used(self) -> str:
+        """`share` in words."""
+        return _percent(self.share or 0.0)
+
+    @property
+    def fill(self) -> Outcome:
+        """The look of the bar; without an outcome it says whether the limit is exceeded."""
+        return self.outcome or ("fail" if (self.share or 0.0) > 1.0 else "pass")
+
+
+AT_LIMIT, END, SHORTEST = 200.0, 300.0, 2.0  # units
+
+
+def _place(share: float) -> float:
+    return round(min(max(AT_LIMIT * share, 0.0), END), 3)
+
+
+def _percent(share: float) -> str:
+    """Return a fraction as per cent, a large one as a factor."""
+    if share >= MANY:
+        return f"{share:.3g} times the limit"
+    return f"{100 * share:.3g} % of the limit" if share >= LEAST else LITTLE
+
+
+MANY, LEAST = 10.0, 1e-4
+LITTLE = f"below {100 * LEAST:g} % of the limit"
+
+
+@dataclass(frozen=True, slots=True)
+class Bars:
+    """Values beside their limits."""
+
+    kind: ClassVar[str] = "bars"
+    title: str
+    rows: tuple[Bar, ...]
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """The spread of a quantity; places are fractions of the width, from 0 to 1."""
+
+    name: str
+    low: float
+    middle: float
+    high: float
+    limits: tuple[float, ...]  # places of the limits
+    outcome: Outcome
+    texts: tuple[str, ...]  # the least, the typical and the largest value, and the limits
+
+
+@dataclass(frozen=True, slots=True)
+class Ranges:
+    """Spreads of several quantities."""
+
+    kind: ClassVar[str] = "ranges"
+    title: str
+    rows: tuple[Range, ...]
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Shares:
+    """Numbers by outcome, as one bar."""
+
+    kind: ClassVar[str] = "shares"
+    title: str
+    rows: tuple[tuple[Outcome, int], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Drawing:
+    """A drawing as SVG, which nobody else's text is part of."""
+
+    kind: ClassVar[str] = "drawing"
+    title: str
+    svg: str
+    summary: str
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """Names and values."""
+
+    kind: ClassVar[str] = "facts"
+    title: str
+    rows: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Code:
+    """A text to copy."""
+
+    kind: ClassVar[str] = "code"
+    title: str
+    text: str
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Notes:
+    """Sentences; with an outcome, they are shown in its colour."""
+
+    kind: ClassVar[str] = "notes"
+    title: str
+    lines: tuple[str, ...]
+    outcome: Outcome = ""
+
+
+Block = Table | Bars | Ranges | Shares | Chart | Drawing | Facts | Code | Notes
+TERMINAL, PAGE, NOTEBOOK = "terminal", "page", "notebook"
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A part of a page with a heading; sections without blocks are left out.
+
+    Attributes
+    ----------
+    blocks : sequence of Block, or a function that returns them
+        A function is called only by the renderers of `media`, so that a terminal does not wait for
+        what only an HTML page shows.
+    lead : str
+        A sentence above the blocks.
+    media : tuple of str
+        `TERMINAL`, `PAGE`, `NOTEBOOK`: who shows the section.
+    """
+
+    title: str
+    blocks: Sequence[Block] | Callable[[], Iterable[Block]]
+    lead: str = ""
+    media: tuple[str, ...] = (PAGE,)
+
+    def made(self, medium: str) -> tuple[Block, ...]:
+        """Return the blocks for a medium; none if it does not show this section."""
+        if medium not in self.media:
+            return ()
+        return tuple(self.blocks() if callable(self.blocks) else self.blocks)
+
+
+@dataclass(frozen=True, slots=True)
+class Sheet:
+    """What a picture shows: blocks below each other, in columns.
+
+    Attributes
+    ----------
+    title : str
+        What was studied, and what was found.
+    columns : tuple of tuple of Block
+        Charts, `Bars` and `Notes`; the columns stand side by side.
+    widths : tuple of float
+        Of the columns, relative to each other; empty: equal.
+    heights : tuple of tuple of float
+        Of the blocks of each column, relative to each other; empty: equal.
+    size : (float, float)
+        Width and height, inches; zeros: from the number of blocks.
+    foot : str
+        A sentence below.
+    """
+
+    title: str
+    columns: tuple[tuple[Block, ...], ...]
+    widths: tuple[float, ...] = ()
+    heights: tuple[tuple[float, ...], ...] = ()
+    size: tuple[float, float] = (0.0, 0.0)
+    foot: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Page:
+    """A whole result.
+
+    Attributes
+    ----------
+    title, command : str
+        The name of the scene or folder, and the command that made the result.
+    outcome : str
+        The outcome at the top; empty for a study without one.
+    summary : str
+        The result in a sentence.
+    lines : tuple of str
+        What was studied, below the title.
+    sections : tuple of Section
+        In the order in which they are shown.
+    foot : tuple of str
+        The last lines in a terminal and in a notebook: cost and error.
+    sheet : function or None
+        Returns what the picture of the result shows.
+    """
+
+    title: str
+    command: str
+    outcome: Outcome
+    summary: str
+    lines: tuple[str, ...]
+    sections: tuple[Section, ...]
+    foot: tuple[str, ...] = ()
+    sheet: Callable[[], Sheet] | None = None

@@ -1,0 +1,441 @@
+"""What a chart shows: axes, curves, limits, bands, bars and maps, in SI units.
+
+A chart says what is drawn, not how: the renderers of `report/renderers/` choose pixels, fonts and
+themes. An outcome has one look in every medium, see `OUTCOMES`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import cycle
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from taction.system.array_types import Floats
+
+Outcome = str  # "pass", "fail", "inconclusive", "error", or "" for none
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """How an outcome is shown.
+
+    Attributes
+    ----------
+    name : str
+        The outcome, or the outcome with its check: ``"fail: overshoot"``.
+    colour : str
+        Of what is drawn, as hexadecimal RGB: at least 3 to 1 against white and the dark page.
+    mark, hatch : str
+        A mark of `MARKS`, and a hatching of matplotlib.
+    sign : str
+        One character.
+    """
+
+    name: str
+    colour: str
+    mark: str
+    hatch: str = ""
+    sign: str = ""
+
+
+# Blue, orange and purple of Okabe and Ito: they stay apart for every kind of colour vision.
+BLUE, ORANGE, GREY, PURPLE = "#0072b2", "#d55e00", "#7f7f7f", "#cc79a7"
+OUTCOMES = {
+    "pass": Look("pass", BLUE, "circle", "", "✓"),
+    "fail": Look("fail", ORANGE, "x", "////", "✗"),
+    "inconclusive": Look("inconclusive", GREY, "square-open", "....", "?"),
+    "error": Look("error", PURPLE, "triangle-up-open", "xxxx", "!"),
+}
+CHECKS = {
+    "stability": (ORANGE, "x", "////"),
+    "settling time": ("#e69f00", "triangle-up", "\\\\\\\\"),
+    "overshoot": ("#b8860b", "diamond", "xxxx"),
+    "steady state": ("#8f3f00", "cross", "++++"),
+}
+OTHER_LOOKS = {
+    "fail": (("#a0522d", "triangle-down", "||||"), ("#c9a400", "star", "----"),
+             ("#b8574d", "hourglass", "oo")),
+    "inconclusive": ((GREY, "square-open", "...."), (GREY, "diamond-open", "oo"),
+                     (GREY, "circle-open", "")),
+    "error": ((PURPLE, "triangle-up-open", "xxxx"), (PURPLE, "hexagon-open", "**")),
+}  # fmt: skip
+MARKS = (
+    "circle", "circle-open", "square", "square-open", "diamond", "diamond-open", "triangle-up",
+    "triangle-up-open", "triangle-down", "x", "cross", "star", "star-open", "hourglass", "hexagon",
+    "hexagon-open", "line-ns", "pentagon", "triangle-left", "triangle-right",
+)  # fmt: skip
+SERIES = ("#2f7fc1", "#c4661f", "#7d6bc4", "#2b8f8f", "#a8628f", "#8a7a2a", "#5c7a9a", "#b8574d")
+"""Colours of curves; one lightness between the two papers."""
+SPREAD = ((47, 127, 193), (125, 107, 196), (168, 98, 143), (196, 102, 31))
+COLOURS = (*OUTCOMES, "ink", "muted", "band", "true")
+"""Names of colours beside hexadecimal RGB; the renderers take the last ones from their theme."""
+
+
+def looks_of(names: Iterable[str]) -> dict[str, Look]:
+    """Return a look for each result that occurs, the most frequent ones of each outcome first.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Outcomes with the check or the error behind them: ``"fail: stability"``; an empty name is
+        a place without a result.
+
+    Examples
+    --------
+    >>> found = looks_of(["fail: rise time", "pass", "", "fail: stability", "pass"])
+    >>> [look.name for look in found.values()], found["pass"].colour
+    (['pass', 'fail: rise time', 'fail: stability'], '#0072b2')
+    """
+    count = Counter(name for name in names if name)
+    others = {outcome: cycle(looks) for outcome, looks in OTHER_LOOKS.items()}
+    found = {}
+    for outcome in OUTCOMES:
+        for name, _ in count.most_common():
+            kind, _, check = name.partition(": ")
+            if kind != outcome:
+                continue
+            if kind == "pass" or name == "fail":
+                found[name] = OUTCOMES[kind]
+            elif kind == "fail" and check in CHECKS:
+                found[name] = Look(name, *CHECKS[check])
+            else:
+                found[name] = Look(name, *next(others[kind]))
+    return found
+
+
+def spread_colours(count: int) -> list[str]:
+    """Return a colour for each of `count` channels, from blue over violet to orange.
+
+    Examples
+    --------
+    >>> spread_colours(2)
+    ['#2f7fc1', '#c4661f']
+    """
+    places = np.linspace(0.0, len(SPREAD) - 1.0, count) if count > 1 else np.zeros(1)
+    levels = np.arange(len(SPREAD))
+    rgb = [np.interp(places, levels, np.array(SPREAD)[:, k]) for k in range(3)]
+    return [
+        "#{:02x}{:02x}{:02x}".format(*(round(float(level)) for level in each))
+        for each in zip(*rgb, strict=True)
+    ]
+
+
+Limits = tuple[float, float]
+Scale = Literal["linear", "log", "signed", "names"]
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """An axis of a chart.
+
+    Attributes
+    ----------
+    title : str
+        The quantity, without its unit.
+    unit : str
+        SI unit of the values; ``"step"``: parts of the step, shown in per cent; empty: numbers.
+    scale : str
+        ``"signed"`` is a logarithmic scale of both signs that is linear up to `linear`;
+        ``"names"`` has `names` at the places 0, 1, 2 ...
+    limits : (float, float) or None
+        The ends; None: what the marks need.
+    linear : float
+        Of a ``"signed"`` scale.
+    whole : bool
+        Whether labels stand at whole numbers only.
+    reverse : bool
+        Whether the axis runs from right to left, or from top to bottom.
+    ticks : tuple of float
+        Places of the labels; empty: the renderer chooses them.
+    """
+
+    title: str = ""
+    unit: str = ""
+    scale: Scale = "linear"
+    limits: Limits | None = None
+    names: tuple[str, ...] = ()
+    linear: float = 0.0
+    whole: bool = False
+    reverse: bool = False
+    ticks: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Curve:
+    """Points (P,), joined by a line, with marks, or both; NaN is a gap.
+
+    Attributes
+    ----------
+    x, y : ndarray (P,)
+        In the units of the axes.
+    name : str
+        For the legend, or for the end of the line (`label`), and for the hover.
+    colour : str
+        Hexadecimal, or one of `COLOURS`.
+    line : str
+        ``"solid"``, ``"dash"``, ``"dot"``, ``"dashdot"``, or empty for marks alone.
+    mark : str
+        One of `MARKS`, or empty for a line alone.
+    width, size : float
+        Points.
+    label : str
+        Where the name stands: ``"legend"``, ``"end"`` of the line, or empty for nowhere.
+    hover : tuple of str
+        A text for each point, for media with a pointer; empty: the coordinates.
+    written : tuple of str
+        A text for each point that stands beside it in every medium; empty texts are left out.
+    spread : ndarray (2, P) or None
+        Ends of a bar along x at each point.
+    marks : int
+        At most so many marks, evenly over the curve; 0: one at each point.
+    behind : bool
+        Whether the curve lies below the others.
+    """
+
+    x: ArrayLike
+    y: ArrayLike
+    name: str = ""
+    colour: str = SERIES[0]
+    line: Literal["solid", "dash", "dot", "dashdot", ""] = "solid"
+    mark: str = ""
+    width: float = 1.5
+    size: float = 6.0
+    label: Literal["legend", "end", ""] = "legend"
+    hover: tuple[str, ...] = ()
+    written: tuple[str, ...] = ()
+    spread: ArrayLike | None = None
+    marks: int = 0
+    behind: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """A straight line through the whole chart at a value of the axis `across`."""
+
+    value: float
+    across: Literal["x", "y"] = "x"
+    name: str = ""  # for the legend
+    colour: str = "ink"
+    line: Literal["solid", "dash", "dot", "dashdot"] = "dash"
+    width: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Band:
+    """The part of the chart between two values of the axis `across`."""
+
+    low: float
+    high: float
+    across: Literal["x", "y"] = "y"
+    name: str = ""
+    colour: str = "band"
+    hatched: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Columns:
+    """Bars (n,): columns from below, or rows from the left where `across` is ``"y"``.
+
+    Attributes
+    ----------
+    places : ndarray (n,)
+        Middles of the bars on the axis `across`.
+    sizes, bases : ndarray (n,)
+        Lengths, with their signs, and where they begin; no bases are 0.
+    widths : ndarray (n,)
+        Widths of the bars; None: 0.8.
+    looks : tuple of str
+        Colour of each bar: an outcome also gives its hatching; one look serves all.
+    written, hover : tuple of str
+        A text for each bar at its end, and for the pointer.
+    """
+
+    places: ArrayLike
+    sizes: ArrayLike
+    across: Literal["x", "y"] = "x"
+    bases: ArrayLike | None = None
+    widths: ArrayLike | None = None
+    looks: tuple[str, ...] = ("pass",)
+    name: str = ""
+    written: tuple[str, ...] = ()
+    hover: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Grid:
+    """Values over the two axes as colours; NaN is a cell without a value.
+
+    Attributes
+    ----------
+    x, y : ndarray (n,), (m,)
+        Middles of the cells.
+    values : ndarray (m, n)
+        In `unit`.
+    unit : str
+        Of the values, as for an axis.
+    scale : str
+        ``"linear"``, ``"log"``; ``"signed"``: orange below 0 or above it (`rising`), blue on the
+        other side, by the square root; ``"share"``: parts of a limit on a logarithmic scale, blue
+        within, orange beyond.
+    limits : (float, float) or None
+        Ends of the colours.
+    title : str
+        Of the bar of colours.
+    texts : tuple of tuple of str
+        A text for each cell, for the pointer.
+    written : tuple of tuple of str
+        A text in each cell.
+    warm : str
+        Which sign of a ``"signed"`` scale is orange: ``"negative"`` or ``"positive"``.
+    """
+
+    x: ArrayLike
+    y: ArrayLike
+    values: ArrayLike
+    unit: str = ""
+    scale: Literal["linear", "log", "signed", "share"] = "linear"
+    limits: Limits | None = None
+    title: str = ""
+    texts: tuple[tuple[str, ...], ...] = ()
+    written: tuple[tuple[str, ...], ...] = ()
+    warm: Literal["negative", "positive"] = "negative"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cells:
+    """Results over the two axes: cells with the look of each result.
+
+    Attributes
+    ----------
+    x, y : ndarray (n,), (m,)
+        Middles of the cells.
+    names : ndarray (m, n) of str
+        A result of each cell, as `looks_of` takes them; empty: none.
+    looks : mapping of str to Look
+        See `looks_of`.
+    """
+
+    x: ArrayLike
+    y: ArrayLike
+    names: np.ndarray[Any, Any]
+    looks: dict[str, Look]
+
+
+@dataclass(frozen=True, slots=True)
+class Text:
+    """A text at a place; None: at the edge that `align` says.
+
+    Attributes
+    ----------
+    x, y : float or None
+        In the units of the axes; None: the left, lower, right or upper edge.
+    align : (str, str)
+        The side of the place on which the text stands: ``"left"``, ``"right"`` or ``"middle"``,
+        and ``"above"``, ``"below"`` or ``"middle"``.
+    """
+
+    text: str
+    x: float | None = None
+    y: float | None = None
+    align: tuple[Literal["left", "right", "middle"], Literal["above", "below", "middle"]] = (
+        "right",
+        "above",
+    )
+    colour: str = "muted"
+
+
+Mark = Curve | Limit | Band | Columns | Grid | Cells | Text
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """A part of a chart that a button shows; None leaves an axis as it is."""
+
+    name: str
+    x: Limits | None = None
+    y: Limits | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Chart:
+    """One pair of axes with marks.
+
+    Attributes
+    ----------
+    title : str
+        What the chart shows.
+    message : str
+        What it says, in some words behind the title.
+    summary : str
+        What it shows, for readers who cannot see it, and as its caption.
+    views : tuple of View
+        Parts of the chart; the first is shown at the start, and in a picture.
+    legend : str
+        ``"beside"``, ``"below"``, ``"inside"`` the chart, or empty for none.
+    height : int
+        On a page, pixels.
+    zoom : bool
+        Whether buttons of a page zoom and move along the horizontal axis.
+    """
+
+    kind: ClassVar[str] = "chart"
+    title: str
+    x: Axis
+    y: Axis
+    marks: tuple[Mark, ...]
+    message: str = ""
+    summary: str = ""
+    views: tuple[View, ...] = ()
+    legend: Literal["beside", "below", "inside", ""] = "inside"
+    height: int = 380
+    zoom: bool = True
+
+    @property
+    def heading(self) -> str:
+        """Title and message in one line."""
+        return f"{self.title}: {self.message}" if self.message else self.title
+
+
+def thinned(time: Floats, values: Floats, budget: int) -> tuple[Floats, Floats]:
+    """Return at most about `budget` points of a curve with the extremes of every part of it.
+
+    Parameters
+    ----------
+    time, values : ndarray (P,)
+        The curve.
+
+    Examples
+    --------
+    >>> t = np.linspace(0.0, 1.0, 10001)
+    >>> _, shown = thinned(t, np.where(t == 0.5, 9.0, 0.0), 100)
+    >>> len(shown) <= 102, float(shown.max())
+    (True, 9.0)
+    """
+    size = -(-2 * len(time) // max(budget, 2))
+    if size <= 2:
+        return time, values
+    whole = len(time) // size * size
+    parts = values[:whole].reshape(-1, size)
+    first = np.arange(0, whole, size)
+    places = [first + parts.argmin(axis=1), first + parts.argmax(axis=1)]
+    kept = np.unique(np.concatenate([[0], *places, [len(time) - 1]]))
+    return time[kept], values[kept]
+
+
+def segments(ends: Sequence[tuple[tuple[float, float], tuple[float, float]]]) -> tuple[Any, Any]:
+    """Return separate straight lines as the points (P,) of one curve, with gaps between them.
+
+    Examples
+    --------
+    >>> x, y = segments([((0.0, 1.0), (2.0, 3.0))])
+    >>> x.tolist(), y.tolist()
+    ([0.0, 2.0, nan], [1.0, 3.0, nan])
+    """
+    points = np.array([[a, b, (math.nan, math.nan)] for a, b in ends], dtype=np.float64)
+    return points.reshape(-1, 2).T if len(points) else (np.zeros(0), np.zeros(0))
