@@ -428,7 +428,9 @@ def thinned(time: Floats, values: Floats, budget: int) -> tuple[Floats, Floats]:
     return time[kept], values[kept]
 
 
-def segments(ends: Sequence[tuple[tuple[float, float], tuple[float, float]]]) -> tuple[Any, Any]:
+def segments(
+    ends: Sequence[tuple[tuple[float, float], tuple[float, float]]],
+) -> tuple[Floats, Floats]:
     """Return separate straight lines as the points (P,) of one curve, with gaps between them.
 
     Examples
@@ -437,5 +439,6 @@ def segments(ends: Sequence[tuple[tuple[float, float], tuple[float, float]]]) ->
     >>> x.tolist(), y.tolist()
     ([0.0, 2.0, nan], [1.0, 3.0, nan])
     """
-    points = np.array([[a, b, (math.nan, math.nan)] for a, b in ends], dtype=np.float64)
-    return points.reshape(-1, 2).T if len(points) else (np.zeros(0), np.zeros(0))
+    gap = (math.nan, math.nan)
+    points = np.array([[a, b, gap] for a, b in ends], dtype=np.float64).reshape(-1, 2)
+    return points[:, 0], points[:, 1]
