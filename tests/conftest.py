@@ -5,12 +5,16 @@ from __future__ import annotations
 import os
 import shutil
 import signal
+from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import settings
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
     import numpy as np
 
 # Before anything imports numpy or matplotlib: one thread a process, and no display.
@@ -58,3 +62,21 @@ def rng() -> np.random.Generator:
     import numpy as np
 
     return np.random.default_rng(1993)
+
+
+@pytest.fixture
+def plugin(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., Path]]:
+    """Install a package until the test ends: ``plugin("acme", {group: {name: at}}, source)``.
+
+    The function returns its folder, for the environment of a new process.
+    """
+    from tests.support.plugins import install, installed
+
+    with ExitStack() as stack:
+
+        def add(package: str, groups: dict[str, dict[str, str]], source: str, **kw: str) -> Path:
+            folder = install(tmp_path_factory.mktemp("site"), package, groups, source, **kw)
+            stack.enter_context(installed(folder))
+            return folder
+
+        yield add

@@ -19,9 +19,9 @@ from pydantic import BaseModel
 
 from taction import netlist_gen, spice_models, system, verification
 from taction.netlist_gen.scene.scene import Scene
+from taction.system import plugins
 
 FILES = ("problem.matrix", "problem.strain", "problem.stress", "problem.load.file")
-CODE = (".py", ".toml")
 PLAIN = frozenset((type(None), bool, int, float, str))
 
 
@@ -92,14 +92,21 @@ def files_of(scene: Scene) -> dict[str, object]:
     }
 
 
-@functools.cache
 def own_code() -> bytes:
-    """Return the digest of the code between scene and verdict: a change makes results outdated."""
-    sources = []
+    """Return the digest of the code between scene and verdict, with that of installed plug-ins.
+
+    A change makes stored results outdated.
+    """
+    return _code(plugins.offers())
+
+
+@functools.cache
+def _code(offers: tuple[plugins.Offer, ...]) -> bytes:
+    texts = []
     for package in (system, spice_models, netlist_gen, verification):
         folder = Path(str(package.__file__)).parent
-        files = sorted(file for file in folder.rglob("*") if file.suffix in CODE)
-        sources += [
+        files = sorted(file for file in folder.rglob("*") if file.suffix in plugins.CODE)
+        texts += [
             (f"{folder.name}/{file.relative_to(folder)}", file.read_bytes()) for file in files
         ]
-    return digest(sources)
+    return digest(texts, *([tuple(plugins.sources())] if offers else []))

@@ -7,6 +7,7 @@ import platform
 from dataclasses import dataclass, replace
 from importlib import metadata
 
+from taction.system import plugins
 from taction.system.errors import SimulatorNotFound, SimulatorTooOld
 from taction.verification.engines.ngspice.executable import Simulator, find_simulator
 from taction.verification.studies.running.digests import own_code
@@ -18,19 +19,24 @@ class OtherVersionsError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Versions:
-    """Versions of taction, of its source and of ngspice."""
+    """Versions of taction, of its source, of ngspice and of plug-ins."""
 
     taction: str
     code: bytes
     ngspice: str
+    plugins: str = ""  # their names and versions
 
     def differences(self, other: Versions) -> list[str]:
         """Return the differences of `other` in words; empty if there are none."""
         texts = []
         if self.taction != other.taction:
             texts.append(f"taction {other.taction} instead of {self.taction}")
-        elif self.code != other.code:
-            texts.append(f"another state of the source of taction {self.taction}")
+        if self.plugins != other.plugins:
+            names = [versions.plugins or "none" for versions in (other, self)]
+            texts.append(f"plug-ins: {names[0]} instead of {names[1]}")
+        elif self.taction == other.taction and self.code != other.code:
+            source = f"taction {self.taction}{' or of its plug-ins' if self.plugins else ''}"
+            texts.append(f"another state of the source of {source}")
         if self.ngspice != other.ngspice:
             texts.append(f"{other.ngspice} instead of {self.ngspice}")
         return texts
@@ -50,7 +56,6 @@ def _versions_here(ngspice: bool) -> Versions:
         return replace(own_versions(False), ngspice=f"no usable ngspice ({reason})")
 
 
-@functools.cache
 def own_versions(ngspice: bool) -> Versions:
     """Return the versions of this process, with or without that of ngspice.
 
@@ -59,8 +64,14 @@ def own_versions(ngspice: bool) -> Versions:
     SimulatorNotFound, SimulatorTooOld
         No ngspice was found, or it is too old.
     """
+    return _versions(ngspice, plugins.offers())
+
+
+@functools.cache
+def _versions(ngspice: bool, offers: tuple[plugins.Offer, ...]) -> Versions:
     name = simulator_name(find_simulator()) if ngspice else ""
-    return Versions(metadata.version("taction"), own_code(), name)
+    added = sorted({f"{offer.distribution} {offer.version}" for offer in offers})
+    return Versions(metadata.version("taction"), own_code(), name, ", ".join(added))
 
 
 def simulator_name(simulator: Simulator) -> str:

@@ -1,0 +1,77 @@
+"""Packages that a test installs: a module, and the metadata that name its entry points.
+
+::
+
+    folder = install(tmp_path / "site", "acme", {"taction.opamps": {"acme1": "ACME1"}}, SOURCE)
+    with installed(folder):  # this process, and every process that it starts
+        ...
+
+The fixture `plugin` (`tests/conftest.py`) does both until the test ends.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+from taction.system import plugins
+
+Groups = Mapping[str, Mapping[str, str]]
+
+
+def install(
+    folder: Path, package: str, groups: Groups, source: str, *, version: str = "1.0"
+) -> Path:
+    """Write a distribution with the one module `package` into `folder`, as an installer would.
+
+    `groups` has the attribute of the module by group and name of the entry point.
+    """
+    metadata = folder / f"{package}-{version}.dist-info"
+    metadata.mkdir(parents=True, exist_ok=True)
+    (folder / f"{package}.py").write_text(source, "utf-8")
+    lines = [
+        line
+        for group, names in groups.items()
+        for line in (f"[{group}]", *(f"{name} = {package}:{at}" for name, at in names.items()))
+    ]
+    (metadata / "entry_points.txt").write_text("\n".join(lines) + "\n", "utf-8")
+    text = f"Metadata-Version: 2.1\nName: {package}\nVersion: {version}\n"
+    (metadata / "METADATA").write_text(text, "utf-8")
+    return folder
+
+
+def environment(*folders: Path) -> dict[str, str]:
+    """The environment of a new process that finds what is installed in `folders`."""
+    before = os.environ.get("PYTHONPATH")
+    paths = [*map(str, folders), *([before] if before else [])]
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
+
+
+@contextmanager
+def installed(*folders: Path) -> Iterator[None]:
+    """Let this process and its children find what is installed in `folders`."""
+    before, path, modules = os.environ.get("PYTHONPATH"), list(sys.path), set(sys.modules)
+    os.environ["PYTHONPATH"] = environment(*folders)["PYTHONPATH"]
+    sys.path[:0] = map(str, folders)
+    _look_again()
+    try:
+        yield
+    finally:
+        sys.path[:] = path
+        del os.environ["PYTHONPATH"]
+        if before is not None:
+            os.environ["PYTHONPATH"] = before
+        for name in set(sys.modules) - modules:
+            file = getattr(sys.modules[name], "__file__", None)
+            if file is not None and any(Path(file).is_relative_to(f) for f in folders):
+                del sys.modules[name]
+        _look_again()
+
+
+def _look_again() -> None:
+    importlib.invalidate_caches()
+    plugins.forget()

@@ -1,0 +1,180 @@
+"""What other packages offer: found when it is asked for, checked, and named when it is wrong."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from taction.system import plugins
+from taction.system.errors import InputError
+from taction.system.plugins import OpenTable, entries, offers
+from taction.verification.studies.running import digests
+from taction.verification.studies.running.digests import own_code
+from taction.verification.studies.running.executors import local
+from taction.verification.studies.running.versions import own_versions
+from tests.support.paths import ROOT
+from tests.support.plugins import environment
+
+Plugin = Callable[..., Path]
+NUMBERS = {"taction.opamps": {"seven": "SEVEN", "eight": "EIGHT"}}
+SOURCE = "SEVEN, EIGHT = 7, 8\n"
+
+
+def table(own: dict[str, int] | None = None) -> OpenTable[int]:
+    return OpenTable("taction.opamps", {"one": 1} if own is None else own, int)
+
+
+def test_without_plugins_a_table_holds_what_is_its_own() -> None:
+    assert offers() == ()
+    assert dict(table()) == {"one": 1}
+    with pytest.raises(KeyError):
+        table()["seven"]
+
+
+def test_what_a_package_offers_follows_the_own_entries(plugin: Plugin) -> None:
+    numbers = table()
+    assert list(numbers) == ["one"]
+    plugin("acme", NUMBERS, SOURCE)
+    assert list(numbers) == ["one", "eight", "seven"]
+    assert "seven" in numbers
+    assert len(numbers) == 3
+    assert numbers["seven"] == 7
+    assert entries("taction.opamps") == {"eight": 8, "seven": 7}
+    assert entries("taction.engines") == {}
+
+
+def test_names_load_no_module(plugin: Plugin) -> None:
+    plugin("acme_numbers", NUMBERS, SOURCE)
+    assert list(table()) == ["one", "eight", "seven"]
+    assert "acme_numbers" not in sys.modules
+    assert table()["eight"] == 8
+    assert "acme_numbers" in sys.modules
+
+
+def test_a_table_reads_its_part_of_an_object(plugin: Plugin) -> None:
+    source = "class BOTH:\n    deck = 3\n    engine = 'three'\n"
+    plugin("acme", {"taction.amplifiers": {"cube": "BOTH"}}, source)
+    assert OpenTable("taction.amplifiers", {"a": 1}, int, "deck")["cube"] == 3
+    assert OpenTable("taction.amplifiers", {"a": "one"}, str, "engine")["cube"] == "three"
+    with pytest.raises(InputError) as refused:
+        OpenTable("taction.amplifiers", {"a": "one"}, str, "solver")["cube"]
+    assert str(refused.value) == (
+        "plug-in acme 1.0: taction.amplifiers = 'cube': acme:BOTH.solver is a NoneType;"
+        " expected str"
+    )
+
+
+WRONG = {
+    "an object of another class": (SOURCE, int, str, "acme:SEVEN is a int; expected str"),
+    "a class for an object": ("class SEVEN:\n    pass\n", int, int, "SEVEN; expected int"),
+    "no such attribute": ("", int, int, "acme:SEVEN cannot be loaded: AttributeError"),
+    "a module that fails": ("1 / 0\n", int, int, "ZeroDivisionError: division by zero"),
+    "a module that does not parse": ("SEVEN =\n", int, int, "SyntaxError"),
+    "another name": ("class SEVEN:\n    name = '9'\n", int, object, "has the other name '9'"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_a_wrong_object_is_refused_by_its_name(case: str, plugin: Plugin) -> None:
+    source, _, kind, message = WRONG[case]
+    plugin("acme", {"taction.opamps": {"seven": "SEVEN"}}, source)
+    numbers = OpenTable("taction.opamps", {"one": 1}, kind)
+    assert "seven" in numbers  # nothing is loaded yet
+    with pytest.raises(InputError) as refused:
+        numbers["seven"]
+    assert str(refused.value).startswith("plug-in acme 1.0: taction.opamps = 'seven': ")
+    assert message in str(refused.value)
+    assert numbers["one"] == 1
+
+
+def test_a_name_of_taction_cannot_be_replaced(plugin: Plugin) -> None:
+    plugin("acme", NUMBERS, SOURCE)
+    with pytest.raises(InputError, match=r"acme 1\.0: .* 'seven': taction itself has"):
+        list(table({"seven": 0}))
+
+
+def test_two_packages_cannot_offer_one_name(plugin: Plugin) -> None:
+    plugin("acme", NUMBERS, SOURCE)
+    plugin("zenith", {"taction.opamps": {"seven": "SEVEN"}}, SOURCE, version="2.1")
+    with pytest.raises(InputError, match=r"zenith 2\.1: .*'seven': the plug-in acme 1\.0 offers"):
+        table()["one"]
+
+
+def test_a_name_is_one_word(plugin: Plugin) -> None:
+    plugin("acme", {"taction.opamps": {"Se-ven": "SEVEN"}}, SOURCE)
+    with pytest.raises(InputError, match="'Se-ven': a name is a lower-case letter"):
+        list(table())
+
+
+def test_a_table_has_a_known_group() -> None:
+    with pytest.raises(ValueError, match=r"expected one of taction\.amplifiers, taction\.checks"):
+        OpenTable("taction.opamp", {"one": 1}, int)
+
+
+def test_a_changed_plugin_makes_stored_results_outdated(plugin: Plugin) -> None:
+    alone = own_code(), own_versions(False)
+    folder = plugin("acme", NUMBERS, SOURCE)
+    first = own_code(), own_versions(False)
+    assert first[0] != alone[0]
+    assert first[1].differences(alone[1]) == ["plug-ins: none instead of acme 1.0"]
+    script = f"from {digests.__name__} import own_code as f; print(f().hex())"
+    found = set()
+    for source in (SOURCE, SOURCE + "# another\n", SOURCE):
+        (folder / "acme.py").write_text(source, "utf-8")
+        command = [sys.executable, "-c", script]
+        run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+        found.add(run.stdout.strip())
+    assert len(found) == 2
+    assert first[0].hex() in found
+
+
+def test_a_package_is_read_whole(tmp_path: Path, plugin: Plugin) -> None:
+    folder = plugin("acme", {"taction.opamps": {"seven": "parts.numbers:SEVEN"}}, "")
+    (folder / "acme.py").unlink()
+    (folder / "acme-1.0.dist-info" / "entry_points.txt").write_text(
+        "[taction.opamps]\nseven = acme.parts.numbers:SEVEN\n"
+    )
+    (folder / "acme" / "parts").mkdir(parents=True)  # `acme` itself is a namespace
+    (folder / "acme" / "parts" / "__init__.py").write_text("")
+    (folder / "acme" / "parts" / "numbers.py").write_text(SOURCE)
+    (folder / "acme" / "parts" / "figures.toml").write_text("a = 1\n")
+    plugins.forget()
+    names = [name for name, text in plugins.sources() if text or "parts/" in name]
+    assert names == [
+        "acme.parts/__init__.py",
+        "acme.parts/figures.toml",
+        "acme.parts/numbers.py",
+    ]
+    assert table()["seven"] == 7
+
+
+def in_worker() -> tuple[list[str], object, bytes]:
+    return list(table()), table()["seven"], own_code()
+
+
+def test_worker_processes_find_plugins(plugin: Plugin) -> None:
+    plugin("acme", NUMBERS, SOURCE)
+    with local(1) as workers:
+        found = workers.executor.submit(in_worker).result()
+    assert found == (["one", "eight", "seven"], 7, own_code())
+
+
+def test_new_processes_find_plugins_and_help_loads_none(plugin: Plugin) -> None:
+    folder = plugin("acme", NUMBERS, "raise SystemError('loaded')\n")
+    run = subprocess.run(
+        [sys.executable, "-m", "taction", "--help"],
+        cwd=ROOT,
+        env=environment(folder),
+        capture_output=True,
+        text=True,
+    )
+    assert run.returncode == 0, run.stderr
+    script = "from taction.system.plugins import entries; print(entries('taction.opamps'))"
+    run = subprocess.run(
+        [sys.executable, "-c", script], env=environment(folder), capture_output=True, text=True
+    )
+    assert "plug-in acme 1.0: taction.opamps = 'eight': acme:EIGHT cannot be loaded" in run.stderr
