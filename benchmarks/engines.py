@@ -23,8 +23,8 @@ from taction.netlist_gen.scene.file import load_scene
 from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.scene import Scene
 from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.engines.statespace.transients import exact, simulate
-from taction.verification.readings.time_scales import time_scales
 from taction.verification.stability.poles import poles
 from taction.verification.verdict.transient_plan import Plan, plan_transient
 from tests.support.precise import precise_step

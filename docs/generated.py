@@ -16,6 +16,8 @@ from typing import Any
 
 import click
 
+from scripts.rooms import drawing
+
 HERE = Path(__file__).resolve().parent
 ROOT, PLACE = HERE.parent, HERE / "_generated"
 PAGE_LINK = re.compile(r"\[([^\]]+)\]\(\.\./([\w-]+)\.md\)")
@@ -69,6 +71,7 @@ def write_pages(app: object = None) -> None:
     _write("commands.md", "\n".join(_commands_page()))
     _write("json.md", "\n".join(_json_page()))
     _write("gallery.md", "\n".join(_gallery_page()))
+    _write("rooms.svg", drawing())
     write_notebooks(PLACE / "notebooks")
 
 

@@ -5,38 +5,11 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
-from functools import cache
-from pathlib import Path
 
 import pytest
 
+from scripts.rooms import ENTRY, FLOORS, FOLDERS, ROOMS, below, drawing, imports, modules, room_of
 from tests.support.paths import ROOT
-
-# The folders of the top level that are packages below `taction` (pyproject.toml, package-dir).
-FOLDERS = ("system", "spice_models", "netlist_gen", "verification", "cli")
-
-# The floors of the house, the lowest first, and the rooms on each. A room imports from itself and
-# from the floors below, never from another room of its own floor. A longer name wins over a
-# shorter one: `verification.waveforms` is a room of its own. All names are below `taction`.
-FLOORS: tuple[tuple[str, ...], ...] = (
-    ("system",),
-    ("spice_models",),
-    ("netlist_gen", "verification.waveforms"),
-    ("verification.reference", "verification.engines.ngspice", "verification.engines.statespace"),
-    ("verification.readings", "verification.characterise"),
-    ("verification.stability",),
-    ("verification.verdict",),
-    ("verification.studies",),
-    ("verification.design",),
-    ("verification.evidence",),
-    ("verification.report",),
-    ("door",),
-    ("cli",),
-)
-ROOMS = tuple(room for floor in FLOORS for room in floor)
-
-# The command's entry point stands in `taction` for its name's sake and above all floors.
-ENTRY = "door.__main__"
 
 # The three witnesses of a verdict. None may reach another one's modules, however long the way, else
 # two of them could be wrong together. A name stands for a module or a package and all below it;
@@ -80,44 +53,6 @@ UNKNOWN = {
 HEAVY = ("numpy", "scipy", "pydantic", "PySpice", "matplotlib", "mpmath")
 
 
-@cache
-def modules() -> dict[str, Path]:
-    """Every module of ours by its name below `taction`; a package is its ``__init__``.
-
-    The files of the folder `taction` itself are the room `door`.
-    """
-    found = {}
-    for package in (*FOLDERS, "taction"):
-        for path in sorted((ROOT / package).rglob("*.py")):
-            parts = path.relative_to(ROOT).with_suffix("").parts
-            parts = ("door", *parts[1:]) if package == "taction" else parts
-            found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
-    return found
-
-
-def short(name: str) -> str:
-    """The name of a module of ours below `taction`."""
-    first, _, rest = name.partition(".")
-    if first != "taction":
-        return f"not ours: {name}"
-    return rest if rest.partition(".")[0] in FOLDERS else f"door.{rest}".rstrip(".")
-
-
-@cache
-def imports(module: str) -> frozenset[str]:
-    """Our modules that `module` imports: at its top, in a function or for type checking."""
-    found: set[str] = set()
-    for node in ast.walk(ast.parse(modules()[module].read_text("utf-8"))):
-        if isinstance(node, ast.Import):
-            found |= {short(alias.name) for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{module} line {node.lineno}: relative imports hide the floor"
-            for alias in node.names:
-                name = short(f"{node.module}.{alias.name}")
-                found.add(name if name in modules() else short(str(node.module)))
-    return frozenset((found & modules().keys()) - {module})
-
-
 def reached(module: str) -> set[str]:
     """Everything that `module` imports, directly or through others."""
     seen: set[str] = set()
@@ -127,15 +62,6 @@ def reached(module: str) -> set[str]:
         seen |= new
         todo.extend(new)
     return seen
-
-
-def below(name: str, roots: tuple[str, ...]) -> bool:
-    return any(name == root or name.startswith(root + ".") for root in roots)
-
-
-def room_of(module: str) -> str | None:
-    """The room that a module is in; None for the face of a package above the rooms."""
-    return max((room for room in ROOMS if below(module, (room,))), key=len, default=None)
 
 
 def test_what_is_in_no_room_is_the_empty_face_of_a_folder() -> None:
@@ -158,6 +84,12 @@ def test_a_room_imports_only_from_itself_and_from_the_floors_below(room: str) ->
         if room_of(name) not in allowed
     ]
     assert not wrong, "\n".join(wrong)
+
+
+def test_the_picture_of_the_rooms_shows_every_room() -> None:
+    picture = drawing()
+    assert picture.count(" lines</text>") == len(ROOMS)
+    assert "verdict/</text>" in picture
 
 
 def test_no_module_imports_itself_in_a_circle() -> None:

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from taction.netlist_gen.scene.checks import AGREE, Checks
+from taction.verification.engines.statespace.linearised.time_scales import TimeScales
 from taction.verification.readings.measurements import ChannelMeasure, Measurements
 from taction.verification.readings.readings import Reading
 from taction.verification.readings.settling import ChannelState
-from taction.verification.readings.time_scales import TimeScales
 from taction.verification.stability.margin import Margin
 from taction.verification.stability.poles import summarise
 from taction.verification.verdict.agreement import Agreement

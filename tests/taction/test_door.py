@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 import taction
-from tests.project.test_imports import below, reached, short
+from scripts.rooms import below, short
+from tests.project.test_imports import reached
 from tests.support.entries import write_fast
 from tests.support.paths import ROOT, SCENES
 from tests.support.running import taction as command

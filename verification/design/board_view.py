@@ -19,7 +19,7 @@ from taction.system.errors import EngineError
 from taction.system.quantities import show, show_rate
 from taction.verification.design.explorer_curves import LinearResponse
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.readings.time_scales import TimeScales, time_scales
+from taction.verification.engines.statespace.linearised.time_scales import TimeScales, time_scales
 from taction.verification.reference import Solution, solve
 from taction.verification.reference.ideal_answer import ideal_network
 from taction.verification.stability.capacitance_ranges import capacitance_ranges

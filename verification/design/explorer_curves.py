@@ -10,8 +10,8 @@ import numpy as np
 from taction.system.array_types import Floats
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.initial_state import Initial
+from taction.verification.engines.statespace.linearised.time_scales import TimeScales
 from taction.verification.engines.statespace.transients.exact import Exact, exact_solution
-from taction.verification.readings.time_scales import TimeScales
 
 POINTS = 500  # of a curve without fast ringing
 PER_PERIOD = 20.0  # points of a curve with ringing, before it is thinned

@@ -28,7 +28,7 @@ from taction.verification.design.resistors import scaled_resistors
 from taction.verification.design.stable_ranges import stable_ranges
 from taction.verification.design.trials import Trials, at_small_signal
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.readings.time_scales import time_scales
+from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
 from taction.verification.stability.poles import Poles, poles_behind
 from taction.verification.verdict.headroom import FULL, Load

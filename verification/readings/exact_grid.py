@@ -14,9 +14,9 @@ import math
 import numpy as np
 
 from taction.system.array_types import Bools, Floats, Ints
+from taction.verification.engines.statespace.linearised.time_scales import UNRESOLVED
 from taction.verification.engines.statespace.transients.exact import Exact
 from taction.verification.engines.statespace.transients.matrix_exponential import Exponentials
-from taction.verification.readings.time_scales import UNRESOLVED
 
 FINENESS = 0.25  # step times |p| of the fastest mode of a resolved interval: 25 points a period
 PER_OCTAVE = 256  # over ln 2: the step is at most this part of the time

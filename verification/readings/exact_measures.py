@@ -17,6 +17,7 @@ from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.system.reading_definitions import FAINT, SETTLING_BAND
 from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.time_scales import RINGS
 from taction.verification.engines.statespace.transients.exact import Exact, exact_solution
 from taction.verification.readings.exact_crossings import ExactSignal
 from taction.verification.readings.measurements import (
@@ -29,7 +30,6 @@ from taction.verification.readings.measurements import (
 from taction.verification.readings.mode_fit import Mode
 from taction.verification.readings.readings import Reading, Step, read
 from taction.verification.readings.settling import ChannelState, Settlement
-from taction.verification.readings.time_scales import RINGS
 
 DETAIL = 1e-2  # of the settling band: the first grid resolves modes above it
 

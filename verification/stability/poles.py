@@ -13,7 +13,7 @@ from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.count_unstable import count_right
 from taction.verification.engines.statespace.linearised.rightmost_poles import rightmost_poles
 from taction.verification.engines.statespace.linearised.slow_poles import slow_poles
-from taction.verification.readings.time_scales import TimeScales
+from taction.verification.engines.statespace.linearised.time_scales import TimeScales
 
 EPS = float(np.finfo(np.float64).eps)
 UNITS = 64  # times rounding times the fastest pole: error of an eigenvalue

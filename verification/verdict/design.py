@@ -10,7 +10,7 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.readings.time_scales import TimeScales, time_scales
+from taction.verification.engines.statespace.linearised.time_scales import TimeScales, time_scales
 from taction.verification.reference import IdealNetwork
 from taction.verification.reference.ideal_answer import ideal_network
 from taction.verification.reference.lambda_rule import resolve_lambda

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.scene.scene import Scene
-from taction.verification.readings.time_scales import TimeScales
+from taction.verification.engines.statespace.linearised.time_scales import TimeScales
 
 
 def even_transient(scene: Scene, scales: TimeScales, points: float, stop: float) -> Transient:

@@ -15,7 +15,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError, NoVerdictError
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.readings.time_scales import time_scales
+from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.reference import solve
 from taction.verification.reference.ideal_answer import ideal_network
 from taction.verification.verdict.pruning import PruningEffect, pruning_effect

@@ -13,7 +13,7 @@ import numpy as np
 
 from taction.system.array_types import Floats
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.readings.time_scales import TimeScales
+from taction.verification.engines.statespace.linearised.time_scales import TimeScales
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -30,6 +30,7 @@ from taction.verification.engines.statespace.linearised.initial_state import (
     initial_unknowns,
 )
 from taction.verification.engines.statespace.linearised.state_space import StateSpace
+from taction.verification.engines.statespace.linearised.time_scales import RESOLVED
 from taction.verification.readings.mode_sums import (
     TINY,
     integral,
@@ -37,7 +38,6 @@ from taction.verification.readings.mode_sums import (
     real_magnitude,
     slip,
 )
-from taction.verification.readings.time_scales import RESOLVED
 
 CKTTERR = 72.0  # 12 of the trapezoidal rule's local error times 3! of the divided difference
 INSTANTS = 240  # number of instants of the forecast, in geometric progression

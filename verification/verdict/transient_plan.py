@@ -13,7 +13,7 @@ from taction.system.errors import EngineError
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.initial_state import Initial
-from taction.verification.readings.time_scales import GROWN, TimeScales
+from taction.verification.engines.statespace.linearised.time_scales import GROWN, TimeScales
 from taction.verification.verdict.step_forecast import StepForecast, StepModel
 
 REMAINDER = 0.1  # of the steady-state tolerance and the band: remaining ringing at the end

@@ -9,8 +9,8 @@ import pytest
 
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.scene import Scene
+from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.engines.statespace.transients.exact import exact_solution
-from taction.verification.readings.time_scales import time_scales
 from taction.verification.stability.poles import count_unstable, poles, summarise
 from tests.support.boards import lags, paper_board, single_mode
 

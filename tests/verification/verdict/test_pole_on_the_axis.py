@@ -9,8 +9,8 @@ import pytest
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.scene import Scene
 from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.time_scales import TimeScales
 from taction.verification.evidence.stress.catalogue import load_catalogue
-from taction.verification.readings.time_scales import TimeScales
 from taction.verification.stability.poles import Poles, poles_behind
 from taction.verification.verdict import design
 from taction.verification.verdict.clock import Clock

@@ -18,9 +18,9 @@ from taction.netlist_gen.scene.file import load_scene
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.process import start
 from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.readings.mode_sums import slip
-from taction.verification.readings.time_scales import time_scales
 from taction.verification.verdict.step_forecast import StepForecast, StepModel
 from tests.support.boards import lags, paper_board, single_mode
 from tests.support.paths import SCENES

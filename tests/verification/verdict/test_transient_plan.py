@@ -15,7 +15,7 @@ from taction.netlist_gen.scene.file import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.readings.time_scales import TimeScales, time_scales
+from taction.verification.engines.statespace.linearised.time_scales import TimeScales, time_scales
 from taction.verification.verdict.clock import Clock
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.even_steps import coarser

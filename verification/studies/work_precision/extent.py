@@ -12,7 +12,7 @@ from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import EngineError
-from taction.verification.readings.time_scales import TimeScales, time_scales
+from taction.verification.engines.statespace.linearised.time_scales import TimeScales, time_scales
 from taction.verification.reference import IdealNetwork
 from taction.verification.studies.work_precision.method_runs import BASE_POINTS, Task, ngspice
 from taction.verification.studies.work_precision.methods import Method

@@ -23,10 +23,10 @@ from taction.verification.engines.statespace.linearised.rightmost_poles import (
     nearest_poles,
     rightmost_poles,
 )
+from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.engines.statespace.transients import amplified, structured_radau
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.engines.statespace.transients.simulate import simulate
-from taction.verification.readings.time_scales import time_scales
 from taction.verification.stability.poles import count_unstable, poles
 from tests.support.boards import board, kernel, paper_board, single_mode, strain, two_pole
 
