@@ -5,7 +5,7 @@
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help setup ready demo test test-browser test-install test-kicad test-processors test-pythons test-simulators regress stress fuzz torture docs notebooks man schemas lint format bench lock build clean
+.PHONY: help setup ready demo test test-bare test-browser test-install test-kicad test-processors test-pythons test-simulators regress stress fuzz torture docs notebooks man schemas lint format bench lock build clean
 
 PYTHON_IN_VENV := .venv/bin/python
 JOBS ?= 2
@@ -30,6 +30,9 @@ demo: ready ## set up, then verify the seven-channel breadboard
 test: ready ## set up, then all tests; ARGS="-k deck -x" goes to pytest
 	@bash scripts/gnucap.sh .venv/.gnucap-tried
 	$(PYTHON_IN_VENV) -m pytest -n $(JOBS) $(ARGS)
+
+test-bare: ## demo and all tests in a minimal Debian, made as root by mmdebstrap; nothing is installed there by hand
+	@bash scripts/bare.sh $(if $(ARGS),"$(ARGS)")
 
 test-browser: ready ## the reports in a headless Chromium, which is installed where missing
 	@browser=$$(bash scripts/chromium.sh) && TACTION_BROWSER=$$browser $(PYTHON_IN_VENV) -m pytest -n $(JOBS) tests/browser $(ARGS)

@@ -65,12 +65,14 @@ done
 # Folders of packages on this machine that pip's settings name are there, too, read only.
 settings_of_pip() { { env | grep '^PIP_'; cat "$bare"/etc/pip.conf "$bare"/root/.config/pip/pip.conf \
     "$bare"/root/.pip/pip.conf; } 2>/dev/null || true; }
+bound=()
 for folder in $(settings_of_pip | grep -oE '(file://)?/[^ ,]+' | sed 's,^file://,,' | sort -u); do
     [ "$(basename "$folder")" = simple ] && folder=$(dirname "$folder") # an index beside its files
     [ -d "$folder" ] && ! mountpoint -q "$bare$folder" || continue
     mkdir -p "$bare$folder"
     mount --bind "$folder" "$bare$folder"
     mount -o remount,bind,ro "$bare$folder"
+    bound+=("$bare$folder")
 done
 
 git clone --quiet --no-hardlinks . "$bare/home/taction"
@@ -78,11 +80,14 @@ variables=(HOME=/root PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sb
 for name in LANG CI JOBS; do [ -n "${!name:-}" ] && variables+=("$name=${!name}"); done
 while IFS= read -r pair; do variables+=("$pair"); done < <(env | grep -iE '^(PIP_|[a-z]*_?proxy=)' || true)
 
+# What pip reads from this machine is no part of the system.
+used() { du -sm "${bound[@]/#/--exclude=}" --exclude="$bare/dev" --exclude="$bare/proc" "$bare" | cut -f 1; }
+
 status=0
 for command in "$@"; do
     began=$SECONDS
     say "in the bare system: $command"
     chroot "$bare" env -i "${variables[@]}" bash -c "cd /home/taction && $command" </dev/null || status=1
-    say "$command: $((SECONDS - began)) s, $(du -smx "$bare" | cut -f 1) MB in the system"
+    say "$command: $((SECONDS - began)) s, $(used) MB in the system"
 done
 exit $status
