@@ -17,10 +17,9 @@ from taction.netlist_gen.scene.fields import (
     Seconds,
     Volts,
 )
-from taction.system.reading_definitions import SETTLING_BAND
+from taction.system.reading_definitions import SETTLING_BAND, TIMES
 
 AGREE = 1e-3  # of the step amplitude: how far the engines may differ where a scene says nothing
-TIMES = ("settling_time", "rise_time")
 LONG = 0.1  # s; boards of op-amps settle in microseconds to milliseconds
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from taction.netlist_gen.scene.checks import TIMES
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.quantities import show
+from taction.system.reading_definitions import EXCURSIONS, TIMES
 
 USUAL = (1e-14, 1e-4)  # F: from a fraction of a stray capacitance to the largest film capacitors
 
@@ -33,7 +33,7 @@ def value_questions(scene: Scene) -> Iterator[str]:
             f"design.capacitance = {show(farads, 'F')} is not between {low} and {high}; is the"
             " prefix right? 'm' is milli, 'u' micro, 'n' nano, 'p' pico"
         )
-    for name in ("overshoot", "undershoot"):
+    for name in EXCURSIONS:
         check = getattr(scene.checks, name)
         if check is not None and check.max is not None and check.max > 1.0:
             yield (

@@ -36,6 +36,7 @@ from taction.netlist_gen.scene.tolerances import Tolerances
 from taction.spice_models.amplifier import AMPLIFIERS
 from taction.system.errors import Complaint, InputError
 from taction.system.quantities import quantity
+from taction.system.reading_definitions import EXCURSIONS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -105,7 +106,7 @@ class AnalysisChoice(Model):
     error: Annotated[Positive, Field(lt=1)] | Literal["auto"] = Field(
         "auto",
         description="largest error of the transient, fraction of the step amplitude; auto: a"
-        " quarter of the tightest tolerance, band, overshoot or undershoot limit of the checks",
+        f" quarter of the tightest tolerance, band, {' or '.join(EXCURSIONS)} limit of the checks",
     )
     timeout: Seconds = 600.0
 

@@ -8,6 +8,7 @@ from taction.netlist_gen.scene.checks import Checks
 from taction.netlist_gen.scene.opamp_choice import OpAmpChoice
 from taction.netlist_gen.scene.problem import MatrixProblem, TactileProblem
 from taction.system.quantities import quantity
+from taction.system.reading_definitions import EXCURSIONS
 
 
 def size_words(problem: TactileProblem | MatrixProblem) -> str:
@@ -69,7 +70,7 @@ def check_words(checks: Checks) -> Iterator[str]:
     yield f"settled within {_percent(settling.band)}{_times(settling.min, settling.max)}"
     if checks.rise_time is not None:
         yield f"rise time{_times(checks.rise_time.min, checks.rise_time.max)}"
-    for name in ("overshoot", "undershoot"):
+    for name in EXCURSIONS:
         if (check := getattr(checks, name)) is not None:
             yield f"{name} at most {_percent(check.max)}"
     if checks.noise is not None:

@@ -12,8 +12,8 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.spice_models.presets import load_presets
 from taction.system.array_types import Complexes, Floats
-from taction.verification.readings.measurements import summary
-from taction.verification.readings.readings import Reading
+from taction.system.reading_definitions import TIMES
+from taction.verification.readings.measurements import ChannelMeasure, summary
 from taction.verification.verdict.bounded_measures import BoundedMeasures
 from taction.verification.waveforms import Waveforms
 
@@ -166,14 +166,13 @@ def stale_column(factor: float) -> WaveformsChange:
 def without_uncertainties(found: BoundedMeasures) -> BoundedMeasures:
     """Drop the uncertainties of all times."""
 
-    def certain(reading: Reading | None) -> Reading | None:
-        return None if reading is None else replace(reading, uncertainty=0.0)
+    def certain(channel: ChannelMeasure) -> ChannelMeasure:
+        known = {name: channel.readings[name] for name in TIMES}
+        times = {name: found and replace(found, uncertainty=0.0) for name, found in known.items()}
+        return replace(channel, readings={**channel.readings, **times})
 
     measured = found.measurements
-    channels = [
-        replace(c, rise_time=certain(c.rise_time), settling_time=certain(c.settling_time))
-        for c in measured.channels
-    ]
+    channels = [certain(channel) for channel in measured.channels]
     return replace(
         found, measurements=summary(measured.amplitude, measured.band, measured.modes, channels)
     )

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from taction.netlist_gen.scene.checks import AGREE, Checks
+from taction.system.reading_definitions import READINGS
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales
-from taction.verification.readings.measurements import ChannelMeasure, Measurements
+from taction.verification.readings.measurements import ChannelMeasure, Measurements, summary
 from taction.verification.readings.readings import Reading
 from taction.verification.readings.settling import ChannelState
 from taction.verification.stability.margin import Margin
@@ -22,23 +23,30 @@ from taction.verification.verdict.steady_state import SteadyState
 from taction.verification.verdict.step_error import StepError
 
 ROUNDING = 1e-15  # an error is never 0
-EXACT = StepError(*(ROUNDING,) * 5)
+EXACT = StepError(ROUNDING, dict.fromkeys(READINGS, ROUNDING))
 STABLE = summarise(np.array([-1e3 + 1e5j, -1e3 - 1e5j]), complete=True)
 UNSTABLE = summarise(np.array([1e3 + 1e5j, 1e3 - 1e5j]), complete=True)
 
 
 def channel(index: int = 0, **changes: Any) -> ChannelMeasure:
-    """A settled channel that goes from 0 to 1 V, rises in 10 µs and settles in 1 ms."""
+    """A settled channel that goes from 0 to 1 V, rises in 10 µs and settles in 1 ms.
+
+    Changes by the name of a reading are readings, or excursions without an error.
+    """
+    readings = {
+        "rise_time": Reading(10e-6, 1e-9),
+        "settling_time": Reading(1e-3, 1e-7),
+        "overshoot": Reading(0.1, 0.0),
+        "undershoot": Reading(0.02, 0.0),
+    }
+    for name in READINGS.keys() & changes.keys():
+        given = changes.pop(name)
+        readings[name] = Reading(given, 0.0) if isinstance(given, float) else given
     made = ChannelMeasure(
         index=index,
         target=1.0,
         final=1.0,
-        rise_time=Reading(10e-6, 1e-9),
-        settling_time=Reading(1e-3, 1e-7),
-        overshoot=0.1,
-        undershoot=0.02,
-        overshoot_error=0.0,
-        undershoot_error=0.0,
+        readings=readings,
         state=ChannelState.SETTLED,
         frequency=None,
         growth_rate=None,
@@ -62,17 +70,7 @@ def oscillating(index: int = 0) -> ChannelMeasure:
 
 def measured(*channels: ChannelMeasure, **changes: Any) -> Measurements:
     """Measurements of the channels; the network settles with the last of them."""
-    settled = [c.settling_time for c in channels if c.settling_time is not None]
-    every = len(settled) == len(channels)
-    made = Measurements(
-        amplitude=1.0,
-        band=0.01,
-        channels=channels,
-        settling_time=max(settled, key=lambda r: r.value) if every else None,
-        reason="; ".join(f"channel {c.index + 1}: {c.reason}" for c in channels if c.reason),
-        modes=(),
-    )
-    return replace(made, **changes)
+    return replace(summary(1.0, 0.01, (), channels), **changes)
 
 
 def evidence(

@@ -9,8 +9,9 @@ from taction.netlist_gen.analysis import OperatingPoint
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError
+from taction.system.reading_definitions import READINGS
 from taction.verification.evidence.stress.catalogue import Case
-from taction.verification.evidence.stress.true_values import READINGS, TrueValues
+from taction.verification.evidence.stress.true_values import TrueValues
 from taction.verification.reference.lambda_rule import resolve_lambda
 from tests.support.deck_text import parse_deck
 from tests.support.true_margin import true_margin
@@ -24,7 +25,11 @@ def true_values(scene: Scene) -> TrueValues:
     """Return the true readings of the board that `scene` describes."""
     found = true_readings(resolve_lambda(scene))
     channels = [
-        {name: value for name in READINGS if (value := asdict(channel)[name]) is not None}
+        {
+            name: value
+            for name in (*READINGS, "final")
+            if (value := asdict(channel)[name]) is not None
+        }
         for channel in found.channels
     ]
     asked = scene.checks.stability.margin > 1.0

@@ -20,6 +20,7 @@ from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.opamp_choice import OpAmpChoice
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError, NoVerdictError, SimulatorNotFound, SimulatorTooOld
+from taction.system.reading_definitions import READINGS
 from taction.verification.design.choose_request import OPAMP
 from taction.verification.studies.sweep.plan import Plan, Requests
 from taction.verification.studies.sweep.store import Store
@@ -146,11 +147,7 @@ def _shares(read: Mapping[str, float | None], checks: Checks) -> Iterator[tuple[
     """Yield the share of every limit that the scene has."""
     limits = {
         "steady_state": checks.steady_state.tolerance,
-        "settling_time": checks.settling_time.max,
-        "overshoot": None if checks.overshoot is None else checks.overshoot.max,
-        "undershoot": None if checks.undershoot is None else checks.undershoot.max,
-        "rise_time": None if checks.rise_time is None else checks.rise_time.max,
-        "noise": None if checks.noise is None else checks.noise.max,
+        **{name: getattr(getattr(checks, name), "max", None) for name in (*READINGS, "noise")},
         "headroom": FULL,
     }
     for name, limit in limits.items():

@@ -16,6 +16,7 @@ from taction.netlist_gen.board.scalings import choose_opamp
 from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.scene import Scene
 from taction.spice_models.presets import load_presets
+from taction.system.reading_definitions import READINGS
 from taction.verification.design.axis_search import (
     Searched,
     search_list,
@@ -31,11 +32,7 @@ LIMIT = 4.0  # s: time limit of a search
 CAPACITANCE, GAIN, OPAMP = "design.capacitance", "design.gain", "design.opamp"
 TRANSIENT = (CAPACITANCE, GAIN, OPAMP)
 KEYS: dict[str, tuple[str, ...]] = {
-    "stability": TRANSIENT,
-    "settling_time": TRANSIENT,
-    "rise_time": TRANSIENT,
-    "overshoot": TRANSIENT,
-    "undershoot": TRANSIENT,
+    **dict.fromkeys(("stability", *READINGS), TRANSIENT),
     "steady_state": (
         "design.resistor_series",
         "design.prune",

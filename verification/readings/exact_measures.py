@@ -81,15 +81,16 @@ def measure_exact(
     amplitude, final = step.amplitude, solution.final * signs
     tolerance = band * (amplitude or float(np.abs(final - target).max(initial=0.0)) or 1.0)
     signal = ExactSignal(solution, signs, target, target_error, DETAIL * tolerance)
-    readings = read(signal, step, final, tolerance, np.zeros(len(target), dtype=np.bool_))
+    readings = read(signal, step, tolerance, np.zeros(len(target), dtype=np.bool_))
     modes = _modes(solution, amplitude)
     short = "the channel never reaches the levels of its step"
     channels = []
-    for n, reading in enumerate(readings.settling_times):
+    for n, reading in enumerate(readings["settling_time"]):
         off, bound = float(signal.ends[n]), float(signal.end_bounds[n])
         settlement = _settlement(off, tolerance, bound, reading) if amplitude else STILL
         mode = strongest(modes, n, amplitude)
-        channels.append(channel_measure(n, step, readings, settlement, mode, short))
+        end = float(final[n])
+        channels.append(channel_measure(n, end, step, readings, settlement, mode, short))
     return summary(amplitude, band, modes, channels)
 
 

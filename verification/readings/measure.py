@@ -1,19 +1,8 @@
-"""Rise time, settling time, overshoot, undershoot and state of every channel of a transient.
+"""The readings and the state of every channel of a transient.
 
-Definitions for the whole tool, with the network's step amplitude
-``A = max_n |target_n - start_n|``:
-
-- settling time to x %: the last instant at which any channel is outside ``±x % A`` of its target;
-- rise time: from 10 % to 90 % of a channel's own step, first crossings; undefined for a step under
-  5 % of A;
-- overshoot: how far a channel goes beyond its target, away from its start, as a fraction of A; of a
-  channel whose own step is under 5 % of A, how far outside the interval between start and target on
-  either side;
-- undershoot: how far a channel goes beyond its start, away from its target, as a fraction of A. A
-  channel whose own step is under 1e-6 A has no direction: both sides count.
-
-`system.reading_definitions` has the numbers. A settling time is given only if the record proves it:
-see `taction.verification.readings.settling`. Times count from the first point of the record.
+`system.reading_definitions` defines the readings. A settling time is given only if the record
+proves it: see `taction.verification.readings.settling`. Times count from the first point of the
+record.
 """
 
 from __future__ import annotations
@@ -144,7 +133,7 @@ def _settlement(record: _Record, n: int, ring: ChannelRinging) -> Settlement:
         return Settlement(ChannelState.NOT_SETTLED, None, part.cut)
     # Without a step the band is a fraction of the largest excursion of any channel.
     scale = part.scale()
-    settling_time = record.readings.settling_times[n]
+    settling_time = record.readings["settling_time"][n]
     settlement = prove(record.drift, n, settling_time, record.band * scale, scale, ring)
     if part.cut and settlement.state is ChannelState.SETTLED:
         return Settlement(ChannelState.NOT_SETTLED, None, part.cut)
@@ -164,7 +153,8 @@ def _channel(record: _Record, n: int) -> ChannelMeasure:
     if part.readable and size:
         reached = 1 + float((part.signal.errors[n] / size).max())
         short = f"the channel reaches {reached:.1%} of its step: simulate longer"
-    measured = channel_measure(n, part.step, record.readings, settlement, mode, short)
+    final = float(part.final[n])
+    measured = channel_measure(n, final, part.step, record.readings, settlement, mode, short)
     if settlement.state is ChannelState.CLIPPED:
         return replace(measured, frequency=_limit_cycle_frequency(record, n))
     return measured

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from taction.system.reading_definitions import FAINT, SMALL_STEP
+from taction.system.reading_definitions import FAINT, READINGS, SMALL_STEP
 from taction.verification.readings.mode_fit import Mode
-from taction.verification.readings.readings import Reading, Readings, Step, largest_error, latest
+from taction.verification.readings.readings import Reading, Readings, Step, largest
 from taction.verification.readings.settling import ChannelState, Settlement
 
 NO_STEP = "no channel has a step (target equals start): a band in % of it has no width"
@@ -22,12 +23,9 @@ class ChannelMeasure:
         Channel, from 0.
     target, final : float
         Reference steady state and last finite value, in the unit of the signals.
-    rise_time, settling_time : Reading or None
-        s; None for the reason `rise_reason` or `reason`.
-    overshoot, undershoot : float
-        Fractions of A, 0 or more, over the finite part of the record; 0 where A is 0.
-    overshoot_error, undershoot_error : float
-        Bounds of their errors, fractions of A.
+    readings : mapping of str to Reading or None
+        Every reading of `READINGS`. A time is None for the reason `rise_reason` or `reason`; an
+        excursion is 0 or more, over the finite part of the record, and 0 where A is 0.
     state : ChannelState
         State at the end of the record.
     frequency, growth_rate : float or None
@@ -42,18 +40,38 @@ class ChannelMeasure:
     index: int
     target: float
     final: float
-    rise_time: Reading | None
-    settling_time: Reading | None
-    overshoot: float
-    undershoot: float
-    overshoot_error: float
-    undershoot_error: float
+    readings: Mapping[str, Reading | None]
     state: ChannelState
     frequency: float | None
     growth_rate: float | None
     rises: bool
     reason: str
     rise_reason: str
+
+    @property
+    def settling_time(self) -> Reading | None:
+        """Settling time, s."""
+        return self.readings["settling_time"]
+
+    @property
+    def rise_time(self) -> Reading | None:
+        """Rise time, s."""
+        return self.readings["rise_time"]
+
+    @property
+    def overshoot(self) -> float:
+        """Overshoot, fraction of A."""
+        return _value(self.readings["overshoot"])
+
+    @property
+    def undershoot(self) -> float:
+        """Undershoot, fraction of A."""
+        return _value(self.readings["undershoot"])
+
+    @property
+    def fragile(self) -> dict[str, Reading]:
+        """The readings that a small shift of their level changes, by name."""
+        return {name: found for name, found in self.readings.items() if found and found.fragile}
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,8 +86,10 @@ class Measurements:
         Half width of the settling band, fraction of A.
     channels : tuple of ChannelMeasure
         In the order of the signals' columns.
-    settling_time : Reading or None
-        Settling time of the last channel; None unless every channel is settled.
+    readings : mapping of str to Reading or None
+        Readings of the network. It settles with its last channel: None unless every channel is
+        settled. It rises with its slowest channel: None if a channel that rises has no rise time.
+        Of the excursions the largest counts.
     reason : str
         Why there is no settling time; empty if there is.
     modes : tuple of Mode
@@ -79,38 +99,19 @@ class Measurements:
     amplitude: float
     band: float
     channels: tuple[ChannelMeasure, ...]
-    settling_time: Reading | None
+    readings: Mapping[str, Reading | None]
     reason: str
     modes: tuple[Mode, ...]
 
     @property
+    def settling_time(self) -> Reading | None:
+        """Settling time of the network, s."""
+        return self.readings["settling_time"]
+
+    @property
     def rise_time(self) -> Reading | None:
-        """Rise time of the slowest channel; None if a channel that rises has none."""
-        found = [channel.rise_time for channel in self.channels if channel.rises]
-        known = [reading for reading in found if reading is not None]
-        return latest(known) if known and len(known) == len(found) else None
-
-    @property
-    def excursion_errors(self) -> tuple[float, float]:
-        """Bounds of the errors of the largest overshoot and undershoot, fractions of A."""
-        found = self.readings
-        return (
-            largest_error(found.overshoots, found.overshoot_errors),
-            largest_error(found.undershoots, found.undershoot_errors),
-        )
-
-    @property
-    def readings(self) -> Readings:
-        """Readings without states and reasons."""
-        return Readings(
-            finals=tuple(c.final for c in self.channels),
-            rise_times=tuple(c.rise_time for c in self.channels),
-            settling_times=tuple(c.settling_time for c in self.channels),
-            overshoots=tuple(c.overshoot for c in self.channels),
-            undershoots=tuple(c.undershoot for c in self.channels),
-            overshoot_errors=tuple(c.overshoot_error for c in self.channels),
-            undershoot_errors=tuple(c.undershoot_error for c in self.channels),
-        )
+        """Rise time of the network, s."""
+        return self.readings["rise_time"]
 
 
 def strongest(modes: tuple[Mode, ...], n: int, amplitude: float) -> Mode | None:
@@ -124,23 +125,29 @@ def strongest(modes: tuple[Mode, ...], n: int, amplitude: float) -> Mode | None:
 
 
 def channel_measure(
-    n: int, step: Step, readings: Readings, settlement: Settlement, mode: Mode | None, short: str
+    n: int,
+    final: float,
+    step: Step,
+    readings: Readings,
+    settlement: Settlement,
+    mode: Mode | None,
+    short: str,
 ) -> ChannelMeasure:
     """Return the measurements of channel `n`, in which `mode` is the strongest ringing.
 
-    `short` is why a channel whose step is large enough has no rise time in `readings`.
+    `final` is its last value; `short` is why a channel whose step is large enough has no rise time
+    in `readings`.
     """
-    rise_reason = _no_rise(step, n, settlement.state) or ("" if readings.rise_times[n] else short)
+    found = {name: of_channels[n] for name, of_channels in readings.items()}
+    rise_reason = _no_rise(step, n, settlement.state) or ("" if found["rise_time"] else short)
+    if rise_reason:
+        found["rise_time"] = None
+    found["settling_time"] = settlement.settling_time
     return ChannelMeasure(
         index=n,
         target=float(step.target[n]),
-        final=readings.finals[n],
-        rise_time=None if rise_reason else readings.rise_times[n],
-        settling_time=settlement.settling_time,
-        overshoot=readings.overshoots[n],
-        undershoot=readings.undershoots[n],
-        overshoot_error=readings.overshoot_errors[n],
-        undershoot_error=readings.undershoot_errors[n],
+        final=final,
+        readings=found,
         state=settlement.state,
         frequency=None if mode is None else mode.frequency,
         growth_rate=None if mode is None else mode.growth_rate,
@@ -164,12 +171,23 @@ def summary(
     amplitude: float,
     band: float,
     modes: tuple[Mode, ...],
-    channels: list[ChannelMeasure],
+    channels: Sequence[ChannelMeasure],
 ) -> Measurements:
-    """Return the measurements of the network, which settles with its last channel."""
+    """Return the measurements of the network."""
     reason = next(
         (f"channel {c.index + 1}: {c.reason}" for c in channels if c.settling_time is None), ""
     )
-    times = [c.settling_time for c in channels if c.settling_time is not None]
-    settling_time = None if reason else latest(times)
-    return Measurements(amplitude, band, tuple(channels), settling_time, reason, modes)
+    readings = {name: _of_network(name, channels) for name in READINGS}
+    return Measurements(amplitude, band, tuple(channels), readings, reason, modes)
+
+
+def _of_network(name: str, channels: Sequence[ChannelMeasure]) -> Reading | None:
+    """Return the largest reading of any channel; None if one that should have it has none."""
+    counted = [c.readings[name] for c in channels if c.rises or name != "rise_time"]
+    known = [reading for reading in counted if reading is not None]
+    return largest(known) if known and len(known) == len(counted) else None
+
+
+def _value(reading: Reading | None) -> float:
+    """Return the value of an excursion, which every channel has."""
+    return 0.0 if reading is None else reading.value

@@ -1,14 +1,14 @@
-"""Rise and settling time, overshoot and undershoot: one implementation for all signals.
+"""The readings of a signal: one implementation for all signals.
 
 A `Signal` is either a sampled record (`verification.readings.sampled_signal`) or an exact solution
-(`verification.readings.exact_crossings`). `verification.readings.measure` has the definitions
-and decides which readings are proven.
+(`verification.readings.exact_crossings`). `system.reading_definitions` has the definitions;
+`verification.readings.measure` decides which readings are proven.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -17,14 +17,16 @@ import numpy as np
 from taction.system.array_types import Bools, Floats, Indices
 from taction.system.reading_definitions import (
     BAND_SHIFT,
+    EXCURSIONS,
     FRAGILE,
     LEVEL_SHIFT,
+    READINGS,
     RISE_LEVELS,
     SMALL_STEP,
 )
 from taction.verification.readings.crossings import Crossings
 
-STILL = 1e-6  # of A: a smaller step has no direction; both sides of it count as undershoot
+STILL = 1e-6  # of A: a smaller step has no direction
 
 
 class Signal(Protocol):
@@ -60,15 +62,15 @@ class Signal(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """A measured time.
+    """A measured time, or a measured share of the step amplitude.
 
     Attributes
     ----------
     value : float
-        s.
+        In the unit of its kind in `READINGS`.
     uncertainty : float
-        Bound of the error of `value`, s: of the crossings between the points and, where the signal
-        has bounds, of the signal. Infinite if the true signal may have no such time.
+        Bound of the error of `value`: of what lies between the points and, where the signal has
+        bounds, of the signal. Infinite if the true signal may have no such reading.
     fragile : bool
         A small shift of the level or of the band changes the time: a peak just reaches, or just
         misses, the level.
@@ -83,23 +85,11 @@ class Reading:
     alternative: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Readings:
-    """Readings of one signal, one entry per channel."""
+Readings = Mapping[str, tuple[Reading | None, ...]]
+"""Readings of a signal by name, one entry per channel.
 
-    finals: tuple[float, ...]  # last values
-    rise_times: tuple[Reading | None, ...]  # None for a channel that does not reach both levels
-    settling_times: tuple[Reading | None, ...]  # None for a channel that ends outside its band
-    overshoots: tuple[float, ...]  # fractions of A
-    undershoots: tuple[float, ...]  # fractions of A
-    overshoot_errors: tuple[float, ...]  # bounds, fractions of A
-    undershoot_errors: tuple[float, ...]  # bounds, fractions of A
-
-    @property
-    def settling_time(self) -> Reading | None:
-        """Settling time of the last channel; None unless every channel has a settling time."""
-        times = [reading for reading in self.settling_times if reading is not None]
-        return latest(times) if len(times) == len(self.settling_times) else None
+None for a channel that ends outside its settling band, or does not reach both levels of its rise.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -125,22 +115,22 @@ class Step:
         return np.asarray((sizes >= SMALL_STEP * self.amplitude) & (sizes > 0))
 
 
-def read(signal: Signal, step: Step, finals: Floats, tolerance: float, lost: Bools) -> Readings:
-    """Read a signal with last values `finals` (N,).
+def read(signal: Signal, step: Step, tolerance: float, lost: Bools) -> Readings:
+    """Read a signal.
 
     `tolerance` is half the width of the settling band, in the unit of the signal; `lost` (N,)
     marks channels whose rise time has no meaning.
     """
-    (overshoots, over_errors), (undershoots, under_errors) = excursions(signal, step)
-    return Readings(
-        finals=tuple(finals.tolist()),
-        rise_times=rise_times(signal, step.sizes, step.rising() & ~lost),
-        settling_times=settling_times(signal, tolerance),
-        overshoots=overshoots,
-        undershoots=undershoots,
-        overshoot_errors=over_errors,
-        undershoot_errors=under_errors,
-    )
+    # Each search refines an exact signal for the next ones, so their order decides last digits.
+    shares, rises = excursions(signal, step), rise_times(signal, step.sizes, step.rising() & ~lost)
+    times = {"rise_time": rises, "settling_time": settling_times(signal, tolerance)}
+    return {**times, **shares}
+
+
+def unread(channels: int) -> Readings:
+    """Return the readings of a signal with too few points: no times, excursions without a bound."""
+    nothing = dict.fromkeys(READINGS, (None,) * channels)
+    return nothing | dict.fromkeys(EXCURSIONS, (Reading(0.0, math.inf),) * channels)
 
 
 def settling_times(signal: Signal, tolerance: float) -> tuple[Reading | None, ...]:
@@ -191,50 +181,35 @@ def rise_times(signal: Signal, steps: Floats, selected: Bools) -> tuple[Reading 
     return tuple(readings)
 
 
-Excursions = tuple[tuple[float, ...], tuple[float, ...]]
-
-
-def excursions(signal: Signal, step: Step) -> tuple[Excursions, Excursions]:
-    """Return overshoots and undershoots, each with bounds of the errors, fractions of A.
-
-    They are 0 without a step.
-    """
+def excursions(signal: Signal, step: Step) -> Readings:
+    """Return how far the channels go beyond target and start, fractions of A; 0 without a step."""
     amplitude, sizes = step.amplitude, step.sizes
     if amplitude == 0:
-        nothing = (0.0,) * len(sizes)
-        return (nothing, nothing), (nothing, nothing)
+        return dict.fromkeys(EXCURSIONS, (Reading(0.0, 0.0),) * len(sizes))
     up, down = np.array(signal.highest(1.0)), np.array(signal.highest(-1.0))
     ahead, away = np.where(sizes < 0, (down, up), (up, down))  # heights and their doubts each
     away[0] -= np.abs(sizes)  # beyond the start
     either = np.maximum(ahead, away)
     over = np.where(step.rising(), ahead, either) / amplitude
     under = np.where(np.abs(sizes) > STILL * amplitude, away, either) / amplitude
-    return _from_zero(*over), _from_zero(*under)
+    return dict(zip(EXCURSIONS, (_from_zero(*over), _from_zero(*under)), strict=True))
 
 
-def _from_zero(values: Floats, doubts: Floats) -> Excursions:
-    """Return values of at least 0, and bounds of their errors of at least rounding."""
+def _from_zero(values: Floats, doubts: Floats) -> tuple[Reading, ...]:
+    """Return values of at least 0, with bounds of their errors of at least rounding."""
     low, value, high = (np.maximum(x, 0.0) for x in (values - doubts, values, values + doubts))
     errors = np.maximum(np.maximum(high - value, value - low), np.spacing(1.0 + value))
-    return tuple(value.tolist()), tuple(errors.tolist())
+    return tuple(map(Reading, value.tolist(), errors.tolist()))
 
 
-def largest_error(values: Iterable[float], errors: Iterable[float]) -> float:
-    """Return the bound of the error of the largest value.
+def largest(readings: Sequence[Reading]) -> Reading:
+    """Return the largest of several readings, fragile where a fragile reading could change it.
 
     Examples
     --------
-    >>> largest_error((0.5, 0.25), (0.0625, 0.5))
-    0.25
+    >>> largest([Reading(0.5, 0.0625), Reading(0.25, 0.5)])
+    Reading(value=0.5, uncertainty=0.25, fragile=False, alternative=None)
     """
-    pairs = tuple(zip(values, errors, strict=True))
-    largest = max(value for value, _ in pairs)
-    highest, lowest = (max(value + s * error for value, error in pairs) for s in (1.0, -1.0))
-    return max(highest - largest, largest - lowest)
-
-
-def latest(readings: list[Reading]) -> Reading:
-    """Return the latest of several readings, fragile where a fragile reading could change it."""
     value = max(r.value for r in readings)
     highest, lowest = (max(r.value + s * r.uncertainty for r in readings) for s in (1.0, -1.0))
     doubt = max(highest - value, value - lowest)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from taction.system.array_types import Bools, Floats
 from taction.verification.readings.continuous_signal import ContinuousSignal, Curve
-from taction.verification.readings.readings import Readings, Step, read
+from taction.verification.readings.readings import Readings, Step, read, unread
 from taction.verification.readings.sampled_signal import FEWEST_POINTS, Rest, SampledSignal
 
 
@@ -35,11 +34,8 @@ class SoundPart:
     def read(self, band: float) -> Readings:
         """Read the record; without a step the band is in % of the largest excursion."""
         if not self.readable:
-            count, finals = len(self.final), tuple(self.final.tolist())
-            nothing, zero, unknown = (None,) * count, (0.0,) * count, (math.inf,) * count
-            return Readings(finals, nothing, nothing, zero, zero, unknown, unknown)
-        tolerance = band * self.scale()
-        return read(self.signal, self.step, self.final, tolerance, self.lost)
+            return unread(len(self.final))
+        return read(self.signal, self.step, band * self.scale(), self.lost)
 
 
 def sound_part(

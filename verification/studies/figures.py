@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from taction.system.array_types import Floats
+from taction.system.reading_definitions import READINGS
 from taction.verification.readings.measurements import ChannelMeasure
 from taction.verification.readings.readings import Reading
 from taction.verification.verdict.verify import Verdict
@@ -31,11 +32,16 @@ class Figure(Generic[T]):
         return finite(self.read(source))
 
 
+def _of_network(name: str) -> Callable[[Verdict], Reading | None]:
+    return lambda verdict: verdict.measurements.readings[name]
+
+
+def _of_channel(name: str) -> Callable[[ChannelMeasure], Reading | None]:
+    return lambda channel: channel.readings[name]
+
+
 FIGURES: dict[str, Figure[Verdict]] = {
-    "settling_time": Figure("s", lambda v: v.measurements.settling_time),
-    "rise_time": Figure("s", lambda v: v.measurements.rise_time),
-    "overshoot": Figure("step", lambda v: max(c.overshoot for c in _channels(v))),
-    "undershoot": Figure("step", lambda v: max(c.undershoot for c in _channels(v))),
+    **{name: Figure(kind.unit, _of_network(name)) for name, kind in READINGS.items()},
     "steady_state_error": Figure("step", lambda v: max(map(abs, signed_errors(v)))),
     "end_error": Figure("step", lambda v: max(map(abs, _relative(v, v.u[-1])))),
     "growth_rate": Figure("1/s", lambda v: v.poles.rightmost.real),
@@ -51,23 +57,14 @@ FIGURES: dict[str, Figure[Verdict]] = {
 }
 """Figures of the whole board; the worst channel counts."""
 
-TRANSIENT_READINGS = (
-    "settling_time",
-    "rise_time",
-    "overshoot",
-    "undershoot",
-    "end_error",
-)
+TRANSIENT_READINGS = (*READINGS, "end_error")
 POLE_READINGS = ("growth_rate", "frequency", "damping_ratio", "margin")
 """Figures that say how a board behaves; the others follow from the design or from the run."""
 
 CHANNEL_FIGURES: dict[str, Figure[ChannelMeasure]] = {
     "target": Figure("V", lambda c: c.target),
     "final": Figure("V", lambda c: c.final),
-    "rise_time": Figure("s", lambda c: c.rise_time),
-    "settling_time": Figure("s", lambda c: c.settling_time),
-    "overshoot": Figure("step", lambda c: c.overshoot),
-    "undershoot": Figure("step", lambda c: c.undershoot),
+    **{name: Figure(kind.unit, _of_channel(name)) for name, kind in READINGS.items()},
     "frequency": Figure("Hz", lambda c: c.frequency),
     "growth_rate": Figure("1/s", lambda c: c.growth_rate),
 }
@@ -81,19 +78,10 @@ def figures_of(source: T, table: Mapping[str, Figure[T]]) -> dict[str, float | N
 
 def readings_of(verdict: Verdict) -> dict[str, Reading | None]:
     """Return `TRANSIENT_READINGS` with their whole uncertainty; None for a missing reading."""
-    error = verdict.error
-    return {
-        "settling_time": verdict.measurements.settling_time,
-        "rise_time": verdict.measurements.rise_time,
-        "overshoot": _plain(verdict, "overshoot", error.overshoot),
-        "undershoot": _plain(verdict, "undershoot", error.undershoot),
-        "end_error": _plain(verdict, "end_error", error.steady_state + verdict.ideal.error),
-    }
-
-
-def _plain(verdict: Verdict, name: str, uncertainty: float) -> Reading | None:
-    value = FIGURES[name].of(verdict)
-    return None if value is None else Reading(value, uncertainty)
+    value = FIGURES["end_error"].of(verdict)
+    error = verdict.error.steady_state + verdict.ideal.error
+    end = None if value is None else Reading(value, error)
+    return {**verdict.measurements.readings, "end_error": end}
 
 
 def signed_errors(verdict: Verdict) -> tuple[float, ...]:
@@ -112,7 +100,3 @@ def finite(value: Reading | float | None) -> float | None:
     if isinstance(value, Reading):
         value = value.value
     return float(value) if value is not None and math.isfinite(value) else None
-
-
-def _channels(verdict: Verdict) -> tuple[ChannelMeasure, ...]:
-    return verdict.measurements.channels

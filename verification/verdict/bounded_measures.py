@@ -101,7 +101,7 @@ def _own_measures(
     if own.second is None:
         return measured, u
     second, _ = measure_outputs(design, ideal, own.second, error=own.second_error)
-    return bounded(measured, second.readings), u
+    return bounded(measured, second), u
 
 
 def _measures_beside(
@@ -118,7 +118,7 @@ def _measures_beside(
     if solution is None:
         other = companion.solution
         solution, _ = _own_measures(design, ideal, other, companion.error)
-    return bounded(measured, solution.readings), u
+    return bounded(measured, solution), u
 
 
 def _target_error(ideal: IdealAnswer) -> float:

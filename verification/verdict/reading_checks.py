@@ -1,4 +1,4 @@
-"""The checks of the readings: settling time, rise time, overshoot and undershoot."""
+"""The checks of the readings: settling time, rise time and excursions."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 from taction.system.quantities import show
-from taction.system.reading_definitions import SHIFTED
+from taction.system.reading_definitions import READINGS
 from taction.verification.readings.readings import Reading
 from taction.verification.verdict.checks import (
     Check,
@@ -77,7 +77,7 @@ def rise_time(evidence: Evidence) -> Check | None:
 
 
 def excursion(name: str, evidence: Evidence) -> Check | None:
-    """Check the overshoot or the undershoot, by `name`."""
+    """Check an excursion, by `name`."""
     limits = getattr(evidence.checks, name)
     if limits is None:
         return None
@@ -86,8 +86,8 @@ def excursion(name: str, evidence: Evidence) -> Check | None:
         return Check(name, Outcome.FAIL, None, None, limits.max, None, "step", reason)
     if evidence.obstacle:
         return undecided(name, "step", evidence.obstacle, limits.max)
-    value = max(getattr(channel, name) for channel in evidence.measurements.channels)
-    error = getattr(evidence.error, name)
+    reading = evidence.measurements.readings[name]
+    value, error = 0.0 if reading is None else reading.value, evidence.error.readings[name]
     outcome, reason = at_most(value, error, limits.max), f"largest {name} of any channel"
     if evidence.unsteady and not evidence.steady.linear:
         outcome, reason = Outcome.FAIL, evidence.unsteady
@@ -120,7 +120,7 @@ def _timed(name: str, reading: Reading, limit: float | None, text: str) -> Check
             reason += "; the limit is within the uncertainty"
     if reading.fragile and reading.alternative is not None:
         other = show(reading.alternative, "s")
-        reason += f"; fragile: {other} with {SHIFTED[name.removesuffix('_time')]}"
+        reason += f"; fragile: {other} with {READINGS[name].shifted}"
         if limit is not None and at_most(reading.alternative, uncertainty, limit) is not outcome:
             outcome = Outcome.INCONCLUSIVE
     return Check(name, outcome, reading.value, uncertainty, limit, None, "s", reason)

@@ -14,6 +14,7 @@ from typing import Annotated, Any, ClassVar, Generic, TypeVar
 
 from taction.system.array_types import Floats
 from taction.system.documents import Inline, plain, read
+from taction.system.reading_definitions import READINGS
 from taction.verification.readings.measurements import ChannelMeasure
 from taction.verification.readings.readings import Reading
 from taction.verification.readings.settling import ChannelState
@@ -95,19 +96,16 @@ def _rest_error(verdict: Verdict) -> float:
     return verdict.steady.error / amplitude + verdict.ideal.error if amplitude else math.inf
 
 
+def _of_network(name: str) -> Callable[[Verdict], Reading | None]:
+    return lambda verdict: verdict.measurements.readings[name]
+
+
+def _of_channel(name: str) -> Callable[[ChannelMeasure], Reading | None]:
+    return lambda channel: channel.readings[name]
+
+
 FIGURES: dict[str, FigureRule[Verdict]] = {
-    "settling_time": FigureRule("s", lambda v: v.measurements.settling_time),
-    "rise_time": FigureRule("s", lambda v: v.measurements.rise_time),
-    "overshoot": FigureRule(
-        "step",
-        lambda v: max(c.overshoot for c in v.measurements.channels),
-        lambda v: v.error.overshoot,
-    ),
-    "undershoot": FigureRule(
-        "step",
-        lambda v: max(c.undershoot for c in v.measurements.channels),
-        lambda v: v.error.undershoot,
-    ),
+    **{name: FigureRule(kind.unit, _of_network(name)) for name, kind in READINGS.items()},
     "steady_state_error": FigureRule(
         "step", lambda v: max(map(abs, signed_errors(v))), _rest_error
     ),
@@ -135,17 +133,14 @@ FIGURES: dict[str, FigureRule[Verdict]] = {
 }
 """Figures of the whole board; the worst channel counts."""
 
-TRANSIENT_READINGS = ("settling_time", "rise_time", "overshoot", "undershoot", "end_error")
+TRANSIENT_READINGS = (*READINGS, "end_error")
 POLE_READINGS = ("growth_rate", "frequency", "damping_ratio", "margin")
 """Figures that say how a board behaves; the others follow from the design or from the run."""
 
 CHANNEL_FIGURES: dict[str, FigureRule[ChannelMeasure]] = {
     "reference": FigureRule("V", lambda c: c.target),
     "final": FigureRule("V", lambda c: c.final),
-    "rise_time": FigureRule("s", lambda c: c.rise_time),
-    "settling_time": FigureRule("s", lambda c: c.settling_time),
-    "overshoot": FigureRule("step", lambda c: c.overshoot, lambda c: c.overshoot_error),
-    "undershoot": FigureRule("step", lambda c: c.undershoot, lambda c: c.undershoot_error),
+    **{name: FigureRule(kind.unit, _of_channel(name)) for name, kind in READINGS.items()},
     "frequency": FigureRule("Hz", lambda c: c.frequency),
     "growth_rate": FigureRule("1/s", lambda c: c.growth_rate),
 }

@@ -14,6 +14,7 @@ from functools import partial
 import numpy as np
 
 from taction.system.quantities import show, show_pole
+from taction.system.reading_definitions import EXCURSIONS
 from taction.verification.verdict.checks import (
     Check,
     Evidence,
@@ -151,8 +152,7 @@ CHECKS: tuple[Callable[[Evidence], Check | None], ...] = (
     _steady_state,
     settling_time,
     rise_time,
-    partial(excursion, "overshoot"),
-    partial(excursion, "undershoot"),
+    *(partial(excursion, name) for name in EXCURSIONS),
     _stability,
     headroom,
     noise,

@@ -3,59 +3,52 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from taction.verification.readings.measurements import ChannelMeasure, Measurements, summary
-from taction.verification.readings.readings import Reading, Readings
+from taction.verification.readings.measurements import Measurements, summary
+from taction.verification.readings.readings import Reading
 
 
 @dataclass(frozen=True, slots=True)
 class StepError:
     """Bounds on the errors of the readings of a simulation.
 
-    The times are in s, 0 where no channel has such a time; the others are fractions of the step
-    amplitude. All are infinite if nothing is known. Of the rise times, the largest error counts;
-    settling time and excursions are those of the network.
+    All are infinite if nothing is known.
+
+    Attributes
+    ----------
+    steady_state : float
+        Of the record's end, fraction of the step amplitude.
+    readings : mapping of str to float
+        Of the readings of the network, in their units; 0 for a time that no channel has. Of the
+        rise times, the largest error of any channel counts.
     """
 
     steady_state: float
-    settling_time: float
-    rise_time: float
-    overshoot: float
-    undershoot: float
+    readings: Mapping[str, float]
 
 
-def bounded(measured: Measurements, other: Readings | None, safety: float = 1.0) -> Measurements:
+def bounded(
+    measured: Measurements, other: Measurements | None, safety: float = 1.0
+) -> Measurements:
     """Return `measured` with uncertainties that hold for the true solution.
 
-    The error of a reading is at most its difference to the `other` reading, and the uncertainty of
-    that one. A reading that only one solution has is infinitely uncertain, and all readings are
-    without another solution. A settling time jumps by half a ringing period when a peak moves
-    through the edge of the band, and this difference counts, too. The differences count `safety`
-    times.
+    The error of a reading is at most its difference to the reading of the better solution `other`,
+    and the uncertainty of that one. A reading that only one solution has is infinitely uncertain,
+    and all readings are without another solution. A settling time jumps by half a ringing period
+    when a peak moves through the edge of the band, and this difference counts, too. The differences
+    count `safety` times.
     """
-    channels = [_bounded_channel(c, other, safety) for c in measured.channels]
+    channels = []
+    for n, channel in enumerate(measured.channels):
+        better = {} if other is None else other.channels[n].readings
+        known = {
+            name: _bounded(reading, better.get(name), safety)
+            for name, reading in channel.readings.items()
+        }
+        channels.append(replace(channel, readings=known))
     return summary(measured.amplitude, measured.band, measured.modes, channels)
-
-
-def _bounded_channel(
-    channel: ChannelMeasure, other: Readings | None, safety: float
-) -> ChannelMeasure:
-    n = channel.index
-    rise, settling = (
-        (None, None) if other is None else (other.rise_times[n], other.settling_times[n])
-    )
-    over = under = math.inf
-    if other is not None:
-        over = safety * abs(channel.overshoot - other.overshoots[n]) + other.overshoot_errors[n]
-        under = safety * abs(channel.undershoot - other.undershoots[n]) + other.undershoot_errors[n]
-    return replace(
-        channel,
-        rise_time=_bounded(channel.rise_time, rise, safety),
-        settling_time=_bounded(channel.settling_time, settling, safety),
-        overshoot_error=over,
-        undershoot_error=under,
-    )
 
 
 def _bounded(reading: Reading | None, other: Reading | None, safety: float) -> Reading | None:
@@ -75,12 +68,7 @@ def step_error(measured: Measurements, end_error: float) -> StepError:
     end_error : float
         Bound of the error of the record's end, V.
     """
-    settling, rises = measured.settling_time, measured.readings.rise_times
-    overshoot, undershoot = measured.excursion_errors
-    return StepError(
-        steady_state=end_error / (measured.amplitude or 1.0),
-        settling_time=0.0 if settling is None else settling.uncertainty,
-        rise_time=max((rise.uncertainty for rise in rises if rise is not None), default=0.0),
-        overshoot=overshoot,
-        undershoot=undershoot,
-    )
+    known = {name: found.uncertainty if found else 0.0 for name, found in measured.readings.items()}
+    rises = (channel.rise_time for channel in measured.channels)
+    known["rise_time"] = max((rise.uncertainty for rise in rises if rise is not None), default=0.0)
+    return StepError(end_error / (measured.amplitude or 1.0), known)

@@ -11,6 +11,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.system.quantities import show
+from taction.system.reading_definitions import EXCURSIONS
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.initial_state import Initial
 from taction.verification.engines.statespace.linearised.time_scales import GROWN, TimeScales
@@ -96,8 +97,8 @@ def wanted_error(scene: Scene) -> float:
     """Return the largest error of the transient that the scene allows, in step amplitudes.
 
     ``analysis.error``, or with ``"auto"`` the share `SHARE` of the tightest of: the tolerances of
-    the steady state and of the comparison of engines, the settling band, the limits of overshoot
-    and undershoot.
+    the steady state and of the comparison of engines, the settling band, the limits of the
+    excursions.
     """
     error = scene.analysis.error
     return SHARE * tightest(scene.checks) if error == "auto" else error
@@ -110,8 +111,9 @@ def tightest(checks: Checks) -> float:
         checks.engines_agree.limit,
         checks.settling_time.band,
     ]
-    excursions = [check.max for check in (checks.overshoot, checks.undershoot) if check is not None]
-    return min(limits + [limit for limit in excursions if limit > 0.0])
+    excursions = (getattr(checks, name) for name in EXCURSIONS)
+    limits += [check.max for check in excursions if check is not None and check.max > 0.0]
+    return min(limits)
 
 
 def plan_transient(

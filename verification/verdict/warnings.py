@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from taction.system.quantities import show
-from taction.system.reading_definitions import SHIFTED
+from taction.system.reading_definitions import EXCURSIONS, READINGS
 from taction.verification.verdict.checks import Evidence
 
 WELL_ABOVE = 10.0  # a tolerance should be this many times the error of the simulation
@@ -24,8 +24,8 @@ def find_warnings(evidence: Evidence, notes: tuple[str, ...] = ()) -> tuple[str,
             f"steady_state: the tolerance {checks.steady_state.tolerance:g} is not well above the"
             f" error {error.steady_state:.2g} of the simulation; {remedy}"
         )
-    for name in ("overshoot", "undershoot"):
-        check, off = getattr(checks, name), getattr(error, name)
+    for name in EXCURSIONS:
+        check, off = getattr(checks, name), error.readings[name]
         if check is not None and check.max < WELL_ABOVE * off:
             warnings.append(
                 f"{name}: the limit {check.max:g} is not well above the error {off:.2g} of the"
@@ -37,10 +37,11 @@ def find_warnings(evidence: Evidence, notes: tuple[str, ...] = ()) -> tuple[str,
             " component tolerances can make it oscillate"
         )
     for channel in evidence.measurements.channels:
-        for what, reading in (("rise", channel.rise_time), ("settling", channel.settling_time)):
-            if reading is not None and reading.fragile and reading.alternative is not None:
+        for name, reading in channel.fragile.items():
+            if reading.alternative is not None:
+                kind, what = READINGS[name], name.replace("_", " ")
                 warnings.append(
-                    f"channel {channel.index + 1}: {what} time {show(reading.value, 's')} is"
-                    f" fragile: {show(reading.alternative, 's')} with {SHIFTED[what]}"
+                    f"channel {channel.index + 1}: {what} {show(reading.value, kind.unit)} is"
+                    f" fragile: {show(reading.alternative, kind.unit)} with {kind.shifted}"
                 )
     return tuple(warnings)

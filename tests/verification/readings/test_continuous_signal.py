@@ -113,4 +113,5 @@ def test_a_measurement_takes_the_curve_of_its_record():
         one, two = getattr(about, name), getattr(found, name)
         assert two.uncertainty < 1e-9 < one.uncertainty
         assert abs(one.value - two.value) <= one.uncertainty
-    assert found.overshoot_error < 1e-8 < about.overshoot_error
+    sharp, blurred = (each.readings["overshoot"].uncertainty for each in (found, about))
+    assert sharp < 1e-8 < blurred

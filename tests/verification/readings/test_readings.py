@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from taction.verification.readings.readings import STILL, Step, excursions, largest_error
+from taction.verification.readings.readings import STILL, Reading, Step, excursions, largest
 from taction.verification.readings.sampled_signal import SampledSignal
 
 TIME = np.linspace(0.0, 20.0, 2001)
@@ -20,8 +20,12 @@ def swings(*channels: tuple[float, float, float]) -> tuple[SampledSignal, Step]:
 
 
 def read(*channels: tuple[float, float, float]) -> tuple[list[float], list[float]]:
-    (over, _), (under, _) = excursions(*swings(*channels))
-    return list(over), list(under)
+    over, under = excursions(*swings(*channels)).values()
+    return [found.value for found in over], [found.value for found in under]
+
+
+def bounds(signal: SampledSignal, step: Step) -> list[list[float]]:
+    return [[found.uncertainty for found in kind] for kind in excursions(signal, step).values()]
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -61,25 +65,26 @@ def test_every_channel_has_bounds_of_its_own() -> None:
     """Each bound is that of the channel's samples; an excursion of 0 is uncertain upwards only."""
     signal, step = swings((0.0, 1.0, 0.0), (0.0, 0.5, 0.5), (0.0, 0.5, -0.8))
     known = SampledSignal(signal.time, signal.errors, error=0.01)
-    (_, over), (_, under) = excursions(known, step)
+    over, under = bounds(known, step)
     assert 0.0 < over[0] <= 0.01 * (1.0 + 1e-9)
     assert over[1] == pytest.approx(0.01, rel=1e-3)
     assert under[2] == pytest.approx(0.01, rel=1e-3)
-    (_, exact), _ = excursions(signal, step)
+    exact, _ = bounds(signal, step)
     assert all(0.0 < bound < 1e-4 for bound in exact)
 
 
 def test_an_error_without_a_bound_leaves_the_value() -> None:
     signal, step = swings((0.0, 1.0, 0.3))
     blurred = SampledSignal(signal.time, signal.errors, error=np.inf)
-    (over, doubt), _ = excursions(blurred, step)
-    assert over[0] == pytest.approx(0.3, abs=1e-3)
-    assert doubt == (np.inf,)
+    over = excursions(blurred, step)["overshoot"][0]
+    assert over.value == pytest.approx(0.3, abs=1e-3)
+    assert over.uncertainty == np.inf
 
 
 def test_the_largest_value_may_be_that_of_an_uncertain_channel() -> None:
-    assert largest_error((0.3, 0.2), (0.01, 0.15)) == pytest.approx(0.05)
-    assert largest_error((0.3, 0.2), (0.01, 0.0)) == pytest.approx(0.01)
+    both = [largest([Reading(0.3, 0.01), Reading(0.2, error)]) for error in (0.15, 0.0)]
+    assert [found.value for found in both] == [0.3, 0.3]
+    assert [found.uncertainty for found in both] == [pytest.approx(0.05), pytest.approx(0.01)]
 
 
 def test_without_a_step_there_is_no_excursion() -> None:

@@ -110,7 +110,7 @@ def test_a_board_that_the_other_engine_cannot_answer_runs_twice(
     error = np.abs(outputs(verdict.circuit, wave) - signs * truth).max()
     ratio = found.achieved * verdict.measurements.amplitude / error
     assert 1.0 < ratio < 4.0
-    assert math.isfinite(verdict.error.settling_time)
+    assert math.isfinite(verdict.error.readings["settling_time"])
     agree = next(check for check in verdict.checks if check.name == "engines_agree")
     assert agree.outcome is Outcome.INCONCLUSIVE
     assert "no answer" in agree.reason

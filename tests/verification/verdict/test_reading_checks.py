@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from taction.system.quantities import show
+from taction.system.reading_definitions import READINGS
 from taction.verification.readings.readings import Reading
 from taction.verification.readings.settling import ChannelState
 from taction.verification.verdict.channel_states import describe_states
@@ -117,7 +118,7 @@ def test_rise_time_of_the_channel_that_is_named_or_the_middle_one() -> None:
 def test_overshoot_and_undershoot(limit: float, error: float, outcome: Outcome) -> None:
     checks = {"overshoot": {"max": limit}, "undershoot": {"max": limit}}
     both = channel(overshoot=0.1, undershoot=0.1)
-    given = evidence(both, checks=checks, error=StepError(0.0, 0.0, 0.0, error, error))
+    given = evidence(both, checks=checks, error=StepError(0.0, dict.fromkeys(READINGS, error)))
     for name in checks:
         assert check(name, given).outcome is outcome
         cycle = evidence(oscillating(), checks=checks, steady=steady(1.0, linear=False))

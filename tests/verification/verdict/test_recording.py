@@ -70,7 +70,7 @@ def test_all_errors_follow_from_the_other_record(monkeypatch: pytest.MonkeyPatch
     largest = max(abs(c.final) for c in found.measurements.channels)
     error = (3e-4 * largest + DOUBT) / found.measurements.amplitude
     assert found.error.steady_state == pytest.approx(error, rel=1e-9)
-    assert 0 < found.error.settling_time < 1e-2 * found.measurements.settling_time.value
+    assert 0 < found.error.readings["settling_time"] < 1e-2 * found.measurements.settling_time.value
 
 
 def test_two_records_that_prove_nothing_agree(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -81,7 +81,7 @@ def test_two_records_that_prove_nothing_agree(monkeypatch: pytest.MonkeyPatch) -
     stop = float(part.time[-1])
     found = recorded(part, part, stop, monkeypatch)
     assert found.measurements.settling_time is None
-    assert found.error.settling_time == 0.0
+    assert found.error.readings["settling_time"] == 0.0
 
 
 def test_a_record_that_settles_beside_one_that_does_not_leaves_it_open(
@@ -92,5 +92,5 @@ def test_a_record_that_settles_beside_one_that_does_not_leaves_it_open(
     short = cut(whole, 0.9 * stop)  # it ends before the stop time, so it proves nothing
     found = recorded(whole, short, stop, monkeypatch)
     assert found.measurements.settling_time is not None
-    assert found.error.settling_time == math.inf
-    assert math.isfinite(found.error.rise_time)
+    assert found.error.readings["settling_time"] == math.inf
+    assert math.isfinite(found.error.readings["rise_time"])

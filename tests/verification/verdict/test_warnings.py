@@ -5,11 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from taction.system.reading_definitions import READINGS
 from taction.verification.readings.readings import Reading
 from taction.verification.stability.poles import summarise
 from taction.verification.verdict.step_error import StepError
 from taction.verification.verdict.warnings import find_warnings
 from tests.support.measured import EXACT, UNSTABLE, channel, evidence
+
+
+def errors(steady_state: float = 0.0, **readings: float) -> StepError:
+    return StepError(steady_state, dict.fromkeys(READINGS, 0.0) | readings)
 
 
 def test_a_board_in_order_has_none() -> None:
@@ -19,8 +24,8 @@ def test_a_board_in_order_has_none() -> None:
 @pytest.mark.parametrize(
     ("error", "says"),
     [
-        (StepError(2e-4, 0.0, 0.0, 0.0, 0.0), "steady_state: the tolerance 0.001 is not well"),
-        (StepError(0.0, 0.0, 0.0, 0.02, 0.0), "overshoot: the limit 0.15 is not well above"),
+        (errors(2e-4), "steady_state: the tolerance 0.001 is not well"),
+        (errors(overshoot=0.02), "overshoot: the limit 0.15 is not well above"),
     ],
 )
 def test_a_tolerance_close_to_the_simulations_error(error: StepError, says: str) -> None:
@@ -45,5 +50,5 @@ def test_a_fragile_reading_comes_with_both_values() -> None:
 
 def test_an_engines_own_doubts_come_first_and_always() -> None:
     assert find_warnings(evidence(), ("singular matrix",)) == ("singular matrix",)
-    worst = StepError(1.0, 1.0, 1.0, 1.0, 1.0)
+    worst = StepError(1.0, dict.fromkeys(READINGS, 1.0))
     assert find_warnings(evidence(error=worst, poles=UNSTABLE), ("note",)) == ("note",)

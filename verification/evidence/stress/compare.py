@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from taction.verification.evidence.stress.true_values import TIMES, TrueValues
-from taction.verification.readings.readings import Reading
+from taction.system.reading_definitions import READINGS
+from taction.verification.evidence.stress.true_values import TrueValues
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.transient_plan import SHARE
 from taction.verification.verdict.verify import Verdict
@@ -16,8 +16,7 @@ from taction.verification.verdict.verify import Verdict
 MARGIN = 1e-5  # of a margin: its stated error
 LEAST_TOLERANCE = 1e-3  # of the step: a scene that asks for less allows it for its readings
 LAST_LEVEL = 0.1  # of the step: distance of a rise time's last level from the target
-EXCURSIONS = ("overshoot", "undershoot")
-NETWORK = ("steady_state", *TIMES, *EXCURSIONS)
+NETWORK = ("steady_state", *READINGS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,16 +174,11 @@ class _Numbers:
         """Yield the readings of the channels."""
         channels = self.verdict.measurements.channels
         for channel, true in zip(channels, self.truth.channels, strict=True):
-            for name in TIMES:
-                reading: Reading | None = getattr(channel, name)
+            for name, reading in channel.readings.items():
                 if reading is not None:
-                    value = true.get(name, math.nan)
                     label = f"{name} of u_{channel.index + 1}"
-                    yield self._number(label, reading.value, reading.uncertainty, value, "s")
-            for name in EXCURSIONS:
-                label, value = f"{name} of u_{channel.index + 1}", getattr(channel, name)
-                error = getattr(channel, f"{name}_error")
-                yield self._number(label, value, error, true[name], "step")
+                    value, error, unit = reading.value, reading.uncertainty, READINGS[name].unit
+                    yield self._number(label, value, error, true.get(name, math.nan), unit)
 
     def poles(self) -> Iterator[Comparison]:
         """Yield the rightmost pole and the margin."""

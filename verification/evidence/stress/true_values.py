@@ -6,9 +6,6 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-TIMES = ("settling_time", "rise_time")
-READINGS = (*TIMES, "overshoot", "undershoot", "final")
-
 
 @dataclass(frozen=True, slots=True)
 class TrueValues:
@@ -23,8 +20,8 @@ class TrueValues:
     steady_state : float
         Largest distance of the equilibrium from the reference solution, fraction of A.
     channels : tuple of dict
-        Readings of every channel by name (`READINGS`), in s, fractions of A and V; a reading that
-        the channel does not have is missing.
+        `READINGS` of every channel by name, and `final`, in s, fractions of A and V; a reading
+        that the channel does not have is missing.
     error : float
         Error of the numbers: relative for times, of A for the others.
     by : str

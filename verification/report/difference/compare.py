@@ -10,9 +10,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-Document = Mapping[str, Any]
+from taction.system.reading_definitions import READINGS
 
-READINGS = {"rise_time": "s", "settling_time": "s", "overshoot": "step", "undershoot": "step"}
+Document = Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,8 +112,8 @@ def _readings(document: Document) -> dict[Name, Reading]:
         number, bounds = channel["index"], channel.get("uncertainties", {})
         found["state", number, ""] = (channel["state"], 0.0)
         found["equilibrium", number, "V"] = (channel.get("equilibrium"), _rest(document))
-        for name, unit in READINGS.items():
-            found[name, number, unit] = (channel[name], bounds.get(name))
+        for name, kind in READINGS.items():
+            found[name, number, kind.unit] = (channel[name], bounds.get(name))
     return found
 
 

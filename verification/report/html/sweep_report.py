@@ -11,6 +11,7 @@ import numpy as np
 
 from taction.netlist_gen.scene.axes import Axis
 from taction.system.quantities import readable
+from taction.system.reading_definitions import EXCURSIONS
 from taction.verification.report.html.blocks import (
     Block,
     Cell,
@@ -56,7 +57,7 @@ from taction.verification.studies.sweep.store import Store
 LISTED = 500  # points in the table
 FLAT, CLEAR = 0.01, 1.5  # of a curve: relative change, and height of the picture
 MAPPED = 40_000  # points of a map
-SHOWN = ("settling_time", "overshoot", "undershoot", "steady_state_error", "growth_rate")
+SHOWN = ("settling_time", *EXCURSIONS, "steady_state_error", "growth_rate")
 
 
 def sweep_report(plan: Plan, store: Store, count: SweepCounts) -> Report:
@@ -92,7 +93,7 @@ def _pictures(plan: Plan, store: Store) -> Iterator[Block]:
         return
     data, names = grids(plan, store), result_names(plan, store)
     growing = data["growth_rate"] > 0.0
-    for name in ("overshoot", "undershoot"):  # of a growing record: depends on its length
+    for name in EXCURSIONS:  # of a growing record: depends on its length
         data[name][growing] = np.nan
     rulers = [Ruler(group[0]) for group in plan.groups]
     if len(rulers) == MOST_AXES:

@@ -5,16 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from taction.system.reading_definitions import READINGS
+
 _FIELDS = {
     "s": "alternatives amplifier_rise_time estimated_seconds max_step mean_step"
-    " ngspice_settling_time period rise_time seconds seconds_fastest seconds_slowest"
-    " settling_time settling_time_ideal stage_rise_time stop time time_limit timing"
+    " ngspice_settling_time period seconds seconds_fastest seconds_slowest"
+    " settling_time_ideal stage_rise_time stop time time_limit timing"
     " whole_stop",
     "dB": "common_mode_rejection",
     "V": "equilibrium final noise noise_rms offset_voltage reference rms step_amplitude"
     " step_amplitude_uncertainty unit_voltage v voltage",
-    "step": "achieved attained_error end_error overshoot overshoot_limit record_end"
-    " stage_overshoot steady_state steady_state_error undershoot wanted wanted_error",
+    "step": "achieved attained_error end_error overshoot_limit record_end"
+    " stage_overshoot steady_state steady_state_error wanted wanted_error",
     "1/s": "growth_rate growth_rate_uncertainty rightmost_pole rightmost_pole_uncertainty",
     "Hz": "frequency gbw second_pole",
     "ohm": "gain input_resistance matrix_resistors output_resistance resistance",
@@ -26,7 +28,8 @@ _FIELDS = {
     "A/rtHz": "current_noise",
 }
 # Fields whose unit another field of the same part gives, by the name `unit`, have none here.
-UNIT_OF: dict[str, str] = {name: unit for unit, names in _FIELDS.items() for name in names.split()}
+UNIT_OF: dict[str, str] = {name: kind.unit for name, kind in READINGS.items()}
+UNIT_OF |= {name: unit for unit, names in _FIELDS.items() for name in names.split()}
 _BY_PLACE = {  # a name that means another thing inside this field
     "steady_state": {"equilibrium": "step"},
     "power": dict.fromkeys(("quiescent", "outputs", "resistors", "total"), "W"),

@@ -14,6 +14,7 @@ from rich.text import Text
 
 from taction.netlist_gen.scene.axes import Axis
 from taction.netlist_gen.scene.scene import Scene
+from taction.system.reading_definitions import EXCURSIONS, READINGS
 from taction.verification.report import tables
 from taction.verification.report.schemas.head import document_head
 from taction.verification.report.sweep.agreement import print_summary, summarise
@@ -25,8 +26,8 @@ from taction.verification.studies.sweep.store import Store
 
 LINES = 40  # points in the table; of a larger sweep only those without a verdict
 COLOUR = {"pass": "green", "fail": "red", "inconclusive": "yellow", "error": "magenta"}
-COLUMNS = ("settling_time", "overshoot", "undershoot", "growth_rate", "frequency")
-TITLES = {"overshoot": "over", "undershoot": "under"}  # short, as in the table of channels
+COLUMNS = ("settling_time", *EXCURSIONS, "growth_rate", "frequency")
+TITLES = {name: READINGS[name].short for name in EXCURSIONS}
 
 
 def columns_of(scene: Scene) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from taction.system.array_types import Floats
+from taction.system.reading_definitions import EXCURSIONS
 from taction.verification.report.picture import BLUE, GREY, HATCHES, ORANGE, PURPLE
 from taction.verification.report.sweep.records import all_records
 from taction.verification.report.tables import spaced
@@ -57,8 +58,7 @@ class Panel:
 
 PANELS = (
     Panel("settling_time", "settling time", 1.0, "log"),
-    Panel("overshoot", "overshoot (% of the step)", 100.0, "linear"),
-    Panel("undershoot", "undershoot (% of the step)", 100.0, "linear"),
+    *(Panel(name, f"{name} (% of the step)", 100.0, "linear") for name in EXCURSIONS),
     Panel("steady_state_error", "steady-state error (% of the step)", 100.0, "log"),
     Panel("growth_rate", "rightmost pole, real part", 1.0, "symlog"),
 )

@@ -9,6 +9,7 @@ import numpy as np
 
 from taction.netlist_gen.scene.axes import with_values
 from taction.system.errors import Complaint, InputError
+from taction.system.reading_definitions import EXCURSIONS
 from taction.verification.report.picture import check_plot_file, figure_file
 from taction.verification.report.sweep.curves import draw_curves
 from taction.verification.report.sweep.files import grids
@@ -51,7 +52,7 @@ def plot_sweep(plan: Plan, store: Store, path: str | Path | None = None) -> Figu
     """
     check_sweep_plot(plan, path)
     data, names = grids(plan, store), result_names(plan, store)
-    for name in ("overshoot", "undershoot"):  # of a growing record: depends on its length
+    for name in EXCURSIONS:  # of a growing record: depends on its length
         data[name][data["growth_rate"] > 0.0] = np.nan
     passing = int((names[..., -1] == "pass").sum())
     engines = " and ".join(ENGINES[engine] for engine in plan.engines)

@@ -15,8 +15,6 @@ from taction.verification.verdict.headroom import Load
 from taction.verification.verdict.output_noise import OutputNoise
 from taction.verification.verdict.verify import Verdict
 
-ERRORS = ("steady_state", "settling_time", "rise_time", "overshoot", "undershoot")
-
 
 def verdict_document(verdict: Verdict) -> dict[str, Any]:
     """Return `verdict` as plain data: dicts, lists, numbers, strings (see the guide's section)."""
@@ -62,7 +60,7 @@ def verdict_document(verdict: Verdict) -> dict[str, Any]:
             load_record(load) for load in (*verdict.parts.simulated, *verdict.parts.worst)
         ],
         "noise": None if verdict.noise is None else noise_record(verdict.noise),
-        "simulation_error": {name: getattr(verdict.error, name) for name in ERRORS},
+        "simulation_error": {"steady_state": verdict.error.steady_state, **verdict.error.readings},
         "accuracy": asdict(verdict.accuracy),
         "lambda": figures["lambda"],
         "lambda_rule": verdict.scene.lambda_rule or None,
@@ -124,15 +122,13 @@ def check_record(check: Check) -> dict[str, Any]:
 
 def uncertainties(channel: ChannelMeasure) -> dict[str, float | None]:
     """Return the bounds on the errors of a channel's readings; None where there is none."""
-    times = {"rise_time": channel.rise_time, "settling_time": channel.settling_time}
-    known = {name: reading and reading.uncertainty for name, reading in times.items()}
-    known |= {"overshoot": channel.overshoot_error, "undershoot": channel.undershoot_error}
-    return {name: finite(bound) for name, bound in known.items()}
+    found = channel.readings.items()
+    return {name: finite(reading and reading.uncertainty) for name, reading in found}
 
 
 def channel_record(channel: ChannelMeasure) -> dict[str, Any]:
     """Return one channel as plain data; `index` counts from 1, as the node names do."""
-    fragile = [r for r in (channel.rise_time, channel.settling_time) if r is not None and r.fragile]
+    fragile = channel.fragile.values()
     figures = figures_of(channel, CHANNEL_FIGURES)
     return {
         "index": channel.index + 1,

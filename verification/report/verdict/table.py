@@ -13,6 +13,7 @@ from rich.text import Text
 
 from taction.system.array_types import Floats
 from taction.system.quantities import show
+from taction.system.reading_definitions import EXCURSIONS, READINGS, TIMES
 from taction.verification.readings.measurements import Measurements
 from taction.verification.readings.readings import Reading
 from taction.verification.report.fitted_table import FittedTable
@@ -102,11 +103,11 @@ def channel_table(
     """
     known = () if equilibrium is None else ("at rest",)
     rms = ("noise",) if noise else ()
-    times = ("rise", "settling")  # a fragile time is long, and wraps
+    times, shares = ([READINGS[name].short for name in names] for names in (TIMES, EXCURSIONS))
     titles: tuple[str | Column, ...] = (
         *whole("u", "reference", *known, "end"),
-        *times,
-        *whole("over", "under", *rms, "state"),
+        *times,  # a fragile time is long, and wraps
+        *whole(*shares, *rms, "state"),
     )
     rows = [
         (
@@ -114,24 +115,23 @@ def channel_table(
             show(channel.target, "V"),
             *(() if equilibrium is None else (show(float(equilibrium[channel.index]), "V"),)),
             show(channel.final, "V"),
-            _reading(channel.rise_time),
-            _reading(channel.settling_time),
-            _percent(channel.overshoot, channel.overshoot_error),
-            _percent(channel.undershoot, channel.undershoot_error),
+            *(_reading(channel.readings[name]) for name in TIMES),
+            *(_percent(channel.readings[name]) for name in EXCURSIONS),
             *(show(volts, "V", 3) for volts in noise[channel.index : channel.index + 1]),
             channel.state.value,
         )
         for channel in measurements.channels
     ]
-    caption = "rise and settling time, overshoot and undershoot"
+    caption = f"rise and settling time, {' and '.join(EXCURSIONS)}"
     return make_table(titles, rows, caption=caption, padding=0)
 
 
-def _percent(share: float | None, error: float | None) -> str:
+def _percent(reading: Reading | None) -> str:
     """Return a share of the step; below its own error only that error is known."""
-    if share is None:
+    if reading is None:
         return "-"
-    if error is not None and 0.0 < abs(share) <= error < 1.0:
+    share, error = reading.value, reading.uncertainty
+    if 0.0 < abs(share) <= error < 1.0:
         return f"<{100 * rounded_up(2.0 * error):.1g} %"
     return f"{100 * share:.3g} %"
 

@@ -44,7 +44,7 @@ class Entry(BaseModel):
     checks: dict[str, Literal["pass", "fail", "inconclusive"]]
     amplitude: Finite  # step amplitude, V
     speed: Finite  # magnitude of the rightmost pole, 1/s
-    # "u_1.target", "u_1.final" in V; "u_1.overshoot", "u_1.undershoot" in step amplitudes
+    # "u_1.target", "u_1.final" in V; "u_1.overshoot" and the like in step amplitudes
     levels: dict[str, Finite]
     times: dict[str, Annotated[list[Finite | None], Field(min_length=1)]]  # s
     poles: dict[str, Finite]  # "growth_rate" in 1/s, "frequency" in Hz, "margin"

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.foreign_files import LARGEST, read_bounded
+from taction.system.reading_definitions import EXCURSIONS, TIMES
 from taction.verification.readings.measurements import ChannelMeasure
 from taction.verification.readings.readings import Reading
 from taction.verification.studies.figures import CHANNEL_FIGURES, FIGURES, finite
@@ -48,7 +49,7 @@ def observe(verdict: Verdict, revision: str) -> Observation:
     times: dict[str, list[float | None]] = {}
     if poles.known_stable:
         times = {"record": [verdict.transient.stop], "settling_time": _values(m.settling_time)}
-    times |= _by_channel(channels, _values, "rise_time", "settling_time")
+    times |= _by_channel(channels, _values, *TIMES)
     entry = Entry(
         name=verdict.scene.name,
         fingerprint=fingerprint(verdict.scene),
@@ -60,7 +61,7 @@ def observe(verdict: Verdict, revision: str) -> Observation:
         amplitude=m.amplitude,
         speed=abs(poles.rightmost),
         levels=_by_channel(m.channels, _number, "target")
-        | _by_channel(channels, _number, "final", "overshoot", "undershoot"),
+        | _by_channel(channels, _number, "final", *EXCURSIONS),
         times=times,
         poles={name: value for name in POLES if (value := FIGURES[name].of(verdict)) is not None},
         states={f"u_{c.index + 1}": c.state.value for c in m.channels},

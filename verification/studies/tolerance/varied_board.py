@@ -20,6 +20,7 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_probl
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import MACHINE_FAILURES, Complaint, InputError, TactionError
+from taction.system.reading_definitions import EXCURSIONS
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
 from taction.verification.studies.figures import FIGURES, figures_of, finite, signed_errors
 from taction.verification.studies.running.collecting import collected
@@ -63,8 +64,8 @@ class Quantity:
 
 def quantities(scene: Scene) -> tuple[Quantity, ...]:
     """Return the quantities that are reported of the samples of `scene`."""
-    reported = [Quantity("settling_time", "s"), Quantity("overshoot", "step")]
-    reported += [Quantity("undershoot", "step"), Quantity("steady_state", "step")]
+    reported = [Quantity("settling_time", "s")]
+    reported += [Quantity(name, "step") for name in (*EXCURSIONS, "steady_state")]
     reported.append(Quantity("growth_rate", "1/s"))
     if scene.checks.rise_time is not None:
         reported.append(Quantity("rise_time", "s"))

@@ -15,20 +15,17 @@ import numpy as np
 
 from taction.netlist_gen.board.variation import Parameter, draw
 from taction.system.array_types import Bools, Floats
+from taction.system.reading_definitions import READINGS
 from taction.verification.studies.tolerance.rest_slopes import rest_slopes
 from taction.verification.studies.tolerance.varied_board import BoardSample, Quantity, VariedBoard
 from taction.verification.studies.tolerance.yield_report import SIGNIFICANT, limits_of
 
 # Checks that fail because of a reading below: any other failure stays in the prediction.
 EXPLAINED = {
-    *("steady_state", "settling_time", "rise_time", "overshoot", "undershoot", "stability"),
-    "noise",
+    *("steady_state", *READINGS, "stability", "noise"),
 }
-READINGS = (
-    Quantity("settling_time", "s"),
-    Quantity("rise_time", "s"),
-    Quantity("overshoot", "step"),
-    Quantity("undershoot", "step"),
+PREDICTED = (
+    *(Quantity(name, kind.unit) for name, kind in READINGS.items()),
     Quantity("growth_rate", "1/s"),
     Quantity("noise", "V"),
 )
@@ -77,7 +74,7 @@ class YieldForecast:
         limit = min(checks.steady_state.tolerance, checks.settling_time.band)
         rest = rest_slopes(board) / board.step_amplitude / limit
         margins, slopes = [errors / limit, -errors / limit], [rest, -rest]
-        for quantity in READINGS:
+        for quantity in PREDICTED:
             values = np.array([_number(getattr(sample, quantity.name)) for sample in samples])
             for margin in _margins(values, *limits_of(board.scene, quantity.name)):
                 margins.append(margin[:, None])

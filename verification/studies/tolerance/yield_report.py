@@ -214,18 +214,14 @@ def _spread(scene: Scene, quantity: Quantity, samples: list[BoardSample]) -> Spr
 def limits_of(scene: Scene, name: str) -> tuple[float | None, float | None]:
     """Return the least and the largest value that the scene's check of a quantity accepts."""
     checks = scene.checks
-    rise, overshoot, undershoot = checks.rise_time, checks.overshoot, checks.undershoot
     table: dict[str, tuple[float | None, float | None]] = {
-        "settling_time": (checks.settling_time.min, checks.settling_time.max),
-        "rise_time": (rise.min, rise.max) if rise else (None, None),
-        "overshoot": (None, overshoot.max if overshoot else None),
-        "undershoot": (None, undershoot.max if undershoot else None),
         "steady_state": (None, checks.steady_state.tolerance),
         "growth_rate": (None, 0.0),
         "margin": (checks.stability.margin, None),
-        "noise": (None, checks.noise.max if checks.noise else None),
     }
-    return table[name]
+    check = getattr(checks, name, None)
+    limits = getattr(check, "min", None), getattr(check, "max", None)
+    return table.get(name, limits)
 
 
 def _sensitivities(

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
 
+from taction.system.reading_definitions import EXCURSIONS, READINGS, TIMES
+from taction.verification.readings.measurements import ChannelMeasure
 from taction.verification.report.html.blocks import Cell, Table
 from taction.verification.report.html.texts import number_cell, quantity
 from taction.verification.verdict.verify import Verdict
@@ -34,11 +35,9 @@ def channel_names(places: Iterable[int]) -> str:
 def channel_table(verdict: Verdict) -> Table:
     """Return target, end, times and excursions of every channel."""
     noise = () if verdict.noise is None or verdict.noise.unknown else verdict.noise.rms
-    titles = ("channel", "target", "at rest", "end", "rise", "settling", "overshoot", "undershoot")
+    titles = ("channel", "target", "at rest", "end", *map(_title, READINGS))
     rows = []
     for channel in verdict.measurements.channels:
-        times = (channel.rise_time, channel.settling_time)
-        texts = [Cell(_reading(each), None if each is None else each.value) for each in times]
         rms = [number_cell(noise[channel.index], "V", 3)] if noise else []
         rows.append(
             (
@@ -46,22 +45,28 @@ def channel_table(verdict: Verdict) -> Table:
                 number_cell(channel.target, "V"),
                 number_cell(float(verdict.steady.values[channel.index]), "V"),
                 number_cell(channel.final, "V"),
-                *texts,
-                number_cell(channel.overshoot, "step"),
-                number_cell(channel.undershoot, "step"),
+                *(_cell(channel, name) for name in READINGS),
                 *rms,
                 Cell(channel.state.value),
             )
         )
     names = (*titles, *(["noise, rms"] if noise else []), "state")
-    note = "Overshoot and undershoot are in % of the step of the network."
+    words = " and ".join(EXCURSIONS).capitalize()
+    note = f"{words} are in % of the step of the network."
     return Table("Channels", names, tuple(rows), note)
 
 
-def _reading(reading: Any) -> str:
+def _title(name: str) -> str:
+    return READINGS[name].short if name in TIMES else name
+
+
+def _cell(channel: ChannelMeasure, name: str) -> Cell:
+    reading = channel.readings[name]
     if reading is None:
-        return "–"
+        return Cell("–", None)
+    if name in EXCURSIONS:
+        return number_cell(reading.value, "step")
     text = quantity(reading.value, "s")
     if reading.fragile and reading.alternative is not None:
         text += f" (fragile: or {quantity(reading.alternative, 's')})"
-    return text
+    return Cell(text, reading.value)
