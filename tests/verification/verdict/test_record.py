@@ -49,7 +49,7 @@ def test_channels_of_a_record(verdict: Verdict, record: Record) -> None:
         assert channel.index == measure.index + 1
         assert channel.figures.keys() == {*CHANNEL_FIGURES, "equilibrium"}
         assert channel.figures["reference"] == measure.target
-        assert channel.figure("overshoot").uncertainty == measure.overshoot_error
+        assert channel.figure("overshoot").uncertainty == measure.readings["overshoot"].uncertainty
     volts = [channel.figures["equilibrium"] for channel in record.channels]
     np.testing.assert_array_equal(np.array(volts, float), verdict.steady.values)
     assert Record.of(verdict, channels=False).channels == ()
