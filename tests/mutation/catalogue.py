@@ -184,7 +184,7 @@ CERTAINTY = (
     Mutation(
         "a dropped uncertainty: 0 for all times",
         "measures",
-        planting.in_the_measures(faults.with_uncertainties(0.0)),
+        planting.in_the_measures(faults.without_uncertainties),
         MATRIX,
         STATE_SPACE,
         (SETTLES,),

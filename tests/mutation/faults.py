@@ -13,8 +13,7 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.spice_models.presets import load_presets
 from taction.system.array_types import Complexes, Floats
 from taction.system.reading_definitions import TIMES
-from taction.verification.readings.measurements import summary
-from taction.verification.readings.readings import Reading
+from taction.verification.readings.measurements import ChannelMeasure, summary
 from taction.verification.verdict.bounded_measures import BoundedMeasures
 from taction.verification.waveforms import Waveforms
 
@@ -164,21 +163,19 @@ def stale_column(factor: float) -> WaveformsChange:
     return change
 
 
-def with_uncertainties(factor: float) -> Callable[[BoundedMeasures], BoundedMeasures]:
-    """Multiply the uncertainties of all times by a factor; 0 drops them."""
+def without_uncertainties(found: BoundedMeasures) -> BoundedMeasures:
+    """Drop the uncertainties of all times."""
 
-    def changed(reading: Reading | None) -> Reading | None:
-        return reading and replace(reading, uncertainty=factor * reading.uncertainty)
+    def certain(channel: ChannelMeasure) -> ChannelMeasure:
+        known = {name: channel.readings[name] for name in TIMES}
+        times = {name: found and replace(found, uncertainty=0.0) for name, found in known.items()}
+        return replace(channel, readings={**channel.readings, **times})
 
-    def change(found: BoundedMeasures) -> BoundedMeasures:
-        measured, channels = found.measurements, []
-        for channel in measured.channels:
-            times = {name: changed(channel.readings[name]) for name in TIMES}
-            channels.append(replace(channel, readings={**channel.readings, **times}))
-        whole = summary(measured.amplitude, measured.band, measured.modes, channels)
-        return replace(found, measurements=whole)
-
-    return change
+    measured = found.measurements
+    channels = [certain(channel) for channel in measured.channels]
+    return replace(
+        found, measurements=summary(measured.amplitude, measured.band, measured.modes, channels)
+    )
 
 
 def without_strongest(shares: Complexes) -> Complexes:

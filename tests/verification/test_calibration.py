@@ -16,7 +16,7 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.spice_models.subcircuits import opamp_subcircuit
 from taction.system.array_types import Floats
 from taction.verification.engines.ngspice.process import find_simulator, simulate
-from taction.verification.stability.margin import with_capacitance
+from taction.verification.stability.knobs import with_capacitance
 from tests.support.paths import SCENES
 from tests.support.small_decks import SmallDeck
 

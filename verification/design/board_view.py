@@ -22,7 +22,7 @@ from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales, time_scales
 from taction.verification.reference import Solution, solve
 from taction.verification.reference.ideal_answer import ideal_network
-from taction.verification.stability.capacitance_ranges import capacitance_ranges
+from taction.verification.stability.margin import stable_values
 from taction.verification.stability.poles import Poles, poles_behind
 from taction.verification.verdict.part_limits import PartLoads, describe
 from taction.verification.verdict.transient_plan import settled_after
@@ -188,14 +188,14 @@ def view_boundary(view: RestView, poles: PoleView, low: float, high: float) -> B
         return Boundary(unknown="a board of this size: `taction onset SCENE --over C` finds it")
     try:
         around = max(high / own, own / low)
-        found = capacitance_ranges(view.board, around=around, found=poles.poles)
+        found = stable_values(view.board, around=around, found=poles.poles)
     except EngineError as error:
         return Boundary(unknown=str(error))
     if not poles.poles.certain:
         return Boundary(unknown="a pole of the board is on the imaginary axis")
     stable = tuple(
         (max(first, low), min(last, high))
-        for first, last in found.stable
+        for first, last in found.stable_ranges
         if first < high and last > low
     )
     return Boundary(low, high, stable, found.near)

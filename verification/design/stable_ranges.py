@@ -1,7 +1,6 @@
 """How far an unstable board is from stability: the nearest stable range of each key.
 
-The loci of C find every crossing of the imaginary axis over C; poles on a grid, and halving, find
-the nearest edge over another key. Lambda, and with it the solution, stays.
+Lambda, and with it the solution, stays.
 """
 
 from __future__ import annotations
@@ -9,27 +8,20 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from itertools import pairwise
 
+import numpy as np
+
+from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.scene.keys import Key, find_key, own_value
 from taction.system.errors import InputError, NoVerdictError
 from taction.verification.design.trials import OutOfTimeError, Trials
-from taction.verification.stability.margin import signal_capacitors
-from taction.verification.stability.parameter_loci import trace_loci
-from taction.verification.stability.poles import poles
-from taction.verification.stability.port_response import PortResponse
-from taction.verification.studies.onset.onset import EXACT
+from taction.verification.stability.edges import Edges
+from taction.verification.stability.families import Family
+from taction.verification.stability.knobs import CAPACITANCE, GAIN, KNOBS
 
 REACH = 100.0  # the search goes from the scene's value divided by it to the value times it
-STEPS = 6  # per decade, of the search over a key other than C
-TOLERANCE = 1e-5  # relative width of the bracket of an edge
-CAPACITANCE = "design.capacitance"
-AXES = (
-    CAPACITANCE,
-    "design.gain",
-    "design.stray_capacitance",
-    "design.opamp.gbw",
-)
+POINTS = 25  # over a key that is no knob of the board
+AXES = (CAPACITANCE.path, GAIN.path, "design.stray_capacitance", "design.opamp.gbw")
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,12 +70,9 @@ class StableRange:
 def stable_ranges(trials: Trials, paths: Iterable[str] = AXES) -> tuple[StableRange, ...]:
     """Return the nearest stable range of each key that has a positive value in the scene.
 
-    Of C both ends are known; of other keys the end next to the scene's value. A stable range of
-    such a key that is narrower than the steps of the search may be missed.
-
     Notes
     -----
-    Costs the loci of C (seven channels: 0.1 s), and the poles of 15 to 40 boards for every other
+    Costs the loci of C (seven channels: 0.1 s), and the poles of some 50 boards for every other
     key (0.2 s); what the time limit of `trials` leaves out has its `reason`.
 
     Examples
@@ -110,65 +99,34 @@ def stable_ranges(trials: Trials, paths: Iterable[str] = AXES) -> tuple[StableRa
 def _range(trials: Trials, key: Key, own: float) -> StableRange:
     least, most = own / REACH, own * REACH
     try:
-        ranges = _by_loci(trials, own) if key.path == CAPACITANCE else None
-        if ranges is None:
-            ranges = _by_steps(trials, key, own)
+        edges = _edges(trials, key, own)
     except OutOfTimeError:
         reason = "the time limit left it out"
         return StableRange(key.path, key.unit, own, least, most, reason=reason)
     except (InputError, NoVerdictError) as error:
         return StableRange(key.path, key.unit, own, least, most, reason=str(error))
-    if not ranges:
+    if not edges.stable_ranges:
         return StableRange(key.path, key.unit, own, least, most)
-    low, high = min(ranges, key=lambda ends: _distance(ends, own))
-    low_end, high_end = (low if low > least else None), (high if high < most else None)
+    low, high = min(edges.stable_ranges, key=lambda ends: _distance(ends, own))
+    low_end, high_end = (low if low > edges.low else None), (high if high < edges.high else None)
     return StableRange(key.path, key.unit, own, least, most, low_end, high_end, found=True)
 
 
-def _by_loci(trials: Trials, own: float) -> list[tuple[float, float]] | None:
-    """Return the stable ranges of C by the loci of C; None where the loci leave a doubt."""
-    board = trials.board_at({CAPACITANCE: own, **EXACT[CAPACITANCE]})
-    found = poles(board)
-    if not (found.complete and found.certain):
-        return None
-    ports = PortResponse(board, signal_capacitors(board.circuit))
-    loci = trace_loci(ports, 1.0 / REACH, REACH)
-    if loci.near:
-        return None
-    crossings = sorted(loci.crossings, key=lambda crossing: crossing.share)
-    unstable = found.unstable_count + sum(c.change for c in crossings if c.share < 1.0)
-    edges = [1.0 / REACH, *(c.share for c in crossings), REACH]
-    ranges = []
-    for k, (low, high) in enumerate(pairwise(edges)):
-        if k > 0:
-            unstable -= crossings[k - 1].change
-        if unstable == 0:
-            ranges.append((low * own, high * own))
-    return ranges
+def _edges(trials: Trials, key: Key, own: float) -> Edges:
+    """Return the edges over a key; poles at samples decide where the loci leave a doubt."""
+    knob = KNOBS.get(key.path)
 
+    def build(value: float) -> Circuit:
+        changes = {} if knob is None else knob.unrounded
+        return trials.board_at({**changes, key.path: value}).circuit
 
-def _by_steps(trials: Trials, key: Key, own: float) -> list[tuple[float, float]]:
-    """Return the nearest stable range by the poles on both sides in turns, if there is one."""
-    exact = EXACT.get(key.path, {})
-
-    def stable(place: float) -> bool:
-        try:
-            found = poles(trials.board_at({**exact, key.path: own * math.exp(place)}))
-        except (InputError, NoVerdictError):
-            return False
-        return found.stable and found.certain
-
-    reach, step = math.log(REACH), math.log(10.0) / STEPS
-    for number in range(round(reach / step)):
-        for side in (1.0, -1.0):
-            inside, outside = side * (number + 1) * step, side * number * step
-            if stable(inside):
-                while abs(inside - outside) > TOLERANCE:
-                    middle = 0.5 * (inside + outside)
-                    inside, outside = (middle, outside) if stable(middle) else (inside, middle)
-                edge = own * math.exp(inside)
-                return [(edge, own * REACH) if side > 0.0 else (own / REACH, edge)]
-    return []
+    boards = Family.over(build, knob, own)
+    if boards.ports is not None and boards.poles(own).certain:
+        edges = boards.edges(own / REACH, own * REACH)
+        if not edges.near:
+            return edges
+    values = np.geomspace(own / REACH, own * REACH, POINTS).tolist()
+    return boards.scan(values, fine=False)
 
 
 def _distance(ends: tuple[float, float], own: float) -> float:

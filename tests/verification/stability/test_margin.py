@@ -1,8 +1,9 @@
-"""Margins in C and in the gain, against the crossings that the onset study finds."""
+"""Margins and stable values of C and of the gain, against closed forms, poles and the onset."""
 
 from __future__ import annotations
 
 import json
+import math
 
 import numpy as np
 import pytest
@@ -15,15 +16,15 @@ from taction.netlist_gen.scene.axes import with_value
 from taction.netlist_gen.scene.file import load_scene
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.system.errors import EngineError
-from taction.verification.stability import margin as module
+from taction.verification.stability import families as module
+from taction.verification.stability.edges import Edges
+from taction.verification.stability.knobs import with_capacitance, with_gain
 from taction.verification.stability.margin import (
     REACH,
     capacitance_margin,
     gain_margin,
-    with_capacitance,
-    with_gain,
+    stable_values,
 )
-from taction.verification.stability.parameter_loci import Loci
 from taction.verification.stability.poles import poles, summarise
 from taction.verification.studies.onset.onset import onset, parse_onset_axis
 from taction.verification.verdict.checks import Outcome
@@ -62,7 +63,7 @@ def test_with_behavioural_amplifiers_the_gain_moves_the_equilibrium() -> None:
     scene = load_scene(SCENES / "paper-exponential.toml")
     margin = gain_margin(synthesise(scene, make_problem(scene)))
     axis = parse_onset_axis(scene, "gain=6.5M:7M:3")  # the scene gives R, as the margin keeps it
-    (crossing,) = onset(scene, axis, transients=False).scan.crossings
+    (crossing,) = onset(scene, axis, transients=False).scan.edges
     assert margin.factor * scene.design.gain == pytest.approx(crossing.value, rel=1e-6)
     assert margin.doubt == ""
 
@@ -76,7 +77,7 @@ def test_a_window_between_two_samples_of_the_old_scan_sets_the_margin() -> None:
     assert margin.doubt == ""
     axis = parse_onset_axis(scene, "C=15.3pF:1.53nF:3")
     found = onset(scene, axis, transients=False)
-    low, high = (crossing.value for crossing in found.scan.crossings)
+    low, high = (crossing.value for crossing in found.scan.edges)
     assert low == pytest.approx(1.1153e-9, rel=1e-4)
     assert high == pytest.approx(1.53e-9 / margin.factor, rel=1e-6)
     assert all(count.winding == count.poles for count in found.counts)
@@ -106,17 +107,17 @@ def test_a_window_within_rounding_is_no_pass(offset: float) -> None:
 def test_poles_and_winding_numbers_that_differ_leave_a_doubt(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(Loci, "unstable_at", lambda *_: 0)
+    monkeypatch.setattr(Edges, "unstable_at", lambda *_: 0)
     margin = capacitance_margin(board())
     assert margin.doubt.endswith("2 poles are unstable and the winding number is 0")
-    monkeypatch.setattr(Loci, "unstable_at", lambda *_: 1)
+    monkeypatch.setattr(Edges, "unstable_at", lambda *_: 1)
     margin = capacitance_margin(board(), 2.0)
     assert margin.text == "no crossing up to C/2"
     assert margin.doubt == "at the factor 2 0 poles are unstable and the winding number is 1"
 
 
 def test_without_loci_no_margin_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_: object) -> Loci:
+    def refuse(*_: object) -> Edges:
         raise EngineError("no state-space form")
 
     monkeypatch.setattr(module, "trace_loci", refuse)
@@ -159,3 +160,32 @@ def test_verify_reports_both_margins_when_asked() -> None:
     assert found["margins"]["gain"]["factor"] == pytest.approx(2.04498, rel=1e-5)
     assert found["margins"]["gain"]["doubt"] == ""
     assert "margins" not in json.loads(runner.invoke(main, arguments).stdout)["stability"]
+
+
+@pytest.mark.parametrize("own", [0.1, 1.0, 3.0])  # RC in tau: inside and outside the window
+def test_a_window_is_found_from_both_sides(own: float) -> None:
+    """K = 9: unstable between the roots of the closed form, stable on both sides."""
+    low, high = window(9.0)
+    board = lag_board(own, 9.0)
+    found = stable_values(board)
+    farads = board.scalings.capacitance / own  # RC = tau
+    assert len(found.stable_ranges) == 2
+    (first, below), (above, last) = found.stable_ranges
+    assert (below / farads, above / farads) == pytest.approx((low, high), rel=1e-9)
+    assert (first, last) == (found.low, found.high)
+
+
+@pytest.mark.parametrize("scene", ["paper-breadboard", "custom-matrix", "paper-exponential"])
+def test_eigenvalues_agree_at_many_values(scene: str) -> None:
+    board = synthesise(load_scene(SCENES / f"{scene}.toml"))
+    found = stable_values(board)
+    for farads in np.geomspace(1.001 * found.low, 0.999 * found.high, 9).tolist():
+        inside = any(low < farads < high for low, high in found.stable_ranges)
+        assert poles(with_capacitance(board, farads)).stable == inside
+
+
+def test_an_unstable_board_gives_the_same_ranges() -> None:
+    board = synthesise(load_scene(SCENES / "paper-breadboard.toml"))
+    edge = stable_values(board).stable_ranges[0][0]
+    from_below = stable_values(with_capacitance(board, 0.5 * edge)).stable_ranges[0][0]
+    assert math.isclose(edge, from_below, rel_tol=1e-9)

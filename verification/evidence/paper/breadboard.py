@@ -26,7 +26,8 @@ from taction.verification.evidence.paper.findings import (
 )
 from taction.verification.evidence.paper.pictures import Panel, Picture, curve
 from taction.verification.readings.constraint_stage import constraint_plane
-from taction.verification.stability.margin import capacitance_margin, with_capacitance
+from taction.verification.stability.knobs import with_capacitance
+from taction.verification.stability.margin import capacitance_margin
 from taction.verification.studies.onset.onset import onset, parse_onset_axis
 from taction.verification.verdict.effort import Effort
 from taction.verification.verdict.verify import Verdict, verify

@@ -32,7 +32,7 @@ from taction.verification.report.html.pictures import (
 from taction.verification.report.html.sections.origin import origin_section
 from taction.verification.report.html.texts import number_cell, quantity
 from taction.verification.report.onset.tables import direction
-from taction.verification.studies.onset.onset import Finding, Onset
+from taction.verification.studies.onset.onset import CheckedEdge, Onset
 
 RINGS = 0.5  # damping ratio up to which a mode is on the pictures
 STATES: dict[bool | None, Outcome] = {True: "pass", False: "fail", None: "inconclusive"}
@@ -94,7 +94,7 @@ def _crossings(onset: Onset) -> Iterator[Block]:
         yield Notes(f"No poles at {len(failures)} values", texts)
 
 
-def _row(finding: Finding, unit: str) -> tuple[Cell, ...]:
+def _row(finding: CheckedEdge, unit: str) -> tuple[Cell, ...]:
     crossing, trial = finding.crossing, finding.confirmation
     rates = [None if side is None else side.growth_rate for side in (trial.below, trial.above)]
     return (

@@ -12,7 +12,7 @@ import numpy as np
 from taction.system.array_types import Floats
 from taction.system.quantities import readable, show
 from taction.verification.report.picture import BLUE, GREY, ORANGE, figure_file
-from taction.verification.stability.scan_result import Sample
+from taction.verification.stability.edges import Sample
 from taction.verification.studies.onset.onset import Onset
 
 if TYPE_CHECKING:

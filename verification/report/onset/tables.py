@@ -13,8 +13,8 @@ from taction.netlist_gen.scene.keys import own_value
 from taction.system.quantities import show
 from taction.verification.report.fitted_table import FittedTable
 from taction.verification.report.tables import make_table
-from taction.verification.stability.scan_result import AxisCrossing
-from taction.verification.studies.onset.onset import Finding, Onset
+from taction.verification.stability.edges import Edge
+from taction.verification.studies.onset.onset import CheckedEdge, Onset
 from taction.verification.studies.onset.transient_trial import Side
 
 CONFIRMED = {True: "[green]yes[/green]", False: "[red]no[/red]", None: "[yellow]undecided[/yellow]"}
@@ -45,7 +45,7 @@ def onset_document(onset: Onset) -> dict[str, Any]:
     }
 
 
-def _finding(finding: Finding, complete: bool) -> dict[str, Any]:
+def _finding(finding: CheckedEdge, complete: bool) -> dict[str, Any]:
     crossing, trial = finding.crossing, finding.confirmation
     return {
         "value": crossing.value,
@@ -81,7 +81,7 @@ def _side(side: Side | None) -> dict[str, Any] | None:
     }
 
 
-def direction(crossing: AxisCrossing) -> str:
+def direction(crossing: Edge) -> str:
     """Return the side of the crossing on which the mode grows."""
     return "unstable above" if crossing.unstable_above else "unstable below"
 

@@ -1,19 +1,20 @@
 """Onset of oscillation: the values of one key at which a board becomes stable or unstable.
 
-Poles locate each crossing. Transients that ngspice integrates on both sides, started along the
-crossing mode, confirm or contradict the crossing. A disagreement is reported, not corrected.
+Poles locate each crossing of the imaginary axis. Transients that ngspice integrates on both sides,
+started along the crossing mode, confirm or contradict it. A disagreement is reported, not
+corrected.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.scene.axes import Axis, Over, Point, parse_axes, with_values
+from taction.netlist_gen.scene.axes import Axis, Over, parse_axes, with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import (
@@ -25,30 +26,25 @@ from taction.system.errors import (
 )
 from taction.system.quantities import quantity
 from taction.verification.engines.ngspice.executable import find_simulator
-from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.stability.margin import signal_capacitors
-from taction.verification.stability.parameter_loci import trace_loci
-from taction.verification.stability.pole_scan import scan
+from taction.verification.stability.edges import Edge, Scan
+from taction.verification.stability.families import Family
+from taction.verification.stability.knobs import KNOBS
 from taction.verification.stability.poles import count_unstable, poles
-from taction.verification.stability.port_response import PortResponse
-from taction.verification.stability.scan_result import AxisCrossing, Scan
 from taction.verification.studies.onset.transient_trial import Confirmation, confirm
 
 AROUND = 30.0  # the default range is from the scene's value / 30 to its value * 30
 POINTS = 61  # of the first grid of a scan: 20 per decade in the default range
 TIMEOUT = 600.0  # of one transient, s
 MOST = 4  # crossings and ranges in a `repr`
-BESIDE = 1e-6  # relative distance of values beside a crossing from the crossing
 
-Build = Callable[[float], Circuit]
 Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
-    """A crossing and the result of the transients on both sides."""
+class CheckedEdge:
+    """A crossing of the imaginary axis, and the result of the transients on both sides."""
 
-    crossing: AxisCrossing
+    crossing: Edge
     confirmation: Confirmation
 
 
@@ -69,7 +65,7 @@ class Onset:
     scene: Scene
     axis: Axis
     scan: Scan
-    findings: tuple[Finding, ...]
+    findings: tuple[CheckedEdge, ...]
     counts: tuple[Count, ...]
 
     def __repr__(self) -> str:
@@ -111,20 +107,18 @@ def parse_onset_axis(scene: Scene, over: Over) -> Axis:
     return axis
 
 
-EXACT: dict[str, Point] = {"design.capacitance": {"design.capacitor_series": "exact"}}
-
-
-def board_over(scene: Scene, axis: Axis) -> Build:
+def board_over(scene: Scene, axis: Axis) -> Callable[[float], Circuit]:
     """Return the board of `scene` as a function of the value on `axis`.
 
-    On an axis of C no series rounds C: a rounded C would cross only between preferred values. The
-    function raises InputError for a value that gives no board.
+    No series rounds a knob (see `Knob.unrounded`): a rounded C would cross only between preferred
+    values. The function raises InputError for a value that gives no board.
     """
     path = axis.key.path
     problem = None if path.startswith("problem.") else make_problem(scene)
+    unrounded = KNOBS[path].unrounded if path in KNOBS else {}
 
     def build(value: float) -> Circuit:
-        changed = with_values(scene, {**EXACT.get(path, {}), path: value})
+        changed = with_values(scene, {**unrounded, path: value})
         return synthesise(changed, problem or make_problem(changed))
 
     return build
@@ -155,41 +149,19 @@ def onset(
     InputError, EngineError
         No value on the axis gives a board with poles.
     """
-    build = board_over(scene, axis)
     values = [float(value) for value in axis.values]
     logarithmic = axis.scale != "lin" and min(values) > 0.0
-    timeout = scene.analysis.timeout
-    located = beside_crossings(build, axis) if logarithmic else []
-    scanned = crossings(build, [*values, *located], logarithmic=logarithmic, progress=progress)
-    findings = confirmations(
-        build, scanned, transients=transients, timeout=timeout, progress=progress
-    )
-    return Onset(scene, axis, scanned, findings, counts(build, scanned, progress=progress))
-
-
-def beside_crossings(build: Build, axis: Axis) -> list[float]:
-    """Return values on both sides of the crossings that the loci of C show; empty for other keys.
-
-    With these values the scan of C is the search of a margin: no crossing is too narrow for it.
-    """
-    if axis.key.path != "design.capacitance":
-        return []
-    low, high = float(min(axis.values)), float(max(axis.values))
-    middle = math.sqrt(low * high)
-    try:
-        board = LinearBoard(build(middle))
-        ports = PortResponse(board, signal_capacitors(board.circuit))
-        loci = trace_loci(ports, low / middle, high / middle)
-    except (EngineError, InputError):
-        return []
-    shares = [*(crossing.share for crossing in loci.crossings), *loci.near]
-    sides = (1.0 - BESIDE, 1.0, 1.0 + BESIDE)
-    located = [middle * share * side for share in shares for side in sides]
-    return [value for value in located if low < value < high]
+    middle = math.sqrt(min(values) * max(values)) if logarithmic else None
+    boards = Family.over(board_over(scene, axis), KNOBS.get(axis.key.path), middle)
+    progress(f"poles at {len(values)} values and more")
+    scanned = boards.scan(values, logarithmic=logarithmic)
+    timeout = scene.analysis.timeout if transients else None
+    findings = confirmations(boards, scanned, timeout=timeout, progress=progress)
+    return Onset(scene, axis, scanned, findings, counts(boards, scanned, progress=progress))
 
 
 def counts(
-    build: Build, scanned: Scan, *, progress: Progress = lambda stage: None
+    boards: Family, scanned: Scan, *, progress: Progress = lambda stage: None
 ) -> tuple[Count, ...]:
     """Count the unstable poles between every two crossings by eigenvalues and by winding number.
 
@@ -197,16 +169,15 @@ def counts(
     """
     if not scanned.complete:
         return ()
-    samples = scanned.samples
-    ends = [samples[0].value, *(c.value for c in scanned.crossings), samples[-1].value]
+    ends = [scanned.low, *(edge.value for edge in scanned.edges), scanned.high]
     pairs = [(low, high) for low, high in pairwise(ends) if high > low]
     middles = [math.sqrt(a * b) if scanned.logarithmic else 0.5 * (a + b) for a, b in pairs]
-    return tuple(_count(build, value, progress) for value in middles)
+    return tuple(_count(boards, value, progress) for value in middles)
 
 
-def _count(build: Build, value: float, progress: Progress) -> Count:
+def _count(boards: Family, value: float, progress: Progress) -> Count:
     progress(f"winding number at {value:.4g}")
-    board = LinearBoard(build(value))
+    board = boards.board(value)
     eigenvalues = poles(board).unstable_count
     try:
         return Count(value, eigenvalues, count_unstable(board))
@@ -214,40 +185,30 @@ def _count(build: Build, value: float, progress: Progress) -> Count:
         return Count(value, eigenvalues, None, str(error))
 
 
-def crossings(
-    build: Build,
-    values: Sequence[float],
-    *,
-    logarithmic: bool = True,
-    progress: Progress = lambda stage: None,
-) -> Scan:
-    """Find every crossing of a board that is a function of one value; see `pole_scan.scan`."""
-    progress(f"poles at {len(values)} values and more")
-    return scan(lambda value: poles(build(value)), values, logarithmic=logarithmic)
-
-
 def confirmations(
-    build: Build,
+    boards: Family,
     scanned: Scan,
     *,
-    transients: bool = True,
-    timeout: float = TIMEOUT,
+    timeout: float | None = TIMEOUT,
     progress: Progress = lambda stage: None,
-) -> tuple[Finding, ...]:
-    """Check every crossing of a scan by transients; without ngspice crossings stay unconfirmed."""
+) -> tuple[CheckedEdge, ...]:
+    """Check every crossing of a scan by transients; without ngspice crossings stay unconfirmed.
+
+    Without a `timeout`, s, no transient is wanted.
+    """
     confirmation, simulator = Confirmation(None, "transients were not requested"), None
-    if transients and scanned.crossings:
+    if timeout is not None and scanned.edges:
         try:
             simulator = find_simulator()
         except (SimulatorNotFound, SimulatorTooOld) as error:
             reason = f"ngspice is needed to confirm a crossing: {error}"
             confirmation = Confirmation(None, reason)
     findings = []
-    for number, crossing in enumerate(scanned.crossings, start=1):
-        progress(f"transients beside crossing {number} of {len(scanned.crossings)}")
-        if simulator is not None:
+    for number, edge in enumerate(scanned.edges, start=1):
+        progress(f"transients beside crossing {number} of {len(scanned.edges)}")
+        if simulator is not None and timeout is not None:
             confirmation = confirm(
-                build, crossing, simulator, logarithmic=scanned.logarithmic, timeout=timeout
+                boards.board, edge, simulator, logarithmic=scanned.logarithmic, timeout=timeout
             )
-        findings.append(Finding(crossing, confirmation))
+        findings.append(CheckedEdge(edge, confirmation))
     return tuple(findings)

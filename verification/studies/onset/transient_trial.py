@@ -26,8 +26,8 @@ from taction.verification.engines.ngspice.process import Run, start
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.state_space import StateSpace
 from taction.verification.readings.mode_fit import Mode, fit_modes
+from taction.verification.stability.edges import Edge
 from taction.verification.stability.poles import poles
-from taction.verification.stability.scan_result import AxisCrossing
 from taction.verification.verdict.even_steps import truncation_for
 from taction.verification.waveforms import Waveforms
 
@@ -44,7 +44,7 @@ GROWTH_TOLERANCE, FREQUENCY_TOLERANCE = 0.05, 0.01  # relative
 FAINT = 0.01  # of the strongest mode: fainter modes are not compared
 RELTOL = 1e-8  # ngspice's reltol
 
-Build = Callable[[float], Circuit]
+Boards = Callable[[float], LinearBoard]
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,15 +82,15 @@ class _Trial:
 
 
 def confirm(
-    build: Build, crossing: AxisCrossing, simulator: Simulator, *, logarithmic: bool, timeout: float
+    boards: Boards, crossing: Edge, simulator: Simulator, *, logarithmic: bool, timeout: float
 ) -> Confirmation:
     """Run transients on both sides of `crossing` at the same time and compare with the poles.
 
     Parameters
     ----------
-    build : callable
+    boards : callable
         The board at a value.
-    crossing : AxisCrossing
+    crossing : Edge
         The crossing to confirm.
     simulator : Simulator
         An ngspice.
@@ -100,7 +100,7 @@ def confirm(
         Wall time allowed for each run, s.
     """
     try:
-        trials = [_prepare(build, crossing, side, logarithmic) for side in (-1, 1)]
+        trials = [_prepare(boards, crossing, side, logarithmic) for side in (-1, 1)]
     except (EngineError, InputError) as error:
         return Confirmation(None, f"the board beside the crossing could not be prepared: {error}")
     with ExitStack() as cleanup:  # a failure of one run ends the other run
@@ -115,14 +115,14 @@ def confirm(
     return Confirmation(confirmed, reasons, below, above)
 
 
-def _prepare(build: Build, crossing: AxisCrossing, side: int, logarithmic: bool) -> _Trial:
+def _prepare(boards: Boards, crossing: Edge, side: int, logarithmic: bool) -> _Trial:
     """Choose a value on one side of the crossing at which the pole has the expected sign."""
     unstable = crossing.unstable_above == (side > 0)
     distance = DISTANCE
     while True:
         down = 1.0 / (1.0 + distance) if logarithmic else 1.0 - distance
         value = crossing.value * (1.0 + distance if side > 0 else down)
-        board, pole, board_poles = _follow(build, crossing, value)
+        board, pole, board_poles = _follow(boards, crossing, value)
         limit = LARGEST_GROWTH * abs(pole.imag) if crossing.frequency else math.inf
         if (pole.real > 0.0) == unstable and abs(pole.real) <= limit:
             break
@@ -136,13 +136,13 @@ def _prepare(build: Build, crossing: AxisCrossing, side: int, logarithmic: bool)
 
 
 def _follow(
-    build: Build, crossing: AxisCrossing, value: float
+    boards: Boards, crossing: Edge, value: float
 ) -> tuple[LinearBoard, complex, list[complex]]:
     """Follow the pole from the axis to `value`; return the board, the pole and all poles there."""
     pole = crossing.pole
     for share in (0.5, 1.0):
         near = crossing.value + share * (value - crossing.value)
-        board = LinearBoard(build(near))
+        board = boards(near)
         board_poles: list[complex] = poles(board).poles.tolist()
         eligible = [p for p in board_poles if crossing.frequency or p.imag == 0.0]
         if not eligible:

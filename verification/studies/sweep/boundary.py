@@ -10,14 +10,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import Axis, Point, with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.keys import Value
 from taction.system.array_types import Floats
 from taction.system.errors import TactionError
-from taction.verification.stability.pole_scan import scan
+from taction.verification.stability.edges import Edges
+from taction.verification.stability.families import Family
+from taction.verification.stability.knobs import KNOBS
 from taction.verification.stability.poles import Poles, poles
+from taction.verification.stability.scan import scan
 from taction.verification.studies.sweep.plan import Plan
 
 TOLERANCE = 1e-3  # of a crossing's value, relative: less than a line of a picture is wide
@@ -53,8 +57,8 @@ class Boundary:
 def solve_boundary(plan: Plan, *, seconds: float = SECONDS) -> Boundary:
     """Find where stability ends along the lines of a grid of two axes, as `onset` does.
 
-    Along each line the scan of `taction.verification.stability.pole_scan` follows all poles, so it
-    finds an unstable range that lies between two points of the grid, too.
+    Along each line all edges of stability are found, also those of an unstable range that lies
+    between two points of the grid.
 
     Parameters
     ----------
@@ -97,7 +101,7 @@ def place_of(axis: Axis, number: int) -> float:
 
 
 class _Lines:
-    """Poles along the lines of a grid."""
+    """Edges of stability along the lines of a grid."""
 
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
@@ -113,25 +117,40 @@ class _Lines:
         """Return where stability changes along axis 0 or 1, at a place of the other axis."""
         group, rest = self.plan.groups[along], self.plan.groups[1 - along]
         fixed: Point = {axis.key.path: axis.values[other] for axis in rest}
-        axis = group[0]
-        values = [float(value) for value in axis.values]
-        logarithmic = axis.scale != "lin" and min(values) > 0.0
         try:
-            found = scan(
-                lambda value: self._poles({**fixed, **_together(group, value)}),
-                _denser(values, logarithmic=logarithmic),
-                logarithmic=logarithmic,
-                tolerance=TOLERANCE,
-            )
+            found = self._edges(group, fixed)
         except TactionError:  # this line has no poles
             return []
-        return [each.value for each in found.crossings if each.changes_stability]
+        return [edge.value for edge in found.edges if edge.changes_stability]
+
+    def _edges(self, group: Sequence[Axis], fixed: Point) -> Edges:
+        axis, values = group[0], [float(value) for value in group[0].values]
+
+        def at(value: float) -> Point:
+            return {**fixed, **_together(group, value)}
+
+        logarithmic = axis.scale != "lin" and min(values) > 0.0
+        if logarithmic and len(group) == 1:
+            middle = math.sqrt(min(values) * max(values))
+            knob = KNOBS.get(axis.key.path)
+            boards = Family.over(lambda value: self._board(at(value)), knob, middle)
+            if boards.ports:
+                return boards.edges(min(values), max(values))
+        return scan(
+            lambda value: self._poles(at(value)),
+            _denser(values, logarithmic=logarithmic),
+            logarithmic=logarithmic,
+            tolerance=TOLERANCE,
+        )
+
+    def _board(self, changes: Point) -> Circuit:
+        scene = with_values(self.plan.scene, changes)
+        return synthesise(scene, self.problem or make_problem(scene))
 
     def _poles(self, changes: Point) -> Poles:
         key = tuple(sorted(changes.items()))  # two lines share each point of the grid
         if key not in self.known:
-            scene = with_values(self.plan.scene, changes)
-            self.known[key] = poles(synthesise(scene, self.problem or make_problem(scene)))
+            self.known[key] = poles(self._board(changes))
         return self.known[key]
 
 

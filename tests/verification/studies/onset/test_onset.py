@@ -30,13 +30,13 @@ from taction.spice_models.opamp import OpAmp
 from taction.system.errors import InputError
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.stability.edges import Edge
+from taction.verification.stability.families import Family
 from taction.verification.stability.poles import poles
-from taction.verification.stability.scan_result import AxisCrossing
 from taction.verification.studies.onset import transient_trial as confirm_module
 from taction.verification.studies.onset.onset import (
     board_over,
     confirmations,
-    crossings,
     onset,
     parse_onset_axis,
 )
@@ -98,27 +98,29 @@ def check_sides(trial: Confirmation, share: float = 0.03) -> None:
 
 
 def test_both_ends_of_the_window_of_the_single_mode(ngspice: str) -> None:
-    found = crossings(window, np.geomspace(1e-13, 1e-8, 61).tolist())
+    boards = Family.over(window)
+    found = boards.scan(np.geomspace(1e-13, 1e-8, 61).tolist())
     ends = [TAU * (24.0 - math.sqrt(575.0)) / R, TAU * (24.0 + math.sqrt(575.0)) / R]
-    assert [c.value for c in found.crossings] == pytest.approx(ends, rel=1e-6)
+    assert [c.value for c in found.edges] == pytest.approx(ends, rel=1e-6)
     assert ends == pytest.approx([0.948e-12, 2.183e-9], rel=1e-3)
-    assert [c.unstable_above for c in found.crossings] == [True, False]
+    assert [c.unstable_above for c in found.edges] == [True, False]
     # On the axis (w tau)^2 = 1 + 2 tau / RC.
-    for crossing in found.crossings:
+    for crossing in found.edges:
         w = math.sqrt(1.0 + 2.0 * TAU / (R * crossing.value)) / TAU
         assert crossing.frequency == pytest.approx(w / 2.0 / math.pi, rel=1e-6)
     low, high = found.stable_ranges
-    assert (low[1], high[0]) == tuple(c.value for c in found.crossings)
-    for each in confirmations(window, found):
+    assert (low[1], high[0]) == tuple(c.value for c in found.edges)
+    for each in confirmations(boards, found):
         check_sides(each.confirmation)
 
 
 def test_a_real_pole_that_crosses_at_zero_is_confirmed_too(ngspice: str) -> None:
-    found = crossings(latch, np.geomspace(1e3, 1e5, 21).tolist())
-    (crossing,) = found.crossings
+    boards = Family.over(latch)
+    found = boards.scan(np.geomspace(1e3, 1e5, 21).tolist())
+    (crossing,) = found.edges
     assert crossing.value == pytest.approx(R, rel=1e-6)
     assert (crossing.frequency, crossing.unstable_above) == (0.0, False)
-    (finding,) = confirmations(latch, found)
+    (finding,) = confirmations(boards, found)
     check_sides(finding.confirmation)
     assert finding.confirmation.above is not None
     assert finding.confirmation.above.predicted.real == pytest.approx(
@@ -178,8 +180,10 @@ def damping(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("ngspice", "damping")
 def test_an_integration_that_damps_is_reported_as_a_disagreement() -> None:
-    crossing = AxisCrossing(TAU * (24.0 + math.sqrt(575.0)) / R, 357007.0, False, 2, 0)
-    trial = confirm(window, crossing, find_simulator(), logarithmic=True, timeout=60.0)
+    crossing = Edge(TAU * (24.0 + math.sqrt(575.0)) / R, 357007.0, 2, 0)
+    trial = confirm(
+        Family.over(window).board, crossing, find_simulator(), logarithmic=True, timeout=60.0
+    )
     assert trial.confirmed is False
     assert "the transient grows with -" in trial.reason
     assert trial.below is not None
@@ -200,8 +204,9 @@ def test_without_ngspice_crossings_are_found_and_stay_undecided(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("TACTION_NGSPICE", "/nonexistent/ngspice")
-    found = crossings(window, np.geomspace(1e-10, 1e-8, 21).tolist())
-    (finding,) = confirmations(window, found)
+    boards = Family.over(window)
+    found = boards.scan(np.geomspace(1e-10, 1e-8, 21).tolist())
+    (finding,) = confirmations(boards, found)
     assert finding.confirmation.confirmed is None
     assert "ngspice is needed" in finding.confirmation.reason
 
@@ -271,7 +276,7 @@ def test_a_series_does_not_round_the_axis_of_c() -> None:
     def values(design: Design) -> list[float]:
         changed = scene.model_copy(update={"design": design})
         axis = parse_onset_axis(changed, "C=3.6pF:8pF:5")
-        crossed = onset(changed, axis, transients=False).scan.crossings
+        crossed = onset(changed, axis, transients=False).scan.edges
         return [crossing.value for crossing in crossed]
 
     assert values(design) == values(scene.design)

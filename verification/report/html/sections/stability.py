@@ -14,7 +14,7 @@ from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.report.html.blocks import Facts, Picture, Section, View
 from taction.verification.report.html.pictures import area, axis, label, line, numbers
 from taction.verification.report.html.texts import figure, quantity
-from taction.verification.stability.capacitance_ranges import AROUND, capacitance_ranges
+from taction.verification.stability.margin import AROUND, stable_values
 from taction.verification.stability.poles import Poles
 
 SHOWN = 2000  # poles
@@ -52,10 +52,10 @@ def stable_capacitances(circuit: Circuit, poles: Poles) -> str:
     if len(circuit.outputs) > MOST or not (poles.complete or poles.stable):
         return LARGE
     try:
-        found = capacitance_ranges(board, found=poles)
+        found = stable_values(board, found=poles)
     except EngineError as error:
         return f"not known: {error}"
-    parts = [_range(low, high, found.low, found.high) for low, high in found.stable]
+    parts = [_range(low, high, found.low, found.high) for low, high in found.stable_ranges]
     text = "; ".join(parts) or "none"
     if found.near:
         text += f"; rounding decides near {', '.join(quantity(c, 'F') for c in found.near)}"

@@ -1,4 +1,4 @@
-"""All crossings of the imaginary axis by poles as one value changes.
+"""All edges of stability over one value, from poles at samples of the value.
 
 The scan samples all poles on a grid and follows each from value to value. It adds points where the
 real part of a pole might change its sign, and climbs to the place where a pole comes nearest to
@@ -17,8 +17,8 @@ from itertools import pairwise
 import numpy as np
 
 from taction.system.errors import EngineError, InputError, TactionError
+from taction.verification.stability.edges import Edge, Sample, Scan
 from taction.verification.stability.poles import Poles
-from taction.verification.stability.scan_result import AxisCrossing, Sample, Scan
 
 TOLERANCE = 1e-8  # of a crossing's value
 PASSES = (6, 4)  # halvings of a grid interval in each round
@@ -33,9 +33,14 @@ Followed = tuple[complex, complex, complex]  # one pole in three samples
 
 
 def scan(
-    read: Reader, values: Sequence[float], *, logarithmic: bool = True, tolerance: float = TOLERANCE
+    read: Reader,
+    values: Sequence[float],
+    *,
+    logarithmic: bool = True,
+    tolerance: float = TOLERANCE,
+    fine: bool = True,
 ) -> Scan:
-    """Find every crossing between the least and the largest of `values`.
+    """Find every edge between the least and the largest of `values`.
 
     Parameters
     ----------
@@ -49,6 +54,9 @@ def scan(
     tolerance : float
         Width of the bracket of a crossing, relative to the crossing's value (linear: relative to
         the range if the range is smaller).
+    fine : bool
+        Whether to look between the values, too. If not, only the edges at which the board becomes
+        stable or unstable are found, and a range narrower than the steps of `values` may be missed.
 
     Raises
     ------
@@ -59,19 +67,28 @@ def scan(
     -----
     Costs one call of `read` per grid point, and about twenty per crossing.
     """
-    search = _Search(read, values, logarithmic)
-    for passes in PASSES:  # twice: a crossing may hide others in its own grid interval
+    search = _Search(read, values, logarithmic, most=None if fine else 0)
+    for passes in PASSES if fine else ():  # twice: an edge may hide others in its grid interval
         search.refine(passes)
         search.climb()
         search.close(tolerance)
-    return Scan(tuple(search.samples), tuple(search.crossings()), logarithmic)
+    search.close(tolerance)
+    samples = tuple(search.samples)
+    failed = tuple(sample.value for sample in samples if sample.failure)
+    ends, lowest = (samples[0].value, samples[-1].value), samples[0].unstable
+    return Scan(*ends, tuple(search.edges()), failed, lowest, samples, logarithmic)
 
 
 class _Search:
-    """A scan in progress: samples in increasing order of the value."""
+    """A scan in progress: samples in increasing order of the value.
 
-    def __init__(self, read: Reader, values: Sequence[float], logarithmic: bool) -> None:
-        self.read, self.logarithmic = read, logarithmic
+    Edges with more than `most` unstable poles on both sides are left out.
+    """
+
+    def __init__(
+        self, read: Reader, values: Sequence[float], logarithmic: bool, most: int | None
+    ) -> None:
+        self.read, self.logarithmic, self.most = read, logarithmic, most
         self.samples: list[Sample] = []
         self._error: TactionError | None = None
         for value in sorted({float(value) for value in values}):
@@ -135,11 +152,18 @@ class _Search:
             best = min((1, 2), key=lambda i: abs(order[i][1].real))
             (a, pa), (m, pm), (b, pb) = order[best - 1 : best + 2]
 
+    def changes(self, samples: Sequence[Sample]) -> list[tuple[Sample, Sample]]:
+        """Return neighbours with different numbers of unstable poles."""
+        pairs = [(a, b) for a, b in pairwise(samples) if not (a.failure or b.failure)]
+        differ = [(a, b) for a, b in pairs if a.unstable != b.unstable]
+        most = math.inf if self.most is None else self.most
+        return [(a, b) for a, b in differ if min(a.unstable, b.unstable) <= most]
+
     def close(self, tolerance: float) -> None:
         """Bracket every change of the number of unstable poles that is more than rounding."""
         while wide := [
             (a, b)
-            for a, b in _changes(self.samples)
+            for a, b in self.changes(self.samples)
             if _width(a, b) > tolerance and (a.certain or b.certain)
         ]:
             self._close(*wide[0], tolerance)
@@ -164,22 +188,22 @@ class _Search:
                 return
             a, b = (sample, b) if (sample.real(k) >= 0.0) == (ra >= 0.0) else (a, sample)
 
-    def crossings(self) -> list[AxisCrossing]:
-        """Return the crossings between samples off the axis by more than rounding.
+    def edges(self) -> list[Edge]:
+        """Return the edges between samples off the axis by more than rounding.
 
         Changes closer than `NARROW` count as one change.
         """
         clusters: list[tuple[Sample, Sample]] = []
         known = [sample for sample in self.samples if sample.certain or sample.failure]
-        for a, b in _changes(known):
+        for a, b in self.changes(known):
             if clusters and _width(clusters[-1][0], b) < NARROW:
                 clusters[-1] = (clusters[-1][0], b)
             else:
                 clusters.append((a, b))
         return [c for a, b in clusters if a.unstable != b.unstable for c in self._between(a, b)]
 
-    def _between(self, a: Sample, b: Sample) -> list[AxisCrossing]:
-        """Return the crossings between two samples; the change next to the axis is the place."""
+    def _between(self, a: Sample, b: Sample) -> list[Edge]:
+        """Return the edges between two samples; the change next to the axis is the place."""
         less, more = sorted((a, b), key=lambda each: each.unstable)
         crossed = more.poles[less.unstable : more.unstable]
         frequencies: list[float] = []
@@ -187,22 +211,16 @@ class _Search:
             if not frequencies or omega > (1.0 + SAME_FREQUENCY) * frequencies[-1]:
                 frequencies.append(omega)
         inside = [sample for sample in self.samples if a.place <= sample.place <= b.place]
-        changes = _changes(inside)
+        changes = self.changes(inside)
         low, high = changes[0][0], changes[-1][1]
         k = less.unstable
         ra, rb = low.real(k), high.real(k)
         share = ra / (ra - rb) if math.isfinite(ra - rb) and ra * rb < 0.0 else 0.5
-        value = low.value + share * (high.value - low.value)
+        width = high.value - low.value
+        value = low.value + share * width
         return [
-            AxisCrossing(value, w / (2.0 * math.pi), b is more, a.unstable, b.unstable)
-            for w in frequencies
+            Edge(value, w / (2.0 * math.pi), a.unstable, b.unstable, width) for w in frequencies
         ]
-
-
-def _changes(samples: Sequence[Sample]) -> list[tuple[Sample, Sample]]:
-    """Return neighbours with different numbers of unstable poles."""
-    pairs = [(a, b) for a, b in pairwise(samples) if not (a.failure or b.failure)]
-    return [(a, b) for a, b in pairs if a.unstable != b.unstable]
 
 
 def _width(a: Sample, b: Sample) -> float:

@@ -2,7 +2,7 @@
 
 Let the parts (capacitors, or conductances) have the share c of their values. Then
 ``det(s M - K)`` is that of the given board times ``det(1 + (c - 1) W(s))``, where W is the parts'
-admittance times the impedance at their terminals (`port_response`). So one board tells the poles
+admittance times the impedance at their terminals (`PortResponse`). So one board tells the poles
 on the imaginary axis of the boards at all c: at the frequency omega, the shares are
 ``c = 1 - 1/w`` for the eigenvalues w of ``W(j omega)``. As omega runs, the shares follow the
 characteristic loci of Nyquist's criterion (MacFarlane and Postlethwaite 1977), whose windings
@@ -19,13 +19,18 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
+from taction.netlist_gen.board.circuit import GROUND, Capacitor, Resistor
 from taction.system.array_types import Bools, Complexes, Floats
 from taction.system.errors import EngineError
-from taction.verification.stability.port_response import PortResponse
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.state_space import driven
+from taction.verification.stability.edges import Edges
 
+WELL_CONDITIONED = 1e-8  # largest defect of the modes that are used for the response
 SPACING = 0.5  # of the first frequencies: times the distance to the nearest pole
 TINY = 1e-9  # relative distance of a pole from the axis below which steps get no shorter
 BOTTOM, TOP = 1e-2, 10.0  # of the frequencies: times the slowest and the fastest pole
@@ -39,6 +44,10 @@ LARGEST = 5000  # frequencies; with more, the loci still undecided count as near
 PRECISE, ITERATIONS = 1e-14, 60  # of the search of a crossing's frequency
 ON_AXIS = 1e-3  # of the height of a step: largest height of a locus at its crossing
 
+Crossing = tuple[
+    float, float, int
+]  # share, frequency (Hz), change of the unstable count as it grows
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _States:
@@ -49,41 +58,85 @@ class _States:
     undecided: Bools  # need shorter steps
 
 
-@dataclass(frozen=True, slots=True)
-class LocusCrossing:
-    """A share of the parts' values at which a pole, or a complex pair, lies on the axis.
+@dataclass(frozen=True, eq=False)
+class PortResponse:
+    """Admittance of some parts times the impedance at their terminals.
 
-    `frequency` is in Hz, 0 for a real pole; `change` is that of the number of unstable poles as
-    the share falls.
+    Attributes
+    ----------
+    board : LinearBoard
+        The board with the parts.
+    parts : tuple of Capacitor, or of Resistor
+        K parts of one kind.
     """
 
-    share: float
-    frequency: float
-    change: int
+    board: LinearBoard
+    parts: tuple[Capacitor | Resistor, ...]
+
+    @property
+    def reactive(self) -> bool:
+        """Whether the parts are capacitors."""
+        return isinstance(self.parts[0], Capacitor)
+
+    @property
+    def poles(self) -> Complexes:
+        """Poles of the board; of a large board those of its coarse board; 1/s."""
+        board = self.board.coarse if self.board.descriptor.is_large else self.board
+        return board.state_space.modes.poles
+
+    def at(self, omega: Floats) -> Complexes:
+        """Return the matrices at angular frequencies (P,), 1/s; shape (P, K, K)."""
+        large = self.board.descriptor.is_large
+        modal = not large and self.board.state_space.modes.defect < WELL_CONDITIONED
+        impedance = self._from_modes(omega) if modal else self._from_solves(omega)
+        weighted = self._roots[:, None] * impedance * self._roots
+        return 1j * omega[:, None, None] * weighted if self.reactive else weighted
+
+    @cached_property
+    def _roots(self) -> Floats:
+        """Square roots of the capacitances or conductances, (K,)."""
+        values = [p.farads if isinstance(p, Capacitor) else 1.0 / p.ohms for p in self.parts]
+        return np.sqrt(values)
+
+    @cached_property
+    def _columns(self) -> Floats:
+        """Voltage of each part as a combination of the unknowns, shape (size, K)."""
+        columns = np.zeros((self.board.descriptor.size, len(self.parts)))
+        for k, part in enumerate(self.parts):
+            for node, sign in ((part.a, 1.0), (part.b, -1.0)):
+                if node != GROUND:
+                    columns[self.board.descriptor.place(node), k] = sign
+        return columns
+
+    @cached_property
+    def _rows(self) -> Floats:
+        """Currents of each part into the rows: an ideal source takes up the current at its node."""
+        return np.where(self.board.descriptor.determined[:, None], 0.0, self._columns)
+
+    @cached_property
+    def _modal(self) -> tuple[Complexes, Complexes, Floats]:
+        """Voltages of the modes (K, n), currents into the modes (n, K), and the direct part."""
+        space = driven(self.board.descriptor, self.board.operating_point, self._rows)
+        modes, columns = self.board.state_space.modes, self._columns.T
+        return columns @ space.C @ modes.right, modes.left @ space.B, columns @ space.D
+
+    def _from_modes(self, omega: Floats) -> Complexes:
+        right, left, direct = self._modal
+        gain = 1.0 / (1j * omega[:, None] - self.poles)
+        return np.asarray((right * gain[:, None, :]) @ left + direct)
+
+    def _from_solves(self, omega: Floats) -> Complexes:
+        structure, rows = self.board.structure, self._rows.astype(np.complex128)
+        solved = [structure.factor(1j * each).solve(rows) for each in omega.tolist()]
+        return np.asarray(self._columns.T @ np.stack(solved))
 
 
-@dataclass(frozen=True, slots=True)
-class Loci:
-    """Crossings between the shares `low` and `high`, the largest share first.
-
-    At the shares `near` a locus comes close to the axis without crossing: their poles must tell.
-    """
-
-    low: float
-    high: float
-    crossings: tuple[LocusCrossing, ...]
-    near: tuple[float, ...]
-
-    def unstable_at(self, share: float) -> int:
-        """Count the unstable poles at a share below 1 of a board that is stable itself."""
-        return sum(each.change for each in self.crossings if share < each.share <= 1.0)
-
-
-def trace_loci(ports: PortResponse, low: float, high: float = 1.0) -> Loci:
+def trace_loci(ports: PortResponse, low: float, high: float = 1.0, unstable: int = 0) -> Edges:
     """Find every share from `low` (above 0) to `high` at which the board has a pole on the axis.
 
-    The board of `ports` itself, with the share 1, has none; its linearisation does not depend on
-    the shares.
+    The board of `ports` itself, with the share 1, has none, and `unstable` poles right of it; its
+    linearisation does not depend on the shares. At the shares `Edges.near` a locus comes close to
+    the axis without crossing: their poles must tell.
 
     Raises
     ------
@@ -97,8 +150,7 @@ def trace_loci(ports: PortResponse, low: float, high: float = 1.0) -> Loci:
     """
     trace = _Trace(ports, math.log(low), math.log(high))
     trace.run(_frequencies(ports.poles, low, high))
-    crossings = sorted(trace.crossings, key=lambda each: -each.share)
-    return Loci(low, high, tuple(crossings), trace.nearest())
+    return Edges.counted((low, high), trace.crossings, trace.nearest(), (1.0, unstable))
 
 
 def _frequencies(poles: Complexes, low: float, high: float) -> Floats:
@@ -122,7 +174,7 @@ class _Trace:
     ports: PortResponse
     low: float  # logarithms of the ends of the interval
     high: float
-    crossings: list[LocusCrossing] = field(default_factory=list)
+    crossings: list[Crossing] = field(default_factory=list)
     near: list[complex] = field(default_factory=list)  # logarithms of shares
 
     def loci(self, omega: Floats) -> Complexes:
@@ -198,7 +250,7 @@ class _Trace:
             if None not in found:
                 self._keep(found)
 
-    def _cross(self, a: float, b: float, z: Complexes, k: int) -> LocusCrossing | None:
+    def _cross(self, a: float, b: float, z: Complexes, k: int) -> Crossing | None:
         """Find where locus k crosses the real axis between two frequencies (Illinois method).
 
         `z` (3, K) are all loci at both ends and in the middle; None if no locus is there.
@@ -218,20 +270,20 @@ class _Trace:
                 a, low, high, kept = m, found.imag, (0.5 * high if kept < 0 else high), -1
         if abs(found.imag) > ON_AXIS * abs(z[2, k].imag - z[0, k].imag):
             return None
-        change = 2 if z[2, k].imag < z[0, k].imag else -2
-        return LocusCrossing(math.exp(found.real), m / (2.0 * math.pi), change)
+        change = -2 if z[2, k].imag < z[0, k].imag else 2
+        return math.exp(found.real), m / (2.0 * math.pi), change
 
     def _real_poles(self, ahead: Complexes) -> None:
         """Find the shares with a pole at zero; `ahead` are the loci at the lowest frequency."""
         w = np.linalg.eigvals(self.ports.at(np.zeros(1))[0].real)
         for share in (1.0 - 1.0 / w[(w.imag == 0.0) & (w.real > 1.0)].real).tolist():
             following = ahead[np.argmin(np.abs(ahead - math.log(share)))]
-            self._keep([LocusCrossing(share, 0.0, 1 if following.imag < 0.0 else -1)])
+            self._keep([(share, 0.0, -1 if following.imag < 0.0 else 1)])
 
-    def _keep(self, found: Iterable[LocusCrossing | None]) -> None:
+    def _keep(self, found: Iterable[Crossing | None]) -> None:
         """Keep the crossings in the interval."""
         for each in found:
-            if each is not None and self.low <= math.log(each.share) <= self.high:
+            if each is not None and self.low <= math.log(each[0]) <= self.high:
                 self.crossings.append(each)
 
 

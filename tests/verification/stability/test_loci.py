@@ -16,37 +16,37 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.spice_models.opamp import OpAmp
 from taction.verification.engines.statespace.equations import descriptor
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.stability import port_response
-from taction.verification.stability.margin import (
-    gain_resistors,
-    signal_capacitors,
-    with_capacitance,
-)
-from taction.verification.stability.parameter_loci import Loci, _Trace, trace_loci
+from taction.verification.stability import loci as module
+from taction.verification.stability.edges import Edges
+from taction.verification.stability.knobs import gain_resistors, signal_capacitors, with_capacitance
+from taction.verification.stability.loci import PortResponse, _Trace, trace_loci
 from taction.verification.stability.poles import count_unstable, poles
-from taction.verification.stability.port_response import PortResponse
 from tests.support.boards import lag_board, single_mode, window
 from tests.support.paths import SCENES
 
 TAU = 0.455e-6
 
 
-def capacitor_loci(circuit: Circuit, low: float = 0.01, high: float = 1.0) -> Loci:
-    return trace_loci(PortResponse(LinearBoard(circuit), signal_capacitors(circuit)), low, high)
+def capacitor_loci(
+    circuit: Circuit, low: float = 0.01, high: float = 1.0, unstable: int = 0
+) -> Edges:
+    ports = PortResponse(LinearBoard(circuit), signal_capacitors(circuit))
+    return trace_loci(ports, low, high, unstable)
 
 
 def test_both_ends_of_the_window_of_a_loop_gain_of_100() -> None:
     low, high = window(100.0)
     assert (low, high) == pytest.approx((24.0 - math.sqrt(575.0), 24.0 + math.sqrt(575.0)))
     found = capacitor_loci(lag_board(100.0, 100.0), low=1e-4)
-    assert [100.0 * c.share for c in found.crossings] == pytest.approx([high, low], rel=1e-9)
-    assert [c.change for c in found.crossings] == [2, -2]
+    assert [100.0 * c.value for c in found.edges] == pytest.approx([low, high], rel=1e-9)
+    assert [(c.below, c.above) for c in found.edges] == [(0, 2), (2, 0)]
     assert [found.unstable_at(share) for share in (0.9, 0.1, 2e-4)] == [0, 2, 0]
-    for crossing in found.crossings:  # on the axis (w tau)² = 1 + 2 tau / RC
-        omega = math.sqrt(1.0 + 2.0 / (100.0 * crossing.share)) / TAU
+    for crossing in found.edges:  # on the axis (w tau)² = 1 + 2 tau / RC
+        omega = math.sqrt(1.0 + 2.0 / (100.0 * crossing.value)) / TAU
         assert crossing.frequency == pytest.approx(omega / (2.0 * math.pi), rel=1e-9)
     from_below = capacitor_loci(lag_board(0.01, 100.0), 1.0, 1e5)
-    assert [0.01 * c.share for c in from_below.crossings] == pytest.approx([high, low], rel=1e-9)
+    assert [0.01 * c.value for c in from_below.edges] == pytest.approx([low, high], rel=1e-9)
+    assert [from_below.unstable_at(share) for share in (1.0, 1e3, 1e5)] == [0, 2, 0]
 
 
 @pytest.mark.parametrize("width", [1e-1, 1e-2, 1e-3, 1e-4, 1e-5])
@@ -57,14 +57,14 @@ def test_a_narrow_window_is_found_from_any_distance(width: float, start: float) 
     low, high = window(gain)
     assert (high - low) == pytest.approx(width, rel=0.01)
     found = capacitor_loci(lag_board(start, gain))
-    ends = [start * crossing.share for crossing in found.crossings]
-    assert ends == pytest.approx([high, low], rel=1e-7)
-    assert [crossing.change for crossing in found.crossings] == [2, -2]
+    ends = [start * edge.value for edge in found.edges]
+    assert ends == pytest.approx([low, high], rel=1e-7)
+    assert [(edge.below, edge.above) for edge in found.edges] == [(0, 2), (2, 0)]
 
 
 @pytest.mark.parametrize("below", [1e-1, 1e-3, 1e-6, 1e-9])
 def test_a_mode_that_comes_near_and_turns_back_does_not_cross(below: float) -> None:
-    assert capacitor_loci(lag_board(1.5, 8.0 * (1.0 - below))).crossings == ()
+    assert capacitor_loci(lag_board(1.5, 8.0 * (1.0 - below))).edges == ()
 
 
 def test_a_mode_within_rounding_of_the_axis_is_named() -> None:
@@ -89,16 +89,17 @@ def test_a_real_pole_crosses_as_a_conductance_falls() -> None:
     board = LinearBoard(circuit)
     assert poles(board).rightmost.real == pytest.approx(-0.6 / 1e-6, rel=1e-6)
     resistor = next(part for part in circuit.resistors if part.name == "R")
-    (crossing,) = trace_loci(PortResponse(board, (resistor,)), 0.1).crossings
-    assert (crossing.share, crossing.frequency, crossing.change) == (pytest.approx(0.4), 0.0, 1)
+    (edge,) = trace_loci(PortResponse(board, (resistor,)), 0.1).edges
+    assert (edge.value, edge.frequency) == (pytest.approx(0.4), 0.0)
+    assert (edge.below, edge.above) == (1, 0)
 
 
 @pytest.mark.parametrize("name", ["custom-matrix", "tuned-breadboard", "paper-exponential"])
 def test_the_loci_count_what_winding_numbers_and_poles_count(name: str) -> None:
     circuit = synthesise(load_scene(SCENES / f"{name}.toml"))
     found = capacitor_loci(circuit)
-    ends = [1.0, *(crossing.share for crossing in found.crossings), 0.01]
-    for above, below in pairwise(ends):
+    ends = [0.01, *(edge.value for edge in found.edges), 1.0]
+    for below, above in pairwise(ends):
         share = math.sqrt(above * below)
         board = LinearBoard(with_capacitance(circuit, share * circuit.scalings.capacitance))
         assert poles(board).unstable_count == found.unstable_at(share)
@@ -112,7 +113,7 @@ def test_modes_and_solves_give_one_response(monkeypatch: pytest.MonkeyPatch) -> 
         ports = PortResponse(LinearBoard(circuit), parts)
         modal = ports.at(omega)
         with monkeypatch.context() as patch:
-            patch.setattr(port_response, "WELL_CONDITIONED", 0.0)
+            patch.setattr(module, "WELL_CONDITIONED", 0.0)
             assert modal == pytest.approx(ports.at(omega), rel=1e-8, abs=1e-8 * np.abs(modal).max())
 
 
@@ -121,10 +122,10 @@ def test_a_large_board_has_the_crossings_of_the_dense_one(monkeypatch: pytest.Mo
     dense = capacitor_loci(circuit)
     monkeypatch.setattr(descriptor, "LARGE", 0)
     large = capacitor_loci(circuit)
-    assert len(large.crossings) == len(dense.crossings) == 5
-    for a, b in zip(large.crossings, dense.crossings, strict=True):
-        assert (a.share, a.frequency) == pytest.approx((b.share, b.frequency), rel=1e-6)
-        assert a.change == b.change
+    assert len(large.edges) == len(dense.edges) == 5
+    for a, b in zip(large.edges, dense.edges, strict=True):
+        assert (a.value, a.frequency) == pytest.approx((b.value, b.frequency), rel=1e-6)
+        assert (a.below, a.above) == (b.below, b.above)
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -145,11 +146,10 @@ def test_random_boards_cross_where_their_poles_do(seed: int) -> None:
     )
     circuit = synthesise(scene)
     farads = circuit.scalings.capacitance
-    found = capacitor_loci(circuit)
-    own = poles(circuit).unstable_count
+    found = capacitor_loci(circuit, unstable=poles(circuit).unstable_count)
     for share in np.geomspace(0.011, 0.99, 23).tolist():
         counted = poles(with_capacitance(circuit, share * farads)).unstable_count
-        assert counted == own + found.unstable_at(share)
+        assert counted == found.unstable_at(share)
 
 
 def test_a_share_of_zero_is_far_below_every_interval() -> None:

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from taction.system.errors import EngineError
-from taction.verification.stability.pole_scan import scan
+from taction.verification.stability.edges import Scan
 from taction.verification.stability.poles import Poles, summarise
-from taction.verification.stability.scan_result import Scan
+from taction.verification.stability.scan import scan
 
 GRID = np.geomspace(0.1, 10.0, 31).tolist()
 
@@ -33,30 +33,30 @@ def pair(pole: complex) -> Poles:
 
 
 def places(found: Scan) -> list[float]:
-    return [float(np.log(crossing.value)) for crossing in found.crossings]
+    return [float(np.log(crossing.value)) for crossing in found.edges]
 
 
 def test_both_ends_of_a_window_far_narrower_than_the_grid_are_found() -> None:
     for half in (1e-2, 1e-3, 3e-5):
         found = scan(poles_of(lambda x, h=half: h**2 - (x - 0.123) ** 2 + 2j), GRID)  # type: ignore[misc]
         assert places(found) == pytest.approx([0.123 - half, 0.123 + half], rel=1e-6)
-        assert [c.unstable_above for c in found.crossings] == [True, False]
-        assert [(c.below, c.above) for c in found.crossings] == [(0, 2), (2, 0)]
-        assert found.crossings[0].frequency == pytest.approx(1.0 / np.pi)
+        assert [c.unstable_above for c in found.edges] == [True, False]
+        assert [(c.below, c.above) for c in found.edges] == [(0, 2), (2, 0)]
+        assert found.edges[0].frequency == pytest.approx(1.0 / np.pi)
         (low, first), (second, high) = found.stable_ranges
         assert (low, high) == (0.1, 10.0)
-        assert (first, second) == tuple(c.value for c in found.crossings)
+        assert (first, second) == tuple(c.value for c in found.edges)
 
 
 def test_a_stable_gap_inside_an_unstable_range_is_found() -> None:
     found = scan(poles_of(lambda x: (x + 0.4) ** 2 - 1e-6 + 1j), GRID)
     assert places(found) == pytest.approx([-0.401, -0.399], rel=1e-6)
-    assert found.stable_ranges == (tuple(c.value for c in found.crossings),)
+    assert found.stable_ranges == (tuple(c.value for c in found.edges),)
 
 
 def test_a_mode_that_comes_near_and_turns_back_does_not_cross() -> None:
     found = scan(poles_of(lambda x: -1e-9 - (x - 0.123) ** 2 + 2j), GRID)
-    assert found.crossings == ()
+    assert found.edges == ()
     assert found.stable_ranges == ((0.1, 10.0),)
 
 
@@ -71,18 +71,18 @@ def test_crossings_within_one_grid_interval_are_told_apart() -> None:
         GRID,
     )
     assert places(found) == pytest.approx([0.01, 0.0101, 0.02, 0.03], rel=1e-6)
-    assert [c.unstable_above for c in found.crossings] == [True, True, False, True]
-    assert [c.frequency > 0.0 for c in found.crossings] == [True, True, False, False]
-    assert [c.below for c in found.crossings] == [1, 3, 5, 4]
-    assert [c.changes_stability for c in found.crossings] == [False] * 4
+    assert [c.unstable_above for c in found.edges] == [True, True, False, True]
+    assert [c.frequency > 0.0 for c in found.edges] == [True, True, False, False]
+    assert [c.below for c in found.edges] == [1, 3, 5, 4]
+    assert [c.changes_stability for c in found.edges] == [False] * 4
     assert found.stable_ranges == ()
 
 
 def test_modes_that_cross_at_the_same_value_are_listed_by_frequency() -> None:
     found = scan(poles_of(lambda x: x - 0.3 + 1j, lambda x: 2 * (x - 0.3) + 5j), GRID)
     assert places(found) == pytest.approx([0.3, 0.3], rel=1e-6)
-    assert [c.frequency for c in found.crossings] == pytest.approx([0.5 / np.pi, 2.5 / np.pi])
-    assert [(c.below, c.above) for c in found.crossings] == [(0, 4), (0, 4)]
+    assert [c.frequency for c in found.edges] == pytest.approx([0.5 / np.pi, 2.5 / np.pi])
+    assert [(c.below, c.above) for c in found.edges] == [(0, 4), (0, 4)]
 
 
 def test_rounding_at_a_crossing_does_not_make_several_of_it(rng: np.random.Generator) -> None:
@@ -99,8 +99,8 @@ def test_a_linear_scan_reaches_zero() -> None:
         [0.0, 0.5, 1.0],
         logarithmic=False,
     )
-    assert found.crossings[0].value == pytest.approx(0.3, rel=1e-8)
-    assert found.stable_ranges == ((found.crossings[0].value, 1.0),)
+    assert found.edges[0].value == pytest.approx(0.3, rel=1e-8)
+    assert found.stable_ranges == ((found.edges[0].value, 1.0),)
 
 
 def test_values_without_poles_are_kept_with_their_reason() -> None:
@@ -121,8 +121,8 @@ def test_of_incomplete_poles_only_the_rightmost_one_counts() -> None:
     found = scan(lambda v: summarise(laws(v).poles[:3], complete=False), GRID)
     assert places(found) == pytest.approx([0.3], rel=1e-6)
     assert not found.complete
-    assert (found.crossings[0].below, found.crossings[0].above) == (0, 1)
-    assert found.stable_ranges == ((0.1, found.crossings[0].value),)
+    assert (found.edges[0].below, found.edges[0].above) == (0, 1)
+    assert found.stable_ranges == ((0.1, found.edges[0].value),)
 
 
 def test_a_window_hidden_behind_a_slower_mode_is_found() -> None:
@@ -130,7 +130,7 @@ def test_a_window_hidden_behind_a_slower_mode_is_found() -> None:
     window = poles_of(lambda x: 1e-4 - (x - 0.123) ** 2 + 2j, lambda x: -1e-4)
     found = scan(window, GRID)
     assert places(found) == pytest.approx([0.113, 0.133], rel=1e-6)
-    assert [(c.below, c.above) for c in found.crossings] == [(0, 2), (2, 0)]
+    assert [(c.below, c.above) for c in found.edges] == [(0, 2), (2, 0)]
 
 
 def test_a_pole_on_the_axis_to_within_rounding_is_no_crossing_and_no_stable_range(
@@ -144,7 +144,7 @@ def test_a_pole_on_the_axis_to_within_rounding_is_no_crossing_and_no_stable_rang
         return summarise(np.array([noise + drift, -1e6], dtype=complex), complete=True)
 
     found = scan(read, GRID)
-    assert found.crossings == ()
+    assert found.edges == ()
     ((low, high),) = found.stable_ranges
     assert low == pytest.approx(1.0, abs=0.1)
     assert high == 10.0
@@ -163,6 +163,6 @@ def test_modes_that_turn_back_at_the_same_value_share_their_samples(near: float)
     """As of a board with equal channels: each mode has its extreme where the others have theirs."""
     laws = [lambda x, k=k: -near - (x - 0.3) ** 2 + 1j * k for k in (1, 2, 3)]  # type: ignore[misc]
     found = scan(poles_of(*laws), [0.9, 1.3, 2.0])
-    assert found.crossings == ()
+    assert found.edges == ()
     values = [sample.value for sample in found.samples]
     assert len(values) == len(set(values))

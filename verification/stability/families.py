@@ -1,0 +1,157 @@
+"""Boards that differ in one number, and every edge of stability among them.
+
+Where the number only scales equal parts, and the equilibrium stays, the loci of these parts find
+every edge from one board (`loci`). Otherwise poles at samples of the number find them (`scan`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from taction.netlist_gen.board.circuit import Capacitor, Circuit
+from taction.system.errors import EngineError, InputError
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.stability.edges import Edges, Scan
+from taction.verification.stability.knobs import Knob
+from taction.verification.stability.loci import PortResponse, trace_loci
+from taction.verification.stability.poles import Poles, count_unstable, poles
+from taction.verification.stability.scan import TOLERANCE, scan
+
+PER_DECADE = 20  # values of the first grid of a scan
+BESIDE = 1e-6  # relative distance of the samples beside an edge of the loci
+APART, SAME = 1.01, 1e-9  # of two boards that are compared: ratio of their values, and tolerance
+
+
+@dataclass(frozen=True, slots=True)
+class Family:
+    """Boards over one number.
+
+    Attributes
+    ----------
+    board : callable
+        The board at a value; raises `InputError` or `EngineError` without one.
+    own : float
+        A value in the middle of interest.
+    ports : PortResponse or None
+        The board at `own` with the parts that the number scales; None if more depends on it.
+    """
+
+    board: Callable[[float], LinearBoard]
+    own: float = 1.0
+    ports: PortResponse | None = None
+
+    @classmethod
+    def of(cls, board: LinearBoard, knob: Knob) -> Family:
+        """Return the boards that differ from `board` in one of its knobs."""
+        circuit, parts = board.circuit, knob.parts(board.circuit)
+        reactive = isinstance(parts[0], Capacitor)
+        point = board.operating_point if reactive else None  # no capacitor moves the equilibrium
+
+        def moved(value: float) -> LinearBoard:
+            return LinearBoard(knob.moved(circuit, value), point=point)
+
+        exact = reactive or not circuit.has_nonlinear_amplifiers
+        return cls(moved, knob.own(circuit), PortResponse(board, parts) if exact else None)
+
+    @classmethod
+    def over(
+        cls,
+        build: Callable[[float], Circuit],
+        knob: Knob | None = None,
+        own: float | None = None,
+    ) -> Family:
+        """Return the boards that a function builds, whose number may be a knob of theirs."""
+
+        def board(value: float) -> LinearBoard:
+            return LinearBoard(build(value))
+
+        if knob is None or own is None:
+            return cls(board)
+        try:
+            alone = _follows(knob, build(own), build(APART * own))
+            return cls(board, own, cls.of(board(own), knob).ports if alone else None)
+        except (InputError, EngineError):
+            return cls(board)
+
+    def poles(self, value: float) -> Poles:
+        """Return the poles at a value."""
+        return poles(self.board(value))
+
+    def edges(self, low: float, high: float, found: Poles | None = None) -> Edges:
+        """Find every edge from `low` to `high` (above zero); `found`: poles at `own`.
+
+        Raises
+        ------
+        InputError, EngineError
+            No board, no equilibrium, no state-space form, or a pole at `own` is on the axis.
+
+        Notes
+        -----
+        Costs the loci, or a scan: the poles of `PER_DECADE` boards per decade, and more.
+        """
+        if self.ports is not None:
+            own = poles(self.ports.board) if found is None else found
+            known = own.complete or own.stable  # else the poles are too few to be counted
+            count = own.unstable_count if known else count_unstable(self.ports.board)
+            return self._loci(self.ports, low, high, count)
+        points = 2 + math.ceil(PER_DECADE * math.log10(high / low))
+        return self.scan(np.geomspace(low, high, points).tolist())
+
+    def scan(
+        self,
+        values: Sequence[float],
+        *,
+        logarithmic: bool = True,
+        tolerance: float = TOLERANCE,
+        fine: bool = True,
+    ) -> Scan:
+        """Find every edge among `values`, with the poles at samples; see `scan`.
+
+        With samples beside the edges of the loci no edge is too narrow to be found.
+        """
+        located = self._located(min(values), max(values)) if logarithmic else []
+        everything = [*values, *located]
+        return scan(self.poles, everything, logarithmic=logarithmic, tolerance=tolerance, fine=fine)
+
+    def count(self, value: float, edges: Edges) -> int:
+        """Count the unstable poles at a value by a winding number, without poles."""
+        return edges.unstable_at(value) if self.ports else count_unstable(self.board(value))
+
+    def _loci(self, ports: PortResponse, low: float, high: float, unstable: int) -> Edges:
+        own = self.own
+        if ports.reactive:
+            found = trace_loci(ports, low / own, high / own, unstable)
+            return found.mapped(lambda share: own * share)
+        found = trace_loci(ports, own / high, own / low, unstable)
+        return found.mapped(lambda share: own / share)
+
+    def _located(self, low: float, high: float) -> list[float]:
+        """Return values on both sides of the edges that the loci show."""
+        if self.ports is None:
+            return []
+        try:
+            found = self._loci(self.ports, low, high, 0)
+        except EngineError:
+            return []
+        places = [*(edge.value for edge in found.edges), *found.near]
+        sides = (1.0 - BESIDE, 1.0, 1.0 + BESIDE)
+        return [v for each in places for side in sides if low < (v := each * side) < high]
+
+
+def _follows(knob: Knob, first: Circuit, second: Circuit) -> bool:
+    """Tell whether a knob alone leads from one board to another, without a series that rounds."""
+    ratio = knob.own(second) / knob.own(first)
+    if abs(ratio / APART - 1.0) > SAME:
+        return False
+    moved = knob.moved(first, knob.own(second))
+    values, others = (
+        np.array([*(p.ohms for p in c.resistors), *(p.farads for p in c.capacitors),
+                  *(e for m in c.matrices for e in m.ohms.ravel().tolist())])
+        for c in (moved, second)
+    )  # fmt: skip
+    same = values.shape == others.shape and moved.models == second.models
+    return same and bool(np.allclose(values, others, rtol=SAME, atol=0.0))
