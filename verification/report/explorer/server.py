@@ -110,7 +110,7 @@ def explore(scene: Scene, *, port: int, show: bool, announce: Callable[[str], No
     app.on_shutdown(end)
     app.add_static_files("/taction", str(PAGE))
     app.add_static_files("/echarts", str(_charts()))
-    app.add_static_files("/report", str(PAGE.parents[1] / "html" / "page"))
+    app.add_static_files("/report", str(PAGE.parents[1] / "renderers" / "page_files"))
     ui.page("/", title=f"taction explore {scene.name}")(lambda: _open_page(start, jobs))
     app.add_middleware(Guard, token=token, port=port)
     ui.run(

@@ -1,90 +1,18 @@
-"""Values as text, as an engineer writes them."""
+"""The names of `taction.verification.report.texts` until every view has moved."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable
-from decimal import Decimal
-
-from taction.netlist_gen.scene.summary import counted as counted
-from taction.netlist_gen.scene.summary import opamp_name as opamp_name
-from taction.system.quantities import NONE as NONE
-from taction.system.quantities import quantity as quantity
-from taction.system.quantities import readable as readable
-from taction.verification.report.html.blocks import Cell, Outcome
-from taction.verification.report.tables import spaced, value_text
-
-LEAST_SHARE = 1e-6  # of the step: smaller parts have no number
-LEAST_ERROR = 1e-5  # of a value: smaller errors are below the digits that are shown
-
-
-def figure(value: float | None, unit: str, digits: int = 4) -> str:
-    """Return a value as `value_text` does, with the signs for ohm and micro; "never" for infinity.
-
-    Examples
-    --------
-    >>> figure(0.0123, "step"), figure(float("inf"), "s"), figure(-1123.46, "1/s")
-    ('1.23 %', 'never', '-1123 /s')
-    >>> figure(19.53, "step"), figure(3e-9, "step"), figure(2e-6, "step")
-    ('1950 %', 'under 1 ppm', '0.0002 %')
-    """
-    if value is None or math.isnan(value):
-        return NONE
-    if math.isinf(value):
-        return "never"
-    if unit == "step":
-        return _per_cent(value, min(digits, 3))
-    if unit == "1/s" and 0.0 < abs(value) < 1.0:
-        return f"{value:.{digits}g} /s"
-    return readable(value_text(float(value), "" if unit == "ratio" else unit, digits))
-
-
-def _per_cent(share: float, digits: int) -> str:
-    """Return a fraction of the step without an exponent."""
-    if 0.0 < abs(share) < LEAST_SHARE:
-        return "under 1 ppm"
-    rounded = float(f"{100.0 * share:.{digits}g}")
-    return f"{Decimal(repr(rounded)):f}".removesuffix(".0") + " %"
-
-
-def with_error(value: float | None, error: float | None, unit: str) -> str:
-    """Return a value with the bound on its error, which has two digits or is below those shown.
-
-    Examples
-    --------
-    >>> with_error(0.1, 0.01, "step"), with_error(1.4e-4, 2.1e-17, "s"), with_error(2.0, None, "V")
-    ('10 % ± 1 %', '140 µs (error under 10 ppm)', '2 V')
-    """
-    text = figure(value, unit)
-    if value is None or not error or not math.isfinite(error) or not math.isfinite(value):
-        return text
-    if error < LEAST_ERROR * abs(value):
-        return f"{text} (error under 10 ppm)"
-    return f"{text} ± {figure(error, unit, 2)}"
-
-
-def titled(name: str) -> str:
-    """Return the name of a quantity as a title."""
-    text = spaced(name)
-    return f"{text[:1].upper()}{text[1:]}"
-
-
-def percent(share: float) -> str:
-    """Return a fraction as per cent."""
-    return f"{100 * share:.4g} %"
-
-
-def number_cell(value: float | None, unit: str, digits: int = 4) -> Cell:
-    """Return a cell that shows a value as `figure` and sorts by it."""
-    known = value is not None and math.isfinite(value)
-    return Cell(figure(value, unit, digits), value if known else None)
-
-
-def text_cells(texts: Iterable[object]) -> tuple[Cell, ...]:
-    """Return cells that sort by their texts."""
-    return tuple(Cell(str(text)) for text in texts)
-
-
-def outcome_cell(outcome: Outcome) -> Cell:
-    """Return a cell with the mark of an outcome."""
-    return Cell(outcome, None, outcome)
+from taction.verification.report.texts import LEAST_ERROR as LEAST_ERROR
+from taction.verification.report.texts import LEAST_SHARE as LEAST_SHARE
+from taction.verification.report.texts import NONE as NONE
+from taction.verification.report.texts import counted as counted
+from taction.verification.report.texts import figure as figure
+from taction.verification.report.texts import number_cell as number_cell
+from taction.verification.report.texts import opamp_name as opamp_name
+from taction.verification.report.texts import outcome_cell as outcome_cell
+from taction.verification.report.texts import percent as percent
+from taction.verification.report.texts import quantity as quantity
+from taction.verification.report.texts import readable as readable
+from taction.verification.report.texts import text_cells as text_cells
+from taction.verification.report.texts import titled as titled
+from taction.verification.report.texts import with_error as with_error

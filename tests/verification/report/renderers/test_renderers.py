@@ -1,0 +1,216 @@
+"""Every block and every kind of chart in every medium."""
+
+from __future__ import annotations
+
+import io
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from lxml import html
+
+from taction.system.picture import new_figure
+from taction.verification.report.blocks import Cell, Page, Section, Sheet, Table
+from taction.verification.report.charts import (
+    MARKS,
+    OUTCOMES,
+    Axis,
+    Chart,
+    Curve,
+    Look,
+    looks_of,
+    spread_colours,
+)
+from taction.verification.report.renderers import notebook, picture, plotly, terminal
+from taction.verification.report.renderers.page import FILES, page_html
+from tests.support.gallery import EVERYWHERE, charts, gallery, sheet
+from tests.support.printed import words_of
+from tests.support.text_boxes import cut_off, overlapping
+
+CHARTS = charts()
+WIDTHS = (40, 60, 80, 100, 120, 160, 200)
+
+
+def at_width(page: Page, width: int) -> str:
+    text = io.StringIO()
+    console = terminal.Terminal(file=text)
+    console.width = width
+    terminal.print_page(page, console)
+    return text.getvalue()
+
+
+def luminance(colour: str) -> float:
+    """Return the relative luminance of a colour, by the definition of WCAG 2."""
+    parts = [int(colour[k : k + 2], 16) / 255.0 for k in (1, 3, 5)]
+    linear = [p / 12.92 if p <= 0.04045 else ((p + 0.055) / 1.055) ** 2.4 for p in parts]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+@pytest.mark.parametrize("outcome", OUTCOMES)
+def test_an_outcome_has_the_same_colour_in_every_medium(outcome: str) -> None:
+    look = OUTCOMES[outcome]
+    style = (FILES / "page.css").read_text("utf-8")
+    assert f"--fill-{outcome}: {look.colour};" in style
+    assert picture.colour(outcome) == plotly.colour(outcome) == look.colour
+    assert terminal.outcome_text("x", outcome).style == look.colour
+    page = Page("title", "study", outcome, "", (), ())
+    assert look.colour in notebook.card(page)
+    assert f"{look.sign} {outcome}" in notebook.card(page)
+
+
+@pytest.mark.parametrize("colour", [look.colour for look in OUTCOMES.values()])
+def test_what_is_drawn_stands_out_from_both_papers(colour: str) -> None:
+    own, dark = luminance(colour), luminance("#19212a")
+    assert 1.05 / (own + 0.05) > 2.8
+    assert (own + 0.05) / (dark + 0.05) > 3.0
+
+
+def test_kinds_of_results_have_looks_that_differ() -> None:
+    names = ["pass", "fail: stability", "fail: overshoot", "fail: rise time", "fail: noise"]
+    looks = looks_of([*names, "", "error: TimedOut", "inconclusive: rise time"])
+    assert list(looks)[:5] == names
+    assert len({(look.colour, look.mark) for look in looks.values()}) == len(looks) == 7
+    assert len({(look.colour, look.hatch) for look in looks.values()}) == 7
+    assert all(isinstance(look, Look) and look.mark in MARKS for look in looks.values())
+
+
+def test_channels_have_colours_that_differ() -> None:
+    assert len(set(spread_colours(64))) == 64
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_a_terminal_of_any_width_shows_every_word(width: int) -> None:
+    narrow, wide = at_width(gallery(), width), at_width(gallery(), 400)
+    missing = set(words_of(wide)) - set(words_of(narrow))
+    assert not {word for word in missing if not word.startswith("─")}
+    rows = [line for line in narrow.splitlines() if "│" in line or "─" in line]
+    assert all(len(line) <= width for line in rows)
+
+
+def test_a_terminal_binds_numbers_to_their_units() -> None:
+    cells = tuple(Cell(f"{k}.5 µs after {k} pF") for k in range(1, 5))
+    page = Page(
+        "t", "c", "", "", (), (Section("", (Table("", ("a",) * 4, (cells,)),), "", EVERYWHERE),)
+    )
+    for width in range(20, 100):
+        for line in at_width(page, width).splitlines():
+            assert not re.search(
+                r"(^|\s)(us|pF)\b", line.replace("5 us", "").replace(" pF", "pF", 4)[:3]
+            )
+    assert "1.5 us" in at_width(page, 40)
+
+
+def test_a_terminal_has_the_outcome_in_its_last_line() -> None:
+    assert terminal.page_text(gallery()).splitlines()[-1] == "FAIL"
+
+
+def test_a_page_has_every_block_and_loads_nothing() -> None:
+    tree = html.document_fromstring(page_html(gallery()))
+    blocks = gallery().sections[0].made("page")
+    assert len(tree.find_class("block")) == len(blocks)
+    assert len(tree.find_class("canvas")) == len(CHARTS)
+    text = tree.text_content()
+    for word in (
+        "12.3 µV",
+        "at most 40 %",
+        "u1 is slow",
+        "10 kΩ",
+        "the record ends early",
+        "a cell",
+    ):
+        assert word in text
+    assert not tree.xpath("//*[@src or @href[not(starts-with(., '#'))]]")
+
+
+def test_a_page_has_no_markup_of_others() -> None:
+    bad = '<script>alert(1)</script><img src=x onerror="alert(2)">'
+    chart = Chart(bad, Axis(bad), Axis(bad), (Curve([1.0], [2.0], bad, hover=(bad,)),), bad, bad)
+    page = Page(bad, bad, "", bad, (bad,), (Section(bad, (chart,), bad, EVERYWHERE),), (bad,))
+    assert bad not in page_html(page)
+    assert bad not in notebook.card(page)
+    assert bad not in str(plotly.plotly_spec(chart))
+
+
+def test_sections_are_made_only_for_their_media() -> None:
+    def refuse() -> tuple[Table, ...]:
+        raise AssertionError("a terminal does not need this section")
+
+    page = Page("t", "c", "", "", (), (Section("only the page", refuse),))
+    assert terminal.page_text(page) == "t"
+    assert "only the page" not in notebook.card(page)
+
+
+@pytest.mark.parametrize("name", CHARTS)
+def test_plotly_draws_what_the_chart_says(name: str) -> None:
+    chart = CHARTS[name]
+    spec = plotly.plotly_spec(chart)
+    assert spec["data"]
+    assert chart.x.title in spec["layout"]["xaxis"]["title"]["text"]
+    for view in chart.views:
+        assert set(plotly.view_layout(chart, view)) <= {"xaxis.range", "yaxis.range"}
+
+
+def test_plotly_has_the_units_of_the_axes() -> None:
+    share = plotly.plotly_spec(CHARTS["deviation"])["layout"]["yaxis"]
+    assert share["title"]["text"] == "deviation (% of the step)"
+    assert share["range"] == [-6.0, 6.0]
+    log = plotly.plotly_spec(CHARTS["work"])["layout"]["xaxis"]
+    assert (log["type"], log["title"]["text"]) == ("log", "wall time (s)")
+    time = plotly.plotly_spec(CHARTS["waveforms"])["layout"]["xaxis"]
+    assert (time["ticksuffix"], time["range"]) == ("s", [0.0, 5e-5])
+
+
+def test_plotly_marks_each_result() -> None:
+    data = plotly.plotly_spec(CHARTS["results"])["data"]
+    found = {each["name"]: len(each["x"]) for each in data if each.get("mode") == "markers"}
+    words = next(m.names for m in CHARTS["results"].marks if hasattr(m, "names"))
+    assert found == {name: int((words == name).sum()) for name in found}
+    assert sum(found.values()) == words.size - 1
+
+
+def test_a_picture_has_no_text_over_another_or_beyond_its_edge() -> None:
+    figure = picture.draw_sheet(sheet())
+    figure.canvas.draw()
+    assert not overlapping(figure)
+    assert not cut_off(figure)
+
+
+@pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
+def test_a_picture_always_has_the_same_bytes(ending: str, tmp_path: Path) -> None:
+    small = Sheet("one chart", ((CHARTS["results"],),))
+    files = [tmp_path / f"{name}.{ending}" for name in "ab"]
+    for file in files:
+        picture.draw_sheet(small, file)
+    assert files[0].read_bytes() == files[1].read_bytes()
+
+
+def test_a_picture_has_the_values_of_the_chart() -> None:
+    with new_figure(5.0, 4.0) as figure:
+        axes = figure.add_subplot()
+        picture.draw_chart(axes, CHARTS["deviation"])
+        curve = next(line for line in axes.lines if len(line.get_xdata()) > 2)
+        assert np.allclose(np.asarray(curve.get_ydata())[0], 5.0)
+        assert axes.get_ylim() == (-6.0, 6.0)
+        assert axes.get_xlabel() == "time (µs)"
+        hatched = figure.add_subplot()
+        picture.draw_chart(hatched, CHARTS["histogram"])
+        looks = [(patch.get_hatch(), patch.get_height()) for patch in hatched.patches]
+    assert [height for _, height in looks] == [4.0, 9.0, 2.0]
+    assert [hatch or "" for hatch, _ in looks] == ["", "", "////"]
+
+
+def test_places_of_labels_keep_their_distance() -> None:
+    places = picture.apart(np.array([0.5, 0.5, 0.5]), 0.1)
+    assert np.allclose(np.sort(places), [0.4, 0.5, 0.6])
+
+
+def test_edges_of_cells_lie_between_their_middles() -> None:
+    assert np.allclose(picture.cell_edges([1.0, 3.0]), [0.0, 2.0, 4.0])
+    assert np.allclose(picture.cell_edges([5.0]), [4.5, 5.5])
+
+
+def test_a_card_shows_every_block() -> None:
+    text = html.fromstring(notebook.card(gallery())).text_content()
+    for word in ("u1 is slow", "12.3 µV", "✗ fail", "7 ✓ pass", "made in 1 s", "Pole map"):
+        assert word in text

@@ -1,0 +1,182 @@
+"""A page as a card: a small piece of HTML that a notebook shows.
+
+All styles are inline, text and lines take the colours of the page, light or dark, and an outcome
+has a sign and a word beside its colour. Every text is escaped.
+"""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any
+
+from taction.verification.report.blocks import (
+    NOTEBOOK,
+    Bars,
+    Cell,
+    Code,
+    Drawing,
+    Facts,
+    Notes,
+    Page,
+    Ranges,
+    Shares,
+    Table,
+)
+from taction.verification.report.charts import OUTCOMES, Chart, Outcome
+
+LINE = "1px solid rgba(127,127,127,.4)"
+INK = {"pass": "#fff", "fail": "#000", "inconclusive": "#000", "error": "#000"}
+HATCH = "repeating-linear-gradient(135deg,{0} 0 3px,transparent 3px 6px)"
+MOST_ROWS, MOST_NOTES = 40, 6
+LONGEST = 400  # characters of a text
+BOX = (
+    f"border:{LINE};border-left:5px solid {{colour}};border-radius:6px;padding:.6em .9em;"
+    "margin:.4em 0;max-width:46em;font:14px/1.45 system-ui,sans-serif;overflow-x:auto"
+)
+CELL = f"text-align:left;vertical-align:top;padding:.2em 1.2em .2em 0;border:0;border-top:{LINE}"
+WHOLE = "border-collapse:collapse;border:0;margin:.5em 0;width:auto;font-size:1em"
+ROW = '<tr style="background:none">{}</tr>'
+
+
+def card(page: Page) -> str:
+    """Return `page` as one ``<div>``; `command` is its kind: ``"Verdict"``.
+
+    Examples
+    --------
+    >>> from taction.verification.report.blocks import Section
+    >>> facts = Section("", (Facts("", (("C", "10 pF"),)),), media=(NOTEBOOK,))
+    >>> card(Page("a<b", "Scene", "", "", (), (facts,))).count("a&lt;b")
+    1
+    """
+    colour = OUTCOMES[page.outcome].colour if page.outcome else "rgba(127,127,127,.6)"
+    parts = [_head(page)]
+    for section in page.sections:
+        parts += (SHOWN[type(block)](block) for block in section.made(NOTEBOOK))
+    parts += map(_note, page.foot)
+    return f'<div style="{BOX.format(colour=colour)}">{"".join(parts)}</div>'
+
+
+def _text(text: str) -> str:
+    """Return `text` for HTML, cut where it is very long."""
+    return html.escape(text if len(text) <= LONGEST else text[: LONGEST - 1] + "…")
+
+
+def _first(texts: Sequence[str], most: int) -> list[str]:
+    more = len(texts) - most
+    return [*texts] if more <= 0 else [*texts[:most], f"and {more} more"]
+
+
+def _mark(outcome: Outcome, text: str = "") -> str:
+    look = OUTCOMES[outcome]
+    style = f"background:{look.colour};color:{INK[outcome]};border-radius:4px;padding:.05em .5em"
+    shown = f"{look.sign} {_text(text or outcome)}"
+    return f'<span style="{style};font-weight:600;white-space:nowrap">{shown}</span>'
+
+
+def _head(page: Page) -> str:
+    name = f'<b style="font-size:1.1em">{_text(page.title)}</b>'
+    kind = f'<span style="opacity:.7">{_text(page.command)}</span>'
+    outcome = _mark(page.outcome) if page.outcome else ""
+    lines = (f"<div>{_text(line)}</div>" for line in (page.summary, *page.lines) if line)
+    return f"<div>{name} {kind} {outcome}</div>{''.join(lines)}"
+
+
+def _shares(block: Shares) -> str:
+    """Draw the shares of the outcomes, each with its number below."""
+    total = sum(number for _, number in block.rows)
+    if not total:
+        return ""
+    parts = []
+    for outcome, number in block.rows:
+        look = OUTCOMES[outcome]
+        fill = HATCH.format(look.colour) if look.hatch else look.colour
+        parts.append(f'<div style="width:{100 * number / total:.4g}%;background:{fill}"></div>')
+    style = f"display:flex;height:.8em;border:{LINE};margin:.5em 0 .2em"
+    words = " ".join(f"{number} {_mark(outcome)}" for outcome, number in block.rows if number)
+    return f'<div style="{style}" aria-hidden="true">{"".join(parts)}</div><div>{words}</div>'
+
+
+def _facts(block: Facts) -> str:
+    rows = (
+        ROW.format(
+            f'<th scope="row" style="{CELL};font-weight:400;opacity:.75;white-space:nowrap">'
+            f'{_text(name)}</th><td style="{CELL}">{_text(value)}</td>'
+        )
+        for name, value in block.rows
+    )
+    return _whole(rows) if block.rows else ""
+
+
+def _table(block: Table) -> str:
+    if not block.rows:
+        return ""
+    rows = (ROW.format("".join(map(_cell, row))) for row in block.rows[:MOST_ROWS])
+    more = len(block.rows) - MOST_ROWS
+    note = _note(f"and {more} more rows") if more > 0 else ""
+    return _whole([_titles(block.columns), *rows]) + note
+
+
+def _bars(block: Bars) -> str:
+    rows: list[tuple[Cell, ...]] = [
+        (Cell(bar.name), Cell(bar.outcome, None, bar.outcome), Cell(bar.value), Cell(bar.limit))
+        for bar in block.rows
+    ]
+    table = Table(block.title, ("check", "outcome", "value", "limit"), tuple(rows))
+    reasons = [f"{bar.name}: {bar.reason}" for bar in block.rows if bar.outcome != "pass"]
+    return _table(table) + "".join(map(_note, _first(reasons, MOST_NOTES)))
+
+
+def _ranges(block: Ranges) -> str:
+    rows = [
+        (Cell(each.name), Cell(each.outcome, None, each.outcome), Cell(", ".join(each.texts)))
+        for each in block.rows
+    ]
+    return _table(Table(block.title, ("quantity", "outcome", "range"), tuple(rows)))
+
+
+def _notes(block: Notes) -> str:
+    return "".join(map(_note, _first(block.lines, MOST_NOTES)))
+
+
+def _chart(block: Chart) -> str:
+    return _note(block.heading)
+
+
+def _drawing(block: Drawing) -> str:
+    return _note(block.summary)
+
+
+def _code(block: Code) -> str:
+    return f"<pre>{_text(block.text)}</pre>"
+
+
+def _titles(titles: Iterable[str]) -> str:
+    cells = (f'<th scope="col" style="{CELL}">{_text(title)}</th>' for title in titles)
+    return ROW.format("".join(cells))
+
+
+def _cell(cell: Cell) -> str:
+    shown = _mark(cell.outcome, cell.text) if cell.outcome else _text(cell.text)
+    return f'<td style="{CELL}">{shown}</td>'
+
+
+def _whole(rows: Iterable[str] | Iterator[str]) -> str:
+    return f'<table style="{WHOLE}"><tbody>{"".join(rows)}</tbody></table>'
+
+
+def _note(text: str) -> str:
+    return f'<div style="margin-top:.3em;opacity:.85">{_text(text)}</div>'
+
+
+SHOWN: dict[type, Callable[[Any], str]] = {
+    Bars: _bars,
+    Chart: _chart,
+    Code: _code,
+    Drawing: _drawing,
+    Facts: _facts,
+    Notes: _notes,
+    Ranges: _ranges,
+    Shares: _shares,
+    Table: _table,
+}

@@ -1,0 +1,108 @@
+"""A page as one HTML file that needs no network.
+
+Plotly's program is part of the file, compressed to less than half of its size; the browser
+unpacks it. The page has a policy that lets the browser run only the two programs of this file,
+known by their digests, and load nothing: a text that became markup by mistake could do nothing.
+"""
+
+from __future__ import annotations
+
+import base64
+import functools
+import gzip
+import hashlib
+import importlib.util
+from collections.abc import Iterable
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from taction.system.atomic_files import write_atomically
+from taction.system.errors import Complaint, InputError
+from taction.verification.report.blocks import PAGE as MEDIUM
+from taction.verification.report.blocks import Block, Page
+from taction.verification.report.output_checks import check_file
+from taction.verification.report.renderers.plotly import plotly_spec, view_layout
+
+PACKAGES = ("jinja2", "plotly", "schemdraw")
+REMEDY = "needs {}: pip install 'taction[report]'"
+ENDINGS = (".html", ".htm")
+FILES = Path(__file__).parent / "page_files"
+
+
+def check_report_file(path: str) -> None:
+    """Refuse a report that could not be written, before any work is done.
+
+    Raises
+    ------
+    InputError
+        The ending is not in `ENDINGS`, the folder is missing, or a package is not installed.
+    """
+    check_file(path, "--report", ENDINGS, {})
+    missing = [name for name in PACKAGES if importlib.util.find_spec(name) is None]
+    if missing:
+        text = REMEDY.format(" and ".join(missing))
+        raise InputError("--report", Complaint("FILE", repr(path), text))
+
+
+def write_page(page: Page, path: str) -> None:
+    """Write `page` to `path`.
+
+    Raises
+    ------
+    InputError
+        See `check_report_file`; or the file cannot be written.
+    """
+    check_report_file(path)
+    write_atomically(path, page_html(page))
+
+
+def page_html(page: Page) -> str:
+    """Return `page` as the text of one HTML file."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    environment = Environment(
+        loader=FileSystemLoader(FILES),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["spec"] = plotly_spec
+    environment.globals["view_layout"] = view_layout
+    program = _read("page.js")
+    made = [(section, section.made(MEDIUM)) for section in page.sections]
+    shown = [(section, blocks) for section, blocks in made if blocks]
+    packed, digest = (
+        _plotly() if _has_charts(block for _, own in shown for block in own) else ("", "")
+    )
+    return environment.get_template("page.html").render(
+        page=page,
+        sections=shown,
+        style=_read("page.css"),
+        program=program,
+        plotly=packed,
+        digests=[_digest(program.encode()), digest],
+    )
+
+
+def _has_charts(blocks: Iterable[Block]) -> bool:
+    return any(block.kind in ("chart", "picture") for block in blocks)
+
+
+def _read(name: str) -> str:
+    return (FILES / name).read_text("utf-8")
+
+
+def _digest(program: bytes) -> str:
+    """Return the digest of a program, as a Content Security Policy has it."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(program).digest()).decode()}'"
+
+
+@functools.cache
+def _plotly() -> tuple[str, str]:
+    """Return Plotly's program, compressed and as Base64, and the digest of the program."""
+    source: Any = files("plotly") / "package_data" / "plotly.min.js"
+    program = source.read_bytes()
+    packed = gzip.compress(program, 9, mtime=0)
+    return base64.b64encode(packed).decode(), _digest(program)

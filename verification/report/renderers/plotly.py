@@ -1,0 +1,448 @@
+"""A chart as `data` and `layout` of Plotly, for pages and for the explorer.
+
+A colour that begins with ``--`` is one of the style sheet; page.js puts it in.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from taction.system.array_types import Floats
+from taction.verification.report.charts import (
+    OUTCOMES,
+    Axis,
+    Band,
+    Cells,
+    Chart,
+    Columns,
+    Curve,
+    Grid,
+    Limit,
+    Text,
+    View,
+)
+from taction.verification.report.texts import figure
+
+SIGNS = {"ohm": "Ω", "1/s": "/s", "ratio": ""}
+LABELS = ((1.0, "D1"), (2.5, "D2"))  # decades up to which an axis has labels at these digits
+PACKED = 64  # points from which numbers are packed
+LETTER = 6.5  # width of a letter beside a chart, pixels
+HATCH = {"fgcolor": "rgba(255,255,255,0.75)", "fillmode": "overlay", "size": 6}
+PATTERNS = {"////": "/", "\\\\\\\\": "\\", "xxxx": "x", "....": ".", "++++": "+", "": ""}
+COLORSCALES = {
+    "linear": [[0, "--map-low"], [1, "--map-high"]],
+    "log": [[0, "--map-low"], [1, "--map-high"]],
+    "negative": [[0, "--negative"], [0.5, "--neutral"], [1, "--positive"]],
+    "positive": [[0, "--positive"], [0.5, "--neutral"], [1, "--negative"]],
+}
+DECADES = 1e-4  # of the largest value: smaller ones have the lightest colour
+FLAT, CLEAR = 0.01, 1.5  # of a curve: relative change, and height of the chart
+
+
+def plotly_spec(chart: Chart) -> dict[str, Any]:
+    """Return `chart` as `data` and `layout` of Plotly, without its title."""
+    data: list[dict[str, Any]] = []
+    shapes: list[dict[str, Any]] = []
+    texts: list[dict[str, Any]] = []
+    for mark in chart.marks:
+        if isinstance(mark, Curve):
+            data += _curve(mark, chart)
+            texts += _end_label(mark, chart)
+        elif isinstance(mark, Columns):
+            data.append(_columns(mark, chart))
+        elif isinstance(mark, Grid):
+            data.append(_grid(mark, chart))
+        elif isinstance(mark, Cells):
+            data += _cells(mark, chart)
+        elif isinstance(mark, Text):
+            texts.append(_text(mark, chart))
+        else:
+            shapes.append(_shape(mark, chart))
+            if mark.name and chart.legend:
+                data.append(_key(mark))
+    first = chart.views[0] if chart.views else None
+    layout: dict[str, Any] = {
+        "xaxis": _axis(chart, "x", first.x if first else None),
+        "yaxis": _axis(chart, "y", first.y if first else None),
+        "shapes": shapes,
+        "annotations": texts,
+        "showlegend": bool(chart.legend and any(each.get("showlegend", True) for each in data)),
+        "hovermode": "closest",
+        "margin": _margin(chart, texts),
+    }
+    if any(isinstance(mark, Columns) for mark in chart.marks):
+        layout |= {"barmode": "overlay", "bargap": 0.0}
+    if any(isinstance(mark, Grid) for mark in chart.marks):
+        layout["plot_bgcolor"] = "--card"
+    return {"data": data, "layout": layout}
+
+
+def view_layout(chart: Chart, view: View) -> dict[str, Any]:
+    """Return the change of the layout that shows `view`."""
+    found = {}
+    for name, limits in (("x", view.x), ("y", view.y)):
+        if limits is not None:
+            found[f"{name}axis.range"] = _range(getattr(chart, name), limits)
+    return found
+
+
+def packed(values: ArrayLike) -> dict[str, Any]:
+    """Return numbers as Plotly's Base64 of single precision, which is half as long as text.
+
+    Examples
+    --------
+    >>> packed([0.0, 1.0])
+    {'dtype': 'f4', 'bdata': 'AAAAAAAAgD8='}
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        array = np.asarray(values, dtype="<f4")
+    found: dict[str, Any] = {"dtype": "f4", "bdata": base64.b64encode(array.tobytes()).decode()}
+    if array.ndim > 1:
+        found["shape"] = ", ".join(map(str, array.shape))
+    return found
+
+
+def numbers(values: ArrayLike) -> list[Any]:
+    """Return numbers as a list; what is not finite is None, a gap in a chart."""
+    array = np.asarray(values, dtype=np.float64)
+    return [None if not np.isfinite(value) else float(value) for value in array]
+
+
+def words(text: str) -> str:
+    """Return a text for a chart, where Plotly would read markup."""
+    return html.escape(text, quote=False)
+
+
+def colour(name: str) -> str:
+    """Return a colour of a chart for the style sheet.
+
+    Examples
+    --------
+    >>> colour("fail"), colour("ink"), colour("#123456")
+    ('#d55e00', '--ink', '#123456')
+    """
+    if name in OUTCOMES:
+        return OUTCOMES[name].colour
+    return name if name.startswith("#") else f"--{name}"
+
+
+def _factor(axis: Axis) -> float:
+    return 100.0 if axis.unit == "step" else 1.0
+
+
+def _values(values: ArrayLike, axis: Axis) -> Any:
+    array = np.asarray(values, dtype=np.float64) * _factor(axis)
+    return packed(array) if array.ndim == 1 and len(array) >= PACKED else numbers(array)
+
+
+def _range(axis: Axis, limits: tuple[float, float]) -> list[float]:
+    low, high = (_factor(axis) * end for end in limits)
+    if axis.scale == "log":
+        low, high = math.log10(low), math.log10(high)
+    return [high, low] if axis.reverse else [low, high]
+
+
+def _known(chart: Chart, name: str) -> Floats:
+    """Return the finite values of the marks along an axis."""
+    found: list[Floats] = [np.zeros(0)]
+    for mark in chart.marks:
+        if isinstance(mark, Curve | Grid | Cells):
+            found.append(np.ravel(np.asarray(getattr(mark, name), dtype=np.float64)))
+        elif isinstance(mark, Columns):
+            found.append(np.asarray(mark.places if mark.across == name else mark.sizes, np.float64))
+        elif isinstance(mark, Limit) and mark.across == name:
+            found.append(np.array([mark.value]))
+    values = np.concatenate(found)
+    return np.asarray(values[np.isfinite(values)])
+
+
+def _axis(chart: Chart, name: str, shown: tuple[float, float] | None) -> dict[str, Any]:
+    axis: Axis = getattr(chart, name)
+    unit = SIGNS.get(axis.unit, axis.unit)
+    title = f"{axis.title} (% of the step)".lstrip() if unit == "step" else axis.title
+    made: dict[str, Any] = {"title": {"text": words(title)}}
+    limits, known = shown or axis.limits, _known(chart, name)
+    if axis.scale == "names":
+        made |= {"tickvals": list(range(len(axis.names))), "zeroline": False,
+                 "ticktext": [words(each) for each in axis.names]}  # fmt: skip
+    elif axis.scale == "log":
+        ends = known[known > 0.0] if limits is None else np.asarray(limits)
+        decades = float(np.log10(ends.max() / ends.min())) if len(ends) else 0.0
+        step = next((each for end, each in LABELS if decades < end), 1)
+        made |= {"type": "log", "dtick": step, "tickformat": "~g" if unit == "step" else "~s"}
+        if unit and unit != "step":  # Plotly leaves a suffix out within a decade
+            made["title"] = {"text": words(f"{title} ({unit})")}
+    elif unit and unit != "step":
+        made |= {"ticksuffix": unit, "tickformat": "~s", "hoverformat": ".5s"}
+    if axis.whole:
+        made["tickformat"] = "d"
+        if len(known) and np.ptp(known) <= 20:
+            made["dtick"] = 1
+    if axis.ticks:
+        made |= {"tickmode": "array", "tickvals": [_factor(axis) * each for each in axis.ticks]}
+    if any(isinstance(mark, Grid) for mark in chart.marks):
+        made |= {"showgrid": False, "zeroline": False}
+    if limits is not None:
+        made["range"] = _range(axis, limits)
+    elif axis.reverse:
+        made["autorange"] = "reversed"
+    elif name == "y" and axis.scale == "linear" and len(known) and _is_flat(known):
+        made["range"] = sorted((0.0, CLEAR * _factor(axis) * float(known.max())))
+    return made
+
+
+def _is_flat(values: Floats) -> bool:
+    """Whether Plotly would go 1 up and 1 down."""
+    reach = float(np.abs(values).max())
+    return reach > 0.0 and float(np.ptp(values)) < FLAT * reach
+
+
+def _margin(chart: Chart, texts: Sequence[dict[str, Any]]) -> dict[str, int]:
+    beyond = [len(each["text"]) for each in texts if each["x"] == RIGHT]
+    top = 30 if any(each["y"] == 1 and each.get("yref") == "paper" for each in texts) else 24
+    named = [len(name) for name in chart.y.names] if chart.y.scale == "names" else []
+    return {
+        "l": int(max([56, *(14 + LETTER * count for count in named)])),
+        "r": int(max([14, *(22 + LETTER * count for count in beyond)])),
+        "t": top,
+        "b": 44,
+    }
+
+
+RIGHT = 1.005  # place of a text beyond the right edge, part of the width
+
+
+def _hover(mark: Curve, chart: Chart) -> str:
+    extra = f"<extra>{words(mark.name)}</extra>"
+    if mark.hover:
+        return "%{customdata}" + extra
+    parts = []
+    for letter in ("y", "x"):
+        axis: Axis = getattr(chart, letter)
+        unit = SIGNS.get(axis.unit, axis.unit)
+        if unit == "step":
+            parts.append(f"%{{{letter}:.4g}} %")
+        elif unit:
+            parts.append(f"%{{{letter}:.5s}}{unit}")
+        else:
+            parts.append(f"%{{{letter}:.5g}}")
+    return " at ".join(parts) + extra
+
+
+def _curve(mark: Curve, chart: Chart) -> Iterator[dict[str, Any]]:
+    look = colour(mark.colour)
+    trace: dict[str, Any] = {
+        "type": "scatter", "name": words(mark.name), "legendgroup": words(mark.name),
+        "x": _values(mark.x, chart.x), "y": _values(mark.y, chart.y),
+        "hovertemplate": _hover(mark, chart),
+        "showlegend": bool(mark.name) and mark.label == "legend",
+        "line": {"color": look, "width": mark.width, "dash": mark.line or "solid"},
+        "marker": {"symbol": mark.mark or "circle", "size": mark.size * 1.4, "color": look,
+                   "line": {"width": 1.5 if mark.mark == "line-ns" else 0, "color": look}},
+    }  # fmt: skip
+    if mark.mark.endswith("-open"):
+        trace["marker"]["line"]["width"] = 1.6
+    if mark.hover:
+        trace["customdata"] = [words(text) for text in mark.hover]
+    mode = [] if not mark.line else ["lines"]
+    if mark.mark and not mark.marks:
+        mode.append("markers")
+    if any(mark.written):
+        mode.append("text")
+        trace |= {"text": [words(text) for text in mark.written], "textposition": "top right",
+                  "cliponaxis": False, "textfont": {"size": 11, "color": "--muted"}}  # fmt: skip
+    if mark.spread is not None:
+        low, high = np.asarray(mark.spread, dtype=np.float64)
+        middle = np.asarray(mark.x, dtype=np.float64)
+        trace["error_x"] = {"type": "data", "symmetric": False, "array": numbers(high - middle),
+                            "arrayminus": numbers(middle - low), "thickness": 1}  # fmt: skip
+    if mode:
+        yield trace | {"mode": "+".join(mode)}
+    if mark.mark and mark.marks:
+        x, y = (np.asarray(values, dtype=np.float64) for values in (mark.x, mark.y))
+        places = np.unique(np.linspace(0, len(x) - 1, mark.marks).round().astype(int))
+        chosen = {"x": _values(x[places], chart.x), "y": _values(y[places], chart.y)}
+        named = trace["showlegend"] and not mark.line
+        yield trace | chosen | {"mode": "markers", "showlegend": named}
+
+
+def _end_label(mark: Curve, chart: Chart) -> Iterator[dict[str, Any]]:
+    y = np.asarray(mark.y, dtype=np.float64)
+    known = y[np.isfinite(y)]
+    if mark.label == "end" and mark.name and len(known):
+        yield _text(Text(mark.name, None, float(known[-1]), ("right", "middle"), "ink"), chart)
+
+
+def _shape(mark: Limit | Band, chart: Chart) -> dict[str, Any]:
+    across, other = mark.across, "y" if mark.across == "x" else "x"
+    axis: Axis = getattr(chart, across)
+    rest = {f"{other}ref": "paper", f"{other}0": 0, f"{other}1": 1}
+    if isinstance(mark, Limit):
+        value = _place(mark.value, axis)
+        look = {"color": colour(mark.colour), "width": max(1.5, mark.width), "dash": mark.line}
+        return {"type": "line", f"{across}0": value, f"{across}1": value, "line": look, **rest}
+    return {
+        "type": "rect", f"{across}0": _place(mark.low, axis), f"{across}1": _place(mark.high, axis),
+        "fillcolor": colour(mark.colour), "opacity": 0.15 if mark.colour in OUTCOMES else 0.35,
+        "line": {"width": 0}, "layer": "below", **rest,
+    }  # fmt: skip
+
+
+def _place(value: float, axis: Axis) -> float:
+    """Return a place for a shape or an annotation; Plotly wants logarithms of annotations only."""
+    return _factor(axis) * value
+
+
+def _key(mark: Limit | Band) -> dict[str, Any]:
+    """Return an empty curve that has the name of a line or a band in the legend."""
+    dash = mark.line if isinstance(mark, Limit) else "solid"
+    width = 1.5 if isinstance(mark, Limit) else 8
+    line = {"color": colour(mark.colour), "dash": dash, "width": width}
+    return {"type": "scatter", "mode": "lines", "x": [None], "y": [None], "name": words(mark.name),
+            "line": line, "opacity": 1.0 if isinstance(mark, Limit) else 0.4}  # fmt: skip
+
+
+def _columns(mark: Columns, chart: Chart) -> dict[str, Any]:
+    along = "y" if mark.across == "x" else "x"
+    sizes = np.asarray(mark.sizes, dtype=np.float64)
+    looks = mark.looks * len(sizes) if len(mark.looks) == 1 else mark.looks
+    size_axis, place_axis = getattr(chart, along), getattr(chart, mark.across)
+    trace: dict[str, Any] = {
+        "type": "bar", "orientation": "v" if mark.across == "x" else "h",
+        mark.across: _values(mark.places, place_axis), along: _values(sizes, size_axis),
+        "name": words(mark.name), "showlegend": bool(mark.name), "width": 0.8,
+        "marker": {
+            "color": [colour(look) for look in looks],
+            "pattern": HATCH | {"shape": [_pattern(look) for look in looks]},
+        },
+        "hovertemplate": f"%{{{along}:.4g}}<extra>{words(mark.name)}</extra>",
+    }  # fmt: skip
+    if mark.bases is not None:
+        trace["base"] = _values(mark.bases, size_axis)
+    if mark.widths is not None:
+        trace["width"] = _values(mark.widths, place_axis)
+    if mark.written:
+        trace |= {"text": [words(text) for text in mark.written], "textposition": "outside",
+                  "cliponaxis": False}  # fmt: skip
+    if mark.hover or mark.written:
+        trace["customdata"] = [words(text) for text in mark.hover or mark.written]
+        trace["hovertemplate"] = "%{customdata}<extra></extra>"
+    return trace
+
+
+def _pattern(look: str) -> str:
+    return PATTERNS.get(OUTCOMES[look].hatch, "/") if look in OUTCOMES else ""
+
+
+def _grid(mark: Grid, chart: Chart) -> dict[str, Any]:
+    values = np.asarray(mark.values, dtype=np.float64)
+    levels, ticks, ends = _levels(mark, values)
+    unit = "" if mark.scale == "share" else mark.unit
+    scale = mark.warm if mark.scale == "signed" else mark.scale
+    texts = mark.texts or [[figure(each, unit) for each in row] for row in values.tolist()]
+    trace: dict[str, Any] = {
+        "type": "heatmap", "x": _values(mark.x, chart.x), "y": _values(mark.y, chart.y),
+        "z": [numbers(row) for row in levels],
+        "customdata": [[words(text) for text in row] for row in texts],
+        "colorscale": COLORSCALES["positive" if scale == "share" else scale],
+        "colorbar": {
+            "thickness": 12, "outlinewidth": 0, "tickvals": [place for place, _ in ticks],
+            "ticktext": [figure(value, unit, 3) for _, value in ticks],
+            "title": {"text": words(mark.title)},
+        },
+        "hovertemplate": f"{words(chart.x.title)} %{{x}}, {words(chart.y.title)} %{{y}}:"
+                         " %{customdata}<extra></extra>",
+    }  # fmt: skip
+    if ends is not None:
+        trace |= {"zmin": ends[0], "zmax": ends[1]}
+    if mark.written:
+        trace |= {"text": [[words(text) for text in row] for row in mark.written],
+                  "texttemplate": "%{text}", "textfont": {"size": 11}}  # fmt: skip
+    if values.size <= 4096:
+        trace |= {"xgap": 1, "ygap": 1}
+    return trace
+
+
+Ticks = list[tuple[float, float]]
+
+
+def _levels(mark: Grid, values: Floats) -> tuple[Floats, Ticks, tuple[float, float] | None]:
+    """Return the values on a scale for colours, places with values for its bar, and its ends."""
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return values, [], None
+    if mark.scale == "signed":
+        reach = max(map(abs, mark.limits or (float(known.min()), float(known.max())))) or 1.0
+        ticks = [(share, share * abs(share) * reach) for share in (-1.0, -0.5, 0.0, 0.5, 1.0)]
+        return np.sign(values) * np.sqrt(np.abs(values) / reach), ticks, (-1.0, 1.0)
+    low, high = mark.limits or (float(known.min()), float(known.max()))
+    if mark.scale == "share":
+        ends = math.log10(low), math.log10(high)
+        reach = max(map(abs, ends))
+        shown = np.clip(np.log10(np.maximum(values, 1e-300)), -reach, reach)
+        return shown, [(math.log10(v), v) for v in (low, 1.0, high)], (-reach, reach)
+    if mark.scale == "linear" or low <= 0.0 or high < 10.0 * low:
+        return values, [(v, v) for v in np.linspace(low, high, 5).tolist()], (low, high)
+    low = max(low, high * DECADES)
+    shown = np.log10(np.maximum(values, low))
+    ticks = [(float(np.log10(v)), v) for v in np.geomspace(low, high, 5).tolist()]
+    return shown, ticks, (math.log10(low), math.log10(high))
+
+
+def _cells(mark: Cells, chart: Chart) -> Iterator[dict[str, Any]]:
+    x, y = (np.asarray(places, dtype=np.float64) for places in (mark.x, mark.y))
+    for name, look in mark.looks.items():
+        rows, columns = np.nonzero(mark.names == name)
+        if not len(rows):
+            continue
+        texts = [
+            f"{_place_text(chart.x, x[column])}, {_place_text(chart.y, y[row])}"
+            for row, column in zip(rows, columns, strict=True)
+        ]
+        marker = {"color": look.colour, "symbol": look.mark, "size": 9}
+        yield {
+            "type": "scatter", "mode": "markers", "name": words(name), "marker": marker,
+            "x": _values(x[columns], chart.x), "y": _values(y[rows], chart.y),
+            "customdata": [words(text) for text in texts],
+            "hovertemplate": f"{words(name)}: %{{customdata}}<extra></extra>",
+        }  # fmt: skip
+
+
+def _place_text(axis: Axis, value: float) -> str:
+    if axis.scale == "names":
+        return f"{axis.title} {axis.names[round(value)]}"
+    return f"{axis.title} {figure(float(value), axis.unit)}"
+
+
+SIDES = {"left": "right", "right": "left", "middle": "center"}
+LEVELS = {"above": "bottom", "below": "top", "middle": "middle"}
+
+
+def _text(mark: Text, chart: Chart) -> dict[str, Any]:
+    side, level = mark.align
+    made: dict[str, Any] = {
+        "text": words(mark.text), "showarrow": False, "xanchor": SIDES[side],
+        "yanchor": LEVELS[level], "font": {"size": 11, "color": colour(mark.colour)},
+    }  # fmt: skip
+    if mark.x is None:  # beyond the right edge, or in the left or right corner
+        place = {"left": 1, "right": RIGHT if level == "middle" else 0, "middle": 0.5}[side]
+        made |= {"xref": "paper", "x": place}
+    else:
+        made["x"] = _annotated(mark.x, chart.x)
+    if mark.y is None:
+        made |= {"yref": "paper", "y": {"above": 0, "below": 1, "middle": 0.5}[level]}
+    else:
+        made["y"] = _annotated(mark.y, chart.y)
+    return made
+
+
+def _annotated(value: float, axis: Axis) -> float:
+    value *= _factor(axis)
+    return math.log10(value) if axis.scale == "log" and value > 0.0 else value

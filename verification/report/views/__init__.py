@@ -1,0 +1,1 @@
+"""What each result shows: one file a result, with a function that returns a page."""
