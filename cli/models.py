@@ -33,24 +33,24 @@ def models(context: click.Context, as_json: bool) -> None:
 
 
 def _list(as_json: bool) -> None:
-    from taction.spice_models.presets import FIGURES, load_presets
+    from taction.netlist_gen.scene.open_tables import OPAMPS
+    from taction.spice_models.presets import FIGURES
     from taction.system.quantities import show as shown
 
-    presets = load_presets()
     if as_json:
         names = [name for name in FIGURES if name != "phase_margin"]
         print_json(
             {
                 name: {figure: getattr(model, figure) for figure in names}
                 | {"source": model.source}
-                for name, model in presets.items()
+                for name, model in OPAMPS.items()
             }
         )
         return
     from taction.verification.report.tables import make_table, whole
 
     rows = []
-    for name, model in presets.items():
+    for name, model in OPAMPS.items():
         values = [(getattr(model, figure), unit) for figure, unit, _ in COLUMNS]
         known = [shown(x, unit, 3) if x and math.isfinite(x) else "-" for x, unit in values]
         ends = f"\N{PLUS-MINUS SIGN}{model.least_supply:g} to {model.most_supply:g} V"
@@ -68,15 +68,15 @@ def show(name: str, plot: str | None, as_json: bool) -> None:
 
     The benches are solved by our own equations and, where it is installed, by ngspice.
     """
-    from taction.spice_models.presets import figure_notes, load_presets
+    from taction.netlist_gen.scene.open_tables import OPAMPS
+    from taction.spice_models.presets import figure_notes
     from taction.verification.characterise.characterise import characterise
     from taction.verification.report.opamp.figures import figures_document, print_figures
 
-    presets = load_presets()
-    if name not in presets:
-        raise click.BadParameter(_unknown(name, tuple(presets)), param_hint="NAME")
+    if name not in OPAMPS:
+        raise click.BadParameter(_unknown(name, tuple(OPAMPS)), param_hint="NAME")
     check_plot(plot)
-    opamp, notes, witnesses = presets[name], figure_notes(name), _witnesses()
+    opamp, notes, witnesses = OPAMPS[name], figure_notes(name), _witnesses()
     results = {title: characterise(opamp, witness) for title, witness in witnesses.items()}
     if plot is not None:
         from taction.verification.report.opamp.plot import measure_curves, plot_opamp
@@ -95,10 +95,9 @@ models.add_command(import_)
 
 
 def _unknown(name: str, known: tuple[str, ...]) -> str:
-    import difflib
+    from taction.system.errors import nearest_question
 
-    close = difflib.get_close_matches(name, known, n=1)
-    hint = f"did you mean {close[0]!r}? " if close else ""
+    hint = nearest_question(name, known, 0.6)
     return f"{name!r} is no preset; {hint}known: {', '.join(known)}"
 
 

@@ -45,9 +45,9 @@ def new(
     the state-space engine, which decides the exit status.
     """
     if schema:
-        from taction.netlist_gen.scene.scene import Scene
+        from taction.netlist_gen.scene.scene import scene_type
 
-        print_json(Scene.model_json_schema(by_alias=True), "")
+        print_json(scene_type().model_json_schema(by_alias=True), "")
         return
     path = Path(target or output or "scene.toml")
     _check(path, target, output, force, asked)

@@ -48,7 +48,7 @@ def reference(main: click.Group) -> dict[str, Any]:
     `fields` says for every field of a document its unit and the schemas that have it.
     """
     from taction.cli.reference_examples import EXAMPLES, SCENE_FILE
-    from taction.netlist_gen.scene.scene import Scene
+    from taction.netlist_gen.scene.scene import scene_type
     from taction.verification.report.schemas.catalogue import MODELS, fields, schema
     from taction.verification.report.schemas.head import document_head, schema_name
 
@@ -64,7 +64,7 @@ def reference(main: click.Group) -> dict[str, Any]:
         "examples": list(EXAMPLES),
         "fields": fields(),
         "schemas": {schema_name(name): schema(name) for name in MODELS},
-        "scene_schema": Scene.model_json_schema(by_alias=True),
+        "scene_schema": scene_type().model_json_schema(by_alias=True),
     }
 
 

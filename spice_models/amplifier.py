@@ -10,6 +10,19 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
+class Amplifier:
+    """What another package offers as a signal amplifier: three descriptions of one function g.
+
+    Each is derived by itself and read by one witness, so that a mistake in one of them shows as a
+    disagreement of the witnesses.
+    """
+
+    deck: AmplifierKind  # for ngspice
+    gain: object  # a `Gain` of the state-space engine (its `amplifier_gains`)
+    regulariser: object  # a `Regulariser` of the reference solver (its `regularisers`)
+
+
+@dataclass(frozen=True, slots=True)
 class AmplifierKind:
     """One kind of signal amplifier, with the name that a scene uses.
 
@@ -39,7 +52,7 @@ _SINH = "sinh(max(min({x},30),-30))*(1+max(abs({x})-30,0))"
 # a step from 0 does not converge. Below -36 the value is 0, right to 1e-16 of U0.
 _SOFTPLUS = "(ln(1+exp(min({x},30)))+max({x}-30,0))"
 
-AMPLIFIERS: dict[str, AmplifierKind] = {
+KINDS: dict[str, AmplifierKind] = {
     kind.name: kind
     for kind in (
         AmplifierKind("linear", "", biased=False),
@@ -49,3 +62,4 @@ AMPLIFIERS: dict[str, AmplifierKind] = {
         AmplifierKind("tanh", "tanh({x})", biased=False),
     )
 }
+"""The kinds of taction by name; `netlist_gen.scene.open_tables.AMPLIFIERS` has those of others."""

@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 import re
 import tomllib
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from taction.spice_models.opamp import OpAmp, poles_from_phase_margin, second_pole_from_phase_margin
@@ -52,31 +54,34 @@ def _text() -> str:
 
 
 @cache
-def _presets() -> tuple[OpAmp, ...]:
+def load_presets() -> Mapping[str, OpAmp]:
+    """Return the presets by name in the order of the data file, which is read once."""
     tables = tomllib.loads(_text())
-    return tuple(_from_table(name, dict(table)) for name, table in tables.items())
+    return MappingProxyType({name: opamp_of(name, table) for name, table in tables.items()})
 
 
-def _from_table(name: str, table: dict[str, Any]) -> OpAmp:
-    """Return the op-amp of one table of the data file."""
-    source = str(table.pop("source"))
+def opamp_of(name: str, figures: Mapping[str, Any]) -> OpAmp:
+    """Return the op-amp with the figures of a table as in ``presets.toml``.
+
+    Raises
+    ------
+    ValueError
+        A figure is out of its range, or two real poles cannot have the phase margin.
+
+    Examples
+    --------
+    >>> acme = {"source": "Acme, A1", "dc_gain": 1e5, "unity_gain_bandwidth": 5e6}
+    >>> opamp_of("acme1", acme).gbw
+    5000000.0
+    """
+    table = dict(figures)
     f_u = table.pop("unity_gain_bandwidth")
     if "phase_margin" in table:
         poles = poles_from_phase_margin(table["dc_gain"], f_u, table.pop("phase_margin"))
         table["gbw"], table["second_pole"] = poles
     else:
         table["gbw"] = f_u
-    return OpAmp(name=name, source=source, large_signal=False, **table)
-
-
-def load_presets() -> dict[str, OpAmp]:
-    """Return all presets by name; the file is read once."""
-    return {opamp.name: opamp for opamp in _presets()}
-
-
-def preset_names() -> tuple[str, ...]:
-    """Return the names of the presets in the order of the data file."""
-    return tuple(opamp.name for opamp in _presets())
+    return OpAmp(name=name, **table)
 
 
 _NOTED = re.compile(r"(\w+)\s*=\s*[^#]*#\s*(.*)")
@@ -102,12 +107,14 @@ def _notes() -> dict[str, dict[str, str]]:
 def figure_notes(name: str) -> dict[str, str]:
     """Return what the data file says about single figures of a preset, by their keys in the file.
 
+    It says nothing about an op-amp of another package.
+
     Examples
     --------
     >>> figure_notes("ua741")["saturation"]
     '14 V of 15 V into 10 kohm'
     """
-    return dict(_notes()[name])
+    return dict(_notes().get(name, {}))
 
 
 def derive(base: OpAmp, name: str, **figures: float) -> OpAmp:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Protocol
 
-from taction.spice_models.amplifier import AMPLIFIERS
 from taction.spice_models.opamp import KNEE, OVERDRIVE, OpAmp
 from taction.spice_models.thermal_noise import THERMAL
 
@@ -19,10 +18,6 @@ class BehaviouralAmplifier(Protocol):
     @property
     def name(self) -> str:
         """Name of the cards."""
-
-    @property
-    def kind(self) -> str:
-        """Key of `AMPLIFIERS`."""
 
     @property
     def input(self) -> str:
@@ -189,8 +184,10 @@ def _noise(cell: SubCircuit, model: OpAmp, noninverting_grounded: bool, plus: st
     return "inpe"
 
 
-def amplifier_lines(stage: BehaviouralAmplifier) -> tuple[str, ...]:
+def amplifier_lines(stage: BehaviouralAmplifier, expression: str) -> tuple[str, ...]:
     """Return the lines of one stage, ``V(output) = -u_scale g(V(input) / v_scale)``.
+
+    The `expression` of g is that of its `AmplifierKind`.
 
     A stage is a ``B`` card. ngspice cuts a number in a B expression to 11 digits, so a `v_scale`
     other than 1 V is the gain of a card ``Ex{name}`` before it (node ``{name}_x``), and a `u_scale`
@@ -199,11 +196,10 @@ def amplifier_lines(stage: BehaviouralAmplifier) -> tuple[str, ...]:
     Raises
     ------
     ValueError
-        The kind has no behavioural source.
+        The expression is empty: a stage of an op-amp.
     """
-    expression = AMPLIFIERS[stage.kind].expression
     if not expression:
-        raise ValueError(f"kind = {stage.kind!r}: an op-amp stage has no behavioural source")
+        raise ValueError(f"{stage.name}: an op-amp stage has no behavioural source")
     name, before, after = stage.name, [], []
     control, target, sign = stage.input, stage.output, "-"
     if stage.v_scale != 1.0:

@@ -24,6 +24,7 @@ A failed check is not an exception; it is data (`taction.verification.verdict.ch
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -72,6 +73,31 @@ class InputError(TactionError):
         if len(complaints) > MOST_LISTED:
             lines.append(f"{self.file}: and {len(complaints) - MOST_LISTED} more mistakes")
         super().__init__("\n".join(lines))
+
+
+def listed(names: Iterable[str]) -> str:
+    """Return names as a message has them.
+
+    Examples
+    --------
+    >>> listed(("ideal", "ua741"))
+    "'ideal', 'ua741'"
+    """
+    return ", ".join(map(repr, names))
+
+
+def nearest_question(word: str, known: Iterable[str], cutoff: float = 0.5) -> str:
+    """Return the question for the known word that is nearest to `word`; empty without a near one.
+
+    Examples
+    --------
+    >>> nearest_question("ua742", ("ideal", "ua741"))
+    "did you mean 'ua741'? "
+    """
+    import difflib
+
+    close = difflib.get_close_matches(word, list(known), n=1, cutoff=cutoff)
+    return f"did you mean {close[0]!r}? " if close else ""
 
 
 class NoVerdictError(TactionError):

@@ -16,10 +16,11 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 from taction.system.errors import Complaint, InputError
 
+P = ParamSpec("P")
 T = TypeVar("T")
 
 GROUPS = (
@@ -49,7 +50,17 @@ class Offer:
         return InputError(f"plug-in {self.distribution} {self.version}", complaint)
 
 
-@functools.cache
+_caches: list[Any] = []
+
+
+def cached(function: Callable[P, T]) -> Callable[P, T]:
+    """Cache a function whose results depend on plug-ins, until `forget`."""
+    made = functools.cache(function)
+    _caches.append(made)
+    return made  # type: ignore[return-value]
+
+
+@cached
 def offers() -> tuple[Offer, ...]:
     """Return what all installed packages offer; their metadata are read once.
 
@@ -81,8 +92,8 @@ def offers() -> tuple[Offer, ...]:
 
 def forget() -> None:
     """Look for installed packages again, after one was installed while this process runs."""
-    offers.cache_clear()
-    _loaded.cache_clear()
+    for cache in _caches:
+        cache.cache_clear()
 
 
 def entries(group: str) -> dict[str, object]:
@@ -101,18 +112,20 @@ def entries(group: str) -> dict[str, object]:
     return {offer.name: _loaded(offer) for offer in offers() if offer.group == group}
 
 
-@functools.cache
+@cached
 def _loaded(offer: Offer) -> Any:
     from importlib import metadata
 
     try:
-        loaded = metadata.EntryPoint(offer.name, offer.value, offer.group).load()
+        return metadata.EntryPoint(offer.name, offer.value, offer.group).load()
     except Exception as error:  # whatever a module of another package raises
         reason = f"{offer.value} cannot be loaded: {type(error).__name__}: {error}"
         raise offer.refused(reason) from error
-    if getattr(loaded, "name", offer.name) != offer.name:
-        raise offer.refused(f"{offer.value} has the other name {loaded.name!r}")
-    return loaded
+
+
+def names(group: str) -> tuple[str, ...]:
+    """Return the names that installed packages offer in `group`; no object is loaded."""
+    return tuple(offer.name for offer in offers() if offer.group == group)
 
 
 class OpenTable(Mapping[str, T]):
@@ -129,6 +142,8 @@ class OpenTable(Mapping[str, T]):
     part : str
         Attribute of a plug-in's object that is the entry; empty for the object itself. Tables of
         several readers so take different parts of one object.
+    optional : bool
+        An object without the part, or with None for it, has the entry None.
 
     Raises
     ------
@@ -149,10 +164,13 @@ class OpenTable(Mapping[str, T]):
         own: Mapping[str, T] | Callable[[], Mapping[str, T]],
         kind: type[Any],
         part: str = "",
+        *,
+        optional: bool = False,
     ) -> None:
         if group not in GROUPS:
             raise ValueError(f"group = {group!r}: expected one of {', '.join(GROUPS)}")
-        self._group, self._own, self._kind, self._part = group, own, kind, part
+        self._group, self._own, self._kind = group, own, kind
+        self._part, self._optional = part, optional
 
     def _ours(self) -> Mapping[str, T]:
         return self._own() if callable(self._own) else self._own
@@ -184,9 +202,11 @@ class OpenTable(Mapping[str, T]):
         if self._part:
             entry = getattr(entry, self._part, None)
         fits = issubclass if isinstance(entry, type) else isinstance
-        if not fits(entry, self._kind):
+        if not (fits(entry, self._kind) or (self._optional and entry is None)):
             found = entry.__name__ if isinstance(entry, type) else f"a {type(entry).__name__}"
             raise offer.refused(f"{place} is {found}; expected {self._kind.__qualname__}")
+        if getattr(entry, "name", offer.name) != offer.name:
+            raise offer.refused(f"{place} has the other name {entry.name!r}")
         result: T = entry
         return result
 

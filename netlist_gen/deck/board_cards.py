@@ -9,6 +9,7 @@ from taction.netlist_gen.board.circuit import GROUND, Circuit
 from taction.netlist_gen.deck.header import header_lines
 from taction.netlist_gen.deck.matrix_cards import matrix_lines
 from taction.netlist_gen.deck.parameters import NO_PARAMETERS, Parameters
+from taction.netlist_gen.scene.open_tables import AMPLIFIERS
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.subcircuits import amplifier_lines, opamp_subcircuit
 from taction.spice_models.transistor import model_card
@@ -107,4 +108,8 @@ def _parts(circuit: Circuit, parameters: Parameters) -> list[str]:
 
 def _amplifiers(circuit: Circuit) -> list[str]:
     """Return the lines of the behavioural amplifiers."""
-    return [line for stage in circuit.amplifiers for line in amplifier_lines(stage)]
+    return [
+        line
+        for stage in circuit.amplifiers
+        for line in amplifier_lines(stage, AMPLIFIERS[stage.kind].expression)
+    ]

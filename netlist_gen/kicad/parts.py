@@ -32,8 +32,8 @@ from taction.netlist_gen.kicad.symbols import (
     rail,
     transistor_pair,
 )
+from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
-from taction.spice_models.presets import load_presets
 from taction.system.quantities import show
 
 INNER = re.compile(r"(_\d+)(_[a-z]+)$")
@@ -90,7 +90,7 @@ class Catalogue:
         count = next(iter(self.circuit.models.values())).channels_per_package
         choice = self.scene.design.opamp
         usual = choice.file is None and choice.base in USUAL_PINS
-        usual = usual and count == load_presets()[choice.base].channels_per_package
+        usual = usual and count == OPAMPS[choice.base].channels_per_package
         return opamp(ODD.sub("_", self.opamp_name), count, usual=usual)
 
     @cached_property

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -14,8 +13,8 @@ from typing import Any, TypeVar, get_args
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
-from taction.spice_models.presets import preset_names
-from taction.system.errors import Complaint, InputError
+from taction.system.errors import Complaint, InputError, listed, nearest_question
+from taction.system.plugins import names
 
 TEXTS = {  # in the place of pydantic's texts, which name types of Python
     "model_type": "expected a table",
@@ -38,7 +37,7 @@ Root = TypeVar("Root", bound=BaseModel)
 
 def validated(root: type[Root], data: Mapping[str, Any], file: str | Path) -> Root:
     """Return the `data` of `file` as a `root`; InputError lists all mistakes."""
-    complaints = [*_contradictions(data), *_unknown_preset(data)]
+    complaints = [*_contradictions(data)]
     try:
         model = root.model_validate(dict(data))
     except ValidationError as error:
@@ -63,8 +62,8 @@ def placed(
     for name, value in values.items():
         matches = paths.get(name, [])
         if len(matches) != 1:
-            several = f"several keys have this name; one of {_list(matches)}"
-            text = several if matches else f"unknown key; {_nearest(name, list(paths))}"
+            several = f"several keys have this name; one of {listed(matches)}"
+            text = several if matches else f"unknown key; {nearest_question(name, list(paths))}"
             complaints.append(Complaint(name, _value(value), text.rstrip()))
             continue
         *tables, last = matches[0].split(".")
@@ -94,6 +93,10 @@ def contradictions(design: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         for key in ("exponential_slope", "bias"):
             if design.get(key) is not None:
                 yield key, "needs a nonlinear amplifier, such as 'exponential'"
+    for name, keys in design.items():
+        other = isinstance(keys, Mapping) and name != design.get("topology")
+        if other and name in names("taction.topologies"):
+            yield name, f"needs topology = {name!r}"
     antilog = design.get("antilog")
     stage = antilog.get("stage", "ideal") if isinstance(antilog, Mapping) else antilog
     if stage == "device" and design.get("amplifier", "linear") != "exponential":
@@ -106,16 +109,6 @@ def _contradictions(data: Mapping[str, Any]) -> Iterator[Complaint]:
     if isinstance(design, Mapping):
         for key, reason in contradictions(design):
             yield Complaint(f"design.{key}", _value(design[key]), reason)
-
-
-def _unknown_preset(data: Mapping[str, Any]) -> Iterator[Complaint]:
-    design = data.get("design")
-    choice = design.get("opamp") if isinstance(design, Mapping) else None
-    base = choice.get("base") if isinstance(choice, Mapping) else choice
-    known = preset_names()
-    if isinstance(base, str) and base not in known:
-        text = f"{_nearest(base, known)}one of {_list(known)}"
-        yield Complaint("design.opamp.base", _value(base), text)
 
 
 def _complaints(
@@ -133,12 +126,12 @@ def _complaints(
             yield Complaint(key, "", f"required; {field.description}")
         elif kind == "extra_forbidden":
             known = list(_fields(root, keys[:-1], data))
-            hint = f"unknown key; {_nearest(keys[-1], known)}known here: {_list(known)}"
+            hint = f"unknown key; {nearest_question(keys[-1], known)}known here: {listed(known)}"
             yield Complaint(key, _value(item["input"]), hint)
         elif kind == "union_tag_invalid":
             tag = str(context["tag"])
             known = [name.strip("' ") for name in context["expected_tags"].split(",")]
-            text = f"{_nearest(tag, known)}one of {_list(known)}"
+            text = f"{nearest_question(tag, known)}one of {listed(known)}"
             yield Complaint(f"{key}.kind", _value(tag), text)
         elif kind == "union_tag_not_found":
             yield Complaint(f"{key}.kind", "", "required; 'tactile' or 'matrix'")
@@ -200,15 +193,6 @@ def _pick(annotation: Any, kind: object) -> type[BaseModel] | None:
         if "kind" in option.model_fields
     }
     return kinds.get(kind, options[0] if options else None)
-
-
-def _nearest(word: str, known: Sequence[str]) -> str:
-    close = difflib.get_close_matches(word, known, n=1, cutoff=0.5)
-    return f"did you mean {close[0]!r}? " if close else ""
-
-
-def _list(names: Sequence[str]) -> str:
-    return ", ".join(repr(name) for name in names)
 
 
 def _value(value: object) -> str:

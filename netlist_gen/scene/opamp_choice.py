@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, GetJsonSchemaHandler, StrictBool, model_validator
+from pydantic import Field, GetJsonSchemaHandler, StrictBool, WithJsonSchema, model_validator
 from pydantic_core import CoreSchema
 
 from taction.netlist_gen.scene.fields import (
@@ -27,13 +27,13 @@ from taction.netlist_gen.scene.fields import (
     VoltsOrZero,
     VoltsPerSecond,
 )
-from taction.spice_models.presets import preset_names
+from taction.netlist_gen.scene.open_tables import OPAMPS, OneOf
 
 
 class OpAmpChoice(Model):
     """A preset, or a preset with some figures changed."""
 
-    base: str = "ua741"
+    base: Annotated[str, OneOf(OPAMPS), WithJsonSchema({"type": "string"})] = "ua741"
     file: FileName | None = Field(
         None, description="an imported op-amp (`taction models import`), in the place of a preset"
     )
@@ -94,4 +94,4 @@ class OpAmpChoice(Model):
         cls, core: CoreSchema, handler: GetJsonSchemaHandler
     ) -> dict[str, Any]:
         table = handler(core)
-        return {"anyOf": [{"type": "string", "enum": list(preset_names())}, table]}
+        return {"anyOf": [{"type": "string", "enum": list(OPAMPS)}, table]}

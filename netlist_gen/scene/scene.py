@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import Field, PrivateAttr, StrictBool, model_validator
 
@@ -29,12 +29,13 @@ from taction.netlist_gen.scene.fields import (
 )
 from taction.netlist_gen.scene.mistakes import contradictions, placed, validated
 from taction.netlist_gen.scene.opamp_choice import OpAmpChoice
+from taction.netlist_gen.scene.open_tables import AMPLIFIERS, OneOf, plugged, with_tables
 from taction.netlist_gen.scene.problem import StatedProblem
 from taction.netlist_gen.scene.regression import Regression
 from taction.netlist_gen.scene.summary import check_words, opamp_words, size_words
 from taction.netlist_gen.scene.tolerances import Tolerances
-from taction.spice_models.amplifier import AMPLIFIERS
-from taction.system.errors import Complaint, InputError
+from taction.system.errors import Complaint, InputError, listed
+from taction.system.plugins import cached
 from taction.system.quantities import quantity
 from taction.system.reading_definitions import EXCURSIONS
 
@@ -44,14 +45,15 @@ if TYPE_CHECKING:
 
 DEFAULT_RESISTANCE = 1.786e6
 GRID_ENGINES = ("both", "hybrid")  # of a sweep, not of a scene
+ENGINES = OneOf(("auto", "ngspice", "statespace"), "taction.engines")
 IN_MEMORY = "Scene.from_arrays"  # instead of the name of a file
 
 
 class Design(Model):
     """The board's components."""
 
-    topology: Literal["integrator", "passive"] = "integrator"
-    amplifier: Literal["linear", "exponential", "sinh", "softplus", "tanh"] = "linear"
+    topology: Annotated[str, OneOf(("integrator", "passive"), "taction.topologies")] = "integrator"
+    amplifier: Annotated[str, OneOf(AMPLIFIERS)] = "linear"
     capacitance: Farads = 1e-11
     resistance: Ohms | None = None
     lam: LambdaOrRule | None = Field(
@@ -82,7 +84,7 @@ class Design(Model):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        for key, reason in contradictions(self.model_dump(by_alias=True)):
+        for key, reason in contradictions(self.model_dump(by_alias=True, exclude_unset=True)):
             raise ValueError(f"'{key}' {reason}")
         return self
 
@@ -95,7 +97,7 @@ class Design(Model):
 class AnalysisChoice(Model):
     """How the board is analysed."""
 
-    engine: Literal["auto", "ngspice", "statespace"] = "auto"
+    engine: Annotated[str, ENGINES] = "auto"
     stop: SecondsOrAuto = "auto"
     initial: Literal["zero", "rest"] = "zero"
     points_per_period: Annotated[Real, Field(ge=8, le=10_000)] | None = Field(
@@ -234,7 +236,7 @@ class Scene(StatedProblem):
         if stress is not None:
             problem["stress"] = in_memory(stress)
         data: dict[str, Any] = {"problem": problem}
-        if complaints := placed(cls, data, values):
+        if complaints := placed(scene_type(), data, values):
             raise InputError(IN_MEMORY, *complaints)
         return parse_scene(data, IN_MEMORY)
 
@@ -258,9 +260,9 @@ class Scene(StatedProblem):
 
     def with_engine(self, engine: str) -> Scene:
         """Return the scene with another engine; InputError lists the known engines."""
-        known = get_args(AnalysisChoice.model_fields["engine"].annotation)
+        known = ENGINES.names
         if engine not in known:
-            text = f"expected one of {', '.join(map(repr, known))}"
+            text = f"expected one of {listed(known)}"
             if engine in GRID_ENGINES:
                 text += f"; {engine!r} runs two engines over a grid of points, for sweeps only"
             raise InputError(self.file, Complaint("analysis.engine", repr(engine), text))
@@ -275,6 +277,31 @@ class Scene(StatedProblem):
         return chosen
 
 
+def scene_type() -> type[Scene]:
+    """Return the type of scenes with the tables of installed plug-ins; `Scene` without any."""
+    return _types().get("PluggedScene", Scene)  # type: ignore[return-value]
+
+
+@cached
+def _types() -> dict[str, type[Model]]:
+    """Return `Scene`, `Design` and `Checks` with the tables of plug-ins, those that have any."""
+    parts: dict[str, type[Model]] = {
+        "design": with_tables(Design, "taction.topologies", __name__),
+        "checks": with_tables(Checks, "taction.checks", __name__),
+    }
+    if parts["design"] is Design and parts["checks"] is Checks:
+        return {}
+    fields = {name: (made, made()) for name, made in parts.items()}
+    return {made.__qualname__: made for made in (plugged(Scene, __name__, fields), *parts.values())}
+
+
+def __getattr__(name: str) -> type[Model]:
+    """Return a type of `_types`, for pickle."""
+    if name.startswith("Plugged") and name in (found := _types()):
+        return found[name]
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
 def parse_scene(
     data: Mapping[str, Any], file: str | Path, *, asked: tuple[str, ...] | None = None
 ) -> Scene:
@@ -282,7 +309,7 @@ def parse_scene(
 
     `asked` are the scene's `written_questions` where `data` is not what the user wrote.
     """
-    scene = validated(Scene, data, file)
+    scene = validated(scene_type(), data, file)
     scene._file = Path(file)
     scene._questions = tuple(unitless_times(data)) if asked is None else asked
     return scene

@@ -10,7 +10,7 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
-from taction.spice_models.presets import load_presets
+from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.system.array_types import Complexes, Floats
 from taction.system.reading_definitions import TIMES
 from taction.verification.readings.measurements import ChannelMeasure, summary
@@ -50,7 +50,7 @@ def other_model(cell: str, preset: str) -> CircuitChange:
     """Give one cell the op-amp of a preset."""
 
     def change(circuit: Circuit) -> Circuit:
-        models = {**circuit.models, preset: load_presets()[preset]}
+        models = {**circuit.models, preset: OPAMPS[preset]}
         changed = _each(circuit, "opamps", cell, lambda part: replace(part, model=preset))
         return replace(changed, models=models)
 

@@ -13,11 +13,13 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import wrightomega
 
+from taction.spice_models.amplifier import KINDS
 from taction.spice_models.opamp import OpAmp, phase_margin, unity_gain_bandwidth
 from taction.spice_models.presets import derive, load_presets
 from taction.spice_models.subcircuits import amplifier_lines, opamp_subcircuit
 
 PRESETS = load_presets()
+ANTILOG = KINDS["exponential"].expression
 TIGHT = ".options reltol=1e-12 abstol=1e-18 vntol=1e-15"
 
 
@@ -28,7 +30,6 @@ class Stage:
     output: str
     u_scale: float = 1.0
     v_scale: float = 1.0
-    kind: str = "exponential"
 
 
 def simulate(ngspice: str, folder: Path, *lines: str) -> dict[str, NDArray[np.generic]]:
@@ -231,7 +232,7 @@ def test_the_antilog_stage_is_the_exponential(
     lines = []
     for i, x in enumerate(arguments):
         lines += [f"V{i} in{i} 0 {x * v_scale!r}"]
-        lines += amplifier_lines(Stage(f"_{i}", f"in{i}", f"out{i}", u_scale, v_scale))
+        lines += amplifier_lines(Stage(f"_{i}", f"in{i}", f"out{i}", u_scale, v_scale), ANTILOG)
     result = simulate(ngspice, tmp_path, *lines, TIGHT, ".op")
     measured = [float(result[f"v(out{i})"][0]) for i in range(len(arguments))]
     expected = [-u_scale * math.exp(x * v_scale / v_scale) for x in arguments]
@@ -239,7 +240,7 @@ def test_the_antilog_stage_is_the_exponential(
 
 
 def test_beyond_thirty_the_antilog_stage_is_its_tangent(ngspice: str, tmp_path: Path) -> None:
-    lines = amplifier_lines(Stage("A", "in", "out"))
+    lines = amplifier_lines(Stage("A", "in", "out"), ANTILOG)
     result = simulate(ngspice, tmp_path, "V1 in 0 1000.0", *lines, TIGHT, ".op")
     assert result["v(out)"][0] == pytest.approx(-971.0 * math.exp(30.0), rel=1e-14)
 
@@ -260,7 +261,7 @@ def test_a_loop_through_the_antilog_stage_converges(
         "X2 0 y u ideal",
         "R3 a y 1e4",
         "R4 y u 1e4",
-        *amplifier_lines(Stage("A", "u2", "a")),
+        *amplifier_lines(Stage("A", "u2", "a"), ANTILOG),
         "E2 u2 0 v 0 1.0",
         ".options reltol=1e-9 abstol=1e-15 vntol=1e-12",
         ".op",
@@ -270,4 +271,4 @@ def test_a_loop_through_the_antilog_stage_converges(
 
 def test_the_linear_amplifier_has_no_source() -> None:
     with pytest.raises(ValueError, match="no behavioural source"):
-        amplifier_lines(Stage("A", "v", "a", kind="linear"))
+        amplifier_lines(Stage("A", "v", "a"), KINDS["linear"].expression)

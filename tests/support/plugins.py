@@ -66,8 +66,9 @@ def installed(*folders: Path) -> Iterator[None]:
         if before is not None:
             os.environ["PYTHONPATH"] = before
         for name in set(sys.modules) - modules:
-            file = getattr(sys.modules[name], "__file__", None)
-            if file is not None and any(Path(file).is_relative_to(f) for f in folders):
+            file = getattr(sys.modules[name], "__file__", None)  # None for a namespace
+            places = [file] if file else list(getattr(sys.modules[name], "__path__", ()))
+            if any(Path(place).is_relative_to(folder) for place in places for folder in folders):
                 del sys.modules[name]
         _look_again()
 

@@ -12,7 +12,7 @@ import pytest
 from taction.system import plugins
 from taction.system.errors import InputError
 from taction.system.plugins import OpenTable, entries, offers
-from taction.verification.studies.running import digests
+from taction.verification.studies.running import digests, executors
 from taction.verification.studies.running.digests import own_code
 from taction.verification.studies.running.executors import local
 from taction.verification.studies.running.versions import own_versions
@@ -178,3 +178,16 @@ def test_new_processes_find_plugins_and_help_loads_none(plugin: Plugin) -> None:
         [sys.executable, "-c", script], env=environment(folder), capture_output=True, text=True
     )
     assert "plug-in acme 1.0: taction.opamps = 'eight': acme:EIGHT cannot be loaded" in run.stderr
+
+
+def test_no_import_looks_for_plugins() -> None:
+    """A fork server imports these modules; its children look for plug-ins on their own."""
+    script = (
+        "import importlib, sys\n"
+        "from taction.system import plugins\n"
+        "for name in sys.argv[1:]:\n"
+        "    importlib.import_module(name)\n"
+        "assert plugins.offers.cache_info().misses == 0\n"
+    )
+    names = [*executors.PRELOAD, "taction", "taction.cli.main", "taction.cli.verify"]
+    subprocess.run([sys.executable, "-c", script, *names], cwd=ROOT, check=True)

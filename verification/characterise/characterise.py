@@ -103,9 +103,9 @@ def characterise(opamp: OpAmp, witness: Witness) -> tuple[Measured, ...]:
 
     Examples
     --------
-    >>> from taction.spice_models.presets import load_presets
+    >>> from taction.netlist_gen.scene.open_tables import OPAMPS
     >>> from taction.verification.characterise.witnesses import Equations
-    >>> figures = characterise(load_presets()["ua741"], Equations())
+    >>> figures = characterise(OPAMPS["ua741"], Equations())
     >>> [round(f.value / f.stated, 4) for f in figures if f.name == "unity_gain_bandwidth"]
     [1.0]
     """

@@ -12,8 +12,8 @@ from taction.netlist_gen.board.buyable_values import buyable, series_of
 from taction.netlist_gen.scene.axes import Axis, Point, with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.keys import Value, find_key, own_value, read_value
+from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
-from taction.spice_models.presets import load_presets
 from taction.system.errors import Complaint, InputError
 from taction.verification.design.trials import at_small_signal
 from taction.verification.reference.ideal_answer import ideal_network
@@ -72,7 +72,7 @@ def choice_plan(scene: Scene, request: Request) -> Plan:
     >>> plan.shape, plan.axes[1].values
     ((2, 3, 3), (1e-11, 2e-11, 4e-11))
     """
-    names = request.opamps or [name for name, o in load_presets().items() if math.isfinite(o.gbw)]
+    names = request.opamps or [name for name, o in OPAMPS.items() if math.isfinite(o.gbw)]
     lam = ideal_network(make_problem(scene), scene).lam
     limits = {path: value for path, value in (request.limits or {}).items() if value is not None}
     base = with_values(scene, {**limits, "design.lambda": lam, "design.opamp": names[0]})

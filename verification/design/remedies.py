@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 from taction.netlist_gen.board.scalings import choose_opamp
 from taction.netlist_gen.scene.keys import Value
+from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
-from taction.spice_models.presets import load_presets
 from taction.system.reading_definitions import READINGS
 from taction.verification.design.axis_search import (
     Searched,
@@ -278,11 +278,11 @@ def _opamps(scene: Scene) -> list[Value]:
     own, changed = choose_opamp(scene), scene.design.opamp
 
     def distance(name: str) -> float:
-        return abs(math.log(load_presets()[name].gbw / own.gbw))
+        return abs(math.log(OPAMPS[name].gbw / own.gbw))
 
     names = (
         name
-        for name, part in load_presets().items()
+        for name, part in OPAMPS.items()
         if math.isfinite(part.gbw) and (name != changed.base or own.name != name)
     )
     return [*sorted(names, key=distance)]

@@ -9,12 +9,13 @@ the solver's coordinate is ``q = mu v + h g(v)``; it neither overflows nor stall
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from taction.system.array_types import Floats
+from taction.system.plugins import OpenTable
 from taction.verification.reference import doubledouble as dd
 from taction.verification.reference.doubledouble import DoubleDouble
 
@@ -44,7 +45,7 @@ class Regulariser:
         return self.g(v) * v - self.potential(v)
 
 
-def _newton(start: Floats, q: Floats, mu: float, h: Floats, g: Function, slope: Function) -> Floats:
+def newton(start: Floats, q: Floats, mu: float, h: Floats, g: Function, slope: Function) -> Floats:
     """Solve ``mu v + h g(v) = q`` from the side on which Newton's iterates are monotone."""
     v = start
     for _ in range(200):
@@ -113,74 +114,80 @@ def _v_from_q_exponential(q: Floats, mu: float, h: Floats) -> Floats:
 def _v_from_q_sinh(q: Floats, mu: float, h: Floats) -> Floats:
     size = np.abs(q)
     start = np.minimum(size / mu, np.arcsinh(size / h))
-    return np.sign(q) * _newton(start, size, mu, h, np.sinh, np.cosh)
+    return np.sign(q) * newton(start, size, mu, h, np.sinh, np.cosh)
 
 
 def _v_from_q_softplus(q: Floats, mu: float, h: Floats) -> Floats:
     start = np.where(q > h * np.log(2.0), q / (mu + h), _v_from_q_exponential(q, mu, h))
-    return _newton(start, q, mu, h, _softplus, _sigmoid)
+    return newton(start, q, mu, h, _softplus, _sigmoid)
 
 
 def _v_from_q_tanh(q: Floats, mu: float, h: Floats) -> Floats:
     size = np.abs(q)
     start = np.maximum(size / (mu + h), (size - h) / mu)
-    return np.sign(q) * _newton(start, size, mu, h, np.tanh, _sech2)
+    return np.sign(q) * newton(start, size, mu, h, np.tanh, _sech2)
 
 
-REGULARISERS: dict[str, Regulariser] = {
-    "linear": Regulariser(
-        g=lambda v: v,
-        slope=np.ones_like,
-        inverse=lambda u: u,
-        potential=lambda v: 0.5 * v * v,
-        exact=lambda v: v,
-        v_from_q=lambda q, mu, h: q / (mu + h),
-        largest_slope=lambda v, _: np.ones_like(v),
-        slope_bound=np.ones_like,
-        steepest=1.0,
-        weight=1.0,
-    ),
-    "exponential": Regulariser(
-        g=np.exp,
-        slope=np.exp,
-        inverse=np.log,
-        potential=np.exp,
-        exact=dd.exp,
-        v_from_q=_v_from_q_exponential,
-        largest_slope=lambda v, d: np.exp(v + d),
-        slope_bound=lambda u: u,
-        biased=True,
-    ),
-    "sinh": Regulariser(
-        g=np.sinh,
-        slope=np.cosh,
-        inverse=np.arcsinh,
-        potential=np.cosh,
-        exact=_sinh_exact,
-        v_from_q=_v_from_q_sinh,
-        largest_slope=lambda v, d: np.cosh(np.abs(v) + d),
-        slope_bound=lambda u: 1.0 + np.abs(u),
-    ),
-    "softplus": Regulariser(
-        g=_softplus,
-        slope=_sigmoid,
-        inverse=lambda u: u + np.log(-np.expm1(-u)),
-        potential=_softplus_potential,
-        exact=_softplus_exact,
-        v_from_q=_v_from_q_softplus,
-        largest_slope=lambda v, d: _sigmoid(v + d),
-        slope_bound=lambda u: -np.expm1(-u),
-        steepest=1.0,
-    ),
-    "tanh": Regulariser(
-        g=np.tanh,
-        slope=_sech2,
-        inverse=np.arctanh,
-        potential=lambda v: np.abs(v) + np.log1p(np.exp(-2.0 * np.abs(v))) - np.log(2.0),
-        exact=_tanh_exact,
-        v_from_q=_v_from_q_tanh,
-        largest_slope=lambda v, d: _sech2(np.maximum(np.abs(v) - d, 0.0)),
-        slope_bound=np.ones_like,
-        steepest=1.0,
-    ),
-}
+REGULARISERS: Mapping[str, Regulariser] = OpenTable(
+    "taction.amplifiers",
+    {
+        "linear": Regulariser(
+            g=lambda v: v,
+            slope=np.ones_like,
+            inverse=lambda u: u,
+            potential=lambda v: 0.5 * v * v,
+            exact=lambda v: v,
+            v_from_q=lambda q, mu, h: q / (mu + h),
+            largest_slope=lambda v, _: np.ones_like(v),
+            slope_bound=np.ones_like,
+            steepest=1.0,
+            weight=1.0,
+        ),
+        "exponential": Regulariser(
+            g=np.exp,
+            slope=np.exp,
+            inverse=np.log,
+            potential=np.exp,
+            exact=dd.exp,
+            v_from_q=_v_from_q_exponential,
+            largest_slope=lambda v, d: np.exp(v + d),
+            slope_bound=lambda u: u,
+            biased=True,
+        ),
+        "sinh": Regulariser(
+            g=np.sinh,
+            slope=np.cosh,
+            inverse=np.arcsinh,
+            potential=np.cosh,
+            exact=_sinh_exact,
+            v_from_q=_v_from_q_sinh,
+            largest_slope=lambda v, d: np.cosh(np.abs(v) + d),
+            slope_bound=lambda u: 1.0 + np.abs(u),
+        ),
+        "softplus": Regulariser(
+            g=_softplus,
+            slope=_sigmoid,
+            inverse=lambda u: u + np.log(-np.expm1(-u)),
+            potential=_softplus_potential,
+            exact=_softplus_exact,
+            v_from_q=_v_from_q_softplus,
+            largest_slope=lambda v, d: _sigmoid(v + d),
+            slope_bound=lambda u: -np.expm1(-u),
+            steepest=1.0,
+        ),
+        "tanh": Regulariser(
+            g=np.tanh,
+            slope=_sech2,
+            inverse=np.arctanh,
+            potential=lambda v: np.abs(v) + np.log1p(np.exp(-2.0 * np.abs(v))) - np.log(2.0),
+            exact=_tanh_exact,
+            v_from_q=_v_from_q_tanh,
+            largest_slope=lambda v, d: _sech2(np.maximum(np.abs(v) - d, 0.0)),
+            slope_bound=np.ones_like,
+            steepest=1.0,
+        ),
+    },
+    Regulariser,
+    part="regulariser",
+)
+"""The regularisers by the names of their amplifiers, with those of other packages."""

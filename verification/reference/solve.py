@@ -1,19 +1,14 @@
-"""The reference solver: one solver per regulariser."""
+"""The reference solver: one method for linear amplifiers, one for all others."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import replace
 
 from taction.system.array_types import Floats
 from taction.verification.reference.increasing_amplifiers import solve_maxent
 from taction.verification.reference.problem import Problem, Solution
-from taction.verification.reference.regularisers import REGULARISERS
 from taction.verification.reference.tikhonov import solve_strains, solve_tikhonov
-
-SOLVERS: dict[str, Callable[[Problem], Solution]] = {
-    name: solve_tikhonov if name == "linear" else solve_maxent for name in REGULARISERS
-}
 
 
 def solve(problem: Problem) -> Solution:
@@ -29,7 +24,7 @@ def solve(problem: Problem) -> Solution:
     SolverError
         The solver can return no answer.
     """
-    return SOLVERS[problem.regulariser](problem)
+    return (solve_tikhonov if problem.regulariser == "linear" else solve_maxent)(problem)
 
 
 def solve_each(problem: Problem, strains: Iterable[Floats]) -> list[Solution]:

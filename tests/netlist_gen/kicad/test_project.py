@@ -14,8 +14,8 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.kicad.project import Project, kicad_project
 from taction.netlist_gen.kicad.sexpression import Quoted, written
 from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
-from taction.spice_models.presets import load_presets
 from taction.system.errors import InputError
 from tests.support.making import make_scene
 from tests.support.paths import SCENES
@@ -128,7 +128,7 @@ def test_a_channel_without_resistors_is_refused() -> None:
         project_of(make_scene(problem), 2)
 
 
-@pytest.mark.parametrize("name", sorted(load_presets()))
+@pytest.mark.parametrize("name", sorted(OPAMPS))
 def test_every_package_has_as_many_pins_as_its_op_amps_need(name: str) -> None:
     """Op-amps whose pins are not those of all makers have names instead of numbers."""
     supply = {"ad8065": 5.0, "lmp7721": 2.5}.get(name, 15.0)
@@ -137,7 +137,7 @@ def test_every_package_has_as_many_pins_as_its_op_amps_need(name: str) -> None:
     (package,) = (symbol for symbol in symbols if symbol[1] == f"taction:{name.upper()}")
     drawn = [pin for unit in items(package, "symbol") for pin in items(unit, "pin")]
     pins = [items(pin, "number")[0][1] for pin in drawn]
-    count = load_presets()[name].channels_per_package
+    count = OPAMPS[name].channels_per_package
     assert len(set(pins)) == len(pins) == 3 * count + 2
     if name in ("ideal", "lmp7721"):
         assert not any(pin.isdigit() for pin in pins)

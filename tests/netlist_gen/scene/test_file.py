@@ -57,7 +57,7 @@ def run(scene: Path, *options: str) -> Result:
         (TACTILE + "[design]\nstray_capacitance = -1", "design.stray_capacitance", "-1", "zero or"),
         (TACTILE + "[design]\nlambda = 1\nresistance = 2", "design.lambda", "1", "'resistance'"),
         (TACTILE + "[design]\nbias = true", "design.bias", "True", "exponential"),
-        (TACTILE + '[design]\nopamp = "ua74"', "design.opamp.base", "'ua74'", "mean 'ua741'?"),
+        (TACTILE + '[design]\nopamp = "ua74"', "design.opamp", "'ua74'", "mean 'ua741'?"),
         (TACTILE + "[design.opamp]\ndc_gain = 0.5", "design.opamp", "0.5", "above 1"),
         (
             TACTILE + "[design.opamp]\nphase_margin = 60\nsecond_pole = 1e6",
@@ -109,7 +109,7 @@ def test_all_mistakes_come_at_once() -> None:
         "problem.channels",
         "problem.noise.variance",
         "design.capacitance",
-        "design.opamp.base",
+        "design.opamp",
         "design.lambda",
         "design.bias",
         "check",

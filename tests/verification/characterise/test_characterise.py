@@ -13,16 +13,16 @@ import pytest
 
 from taction import spice_models
 from taction.netlist_gen.analysis import Band
+from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.spice_models import presets
 from taction.spice_models.opamp import OpAmp
-from taction.spice_models.presets import load_presets
 from taction.verification.characterise import characterise as module
 from taction.verification.characterise.bench import Bench
 from taction.verification.characterise.characterise import UNITS, bode, characterise, step_response
 from taction.verification.characterise.witnesses import Equations, Simulation
 from taction.verification.engines.ngspice.process import find_simulator
 
-PRESETS = load_presets()
+PRESETS = OPAMPS
 PRINTED = tomllib.loads((Path(spice_models.__file__).parent / "presets.toml").read_text("utf-8"))
 # What a soft limit or a loop gain leaves of a figure: the knees of slew rate and current are 1 % to
 # 2 % wide, and a follower has a gain of 1 - 1/A0.

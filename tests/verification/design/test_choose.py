@@ -11,8 +11,8 @@ from click.testing import CliRunner
 
 from taction.cli.main import main
 from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
-from taction.spice_models.presets import preset_names
 from taction.system.errors import InputError
 from taction.verification.design.choose_ranking import best_designs, design_scene, designs
 from taction.verification.design.choose_request import Request, choice_plan
@@ -58,7 +58,7 @@ def test_the_grid_has_values_that_can_be_bought() -> None:
 
 def test_all_presets_but_the_ideal_one() -> None:
     names = choice_plan(scene(), Request()).axes[0].values
-    assert set(names) == set(preset_names()) - {"ideal"}
+    assert set(names) == set(OPAMPS) - {"ideal"}
 
 
 def test_series_join_values() -> None:

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from taction.netlist_gen.scene.axes import with_value
+from taction.netlist_gen.scene.open_tables import AMPLIFIERS
 from taction.netlist_gen.scene.scene import Scene
-from taction.spice_models.amplifier import AMPLIFIERS
 from taction.system.errors import InputError
 from taction.verification.reference import IdealNetwork
 from taction.verification.reference.ideal_answer import ideal_answer, ideal_network, is_biased

@@ -15,9 +15,9 @@ from taction.netlist_gen.board.scalings import choose_opamp
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
 from taction.spice_models.opamp import OpAmp
-from taction.spice_models.presets import load_presets
 from taction.spice_models.subcircuits import opamp_subcircuit
 from taction.system.errors import InputError
 from taction.verification.engines.ngspice.process import find_simulator, simulate
@@ -30,7 +30,7 @@ from tests.support.small_decks import SmallDeck
 
 OFFSET, BIAS, DIFFERENCE, REJECTION = 2e-3, 80e-9, 20e-9, 60.0
 UA741 = replace(
-    load_presets()["ua741"],
+    OPAMPS["ua741"],
     input_errors=True,
     offset_voltage=OFFSET,
     bias_current=BIAS,

@@ -19,9 +19,9 @@ from taction.netlist_gen.board.circuit import (
 )
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
 from taction.spice_models.opamp import KNEE
-from taction.spice_models.presets import load_presets
 from taction.spice_models.subcircuits import opamp_subcircuit
 from taction.verification.engines.ngspice.process import find_simulator
 from taction.verification.engines.ngspice.process import simulate as by_ngspice
@@ -47,7 +47,7 @@ def stage(supply: float = 15.0) -> Circuit:
     board = deck_of(load_scene(SCENES / "custom-matrix.toml"))[0]
     return replace(
         board,
-        models={"ua741": replace(load_presets()["ua741"], large_signal=True)},
+        models={"ua741": replace(OPAMPS["ua741"], large_signal=True)},
         opamps=(OpAmpCell("one", "ua741", GROUND, "sum", "amp"),),
         resistors=(Resistor("f", "amp", "sum", OHMS), Resistor("g", "sum", GROUND, 1e4)),
         matrices=(),
@@ -88,7 +88,7 @@ def test_an_output_stops_at_its_swing() -> None:
     # At ±10 V a uA741 reaches 9 V. With -10 V asked the input stays overdriven, and the clamp draws
     # what the input stage gives:
     # tanh((x - 9)/d) + tanh((x + 9)/d) = s with s = tanh(v/V), d = 9/50.
-    model = load_presets()["ua741"]
+    model = OPAMPS["ua741"]
     for wave in both(10.0, 120e-6):
         out = float(wave["amp"][-1])
         v_in = (STEP + out / OHMS) / (1.0 / OHMS + 1e-4 + 0.5e-6)  # feedback, 10 kohm, 2 Mohm

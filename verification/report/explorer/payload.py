@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from taction.spice_models.presets import load_presets
+from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.system.array_types import Floats
 from taction.verification.design.board_view import (
     Boundary,
@@ -39,7 +39,7 @@ Part = dict[str, Any]
 def start_part(start: Start) -> Part:
     """Return what the page shows before any value moves."""
     scene = start.scene
-    finite = [name for name, opamp in load_presets().items() if math.isfinite(opamp.gbw)]
+    finite = [name for name, opamp in OPAMPS.items() if math.isfinite(opamp.gbw)]
     return {
         "name": scene.name,
         "file": str(scene.file),

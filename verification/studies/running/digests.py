@@ -92,16 +92,12 @@ def files_of(scene: Scene) -> dict[str, object]:
     }
 
 
+@plugins.cached
 def own_code() -> bytes:
     """Return the digest of the code between scene and verdict, with that of installed plug-ins.
 
     A change makes stored results outdated.
     """
-    return _code(plugins.offers())
-
-
-@functools.cache
-def _code(offers: tuple[plugins.Offer, ...]) -> bytes:
     texts = []
     for package in (system, spice_models, netlist_gen, verification):
         folder = Path(str(package.__file__)).parent
@@ -109,4 +105,4 @@ def _code(offers: tuple[plugins.Offer, ...]) -> bytes:
         texts += [
             (f"{folder.name}/{file.relative_to(folder)}", file.read_bytes()) for file in files
         ]
-    return digest(texts, *([tuple(plugins.sources())] if offers else []))
+    return digest(texts, *([tuple(plugins.sources())] if plugins.offers() else []))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import platform
 from dataclasses import dataclass, replace
 from importlib import metadata
@@ -56,6 +55,7 @@ def _versions_here(ngspice: bool) -> Versions:
         return replace(own_versions(False), ngspice=f"no usable ngspice ({reason})")
 
 
+@plugins.cached
 def own_versions(ngspice: bool) -> Versions:
     """Return the versions of this process, with or without that of ngspice.
 
@@ -64,13 +64,8 @@ def own_versions(ngspice: bool) -> Versions:
     SimulatorNotFound, SimulatorTooOld
         No ngspice was found, or it is too old.
     """
-    return _versions(ngspice, plugins.offers())
-
-
-@functools.cache
-def _versions(ngspice: bool, offers: tuple[plugins.Offer, ...]) -> Versions:
     name = simulator_name(find_simulator()) if ngspice else ""
-    added = sorted({f"{offer.distribution} {offer.version}" for offer in offers})
+    added = sorted({f"{offer.distribution} {offer.version}" for offer in plugins.offers()})
     return Versions(metadata.version("taction"), own_code(), name, ", ".join(added))
 
 

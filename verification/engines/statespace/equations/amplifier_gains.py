@@ -10,8 +10,7 @@ becomes too short.
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +18,7 @@ import numpy as np
 from taction.spice_models.opamp import KNEE
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
+from taction.system.plugins import OpenTable, cached
 
 OPAMP_KINDS = INPUT_STAGE, CLAMP, LIMITER = ("stage", "clamp", "limiter")
 HUGE = 1e300
@@ -55,7 +55,7 @@ def _exponential_from_coordinate(q: Floats, h: Floats) -> Floats:
     return np.where(large, np.log(np.where(large, omega, 1.0)) - log_h, q - omega)
 
 
-def _by_newton(
+def by_newton(
     value: Callable[[Floats], Floats], slope: Callable[[Floats], Floats]
 ) -> Callable[[Floats, Floats], Floats]:
     """Return ``(q, h) -> y`` by Newton's method inside a bracket of the root.
@@ -123,18 +123,24 @@ def _beyond_slope(y: Floats) -> Floats:
     return _sigmoid(K * (y - 1.0)) + _sigmoid(-K * (y + 1.0))
 
 
-GAINS: dict[str, Gain] = {
-    "exponential": Gain(np.exp, np.exp, _exponential_from_coordinate, LARGEST_EXPONENT),
-    "sinh": Gain(np.sinh, np.cosh, _by_newton(np.sinh, np.cosh), LARGEST_EXPONENT),
-    "softplus": Gain(_softplus, _sigmoid, _by_newton(_softplus, _sigmoid), HUGE),
-    "tanh": Gain(np.tanh, _sech2, _by_newton(np.tanh, _sech2), HUGE),
-    "stage": Gain(np.tanh, _sech2, _by_newton(np.tanh, _sech2), HUGE),
-    "clamp": Gain(_clamped, _clamp_slope, _by_newton(_clamped, _clamp_slope), HUGE),
-    "limiter": Gain(_beyond, _beyond_slope, _by_newton(_beyond, _beyond_slope), HUGE),
-}
+GAINS: Mapping[str, Gain] = OpenTable(
+    "taction.amplifiers",
+    {
+        "exponential": Gain(np.exp, np.exp, _exponential_from_coordinate, LARGEST_EXPONENT),
+        "sinh": Gain(np.sinh, np.cosh, by_newton(np.sinh, np.cosh), LARGEST_EXPONENT),
+        "softplus": Gain(_softplus, _sigmoid, by_newton(_softplus, _sigmoid), HUGE),
+        "tanh": Gain(np.tanh, _sech2, by_newton(np.tanh, _sech2), HUGE),
+        "stage": Gain(np.tanh, _sech2, by_newton(np.tanh, _sech2), HUGE),
+        "clamp": Gain(_clamped, _clamp_slope, by_newton(_clamped, _clamp_slope), HUGE),
+        "limiter": Gain(_beyond, _beyond_slope, by_newton(_beyond, _beyond_slope), HUGE),
+    },
+    Gain,
+    part="gain",
+)
+"""The functions by kind, with those of other packages."""
 
 
-@functools.cache
+@cached
 def gain_of(kinds: tuple[str, ...]) -> Gain:
     """Return the functions of m amplifiers of some kinds, for arrays of m rows.
 

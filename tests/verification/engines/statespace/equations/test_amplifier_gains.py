@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from taction.spice_models.amplifier import AMPLIFIERS
+from taction.netlist_gen.scene.open_tables import AMPLIFIERS
 from taction.verification.verdict.verify import verify
 from tests.support.making import make_scene
 

@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import pytest
 
+from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.spice_models.opamp import KNEE
-from taction.spice_models.presets import load_presets
 from taction.verification.characterise.bench import OUT, Bench
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 
-LIMITED = replace(load_presets()["ua741"], large_signal=True)
+LIMITED = replace(OPAMPS["ua741"], large_signal=True)
 
 
 @pytest.mark.parametrize("drive", [-2.0, -0.05, 0.05, 0.3])

@@ -1,0 +1,89 @@
+"""What installed packages add: op-amps and amplifiers, names of choices, and tables of keys.
+
+A plug-in's object in the groups ``taction.checks`` and ``taction.topologies`` may have an attribute
+`keys`, a `Model` (below `taction.netlist_gen.scene.fields`). The scene then has the table
+``[checks.NAME]``, or ``[design.NAME]`` for the topology NAME.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, TypeVar
+
+from pydantic import ValidationError, create_model
+from pydantic_core import CoreSchema, core_schema
+
+from taction.netlist_gen.scene.fields import Model
+from taction.spice_models.amplifier import KINDS, AmplifierKind
+from taction.spice_models.opamp import OpAmp
+from taction.spice_models.presets import load_presets
+from taction.system.errors import listed, nearest_question
+from taction.system.plugins import OpenTable, names
+
+M = TypeVar("M", bound=Model)
+
+OPAMPS: Mapping[str, OpAmp] = OpenTable("taction.opamps", load_presets, OpAmp)
+"""The op-amps by name: the presets, then those of other packages."""
+
+AMPLIFIERS: Mapping[str, AmplifierKind] = OpenTable(
+    "taction.amplifiers", KINDS, AmplifierKind, part="deck"
+)
+"""The kinds of signal amplifier by name, with those of other packages (`Amplifier`)."""
+
+
+class OneOf:
+    """Annotation of a name out of `known`, or out of a `group` of plug-ins; read at each use."""
+
+    def __init__(self, known: Iterable[str], group: str = "") -> None:
+        self.known, self.group = known, group
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names that are accepted now."""
+        return (*self.known, *(names(self.group) if self.group else ()))
+
+    def check(self, value: object) -> str:
+        """Return the name; ValueError has the nearest one and all others."""
+        accepted = self.names
+        if isinstance(value, str):
+            if value in accepted:
+                return value
+            raise ValueError(f"{nearest_question(value, accepted)}one of {listed(accepted)}")
+        raise ValueError(f"expected a name, one of {listed(accepted)}")
+
+    def __get_pydantic_core_schema__(self, source: object, handler: object) -> CoreSchema:
+        return core_schema.no_info_plain_validator_function(self.check)
+
+    def __get_pydantic_json_schema__(self, schema: object, handler: object) -> dict[str, Any]:
+        return {"enum": list(self.names), "type": "string"}
+
+
+def with_tables(base: type[M], group: str, module: str) -> type[M]:
+    """Return `base` with a table for each plug-in of `group` that has keys; else `base` itself.
+
+    A table that the scene leaves out has its defaults in a topology, and is None in the checks: a
+    check without its table is not made. `module` is where pickle finds the class, as `PluggedBase`.
+    """
+    offered: OpenTable[type[Model] | None] = OpenTable(group, {}, Model, "keys", optional=True)
+    fields: dict[str, Any] = {}
+    for name, keys in offered.items():
+        if keys is not None:
+            default = None if group == "taction.checks" else _default(keys)
+            fields[name] = (keys | None, default)
+    return plugged(base, module, fields) if fields else base
+
+
+def plugged(base: type[M], module: str, fields: dict[str, Any]) -> type[M]:
+    """Return the subclass of `base` with more fields that pickle finds in `module`."""
+    made: type[M] = create_model(
+        base.__name__, __base__=base, __module__=module, __doc__=base.__doc__, **fields
+    )
+    made.__qualname__ = f"Plugged{base.__name__}"
+    return made
+
+
+def _default(keys: type[Model]) -> Model | None:
+    try:
+        return keys()
+    except ValidationError:  # it has a key that the scene must give
+        return None

@@ -1,0 +1,153 @@
+"""Names and tables of keys that other packages add to a scene."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from taction.netlist_gen.scene.axes import parse_axes
+from taction.netlist_gen.scene.scene import Scene, parse_scene, scene_type
+from taction.netlist_gen.scene.settings import with_settings
+from taction.netlist_gen.scene.writing import scene_text
+from taction.system.errors import InputError
+from taction.verification.studies.running.digests import digest
+from tests.support.paths import ROOT
+
+Plugin = Callable[..., Path]
+GROUPS = {
+    "taction.checks": {"droop": "DROOP", "quiet": "QUIET"},
+    "taction.topologies": {"ladder": "LADDER", "mesh": "MESH"},
+    "taction.engines": {"spectre": "SPECTRE"},
+}
+SOURCE = """
+from types import SimpleNamespace
+from pydantic import Field
+from taction.netlist_gen.scene.checks import UpperLimit
+from taction.netlist_gen.scene.fields import Count, Model, NonNegative, Ohms, Seconds
+
+class DroopCheck(UpperLimit):
+    max: NonNegative = Field(description="fraction of the step amplitude")
+    after: Seconds = 1e-3
+
+class LadderKeys(Model):
+    sections: Count = 3
+    rung: Ohms = 1e3
+
+DROOP, QUIET = SimpleNamespace(keys=DroopCheck), SimpleNamespace(keys=None)
+LADDER, MESH = SimpleNamespace(keys=LadderKeys), SimpleNamespace()
+SPECTRE = object()
+"""
+
+
+def data(**tables: object) -> dict[str, object]:
+    return {"problem": {"kind": "tactile"}, **tables}
+
+
+def complaints(**tables: object) -> str:
+    with pytest.raises(InputError) as refused:
+        parse_scene(data(**tables), "scene.toml")
+    return str(refused.value)
+
+
+def test_without_plugins_the_type_is_scene_and_its_schema_the_documented_one() -> None:
+    assert scene_type() is Scene
+    documented = json.loads((ROOT / "docs/scene.schema.json").read_text("utf-8"))
+    assert Scene.model_json_schema(by_alias=True) == documented
+
+
+def test_a_scene_has_the_tables_and_names_of_plugins(plugin: Plugin) -> None:
+    before = parse_scene(data(), "scene.toml")
+    plugin("acme", GROUPS, SOURCE)
+    scene = parse_scene(
+        data(
+            checks={"droop": {"max": 0.1, "after": "2ms"}},
+            design={"topology": "ladder", "ladder": {"rung": "2.2k"}},
+            analysis={"engine": "spectre"},
+        ),
+        "scene.toml",
+    )
+    assert isinstance(scene, Scene)
+    assert (scene.checks.droop.max, scene.checks.droop.after) == (0.1, 2e-3)  # type: ignore[attr-defined]
+    assert scene.design.ladder.model_dump() == {"sections": 3, "rung": 2200.0}  # type: ignore[attr-defined]
+    assert scene.design.topology == "ladder"
+    assert scene.with_engine("spectre") == scene
+    plain = parse_scene(data(checks={"droop": 0.2}), "scene.toml")
+    assert plain.checks.droop.max == 0.2  # type: ignore[attr-defined]
+    assert parse_scene(data(), "scene.toml").checks.droop is None  # type: ignore[attr-defined]
+    assert not hasattr(before.checks, "droop")
+
+
+def test_a_scene_with_plugins_can_be_sent_stored_written_and_varied(plugin: Plugin) -> None:
+    plugin("acme", GROUPS, SOURCE)
+    tables = {"checks": {"droop": 0.1}, "design": {"topology": "ladder", "ladder": {"rung": 50}}}
+    scene = parse_scene(data(**tables), "scene.toml")
+    again = pickle.loads(pickle.dumps(scene))  # noqa: S301 - our own
+    assert again == scene
+    assert type(again) is type(scene)
+    assert digest(again) == digest(scene)
+    assert digest(parse_scene(data(**{**tables, "checks": {"droop": 0.2}}), "s")) != digest(scene)
+    text = scene_text(scene)
+    assert "droop = { max = 0.1 }" in text
+    assert "ladder = { rung = 50.0 }" in text or 'ladder = { rung = "50ohm" }' in text
+    ((axis,),) = parse_axes(scene, ["design.ladder.rung=10:1k:3"])
+    assert axis.key.unit == "ohm"
+    moved = with_settings(scene, ["checks.droop.after=5ms", "design.ladder.sections=7"])
+    assert moved.checks.droop.after == 5e-3  # type: ignore[attr-defined]
+    assert moved.design.ladder.sections == 7  # type: ignore[attr-defined]
+
+
+def test_the_schema_has_what_plugins_add(plugin: Plugin) -> None:
+    plugin("acme", GROUPS, SOURCE)
+    schema = scene_type().model_json_schema(by_alias=True)
+    parts = schema["$defs"]
+    assert "droop" in parts["Checks"]["properties"]
+    assert "quiet" not in parts["Checks"]["properties"]
+    assert parts["Design"]["properties"]["topology"]["enum"][-2:] == ["ladder", "mesh"]
+    assert parts["AnalysisChoice"]["properties"]["engine"]["enum"][-1] == "spectre"
+    assert parts["LadderKeys"]["properties"].keys() == {"sections", "rung"}
+
+
+def test_mistakes_in_keys_of_plugins_have_the_nearest_key(plugin: Plugin) -> None:
+    plugin("acme", GROUPS, SOURCE)
+    assert complaints(checks={"drop": 0.1}).endswith(
+        "checks.drop = 0.1: unknown key; did you mean 'droop'? known here: 'steady_state',"
+        " 'settling_time', 'overshoot', 'undershoot', 'rise_time', 'noise', 'stability',"
+        " 'engines_agree', 'droop'"
+    )
+    assert "checks.droop.max: required; fraction" in complaints(checks={"droop": {}})
+    assert "known here: 'max', 'after'" in complaints(checks={"droop": {"max": 1, "afte": 1}})
+    assert "design.ladder.rungs = 1: unknown key; did you mean 'rung'?" in complaints(
+        design={"topology": "ladder", "ladder": {"rungs": 1}}
+    )
+    assert "design.topology = 'lader': did you mean 'ladder'? one of" in complaints(
+        design={"topology": "lader"}
+    )
+    assert "design.ladder = {'rung': 1}: needs topology = 'ladder'" in complaints(
+        design={"ladder": {"rung": 1}}
+    )
+
+
+def test_names_are_listed_with_the_nearest() -> None:
+    assert complaints(design={"amplifier": "sinus"}).endswith(
+        "design.amplifier = 'sinus': did you mean 'sinh'? one of 'linear', 'exponential', 'sinh',"
+        " 'softplus', 'tanh'"
+    )
+    assert complaints(analysis={"engine": 3}).endswith(
+        "analysis.engine = 3: expected a name, one of 'auto', 'ngspice', 'statespace'"
+    )
+    assert "design.opamp.base = 'ua742': did you mean 'ua741'? one of 'ideal'," in complaints(
+        design={"opamp": {"base": "ua742"}}
+    )
+
+
+def test_keys_that_are_no_model_are_refused(plugin: Plugin) -> None:
+    plugin("acme", {"taction.checks": {"droop": "DROOP"}}, "class DROOP:\n    keys = dict\n")
+    with pytest.raises(InputError) as refused:
+        parse_scene(data(), "scene.toml")
+    assert str(refused.value) == (
+        "plug-in acme 1.0: taction.checks = 'droop': acme:DROOP.keys is dict; expected Model"
+    )
