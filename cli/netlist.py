@@ -80,7 +80,7 @@ def netlist(
                 "omissions": [asdict(item) for item in circuit.omissions],
                 "pruning": pruning and pruning.record,
                 "warnings": warnings,
-                "lambda": circuit.scalings.lam,
+                "lambda": circuit.value("lambda"),
             }
         )
     elif output is None:

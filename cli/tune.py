@@ -99,8 +99,8 @@ def _document(tuning: Tuning, verdict: Verdict) -> dict[str, Any]:
         "outcome": verdict.outcome.value,
         "before": asdict(tuning.before),
         "after": asdict(tuning.after),
-        "resistance": verdict.circuit.scalings.resistance,
-        "lambda": verdict.circuit.scalings.lam,
+        "resistance": verdict.circuit.value("R"),
+        "lambda": verdict.circuit.value("lambda"),
         "overshoot_limit": tuning.overshoot_limit,
         "margin": tuning.margin,
         "tried": tuning.tried,
@@ -124,15 +124,15 @@ def _show(tuning: Tuning, verdict: Verdict, reach: float) -> None:
         settling = show(candidate.settling_time, "s")
         rows.append((name, *values, settling, f"{100 * candidate.overshoot:.3g} %"))
     page.print(make_table(whole("", *tuning.after.values, "settling time", "overshoot"), rows))
-    scalings = verdict.circuit.scalings
+    facts, resistance = verdict.circuit.facts, verdict.circuit.value("R")
     page.print(
         f"{tuning.tried} designs tried, {len(tuning.frontier)} on the trade-off curve; lambda stays"
-        f" {scalings.lam:.4g}, so R = {show(scalings.resistance, 'ohm')}. For the scene's table"
+        f" {facts['lambda'].text}, so R = {show(resistance, 'ohm')}. For the scene's table"
         " \\[design]:"
     )
     for path, value in tuning.after.values.items():
         page.print(f"  {path.removeprefix('design.')} = {written(value, units[path])}")
-    page.print(f"  resistance = {written(scalings.resistance, 'ohm')}")
+    page.print(f"  resistance = {written(resistance, 'ohm')}")
     for path, edge in tuning.at_edges.items():
         name = path.removeprefix("design.")
         page.print(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taction.netlist_gen.board.components import CircuitData
+from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.preferred_values import nearest
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
@@ -98,7 +98,7 @@ class BillOfMaterials:
         return sum(len(line.references) for line in self.lines if line.kind == kind)
 
 
-def bill_of_materials(circuit: CircuitData, scene: Scene) -> BillOfMaterials:
+def bill_of_materials(circuit: Circuit, scene: Scene) -> BillOfMaterials:
     """Return the parts of `circuit`, the board of `scene`, equal values in one line.
 
     Stray capacitances are no parts.
@@ -124,7 +124,7 @@ def bill_of_materials(circuit: CircuitData, scene: Scene) -> BillOfMaterials:
     )
 
 
-def _resistors(circuit: CircuitData) -> tuple[list[str], Floats]:
+def _resistors(circuit: Circuit) -> tuple[list[str], Floats]:
     """Return the deck's names of all resistors, and their values, ohm."""
     names = [f"R{part.name}" for part in circuit.resistors]
     values = [np.array([part.ohms for part in circuit.resistors])]
@@ -176,7 +176,7 @@ def _nearest(value: float, series: str) -> Preferred:
     return Preferred(series, near, near / value - 1.0)
 
 
-def packages(circuit: CircuitData) -> Iterator[Package]:
+def packages(circuit: Circuit) -> Iterator[Package]:
     """Yield packages that are filled in the order of the op-amps, each with one type."""
     number = 0
     for name, model in circuit.models.items():
@@ -188,7 +188,7 @@ def packages(circuit: CircuitData) -> Iterator[Package]:
             yield Package(f"U{number}", held, size - len(held))
 
 
-def _not_listed(circuit: CircuitData, scene: Scene) -> Iterator[str]:
+def _not_listed(circuit: Circuit, scene: Scene) -> Iterator[str]:
     choice = scene.design.opamp
     changed = sorted(choice.model_fields_set - {"base", "file"})
     if changed:

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from taction.netlist_gen.board.components import (
+from taction.netlist_gen.board.circuit import (
     Capacitor,
-    CircuitData,
+    Circuit,
     CurrentSource,
     OpAmpCell,
     Resistor,
@@ -22,32 +22,32 @@ from taction.netlist_gen.board.components import (
 class Channel:
     """Channel `n` and sensor row `k` of a board, both counted from 1."""
 
-    circuit: CircuitData
+    circuit: Circuit
     n: int
     k: int
 
     @classmethod
-    def of(cls, circuit: CircuitData, n: int | None = None) -> Channel:
+    def of(cls, circuit: Circuit, n: int | None = None) -> Channel:
         """Return channel `n` with the row that it drives most.
 
         Without `n` it is the middle channel, or the first one that has a matrix resistor.
         """
-        present = np.isfinite(circuit.matrices[0].ohms)
+        present = np.isfinite(circuit.forward.ohms)
         if n is None:
             n = 1 + (present.shape[1] - 1) // 2
             if not present[:, n - 1].any():
                 n = 1 + int(np.flatnonzero(present.any(axis=0))[0])
-        return cls(circuit, n, 1 + int(np.argmin(circuit.matrices[0].ohms[:, n - 1])))
+        return cls(circuit, n, 1 + int(np.argmin(circuit.forward.ohms[:, n - 1])))
 
     @property
     def forward(self) -> ResistorMatrix:
         """The matrix whose row `k` sums into the constraint node."""
-        return self.circuit.matrices[0]
+        return self.circuit.forward
 
     @property
     def feedback(self) -> ResistorMatrix:
         """The matrix whose column `n` sums into the signal node."""
-        return self.circuit.matrices[1]
+        return self.circuit.feedback
 
     @property
     def connected(self) -> bool:

@@ -1,58 +1,481 @@
-"""`Circuit`: the board, components with values and nodes, without SPICE, and how it shows itself.
+"""`Circuit`: the board, its parts with values and nodes, and what its topology states about them.
 
 The synthesis makes it, the deck writer turns it into text, and the state-space engine into
-equations.
+equations. Node ``"0"`` is ground. Matrices are arrays, never N² objects. A topology states
+
+- `Circuit.roles`: which parts do what, by their names in the deck (`Role`),
+- `Circuit.facts`: the numbers of the design (`Fact`),
+- `Circuit.knobs`: the keys of a scene that can be moved, with the parts that they scale (`Knob`),
+- `Circuit.expressions`: the values of parts as expressions of the facts, for decks with parameters.
 """
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
-from taction.netlist_gen.board.components import GROUND as GROUND
-from taction.netlist_gen.board.components import Capacitor as Capacitor
-from taction.netlist_gen.board.components import CircuitData
-from taction.netlist_gen.board.components import CurrentSource as CurrentSource
-from taction.netlist_gen.board.components import NoiseCurrent as NoiseCurrent
-from taction.netlist_gen.board.components import Omission as Omission
-from taction.netlist_gen.board.components import OpAmpCell as OpAmpCell
-from taction.netlist_gen.board.components import Output as Output
-from taction.netlist_gen.board.components import Resistor as Resistor
-from taction.netlist_gen.board.components import ResistorMatrix as ResistorMatrix
-from taction.netlist_gen.board.components import Scalings as Scalings
-from taction.netlist_gen.board.components import SignalAmplifier as SignalAmplifier
-from taction.netlist_gen.board.components import TransistorCell as TransistorCell
-from taction.netlist_gen.board.components import VoltageSource as VoltageSource
-from taction.netlist_gen.card import Card
 from taction.netlist_gen.scene.summary import counted, sizes
+from taction.spice_models.imported import LinearModel
+from taction.spice_models.opamp import OpAmp
+from taction.spice_models.transistor import NOMINAL, Transistor
+from taction.system.array_types import Bools, Floats
 from taction.system.quantities import quantity
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+GROUND = "0"
 
-class Circuit(CircuitData):
+
+class Role(StrEnum):
+    """What parts of a board do; a topology may have roles of its own besides."""
+
+    SIGNAL_CAPACITOR = "capacitor C of a signal node"
+    SIGNAL_RESISTOR = "resistor R of a signal node"
+    BIAS_RESISTOR = "resistor of a bias current"
+    CONSTRAINT_RESISTOR = "resistor s of a constraint amplifier"
+    INVERTER_RESISTOR = "resistor of an inverter"
+    STAGE = "part of an antilog stage"
+    STRAY = "stray capacitance"
+    FORWARD = "matrix from the signal amplifiers to the constraint nodes"
+    FEEDBACK = "matrix from the constraint amplifiers to the signal nodes"
+
+
+@dataclass(frozen=True, slots=True)
+class Fact:
+    """A number of the design.
+
+    Attributes
+    ----------
+    name : str
+        ``"C"``; its key in `Circuit.facts`.
+    value : float
+        SI base unit.
+    unit : str
+        Empty for a plain number.
+    symbol : str
+        As the deck's header and the reports write it: ``"s"`` for the gain.
+    title : str
+        What it is, in some words.
+    key : str
+        The key of the scene that sets it, dotted.
+    sentence : str
+        Its definition, where the title does not say it.
+    role : str
+        The parts whose nominal value it is; empty for a scale of the whole board.
+    follows : tuple of float and names, optional
+        The value is this number divided by these facts: ``R = number / (lambda gain)``.
+    """
+
+    name: str
+    value: float
+    unit: str
+    symbol: str
+    title: str
+    key: str
+    sentence: str = ""
+    role: str = ""
+    follows: tuple[float, tuple[str, ...]] | None = None
+
+    @property
+    def label(self) -> str:
+        """Title and symbol, for a table."""
+        return f"{self.title} {self.symbol}"
+
+    @property
+    def text(self) -> str:
+        """The value with its unit, as a person reads it."""
+        return quantity(self.value, self.unit) if self.unit else f"{self.value:.4g}"
+
+
+# Numbers that every board has: unit, symbol, title, key, sentence and role of each.
+_COMMON: Mapping[str, Any] = {
+    "G0": ("S", "G0", "unit conductance", "design.unit_conductance",
+           "T = 1 is this conductance: R_kn = 1/(|T_kn| G0)"),
+    "U0": ("V", "U0", "unit voltage", "design.unit_voltage",
+           "u = 1 is this voltage at an output"),
+    "R": ("ohm", "R", "resistor of every signal node", "design.resistance", "",
+          Role.SIGNAL_RESISTOR),
+    "C": ("F", "C", "capacitor of every signal node", "design.capacitance", "",
+          Role.SIGNAL_CAPACITOR),
+    "gain": ("ohm", "s", "gain of the constraint amplifiers", "design.gain", "",
+             Role.CONSTRAINT_RESISTOR),
+    "lambda": ("", "lambda", "regularisation parameter", "design.lambda"),
+    "Ve": ("V", "Ve", "slope of the signal amplifiers", "design.exponential_slope",
+           "u = U0 g(v/Ve)"),
+}  # fmt: skip
+NEEDED = ("G0", "U0", "R", "C", "gain", "lambda")  # facts of every board that is verified
+
+
+def common_facts(**values: float) -> dict[str, Fact]:
+    """Return the facts of a board by their names, from those of `_COMMON` that are given.
+
+    Examples
+    --------
+    >>> common_facts(C=1e-11, gain=1e6)["gain"].text
+    '1 Mohm'
+    """
+    return {
+        name: Fact(name, values[name], *texts) for name, texts in _COMMON.items() if name in values
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class Knob:
+    """A key of the scene that can be moved.
+
+    Attributes
+    ----------
+    name : str
+        The fact that has its value: ``"C"``.
+    key : str
+        Dotted: ``"design.capacitance"``.
+    role : str
+        The parts whose values are proportional to it; empty if more changes than values of parts.
+    moves : mapping of str to float
+        Other facts that change with a power of it, while R keeps its value.
+    margin : {"", "smaller", "larger"}
+        The direction in which a stable board becomes unstable; empty without a margin.
+    words : str
+        The subject of a sentence: ``"the gain"``.
+    series : str
+        The key of the series that rounds these parts alone, if there is one.
+    """
+
+    name: str
+    key: str
+    role: str = ""
+    moves: Mapping[str, float] = field(default_factory=dict)
+    margin: Literal["", "smaller", "larger"] = ""
+    words: str = ""
+    series: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A part with a name; its card in the deck begins with the letter of its kind."""
+
+    letter: ClassVar[str]
+    name: str
+
+    @property
+    def card(self) -> str:
+        """Its name in the deck."""
+        return self.letter + self.name
+
+
+@dataclass(frozen=True, slots=True)
+class OpAmpCell(Part):
+    """One op-amp: `model` is a key of `Circuit.models`; the rest are node names."""
+
+    letter: ClassVar[str] = "X"
+    model: str
+    noninverting: str
+    inverting: str
+    output: str
+
+
+@dataclass(frozen=True, slots=True)
+class SignalAmplifier(Part):
+    """A behavioural amplifier, ideal and inverting: ``V(output) = -u_scale g(V(input) / v_scale)``.
+
+    `kind` is a key of `spice_models.amplifier.AMPLIFIERS` except ``"linear"``, an op-amp inverter.
+    """
+
+    letter: ClassVar[str] = "B"
+    kind: str
+    input: str
+    output: str
+    u_scale: float
+    v_scale: float
+
+
+@dataclass(frozen=True, slots=True)
+class TransistorCell(Part):
+    """One transistor: `model` is a key of `Circuit.transistor_models`; the rest are node names."""
+
+    letter: ClassVar[str] = "Q"
+    model: str
+    collector: str
+    base: str
+    emitter: str
+
+
+@dataclass(frozen=True, slots=True)
+class Resistor(Part):
+    """A resistor between nodes `a` and `b`, ohm."""
+
+    letter: ClassVar[str] = "R"
+    a: str
+    b: str
+    ohms: float
+
+
+@dataclass(frozen=True, slots=True)
+class Capacitor(Part):
+    """A capacitor between nodes `a` and `b`, F; at t = 0 discharged or at rest."""
+
+    letter: ClassVar[str] = "C"
+    a: str
+    b: str
+    farads: float
+
+
+@dataclass(frozen=True, slots=True)
+class CurrentSource(Part):
+    """A current of `amps` into `node` (out of ground), switched on at t = 0."""
+
+    letter: ClassVar[str] = "I"
+    node: str
+    amps: float
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseCurrent(Part):
+    """A white noise current into `node`, of a `density` in A/rtHz over positive frequencies."""
+
+    letter: ClassVar[str] = "G"
+    node: str
+    density: float
+
+
+@dataclass(frozen=True, slots=True)
+class VoltageSource(Part):
+    """A constant voltage from ground to `node`."""
+
+    letter: ClassVar[str] = "V"
+    node: str
+    volts: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ResistorMatrix:
+    """An M-by-N matrix of resistors; element (k, n) has the name ``Rf_k_n``, counted from 1."""
+
+    name: str  # "Rf" (forward) or "Rb" (feedback)
+    ohms: Floats  # (M, N); infinite where there is no resistor
+    negative: Bools  # (M, N): the entry of T is negative; a node of `minus` drives the resistor
+    by_column: bool  # columns drive and rows sum (forward); else rows drive (feedback)
+    plus: tuple[str, ...]  # driving nodes of positive entries
+    minus: tuple[str, ...]  # driving nodes of negative entries, "" where there is no such entry
+    sinks: tuple[str, ...]  # summing nodes, one per index of the other axis
+
+    def elements(self) -> Iterator[tuple[int, int, str, str, float]]:
+        """Yield ``(k, n, driving node, summing node, ohms)`` of every resistor by rows, from 0."""
+        finite = np.isfinite(self.ohms)
+        for k, n in zip(*(index.tolist() for index in np.nonzero(finite)), strict=True):
+            drive, sink = (n, k) if self.by_column else (k, n)
+            source = self.minus[drive] if self.negative[k, n] else self.plus[drive]
+            yield k, n, source, self.sinks[sink], float(self.ohms[k, n])
+
+    def resistors(self) -> Iterator[Resistor]:
+        """Yield every resistor by rows; `a` is the driving node, `b` the summing node."""
+        for k, n, source, sink, ohms in self.elements():
+            yield Resistor(f"{self.name}_{k + 1}_{n + 1}", source, sink, ohms)
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """The output of one channel: ``u = sign * V(node)``, V."""
+
+    node: str
+    sign: float
+
+
+@dataclass(frozen=True, slots=True)
+class Omission:
+    """A part that the board omits because the scene does not need it."""
+
+    what: str
+    why: str
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Circuit:
     """A whole board."""
 
-    __slots__ = ()
+    name: str
+    amplifier: str
+    topology: str
+    facts: Mapping[str, Fact]  # by name
+    models: dict[str, OpAmp]  # op-amp types by name
+    opamps: tuple[OpAmpCell, ...]
+    amplifiers: tuple[SignalAmplifier, ...]
+    resistors: tuple[Resistor, ...]
+    matrices: tuple[ResistorMatrix, ...]
+    capacitors: tuple[Capacitor, ...]
+    currents: tuple[CurrentSource, ...]
+    voltages: tuple[VoltageSource, ...]
+    signal_nodes: tuple[str, ...]  # nodes of v_n, one per channel
+    constraint_nodes: tuple[str, ...]  # nodes of w_k, one per sensor
+    outputs: tuple[Output, ...]  # u_n
+    omissions: tuple[Omission, ...]
+    supply: float = 15.0  # both supply voltages of the op-amps, ±V
+    noises: tuple[NoiseCurrent, ...] = ()  # of the sensors; for noise analyses only
+    transistors: tuple[TransistorCell, ...] = ()
+    transistor_models: dict[str, Transistor] = field(default_factory=dict)  # types by name
+    temperature: float = NOMINAL  # of the transistors, degrees C
+    roles: Mapping[str, Collection[str]] = field(default_factory=dict)  # names in the deck, by role
+    knobs: tuple[Knob, ...] = ()
+    # Values as expressions of the facts, with their numbers before rounding, by names in the deck.
+    expressions: Mapping[str, tuple[str, float]] = field(default_factory=dict)
+
+    def value(self, name: str) -> float:
+        """Return the number of a fact.
+
+        Raises
+        ------
+        ValueError
+            The topology does not state this fact.
+        """
+        if name not in self.facts:
+            raise ValueError(f"topology {self.topology!r} states no fact {name!r}")
+        return self.facts[name].value
+
+    def named(self, role: str) -> Collection[str]:
+        """Return the names in the deck of the parts with a role."""
+        return self.roles.get(role, ())
+
+    def resistors_of(self, role: str) -> tuple[Resistor, ...]:
+        """Return the resistors with a role, in the order of the board."""
+        names = self.named(role)
+        return tuple(part for part in self.resistors if part.card in names)
+
+    def capacitors_of(self, role: str) -> tuple[Capacitor, ...]:
+        """Return the capacitors with a role, in the order of the board."""
+        names = self.named(role)
+        return tuple(part for part in self.capacitors if part.card in names)
+
+    @property
+    def forward(self) -> ResistorMatrix:
+        """The matrix from the signal amplifiers to the constraint nodes."""
+        return self._matrix(Role.FORWARD)
+
+    @property
+    def feedback(self) -> ResistorMatrix:
+        """The matrix from the constraint amplifiers to the signal nodes."""
+        return self._matrix(Role.FEEDBACK)
+
+    def _matrix(self, role: Role) -> ResistorMatrix:
+        names = self.named(role)
+        for matrix in self.matrices:
+            if matrix.name in names:
+                return matrix
+        raise ValueError(f"topology {self.topology!r} states no {role}")
+
+    @property
+    def realised(self) -> Floats:
+        """T (M, N) as the resistors have it, with their rounding."""
+        forward = self.forward
+        sign = np.where(forward.negative, -1.0, 1.0)
+        return sign / (forward.ohms * self.value("G0"))
+
+    def knob(self, name: str) -> Knob:
+        """Return the knob of a fact or of a key of the scene.
+
+        Raises
+        ------
+        ValueError
+            The topology has no such knob.
+        """
+        for knob in self.knobs:
+            if name in (knob.name, knob.key):
+                return knob
+        raise ValueError(f"topology {self.topology!r} has no knob {name!r}")
+
+    def parts_of(self, knob: Knob) -> tuple[Capacitor, ...] | tuple[Resistor, ...]:
+        """Return the parts that a knob scales: capacitors or resistors."""
+        return self.capacitors_of(knob.role) or self.resistors_of(knob.role)
+
+    def turned(self, name: str, value: float) -> Circuit:
+        """Return the board with a knob at another value, SI base unit; R keeps its value.
+
+        Raises
+        ------
+        ValueError
+            The knob does not scale parts: then the board needs another synthesis.
+        """
+        knob = self.knob(name)
+        if not knob.role:
+            raise ValueError(f"{knob.key} does not scale parts of the board")
+        names, factor = self.named(knob.role), value / self.value(knob.name)
+        changed = {knob.name: value}
+        changed |= {other: self.value(other) * factor**by for other, by in knob.moves.items()}
+        return replace(
+            self,
+            resistors=tuple(
+                replace(part, ohms=part.ohms * factor) if part.card in names else part
+                for part in self.resistors
+            ),
+            capacitors=tuple(
+                replace(part, farads=part.farads * factor) if part.card in names else part
+                for part in self.capacitors
+            ),
+            facts={
+                name: replace(fact, value=changed.get(name, fact.value))
+                for name, fact in self.facts.items()
+            },
+            expressions={
+                card: (text, number * factor if card in names else number)
+                for card, (text, number) in self.expressions.items()
+            },
+        )
+
+    @property
+    def is_small_signal(self) -> bool:
+        """Whether no op-amp is at the large-signal level."""
+        return not any(model.large_signal for model in self.models.values())
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether no signal amplifier is nonlinear, and no op-amp at the large-signal level."""
+        return not self.has_nonlinear_amplifiers and self.is_small_signal
+
+    @property
+    def has_nonlinear_amplifiers(self) -> bool:
+        """Whether signal amplifiers are behavioural, or have transistors."""
+        return bool(self.amplifiers or self.transistors)
+
+    @property
+    def has_imported(self) -> bool:
+        """Whether op-amps are a vendor's macromodel."""
+        return any(model.imported is not None for model in self.models.values())
+
+    def linear_model(self, cell: OpAmpCell) -> LinearModel | None:
+        """Return the linear model of an imported op-amp; None for others, or where it has none."""
+        imported = self.models[cell.model].imported
+        return None if imported is None else imported.linear
+
+    @property
+    def has_constant_sources(self) -> bool:
+        """Whether the board without strain may rest at other voltages than zero."""
+        errors = any(model.input_errors for model in self.models.values())
+        nonlinear = self.has_nonlinear_amplifiers
+        return bool(self.voltages or nonlinear or errors or self.has_imported)
 
     def __repr__(self) -> str:
-        parts = (sizes(*self._size), self.topology, f"{self.amplifier} amplifiers", self._values())
+        parts = (sizes(*self._size), self.topology, f"{self.amplifier} amplifiers", self.values)
         return f"Circuit({self.name!r}, {', '.join(parts)}, op-amps {', '.join(self.models)})"
 
     @property
     def _size(self) -> tuple[int, int]:
         return len(self.outputs), len(self.constraint_nodes)
 
-    def _values(self) -> str:
-        s = self.scalings
-        return f"C = {quantity(s.capacitance, 'F')}, gain = {quantity(s.gain, 'ohm')}"
+    @property
+    def values(self) -> str:
+        """The values of the knobs with a margin, in words."""
+        moved = (self.facts[knob.name] for knob in self.knobs if knob.margin)
+        return ", ".join(f"{fact.name} = {fact.text}" for fact in moved)
 
     def _repr_html_(self) -> str:
         """Return the board as a card for a notebook."""
-        s = self.scalings
+        from taction.netlist_gen.card import Card
+
         entries = sum(int(np.isfinite(matrix.ohms).sum()) for matrix in self.matrices)
         parts = (
             counted(len(self.opamps), "op-amp"),
@@ -64,11 +487,7 @@ class Circuit(CircuitData):
             ("size", sizes(*self._size)),
             ("board", f"{self.topology}, {self.amplifier} amplifiers"),
             ("op-amps", f"{', '.join(self.models)}, supply ±{quantity(self.supply, 'V')}"),
-            ("C", quantity(s.capacitance, "F")),
-            ("gain s", quantity(s.gain, "ohm")),
-            ("R", quantity(s.resistance, "ohm")),
-            ("lambda", f"{s.lam:.4g}"),
-            ("unit conductance G0", quantity(s.unit_conductance, "S")),
+            *((fact.label, fact.text) for fact in self.facts.values()),
             ("parts", ", ".join(parts)),
             ("left out", counted(len(self.omissions), "kind") + " of parts that it does not need"),
         )

@@ -44,3 +44,8 @@ def nearest(values: Floats, series: str) -> Floats:
     shift = decade - 2
     value = np.where(shift >= 0, digits * 10.0 ** np.abs(shift), digits / 10.0 ** np.abs(shift))
     return np.where(finite, value, values)
+
+
+def preferred(ohms: float, series: str) -> float:
+    """Return the value of a series that is nearest to `ohms`; see `nearest`."""
+    return float(nearest(np.array([ohms]), series)[0])

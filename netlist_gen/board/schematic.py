@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from taction.netlist_gen.board.channel import Channel
-from taction.netlist_gen.board.components import CircuitData
+from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.scene.summary import opamp_name
 from taction.system.output_files import check_package
 from taction.system.picture import figure_file
@@ -22,7 +22,7 @@ SMALL = 10  # points
 ROW = -5.6  # height of the sensor row below the channel
 
 
-def schematic_svg(circuit: CircuitData) -> str:
+def schematic_svg(circuit: Circuit) -> str:
     """Return the drawing of the middle channel and the sensor row that it drives most, as SVG.
 
     Its colour is that of the page's text.
@@ -39,7 +39,7 @@ def schematic_svg(circuit: CircuitData) -> str:
     return svg[svg.index("<svg") :]
 
 
-def plot_schematic(circuit: CircuitData, path: str | Path | None = None) -> Figure:
+def plot_schematic(circuit: Circuit, path: str | Path | None = None) -> Figure:
     """Draw the schematic of one channel as a figure; write it to `path`, if there is one.
 
     Raises
@@ -59,7 +59,7 @@ def plot_schematic(circuit: CircuitData, path: str | Path | None = None) -> Figu
     return figure
 
 
-def schematic_summary(circuit: CircuitData) -> str:
+def schematic_summary(circuit: Circuit) -> str:
     """Return in words what the schematic shows."""
     return _summary(Channel.of(circuit))
 
@@ -80,11 +80,11 @@ def _drawing(canvas: Any, colour: str, example: Channel) -> Any:
 
 def _summary(example: Channel) -> str:
     into, row = (len(example.rungs(m)) for m in (example.feedback, example.forward))
-    scalings = example.circuit.scalings
+    gain = example.circuit.facts["gain"].text
     return (
         f"Channel {example.n} with sensor row {example.k}, one of {into} resistors into the channel"
         f" and of {row} resistors into the row. C = {quantity(example.farads, 'F')}, gain s ="
-        f" {quantity(scalings.gain, 'ohm')}, matrix resistor {quantity(example.entry, 'ohm')}"
+        f" {gain}, matrix resistor {quantity(example.entry, 'ohm')}"
         f" (T is {'negative' if example.negative else 'positive'}), op-amps"
         f" {opamp_name(next(iter(example.circuit.models)))}. Stray capacitances are not drawn."
     )
@@ -148,7 +148,7 @@ def _integrator(drawing: Any, example: Channel) -> Any:
     if biased is not None:
         drawing.add(elm.Line().down(1.4).at(node))
         _put(drawing, elm.Resistor().left(), f"Rbias_{n}", quantity(biased, "ohm"))
-        volts = quantity(example.circuit.scalings.exponential_slope, "V")
+        volts = quantity(example.circuit.value("Ve"), "V")
         drawing.add(elm.Dot(open=True).label(f"Ve = {volts}", "left"))
     cell = _opamp(drawing, (node[0] + 0.9, 0.0), f"v_{n}")
     drawing.add(elm.Line().at(node).to(cell.in1))
@@ -192,9 +192,8 @@ def _stage(drawing: Any, example: Channel, output: Any) -> None:
     place = drawing.add(elm.Dot().at(output)).center
     amplifier = next((a for a in circuit.amplifiers if a.name == f"a_{n}"), None)
     if circuit.transistors:
-        scalings = circuit.scalings
         kind, pair = circuit.amplifier, next(iter(circuit.transistor_models))
-        scales = quantity(scalings.unit_voltage, "V"), quantity(scalings.exponential_slope, "V")
+        scales = circuit.facts["U0"].text, circuit.facts["Ve"].text
         inverts = circuit.outputs[n - 1].sign < 0.0
         text = f"{kind} stage\n{pair}, 2 op-amps\nu = {scales[0]} exp(v / {scales[1]})"
     elif amplifier is not None:

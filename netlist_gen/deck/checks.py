@@ -122,14 +122,13 @@ def tolerances(circuit: Circuit, relative: float) -> Tolerances:
     control takes the tolerance of currents for the error of a capacitor's current, so it follows
     from the strain currents, whatever the units of matrix and strain are.
     """
-    scalings = circuit.scalings
-    volts, siemens = scalings.unit_voltage, scalings.unit_conductance
+    volts, siemens = circuit.value("U0"), circuit.value("G0")
     amps = max((abs(source.amps) for source in circuit.currents), default=0.0) or siemens * volts
     return Tolerances(
         relative=relative,
         current=max(1e-3 * relative * amps, VENDORS_AMPS * circuit.has_imported),
         voltage=1e-3 * relative * volts,
-        charge=1e-3 * relative * scalings.capacitance * volts,
+        charge=1e-3 * relative * circuit.value("C") * volts,
         gmin=1e-6 * relative * siemens,
         junction=VENDORS_GMIN if circuit.has_imported else 1e-6 * relative * siemens,
     )

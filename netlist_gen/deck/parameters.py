@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
-from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.circuit import Circuit, Fact
 
 ROUNDING = 1e-12  # relative: above it a value of the board is not what its expression gives
 
@@ -35,9 +33,8 @@ NO_PARAMETERS = Parameters((), {})
 def parameters_of(circuit: Circuit, *, fixed_lambda: bool = False) -> Parameters:
     """Return C, gain and lambda of `circuit` as parameters.
 
-    ``R = 1 / (lambda s G0²)`` for linear amplifiers (eq (21) corrected), and
-    ``R = 2 Ve / (lambda s G0² U0)`` for others (eqs (16) and (8) in the board's units). The
-    passive topology has ``1 / (1/R - load)`` at each channel.
+    The parameters are the facts that are knobs with a margin, and lambda; R follows from them. The
+    topology states the expressions of the parts.
 
     Parameters
     ----------
@@ -58,44 +55,35 @@ def parameters_of(circuit: Circuit, *, fixed_lambda: bool = False) -> Parameters
     >>> found.expressions["Rs_1"], found.expressions["Cc_1"], found.expressions["Rr_1"]
     ('gain', 'C', 'R')
     """
-    s = circuit.scalings
-    product = 1.0 / s.unit_conductance**2
-    if circuit.has_nonlinear_amplifiers:
-        product *= 2.0 * s.exponential_slope / s.unit_voltage
-    resistance = product / (s.lam * s.gain)
-    share = f"{product / s.lam!r}/gain" if fixed_lambda else f"{product!r}/(lambda*gain)"
+    free = [knob.name for knob in circuit.knobs if knob.margin]
+    free += [] if fixed_lambda else ["lambda"]
     lines = [
         "* edit these numbers; the values of all other parts stay as they are",
-        f".param C={s.capacitance!r}",
-        f".param gain={s.gain!r}",
-        *([] if fixed_lambda else [f".param lambda={s.lam!r}"]),
-        f".param R={{{share}}}",
+        *(f".param {name}={circuit.value(name)!r}" for name in free),
+        *(f".param {fact.name}={{{_law(circuit, fact, free)}}}" for fact in _following(circuit)),
         "* the stop time and the steps hold for the numbers that taction wrote",
     ]
+    values = {part.card: part.ohms for part in circuit.resistors}
+    values |= {part.card: part.farads for part in circuit.capacitors}
     expressions: dict[str, str] = {}
-    for name, node, ohms in ((r.name, r.a, r.ohms) for r in circuit.resistors):
-        kind = name.partition("_")[0]
-        if kind == "s":
-            expressions[f"R{name}"] = _checked(name, "gain", s.gain, ohms)
-        elif kind == "bias" or (kind == "r" and circuit.topology == "integrator"):
-            expressions[f"R{name}"] = _checked(name, "R", resistance, ohms)
-        elif kind == "r":
-            load = _load(circuit, node)
-            value = 1.0 / (1.0 / resistance - load)
-            expressions[f"R{name}"] = _checked(name, f"1/(1/R-{load!r})", value, ohms)
-    for part in circuit.capacitors:
-        if part.name.startswith("c_"):
-            expressions[f"C{part.name}"] = _checked(part.name, "C", s.capacitance, part.farads)
+    for card, (text, number) in circuit.expressions.items():
+        if not math.isclose(number, values[card], rel_tol=ROUNDING):
+            raise ValueError(
+                f"{card} is {values[card]!r}, but its expression {text} gives {number!r}"
+            )
+        expressions[card] = text
     return Parameters(tuple(lines), expressions)
 
 
-def _load(circuit: Circuit, node: str) -> float:
-    """Return the conductance of the feedback resistors at a node of the passive topology, S."""
-    feedback = circuit.matrices[1]
-    return float(np.sum(1.0 / feedback.ohms[:, feedback.sinks.index(node)]))
+def _following(circuit: Circuit) -> list[Fact]:
+    return [fact for fact in circuit.facts.values() if fact.follows is not None]
 
 
-def _checked(name: str, expression: str, value: float, actual: float) -> str:
-    if not math.isclose(value, actual, rel_tol=ROUNDING):
-        raise ValueError(f"{name} is {actual!r}, but its expression {expression} gives {value!r}")
-    return expression
+def _law(circuit: Circuit, fact: Fact, free: Sequence[str]) -> str:
+    """Return the expression of a fact that follows from others; those not `free` are numbers."""
+    number, over = fact.follows or (fact.value, ())
+    for name in over:
+        if name not in free:
+            number /= circuit.value(name)
+    names = "*".join(name for name in over if name in free)
+    return f"{number!r}/({names})" if "*" in names else f"{number!r}/{names}"

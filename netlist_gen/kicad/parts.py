@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 
 from taction.netlist_gen.board.bill_of_materials import packages, tolerance_of
-from taction.netlist_gen.board.components import (
+from taction.netlist_gen.board.circuit import (
     Capacitor,
-    CircuitData,
+    Circuit,
     CurrentSource,
     OpAmpCell,
     Resistor,
@@ -70,7 +70,7 @@ def reference(name: str) -> str:
 class Catalogue:
     """The parts of a board as symbols; references of op-amps are those of ``taction bom``."""
 
-    circuit: CircuitData
+    circuit: Circuit
     scene: Scene
 
     @cached_property

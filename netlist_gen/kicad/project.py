@@ -83,12 +83,12 @@ def _channel(circuit: Circuit, number: int) -> Channel:
 
 
 def _comments(channel: Channel) -> tuple[str, ...]:
-    circuit, scalings = channel.circuit, channel.circuit.scalings
+    circuit = channel.circuit
+    gain, lam = circuit.value("gain"), circuit.value("lambda")
     rows = len(channel.forward.sinks)
     return (
         f"Channel {channel.n} of {len(circuit.signal_nodes)}, sensor row {channel.k} of {rows}",
-        f"C = {value_text(channel.farads)}F, gain s = {value_text(scalings.gain)}ohm,"
-        f" lambda = {scalings.lam:.4g}",
+        f"C = {value_text(channel.farads)}F, gain s = {value_text(gain)}ohm, lambda = {lam:.4g}",
         "Field Deck: the name in the deck; packages U as in taction bom",
     )
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import pairwise
 
-from taction.netlist_gen.board.components import Capacitor, CircuitData, OpAmpCell, Resistor
+from taction.netlist_gen.board.circuit import Capacitor, Circuit, OpAmpCell, Resistor
 from taction.netlist_gen.kicad.parts import Catalogue
 from taction.netlist_gen.kicad.sheet import Part, Placed, Sheet
 from taction.netlist_gen.kicad.symbols import CAPACITOR, FLAG, GROUND, Point, Symbol
@@ -133,7 +133,7 @@ class Stages:
         return next(each for each in self.circuit.opamps if each.output == output)
 
     @property
-    def circuit(self) -> CircuitData:
+    def circuit(self) -> Circuit:
         """The board."""
         return self.catalogue.circuit
 

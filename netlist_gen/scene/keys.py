@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any, Literal, get_args
 
 from pydantic import BaseModel
 
-from taction.netlist_gen.board.scalings import choose_opamp, make_scalings
+from taction.netlist_gen.board.opamp_choice import choose_opamp
 from taction.netlist_gen.scene.fields import Unit
 from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.topologies.topology import topology_of
 from taction.spice_models.opamp import phase_margin
 from taction.system.errors import Complaint, InputError
 from taction.system.quantities import parse
@@ -127,20 +128,15 @@ def read_value(key: Key, text: str) -> Value:
     return number
 
 
-_DERIVED: dict[str, Callable[[Scene], float]] = {
-    "design.resistance": lambda scene: make_scalings(scene).resistance,
-    "design.lambda": lambda scene: make_scalings(scene).lam,
-    "design.exponential_slope": lambda scene: make_scalings(scene).exponential_slope,
-    "design.opamp.phase_margin": lambda scene: phase_margin(choose_opamp(scene)),
-}
-
-
 def own_value(scene: Scene, key: Key) -> float | None:
     """Return the number of `key` in `scene`, given or derived; None if there is no number."""
-    if key.path in _DERIVED:
-        return _DERIVED[key.path](scene)
+    if key.path == "design.opamp.phase_margin":
+        return phase_margin(choose_opamp(scene))
     table, _, last = key.path.rpartition(".")
     if table == "design.opamp" and key.kind == "real":
         return float(getattr(choose_opamp(scene), last))
-    value = attrgetter(key.path)(scene)
+    value = attrgetter("design.lam" if key.path == "design.lambda" else key.path)(scene)
+    if table == "design" and key.kind == "real" and not isinstance(value, int | float):
+        facts = topology_of(scene).facts(scene).values()
+        value = next((fact.value for fact in facts if fact.key == key.path), None)
     return float(value) if isinstance(value, int | float) else None

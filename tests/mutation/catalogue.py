@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from taction.netlist_gen.board.circuit import Scalings
 from taction.netlist_gen.scene.axes import with_value
 from taction.netlist_gen.scene.scene import Scene
 from taction.verification.engines.statespace.linearised.board import LinearBoard
@@ -44,12 +43,12 @@ from tests.mutation.mutation import (
     of_board,
     of_deck,
     of_equations,
+    of_facts,
     of_problem,
     of_readings,
     of_record,
     of_reference,
     of_run,
-    of_scalings,
     of_text,
 )
 
@@ -70,16 +69,7 @@ def other_start(answer: IdealAnswer, scene: Scene) -> IdealAnswer:
     return ideal_answer(answer.network, with_value(scene, "analysis.initial", "zero"))
 
 
-def half_resistance(scalings: Scalings) -> dict[str, float]:
-    """Return the R of twice the lambda."""
-    return {"resistance": scalings.resistance / 2.0}
-
-
-def half_lambda(scalings: Scalings) -> dict[str, float]:
-    """Return half of the lambda, with the right R."""
-    return {"lam": scalings.lam / 2.0}
-
-
+HALF_R, HALF_LAMBDA = {"R": 0.5}, {"lambda": 0.5}
 CAPACITORS, STRAYS = ("capacitors", "c_"), ("capacitors", "stray_")
 NO_SECOND_POLE = figures(second_pole=math.inf)
 OTHER_OPAMP = faults.other_model("c_2", "op27")
@@ -90,17 +80,15 @@ SYNTHESIS = (
     of_problem("one entry of T off by 1 %", faults.matrix_entry(0, 0, 1.01), MATRIX),
     of_problem("T taken for its transpose", faults.transposed, SKEW),
     of_problem("one strain off by 0.2 %", faults.strain_entry(1, 1.002), ELEVEN),
-    of_scalings("R for twice the lambda; linear, lambda given", half_resistance, MATRIX, STEADY),
-    of_scalings("R for twice the lambda; linear, R given", half_resistance, TUNED, STEADY),
-    of_scalings("R for twice the lambda; exponential", half_resistance, SKEW, STEADY),
-    of_scalings("half the lambda is stated; linear, lambda given", half_lambda, MATRIX, SAME),
-    of_scalings("half the lambda is stated; linear, R given", half_lambda, TUNED, SAME),
-    of_scalings("half the lambda is stated; exponential, R given", half_lambda, ENTROPY, SAME),
-    of_scalings(
-        "U0 off by 1 %", lambda s: {"unit_voltage": 1.01 * s.unit_voltage}, SKEW, STEADY, SAME
-    ),
-    of_scalings("Ve off by 1 %", lambda s: {"exponential_slope": 0.101}, SKEW, SAME),
-    of_scalings("G0 off by 1 %", lambda s: {"unit_conductance": 20.2e-6}, MATRIX, STEADY),
+    of_facts("R for twice the lambda; linear, lambda given", HALF_R, MATRIX, STEADY),
+    of_facts("R for twice the lambda; linear, R given", HALF_R, TUNED, STEADY),
+    of_facts("R for twice the lambda; exponential", HALF_R, SKEW, STEADY),
+    of_facts("half the lambda is stated; linear, lambda given", HALF_LAMBDA, MATRIX, SAME),
+    of_facts("half the lambda is stated; linear, R given", HALF_LAMBDA, TUNED, SAME),
+    of_facts("half the lambda is stated; exponential, R given", HALF_LAMBDA, ENTROPY, SAME),
+    of_facts("U0 off by 1 %", {"U0": 1.01}, SKEW, STEADY, SAME),
+    of_facts("Ve off by 1 %", {"Ve": 1.01}, SKEW, SAME),
+    of_facts("G0 off by 1 %", {"G0": 1.01}, MATRIX, STEADY),
 )
 CIRCUIT = (
     of_board("R in kohm", scaled("resistors", "r_", ohms=1e-3), MATRIX, STEADY),

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
-from taction.netlist_gen.board.circuit import Scalings
 from taction.netlist_gen.scene.scene import Scene
 from taction.verification.reference import IdealNetwork
 from taction.verification.reference.ideal_answer import IdealAnswer
@@ -45,13 +44,11 @@ def of_problem(fault: str, change: ProblemChange, scene: str) -> Mutation:
     return Mutation(fault, "synthesis", plant, scene, STATE_SPACE, (STEADY,))
 
 
-def of_scalings(
-    fault: str, change: Callable[[Scalings], dict[str, float]], scene: str, *caught_by: str
-) -> Mutation:
-    """Give the synthesis other numbers of the design."""
-    plant = planting.in_the_scalings(lambda s: replace(s, **change(s)))
+def of_facts(fault: str, changes: Mapping[str, float], scene: str, *caught_by: str) -> Mutation:
+    """Give the synthesis other numbers of the design: factors of facts by name."""
+    plant = planting.in_the_facts(changes)
     engine = NGSPICE if scene == ENTROPY else STATE_SPACE  # the faster one
-    return Mutation(fault, "scalings of the synthesis", plant, scene, engine, caught_by)
+    return Mutation(fault, "facts of the synthesis", plant, scene, engine, caught_by)
 
 
 def of_board(fault: str, change: CircuitChange, scene: str, caught_by: str) -> Mutation:

@@ -13,13 +13,12 @@ from typing import Any
 import pytest
 
 from taction.netlist_gen.analysis import Transient
-from taction.netlist_gen.board import synthesis
-from taction.netlist_gen.board.circuit import Circuit, Scalings
-from taction.netlist_gen.board.scalings import make_scalings
+from taction.netlist_gen.board.circuit import Circuit, Fact
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.topologies.topology import Topology
 from taction.verification.engines.statespace.equations.stamps import stamp
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.reference import IdealNetwork
@@ -53,11 +52,20 @@ def in_the_problem_of_the_board(change: Callable[[InverseProblem], InverseProble
     )
 
 
-def in_the_scalings(change: Callable[[Scalings], Scalings]) -> Plant:
-    """The synthesis gets changed numbers of the design."""
+def in_the_facts(changes: Mapping[str, float]) -> Plant:
+    """The synthesis gets other numbers of the design: factors of facts by name."""
+    stated = Topology.facts
+
+    def facts(topology: Topology, scene: Scene) -> dict[str, Fact]:
+        right = stated(topology, scene)
+        wrong = {
+            name: replace(right[name], value=factor * right[name].value)
+            for name, factor in changes.items()
+        }
+        return {**right, **wrong}
 
     def plant(scene: Scene, patch: pytest.MonkeyPatch) -> Verdict:
-        patch.setattr(synthesis, "make_scalings", lambda scene: change(make_scalings(scene)))
+        patch.setattr(Topology, "facts", facts)
         return verify(scene)
 
     return plant

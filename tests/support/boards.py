@@ -15,9 +15,9 @@ from taction.netlist_gen.board.circuit import (
     Output,
     Resistor,
     ResistorMatrix,
-    Scalings,
     SignalAmplifier,
     VoltageSource,
+    common_facts,
 )
 from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Floats
@@ -128,7 +128,7 @@ def board(
         name="hand",
         amplifier="exponential" if exponential else "linear",
         topology="integrator",
-        scalings=Scalings(G0, U0, Ve, R, C, s, lam),
+        facts=common_facts(G0=G0, U0=U0, Ve=Ve, R=R, C=C, gain=s, **{"lambda": lam}),
         models={model.name: model},
         opamps=tuple(opamps),
         amplifiers=tuple(amplifiers),
@@ -163,7 +163,7 @@ def single_mode(rc: float, tau: float = 0.455e-6, gain: float = 100.0) -> Circui
         name="single",
         amplifier="linear",
         topology="integrator",
-        scalings=Scalings(G, 1.0, 1.0, R, rc / R, R, 1.0),
+        facts=common_facts(G0=G, U0=1.0, R=R, C=rc / R, gain=R, **{"lambda": 1.0}),
         models={"follow": OpAmp("follow", 1e9)},
         opamps=(OpAmpCell("Xv", "follow", "0", "x", "v"), *buffers),
         amplifiers=(),

@@ -13,7 +13,7 @@ import pytest
 from lxml import etree, html
 
 import taction
-from taction.netlist_gen.board.components import CircuitData
+from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.card import LONGEST, MOST_NOTES, MOST_ROWS, OUTCOMES, Card, Mark
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.system.quantities import quantity
@@ -263,7 +263,7 @@ def test_the_picture_of_an_onset_has_the_poles(results: dict[str, Any]) -> None:
 def test_a_result_with_a_picture_is_still_the_result(results: dict[str, Any]) -> None:
     report, circuit = results["YieldReport"], results["Circuit"]
     assert pickle.loads(pickle.dumps(report)) == report  # noqa: S301 - our own
-    assert isinstance(circuit, CircuitData)
+    assert isinstance(circuit, Circuit)
     again = pickle.loads(pickle.dumps(circuit))  # noqa: S301 - our own
     assert repr(again) == repr(circuit)
     assert type(replace(circuit, name="other")) is taction.Circuit

@@ -44,16 +44,16 @@ def test_the_constraint_amplifier_alone_rises_in_one_microsecond() -> None:
     circuit = board()
     (model,) = circuit.models.values()
     model = replace(model, input_capacitance=0.0, differential_capacitance=0.0)
-    row = circuit.matrices[0].ohms[3]
+    row = circuit.forward.ohms[3]
     source = float(1.0 / np.sum(1.0 / row[np.isfinite(row)]))
-    noise_gain = 1.0 + circuit.scalings.gain / source
+    noise_gain = 1.0 + circuit.value("gain") / source
     assert noise_gain == pytest.approx(2.4, abs=0.05)
     text = "\n".join(
         [
             "* constraint amplifier alone",
             str(opamp_subcircuit(model, noninverting_grounded=True)).strip(),
             f"X1 0 c w {model.name}",
-            f"Rs w c {circuit.scalings.gain!r}",
+            f"Rs w c {circuit.value('gain')!r}",
             f"Rin c 0 {source!r}",
             "I1 0 c 1e-09",
             ".options klu method=trap reltol=1e-06 abstol=1e-15 vntol=1e-09",
@@ -64,7 +64,7 @@ def test_the_constraint_amplifier_alone_rises_in_one_microsecond() -> None:
     )
     deck = SmallDeck(text, ("w",), Transient(1e-5, 2e-9))
     found = simulate(deck, find_simulator(), timeout=60.0)
-    final = -1e-9 * circuit.scalings.gain / (1.0 + noise_gain / model.dc_gain)
+    final = -1e-9 * circuit.value("gain") / (1.0 + noise_gain / model.dc_gain)
     assert found["w"][-1] == pytest.approx(final, rel=1e-6)
     assert rise_time(found.time, found["w"], final) == pytest.approx(1.0e-6, rel=0.10)
 
@@ -77,7 +77,7 @@ def test_the_centre_output_rises_in_ten_microseconds() -> None:
         timeout=60.0,
     )
     T, eps = make_problem(SCENE).matrix, make_problem(SCENE).strain
-    lam = circuit.scalings.lam
+    lam = circuit.value("lambda")
     target = np.linalg.solve(T.T @ T + lam * np.eye(7), T.T @ eps)[3]
     assert rise_time(found.time, found["v_4"], float(target)) == pytest.approx(10e-6, rel=0.05)
 

@@ -10,13 +10,14 @@ from dataclasses import dataclass, replace
 from taction.netlist_gen.analysis import Analysis, Noise, SmallSignal, Transient
 from taction.netlist_gen.board.circuit import (
     GROUND,
+    NEEDED,
     Circuit,
     CurrentSource,
     OpAmpCell,
     Output,
     Resistor,
-    Scalings,
     VoltageSource,
+    common_facts,
 )
 from taction.netlist_gen.deck.deck import Deck
 from taction.netlist_gen.deck.noise_cards import noise_cards
@@ -26,7 +27,7 @@ from taction.spice_models.subcircuits import opamp_subcircuit
 OHMS = 1.0  # of the source of a step
 IN, OUT = "in", "out"
 TIGHT = ".options noopiter reltol=1e-7 abstol=1e-18 vntol=1e-12 chgtol=1e-21 gmin=1e-18"
-_UNITS = Scalings(1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+_UNITS = common_facts(**dict.fromkeys(NEEDED, 1.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +65,7 @@ class Bench:
             name="bench",
             amplifier="linear",
             topology="bench",
-            scalings=_UNITS,
+            facts=_UNITS,
             models={self.opamp.name: self.opamp},
             opamps=(OpAmpCell("one", self.opamp.name, IN, OUT if self.follower else GROUND, OUT),),
             amplifiers=(),

@@ -183,7 +183,7 @@ def view_boundary(view: RestView, poles: PoleView, low: float, high: float) -> B
 
     The edges are solved as `onset` solves them: by the loci of the capacitors, not by samples.
     """
-    own = view.board.circuit.scalings.capacitance
+    own = view.board.circuit.value("C")
     if view.board.descriptor.is_large:
         return Boundary(unknown="a board of this size: `taction onset SCENE --over C` finds it")
     try:
@@ -205,4 +205,4 @@ def true_outputs(view: RestView) -> Floats | None:
     """Return the true stress as voltages of the outputs, V, (N,); None if it is not known."""
     if view.problem.stress is None:
         return None
-    return np.asarray(view.problem.stress * view.board.circuit.scalings.unit_voltage)
+    return np.asarray(view.problem.stress * view.board.circuit.value("U0"))

@@ -164,15 +164,14 @@ def _result(
     circuit = synthesise(scene, problem)
     ohms = np.concatenate([matrix.ohms.ravel() for matrix in circuit.matrices])
     ohms = ohms[np.isfinite(ohms)]
-    used = circuit.scalings
     return Scaling(
         scene=scene,
-        unit_conductance=used.unit_conductance,
-        unit_voltage=used.unit_voltage,
-        gain=used.gain,
-        resistance=used.resistance,
-        capacitance=used.capacitance,
-        lam=used.lam,
+        unit_conductance=circuit.value("G0"),
+        unit_voltage=circuit.value("U0"),
+        gain=circuit.value("gain"),
+        resistance=circuit.value("R"),
+        capacitance=circuit.value("C"),
+        lam=circuit.value("lambda"),
         matrix_ohms=(float(ohms.min()), float(ohms.max())),
         loads=loads,
         notes=(*notes, *part_warnings(circuit)),

@@ -15,12 +15,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from taction.netlist_gen.board.part_warnings import broken_limits
-from taction.netlist_gen.board.scalings import make_scalings
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.topologies.topology import topology_of
 from taction.system.errors import InputError, NoVerdictError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.reference.ideal_answer import ideal_network
@@ -155,7 +155,8 @@ class Trials:
 
     def resistance_at(self, changes: Mapping[str, Value]) -> float:
         """Return R of the board with a change, ohm."""
-        return make_scalings(self.scene_at(changes)).resistance
+        scene = self.scene_at(changes)
+        return topology_of(scene).facts(scene)["R"].value
 
     def at(self, changes: Mapping[str, Value]) -> Trial:
         """Return the trial of a change.

@@ -55,7 +55,7 @@ def constraint_plane(circuit: Circuit) -> ConstraintPlane | None:
     """
     if circuit.has_imported:
         return None
-    load = np.sum(1.0 / circuit.matrices[0].ohms, axis=1)
+    load = np.sum(1.0 / circuit.forward.ohms, axis=1)
     row = int(np.argmax(load)) + 1
     stage = _alone(circuit, row, float(load[row - 1]))
     bare = _without_capacitance(stage)
@@ -80,7 +80,7 @@ def _alone(circuit: Circuit, row: int, siemens: float) -> Circuit:
         ),
         matrices=(),
         capacitors=tuple(part for part in circuit.capacitors if part.a == node),
-        currents=(CurrentSource("step", node, -1.0 / circuit.scalings.gain),),
+        currents=(CurrentSource("step", node, -1.0 / circuit.value("gain")),),
         voltages=(),
         outputs=(Output(f"w_{row}", 1.0),),
     )

@@ -21,11 +21,10 @@ CULPRITS = 4
 
 def verdict_card(verdict: Verdict) -> Card:
     """Return the checks with values and limits, why some do not pass, and error and cost."""
-    circuit, scalings = verdict.circuit, verdict.circuit.scalings
+    circuit = verdict.circuit
     board = (
         f"{sizes(len(circuit.outputs), len(circuit.constraint_nodes))}, {circuit.amplifier}"
-        f" amplifiers, C = {quantity(scalings.capacitance, 'F')}, gain ="
-        f" {quantity(scalings.gain, 'ohm')}, op-amp {opamp_words(verdict.scene.design.opamp)}"
+        f" amplifiers, {circuit.values}, op-amp {opamp_words(verdict.scene.design.opamp)}"
     )
     accuracy = verdict.accuracy
     error = "unknown" if accuracy.achieved is None else f"at most {accuracy.achieved:.2g}"

@@ -46,7 +46,7 @@ class Knob:
 
 def with_capacitance(circuit: Circuit, farads: float) -> Circuit:
     """Return `circuit` with another C; all signal-plane capacitors scale by one factor."""
-    signal, factor = set(signal_capacitors(circuit)), farads / circuit.scalings.capacitance
+    signal, factor = set(signal_capacitors(circuit)), farads / circuit.value("C")
     capacitors = tuple(
         replace(part, farads=part.farads * factor) if part in signal else part
         for part in circuit.capacitors
@@ -85,7 +85,7 @@ CAPACITANCE = Knob(
     name="capacitance",
     symbol="C",
     upwards=False,
-    own=lambda circuit: circuit.scalings.capacitance,
+    own=lambda circuit: circuit.value("C"),
     parts=signal_capacitors,
     moved=with_capacitance,
     unrounded={"design.capacitor_series": "exact"},
@@ -96,7 +96,7 @@ GAIN = Knob(
     name="gain",
     symbol="the gain",
     upwards=True,
-    own=lambda circuit: circuit.scalings.gain,
+    own=lambda circuit: circuit.value("gain"),
     parts=gain_resistors,
     moved=with_gain,
 )

@@ -50,8 +50,8 @@ FIGURES: dict[str, Figure[Verdict]] = {
     "margin": Figure("", lambda v: None if v.margin is None else v.margin.factor),
     "noise": Figure("V", lambda v: None if v.noise is None else v.noise.known),
     "step_amplitude": Figure("V", lambda v: v.measurements.amplitude),
-    "lambda": Figure("", lambda v: v.circuit.scalings.lam),
-    "resistance": Figure("ohm", lambda v: v.circuit.scalings.resistance),
+    "lambda": Figure("", lambda v: v.circuit.value("lambda")),
+    "resistance": Figure("ohm", lambda v: v.circuit.value("R")),
     "simulation_error": Figure("step", lambda v: v.error.steady_state),
     "seconds": Figure("s", lambda v: v.timing["total"]),
 }

@@ -43,11 +43,11 @@ def stage_deviation(board: LinearBoard) -> StageDeviation:
     EngineError
         The board has no equilibrium.
     """
-    circuit, scalings = board.circuit, board.circuit.scalings
+    circuit = board.circuit
     points = (board.rest, board.equilibrium)
     u = np.array([_outputs(board, point) for point in points])
     v = np.array([[point[node] for node in circuit.signal_nodes] for point in points])
-    wanted = scalings.unit_voltage * np.exp(v / scalings.exponential_slope)
+    wanted = circuit.value("U0") * np.exp(v / circuit.value("Ve"))
     largest = float(np.max(np.abs(u / wanted - 1.0)))
     return StageDeviation(largest, float(u.min()), float(u.max()))
 

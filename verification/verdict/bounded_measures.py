@@ -165,7 +165,7 @@ def measure_outputs(
         ideal.target,
         ideal.start,
         band=design.scene.checks.settling_time.band,
-        bound=PHYSICAL_BOUND * design.circuit.scalings.unit_voltage,
+        bound=PHYSICAL_BOUND * design.circuit.value("U0"),
         expected_stop=design.transient.stop,
         error=error + _target_error(ideal),
         rest=_rest(design, time, u),

@@ -34,15 +34,15 @@ def find_contradiction(circuit: Circuit, ideal: IdealAnswer, start: Floats) -> s
     start : ndarray (N,)
         Outputs at the first instant of the record, V.
     """
-    network, scalings = ideal.network, circuit.scalings
-    numbers = [
-        ("lambda", scalings.lam, network.lam),
-        ("unit_voltage", scalings.unit_voltage, network.U0),
-        ("exponential_slope", scalings.exponential_slope, network.Ve),
-    ]
-    for name, stated, wanted in numbers:
+    network = ideal.network
+    numbers = {"lambda": network.lam, "U0": network.U0}
+    if network.amplifier != "linear":
+        numbers["Ve"] = network.Ve
+    for name, wanted in numbers.items():
+        stated = circuit.value(name)
         if not math.isclose(stated, wanted, rel_tol=SAME):
-            return f"the board states {name} = {stated!r}, the reference uses {wanted!r}"
+            key = circuit.facts[name].key.rpartition(".")[2]
+            return f"the board states {key} = {stated!r}, the reference uses {wanted!r}"
     if ideal.problem or ideal.error >= 1.0:
         return ""
     away = np.abs(start - ideal.start)

@@ -45,7 +45,7 @@ class PartLoads:
         circuit = board.circuit
         if not any(model.is_limited for model in circuit.models.values()):
             return NOT_LIMITED
-        volts = circuit.scalings.unit_voltage if circuit.is_linear else None
+        volts = circuit.value("U0") if circuit.is_linear else None
         try:
             return cls(headroom(board, initial=initial, transient=transient), "", volts)
         except EngineError as error:

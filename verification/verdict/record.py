@@ -124,8 +124,8 @@ FIGURES: dict[str, FigureRule[Verdict]] = {
     "step_amplitude": FigureRule(
         "V", lambda v: v.measurements.amplitude, lambda v: v.ideal.error * v.measurements.amplitude
     ),
-    "lambda": FigureRule("", lambda v: v.circuit.scalings.lam),
-    "resistance": FigureRule("ohm", lambda v: v.circuit.scalings.resistance),
+    "lambda": FigureRule("", lambda v: v.circuit.value("lambda")),
+    "resistance": FigureRule("ohm", lambda v: v.circuit.value("R")),
     "wanted_error": FigureRule("step", lambda v: v.accuracy.wanted),
     "attained_error": FigureRule("step", lambda v: v.accuracy.achieved),
     "simulation_error": FigureRule("step", lambda v: v.error.steady_state),

@@ -159,7 +159,7 @@ def _record(design: Design, ideal: IdealAnswer, pending: Pending, clock: Clock) 
     amplitude, agreement = found.measurements.amplitude, None
     if companion is not None:
         steps = design.plan.forecast.error * amplitude
-        unit = design.circuit.scalings.unit_voltage
+        unit = design.circuit.value("U0")
         agreement = compare_engines(companion, steps, design.scene.agreement_limit, unit)
     return Recording(
         simulation=simulation,

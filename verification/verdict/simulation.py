@@ -198,7 +198,7 @@ def _ngspice(scene: Scene, board: LinearBoard, plan: Plan) -> Pending:
             " analysis.error, a shorter analysis.stop or a longer analysis.timeout"
         )
     simulator = find_simulator()
-    bound = PHYSICAL_BOUND * circuit.scalings.unit_voltage
+    bound = PHYSICAL_BOUND * circuit.value("U0")
 
     def run(solver: str) -> Run:
         deck = write_deck(circuit, analysis, solver=solver)

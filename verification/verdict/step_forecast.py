@@ -151,7 +151,7 @@ class StepModel:
             shares=shares[shown] / amplitude,
             all_poles=poles,
             charges=charges[:, np.abs(charges).max(axis=0, initial=0.0) > 0.0],
-            charge=CHARGE * board.circuit.scalings.capacitance * amplitude,
+            charge=CHARGE * board.circuit.value("C") * amplitude,
         )
 
     @cached_property

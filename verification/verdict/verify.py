@@ -12,7 +12,6 @@ from taction.netlist_gen.scene.questions import questions
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.scene.summary import opamp_words, sizes
 from taction.system.array_types import Floats
-from taction.system.quantities import quantity
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.readings.constraint_stage import ConstraintPlane, constraint_plane
 from taction.verification.readings.measurements import Measurements
@@ -76,8 +75,7 @@ class Verdict:
             outcome += f" ({', '.join(named)})"
         parts = (
             sizes(len(circuit.outputs), len(circuit.constraint_nodes)),
-            f"C = {quantity(circuit.scalings.capacitance, 'F')}",
-            f"gain = {quantity(circuit.scalings.gain, 'ohm')}",
+            circuit.values,
             f"op-amp {opamp_words(self.scene.design.opamp)}",
         )
         engine = self.waveforms.engine

@@ -17,7 +17,7 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import ArrayLike, NDArray
 
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.board.synthesis import realised_matrix, synthesise
+from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
@@ -85,7 +85,7 @@ def test_only_what_the_signs_need_is_placed() -> None:
         (1, 1, "w_2", "x_2"),
     ]
     assert forward.ohms[0].tolist() == pytest.approx([1e5, 2e5, np.inf])
-    assert realised_matrix(circuit) == pytest.approx(np.array(T), rel=1e-15)
+    assert circuit.realised == pytest.approx(np.array(T), rel=1e-15)
     assert [part.name for part in circuit.capacitors] == ["c_1", "c_2", "c_3"]
 
 
@@ -127,22 +127,20 @@ def test_every_name_can_stand_in_a_deck_and_stands_once() -> None:
 
 def test_lambda_and_resistance_say_the_same() -> None:
     by_lam = build(design(**{"lambda": 0.1}), T, [1.0, 1.0])
-    assert by_lam.scalings.resistance == pytest.approx(1 / (0.1 * 1e5 * 1e-10), rel=1e-15)
-    by_R = build(
-        design(**{"lambda": None, "resistance": by_lam.scalings.resistance}), T, [1.0, 1.0]
-    )
-    assert by_R.scalings.lam == pytest.approx(0.1, rel=1e-15)
+    assert by_lam.value("R") == pytest.approx(1 / (0.1 * 1e5 * 1e-10), rel=1e-15)
+    by_R = build(design(**{"lambda": None, "resistance": by_lam.value("R")}), T, [1.0, 1.0])
+    assert by_R.value("lambda") == pytest.approx(0.1, rel=1e-15)
     exponential = build(
         design(amplifier="exponential", exponential_slope=0.2, unit_voltage=4.0), T, [1.0, 1.0]
     )
-    assert exponential.scalings.resistance == pytest.approx(2 * 0.2 / (0.1 * 1e5 * 1e-10 * 4.0))
+    assert exponential.value("R") == pytest.approx(2 * 0.2 / (0.1 * 1e5 * 1e-10 * 4.0))
 
 
 def test_the_matrix_and_all_other_resistors_come_from_the_series() -> None:
     circuit = build(design(resistor_series="E24"), [[0.77, -1.4]], [1.0])
-    assert circuit.matrices[0].ohms.tolist() == [[130e3, 75e3]]  # of 129.9k and 71.43k
+    assert circuit.forward.ohms.tolist() == [[130e3, 75e3]]  # of 129.9k and 71.43k
     assert {part.ohms for part in circuit.resistors} == {1e6, 1e5, 1e4}
-    realised = realised_matrix(circuit)
+    realised = circuit.realised
     assert realised[0, 0] == pytest.approx(1 / 1.3)
     assert realised[0, 1] < 0
 
@@ -157,7 +155,7 @@ def test_only_c_comes_from_the_capacitor_series(topology: str, series: str, fara
     circuit = build(design(**changes, gain="1Mohm", capacitor_series=series), [[0.1]], [1.0])
     values = {part.name.partition("_")[0]: part.farads for part in circuit.capacitors}
     assert values == {"c": farads, "stray": 12.5e-12}
-    assert circuit.scalings.capacitance == farads
+    assert circuit.value("C") == farads
 
 
 @pytest.mark.parametrize("topology", ["integrator", "passive"])
@@ -171,7 +169,7 @@ def test_a_linear_board_rests_at_the_tikhonov_solution(topology: str) -> None:
 def test_a_passive_node_is_raised_by_what_the_matrix_loads_it_with() -> None:
     scene = design(topology="passive", gain="1Mohm")
     circuit = build(scene, [[0.3, -0.2], [0.1, 0.4]], [1.0, 1.0])
-    R = circuit.scalings.resistance
+    R = circuit.value("R")
     ohms = {part.name: part.ohms for part in circuit.resistors}
     assert 1 / ohms["r_1"] == pytest.approx(1 / R - 0.4 * 1e-5, rel=1e-12)
     assert 1 / ohms["r_2"] == pytest.approx(1 / R - 0.6 * 1e-5, rel=1e-12)

@@ -86,9 +86,9 @@ def test_a_source_that_no_source_is_is_refused(value: float) -> None:
 @pytest.mark.parametrize("value", [float("nan"), 0.0, -1.0])
 def test_a_matrix_holds_resistors_only(value: float) -> None:
     circuit = small()
-    matrix = replace(circuit.matrices[0], ohms=np.array([[1.0, value]]))
+    matrix = replace(circuit.forward, ohms=np.array([[1.0, value]]))
     with pytest.raises(ValueError, match="not above zero"):
-        write_deck(replace(circuit, matrices=(matrix, circuit.matrices[1])), TRANSIENT)
+        write_deck(replace(circuit, matrices=(matrix, circuit.feedback)), TRANSIENT)
 
 
 @pytest.mark.parametrize(

@@ -87,10 +87,10 @@ def test_every_value_keeps_every_digit() -> None:
     circuit = build(LINEAR, [[1 / 3, -math.pi]], [1 / 7])
     text = write_deck(circuit, Transient(1e-4 / 3, 1e-7 / 3)).text
     cards = {line.split()[0]: line.split()[-1] for line in text.splitlines() if line}
-    assert float(cards["Rf_1_1"]) == circuit.matrices[0].ohms[0, 0]
-    assert float(cards["Rf_1_2"]) == circuit.matrices[0].ohms[0, 1]
+    assert float(cards["Rf_1_1"]) == circuit.forward.ohms[0, 0]
+    assert float(cards["Rf_1_2"]) == circuit.forward.ohms[0, 1]
     assert float(cards["Ieps_1"]) == circuit.currents[0].amps
-    assert float(cards["Rr_1"]) == circuit.scalings.resistance
+    assert float(cards["Rr_1"]) == circuit.value("R")
     assert f".tran {10.0 * (1e-3 * (1e-7 / 3))!r} {1e-4 / 3!r} 0.0 {1e-7 / 3!r} uic" in text
     for line in text.splitlines():
         if not line.startswith(("*", ".")):
@@ -135,7 +135,7 @@ def test_the_signs_of_an_ideal_board_by_hand() -> None:
 def test_an_rc_step_has_its_time_constant() -> None:
     """Cards C, I (DC), .tran with uic: one ideal channel settles with RC / (1 + 1/lam)."""
     circuit = build({**LINEAR, "opamp": NEAR_IDEAL, "gain": "1Mohm"}, [[1.0]], [1.0])
-    tau = circuit.scalings.resistance * 1e-11 / (1 + 10.0)
+    tau = circuit.value("R") * 1e-11 / (1 + 10.0)
     for method in ("trapezoidal", "gear"):
         analysis = Transient(5 * tau, tau / 400, method=method)  # type: ignore[arg-type]
         found = run(write_deck(circuit, analysis))
@@ -148,7 +148,7 @@ def test_an_rc_step_has_its_time_constant() -> None:
 def test_initial_voltages_are_taken() -> None:
     """Card .ic: without strain the integrator decays from where it was put."""
     circuit = build({**LINEAR, "opamp": NEAR_IDEAL}, [[1.0]], [0.0])
-    tau = circuit.scalings.resistance * 1e-11 / 11.0
+    tau = circuit.value("R") * 1e-11 / 11.0
     start = {"v_1": 0.25, "a_1": -0.25}
     found = run(write_deck(circuit, Transient(3 * tau, tau / 400, voltages=start)))
     assert found["v_1"] == pytest.approx(0.25 * np.exp(-found.time / tau), abs=2e-5)

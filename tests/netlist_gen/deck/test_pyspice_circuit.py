@@ -82,7 +82,7 @@ def test_elements_subcircuits_models_and_parameters_have_names() -> None:
     name = "paper-exponential-devices"
     circuit = synthesise(scene(name))
     made = deck_of(name, parameters=parameters_of(circuit)).to_pyspice()
-    assert made.Rf_1_1.resistance == float(circuit.matrices[0].ohms[0, 0])
+    assert made.Rf_1_1.resistance == float(circuit.forward.ohms[0, 0])
     assert [cell.name for cell in made.subcircuits] == ["ideal_changed"]
     assert next(iter(made.subcircuits)).Ro.resistance == 75.0
     assert [model.name for model in made.models] == ["ssm2220"]

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from taction.netlist_gen.board.scalings import make_scalings
 from taction.netlist_gen.scene.axes import parse_axes, points, with_values
 from taction.netlist_gen.scene.file import load_scene
 from taction.netlist_gen.scene.fixed import Fixed, check_axes, fixed_values
+from taction.netlist_gen.topologies.topology import topology_of
 from taction.system.errors import InputError
 from tests.support.making import make_scene
 from tests.support.paths import SCENES
@@ -18,10 +18,11 @@ def test_lambda_is_held_where_the_scene_gives_a_resistance() -> None:
     own = 1.0 / (1.9e6 * 6.252e6 * 0.3313e-6**2)  # lambda = 1 / (R s G0²)
     held = with_values(scene, fixed_values(scene, "lambda"))
     for values in points(parse_axes(held, "gain=1M,20M")):
-        scalings = make_scalings(with_values(held, values))
-        assert scalings.lam == pytest.approx(own, rel=1e-12)
+        at = with_values(held, values)
+        facts = topology_of(at).facts(at)
+        assert facts["lambda"].value == pytest.approx(own, rel=1e-12)
         gain = float(values["design.gain"])
-        assert scalings.resistance == pytest.approx(1.0 / (own * gain * 0.3313e-6**2), rel=1e-12)
+        assert facts["R"].value == pytest.approx(1.0 / (own * gain * 0.3313e-6**2), rel=1e-12)
 
 
 @pytest.mark.parametrize(

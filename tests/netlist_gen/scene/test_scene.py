@@ -13,9 +13,9 @@ from click.testing import CliRunner
 from pydantic import ValidationError
 
 from taction.cli.main import main
-from taction.netlist_gen.board.scalings import make_scalings
 from taction.netlist_gen.scene.file import load_scene
 from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.topologies.topology import topology_of
 from tests.support.making import make_scene
 from tests.support.paths import ROOT, SCENES
 
@@ -128,7 +128,7 @@ def test_the_template_is_the_defaults(tmp_path: Path) -> None:
     kept["settling_time"] = default.checks.settling_time
     assert scene.checks.model_copy(update=kept) == default.checks
     assert scene.tolerances == default.tolerances
-    assert make_scalings(scene) == make_scalings(default)
+    assert topology_of(scene).facts(scene) == topology_of(default).facts(default)
     spelled_out = scene.design.model_copy(update={"resistance": None})
     assert spelled_out == default.design
 

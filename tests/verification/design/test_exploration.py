@@ -52,8 +52,8 @@ def test_one_channel_rises_as_its_closed_form() -> None:
     u0 = T * eps / (T**2 + 0.5)
     assert view.targets == pytest.approx([u0], rel=1e-12)
     assert view.rest == pytest.approx([u0], rel=1e-4)
-    scalings = view.board.circuit.scalings
-    tau = scalings.resistance * scalings.capacitance / (1.0 + T**2 / 0.5)
+    value = view.board.circuit.value
+    tau = value("R") * value("C") / (1.0 + T**2 / 0.5)
     response = view_poles(view).response
     assert response is not None
     curves = response.curves(response.rise)

@@ -51,7 +51,7 @@ def test_every_change_of_an_unstable_board_passes_the_whole_verdict() -> None:
         assert not change.left
         verdict = verify(with_values(scene, change.values))
         assert verdict.outcome.value == "pass"
-        assert verdict.circuit.scalings.lam == pytest.approx(0.7669809, rel=1e-6)  # of the scene
+        assert verdict.circuit.value("lambda") == pytest.approx(0.7669809, rel=1e-6)  # of the scene
 
 
 def test_the_capacitance_is_the_least_that_can_be_written_with_three_digits() -> None:

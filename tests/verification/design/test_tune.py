@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from taction.cli.main import main
-from taction.netlist_gen.board.scalings import make_scalings
+from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import EngineError, InputError
@@ -87,9 +87,9 @@ def test_ngspice_verifies_what_was_found(ngspice: str) -> None:
 
 
 def test_lambda_is_held_and_the_resistance_follows() -> None:
-    before, after = make_scalings(scene()), make_scalings(tuned().scene)
-    assert after.lam == pytest.approx(before.lam, rel=1e-12)
-    assert after.resistance * after.gain == pytest.approx(before.resistance * before.gain)
+    before, after = synthesise(scene()).value, synthesise(tuned().scene).value
+    assert after("lambda") == pytest.approx(before("lambda"), rel=1e-12)
+    assert after("R") * after("gain") == pytest.approx(before("R") * before("gain"))
 
 
 def test_the_same_search_finds_the_same() -> None:

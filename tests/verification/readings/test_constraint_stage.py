@@ -26,7 +26,7 @@ def with_models(circuit, **figures):
 
 
 def noise_gain(circuit, row):
-    return 1.0 + circuit.scalings.gain * np.sum(1.0 / circuit.matrices[0].ohms[row - 1])
+    return 1.0 + circuit.value("gain") * np.sum(1.0 / circuit.forward.ohms[row - 1])
 
 
 def test_one_pole_rises_in_its_closed_loop_time_constant(circuit):
@@ -41,7 +41,7 @@ def test_the_stage_with_its_capacitance_is_a_second_order_system(circuit):
     """One pole w = 2 pi GBW and C at the node: p² C s/w + p (noise gain)/w + 1."""
     single = with_models(circuit, second_pole=np.inf, output_resistance=0.0, dc_gain=1e9)
     found = constraint_plane(single)
-    w, gain = 2 * np.pi * 718e3, circuit.scalings.gain
+    w, gain = 2 * np.pi * 718e3, circuit.value("gain")
     square, linear = 13e-12 * gain / w, noise_gain(circuit, found.row) / w
     damping = linear / (2 * np.sqrt(square))
     overshoot = np.exp(-np.pi * damping / np.sqrt(1 - damping**2))

@@ -135,8 +135,8 @@ def test_a_board_with_another_gain_is_the_one_that_the_synthesis_makes() -> None
     assert [r.name for r in changed.resistors] == [r.name for r in made.resistors]
     ohms = [resistor.ohms for resistor in made.resistors]
     assert [r.ohms for r in changed.resistors] == pytest.approx(ohms, rel=1e-15)
-    assert changed.scalings.gain == 3e6
-    assert changed.scalings.lam == pytest.approx(made.scalings.lam, rel=1e-12)
+    assert changed.value("gain") == 3e6
+    assert changed.value("lambda") == pytest.approx(made.value("lambda"), rel=1e-12)
     assert (
         with_capacitance(board(), 2e-12).capacitors == board("design.capacitance", 2e-12).capacitors
     )
@@ -168,7 +168,7 @@ def test_a_window_is_found_from_both_sides(own: float) -> None:
     low, high = window(9.0)
     board = lag_board(own, 9.0)
     found = stable_values(board)
-    farads = board.scalings.capacitance / own  # RC = tau
+    farads = board.value("C") / own  # RC = tau
     assert len(found.stable_ranges) == 2
     (first, below), (above, last) = found.stable_ranges
     assert (below / farads, above / farads) == pytest.approx((low, high), rel=1e-9)

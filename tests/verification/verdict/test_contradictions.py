@@ -35,15 +35,17 @@ def test_a_board_and_its_reference_agree(amplifier: str, given: dict[str, Any]) 
 @pytest.mark.parametrize(
     ("number", "text"),
     [
-        ("lam", "the board states lambda = 0.6, the reference uses 0.3"),
-        ("unit_voltage", "the board states unit_voltage = 2.0, the reference uses 1.0"),
-        ("exponential_slope", "the board states exponential_slope = 2.0, the reference uses 1.0"),
+        ("lambda", "the board states lambda = 0.6, the reference uses 0.3"),
+        ("U0", "the board states unit_voltage = 2.0, the reference uses 1.0"),
+        ("Ve", "the board states exponential_slope = 0.14, the reference uses 0.07"),
     ],
 )
 def test_another_number_is_a_contradiction(number: str, text: str) -> None:
-    circuit, ideal = made(**{"lambda": 0.3})
-    doubled = replace(circuit.scalings, **{number: 2.0 * getattr(circuit.scalings, number)})
-    assert text in find_contradiction(replace(circuit, scalings=doubled), ideal, ideal.start)
+    slope = {"amplifier": "exponential", "exponential_slope": "70mV"} if number == "Ve" else {}
+    circuit, ideal = made(**{"lambda": 0.3}, **slope)
+    doubled = replace(circuit.facts[number], value=2.0 * circuit.value(number))
+    changed = replace(circuit, facts={**circuit.facts, number: doubled})
+    assert text in find_contradiction(changed, ideal, ideal.start)
 
 
 @pytest.mark.parametrize("changes", [{"error": 1.0}, {"problem": "the gap is too wide"}])

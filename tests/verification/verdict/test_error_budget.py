@@ -12,7 +12,7 @@ from rich.console import Console
 from scipy.optimize import root
 
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.board.synthesis import realised_matrix, synthesise
+from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
@@ -76,7 +76,7 @@ def rounded(circuit: Circuit, amplifier: str) -> tuple[Floats, float]:
     lam = 1.0 / (ohms["r_1"] * ohms["s_1"] * 1e-5**2)
     if amplifier != "linear":
         lam *= 2.0 * VE / U0
-    return realised_matrix(circuit), lam
+    return circuit.realised, lam
 
 
 @pytest.mark.parametrize("amplifier", ["linear", "exponential"])
@@ -148,7 +148,7 @@ def test_the_prediction_of_the_passive_topology_has_each_resistor_of_its_own() -
     assert part.value is not None
     assert np.abs(np.array(part.predicted) - part.channels).max() < 0.1 * part.value
     # The equations of the network with a conductance of its own for each channel.
-    G = realised_matrix(verdict.circuit) * 1e-5
+    G = verdict.circuit.realised * 1e-5
     load = np.array([1.0 / values[f"r_{n}"] for n in (1, 2, 3)]) + np.abs(G).sum(axis=0)
     s = values["s_1"]
     rest = np.linalg.solve(np.diag(load) + s * G.T @ G, s * G.T @ EPS * 1e-5 * U0)

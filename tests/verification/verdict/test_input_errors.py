@@ -11,7 +11,7 @@ import pytest
 
 from taction.netlist_gen.analysis import OperatingPoint
 from taction.netlist_gen.board.circuit import GROUND, Circuit, OpAmpCell, Output, Resistor
-from taction.netlist_gen.board.scalings import choose_opamp
+from taction.netlist_gen.board.opamp_choice import choose_opamp
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.file import load_scene

@@ -89,7 +89,7 @@ def assert_budget_adds_up(verdict: Verdict) -> None:
     stress = verdict.problem.stress
     assert stress is not None
     final = np.array([channel.final for channel in verdict.measurements.channels])
-    whole = final - stress * verdict.circuit.scalings.unit_voltage
+    whole = final - stress * verdict.circuit.value("U0")
     assert verdict.budget.summed == pytest.approx(whole.tolist(), rel=0.01, abs=1e-9)
     signed = [part for part in verdict.budget if part.channels and part.name != "ill_posedness"]
     errors = [np.array(part.channels) for part in signed]
@@ -101,7 +101,7 @@ def assert_budget_adds_up(verdict: Verdict) -> None:
 
 def assert_tikhonov(verdict: Verdict) -> None:
     """The reference, and the board, against a least-squares solver of the stacked system."""
-    T, eps, lam = verdict.problem.matrix, verdict.problem.strain, verdict.circuit.scalings.lam
+    T, eps, lam = verdict.problem.matrix, verdict.problem.strain, verdict.circuit.value("lambda")
     stacked = np.vstack([T, math.sqrt(lam) * np.eye(T.shape[1])])
     wanted = np.linalg.lstsq(stacked, np.append(eps, np.zeros(T.shape[1])), rcond=None)[0]
     assert verdict.ideal.target == pytest.approx(wanted, rel=1e-9, abs=1e-12)

@@ -87,14 +87,14 @@ def settings_part(start: Start, settings: Settings) -> Part:
 
 def rest_part(view: RestView) -> Part:
     """Return the recovered stress, and the numbers of the board."""
-    scalings, problem = view.board.circuit.scalings, view.problem
+    stated, problem = view.board.circuit.facts, view.problem
     places = problem.positions
     truth = true_outputs(view)
     facts = {
-        "R": quantity(scalings.resistance, "ohm"),
-        "λ": f"{scalings.lam:.4g}",
-        "G0": quantity(scalings.unit_conductance, "S"),
-        "C on the board": quantity(scalings.capacitance, "F"),
+        "R": stated["R"].text,
+        "λ": stated["lambda"].text,
+        "G0": stated["G0"].text,
+        "C on the board": stated["C"].text,
     }
     return {
         "stress": {

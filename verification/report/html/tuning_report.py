@@ -60,14 +60,15 @@ def _blocks(tuning: Tuning, verdict: Verdict) -> Iterator[Block]:
         ("designs tried", str(tuning.tried)),
         ("limit of the overshoot", percent(tuning.overshoot_limit)),
         ("margin of C", f"{tuning.margin:g}"),
-        ("lambda, unchanged", f"{verdict.circuit.scalings.lam:.4g}"),
+        ("lambda, unchanged", verdict.circuit.facts["lambda"].text),
     )
     yield Facts("", facts)
     lines = [
         f"{path.removeprefix('design.')} = {written(value, keys[path])}"
         for path, value in tuning.after.values.items()
     ]
-    lines.append(f"resistance = {written(verdict.circuit.scalings.resistance, 'ohm')}")
+    resistance = written(verdict.circuit.value("R"), "ohm")
+    lines.append(f"resistance = {resistance}")
     yield Code("the values for the table [design]", "\n".join(lines))
 
 

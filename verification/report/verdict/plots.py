@@ -197,7 +197,7 @@ def _difference(axes: Axes, verdict: Verdict, agreement: Agreement) -> None:
 def _stress(axes: Axes, verdict: Verdict) -> None:
     from matplotlib.ticker import MaxNLocator, MultipleLocator
 
-    problem, U0 = verdict.problem, verdict.circuit.scalings.unit_voltage
+    problem, U0 = verdict.problem, verdict.circuit.value("U0")
     channels = verdict.measurements.channels
     if problem.positions is None:
         where, label = np.arange(1.0, len(channels) + 1), "channel"

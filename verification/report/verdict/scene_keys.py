@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from taction.netlist_gen.board.scalings import choose_opamp
+from taction.netlist_gen.board.opamp_choice import choose_opamp
 from taction.netlist_gen.scene.keys import Key, all_keys, own_value
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import TactionError

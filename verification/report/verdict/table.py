@@ -53,12 +53,11 @@ def verdict_text(verdict: Verdict) -> str:
 
 
 def _head(verdict: Verdict) -> RenderableType:
-    s, c = verdict.circuit.scalings, verdict.circuit
-    rows, columns = c.matrices[0].ohms.shape
+    c = verdict.circuit
+    rows, columns = c.forward.ohms.shape
     board = (
         f"{columns} channels, {rows} sensors, {c.amplifier} amplifiers, {c.topology};"
-        f" C = {show(s.capacitance, 'F')}, R = {show(s.resistance, 'ohm')},"
-        f" s = {show(s.gain, 'ohm')}, G0 = {show(s.unit_conductance, 'S')}, lambda = {s.lam:.4g}"
+        f" {', '.join(f'{fact.symbol} = {fact.text}' for fact in c.facts.values())}"
     )
     if verdict.scene.lambda_rule:
         board += f" (chosen by {verdict.scene.lambda_rule})"

@@ -180,7 +180,7 @@ def along(board: LinearBoard, pole: complex, fastest: float = 0.0) -> Transient:
         return Transient(length, step, truncation_for(POINTS), initial="rest")
     shape = space.C @ _mode(space, pole)
     nodes = shape[: space.descriptor.node_count]
-    scale = board.circuit.scalings.unit_voltage / float(np.abs(nodes).max())
+    scale = board.circuit.value("U0") / float(np.abs(nodes).max())
     devices = space.descriptor.devices
     if devices.count:
         swing = float(np.max(np.abs(shape[devices.input]) / devices.v_scale))
@@ -203,7 +203,7 @@ def strained_along(board: LinearBoard, pole: complex) -> Circuit:
     shape = (space.C @ _mode(space, pole)).real
     present = [node for node in circuit.constraint_nodes if node in space.descriptor.places]
     pattern = shape[[space.descriptor.place(node) for node in present]]
-    largest = STRAINED * circuit.scalings.unit_voltage / circuit.scalings.gain
+    largest = STRAINED * circuit.value("U0") / circuit.value("gain")
     amps = largest * pattern / np.abs(pattern).max()
     names = [node.removeprefix("w_") for node in present]
     currents = [

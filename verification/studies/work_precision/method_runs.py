@@ -106,7 +106,7 @@ def ngspice(
     deck = replace(deck, text=deck.text.replace("\n.options ", "\n.options acct ", 1))
     limits = {
         "timeout": min(timeout, 1e9),
-        "bound": PHYSICAL_BOUND * task.circuit.scalings.unit_voltage,
+        "bound": PHYSICAL_BOUND * task.circuit.value("U0"),
     }
     with own_folder() as temporary:
         folder = temporary / "run"

@@ -119,9 +119,9 @@ def test_a_large_matrix_keeps_its_largest_entries() -> None:
     circuit = verdicts()["one channel"].circuit
     rng = np.random.default_rng(6)
     T = rng.standard_normal((500, 300))
-    G0 = circuit.scalings.unit_conductance
-    forward = replace(circuit.matrices[0], ohms=1.0 / (G0 * np.abs(T)), negative=T < 0)
-    picture = matrix_picture(replace(circuit, matrices=(forward, circuit.matrices[1])))
+    G0 = circuit.value("G0")
+    forward = replace(circuit.forward, ohms=1.0 / (G0 * np.abs(T)), negative=T < 0)
+    picture = matrix_picture(replace(circuit, matrices=(forward, circuit.feedback)))
     z = np.array(picture.spec["data"][0]["z"])
     assert max(z.shape) <= LARGEST
     assert np.abs(z).max() == pytest.approx(1.0)

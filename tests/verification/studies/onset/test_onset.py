@@ -21,7 +21,7 @@ from taction.netlist_gen.board.circuit import (
     Output,
     Resistor,
     ResistorMatrix,
-    Scalings,
+    common_facts,
 )
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.file import load_scene
@@ -69,7 +69,7 @@ def latch(ohms: float) -> Circuit:
         name="latch",
         amplifier="linear",
         topology="integrator",
-        scalings=Scalings(1e-4, 1.0, 1.0, R, 1e-10, R, 1.0),
+        facts=common_facts(G0=1e-4, U0=1.0, R=R, C=1e-10, gain=R, **{"lambda": 1.0}),
         models={"ideal": OpAmp("ideal", 1e8)},
         opamps=(OpAmpCell("v", "ideal", "0", "x", "v"), OpAmpCell("a", "ideal", "0", "j", "a")),
         amplifiers=(),

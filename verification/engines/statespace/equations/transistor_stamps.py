@@ -58,7 +58,7 @@ def stamp_transistors(stamper: Stamper, pins: Ints) -> Devices:
         stamper.laws.add(junction, junction, -np.ones_like(sign))
         stamper.constant_laws.append((junction, -volts * np.log(SCALE / IS)))
     # A row states the currents into its node; z[f] = -U0 F / SCALE.
-    per_volt = sign * SCALE / circuit.scalings.unit_voltage
+    per_volt = sign * SCALE / circuit.value("U0")
     for rows, of_f, of_r, constant in (
         (collector, np.ones_like(BF), -(1.0 + 1.0 / BR), IS / BR),
         (base, 1.0 / BF, 1.0 / BR, -IS / BF - IS / BR),
@@ -68,7 +68,7 @@ def stamp_transistors(stamper: Stamper, pins: Ints) -> Devices:
         stamper.currents.add(rows, r, per_volt * of_r)
         stamper.constant_currents.append((rows, -sign * constant))
     scales = (
-        np.full(2 * len(models), circuit.scalings.unit_voltage),
+        np.full(2 * len(models), circuit.value("U0")),
         np.full(2 * len(models), volts),
     )
     both = np.concatenate([vf, vr]), np.concatenate([f, r])
@@ -85,7 +85,7 @@ def transistor_currents(circuit: Circuit, descriptor: Descriptor, values: Floats
 
     `values` (size,) are the unknowns.
     """
-    amps = -SCALE / circuit.scalings.unit_voltage
+    amps = -SCALE / circuit.value("U0")
     found = []
     for cell in circuit.transistors:
         model = circuit.transistor_models[cell.model]

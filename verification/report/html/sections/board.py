@@ -43,15 +43,14 @@ REFERENCES = 12  # names of parts in a line
 
 def board_lines(verdict: Verdict) -> tuple[str, ...]:
     """Return the size of the board and its numbers in one line each."""
-    s, c = verdict.circuit.scalings, verdict.circuit
-    rows, columns = c.matrices[0].ohms.shape
+    c = verdict.circuit
+    rows, columns = c.forward.ohms.shape
+    numbers = ", ".join(f"{fact.symbol} = {fact.text}" for fact in c.facts.values())
     rule = f" (chosen by {verdict.scene.lambda_rule})" if verdict.scene.lambda_rule else ""
     return (
         f"{counted(columns, 'channel')}, {counted(rows, 'sensor')}, {c.amplifier} amplifiers,"
         f" topology {c.topology}, op-amps {', '.join(map(opamp_name, c.models))}",
-        f"C = {quantity(s.capacitance, 'F')}, R = {quantity(s.resistance, 'ohm')}, s ="
-        f" {quantity(s.gain, 'ohm')}, G0 = {quantity(s.unit_conductance, 'S')}, lambda ="
-        f" {s.lam:.4g}{rule}",
+        f"{numbers}{rule}",
     )
 
 
@@ -69,7 +68,6 @@ def board_section(verdict: Verdict) -> Section:
     ]
     level = "small signal" if circuit.is_small_signal else "large signal"
     rows += [
-        ("unit voltage U0", quantity(circuit.scalings.unit_voltage, "V")),
         ("supply", f"±{quantity(circuit.supply, 'V')}"),
         ("level of the op-amp models", level),
     ]
@@ -83,9 +81,9 @@ def schematic(circuit: Circuit) -> Drawing:
 
 def matrix_picture(circuit: Circuit) -> Picture:
     """Return T as a heat map with signs: orange is negative, blue is positive."""
-    forward = circuit.matrices[0]
+    forward = circuit.forward
     ohms = forward.ohms
-    T = np.where(forward.negative, -1.0, 1.0) / (ohms * circuit.scalings.unit_conductance)
+    T = circuit.realised
     M, N = T.shape
     note = ""
     if max(M, N) > LARGEST:
@@ -120,8 +118,8 @@ def matrix_picture(circuit: Circuit) -> Picture:
         ),
         "plot_bgcolor": "--card",
     }
-    present = int(np.isfinite(circuit.matrices[0].ohms).sum())
-    minus = int((circuit.matrices[0].negative & np.isfinite(circuit.matrices[0].ohms)).sum())
+    present = int(np.isfinite(forward.ohms).sum())
+    minus = int((forward.negative & np.isfinite(forward.ohms)).sum())
     summary = (
         f"The matrix T of {counted(M, 'sensor')} and {counted(N, 'channel')} as the resistors"
         f" realise it: {present} entries, of which {minus} are negative (orange, with a minus); an"

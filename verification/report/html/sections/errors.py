@@ -32,7 +32,7 @@ SEEN = 20.0  # times the reference: a larger end of the record is off the pictur
 
 def stress_section(verdict: Verdict) -> Section:
     """Return the recovered stress beside the regularised optimum and the true stress."""
-    problem, U0 = verdict.problem, verdict.circuit.scalings.unit_voltage
+    problem, U0 = verdict.problem, verdict.circuit.value("U0")
     channels = verdict.measurements.channels
     if problem.positions is None:
         where, title = np.arange(1.0, len(channels) + 1), "channel"
@@ -77,10 +77,8 @@ def _distance(verdict: Verdict, optimum: Floats) -> str:
     amplitude = verdict.measurements.amplitude
     if not amplitude:
         return ""
-    unit = verdict.circuit.scalings.unit_voltage / amplitude
-    near = float(
-        np.abs(verdict.steady.values / verdict.circuit.scalings.unit_voltage - optimum).max()
-    )
+    unit = verdict.circuit.value("U0") / amplitude
+    near = float(np.abs(verdict.steady.values / verdict.circuit.value("U0") - optimum).max())
     text = f"the board at rest is {figure(unit * near, 'step')} of the step off the optimum"
     if verdict.problem.stress is None:
         return text

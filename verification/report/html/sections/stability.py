@@ -35,14 +35,11 @@ def stability_section(circuit: Circuit, poles: Poles) -> Section:
         ("its frequency", quantity(abs(lead.imag) / math.tau, "Hz")),
         ("damping ratio of the rightmost ringing pole", f"{poles.damping_ratio:.4g}"),
         ("poles", str(len(poles.poles)) if poles.complete else f"rightmost {len(poles.poles)}"),
-        ("C of this board", quantity(circuit.scalings.capacitance, "F")),
+        ("C of this board", circuit.facts["C"].text),
         ("stable values of C", ranges),
     )
     word = "stable" if poles.stable else "not stable"
-    text = (
-        f"The board is {word} at C = {quantity(circuit.scalings.capacitance, 'F')}."
-        f" Stable values of C: {ranges}."
-    )
+    text = f"The board is {word} at C = {circuit.facts['C'].text}. Stable values of C: {ranges}."
     return Section("Stability", (_map(poles, ranges), Facts("", rows)), text)
 
 

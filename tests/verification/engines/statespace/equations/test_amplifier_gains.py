@@ -51,12 +51,13 @@ def test_ngspice_the_state_space_and_the_reference_agree(ngspice: str, amplifier
 def test_the_final_outputs_balance_every_signal_node(ngspice: str, amplifier: str, bias: bool):
     """At rest v/R + I_b + sum_k T_kn G0 w_k = 0 with v = Ve g^-1(u/U0): eq (9), by hand."""
     verdict = verify(scene(amplifier, bias))
-    s, T, eps = verdict.circuit.scalings, verdict.problem.matrix, verdict.problem.strain
+    T, eps = verdict.problem.matrix, verdict.problem.strain
+    G0, U0, R, s, Ve = map(verdict.circuit.value, ("G0", "U0", "R", "gain", "Ve"))
     u = np.array([channel.final for channel in verdict.measurements.channels])
-    v = s.exponential_slope * INVERSE[amplifier](u / s.unit_voltage)
-    w = s.gain * s.unit_conductance * (T @ u - eps * s.unit_voltage)
-    currents = v / s.resistance + bias * s.exponential_slope / s.resistance
-    feedback = s.unit_conductance * T.T @ w
+    v = Ve * INVERSE[amplifier](u / U0)
+    w = s * G0 * (T @ u - eps * U0)
+    currents = v / R + bias * Ve / R
+    feedback = G0 * T.T @ w
     assert currents + feedback == pytest.approx(0.0, abs=2e-3 * np.max(np.abs(feedback)))
 
 

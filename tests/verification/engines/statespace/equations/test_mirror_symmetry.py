@@ -41,7 +41,7 @@ def small_board(channels: int, *, exponential: bool = False) -> Circuit:
 
 
 def with_one_resistor_off(circuit: Circuit, by: float) -> Circuit:
-    forward = circuit.matrices[0]
+    forward = circuit.forward
     ohms = forward.ohms.copy()
     ohms[2, 0] *= 1.0 + by
     return replace(circuit, matrices=(replace(forward, ohms=ohms), *circuit.matrices[1:]))

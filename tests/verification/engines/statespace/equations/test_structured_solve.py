@@ -233,8 +233,8 @@ def test_the_equilibrium_of_a_wide_exponential_board() -> None:
     assert found.residual < 1e-9
     u = -np.array([found[f"a{n}"] for n in range(40)])
     T, eps = kernel(40, 3.0), np.maximum(strain(40, 3.0), 0.05)
-    gradient = 2.0 * T.T @ (T @ u - eps) + circuit.scalings.lam * (np.log(u) + 1.0)
-    assert np.abs(gradient).max() < 1e-2 * circuit.scalings.lam
+    gradient = 2.0 * T.T @ (T @ u - eps) + circuit.value("lambda") * (np.log(u) + 1.0)
+    assert np.abs(gradient).max() < 1e-2 * circuit.value("lambda")
 
 
 @pytest.mark.parametrize(

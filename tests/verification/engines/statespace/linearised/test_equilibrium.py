@@ -38,8 +38,8 @@ def test_an_ideal_exponential_board_rests_at_the_entropy_optimum(s: float) -> No
     found = LinearBoard(circuit).equilibrium
     u = np.array([output.sign * found[output.node] for output in circuit.outputs])
     assert np.all(u > 0.0)
-    gradient = entropy_gradient(u, T, eps, circuit.scalings.lam)
-    scale = np.abs(2.0 * T.T @ eps).max() + circuit.scalings.lam
+    gradient = entropy_gradient(u, T, eps, circuit.value("lambda"))
+    scale = np.abs(2.0 * T.T @ eps).max() + circuit.value("lambda")
     assert np.abs(gradient).max() < 1e-4 * scale
 
 

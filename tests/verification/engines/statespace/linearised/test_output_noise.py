@@ -16,7 +16,7 @@ from taction.netlist_gen.board.circuit import (
     OpAmpCell,
     Output,
     Resistor,
-    Scalings,
+    common_facts,
 )
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.inverse_problem import make_problem
@@ -36,7 +36,7 @@ def stage(model: OpAmp | None, **parts: object) -> Circuit:
         name="hand",
         amplifier="linear",
         topology="integrator",
-        scalings=Scalings(1e-4, 1.0, 1.0, R, C, R, 1.0),
+        facts=common_facts(G0=1e-4, U0=1.0, R=R, C=C, gain=R, **{"lambda": 1.0}),
         models={} if model is None else {model.name: model},
         opamps=(),
         amplifiers=(),

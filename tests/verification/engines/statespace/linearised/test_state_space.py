@@ -136,7 +136,7 @@ def test_matrices_are_stamped_as_their_elements_would_be() -> None:
 
 def test_the_state_space_rests_where_the_regularised_problem_has_its_solution() -> None:
     circuit = paper_board()
-    T, eps, lam = kernel(7, 3.0), strain(7, 3.0), circuit.scalings.lam
+    T, eps, lam = kernel(7, 3.0), strain(7, 3.0), circuit.value("lambda")
     wanted = np.linalg.solve(T.T @ T + lam * np.eye(7), T.T @ eps)
     space = LinearBoard(circuit).state_space
     C, D = space.rows(circuit.signal_nodes)

@@ -10,29 +10,28 @@ voltage by ``R_t = U0 / I_ref``. `docs/exponential-stage.md` derives it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from taction.netlist_gen.board.circuit import (
     GROUND,
     Capacitor,
+    Circuit,
     Resistor,
+    Role,
+    SignalAmplifier,
     TransistorCell,
     VoltageSource,
 )
-from taction.netlist_gen.board.parts import Parts
-from taction.netlist_gen.board.preferred_values import nearest
-from taction.netlist_gen.board.scalings import preferred
+from taction.netlist_gen.board.preferred_values import nearest, preferred
 from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.topologies.parts import Parts
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.transistor import Transistor, load_pairs, thermal_voltage
 from taction.system.errors import Complaint, InputError
 
 REFERENCE, REFERENCE_VOLTS = "reference", 5.0
-RESISTORS = ("div", "base", "ref", "em", "out")  # heads of the names of a stage's parts
-CAPACITORS = ("ref", "out")
-SUMMING_NODES = ("y", "t")  # of the reference op-amp and of the output op-amp
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,28 +55,33 @@ class AntilogStage:
         ------
         InputError
             The slope is not above the thermal voltage, so no divider gives it, or the board does
-            not start at rest, or its topology is passive.
+            not start at rest.
         """
-        _check(scene)
+        if scene.analysis.initial != "rest":
+            text = (
+                "transistors start at their operating point; expected 'rest' with antilog 'device'"
+            )
+            raise InputError(scene.file, Complaint("analysis.initial", "'zero'", text))
         design, choice = scene.design, scene.design.antilog
         pair = load_pairs()[choice.transistors]
         volts = thermal_voltage(choice.nominal_temperature)
+        series = design.resistor_series
         ratio = (design.exponential_slope or 1.0) / volts - 1.0
         if not ratio > 0.0:
             text = f"a divider only reduces v: must be above the thermal voltage of {volts:.5g} V"
             slope = f"{design.exponential_slope} V"
             raise InputError(scene.file, Complaint("design.exponential_slope", slope, text))
-        emitter = preferred(choice.emitter_resistance, scene)
-        output = preferred(design.unit_voltage / choice.reference_current, scene)
+        emitter = preferred(choice.emitter_resistance, series)
+        output = preferred(design.unit_voltage / choice.reference_current, series)
         node = design.stray_capacitance + opamp.input_capacitance + opamp.differential_capacitance
         node += pair.collector_capacitance
         capacitors = [compensation(ohms, opamp.gbw, node) for ohms in (emitter, output)]
         first, second = nearest(np.array(capacitors), design.capacitor_series).tolist()
         return cls(
             pair=pair,
-            divider=preferred(choice.divider_resistance * ratio, scene),
-            base=preferred(choice.divider_resistance, scene),
-            reference=preferred(REFERENCE_VOLTS / choice.reference_current, scene),
+            divider=preferred(choice.divider_resistance * ratio, series),
+            base=preferred(choice.divider_resistance, series),
+            reference=preferred(REFERENCE_VOLTS / choice.reference_current, series),
             emitter=emitter,
             output=output,
             reference_capacitor=first,
@@ -92,28 +96,29 @@ class AntilogStage:
         npn = self.pair.polarity == "npn"
         source, output = f"v_{n}", f"u_{n}" if npn else f"a_{n}"
         base, emitters, collector, drive, current = (f"{letter}_{n}" for letter in "beydt")
-        if n == 1:
-            volts = self.pair.sign * REFERENCE_VOLTS
-            parts.voltages.append(VoltageSource(REFERENCE, REFERENCE, volts))
-        parts.opamp(drive, collector, drive)
-        parts.opamp(output, current, output)
-        parts.resistors += [
-            Resistor(f"div_{n}", source, base, self.divider),
-            Resistor(f"base_{n}", base, GROUND, self.base),
-            Resistor(f"ref_{n}", REFERENCE, collector, self.reference),
-            Resistor(f"em_{n}", drive, emitters, self.emitter),
-            Resistor(f"out_{n}", output, current, self.output),
-        ]
-        if self.reference_capacitor > 0.0:
-            parts.capacitors += [
-                Capacitor(f"ref_{n}", drive, collector, self.reference_capacitor),
-                Capacitor(f"out_{n}", output, current, self.output_capacitor),
+        with parts.stated(Role.STAGE):
+            if n == 1:
+                volts = self.pair.sign * REFERENCE_VOLTS
+                parts.voltages.append(VoltageSource(REFERENCE, REFERENCE, volts))
+            parts.opamp(drive, collector, drive)
+            parts.opamp(output, current, output)
+            parts.resistors += [
+                Resistor(f"div_{n}", source, base, self.divider),
+                Resistor(f"base_{n}", base, GROUND, self.base),
+                Resistor(f"ref_{n}", REFERENCE, collector, self.reference),
+                Resistor(f"em_{n}", drive, emitters, self.emitter),
+                Resistor(f"out_{n}", output, current, self.output),
             ]
-        first, second = (GROUND, base) if npn else (base, GROUND)
-        parts.transistors += [
-            TransistorCell(f"ref_{n}", self.pair.name, collector, first, emitters),
-            TransistorCell(f"out_{n}", self.pair.name, current, second, emitters),
-        ]
+            if self.reference_capacitor > 0.0:
+                parts.capacitors += [
+                    Capacitor(f"ref_{n}", drive, collector, self.reference_capacitor),
+                    Capacitor(f"out_{n}", output, current, self.output_capacitor),
+                ]
+            first, second = (GROUND, base) if npn else (base, GROUND)
+            parts.transistors += [
+                TransistorCell(f"ref_{n}", self.pair.name, collector, first, emitters),
+                TransistorCell(f"out_{n}", self.pair.name, current, second, emitters),
+            ]
         return output
 
 
@@ -137,10 +142,32 @@ def compensation(ohms: float, gbw: float, node: float) -> float:
     return share + math.sqrt(share**2 + 2.0 * share * node)
 
 
-def _check(scene: Scene) -> None:
-    if scene.design.topology != "integrator":
-        text = "a divider would load the nodes of 'passive'; expected 'integrator'"
-        raise InputError(scene.file, Complaint("design.topology", "'passive'", text))
-    if scene.analysis.initial != "rest":
-        text = "transistors start at their operating point; expected 'rest' with antilog 'device'"
-        raise InputError(scene.file, Complaint("analysis.initial", "'zero'", text))
+def with_ideal_stages(circuit: Circuit) -> Circuit:
+    """Return `circuit` with the function ``U0 exp(v/Ve)`` itself as its stages, for comparisons.
+
+    All other parts stay as they are; a board without transistors is returned unchanged. An ideal
+    stage in the place of NPN transistors does not invert, so it has a negative `u_scale`.
+    """
+    if not circuit.transistors:
+        return circuit
+    stage, scales = circuit.named(Role.STAGE), (circuit.value("U0"), circuit.value("Ve"))
+    return replace(
+        circuit,
+        opamps=tuple(cell for cell in circuit.opamps if cell.card not in stage),
+        amplifiers=tuple(
+            SignalAmplifier(
+                output.node,
+                circuit.amplifier,
+                node,
+                output.node,
+                -output.sign * scales[0],
+                scales[1],
+            )
+            for node, output in zip(circuit.signal_nodes, circuit.outputs, strict=True)
+        ),
+        resistors=tuple(part for part in circuit.resistors if part.card not in stage),
+        capacitors=tuple(part for part in circuit.capacitors if part.card not in stage),
+        voltages=tuple(source for source in circuit.voltages if source.card not in stage),
+        transistors=(),
+        transistor_models={},
+    )

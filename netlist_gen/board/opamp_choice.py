@@ -1,16 +1,62 @@
-"""An imported op-amp of a scene: the file beside it that `taction models import` wrote."""
+"""The op-amp of a scene: a preset with changed figures, or the file of an imported one."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
 
 from taction.netlist_gen.scene.scene import Scene
 from taction.spice_models.imported import ImportedOpAmp, from_document
 from taction.spice_models.opamp import OpAmp, poles_from_phase_margin
+from taction.spice_models.presets import FIGURES, INPUT_ERRORS, derive, load_presets
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_bounded
 
 ACCEPTED = "a file that `taction models import` writes"
+
+
+def choose_opamp(scene: Scene) -> OpAmp:
+    """Return the op-amp of `scene`: a preset with the scene's changed figures.
+
+    Offset, input currents and common-mode error are in its macromodel if the scene asks for them:
+    all with ``input_errors``, else those that the scene gives.
+
+    Raises
+    ------
+    InputError
+        The changed figures contradict each other, or the op-amp does not work at the supply.
+    """
+    choice, supply = scene.design.opamp, scene.design.supply
+    if choice.file is not None:
+        return imported_opamp(scene, choice.file)
+    opamp = load_presets()[choice.base]
+    figures = {name: value for name, value in choice if name in FIGURES and value is not None}
+    try:
+        opamp = derive(opamp, f"{opamp.name}_changed", **figures) if figures else opamp
+        opamp = _with_errors(opamp, choice.input_errors, figures)
+    except ValueError as error:
+        raise InputError(scene.file, Complaint("design.opamp", repr(figures), str(error))) from None
+    if not opamp.least_supply <= supply <= opamp.most_supply:
+        text = (
+            f"{choice.base} works at supplies from ±{opamp.least_supply:g} V"
+            f" to ±{opamp.most_supply:g} V"
+        )
+        raise InputError(scene.file, Complaint("design.supply", f"±{supply:g} V", text))
+    if not opamp.swing(supply) > 0.0:
+        found, text = f"{opamp.saturation:g} V", f"must be below the supply of ±{supply:g} V"
+        raise InputError(scene.file, Complaint("design.opamp.saturation", found, text))
+    return opamp
+
+
+def _with_errors(opamp: OpAmp, every: bool, given: Mapping[str, float]) -> OpAmp:
+    """Return the op-amp with `every` input error of its figures, or with those that are `given`."""
+    if not every and not INPUT_ERRORS.keys() & given.keys():
+        return opamp
+    kept = {name: every or name in given for name in INPUT_ERRORS}
+    absent: dict[str, Any] = {name: INPUT_ERRORS[name] for name in kept if not kept[name]}
+    return replace(opamp, input_errors=True, **absent)
 
 
 def imported_opamp(scene: Scene, file: str) -> OpAmp:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.board.pruning import pruned
-from taction.netlist_gen.board.synthesis import realised_matrix, synthesise
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.topologies.planes import pruned
 from taction.system.errors import InputError
 from tests.support.making import make_scene, matrix_problem
 
@@ -27,7 +27,7 @@ def test_both_matrices_lose_what_is_below_the_fraction_of_the_largest(topology: 
     circuit = board(0.005, topology=topology)
     kept = np.array(T)
     kept[2, 0] = 0.0
-    assert realised_matrix(circuit) == pytest.approx(kept, rel=1e-14)
+    assert circuit.realised == pytest.approx(kept, rel=1e-14)
     for matrix in circuit.matrices:
         assert np.array_equal(np.isfinite(matrix.ohms), kept != 0.0)
 
@@ -57,7 +57,7 @@ def test_nothing_is_pruned_without_the_key() -> None:
     assert pruned(matrix, 0.0) is matrix
     for prune in (0.0, 5e-4):
         circuit = board(prune)
-        assert realised_matrix(circuit) == pytest.approx(matrix, rel=1e-14)
+        assert circuit.realised == pytest.approx(matrix, rel=1e-14)
         assert not [item for item in circuit.omissions if "pruned" in item.what]
 
 

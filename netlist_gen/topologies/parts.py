@@ -1,0 +1,110 @@
+"""The parts that a synthesis collects before it makes a `Circuit`."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+from taction.netlist_gen.board.circuit import (
+    GROUND,
+    Capacitor,
+    CurrentSource,
+    NoiseCurrent,
+    OpAmpCell,
+    Part,
+    Resistor,
+    ResistorMatrix,
+    Role,
+    SignalAmplifier,
+    TransistorCell,
+    VoltageSource,
+)
+from taction.netlist_gen.board.preferred_values import preferred
+
+
+@dataclass(slots=True)
+class Parts:
+    """Parts by kind, in the order in which they were placed."""
+
+    model: str  # op-amp type of every cell
+    stray: float  # capacitance at every summing node, F
+    inverter: float  # both resistors of every inverter, ohm
+    series: str  # of the resistors
+    opamps: list[OpAmpCell] = field(default_factory=list)
+    amplifiers: list[SignalAmplifier] = field(default_factory=list)
+    transistors: list[TransistorCell] = field(default_factory=list)
+    resistors: list[Resistor] = field(default_factory=list)
+    matrices: list[ResistorMatrix] = field(default_factory=list)
+    capacitors: list[Capacitor] = field(default_factory=list)
+    currents: list[CurrentSource] = field(default_factory=list)
+    noises: list[NoiseCurrent] = field(default_factory=list)
+    voltages: list[VoltageSource] = field(default_factory=list)
+    roles: defaultdict[str, set[str]] = field(default_factory=lambda: defaultdict(set))
+    expressions: dict[str, tuple[str, float]] = field(default_factory=dict)
+
+    def resistor(
+        self, role: str, name: str, ends: tuple[str, str], ohms: float, expression: str = ""
+    ) -> None:
+        """Place a resistor of the nearest value of the series.
+
+        Its `expression` of the facts, which gives `ohms`, is for decks with parameters.
+        """
+        part = Resistor(name, *ends, preferred(ohms, self.series))
+        self.resistors.append(part)
+        self._state(role, part.card, expression, ohms)
+
+    def capacitor(
+        self, role: str, name: str, ends: tuple[str, str], farads: float, expression: str = ""
+    ) -> None:
+        """Place a capacitor of this value; see `resistor`."""
+        part = Capacitor(name, *ends, farads)
+        self.capacitors.append(part)
+        self._state(role, part.card, expression, farads)
+
+    def matrix(self, role: str, matrix: ResistorMatrix) -> None:
+        """Place a matrix of resistors."""
+        self.matrices.append(matrix)
+        self.roles[role].add(matrix.name)
+
+    @contextmanager
+    def stated(self, role: str) -> Iterator[None]:
+        """State all parts that are placed inside as parts with `role`, strays too."""
+        kinds: tuple[Sequence[Part], ...] = (
+            self.opamps,
+            self.transistors,
+            self.resistors,
+            self.capacitors,
+            self.voltages,
+        )
+        counts = [len(kind) for kind in kinds]
+        yield
+        for kind, count in zip(kinds, counts, strict=True):
+            self.roles[role].update(part.card for part in kind[count:])
+
+    def _state(self, role: str, card: str, expression: str, value: float) -> None:
+        self.roles[role].add(card)
+        if expression:
+            self.expressions[card] = expression, value
+
+    def opamp(self, name: str, summing: str, output: str) -> None:
+        """Place an op-amp that holds node `summing` at virtual ground, and its stray."""
+        self.opamps.append(OpAmpCell(name, self.model, GROUND, summing, output))
+        self.stray_at(summing)
+
+    def follower(self, name: str, source: str, output: str) -> None:
+        """Place a unity-gain buffer from `source` to `output`."""
+        self.opamps.append(OpAmpCell(name, self.model, source, output, output))
+
+    def stray_at(self, node: str) -> None:
+        """Place the stray capacitance of a summing node."""
+        if self.stray > 0:
+            self.capacitor(Role.STRAY, f"stray_{node}", (node, GROUND), self.stray)
+
+    def inverting(self, name: str, source: str, output: str) -> None:
+        """Place a unity-gain inverter from `source` to `output` with the summing node j`output`."""
+        summing = f"j{output}"
+        self.opamp(name, summing, output)
+        for end, node in (("in", source), ("fb", output)):
+            self.resistor(Role.INVERTER_RESISTOR, f"{name}_{end}", (node, summing), self.inverter)

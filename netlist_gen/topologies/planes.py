@@ -1,0 +1,289 @@
+"""The board of two planes: signal nodes with amplifiers, constraint nodes, two matrices.
+
+`Planes` is the frame of the topologies that differ in their signal nodes alone. It has only the
+parts that the scene needs; `Circuit.omissions` has the others.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from taction.netlist_gen.board.circuit import (
+    Circuit,
+    CurrentSource,
+    Fact,
+    NoiseCurrent,
+    Omission,
+    Output,
+    ResistorMatrix,
+    Role,
+    SignalAmplifier,
+)
+from taction.netlist_gen.board.opamp_choice import choose_opamp
+from taction.netlist_gen.board.preferred_values import nearest
+from taction.netlist_gen.scene.inverse_problem import InverseProblem
+from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.topologies.antilog import AntilogStage
+from taction.netlist_gen.topologies.parts import Parts
+from taction.netlist_gen.topologies.topology import Topology, slope_of
+from taction.spice_models.opamp import OpAmp
+from taction.system.array_types import Bools, Floats
+
+
+@dataclass(slots=True)
+class Board:
+    """A board of two planes while it is built."""
+
+    scene: Scene
+    facts: Mapping[str, Fact]
+    ohms: Floats  # (M, N) of both matrices, infinite where T is zero
+    negative: Bools  # (M, N): where T is negative
+    parts: Parts
+    stage: AntilogStage | None
+    outputs: list[Output] = field(default_factory=list)
+    plus_u: dict[int, str] = field(default_factory=dict)  # nodes of +u, where there is one
+
+    @property
+    def present(self) -> Bools:
+        """Where T has an entry, (M, N)."""
+        return np.isfinite(self.ohms)
+
+    @property
+    def channels(self) -> range:
+        """The channels, from 1."""
+        return range(1, self.ohms.shape[1] + 1)
+
+    @property
+    def sensors(self) -> list[int]:
+        """The sensors whose rows of T have an entry, from 1."""
+        return (1 + np.flatnonzero(self.present.any(axis=1))).tolist()
+
+
+class Planes(Topology):
+    """A topology of two planes; its class says what a signal node is.
+
+    Attributes
+    ----------
+    feedback_inverts : bool
+        Whether a positive current into the node that `signal_node` returns makes v negative.
+    """
+
+    feedback_inverts: ClassVar[bool] = True
+
+    def check(self, scene: Scene) -> None:
+        """Raise InputError for a scene that the topology cannot be built for."""
+
+    @abstractmethod
+    def signal_node(self, board: Board, n: int) -> str:
+        """Place the parts of signal node ``v_n``; return the node that takes the feedback."""
+
+    def linear_output(self, board: Board, n: int) -> str:
+        """Place what drives the matrix in a linear channel; return its output, +u_n."""
+        return f"v_{n}"
+
+    def synthesise(self, scene: Scene, problem: InverseProblem) -> Circuit:
+        """Design the board of `scene` for `problem`; see `Topology`."""
+        design, facts = scene.design, self.facts(scene)
+        model = choose_opamp(scene)
+        kept = pruned(problem.matrix, design.prune)
+        ohms, negative = matrix_resistors(kept, scene)
+        inverter, series = design.inverter_resistance, design.resistor_series
+        parts = Parts(model.name, design.stray_capacitance, inverter, series)
+        self.check(scene)
+        stage = AntilogStage.of(scene, model) if design.antilog.has_devices else None
+        board = Board(scene, facts, ohms, negative, parts, stage)
+        sinks = self._signal_plane(board)
+        self._constraint_plane(board, problem.strain * facts["G0"].value * facts["U0"].value)
+        self._connect(board, sinks)
+        return Circuit(
+            name=scene.name,
+            amplifier=design.amplifier,
+            topology=self.name,
+            facts=facts,
+            models={model.name: model},
+            opamps=tuple(parts.opamps),
+            amplifiers=tuple(parts.amplifiers),
+            resistors=tuple(parts.resistors),
+            matrices=tuple(parts.matrices),
+            capacitors=tuple(parts.capacitors),
+            currents=tuple(parts.currents),
+            voltages=tuple(parts.voltages),
+            signal_nodes=tuple(f"v_{n}" for n in board.channels),
+            constraint_nodes=tuple(f"w_{k}" for k in board.sensors),
+            outputs=tuple(board.outputs),
+            omissions=tuple(self._omissions(scene, problem, kept, model)),
+            supply=design.supply,
+            noises=tuple(parts.noises),
+            transistors=tuple(parts.transistors),
+            transistor_models={} if stage is None else {stage.pair.name: stage.pair},
+            temperature=design.antilog.temperature,
+            roles={role: frozenset(names) for role, names in parts.roles.items()},
+            knobs=self.knobs(scene),
+            expressions=parts.expressions,
+        )
+
+    def _signal_plane(self, board: Board) -> tuple[str, ...]:
+        """Place signal nodes, their amplifiers and the bias; return the nodes of the feedback."""
+        needs_minus = np.any(board.present & ~board.negative, axis=0).tolist()
+        needs_plus = np.any(board.present & board.negative, axis=0).tolist()
+        sinks = []
+        for n in board.channels:
+            sinks.append(self.signal_node(board, n))
+            self._amplifier(board, n, minus=needs_minus[n - 1], plus=needs_plus[n - 1])
+        return tuple(sinks)
+
+    def _amplifier(self, board: Board, n: int, *, minus: bool, plus: bool) -> None:
+        """Place the signal amplifier of channel `n`, with an inverter where both signs are used."""
+        design, parts = board.scene.design, board.parts
+        if design.amplifier == "linear":
+            output, inverts = self.linear_output(board, n), False
+        elif board.stage is None:
+            output, inverts = f"a_{n}", True
+            scales = design.unit_voltage, slope_of(board.scene)
+            parts.amplifiers.append(
+                SignalAmplifier(output, design.amplifier, f"v_{n}", output, *scales)
+            )
+        else:
+            output, inverts = board.stage.place(parts, n), board.stage.pair.polarity != "npn"
+        board.outputs.append(Output(output, -1.0 if inverts else 1.0))
+        if not inverts:
+            board.plus_u[n] = output
+        if plus if inverts else minus:
+            other = f"u_{n}" if inverts else f"a_{n}"
+            parts.inverting(other, output, other)
+            if inverts:
+                board.plus_u[n] = other
+
+    def _constraint_plane(self, board: Board, amps: Floats) -> None:
+        """Place constraint nodes, strain currents `amps` (M,) and inverters of w."""
+        parts, design = board.parts, board.scene.design
+        inverted = board.negative if self.feedback_inverts else ~board.negative
+        needs_inverter = np.any(board.present & inverted, axis=1).tolist()
+        currents = amps.tolist()
+        for k in board.sensors:
+            parts.opamp(f"c_{k}", f"c_{k}", f"w_{k}")
+            parts.resistor(
+                Role.CONSTRAINT_RESISTOR, f"s_{k}", (f"w_{k}", f"c_{k}"), design.gain, "gain"
+            )
+            if currents[k - 1] != 0:
+                parts.currents.append(CurrentSource(f"eps_{k}", f"c_{k}", currents[k - 1]))
+            if design.sensor_noise > 0.0:
+                parts.noises.append(NoiseCurrent(f"eps_{k}", f"c_{k}", design.sensor_noise))
+            if needs_inverter[k - 1]:
+                parts.inverting(f"z_{k}", f"w_{k}", f"z_{k}")
+
+    def _connect(self, board: Board, sinks: tuple[str, ...]) -> None:
+        """Place both resistor matrices; the feedback ends at `sinks`, one node a channel."""
+        rows = range(1, board.ohms.shape[0] + 1)
+        minus_u = tuple(f"a_{n}" for n in board.channels)
+        plus_u = tuple(board.plus_u.get(n, "") for n in board.channels)
+        w, z = tuple(f"w_{k}" for k in rows), tuple(f"z_{k}" for k in rows)
+        sums = tuple(f"c_{k}" for k in rows)
+        plus, minus = (w, z) if self.feedback_inverts else (z, w)
+        entries = board.ohms, board.negative
+        board.parts.matrix(
+            Role.FORWARD, ResistorMatrix("Rf", *entries, True, minus_u, plus_u, sums)
+        )
+        board.parts.matrix(Role.FEEDBACK, ResistorMatrix("Rb", *entries, False, plus, minus, sinks))
+
+    def _omissions(
+        self, scene: Scene, problem: InverseProblem, kept: Floats, model: OpAmp
+    ) -> Iterator[Omission]:
+        """Yield everything that the board of `scene` omits; `kept` (M, N) is T after pruning."""
+        pruning = pruning_omission(problem.matrix, scene.design.prune)
+        if pruning is not None:
+            yield pruning
+        yield from _left_out_of_the_matrix(problem, kept)
+        linear = scene.design.amplifier == "linear"
+        yield from _inverters("u", "columns", kept.T, "positive" if linear else "negative")
+        rows = kept[kept.any(axis=1)]
+        yield from _inverters(
+            "w", "rows", rows, "negative" if self.feedback_inverts else "positive"
+        )
+        if linear:
+            why = "linear amplifiers: the regulariser is the sum of squares"
+            yield Omission("antilog stages and bias current", why)
+        elif not scene.design.biased:
+            yield Omission("bias current", "design.bias is false, or the amplifier needs none")
+        yield from _macromodel(model)
+        if scene.design.stray_capacitance == 0:
+            yield Omission("stray capacitors", "design.stray_capacitance is 0")
+
+
+def matrix_resistors(matrix: Floats, scene: Scene) -> tuple[Floats, Bools]:
+    """Return ohms ``1 / (|T| G0)``, infinite for T = 0, and whether T is negative; both (M, N)."""
+    with np.errstate(divide="ignore"):
+        ohms = 1.0 / (np.abs(matrix) * scene.design.unit_conductance)
+    return nearest(ohms, scene.design.resistor_series), matrix < 0
+
+
+def pruned(matrix: Floats, fraction: float) -> Floats:
+    """Return T (M, N) with zeros for the entries below `fraction` of the largest ``|T|``.
+
+    `fraction` is below 1, so the largest entry stays; 0 returns `matrix` itself.
+
+    Examples
+    --------
+    >>> pruned(np.array([[1.0, -0.004], [0.1, 0.0]]), 0.01).tolist()
+    [[1.0, 0.0], [0.1, 0.0]]
+    """
+    if fraction == 0.0:
+        return matrix
+    size = np.abs(matrix)
+    return np.where(size < fraction * size.max(), 0.0, matrix)
+
+
+def pruning_omission(matrix: Floats, fraction: float) -> Omission | None:
+    """Return what `pruned` takes out of both resistor matrices; None if that is nothing."""
+    out = matrix - pruned(matrix, fraction)
+    count = int(np.count_nonzero(out))
+    if not count:
+        return None
+    largest = np.abs(out).max() / np.abs(matrix).max()
+    norm = np.linalg.norm(out) / np.linalg.norm(matrix)
+    why = (
+        f"{count} entries of T are below design.prune = {fraction:g} of the largest entry, the"
+        f" largest of them at {largest:.3g}; their norm is {norm:.2g} of the norm of T"
+    )
+    return Omission(f"{2 * count} pruned matrix resistors", why)
+
+
+def _left_out_of_the_matrix(problem: InverseProblem, T: Floats) -> Iterator[Omission]:
+    zeros = int(np.count_nonzero(problem.matrix == 0))
+    if zeros:
+        yield Omission(f"{2 * zeros} matrix resistors", f"{zeros} entries of T are zero")
+    rows = int(np.count_nonzero(~T.any(axis=1)))
+    if rows:
+        why = "their rows of T are all zeros: they would see no output"
+        yield Omission(f"{rows} constraint nodes", why)
+    silent = int(np.count_nonzero((problem.strain == 0) & T.any(axis=1)))
+    if silent:
+        yield Omission(f"{silent} strain currents", "their strain is zero")
+
+
+def _inverters(signal: str, lines: str, entries: Floats, sign: str) -> Iterator[Omission]:
+    """Yield how many `lines` of T need no inverter: none of their `entries` (P, Q) has the sign."""
+    signed = entries > 0 if sign == "positive" else entries < 0
+    count = int(np.count_nonzero(~signed.any(axis=1)))
+    if count:
+        yield Omission(f"{count} inverters of {signal}", f"their {lines} have no {sign} entry")
+
+
+def _macromodel(model: OpAmp) -> Iterator[Omission]:
+    figures = (
+        ("first pole", "gbw", math.inf),
+        ("second pole", "second_pole", math.inf),
+        ("input resistance", "input_resistance", math.inf),
+        ("differential input capacitance", "differential_capacitance", 0.0),
+        ("input capacitance", "input_capacitance", 0.0),
+        ("output resistance", "output_resistance", 0.0),
+    )
+    for what, figure, empty in figures:
+        if getattr(model, figure) == empty:
+            yield Omission(f"op-amp {what}", f"{model.name}.{figure} is {empty:g}")
