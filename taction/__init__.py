@@ -17,9 +17,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from taction.board import Circuit, synthesise
     from taction.designs import netlist, solve
-    from taction.netlist_gen.board.circuit import Circuit
-    from taction.netlist_gen.board.synthesis import synthesise
     from taction.netlist_gen.deck.deck import write_deck
     from taction.netlist_gen.scene.file import load_scene
     from taction.netlist_gen.scene.scene import Scene

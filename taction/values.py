@@ -1,7 +1,7 @@
 """The public names of values, their makers and the errors."""
 
-from taction.netlist_gen.board.circuit import Circuit as Circuit
-from taction.netlist_gen.board.synthesis import synthesise as synthesise
+from taction.board import Circuit as Circuit
+from taction.board import synthesise as synthesise
 from taction.netlist_gen.deck.deck import write_deck as write_deck
 from taction.netlist_gen.scene.file import load_scene as load_scene
 from taction.netlist_gen.scene.scene import Scene as Scene

@@ -9,6 +9,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from taction.board import Circuit
 from taction.verification.verdict import verify
 
 if TYPE_CHECKING:
@@ -25,8 +26,9 @@ class Verdict(verify.Verdict):
 
     @classmethod
     def of(cls, verdict: verify.Verdict) -> Verdict:
-        """Return `verdict` with its table."""
-        return cls(*(getattr(verdict, field.name) for field in fields(verdict)))
+        """Return `verdict` with its table, and its board with its picture."""
+        values = {field.name: getattr(verdict, field.name) for field in fields(verdict)}
+        return cls(**{**values, "circuit": Circuit.of(verdict.circuit)})
 
     def __str__(self) -> str:
         from taction.verification.report.verdict.table import verdict_text

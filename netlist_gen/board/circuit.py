@@ -14,20 +14,16 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from taction.netlist_gen.scene.summary import counted, sizes
+from taction.netlist_gen.scene.summary import sizes
 from taction.spice_models.imported import LinearModel
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.transistor import NOMINAL, Transistor
 from taction.system.array_types import Bools, Floats
 from taction.system.quantities import quantity
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 GROUND = "0"
 
@@ -154,6 +150,30 @@ class Knob:
     margin: Literal["", "smaller", "larger"] = ""
     words: str = ""
     series: str = ""
+
+
+def common_knobs(*, linear: bool) -> tuple[Knob, ...]:
+    """Return the knobs of a board with the common facts, with linear amplifiers or with others."""
+    return (
+        Knob(
+            "C",
+            "design.capacitance",
+            Role.SIGNAL_CAPACITOR,
+            margin="smaller",
+            words="C",
+            series="design.capacitor_series",
+        ),
+        Knob(
+            "gain",
+            "design.gain",
+            Role.CONSTRAINT_RESISTOR,
+            {"lambda": -1.0},
+            margin="larger",
+            words="the gain",
+        ),
+        Knob("G0", "design.unit_conductance", moves={"lambda": -2.0}),
+        Knob("U0", "design.unit_voltage", moves={} if linear else {"lambda": -1.0}),
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -459,49 +479,12 @@ class Circuit:
         return bool(self.voltages or nonlinear or errors or self.has_imported)
 
     def __repr__(self) -> str:
-        parts = (sizes(*self._size), self.topology, f"{self.amplifier} amplifiers", self.values)
+        size = sizes(len(self.outputs), len(self.constraint_nodes))
+        parts = (size, self.topology, f"{self.amplifier} amplifiers", self.values)
         return f"Circuit({self.name!r}, {', '.join(parts)}, op-amps {', '.join(self.models)})"
-
-    @property
-    def _size(self) -> tuple[int, int]:
-        return len(self.outputs), len(self.constraint_nodes)
 
     @property
     def values(self) -> str:
         """The values of the knobs with a margin, in words."""
         moved = (self.facts[knob.name] for knob in self.knobs if knob.margin)
         return ", ".join(f"{fact.name} = {fact.text}" for fact in moved)
-
-    def _repr_html_(self) -> str:
-        """Return the board as a card for a notebook."""
-        from taction.netlist_gen.card import Card
-
-        entries = sum(int(np.isfinite(matrix.ohms).sum()) for matrix in self.matrices)
-        parts = (
-            counted(len(self.opamps), "op-amp"),
-            counted(entries, "matrix resistor"),
-            counted(len(self.resistors), "other resistor"),
-            counted(len(self.capacitors), "capacitor"),
-        )
-        facts = (
-            ("size", sizes(*self._size)),
-            ("board", f"{self.topology}, {self.amplifier} amplifiers"),
-            ("op-amps", f"{', '.join(self.models)}, supply ±{quantity(self.supply, 'V')}"),
-            *((fact.label, fact.text) for fact in self.facts.values()),
-            ("parts", ", ".join(parts)),
-            ("left out", counted(len(self.omissions), "kind") + " of parts that it does not need"),
-        )
-        return Card("Circuit", self.name, facts=facts).html()
-
-    def plot(self, path: str | Path | None = None) -> Figure:
-        """Return the schematic of one channel with its values; write it to `path`, if given.
-
-        Raises
-        ------
-        InputError
-            The file does not end in ``.png``, ``.svg`` or ``.pdf`` or cannot be written, or
-            matplotlib or schemdraw is missing (``taction[plot,report]``).
-        """
-        from taction.netlist_gen.board.schematic import plot_schematic
-
-        return plot_schematic(self, path)

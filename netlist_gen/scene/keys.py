@@ -14,7 +14,7 @@ from pydantic import BaseModel
 from taction.netlist_gen.board.opamp_choice import choose_opamp
 from taction.netlist_gen.scene.fields import Unit
 from taction.netlist_gen.scene.scene import Scene
-from taction.netlist_gen.topologies.topology import topology_of
+from taction.netlist_gen.topologies.frame.table import topology_of
 from taction.spice_models.opamp import phase_margin
 from taction.system.errors import Complaint, InputError
 from taction.system.quantities import parse

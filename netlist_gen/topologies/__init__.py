@@ -1,1 +1,1 @@
-"""Topologies: one file each says how a scene becomes a board, and what this board is."""
+"""Topologies: one module each says how a scene becomes a board, and what this board is."""

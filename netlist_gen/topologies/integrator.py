@@ -13,8 +13,8 @@ For ideal op-amps eq (9), in its corrected form, holds exactly::
 from __future__ import annotations
 
 from taction.netlist_gen.board.circuit import Role, VoltageSource
-from taction.netlist_gen.topologies.planes import Board, Planes
-from taction.netlist_gen.topologies.topology import slope_of
+from taction.netlist_gen.topologies.frame.planes import Board, Planes
+from taction.netlist_gen.topologies.frame.topology import slope_of
 
 BIAS = "bias"  # the node, and the voltage source of the bias currents
 
@@ -36,3 +36,6 @@ class Integrator(Planes):
                 parts.voltages.append(VoltageSource(BIAS, BIAS, slope_of(scene)))
             parts.resistor(Role.BIAS_RESISTOR, f"bias_{n}", (BIAS, x), ohms, "R")
         return x
+
+
+TOPOLOGY = Integrator()

@@ -10,7 +10,7 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import GROUND, Role
 from taction.netlist_gen.scene.scene import Scene
-from taction.netlist_gen.topologies.planes import Board, Planes
+from taction.netlist_gen.topologies.frame.planes import Board, Planes
 from taction.system.errors import Complaint, InputError
 
 
@@ -57,3 +57,6 @@ class Passive(Planes):
         """Place a buffer, since the matrix must not load the node; return its output."""
         board.parts.follower(f"u_{n}", f"v_{n}", f"u_{n}")
         return f"u_{n}"
+
+
+TOPOLOGY = Passive()

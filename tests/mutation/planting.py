@@ -18,7 +18,7 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import Scene
-from taction.netlist_gen.topologies.topology import Topology
+from taction.netlist_gen.topologies.frame.topology import Topology
 from taction.verification.engines.statespace.equations.stamps import stamp
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.reference import IdealNetwork

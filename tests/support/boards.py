@@ -15,9 +15,11 @@ from taction.netlist_gen.board.circuit import (
     Output,
     Resistor,
     ResistorMatrix,
+    Role,
     SignalAmplifier,
     VoltageSource,
     common_facts,
+    common_knobs,
 )
 from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Floats
@@ -143,6 +145,13 @@ def board(
             Output(f"a{n}", -1.0) if exponential else Output(f"v{n}", 1.0) for n in range(N)
         ),
         omissions=(),
+        roles={
+            Role.SIGNAL_CAPACITOR: frozenset(part.card for part in capacitors),
+            Role.CONSTRAINT_RESISTOR: frozenset(f"RRs{k}" for k in range(M)),
+            Role.FORWARD: frozenset(("Rf",)),
+            Role.FEEDBACK: frozenset(("Rb",)),
+        },
+        knobs=common_knobs(linear=not exponential),
     )
 
 
@@ -185,6 +194,8 @@ def single_mode(rc: float, tau: float = 0.455e-6, gain: float = 100.0) -> Circui
         constraint_nodes=("b2",),
         outputs=(Output("v", 1.0),),
         omissions=(),
+        roles={Role.SIGNAL_CAPACITOR: frozenset(("CC",))},
+        knobs=common_knobs(linear=True),
     )
 
 
@@ -192,10 +203,7 @@ def lag_board(ratio: float, gain: float) -> Circuit:
     """``(1 + p RC)(1 + p tau)^2 + gain = 0`` with ``RC = ratio tau``, of op-amps with gain 1e15."""
     tau = 0.455e-6
     made = single_mode(ratio * tau, tau, gain)
-    capacitors = tuple(
-        replace(part, name="c_v") if part.name == "C" else part for part in made.capacitors
-    )
-    return replace(made, capacitors=capacitors, models={"follow": OpAmp("follow", 1e15)})
+    return replace(made, models={"follow": OpAmp("follow", 1e15)})
 
 
 def window(gain: float) -> tuple[float, float]:

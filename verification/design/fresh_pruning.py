@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from taction.netlist_gen.board.part_warnings import LEAST_OHMS, MOST_OHMS
-from taction.netlist_gen.topologies.planes import pruned
+from taction.netlist_gen.topologies.frame.planes import pruned
 from taction.system.array_types import Floats
 from taction.verification.reference import Problem, solve
 from taction.verification.reference.changed_matrix import change_bound

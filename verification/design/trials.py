@@ -20,7 +20,7 @@ from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.scene import Scene
-from taction.netlist_gen.topologies.topology import topology_of
+from taction.netlist_gen.topologies.frame.table import topology_of
 from taction.system.errors import InputError, NoVerdictError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.reference.ideal_answer import ideal_network

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import numpy as np
+
+from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.card import Card, Mark
 from taction.netlist_gen.scene.summary import counted, opamp_words, sizes
 from taction.system.quantities import quantity, readable
@@ -17,6 +20,26 @@ from taction.verification.verdict.verify import Verdict
 
 ORDER = ("pass", "fail", "inconclusive", "error")
 CULPRITS = 4
+
+
+def circuit_card(circuit: Circuit) -> Card:
+    """Return the size of a board, the facts that its topology states, and its parts."""
+    entries = sum(int(np.isfinite(matrix.ohms).sum()) for matrix in circuit.matrices)
+    parts = (
+        counted(len(circuit.opamps), "op-amp"),
+        counted(entries, "matrix resistor"),
+        counted(len(circuit.resistors), "other resistor"),
+        counted(len(circuit.capacitors), "capacitor"),
+    )
+    facts = (
+        ("size", sizes(len(circuit.outputs), len(circuit.constraint_nodes))),
+        ("board", f"{circuit.topology}, {circuit.amplifier} amplifiers"),
+        ("op-amps", f"{', '.join(circuit.models)}, supply ±{quantity(circuit.supply, 'V')}"),
+        *((fact.label, fact.text) for fact in circuit.facts.values()),
+        ("parts", ", ".join(parts)),
+        ("left out", counted(len(circuit.omissions), "kind") + " of parts that it does not need"),
+    )
+    return Card("Circuit", circuit.name, facts=facts)
 
 
 def verdict_card(verdict: Verdict) -> Card:

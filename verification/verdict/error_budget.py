@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from functools import partial
 
-from taction.netlist_gen.topologies.antilog import with_ideal_stages
+from taction.netlist_gen.topologies.frame.antilog import with_ideal_stages
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.reference.ideal_answer import IdealAnswer

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from taction.netlist_gen.topologies.planes import pruned
+from taction.netlist_gen.topologies.frame.planes import pruned
 from taction.system.array_types import Floats
 from taction.verification.reference import IdealNetwork, Solution, solve
 from taction.verification.reference.changed_matrix import change_bound

@@ -6,7 +6,7 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.topologies.antilog import with_ideal_stages
+from taction.netlist_gen.topologies.frame.antilog import with_ideal_stages
 from taction.system.array_types import Floats
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity

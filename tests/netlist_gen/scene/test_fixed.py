@@ -7,7 +7,7 @@ import pytest
 from taction.netlist_gen.scene.axes import parse_axes, points, with_values
 from taction.netlist_gen.scene.file import load_scene
 from taction.netlist_gen.scene.fixed import Fixed, check_axes, fixed_values
-from taction.netlist_gen.topologies.topology import topology_of
+from taction.netlist_gen.topologies.frame.table import topology_of
 from taction.system.errors import InputError
 from tests.support.making import make_scene
 from tests.support.paths import SCENES

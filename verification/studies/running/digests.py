@@ -58,6 +58,8 @@ def _encode(value: object, parts: list[bytes]) -> None:
         parts += [f"a{little.dtype.str}{little.shape}:".encode(), little.tobytes()]
     elif isinstance(value, Mapping):
         _encode(tuple(sorted(value.items())), parts)
+    elif isinstance(value, frozenset):
+        _encode(tuple(sorted(value)), parts)
     elif isinstance(value, bytes):
         parts.append(b"y%d:" % len(value) + value)
     elif isinstance(value, BaseModel):

@@ -26,7 +26,7 @@ from taction.netlist_gen.board.circuit import (
 )
 from taction.netlist_gen.board.preferred_values import nearest, preferred
 from taction.netlist_gen.scene.scene import Scene
-from taction.netlist_gen.topologies.parts import Parts
+from taction.netlist_gen.topologies.frame.parts import Parts
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.transistor import Transistor, load_pairs, thermal_voltage
 from taction.system.errors import Complaint, InputError

@@ -29,9 +29,9 @@ from taction.netlist_gen.board.opamp_choice import choose_opamp
 from taction.netlist_gen.board.preferred_values import nearest
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
-from taction.netlist_gen.topologies.antilog import AntilogStage
-from taction.netlist_gen.topologies.parts import Parts
-from taction.netlist_gen.topologies.topology import Topology, slope_of
+from taction.netlist_gen.topologies.frame.antilog import AntilogStage
+from taction.netlist_gen.topologies.frame.parts import Parts
+from taction.netlist_gen.topologies.frame.topology import Topology, slope_of
 from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Bools, Floats
 

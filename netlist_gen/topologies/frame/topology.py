@@ -1,15 +1,9 @@
-"""`Topology`: how a scene becomes a board, and what it states about it; the table of topologies.
-
-Other packages add a topology by an entry point of the group ``taction.topologies``: its name is
-the word in the scene, its object a `Topology`.
-"""
+"""`Topology`: how a scene becomes a board, and what the board states about itself."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
 from dataclasses import replace
-from functools import cache
 from typing import ClassVar
 
 import numpy as np
@@ -18,15 +12,14 @@ from taction.netlist_gen.board.circuit import (
     Circuit,
     Fact,
     Knob,
-    Role,
     common_facts,
+    common_knobs,
 )
 from taction.netlist_gen.board.preferred_values import nearest
 from taction.netlist_gen.scene.fields import LARGE, LEAST, MOST, SMALL
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene
 from taction.system.errors import Complaint, InputError
-from taction.system.plugins import OpenTable
 
 
 class Topology(ABC):
@@ -96,54 +89,9 @@ class Topology(ABC):
 
     def knobs(self, scene: Scene) -> tuple[Knob, ...]:
         """Return the keys of `scene` that can be moved, with the parts that they scale."""
-        linear = scene.design.amplifier == "linear"
-        return (
-            Knob(
-                "C",
-                "design.capacitance",
-                Role.SIGNAL_CAPACITOR,
-                margin="smaller",
-                words="C",
-                series="design.capacitor_series",
-            ),
-            Knob(
-                "gain",
-                "design.gain",
-                Role.CONSTRAINT_RESISTOR,
-                {"lambda": -1.0},
-                margin="larger",
-                words="the gain",
-            ),
-            Knob("G0", "design.unit_conductance", moves={"lambda": -2.0}),
-            Knob("U0", "design.unit_voltage", moves={} if linear else {"lambda": -1.0}),
-        )
+        return common_knobs(linear=scene.design.amplifier == "linear")
 
 
 def slope_of(scene: Scene) -> float:
     """Return Ve of a scene, V; 1 V, without effect, where it has none."""
     return scene.design.exponential_slope or 1.0
-
-
-@cache
-def _own() -> Mapping[str, Topology]:
-    from taction.netlist_gen.topologies.integrator import Integrator
-    from taction.netlist_gen.topologies.passive import Passive
-
-    return {topology.name: topology for topology in (Integrator(), Passive())}
-
-
-def topology_of(scene: Scene) -> Topology:
-    """Return the topology of a scene.
-
-    Examples
-    --------
-    >>> import taction
-    >>> scene = taction.load_scene("scenes/paper-breadboard.toml")
-    >>> topology_of(scene).facts(scene)["C"].text
-    '10 pF'
-    """
-    return TOPOLOGIES[scene.design.topology]
-
-
-TOPOLOGIES: Mapping[str, Topology] = OpenTable("taction.topologies", _own, Topology)
-"""The topologies of taction by their names, then those of other packages."""

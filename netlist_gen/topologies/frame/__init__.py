@@ -1,0 +1,1 @@
+"""What topologies share: their base, the table of them, boards of two planes, antilog stages."""

@@ -1,0 +1,41 @@
+"""The table of topologies: one module each beside this folder, and those of other packages.
+
+Other packages add a topology by an entry point of the group ``taction.topologies``: its name is
+the word in the scene, its object a `Topology`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from importlib import import_module
+from pkgutil import iter_modules
+
+from taction.netlist_gen import topologies
+from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.topologies.frame.topology import Topology
+from taction.system.plugins import OpenTable
+
+
+@cache
+def _own() -> Mapping[str, Topology]:
+    """Return the topologies of taction: the object TOPOLOGY of each module."""
+    modules = [each.name for each in iter_modules(topologies.__path__) if not each.ispkg]
+    return {name: import_module(f"{topologies.__name__}.{name}").TOPOLOGY for name in modules}
+
+
+TOPOLOGIES: Mapping[str, Topology] = OpenTable("taction.topologies", _own, Topology)
+"""The topologies by the word in a scene."""
+
+
+def topology_of(scene: Scene) -> Topology:
+    """Return the topology of a scene.
+
+    Examples
+    --------
+    >>> import taction
+    >>> scene = taction.load_scene("scenes/paper-breadboard.toml")
+    >>> topology_of(scene).facts(scene)["C"].text
+    '10 pF'
+    """
+    return TOPOLOGIES[scene.design.topology]
