@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
-from taction.netlist_gen.board.circuit import Capacitor, Circuit, Resistor
+from taction.netlist_gen.board.circuit import Capacitor, Circuit, Resistor, Role
 from taction.netlist_gen.scene.keys import Value
 
 Parts = tuple[Capacitor | Resistor, ...]
@@ -46,37 +46,22 @@ class Knob:
 
 def with_capacitance(circuit: Circuit, farads: float) -> Circuit:
     """Return `circuit` with another C; all signal-plane capacitors scale by one factor."""
-    signal, factor = set(signal_capacitors(circuit)), farads / circuit.value("C")
-    capacitors = tuple(
-        replace(part, farads=part.farads * factor) if part in signal else part
-        for part in circuit.capacitors
-    )
-    scalings = replace(circuit.scalings, capacitance=farads)
-    return replace(circuit, capacitors=capacitors, scalings=scalings)
+    return circuit.turned("C", farads)
 
 
 def with_gain(circuit: Circuit, ohms: float) -> Circuit:
     """Return `circuit` with another gain s and the same R; all resistors s scale by one factor."""
-    before = circuit.scalings
-    gains, factor = set(gain_resistors(circuit)), ohms / before.gain
-    resistors = tuple(
-        replace(part, ohms=part.ohms * factor) if part in gains else part
-        for part in circuit.resistors
-    )
-    scalings = replace(before, gain=ohms, lam=before.lam * before.gain / ohms)
-    return replace(circuit, resistors=resistors, scalings=scalings)
+    return circuit.turned("gain", ohms)
 
 
 def signal_capacitors(circuit: Circuit) -> tuple[Capacitor, ...]:
     """Return the capacitors C, one for each signal node."""
-    names = {f"c_{node.removeprefix('v_')}" for node in circuit.signal_nodes}
-    return tuple(part for part in circuit.capacitors if part.name in names)
+    return circuit.capacitors_of(Role.SIGNAL_CAPACITOR)
 
 
 def gain_resistors(circuit: Circuit) -> tuple[Resistor, ...]:
     """Return the feedback resistors s, one for each constraint node."""
-    names = {f"s_{node.removeprefix('w_')}" for node in circuit.constraint_nodes}
-    return tuple(part for part in circuit.resistors if part.name in names)
+    return circuit.resistors_of(Role.CONSTRAINT_RESISTOR)
 
 
 CAPACITANCE = Knob(

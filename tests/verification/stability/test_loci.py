@@ -101,7 +101,7 @@ def test_the_loci_count_what_winding_numbers_and_poles_count(name: str) -> None:
     ends = [0.01, *(edge.value for edge in found.edges), 1.0]
     for below, above in pairwise(ends):
         share = math.sqrt(above * below)
-        board = LinearBoard(with_capacitance(circuit, share * circuit.scalings.capacitance))
+        board = LinearBoard(with_capacitance(circuit, share * circuit.value("C")))
         assert poles(board).unstable_count == found.unstable_at(share)
     assert count_unstable(board) == found.unstable_at(share)
 
@@ -145,7 +145,7 @@ def test_random_boards_cross_where_their_poles_do(seed: int) -> None:
         stray_capacitance=5e-12,
     )
     circuit = synthesise(scene)
-    farads = circuit.scalings.capacitance
+    farads = circuit.value("C")
     found = capacitor_loci(circuit, unstable=poles(circuit).unstable_count)
     for share in np.geomspace(0.011, 0.99, 23).tolist():
         counted = poles(with_capacitance(circuit, share * farads)).unstable_count
