@@ -389,6 +389,12 @@ class Circuit:
         raise ValueError(f"topology {self.topology!r} states no {role}")
 
     @property
+    def shape(self) -> tuple[int, int]:
+        """Numbers of sensors and channels: the shape (M, N) of T."""
+        rows, columns = next(iter(self.matrices)).ohms.shape
+        return rows, columns
+
+    @property
     def realised(self) -> Floats:
         """T (M, N) as the resistors have it, with their rounding."""
         forward = self.forward

@@ -13,7 +13,7 @@ def header_lines(circuit: Circuit) -> list[str]:
 
     Its only text by the user is the scene's name: letters, digits and ``-_.`` only.
     """
-    sensors, channels = circuit.forward.ohms.shape
+    sensors, channels = circuit.shape
     lines = [
         f"scene {circuit.name}: {channels} channels, {sensors} sensors,"
         f" {circuit.amplifier} amplifiers, topology {circuit.topology}",

@@ -54,7 +54,7 @@ def verdict_text(verdict: Verdict) -> str:
 
 def _head(verdict: Verdict) -> RenderableType:
     c = verdict.circuit
-    rows, columns = c.forward.ohms.shape
+    rows, columns = c.shape
     board = (
         f"{columns} channels, {rows} sensors, {c.amplifier} amplifiers, {c.topology};"
         f" {', '.join(f'{fact.symbol} = {fact.text}' for fact in c.facts.values())}"

@@ -44,7 +44,7 @@ REFERENCES = 12  # names of parts in a line
 def board_lines(verdict: Verdict) -> tuple[str, ...]:
     """Return the size of the board and its numbers in one line each."""
     c = verdict.circuit
-    rows, columns = c.forward.ohms.shape
+    rows, columns = c.shape
     numbers = ", ".join(f"{fact.symbol} = {fact.text}" for fact in c.facts.values())
     rule = f" (chosen by {verdict.scene.lambda_rule})" if verdict.scene.lambda_rule else ""
     return (
