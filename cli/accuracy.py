@@ -40,7 +40,7 @@ def accuracy(
 
     Exit status: 3 if no run of the board ended within the budget.
     """
-    from taction.verification.reference.lambda_rule import read_scene
+    from taction.verification.reference.ideal_answer import read_scene
 
     requested_scene = read_scene(scene)
     check_plot(plot)

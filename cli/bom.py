@@ -15,7 +15,7 @@ def bom(scene: str, output: str | None, as_json: bool) -> None:
     from taction.netlist_gen.board.synthesis import synthesise
     from taction.system.atomic_files import write_atomically
     from taction.verification.engines.statespace.linearised.board import LinearBoard
-    from taction.verification.reference.lambda_rule import read_scene
+    from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.report.parts_list import parts_csv, parts_document, print_parts
     from taction.verification.verdict.board_power import board_power
 

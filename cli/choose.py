@@ -70,7 +70,7 @@ def choose(scene: str, as_json: bool, **options: Any) -> None:
         designs,
     )
     from taction.verification.design.choose_request import choice_plan
-    from taction.verification.reference.lambda_rule import read_scene
+    from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.studies.sweep.store import Store
 
     check_plot(options["plot"])

@@ -27,7 +27,7 @@ def kicad(scene: str, output: str, channel: int, as_json: bool) -> None:
     from taction.netlist_gen.board.synthesis import synthesise
     from taction.netlist_gen.kicad.project import kicad_project
     from taction.system.atomic_files import write_together
-    from taction.verification.reference.lambda_rule import read_scene
+    from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.report.output_checks import check_separate
 
     read = read_scene(scene)

@@ -72,7 +72,7 @@ def montecarlo(scene: str, count: int, seed: int, as_json: bool, **options: Any)
     Exit status with --min-yield: 0 if the whole 95 % interval of the yield lies above that value,
     1 if it lies below, else 3. Without --min-yield: 0.
     """
-    from taction.verification.reference.lambda_rule import read_scene
+    from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.studies.running.executors import workers_at
     from taction.verification.studies.tolerance.drawing import draw_samples, half_width
     from taction.verification.studies.tolerance.remedy import TARGET
@@ -146,7 +146,7 @@ def corners(
 
     Exit status: 1 if a corner fails, else 3 if a corner has no verdict.
     """
-    from taction.verification.reference.lambda_rule import read_scene
+    from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.report.tolerance.tables import (
         DIRECTION,
         print_corners,

@@ -52,7 +52,7 @@ def netlist(
 ) -> None:
     """Write the deck of SCENE; `ngspice -b -r out.raw FILE` runs it."""
     from taction.netlist_gen.board.part_warnings import part_warnings
-    from taction.verification.reference.lambda_rule import read_scene
+    from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.verdict.deck import DeckChoice, deck_of, write_files
     from taction.verification.verdict.pruning_saving import pruning_of
 

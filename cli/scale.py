@@ -64,7 +64,7 @@ def scale(
 
 def _asked(scene: str, opamp: str | None, supply: str | None) -> Scene:
     from taction.netlist_gen.scene.axes import with_values
-    from taction.verification.reference.lambda_rule import read_scene
+    from taction.verification.reference.ideal_answer import read_scene
 
     changes = {"design.opamp": opamp, "design.supply": supply}
     return with_values(read_scene(scene), {k: v for k, v in changes.items() if v is not None})

@@ -68,7 +68,7 @@ def tune(
     checks include the limits of the search.
     """
     from taction.verification.design.tune import tune as run
-    from taction.verification.reference.lambda_rule import read_scene
+    from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.verdict.verify import verify
 
     requested_scene = read_scene(scene)

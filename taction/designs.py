@@ -61,7 +61,7 @@ def netlist(
     """
     from taction.netlist_gen.deck.dialects.table import DIALECTS
     from taction.system.errors import Complaint, InputError
-    from taction.verification.reference.lambda_rule import read_scene
+    from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.verdict.deck import DeckChoice, deck_of, write_files
 
     if dialect not in DIALECTS:
@@ -116,8 +116,7 @@ def solve(
     from taction.netlist_gen.scene.inverse_problem import make_problem, with_strains
     from taction.verification.reference import solve as solve_one
     from taction.verification.reference import solve_each
-    from taction.verification.reference.ideal_answer import ideal_network
-    from taction.verification.reference.lambda_rule import read_scene
+    from taction.verification.reference.ideal_answer import ideal_network, read_scene
 
     scene = read_scene(scene)
     problem = ideal_network(make_problem(scene), scene).problem

@@ -61,7 +61,7 @@ def onset(
     stable from 9.02e-12 F
     """
     from taction.results import Onset
-    from taction.verification.reference.lambda_rule import read_scene
+    from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.studies.onset.onset import onset as find_crossings
     from taction.verification.studies.onset.onset import parse_onset_axis
 
@@ -176,7 +176,7 @@ def plan_sweep(
     """Return the grid of a sweep; arguments and errors are those of `sweep`."""
     from taction.netlist_gen.scene.axes import parse_axes, with_values
     from taction.netlist_gen.scene.fixed import check_axes, fixed_values
-    from taction.verification.reference.lambda_rule import read_scene
+    from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.studies.sweep.plan import Plan, engines_of
 
     scene = read_scene(scene)
@@ -250,7 +250,7 @@ def montecarlo(
     4
     """
     from taction.results import YieldReport
-    from taction.verification.reference.lambda_rule import read_scene
+    from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.studies.running.executors import workers_at
     from taction.verification.studies.tolerance.drawing import draw_samples, half_width
     from taction.verification.studies.tolerance.remedy_search import verified_remedy

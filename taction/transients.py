@@ -75,7 +75,7 @@ def simulate(
     """
     from taction.netlist_gen.scene.inverse_problem import with_strains
     from taction.system.errors import Complaint, InputError
-    from taction.verification.reference.lambda_rule import read_scene
+    from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.report.verdict.waveform_files import check_export, export
     from taction.verification.verdict.recording import record_transient
 
@@ -147,7 +147,7 @@ def verify(
     """
     from taction.netlist_gen.scene.inverse_problem import with_strains
     from taction.verdict import Verdict
-    from taction.verification.reference.lambda_rule import read_scene
+    from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.verdict.verify import verify as verify_one
 
     scene = read_scene(scene, engine)

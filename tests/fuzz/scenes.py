@@ -16,7 +16,7 @@ from taction.netlist_gen.scene.file import load_scene
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.verification.engines.ngspice.screening import screen
-from taction.verification.reference.lambda_rule import resolve_lambda
+from taction.verification.reference.ideal_answer import resolve_lambda
 from taction.verification.report.verdict.json_document import verdict_document
 from taction.verification.report.verdict.table import verdict_text
 from taction.verification.studies.regression.baseline import baseline_text

@@ -14,7 +14,6 @@ from taction.verification.engines.statespace.equations import stamps
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
 from taction.verification.engines.statespace.transients import (
     amplified,
-    amplified_large,
     exact,
     structured_radau,
 )
@@ -53,7 +52,7 @@ def rounded(seed: int) -> Iterator[None]:
         changed.enter_context(patch.object(stamps, "Descriptor", stamped))
         for owner, name in (
             *begins,
-            (amplified_large.Wide, "start"),
+            (amplified.Wide, "start"),
             (bounded_measures, "outputs"),
         ):
             changed.enter_context(patch.object(owner, name, after(getattr(owner, name))))

@@ -12,7 +12,7 @@ from taction.system.errors import InputError
 from taction.system.reading_definitions import READINGS
 from taction.verification.evidence.stress.catalogue import Case
 from taction.verification.evidence.stress.true_values import TrueValues
-from taction.verification.reference.lambda_rule import resolve_lambda
+from taction.verification.reference.ideal_answer import resolve_lambda
 from tests.support.deck_text import parse_deck
 from tests.support.true_margin import true_margin
 from tests.support.true_readings import board_of, true_readings

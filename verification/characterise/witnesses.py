@@ -14,8 +14,8 @@ from taction.system.array_types import Complexes, Floats
 from taction.verification.characterise.bench import IN, OUT, Bench
 from taction.verification.engines.ngspice.executable import Simulator
 from taction.verification.engines.ngspice.process import simulate, start
-from taction.verification.engines.statespace.equations.noise_sources import noise_intensities
 from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.output_noise import noise_intensities
 from taction.verification.engines.statespace.transients.simulate import simulate as integrate
 
 POINTS = 2000  # of a transient

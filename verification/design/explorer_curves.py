@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from taction.system.array_types import Floats
-from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.linearised.initial_state import Initial
+from taction.verification.engines.statespace.linearised.board import Initial, LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales
 from taction.verification.engines.statespace.transients.exact import Exact, exact_solution
 

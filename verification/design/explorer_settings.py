@@ -22,7 +22,7 @@ from taction.verification.design.explorer_controls import (
     Control,
     controls,
 )
-from taction.verification.reference.lambda_rule import resolve_lambda
+from taction.verification.reference.ideal_answer import resolve_lambda
 
 SUFFIX = ".toml"
 

@@ -1,26 +1,177 @@
-"""Transient of the ideal network: exact modes for linear amplifiers, Radau for all others.
+"""The ideal network and its transient: exact modes for linear amplifiers, Radau for all others.
 
-The equation in ``x = v/Ve`` and ``t/(R C)`` stands in `verification.reference.network`; the rest
-state of the network solves the reference problem.
+``C dv/dt = -v/R - I_b - s G0 T^T (G0 T u - G0 U0 eps)``, ``u = U0 g(v/Ve)`` (eq 9 as corrected). In
+``x = v/Ve`` and ``t/(R C)`` this is ``dx = -(x + beta) - T^T (T g(x) - eps) / mu``: of all its
+components only mu, a multiple of lambda, is left. Its rest state solves the reference problem.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from taction.system.array_types import Floats
-from taction.verification.reference.network import IdealNetwork
-from taction.verification.reference.problem import Solution
+from taction.system.array_types import Floats, Indices
+from taction.system.reading_definitions import RISE_LEVELS, SETTLING_BAND, SMALL_STEP
+from taction.verification.reference.problem import Problem, Solution
 from taction.verification.reference.regularisers import REGULARISERS, Regulariser
 from taction.verification.reference.solve import solve
-from taction.verification.reference.step_response import Response
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class IdealNetwork:
+    """A problem as a network with ideal op-amps; it has no components."""
+
+    T: Floats  # (M, N)
+    eps: Floats  # (M,)
+    lam: float  # regularisation parameter
+    RC: float  # time constant of a signal node, s
+    U0: float = 1.0  # unit voltage, V
+    amplifier: str = "linear"  # a key of `REGULARISERS`
+    Ve: float = 1.0  # slope of a nonlinear amplifier, V; unused by the linear amplifier
+    bias: bool = False  # whether ``I_b = Ve / R`` flows
+
+    @property
+    def unit(self) -> float:
+        """Voltage at which ``x = 1``: Ve, and U0 for a linear amplifier, V."""
+        return self.U0 if self.amplifier == "linear" else self.Ve
+
+    @property
+    def mu(self) -> float:
+        """Lambda for linear amplifiers, half of lambda for the others."""
+        return self.lam * REGULARISERS[self.amplifier].weight
+
+    @property
+    def problem(self) -> Problem:
+        """Problem that the network's rest state solves."""
+        return Problem(self.T, self.eps, self.lam, self.amplifier, self.bias)
+
+
+def lambda_times_resistance(
+    amplifier: str, *, s: float, G0: float, U0: float = 1.0, Ve: float = 1.0
+) -> float:
+    """Return the product of lambda and the feedback resistor R of a board, ohm.
+
+    In the equation of the network above ``mu = unit / (R s G0^2 U0)``, where `unit` is U0 for
+    linear amplifiers and Ve for all others; ``lambda = mu / weight``, with the weight of eq (8) or
+    (21) as corrected. The synthesis of the board has a formula of its own for the same product.
+
+    Parameters
+    ----------
+    amplifier : str
+        A key of `REGULARISERS`.
+    s : float
+        Gain of the constraint plane, ohm.
+    G0 : float
+        Unit conductance, S.
+    U0, Ve : float
+        Unit voltage and slope of the amplifier, V.
+    """
+    volts = 1.0 if amplifier == "linear" else Ve / U0
+    return volts / REGULARISERS[amplifier].weight / G0 / G0 / s
+
+
+SECTIONS, ROUNDS = 64, 9  # 64^9 is 2^54: an interval is divided down to its rounding
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Response:
+    """Outputs of the ideal network as a function of time."""
+
+    time: Floats  # s, increasing from 0, dense enough for at most one crossing in an interval
+    outputs: Callable[[Floats], Floats]  # ``t (K,) -> u (K, N)``, V, for t within `time`
+    start: Floats  # outputs at time 0 (N,), V
+    target: Floats  # outputs at rest (N,), V
+
+    @property
+    def amplitude(self) -> float:
+        """Step amplitude ``max |u(inf) - u(0)|``, V."""
+        return float(np.max(np.abs(self.target - self.start)))
+
+    def settling_time(self, band: float = SETTLING_BAND) -> float:
+        """Return the last instant at which any channel is outside the band around its target.
+
+        Parameters
+        ----------
+        band : float
+            Half-width over the step amplitude.
+
+        Returns
+        -------
+        float
+            s; 0 if no channel moves; infinite if the record ends outside the band.
+        """
+        limit = band * self.amplitude
+        outside = np.max(np.abs(self.outputs(self.time) - self.target), axis=1) > limit
+        if limit == 0.0 or not outside.any():
+            return 0.0
+        last = int(np.flatnonzero(outside)[-1])
+        if last == len(self.time) - 1:
+            return float("inf")
+
+        def excess(t: Floats) -> Floats:
+            return np.asarray(limit - np.max(np.abs(self.outputs(t) - self.target), axis=1))
+
+        return _root(excess, float(self.time[last]), float(self.time[last + 1]))
+
+    def rise_times(self, *channels: int) -> Floats:
+        """Return the time from 10 to 90 % of a channel's own step, first crossings.
+
+        Parameters
+        ----------
+        *channels : int
+            From 0; without them every channel.
+
+        Returns
+        -------
+        ndarray (K,)
+            One time for each of the K channels, s; not a number where the step is under 5 % of the
+            step amplitude or the record ends before 90 %.
+        """
+        low, high = RISE_LEVELS
+        asked: Indices = np.array(channels or range(len(self.target)), dtype=np.intp)
+        return (self._crossings(high, asked) - self._crossings(low, asked))[asked]
+
+    def _crossings(self, level: float, asked: Indices) -> Floats:
+        step = self.target - self.start
+        moving = asked[np.abs(step[asked]) >= SMALL_STEP * self.amplitude]
+        times = np.full(len(step), np.nan)
+        if self.amplitude == 0.0:
+            return times
+        progress = (self.outputs(self.time)[:, moving] - self.start[moving]) / step[moving]
+        above = progress >= level
+        for column, n in enumerate(moving.tolist()):
+            if not above[:, column].any():
+                continue
+            first = int(np.argmax(above[:, column]))
+
+            def height(t: Floats, n: int = n) -> Floats:
+                return np.asarray((self.outputs(t)[:, n] - self.start[n]) / step[n] - level)
+
+            times[n] = _root(height, float(self.time[max(first - 1, 0)]), float(self.time[first]))
+        return times
+
+
+def _root(f: Callable[[Floats], Floats], low: float, high: float) -> float:
+    """Return the first instant in the interval from which `f` is not negative; else `high`.
+
+    Every round evaluates `SECTIONS` instants at once. The import of `scipy.optimize` for its
+    `brentq` takes 0.15 s, a fifth of the command `taction verify`.
+    """
+    for _ in range(ROUNDS):
+        times = np.linspace(low, high, SECTIONS + 1)
+        reached = f(times) >= 0.0
+        k = int(np.argmax(reached)) if reached.any() else SECTIONS
+        if k == 0:
+            return low
+        low, high = float(times[k - 1]), float(times[k])
+    return high
 
 
 TOLERANCE = 1e-10

@@ -1,17 +1,26 @@
-"""The reference answer for a scene: steady state and transient of the ideal network."""
+"""What an ideal network does with a scene: steady state, transient, energy; lambda by a rule.
+
+Along an ideal trajectory the energy P(u) of eq (16) never increases. A board's op-amps have lags,
+so its energy may rise for a while, and the energy of a ringing board rises in every period. The
+rise measures how far the board is from the gradient flow that the paper proves stable.
+
+A rule such as ``lambda = "discrepancy"`` becomes a number before the synthesis.
+"""
 
 from __future__ import annotations
 
 import functools
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from taction.netlist_gen.scene.fields import LARGE, SMALL
-from taction.netlist_gen.scene.inverse_problem import InverseProblem
+from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene
 from taction.system.array_types import Floats
-from taction.system.errors import Complaint, InputError
+from taction.system.errors import Complaint, InputError, SolverError
 from taction.verification.reference import (
     IdealNetwork,
     Problem,
@@ -21,9 +30,8 @@ from taction.verification.reference import (
     lambda_times_resistance,
     solve,
 )
-from taction.verification.reference.dynamics import ScaledNetwork, Trust
+from taction.verification.reference.dynamics import Response, ScaledNetwork, Trust
 from taction.verification.reference.regularisers import REGULARISERS
-from taction.verification.reference.step_response import Response
 
 ENERGY_STRIDE = 20  # every 20th instant of the response, whose instants are 1 % apart
 CACHED_SOLUTIONS = 8  # the points of a sweep over C share one solution
@@ -188,3 +196,85 @@ def _linear_residual(network: IdealNetwork, response: Response) -> float:
 
     steps = response.time[::ENERGY_STRIDE] / unit
     return ScaledNetwork(network).energy_residual(steps, dense)
+
+
+INSTANTS = 2000
+
+
+@dataclass(frozen=True, slots=True)
+class EnergyRise:
+    """Largest rise of the energy above its least earlier value."""
+
+    rise: float  # over the fall from the first instant to the lowest energy
+    time: float  # instant of the peak, s
+
+
+def energy_rise(network: IdealNetwork, time: Floats, u: Floats) -> EnergyRise | None:
+    """Follow the energy of outputs `u` (P, N) in V over `time` (P,) in s.
+
+    Return None if the energy never falls, or if an output leaves the amplifier's range (a
+    positive amplifier's output becomes negative, say), where the energy is undefined.
+    """
+    every = max(len(time) // INSTANTS, 1)
+    scaled, regulariser = ScaledNetwork(network), REGULARISERS[network.amplifier]
+    with np.errstate(all="ignore"):
+        x = regulariser.inverse(u[::every] / network.U0)
+        energy = np.array([scaled.energy(row) for row in x])
+    if not np.all(np.isfinite(energy)):
+        return None
+    above = energy - np.minimum.accumulate(energy)
+    fall = energy[0] - energy.min()
+    if fall <= 0:
+        return None
+    peak = int(np.argmax(above))
+    return EnergyRise(float(above[peak] / fall), float(time[::every][peak]))
+
+
+def resolve_lambda(scene: Scene) -> Scene:
+    """Return `scene` with a number for lambda; unchanged where it has one.
+
+    Raises
+    ------
+    InputError
+        The scene lacks what the rule needs: the variance of the noise (``discrepancy``), or the
+        true stress (``mse``).
+    SolverError
+        The rule finds no optimum: its score is best at an end of the range.
+    """
+    rule = scene.design.lam
+    if not isinstance(rule, str):
+        return scene
+    from taction.verification.reference import Problem
+    from taction.verification.reference.lambda_choice import DECADES, RULES, RuleInputs, choose
+
+    inverse = make_problem(scene)
+    variance = scene.problem.noise.variance
+    if RULES[rule].needs_variance and variance == 0:
+        text = "the rule needs problem.noise.variance above zero"
+        raise InputError(scene.file, Complaint("design.lambda", repr(rule), text))
+    if RULES[rule].needs_truth and inverse.stress is None:
+        text = "the rule needs the true stress: problem.stress"
+        raise InputError(scene.file, Complaint("design.lambda", repr(rule), text))
+    problem = Problem(inverse.matrix, inverse.strain, 1.0, scene.design.amplifier, is_biased(scene))
+    choice = choose(problem, rule, RuleInputs(variance=variance, truth=inverse.stress))
+    if choice.at_edge:
+        raise SolverError(
+            f"lambda = {rule!r} finds no optimum from {DECADES[0]:g} to {DECADES[1]:g} decades of"
+            f" the squared norm of T: its score is best at the end, {choice.solution.lam:.3g}."
+            " Give a number, or another rule"
+        )
+    return scene.with_lambda(choice.solution.lam, rule)
+
+
+def read_scene(scene: str | Path | Scene, engine: str | None = None) -> Scene:
+    """Return a scene, read from its path if necessary, with lambda as a number.
+
+    `engine` replaces the engine of the scene.
+
+    Raises
+    ------
+    InputError, SolverError
+        See `taction.netlist_gen.scene.file.load_scene` and `resolve_lambda`.
+    """
+    resolved = resolve_lambda(scene if isinstance(scene, Scene) else load_scene(scene))
+    return resolved if engine is None else resolved.with_engine(engine)

@@ -11,8 +11,10 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Complexes, Floats
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.count_unstable import count_right
-from taction.verification.engines.statespace.linearised.rightmost_poles import rightmost_poles
-from taction.verification.engines.statespace.linearised.slow_poles import slow_poles
+from taction.verification.engines.statespace.linearised.rightmost_poles import (
+    rightmost_poles,
+    slow_poles,
+)
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales
 
 EPS = float(np.finfo(np.float64).eps)

@@ -12,8 +12,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales, time_scales
 from taction.verification.reference import IdealNetwork
-from taction.verification.reference.ideal_answer import ideal_network
-from taction.verification.reference.lambda_rule import resolve_lambda
+from taction.verification.reference.ideal_answer import ideal_network, resolve_lambda
 from taction.verification.stability.poles import Poles, poles_behind
 from taction.verification.verdict.clock import Clock
 from taction.verification.verdict.opamp_level import at_level

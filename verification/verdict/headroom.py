@@ -18,8 +18,7 @@ import numpy as np
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit, OpAmpCell
 from taction.system.array_types import Floats, Ints
-from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.linearised.initial_state import Initial
+from taction.verification.engines.statespace.linearised.board import Initial, LinearBoard
 from taction.verification.engines.statespace.transients.exact import Exact, combinations
 from taction.verification.engines.statespace.transients.simulate import simulate
 from taction.verification.readings.exact_crossings import ExactSignal

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from taction.netlist_gen.analysis import Transient
 from taction.system.errors import EngineError
 from taction.system.quantities import show
-from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.linearised.initial_state import Initial
+from taction.verification.engines.statespace.linearised.board import Initial, LinearBoard
 from taction.verification.verdict.headroom import FULL, Load, headroom
 
 NAME = "headroom"

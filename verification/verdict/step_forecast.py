@@ -24,9 +24,9 @@ import numpy as np
 
 from taction.spice_models.subcircuits import STAGE_CAPACITANCE
 from taction.system.array_types import Complexes, Floats
-from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.linearised.initial_state import (
+from taction.verification.engines.statespace.linearised.board import (
     Initial,
+    LinearBoard,
     initial_unknowns,
 )
 from taction.verification.engines.statespace.linearised.state_space import StateSpace

@@ -12,8 +12,7 @@ from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.system.quantities import show
 from taction.system.reading_definitions import EXCURSIONS
-from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.linearised.initial_state import Initial
+from taction.verification.engines.statespace.linearised.board import Initial, LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import GROWN, TimeScales
 from taction.verification.verdict.step_forecast import StepForecast, StepModel
 

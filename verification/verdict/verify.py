@@ -15,8 +15,12 @@ from taction.system.array_types import Floats
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.readings.constraint_stage import ConstraintPlane, constraint_plane
 from taction.verification.readings.measurements import Measurements
-from taction.verification.reference.energy_rise import EnergyRise, energy_rise
-from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer
+from taction.verification.reference.ideal_answer import (
+    EnergyRise,
+    IdealAnswer,
+    energy_rise,
+    ideal_answer,
+)
 from taction.verification.stability.margin import REACH, Margin, capacitance_margin
 from taction.verification.stability.poles import Poles
 from taction.verification.verdict.agreement import Agreement

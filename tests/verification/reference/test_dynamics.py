@@ -16,8 +16,7 @@ from taction.verification.reference import (
     ideal_transient,
     solve,
 )
-from taction.verification.reference.dynamics import Trust
-from taction.verification.reference.step_response import Response
+from taction.verification.reference.dynamics import Response, Trust
 from tests.support.oracle import kernel
 
 Y = np.linspace(-3.0, 3.0, 7)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from taction.verification.reference import IdealNetwork, ideal_linear
-from taction.verification.reference.energy_rise import energy_rise
+from taction.verification.reference.ideal_answer import energy_rise
 
 SCALE = {"lam": 1.0, "RC": 1e-5, "U0": 2.0}
 NETWORK = IdealNetwork(T=np.array([[1.0, 0.3], [-0.2, 0.8]]), eps=np.array([0.6, 0.4]), **SCALE)

@@ -8,7 +8,7 @@ import pytest
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import parse_scene
 from taction.system.errors import InputError
-from taction.verification.reference.lambda_rule import resolve_lambda
+from taction.verification.reference.ideal_answer import resolve_lambda
 
 
 def scene(rule: object, variance: float = 1e-3, channels: int = 9):

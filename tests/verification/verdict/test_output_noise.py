@@ -18,7 +18,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.verification.engines.ngspice.process import find_simulator, start
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.output_noise import output_noise
-from taction.verification.reference.lambda_rule import resolve_lambda
+from taction.verification.reference.ideal_answer import resolve_lambda
 from taction.verification.report.verdict.json_document import verdict_document
 from taction.verification.report.verdict.table import verdict_text
 from taction.verification.verdict.checks import Check, Outcome

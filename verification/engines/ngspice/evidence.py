@@ -12,14 +12,25 @@ An exit status of 0 is not enough. A result is accepted when
 7. every value is finite and below a physical bound (ngspice clamps an overflow to 1e99, and
    computes 1/0 as 1e32 and the square root of a negative number as that of its magnitude);
 8. the deck passed `taction.verification.engines.ngspice.screening` before it was sent.
+
+A noise analysis has other points in the place of 3 to 7: every card has two plots, the spectrum and
+its integral. The spectrum begins and ends at the requested frequencies, with the requested number
+of points, all finite and zero or more. A node without any noise is refused: ngspice adds a node of
+an unknown name to the circuit.
+
+The integral of the noise is not ngspice's own: between two points ngspice takes the density for ``a
+f^k`` and computes a and ``f^k`` separately. On the flanks of a resonance k is in the hundreds, so
+that a underflows and the resonance has no noise.
 """
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from taction.netlist_gen.analysis import OperatingPoint, Transient
-from taction.system.array_types import Floats
+from taction.netlist_gen.analysis import Band, Noise, OperatingPoint, SmallSignal, Transient
+from taction.system.array_types import Complexes, Floats
 from taction.system.errors import BadEvidence, SimulationError
 from taction.verification.engines.ngspice.ending import (
     Ending,
@@ -28,7 +39,7 @@ from taction.verification.engines.ngspice.ending import (
     doubts,
     important_lines,
 )
-from taction.verification.engines.ngspice.raw_file import Plot, read_raw
+from taction.verification.engines.ngspice.raw_file import Plot, read_complex, read_plots, read_raw
 from taction.verification.engines.ngspice.screening import Deck
 from taction.verification.waveforms import Cost, Waveforms
 
@@ -155,3 +166,116 @@ def _waveforms(deck: Deck, plot: Plot, ending: Ending, engine: str, solver: str)
         solver=solver,
         method=getattr(deck.analysis, "method", ""),  # an operating point has none
     )
+
+
+SPECTRUM = ("Noise Spectral Density Curves", ("frequency", "onoise_spectrum"))
+INTEGRAL = ("Integrated Noise", ("v(onoise_total)",))
+FREQUENCY_TOLERANCE = 1e-6
+
+
+def integrated_noise(deck: Deck, ending: Ending) -> float:
+    """Return the noise of the saved node over all bands, rms, V.
+
+    Raises
+    ------
+    SimulationError
+        One of its kinds; `BadEvidence` where a plot is missing, is another one than asked for, or
+        has other frequencies.
+    """
+    try:
+        check_ending(ending)
+        return _total(deck, read_plots(ending.raw))
+    except SimulationError as error:
+        raise documented(error, ending) from None
+
+
+def _total(deck: Deck, plots: list[Plot]) -> float:
+    analysis = deck.analysis
+    if not isinstance(analysis, Noise):
+        raise BadEvidence(f"the analysis is {type(analysis).__name__}, not Noise")
+    spectra, integrals = plots[0::2], plots[1::2]
+    if len(plots) != 2 * len(analysis.bands):
+        raise BadEvidence(f"{len(plots)} plots; {2 * len(analysis.bands)} were asked for")
+    for spectrum, integral in zip(spectra, integrals, strict=True):
+        _check_name(spectrum, *SPECTRUM)
+        _check_name(integral, *INTEGRAL)
+    # ngspice runs the last card first.
+    spectra.sort(key=lambda plot: float(plot.data[0, 0]))
+    for spectrum, band in zip(spectra, analysis.bands, strict=True):
+        _check_frequencies(spectrum, band)
+    if not (variance := sum(map(_variance, spectra))):
+        raise BadEvidence(f"no noise at node {deck.saved[0]}; is the node in the circuit?")
+    return math.sqrt(variance)
+
+
+def _check_name(plot: Plot, name: str, vectors: tuple[str, ...]) -> None:
+    if (plot.name, plot.vectors) != (name, vectors):
+        raise BadEvidence(
+            f"the plot is {plot.name!r} with {', '.join(plot.vectors)}; {name!r} with"
+            f" {', '.join(vectors)} was asked for"
+        )
+
+
+def _check_frequencies(spectrum: Plot, band: Band) -> None:
+    frequencies = spectrum.data[:, 0]
+    expected = (band.start, band.stop)
+    found = (float(frequencies[0]), float(frequencies[-1]))
+    if len(frequencies) != band.steps + 1 or not np.allclose(
+        found, expected, rtol=FREQUENCY_TOLERANCE, atol=0.0
+    ):
+        raise BadEvidence(
+            f"{len(frequencies)} frequencies from {found[0]:g} to {found[1]:g} Hz;"
+            f" {band.steps + 1} from {expected[0]:g} to {expected[1]:g} Hz were asked for"
+        )
+
+
+def _variance(spectrum: Plot) -> float:
+    """Return the integral of a spectrum by Simpson's rule over the logarithm of f, V²."""
+    from scipy.integrate import simpson
+
+    frequencies, densities = np.array(spectrum.data.T)
+    if not (np.isfinite(densities).all() and densities.min() >= 0.0):
+        raise BadEvidence("a noise density is negative or not finite")
+    return float(simpson(frequencies * densities**2, x=np.log(frequencies)))
+
+
+PLOT = "AC Analysis"
+
+
+def small_signal_response(deck: Deck, ending: Ending) -> tuple[Floats, Complexes]:
+    """Return the frequencies (P,), Hz, and the voltages of the saved nodes (P, K), V.
+
+    Raises
+    ------
+    SimulationError
+        One of its kinds; `BadEvidence` where the plot, its vectors or frequencies are others than
+        those asked for, or a value is not finite.
+    """
+    try:
+        check_ending(ending)
+        return _checked(deck, *read_complex(ending.raw))
+    except SimulationError as error:
+        raise documented(error, ending) from None
+
+
+def _checked(
+    deck: Deck, name: str, vectors: tuple[str, ...], data: Complexes
+) -> tuple[Floats, Complexes]:
+    if not isinstance(deck.analysis, SmallSignal):
+        raise BadEvidence(f"the analysis is {type(deck.analysis).__name__}, not SmallSignal")
+    wanted = tuple(f"v({node.lower()})" for node in deck.saved)
+    if name != PLOT or vectors[:1] != ("frequency",) or set(vectors[1:]) != set(wanted):
+        text = f"the plot is {name!r} with {', '.join(vectors)}"
+        raise BadEvidence(f"{text}; {PLOT!r} with frequency and {', '.join(wanted)} was asked for")
+    band, found = deck.analysis.band, data[:, 0].real
+    expected = band.start * 10.0 ** (np.arange(band.steps + 1) / band.density)
+    if found.shape != expected.shape or not np.allclose(
+        found, expected, rtol=FREQUENCY_TOLERANCE, atol=0.0
+    ):
+        raise BadEvidence(
+            f"{len(found)} frequencies; {len(expected)} from {band.start:g} to {band.stop:g} Hz"
+            " were asked for"
+        )
+    if not np.isfinite(data).all():
+        raise BadEvidence("a voltage is not finite")
+    return found, data[:, [vectors.index(vector) for vector in wanted]]

@@ -13,7 +13,11 @@ import contextlib
 import errno
 import functools
 import os
+import shlex
+import shutil
 import signal
+import subprocess
+import sys
 import threading
 import time
 import weakref
@@ -22,19 +26,125 @@ from pathlib import Path
 from typing import TypeVar
 
 from taction.system.array_types import Complexes, Floats
-from taction.system.errors import BadEvidence, SimulationError, SimulatorNotFound
+from taction.system.errors import (
+    BadEvidence,
+    Complaint,
+    InputError,
+    OutOfDisk,
+    SimulationError,
+    SimulatorNotFound,
+)
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_ends
 from taction.system.orphans import end_orphans
-from taction.system.own_folders import keep_folder, remove_own_folder
+from taction.system.own_folders import keep_folder, make_own_folder, remove_own_folder
 from taction.verification.engines.ngspice.ending import Ending, longest
-from taction.verification.engines.ngspice.evidence import accepted_waveforms
-from taction.verification.engines.ngspice.executable import Simulator, find_simulator
-from taction.verification.engines.ngspice.launch import STREAMS, command_line, launch
-from taction.verification.engines.ngspice.noise_evidence import integrated_noise
-from taction.verification.engines.ngspice.response_evidence import small_signal_response
-from taction.verification.engines.ngspice.run_folder import make_folder
+from taction.verification.engines.ngspice.evidence import (
+    accepted_waveforms,
+    integrated_noise,
+    small_signal_response,
+)
+from taction.verification.engines.ngspice.executable import Simulator, environment, find_simulator
 from taction.verification.engines.ngspice.screening import Deck, screen
 from taction.verification.waveforms import Waveforms
+
+OPTIONS = ("--pdeathsig", "KILL")  # of `setpriv`: the signal for a process whose parent ends
+
+
+@functools.cache
+def guard() -> tuple[str, ...]:
+    """Return the words before a command that ends with the thread that starts it.
+
+    The guard also works if the parent is killed. Empty where the system has no such guard.
+    """
+    setpriv = shutil.which("setpriv") if sys.platform == "linux" else None
+    if setpriv is None:
+        return ()
+    trial = subprocess.run([setpriv, *OPTIONS, "true"], capture_output=True, check=False)
+    return (setpriv, *OPTIONS) if trial.returncode == 0 else ()
+
+
+def guard_of_process() -> tuple[str, ...]:
+    """Return `guard` in the main thread, which lives as long as its process; else nothing.
+
+    Another thread may end before a simulation that a third thread waits for.
+    """
+    return guard() if threading.current_thread() is threading.main_thread() else ()
+
+
+STREAMS = ("stdout.txt", "stderr.txt")
+_HERE = Path("$PWD")
+_ARGUMENTS = ("-b", "-n", "-r", "out.raw", "deck.cir")
+
+
+def command_line(simulator: Simulator) -> str:
+    """Return a command line that repeats the run in its folder, also after the folder was moved."""
+    return _quoted(simulator.executable, tuple(environment(_HERE).items()))
+
+
+@functools.lru_cache(maxsize=4)
+def _quoted(executable: str, variables: tuple[tuple[str, str], ...]) -> str:
+    words = [f"{name}={value}" for name, value in variables if value != str(_HERE)]
+    homes = " ".join(f'{name}="$PWD"' for name, value in variables if value == str(_HERE))
+    return f"{shlex.join(['env', '-i', *words])} {homes} {shlex.join([executable, *_ARGUMENTS])}\n"
+
+
+def launch(simulator: Simulator, folder: Path) -> subprocess.Popen[bytes]:
+    """Start ngspice in `folder`, with its streams in files there."""
+    with (
+        open(f"{folder}/{STREAMS[0]}", "wb", buffering=0) as out,  # noqa: PTH123 - quicker
+        open(f"{folder}/{STREAMS[1]}", "wb", buffering=0) as err,  # noqa: PTH123
+    ):
+        return subprocess.Popen(
+            [*guard_of_process(), simulator.executable, *_ARGUMENTS],
+            cwd=folder,
+            env=environment(folder),
+            stdin=subprocess.DEVNULL,
+            stdout=out,
+            stderr=err,
+            start_new_session=True,  # a new process group, which a timeout ends as a whole
+        )
+
+
+def make_folder(deck: Deck, command: str, folder: Path | None) -> Path:
+    """Make the run folder and write all files that a run, or a repetition of the run, needs.
+
+    `command` is the command line that repeats the run in its folder. An existing `folder` must be
+    empty; without `folder`, a new temporary folder is made.
+
+    Raises
+    ------
+    InputError
+        The folder is not empty.
+    OutOfDisk
+        The folder cannot be written.
+    """
+    texts = {
+        **deck.files,
+        "deck.cir": deck.text,
+        "spinit": "* no code models are loaded\n",
+        "command.txt": command,
+    }
+    try:
+        place = make_own_folder() if folder is None else _empty(folder)
+    except OSError as error:
+        raise OutOfDisk(f"the run folder cannot be made: {error}") from error
+    try:
+        for name, text in texts.items():
+            with open(f"{place}/{name}", "xb") as file:  # noqa: PTH123 - half of Path.open's time
+                file.write(text.encode())
+    except OSError as error:
+        remove_own_folder(place)
+        raise OutOfDisk(f"the run folder cannot be written: {error}") from error
+    return place
+
+
+def _empty(folder: Path) -> Path:
+    place = folder.absolute()
+    place.mkdir(parents=True, exist_ok=True)
+    if any(place.iterdir()):
+        raise InputError(place, Complaint("run folder", "", "it must be empty"))
+    return place
+
 
 __all__ = ["PHYSICAL_BOUND", "Run", "Simulator", "find_simulator", "simulate", "start"]
 

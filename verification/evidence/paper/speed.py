@@ -12,9 +12,9 @@ from taction.netlist_gen.scene.inverse_problem import kernel
 from taction.verification.evidence.paper.findings import Chapter, Finding, finding, weigh
 from taction.verification.evidence.paper.pictures import Panel, Picture, curve
 from taction.verification.evidence.paper.tactile import Geometry, entropy, unit_network
+from taction.verification.evidence.paper.toeplitz import solve_toeplitz_problem
 from taction.verification.reference import Problem, ideal_linear, solve
 from taction.verification.reference.problem import ToeplitzProblem
-from taction.verification.reference.toeplitz import solve_toeplitz_problem
 
 SIZES = (7, 25, 51, 101, 201, 401)
 QUICK = (7, 201, 401)

@@ -11,8 +11,7 @@ import pytest
 
 from taction.netlist_gen.analysis import Band, Noise, OperatingPoint
 from taction.system.errors import BadEvidence
-from taction.verification.engines.ngspice.evidence import Ending
-from taction.verification.engines.ngspice.noise_evidence import integrated_noise
+from taction.verification.engines.ngspice.evidence import Ending, integrated_noise
 from taction.verification.engines.ngspice.process import find_simulator, start
 from taction.verification.verdict.noise_bands import noise_bands
 from tests.support.small_decks import SmallDeck, divider

@@ -9,7 +9,7 @@ import pytest
 
 from taction.system.errors import InputError, OutOfDisk
 from taction.system.own_folders import remove_own_folder
-from taction.verification.engines.ngspice.run_folder import make_folder
+from taction.verification.engines.ngspice.process import make_folder
 from tests.support.small_decks import transient
 
 

@@ -11,17 +11,20 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.errors import EngineError
+from taction.verification.engines.statespace.equations.cell_stamps import (
+    stamp_imported,
+    stamp_opamps,
+    stamp_transistors,
+)
 from taction.verification.engines.statespace.equations.descriptor import (
+    GROUND,
     Coupling,
     Descriptor,
     Devices,
+    Stamper,
     Triplets,
 )
-from taction.verification.engines.statespace.equations.imported_stamps import stamp_imported
 from taction.verification.engines.statespace.equations.mirror_symmetry import proposed_mirror
-from taction.verification.engines.statespace.equations.opamp_stamps import stamp_opamps
-from taction.verification.engines.statespace.equations.stamper import GROUND, Stamper
-from taction.verification.engines.statespace.equations.transistor_stamps import stamp_transistors
 
 
 def _claim_rows(stamper: Stamper) -> None:

@@ -3,32 +3,88 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Floats
+from taction.verification.engines.statespace.equations.amplifier_gains import gain_of
 from taction.verification.engines.statespace.equations.coarse_board import coarsen
-from taction.verification.engines.statespace.equations.dc_solve import (
+from taction.verification.engines.statespace.equations.descriptor import Descriptor
+from taction.verification.engines.statespace.equations.stamps import stamp
+from taction.verification.engines.statespace.equations.structured_solve import (
     Response,
+    Structure,
     dense_response,
     structured_response,
 )
-from taction.verification.engines.statespace.equations.descriptor import Descriptor
-from taction.verification.engines.statespace.equations.stamps import stamp
-from taction.verification.engines.statespace.equations.structured_solve import Structure
 from taction.verification.engines.statespace.linearised.equilibrium import (
     Equilibrium,
     equilibrium_near,
     rounding,
     solve_equilibrium,
 )
-from taction.verification.engines.statespace.linearised.settling import settled
 from taction.verification.engines.statespace.linearised.state_space import (
     StateSpace,
     linearise,
     open_loop,
 )
+
+FIRST = 1e-3  # of the fastest time constant: the first step
+GROWTH = 2.0
+STEPS = 400
+CORRECTIONS = 8  # of Newton's method in a step
+ALIKE = 1e-9  # of the largest unknown: a correction that ends a step
+
+
+def settled(descriptor: Descriptor, drive: Floats) -> Floats:
+    """Return the unknowns, (size,), after implicit Euler steps from zero with growing lengths.
+
+    A step whose corrections do not shrink is halved. The steps end where they are so long that
+    the charges no longer count: near the equilibrium, which Newton's method then finds.
+    """
+    M, K = descriptor.dense.mass, descriptor.dense.stiffness
+    weight, pull = np.abs(M).max(axis=1), np.abs(K).max(axis=1)
+    fastest = float((pull[weight > 0.0] / weight[weight > 0.0]).max(initial=1.0))
+    slowest = float((pull[weight > 0.0] / weight[weight > 0.0]).min(initial=1.0))
+    z, step = np.zeros(descriptor.size), FIRST / fastest
+    for _ in range(STEPS):
+        following = _euler(descriptor, drive, z, step)
+        if following is None:
+            step *= 0.25
+            continue
+        z = following
+        if step * slowest > 1e6:
+            break
+        step *= GROWTH
+    return z
+
+
+def _euler(descriptor: Descriptor, drive: Floats, z: Floats, step: float) -> Floats | None:
+    """Return the unknowns one step later; None if Newton's method does not converge."""
+    M, K, devices = descriptor.dense.mass, descriptor.dense.stiffness, descriptor.devices
+    gain, x, before = gain_of(devices.kinds), z.copy(), np.inf
+    for _ in range(CORRECTIONS):
+        y = x[devices.input] / devices.v_scale
+        F = K @ x + drive - M @ (x - z) / step
+        F[devices.output] -= devices.u_scale * gain.outputs(y)
+        J = M / step - K
+        J[devices.output, devices.input] += devices.u_scale / devices.v_scale * gain.slope(y)
+        if not np.all(np.isfinite(F)):
+            return None
+        scale = np.abs(J).max(axis=1)
+        dx = np.linalg.solve(J / scale[:, None], F / scale)
+        x = x + dx
+        size = float(np.abs(dx).max()) / max(float(np.abs(x).max()), 1e-300)
+        if size < ALIKE:
+            return x
+        if size > 2.0 * before:
+            return None
+        before = size
+    return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,3 +177,27 @@ class LinearBoard:
     def coarse(self) -> LinearBoard:
         """A coarse board in place of a large one; see `coarse_board`."""
         return LinearBoard(self.circuit, coarsen(self.descriptor))
+
+
+Initial = Literal["zero", "rest"]
+
+
+def initial_unknowns(
+    board: LinearBoard, initial: Initial, voltages: Mapping[str, float] | None = None
+) -> Floats:
+    """Return every unknown just before the strain step, V, shape (size,).
+
+    ``"rest"`` is the equilibrium with the current sources off. With ``"zero"`` all capacitors and
+    op-amps are discharged, except those that `voltages` (V, by node or op-amp state) charge.
+
+    Raises
+    ------
+    EngineError
+        The circuit does not have a name of `voltages`, or has no equilibrium.
+    """
+    if initial == "rest":
+        return board.rest.values
+    z = np.zeros(board.descriptor.size)
+    for name, volts in (voltages or {}).items():
+        z[board.descriptor.place(name)] = volts
+    return z

@@ -9,10 +9,11 @@ import numpy as np
 
 from taction.system.array_types import Bools, Floats, Ints
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.linearised.exactness import Exactness, find_exactness
-from taction.verification.engines.statespace.linearised.scaled_inverse import (
+from taction.verification.engines.statespace.linearised.exactness import (
     SINGULAR,
+    Exactness,
     ScaledInverse,
+    find_exactness,
 )
 
 GRADED = 1e6  # condition number of the capacitances from which states are combinations of voltages

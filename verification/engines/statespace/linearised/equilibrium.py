@@ -16,9 +16,8 @@ import numpy as np
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.amplifier_gains import Gain, gain_of
-from taction.verification.engines.statespace.equations.dc_solve import Response
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
-from taction.verification.engines.statespace.equations.structured_solve import Structure
+from taction.verification.engines.statespace.equations.structured_solve import Response, Structure
 from taction.verification.engines.statespace.linearised.natural_newton import natural_newton
 
 MAX_STEPS = 200

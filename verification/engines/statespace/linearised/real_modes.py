@@ -11,20 +11,93 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from taction.system.array_types import Complexes, Floats, Ints
-from taction.verification.engines.statespace.linearised.mode_groups import mode_groups, turns
-from taction.verification.engines.statespace.linearised.real_columns import (
-    both,
-    column_sizes,
-    complex_columns,
-    complex_rows,
-    row_sizes,
-    times_poles,
-    unmodal,
-)
+from taction.system.array_types import Bools, Complexes, Floats, Ints
+
+
+def both(kept: NDArray[Any], real: int) -> NDArray[Any]:
+    """Append the conjugates of the pairs, along the first axis."""
+    return np.concatenate([kept, kept[real:].conj()])
+
+
+def complex_columns(X: NDArray[Any], real: int) -> Complexes:
+    """Return complex columns for real ones."""
+    V, count = X.astype(np.complex128), (X.shape[1] + real) // 2
+    turned = 1j * X[:, count:]
+    V[:, count:] = V[:, real:count] + turned
+    V[:, real:count] -= turned
+    return V
+
+
+def column_sizes(X: Floats, real: int) -> Floats:
+    """Return the magnitudes of the complex columns for real ones."""
+    squares, count = X**2, (X.shape[1] + real) // 2
+    squares[:, real:count] += squares[:, count:]
+    squares[:, count:] = squares[:, real:count]
+    return np.asarray(np.sqrt(squares))
+
+
+def row_sizes(X: Floats, real: int) -> Floats:
+    """Return the magnitudes of the complex rows for real ones."""
+    sizes = column_sizes(X.T, real).T
+    sizes[real:] *= 0.5
+    return sizes
+
+
+def complex_rows(X: Floats, real: int, count: int) -> Complexes:
+    """Return complex rows for real ones, without their conjugates."""
+    V = X[:count].astype(np.complex128)
+    V.imag[real:] = X[count:]
+    V[real:] *= 0.5
+    return V
+
+
+def unmodal(V: Complexes, real: int, count: int) -> Floats:
+    """Invert `_columns` and `_rows`."""
+    first, second = V[:, real:count], V[:, count:]
+    Z = np.concatenate([V[:, :real], 0.5 * (first + second), 0.5j * (first - second)], axis=1)
+    X = np.concatenate([Z.real, Z.imag[real:]])
+    X[real:] *= 2.0
+    return np.asarray(X)
+
+
+def times_poles(X: Floats, kept: Complexes, real: int) -> Floats:
+    """Multiply real columns by the poles of their modes."""
+    count, pairs = len(kept), kept[real:]
+    Y: Floats = X * both(kept.real, real)
+    Y[:, real:count] += X[:, count:] * pairs.imag
+    Y[:, count:] -= X[:, real:count] * pairs.imag
+    return Y
+
+
+SEPARABLE = 1e-2  # a step separates modes whose coupling is below this part of their distance
+
+
+def turns(reduced: Complexes, kept: Complexes, real: int) -> tuple[Complexes, Bools]:
+    """Return the turns (k, n) of a Newton step, and which modes are too close for a step."""
+    gap = both(kept, real) - kept[:, None]
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        turn = reduced / gap
+        close = ~(turn.real**2 + turn.imag**2 < SEPARABLE**2)  # and each to itself
+    turn[close] = 0.0
+    return turn, close
+
+
+def mode_groups(linked: Bools, real: int) -> list[Ints]:
+    """Return the connected groups of more than one mode, by links to all modes, (k, n)."""
+    count = len(linked)
+    reach = linked[:, :count] | np.eye(count, dtype=np.bool_)
+    reach[:, real:] |= linked[:, count:]
+    reach |= reach.T
+    while not np.array_equal(wider := reach @ reach, reach):
+        reach = wider
+    rows = np.unique(reach, axis=0)
+    return [np.flatnonzero(row) for row in rows if row.sum() > 1]
+
 
 EPS = float(np.finfo(np.float64).eps)
 STEPS = 6  # largest number of steps

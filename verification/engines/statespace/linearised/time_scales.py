@@ -11,8 +11,7 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Complexes, Floats
-from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.linearised.initial_state import initial_unknowns
+from taction.verification.engines.statespace.linearised.board import LinearBoard, initial_unknowns
 
 GROWN = 10.0  # step amplitudes: an instability of this height counts as shown
 LEAST = 1.0  # time constants: growth shown of a mode that is as high from the start

@@ -14,9 +14,9 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Complexes, Floats, Ints
 from taction.system.errors import EngineError
 from taction.system.quantities import show
-from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.linearised.initial_state import (
+from taction.verification.engines.statespace.linearised.board import (
     Initial,
+    LinearBoard,
     initial_unknowns,
 )
 from taction.verification.engines.statespace.linearised.state_space import StateSpace

@@ -7,7 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from taction.verification.engines.statespace.linearised.accurate_products import accurate_sum
+from taction.verification.engines.statespace.linearised.exactness import accurate_sum
 
 
 @pytest.mark.parametrize("spread", [0.0, 3.0, 8.0])

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.transients.radau import Radau, Solve
-from taction.verification.engines.statespace.transients.radau_tableau import tableau
+from taction.verification.engines.statespace.transients.radau import Radau, Solve, tableau
 
 
 class Linear:

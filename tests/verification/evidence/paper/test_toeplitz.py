@@ -7,10 +7,9 @@ import pytest
 from scipy.linalg import toeplitz
 
 from taction.system.errors import InputError
+from taction.verification.evidence.paper.toeplitz import ToeplitzMatrix, solve_toeplitz_problem
 from taction.verification.reference.problem import Problem, Solution, ToeplitzProblem
 from taction.verification.reference.solve import solve
-from taction.verification.reference.toeplitz import solve_toeplitz_problem
-from taction.verification.reference.toeplitz_products import ToeplitzMatrix
 
 
 def tactile(channels: int, spacing: float, lam: float, regulariser: str) -> ToeplitzProblem:

@@ -1,28 +1,52 @@
-"""Stamp the op-amps.
+"""Stamp op-amps, imported op-amps and transistors.
 
-The op-amp is ``A(s) = A0 / ((1 + s/p1)(1 + s/p2))`` with ``p1 = 2 pi gbw / A0``: an integrator
+An op-amp is ``A(s) = A0 / ((1 + s/p1)(1 + s/p2))`` with ``p1 = 2 pi gbw / A0``: an integrator
 ``x1' = -p1 x1 + 2 pi gbw e``, a lag ``x2' = p2 (x1 - x2)``, and a voltage source behind the output
 resistance. The input ``e = v+ - v-`` has the DC errors of `spice_models.opamp` where the model has
 them. At the large-signal level e goes through a tanh, a clamp holds x1, and the output current is
 limited.
+
+An imported op-amp has its linear model, term by term: the current i into the output is an unknown
+with the row ``0 = -v_out + rest + D_g (d - offset) + D_z i + sum x``, ``d = v_p - v_n``; every pole
+p of gain and impedance is a state ``x' = p x + r_g (d - offset) + r_z i``. A pair of complex poles
+is two real states.
+
+A bipolar transistor has linear parts around two exponential devices. With ``s = 1`` (NPN) or -1
+(PNP), the junction voltages ``v_f = s (v_b - v_e')`` and ``v_r = s (v_b - v_c)`` at the inner
+emitter e', and the currents ``F = IS exp(v_f / V_T)`` and ``R = IS exp(v_r / V_T)``, the currents
+into collector, base and emitter are s times
+
+    F - R (1 + 1/BR) + IS/BR,    (F - IS)/BF + (R - IS)/BR,    -F (1 + 1/BF) + R + IS/BF.
+
+Both junctions are unknowns ``v - V_T ln(SCALE / IS)``, so that they are near 0 at `SCALE`, and the
+exponentials are devices with the outputs ``-U0 F / SCALE`` and ``-U0 R / SCALE``.
 """
 
 from __future__ import annotations
 
 import operator
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from taction.netlist_gen.board.circuit import Circuit, OpAmpCell
+from taction.spice_models.imported import LinearModel
 from taction.spice_models.opamp import KNEE, OVERDRIVE
+from taction.spice_models.transistor import thermal_voltage
 from taction.system.array_types import Bools, Floats, Ints
+from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.amplifier_gains import (
     CLAMP,
     INPUT_STAGE,
     LIMITER,
 )
-from taction.verification.engines.statespace.equations.descriptor import Devices
-from taction.verification.engines.statespace.equations.stamper import GROUND, Stamper
+from taction.verification.engines.statespace.equations.descriptor import (
+    GROUND,
+    Descriptor,
+    Devices,
+    Stamper,
+)
 
 FIGURES = operator.attrgetter(
     "dc_gain",
@@ -225,3 +249,149 @@ class _OpAmps:
             laws.add(drop, places, sign * ones)
         self.stamper.currents.add(out, drop, -1.0 / ohms)
         return limiters
+
+
+def stamp_imported(stamper: Stamper, cells: Sequence[OpAmpCell], pins: Ints) -> None:
+    """Stamp op-amps; `pins` (P, 3) are plus, minus and output.
+
+    Raises
+    ------
+    EngineError
+        A model without resistance at its output.
+    """
+    for cell, (plus, minus, out) in zip(cells, pins.tolist(), strict=True):
+        model = stamper.circuit.linear_model(cell)
+        if model is None:
+            continue
+        if not model.impedance.constant > 0.0:
+            raise EngineError(f"op-amp {cell.model} has no output resistance at high frequencies")
+        _inputs(stamper, model, (plus, minus))
+        (current,) = stamper.nodes([f"x{cell.name}.i"]).tolist()
+        _add(stamper, current, ((out, -1.0), (current, model.impedance.constant)))
+        constant = model.gain.constant
+        _add(stamper, current, ((plus, constant), (minus, -constant)))
+        _bias(stamper, current, model.rest - constant * model.offset)
+        stamper.currents.add(np.array([out]), np.array([current]), np.array([-1.0]))
+        _states(stamper, cell, model, current, (plus, minus))
+
+
+def _inputs(stamper: Stamper, model: LinearModel, pins: tuple[int, int]) -> None:
+    """Stamp conductance, capacitance and bias current of both inputs."""
+    for pin in pins:
+        one = np.array([pin])
+        stamper.currents.add(one, one, np.array([-model.conductance]))
+        stamper.mass.add(one, one, np.array([model.capacitance]))
+        # The conductance already takes its part of the current at the voltage of the measurement.
+        part = model.conductance * (model.rest if pin == pins[1] else 0.0)
+        stamper.constant_currents.append((one, np.array([part - model.bias_current])))
+
+
+def _states(
+    stamper: Stamper, cell: OpAmpCell, model: LinearModel, current: int, pins: tuple[int, int]
+) -> None:
+    """Stamp the states, and add them to the row of the current."""
+    residues = zip(model.gain.residues, model.impedance.residues, strict=True)
+    for k, (pole, (of_d, of_i)) in enumerate(zip(model.gain.poles, residues, strict=True), 1):
+        names = [f"x{cell.name}.s{k}{part}" for part in ("re", "im")[: 2 if pole.imag else 1]]
+        places = stamper.nodes(names).tolist()
+        # A pair: the sum of z' = p z + r d and its conjugate is a with a' = pr a - pi b + 2 rr d,
+        # b' = pi a + pr b + 2 ri d.
+        parts = [(2.0 * of_d.real, 2.0 * of_i.real), (2.0 * of_d.imag, 2.0 * of_i.imag)]
+        for place, (d, i) in zip(
+            places, parts if pole.imag else [(of_d.real, of_i.real)], strict=True
+        ):
+            stamper.mass.add(np.array([place]), np.array([place]), np.ones(1))
+            terms = ((pins[0], d), (pins[1], -d), (current, i), (place, pole.real))
+            _add(stamper, place, terms)
+            _bias(stamper, place, -d * model.offset)
+        if pole.imag:
+            real, imaginary = places
+            _add(stamper, real, ((imaginary, -pole.imag),))
+            _add(stamper, imaginary, ((real, pole.imag),))
+        _add(stamper, current, ((places[0], 1.0),))
+
+
+def _add(stamper: Stamper, row: int, terms: tuple[tuple[int, float], ...]) -> None:
+    columns, values = zip(*terms, strict=True)
+    rows = np.full(len(terms), row, dtype=np.int64)
+    stamper.laws.add(rows, np.array(columns, dtype=np.int64), np.array(values))
+
+
+def _bias(stamper: Stamper, row: int, value: float) -> None:
+    stamper.constant_laws.append((np.array([row], dtype=np.int64), np.array([value])))
+
+
+SCALE = 1e-4  # A
+KIND = "exponential"
+
+
+def stamp_transistors(stamper: Stamper, pins: Ints) -> Devices:
+    """Stamp all transistors; `pins` (Q, 3) are collector, base and emitter.
+
+    Returns
+    -------
+    Devices
+        Two exponentials for each transistor.
+    """
+    circuit = stamper.circuit
+    models = [circuit.transistor_models[cell.model] for cell in circuit.transistors]
+    sign, IS, BF, BR, RE, CJE, CJC = np.array(
+        [
+            (
+                model.sign, model.saturation_current, model.forward_gain, model.reverse_gain,
+                model.emitter_resistance, model.emitter_capacitance, model.collector_capacitance,
+            )
+            for model in models
+        ]
+    ).reshape(-1, 7).T  # fmt: skip
+    collector, base, emitter = pins.T
+    inner, *unknowns = (_unknowns(stamper, part) for part in ("e", "vf", "vr", "f", "r"))
+    vf, vr, f, r = unknowns
+    for places in unknowns:
+        stamper.fixed.update(places.tolist())
+    stamper.currents.branch(emitter, inner, -1.0 / RE)
+    stamper.mass.branch(base, inner, CJE)
+    stamper.mass.branch(base, collector, CJC)
+    volts = thermal_voltage(circuit.temperature)
+    for junction, far in ((vf, inner), (vr, collector)):
+        stamper.laws.add(junction, base, sign)
+        stamper.laws.add(junction, far, -sign)
+        stamper.laws.add(junction, junction, -np.ones_like(sign))
+        stamper.constant_laws.append((junction, -volts * np.log(SCALE / IS)))
+    # A row states the currents into its node; z[f] = -U0 F / SCALE.
+    per_volt = sign * SCALE / circuit.value("U0")
+    for rows, of_f, of_r, constant in (
+        (collector, np.ones_like(BF), -(1.0 + 1.0 / BR), IS / BR),
+        (base, 1.0 / BF, 1.0 / BR, -IS / BF - IS / BR),
+        (inner, -(1.0 + 1.0 / BF), np.ones_like(BR), IS / BF),
+    ):
+        stamper.currents.add(rows, f, per_volt * of_f)
+        stamper.currents.add(rows, r, per_volt * of_r)
+        stamper.constant_currents.append((rows, -sign * constant))
+    scales = (
+        np.full(2 * len(models), circuit.value("U0")),
+        np.full(2 * len(models), volts),
+    )
+    both = np.concatenate([vf, vr]), np.concatenate([f, r])
+    return Devices((KIND,) * 2 * len(models), *both, *scales)
+
+
+def _unknowns(stamper: Stamper, part: str) -> Ints:
+    """Return the places of new unknowns, named after their transistor."""
+    return stamper.nodes(f"q{cell.name}.{part}" for cell in stamper.circuit.transistors)
+
+
+def transistor_currents(circuit: Circuit, descriptor: Descriptor, values: Floats) -> Floats:
+    """Return the currents into collector and base of every transistor, A, (2, Q).
+
+    `values` (size,) are the unknowns.
+    """
+    amps = -SCALE / circuit.value("U0")
+    found = []
+    for cell in circuit.transistors:
+        model = circuit.transistor_models[cell.model]
+        F, R = (amps * values[descriptor.place(f"q{cell.name}.{part}")] for part in ("f", "r"))
+        back = (R - model.saturation_current) / model.reverse_gain
+        base = (F - model.saturation_current) / model.forward_gain + back
+        found.append((model.sign * (F - R - back), model.sign * base))
+    return np.array(found).reshape(-1, 2).T
