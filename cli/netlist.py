@@ -54,7 +54,7 @@ def netlist(
     from taction.netlist_gen.board.part_warnings import part_warnings
     from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.verdict.deck import DeckChoice, deck_of, write_files
-    from taction.verification.verdict.pruning_saving import pruning_of
+    from taction.verification.verdict.pruning import pruning_of
 
     read = read_scene(scene)
     circuit, deck = deck_of(read, output=output, choice=DeckChoice(measures=measure, **kind))

@@ -1,15 +1,24 @@
-"""What pruning does to the steady state: the measured change beside a proven bound."""
+"""What pruning changes and saves: the steady state, beside a proven bound, and parts."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.scene.inverse_problem import make_problem
+from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.planes import pruned
 from taction.system.array_types import Floats
+from taction.system.errors import InputError
+from taction.system.quantities import show
 from taction.verification.reference import IdealNetwork, Solution, solve
 from taction.verification.reference.changed_matrix import change_bound
+from taction.verification.reference.ideal_answer import ideal_network
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,3 +70,70 @@ def pruning_effect(
     change = float(np.max(np.abs(after.u - solution.u)))
     bound = change_bound(solution, kept)
     return PruningEffect(entries, after.u * network.U0, change * network.U0, bound * network.U0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pruning:
+    """The pruned board beside the board of the whole T.
+
+    Attributes
+    ----------
+    effect : PruningEffect
+        On the steady state.
+    resistors, opamps : int or None
+        How many fewer than with the whole T; None if that board cannot be built: in the passive
+        topology the matrix can load the channels too much.
+    """
+
+    effect: PruningEffect
+    resistors: int | None = None
+    opamps: int | None = None
+
+    @property
+    def text(self) -> str:
+        """The numbers in words."""
+        effect, proven = self.effect, "no proven bound"
+        if math.isfinite(effect.bound):
+            proven = f"proven: at most {show(effect.bound, 'V', 3)}"
+        text = f"moves the steady state by {show(effect.change, 'V', 3)} ({proven})"
+        if self.resistors is None:
+            return f"{text}; with the whole T the board cannot be built"
+        return f"{text}; saves {self.resistors} resistors and {self.opamps} op-amps"
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """The numbers as plain data, SI base units."""
+        effect = {name: getattr(self.effect, name) for name in ("entries", "change", "bound")}
+        return effect | {"resistors": self.resistors, "opamps": self.opamps}
+
+
+def pruning_of(scene: Scene) -> Pruning | None:
+    """Compare the board of `scene` with the board of the whole T; None if nothing is pruned.
+
+    Raises
+    ------
+    InputError
+        The pruned board cannot be built.
+    NoVerdictError
+        A problem cannot be solved.
+    """
+    if not scene.design.prune:
+        return None
+    problem = make_problem(scene)
+    network = ideal_network(problem, scene)
+    effect = pruning_effect(network, scene.design.prune, solve(network.problem))
+    if effect is None:
+        return None
+    kept = synthesise(scene, problem)
+    unpruned = scene.model_copy(update={"design": scene.design.model_copy(update={"prune": 0.0})})
+    try:
+        whole = synthesise(unpruned, problem)
+    except InputError:
+        return Pruning(effect)
+    fewer = _resistors(whole) - _resistors(kept)
+    return Pruning(effect, fewer, len(whole.opamps) - len(kept.opamps))
+
+
+def _resistors(circuit: Circuit) -> int:
+    placed = (int(np.count_nonzero(np.isfinite(matrix.ohms))) for matrix in circuit.matrices)
+    return len(circuit.resistors) + sum(placed)

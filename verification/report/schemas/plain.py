@@ -27,8 +27,6 @@ class Pruning(Part):
     bound: Number
     resistors: int | None
     opamps: int | None
-    seconds: Number
-    whole_seconds: Number
 
 
 class NetlistDocument(Document):
