@@ -28,7 +28,7 @@ from taction.verification.studies.regression.compare import compare
 from taction.verification.verdict import recording, simulation
 from taction.verification.verdict.bounded_measures import BoundedMeasures, measure_with_bounds
 from taction.verification.verdict.checks import Check, Outcome, overall
-from taction.verification.verdict.simulation import Pending
+from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.verify import Verdict, verify
 from taction.verification.waveforms import Waveforms
 
@@ -107,12 +107,13 @@ def in_the_run(changes: Mapping[str, float | str]) -> Plant:
         return replace(transient, **fields)
 
     def plant(scene: Scene, patch: pytest.MonkeyPatch) -> Verdict:
-        run = simulation.ENGINES["ngspice"]
+        engine = simulation.ENGINES["ngspice"]
 
-        def begin(scene: Scene, board: LinearBoard, plan: Any, *rest: Any) -> Pending:
-            return run(scene, board, replace(plan, transient=change(plan.transient)), *rest)
+        def begin(design: PlannedBoard) -> Callable[[], Waveforms]:
+            plan = replace(design.plan, transient=change(design.plan.transient))
+            return engine.begin(replace(design, plan=plan))
 
-        patch.setitem(simulation.ENGINES, "ngspice", begin)
+        patch.setitem(simulation.OWN, "ngspice", replace(engine, begin=begin))
         return verify(scene)
 
     return plant
@@ -122,13 +123,13 @@ def in_the_record(change: Callable[[Waveforms], Waveforms]) -> Plant:
     """The waveforms that ngspice returns are changed."""
 
     def plant(scene: Scene, patch: pytest.MonkeyPatch) -> Verdict:
-        run = simulation.ENGINES["ngspice"]
+        engine = simulation.ENGINES["ngspice"]
 
-        def begin(*given: Any) -> Pending:
-            pending = run(*given)
-            return Pending(lambda: change(pending.wait()))
+        def begin(design: PlannedBoard) -> Callable[[], Waveforms]:
+            wait = engine.begin(design)
+            return lambda: change(wait())
 
-        patch.setitem(simulation.ENGINES, "ngspice", begin)
+        patch.setitem(simulation.OWN, "ngspice", replace(engine, begin=begin))
         return verify(scene)
 
     return plant

@@ -249,7 +249,7 @@ def _with_loads(
         if not (found.stable and found.certain):
             notes.append("the loads of an unstable board are not known: U0 is that of the outputs")
             return scene, ()
-        plan = plan_transient(scene, board, scales, "statespace")
+        plan = plan_transient(scene, board, scales, steps=False)
         parts = PartLoads.of(board, initial=scene.analysis.initial, transient=plan.transient)
         if parts.unknown:
             raise EngineError(parts.unknown)

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from taction.verification.engines.statespace.transients.simulate import ENGINE
 from taction.verification.readings.measurements import Measurements
 from taction.verification.reference.ideal_answer import IdealAnswer
 from taction.verification.verdict.companion import Companion
-from taction.verification.verdict.design import Design
+from taction.verification.verdict.planned_board import PlannedBoard
+from taction.verification.verdict.simulation import ENGINES, engine_of
 from taction.verification.verdict.state_space_error import StateSpaceError
 from taction.verification.verdict.transient_plan import (
     AFTER_SETTLING,
@@ -74,7 +74,7 @@ class Accuracy:
 
 
 def attained(
-    design: Design,
+    design: PlannedBoard,
     waveforms: Waveforms,
     own: StateSpaceError | None,
     companion: Companion | None,
@@ -112,13 +112,13 @@ def attained(
 
 
 def better_plan(
-    design: Design, ideal: IdealAnswer, measured: Measurements, accuracy: Accuracy
+    design: PlannedBoard, ideal: IdealAnswer, measured: Measurements, accuracy: Accuracy
 ) -> Plan | None:
     """Return a plan for a better run; None if the run suffices or no plan would be better."""
     return _longer(design, ideal, measured) or _finer(design, accuracy)
 
 
-def _longer(design: Design, ideal: IdealAnswer, measured: Measurements) -> Plan | None:
+def _longer(design: PlannedBoard, ideal: IdealAnswer, measured: Measurements) -> Plan | None:
     """Plan a longer record if a channel settles only after the end of the record."""
     scene = design.scene
     automatic = scene.analysis.stop == "auto" and design.poles.known_stable
@@ -134,13 +134,15 @@ def _longer(design: Design, ideal: IdealAnswer, measured: Measurements) -> Plan 
     stop = max(AFTER_SETTLING * design.scales.stop_for(room), LONGER * design.transient.stop)
     analysis = scene.analysis.model_copy(update={"stop": float(f"{stop:.6g}")})
     longer = scene.model_copy(update={"analysis": analysis})
-    return plan_transient(longer, design.board, design.scales, design.engine, stable=True)
+    steps = ENGINES[design.engine].error is None
+    return plan_transient(longer, design.board, design.scales, steps=steps, stable=True)
 
 
-def _finer(design: Design, accuracy: Accuracy) -> Plan | None:
-    """Plan smaller steps if a run of ngspice missed the wanted error."""
+def _finer(design: PlannedBoard, accuracy: Accuracy) -> Plan | None:
+    """Plan smaller steps if a run with the steps of the plan missed the wanted error."""
     even = design.scene.analysis.points_per_period is not None
-    if accuracy.reached or accuracy.achieved is None or even or accuracy.engine == ENGINE:
+    bounded = engine_of(accuracy.engine).error is not None
+    if accuracy.reached or accuracy.achieved is None or even or bounded:
         return None
     forecast = design.plan.forecast
     aim = AIM * accuracy.wanted * min(forecast.error / accuracy.achieved, 1.0)

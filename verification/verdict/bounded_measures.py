@@ -22,7 +22,7 @@ from taction.verification.readings.measurements import Measurements
 from taction.verification.readings.sampled_signal import Rest
 from taction.verification.reference.ideal_answer import IdealAnswer
 from taction.verification.verdict.companion import Companion
-from taction.verification.verdict.design import Design
+from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.simulation import outputs
 from taction.verification.verdict.state_space_error import StateSpaceError, is_exact
 from taction.verification.verdict.steady_state import SteadyState
@@ -55,7 +55,7 @@ class BoundedMeasures:
 
 
 def measure_with_bounds(
-    design: Design,
+    design: PlannedBoard,
     ideal: IdealAnswer,
     wave: Waveforms,
     own: StateSpaceError | None,
@@ -88,7 +88,7 @@ def measure_with_bounds(
 
 
 def _own_measures(
-    design: Design,
+    design: PlannedBoard,
     ideal: IdealAnswer,
     wave: Waveforms,
     own: StateSpaceError | None,
@@ -105,7 +105,7 @@ def _own_measures(
 
 
 def _measures_beside(
-    design: Design,
+    design: PlannedBoard,
     ideal: IdealAnswer,
     wave: Waveforms,
     companion: Companion,
@@ -129,7 +129,7 @@ def _target_error(ideal: IdealAnswer) -> float:
     return 2.0 * ideal.solution.error_bound * ideal.network.U0
 
 
-def _on_the_solution(design: Design, ideal: IdealAnswer) -> Measurements | None:
+def _on_the_solution(design: PlannedBoard, ideal: IdealAnswer) -> Measurements | None:
     """Measure the exact solution of a linear board; None if its modes are not all stable."""
     from taction.verification.readings.exact_measures import measure_exact
 
@@ -148,7 +148,7 @@ def _on_the_solution(design: Design, ideal: IdealAnswer) -> Measurements | None:
 
 
 def measure_outputs(
-    design: Design,
+    design: PlannedBoard,
     ideal: IdealAnswer,
     waveforms: Waveforms,
     *,
@@ -174,7 +174,7 @@ def measure_outputs(
     return measured, u
 
 
-def _curve(design: Design, waveforms: Waveforms) -> Curve | None:
+def _curve(design: PlannedBoard, waveforms: Waveforms) -> Curve | None:
     """Return the outputs between the points of a record, by channel, if they are known."""
     between, found = waveforms.curve, design.circuit.outputs
     if between is None:
@@ -184,7 +184,7 @@ def _curve(design: Design, waveforms: Waveforms) -> Curve | None:
     return lambda times, channels: signs[channels] * between(times, columns[channels])
 
 
-def _rest(design: Design, time: Floats, u: Floats) -> Rest | None:
+def _rest(design: PlannedBoard, time: Floats, u: Floats) -> Rest | None:
     """Return where the outputs of a stable board come to rest after a record."""
     if not design.poles.known_stable:
         return None

@@ -16,8 +16,8 @@ from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.readings.resampling import CUBIC, lagrange
-from taction.verification.verdict.design import Design
 from taction.verification.verdict.even_steps import coarser
+from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.simulation import begin, outputs, state_space_tolerance
 from taction.verification.verdict.state_space_error import (
     StateSpaceError,
@@ -80,7 +80,7 @@ class Companion:
         return float(np.abs(self.u[-1] - self.other[-1]).max(initial=0.0)) + self.doubt
 
 
-def find_companion(design: Design, record: Waveforms) -> Companion:
+def find_companion(design: PlannedBoard, record: Waveforms) -> Companion:
     """Return a second solution for ngspice's record of a stable board.
 
     Raises
@@ -95,7 +95,7 @@ def find_companion(design: Design, record: Waveforms) -> Companion:
     except EngineError as error:
         reason = f"no state-space solution: {error}"
     plan = replace(design.plan, transient=coarser(design.transient, COARSER))
-    second = begin(design.scene, design.board, plan, design.engine).result().waveforms
+    second = begin(replace(design, plan=plan)).result().waveforms
     inside = (second.time >= record.time[0]) & (second.time <= record.time[-1])
     instants = np.array(second.time[inside])
     u = lagrange(record.time, outputs(design.circuit, record), instants, CUBIC)

@@ -18,7 +18,6 @@ from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.reference.ideal_answer import IdealAnswer
 from taction.verification.verdict.antilog_error import stage_deviation
-from taction.verification.verdict.design import Design
 from taction.verification.verdict.error_chain import ErrorBudget, ErrorChain, ErrorPart, difference
 from taction.verification.verdict.opamp_links import (
     opamp_stages,
@@ -26,6 +25,7 @@ from taction.verification.verdict.opamp_links import (
     with_ideal_opamps,
 )
 from taction.verification.verdict.output_noise import OutputNoise
+from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.pruning import PruningEffect, pruning_effect
 from taction.verification.verdict.recording import Recording
 from taction.verification.verdict.rounding_forecast import predicted_change
@@ -34,7 +34,7 @@ LEAST_BOUND = 1e-9  # of the step: a smaller bound on an error has no number of 
 
 
 def error_budget(
-    design: Design, ideal: IdealAnswer, recording: Recording, noise: OutputNoise | None = None
+    design: PlannedBoard, ideal: IdealAnswer, recording: Recording, noise: OutputNoise | None = None
 ) -> ErrorBudget:
     """Split the difference of the true stress and the record's end into its parts.
 

@@ -12,8 +12,8 @@ from taction.netlist_gen.deck.deck import write_deck
 from taction.system.errors import EngineError, SimulationError
 from taction.verification.engines.ngspice.process import find_simulator, start
 from taction.verification.engines.statespace.linearised.output_noise import output_noise
-from taction.verification.verdict.design import Design
 from taction.verification.verdict.noise_bands import noise_bands
+from taction.verification.verdict.planned_board import PlannedBoard
 
 UNSTABLE = "an unstable board has no noise at rest"
 MAYBE_UNSTABLE = "the board may be unstable, and an unstable board has no noise at rest"
@@ -45,7 +45,7 @@ class OutputNoise:
     noiseless: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, design: Design) -> OutputNoise | None:
+    def of(cls, design: PlannedBoard) -> OutputNoise | None:
         """Find the noise of the board of `design`; None if its scene has no limit for it."""
         if design.scene.checks.noise is None:
             return None
@@ -84,7 +84,7 @@ class OutputNoise:
         return 0.0 if self.simulated is None else abs(self.simulated - self.largest)
 
 
-def _simulated(design: Design, channel: int) -> float:
+def _simulated(design: PlannedBoard, channel: int) -> float:
     """Return the noise of a channel from ngspice, V."""
     bands = noise_bands(design.board.state_space.eigenvalues)
     node = design.circuit.outputs[channel].node

@@ -13,7 +13,6 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.quantities import quantity
-from taction.verification.engines.statespace.transients.simulate import ENGINE
 from taction.verification.readings.measurements import Measurements
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer
 from taction.verification.verdict.agreement import Agreement, compare_engines
@@ -21,15 +20,16 @@ from taction.verification.verdict.attained_accuracy import Accuracy, attained, b
 from taction.verification.verdict.bounded_measures import measure_outputs, measure_with_bounds
 from taction.verification.verdict.clock import Clock, Progress
 from taction.verification.verdict.companion import Companion, find_companion
-from taction.verification.verdict.design import Design, design_board
+from taction.verification.verdict.design import design_board
+from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.simulation import (
     Pending,
     Simulation,
     begin,
     outputs,
-    state_space_tolerance,
+    own_error,
 )
-from taction.verification.verdict.state_space_error import StateSpaceError, state_space_error
+from taction.verification.verdict.state_space_error import StateSpaceError
 from taction.verification.verdict.step_error import StepError, step_error
 from taction.verification.waveforms import Waveforms
 
@@ -108,7 +108,7 @@ def record_transient(
     clock = Clock(progress)
     design = design_board(scene, clock, problem=problem)
     clock.begin("simulation")
-    pending = begin(design.scene, design.board, design.plan, design.engine)
+    pending = begin(design)
     ideal = ideal_answer(design.network, design.scene)
     waveforms = pending.result().waveforms
     clock.begin("measures")
@@ -117,8 +117,8 @@ def record_transient(
 
 
 def record_and_measure(
-    design: Design, ideal: IdealAnswer, pending: Pending, clock: Clock
-) -> tuple[Design, Recording]:
+    design: PlannedBoard, ideal: IdealAnswer, pending: Pending, clock: Clock
+) -> tuple[PlannedBoard, Recording]:
     """Wait for a simulation and measure the record; repeat a run that does not suffice.
 
     A run that missed the wanted error is repeated with smaller steps, a record that is too short
@@ -137,22 +137,19 @@ def record_and_measure(
             break
         design = replace(design, plan=plan)
         clock.begin("simulation", remark=plan.remark)
-        pending = begin(design.scene, design.board, plan, design.engine)
+        pending = begin(design)
         repeated = _record(design, ideal, pending, clock)
         recording = replace(repeated, accuracy=repeated.accuracy.after(recording.accuracy))
     return design, recording
 
 
-def _record(design: Design, ideal: IdealAnswer, pending: Pending, clock: Clock) -> Recording:
+def _record(design: PlannedBoard, ideal: IdealAnswer, pending: Pending, clock: Clock) -> Recording:
     clock.begin("simulation", remark=design.plan.remark)
     simulation = pending.result()
     wave = simulation.waveforms
     clock.begin("comparison")
-    companion, own = None, None
-    if wave.engine == ENGINE:
-        tolerance = state_space_tolerance(design.plan.wanted)
-        own = state_space_error(design.board, design.transient, wave, tolerance)
-    elif design.poles.known_stable:
+    companion, own = None, own_error(design, wave)
+    if own is None and design.poles.known_stable:
         companion = find_companion(design, wave)
     clock.begin("measures")
     found = measure_with_bounds(design, ideal, wave, own, companion)
@@ -174,7 +171,7 @@ def _record(design: Design, ideal: IdealAnswer, pending: Pending, clock: Clock) 
 
 
 def _exact_end(
-    design: Design, end: Floats, own: StateSpaceError | None, companion: Companion | None
+    design: PlannedBoard, end: Floats, own: StateSpaceError | None, companion: Companion | None
 ) -> Floats | None:
     """Return the outputs of the second solution at the record's end, V, (N,)."""
     if companion is not None:

@@ -10,11 +10,11 @@ from taction.netlist_gen.topologies.frame.antilog import with_ideal_stages
 from taction.system.array_types import Floats
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
-from taction.verification.verdict.design import Design
 from taction.verification.verdict.opamp_links import with_ideal_opamps
+from taction.verification.verdict.planned_board import PlannedBoard
 
 
-def predicted_change(design: Design) -> Floats | None:
+def predicted_change(design: PlannedBoard) -> Floats | None:
     """Return how far the resistors of a board move the optimum, to first order, V, (N,).
 
     The board with the exact resistors that the scene asks for, and with ideal op-amps, rests at the

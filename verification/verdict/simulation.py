@@ -1,6 +1,8 @@
-"""Simulate one transient of a scene with one engine.
+"""The engines, and a transient that one of them simulates.
 
-`ENGINES` is the table of engines; each takes a board and a plan, and returns `Pending`.
+`ENGINES` is the table of engines, to which installed packages add theirs. Everything that a verdict
+does otherwise for another engine follows from its entry: the plan of its steps, the source of its
+error, and whether the state-space engine simulates beside it for the comparison.
 """
 
 from __future__ import annotations
@@ -27,9 +29,12 @@ from taction.system.errors import (
     StepTooSmall,
     TimedOut,
 )
+from taction.system.plugins import OpenTable
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.process import PHYSICAL_BOUND, Run, start
 from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.verdict.planned_board import PlannedBoard
+from taction.verification.verdict.state_space_error import StateSpaceError, state_space_error
 from taction.verification.verdict.transient_plan import Plan
 from taction.verification.waveforms import Cost, Waveforms
 
@@ -98,6 +103,29 @@ class Pending:
             return Simulation(waveforms, (note, *waveforms.flags))
 
 
+@dataclass(frozen=True, slots=True)
+class Engine:
+    """One engine.
+
+    Attributes
+    ----------
+    begin : callable
+        Takes a planned board and begins its simulation; returns a function that waits for the end
+        and returns the waveforms. Both may raise a `NoVerdictError`.
+    error : callable or None
+        Takes a planned board and waveforms of this engine, and returns the bound of their error.
+        None for an engine that takes the steps of the plan: the state-space engine then simulates
+        the same board, the error of the waveforms follows from the difference, and the check
+        ``engines_agree`` compares them.
+    title : str
+        Name for people; by default that of the entry.
+    """
+
+    begin: Callable[[PlannedBoard], Callable[[], Waveforms]]
+    error: Callable[[PlannedBoard, Waveforms], StateSpaceError] | None = None
+    title: str = ""
+
+
 def choose_engine(scene: Scene) -> str:
     """Return the engine of `scene`; ``auto`` is ngspice where a usable ngspice is found.
 
@@ -124,8 +152,8 @@ def state_space_tolerance(wanted: float) -> float:
     return min(max(STEP_SHARE * wanted, LEAST_TOLERANCE), MOST_TOLERANCE)
 
 
-def begin(scene: Scene, board: LinearBoard, plan: Plan, engine: str) -> Pending:
-    """Start a simulation; its process runs while the caller does other work.
+def begin(design: PlannedBoard) -> Pending:
+    """Start the simulation of a board; its process runs while the caller does other work.
 
     Raises
     ------
@@ -133,13 +161,25 @@ def begin(scene: Scene, board: LinearBoard, plan: Plan, engine: str) -> Pending:
         From this function or from `Pending.result`. A board that the plan knows to be unstable has
         a short record by the state-space engine instead.
     """
-    if not plan.growing:
-        return ENGINES[engine](scene, board, plan)
-    instead = partial(growing_record, board, plan)
+    engine = ENGINES[design.engine]
+    if not design.plan.growing:
+        return Pending(engine.begin(design))
+    instead = partial(growing_record, design.board, design.plan)
     try:
-        return replace(ENGINES[engine](scene, board, plan), instead=instead)
+        return Pending(engine.begin(design), instead)
     except NoVerdictError as error:
         return Pending(partial(_raise, error), instead)
+
+
+def engine_of(simulator: str) -> Engine:
+    """Return the engine of waveforms; their `engine` has its version after a hyphen."""
+    return ENGINES[simulator.partition("-")[0]]
+
+
+def own_error(design: PlannedBoard, waveforms: Waveforms) -> StateSpaceError | None:
+    """Return the error of `waveforms` if their engine bounds it itself; None if it takes steps."""
+    error = engine_of(waveforms.engine).error
+    return None if error is None else error(design, waveforms)
 
 
 def _raise(error: NoVerdictError) -> Waveforms:
@@ -189,8 +229,9 @@ def outputs(circuit: Circuit, waveforms: Waveforms) -> Floats:
     return rows.T
 
 
-def _ngspice(scene: Scene, board: LinearBoard, plan: Plan) -> Pending:
-    circuit, analysis, timeout = board.circuit, plan.transient, scene.analysis.timeout
+def _ngspice(design: PlannedBoard) -> Callable[[], Waveforms]:
+    circuit, analysis, plan = design.circuit, design.transient, design.plan
+    timeout = design.scene.analysis.timeout
     if plan.seconds > SLOWER * timeout:
         raise TimedOut(
             f"ngspice would need about {plan.seconds:.2g} s for {plan.forecast.steps:.2g} steps;"
@@ -217,7 +258,7 @@ def _ngspice(scene: Scene, board: LinearBoard, plan: Plan) -> Pending:
         waveforms = run(SPARSE).result()
         return replace(waveforms, flags=(*waveforms.flags, SECOND_SOLVER))
 
-    return Pending(wait)
+    return wait
 
 
 def _at_the_start(error: StepTooSmall, analysis: Transient) -> bool:
@@ -226,9 +267,10 @@ def _at_the_start(error: StepTooSmall, analysis: Transient) -> bool:
     return not isinstance(partial, Waveforms) or partial.time[-1] < 1e-3 * analysis.stop
 
 
-def _statespace(scene: Scene, board: LinearBoard, plan: Plan) -> Pending:
+def _statespace(design: PlannedBoard) -> Callable[[], Waveforms]:
     from taction.verification.engines.statespace.transients.simulate import simulate
 
+    board, plan = design.board, design.plan
     tolerance = state_space_tolerance(plan.wanted)
     instants, analysis = plan.instants(board), plan.transient
     if instants is None:
@@ -240,10 +282,16 @@ def _statespace(scene: Scene, board: LinearBoard, plan: Plan) -> Pending:
         if not isinstance(error.partial, Waveforms):
             raise
         waveforms = error.partial
-    return Pending(lambda: waveforms)
+    return lambda: waveforms
 
 
-ENGINES: dict[str, Callable[[Scene, LinearBoard, Plan], Pending]] = {
-    "ngspice": _ngspice,
-    "statespace": _statespace,
+def _statespace_error(design: PlannedBoard, waveforms: Waveforms) -> StateSpaceError:
+    tolerance = state_space_tolerance(design.plan.wanted)
+    return state_space_error(design.board, design.transient, waveforms, tolerance)
+
+
+OWN = {
+    "ngspice": Engine(_ngspice),
+    "statespace": Engine(_statespace, _statespace_error, "state space"),
 }
+ENGINES = OpenTable("taction.engines", OWN, Engine)

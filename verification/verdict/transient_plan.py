@@ -119,8 +119,8 @@ def plan_transient(
     scene: Scene,
     board: LinearBoard,
     scales: TimeScales,
-    engine: str = "ngspice",
     *,
+    steps: bool = True,
     stable: bool | None = None,
     resolution: float = 0.0,
     aim: float | None = None,
@@ -130,10 +130,11 @@ def plan_transient(
     With ``stop = "auto"`` a record ends when the remaining ringing is a tenth of the steady-state
     tolerance, or when an instability has grown. ``analysis.points_per_period`` asks for even steps
     instead of the cheapest step control.
-    The state-space engine needs no step control.
 
     Parameters
     ----------
+    steps : bool
+        Whether the engine takes the steps of the plan; False for one that bounds its own error.
     stable : bool, optional
         Whether the board is stable, by its own poles; by default as `scales` say, which for a
         large board are those of its coarse image.
@@ -151,7 +152,7 @@ def plan_transient(
     growing = math.isfinite(scales.growth_time) if stable is None else not stable
     stop, error = _stop(scene, scales, resolution, growing=growing), wanted_error(scene)
     initial = scene.analysis.initial
-    if engine == "statespace":
+    if not steps:
         return _without_steps(scene, board, scales, stop, growing=growing)
     model = StepModel.of(board, stop, initial, stable=not growing)
     step_seconds, points = seconds_per_step(board), scene.analysis.points_per_period

@@ -28,13 +28,14 @@ from taction.verification.verdict.attained_accuracy import Accuracy
 from taction.verification.verdict.checks import Check, Evidence, Outcome, overall
 from taction.verification.verdict.clock import Clock, Progress
 from taction.verification.verdict.contradictions import find_contradiction
-from taction.verification.verdict.design import Design, design_board
+from taction.verification.verdict.design import design_board
 from taction.verification.verdict.effort import FULL, Effort
 from taction.verification.verdict.error_budget import error_budget
 from taction.verification.verdict.error_chain import ErrorBudget
 from taction.verification.verdict.imported_parts import missing_witness, notes
 from taction.verification.verdict.output_noise import OutputNoise
 from taction.verification.verdict.part_limits import PartLoads
+from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.recording import Recording, record_and_measure
 from taction.verification.verdict.run_checks import run_checks
 from taction.verification.verdict.simulation import begin
@@ -122,7 +123,7 @@ def verify(
     clock = Clock(progress)
     design = design_board(scene, clock, problem=problem, circuit=circuit)
     clock.begin("simulation", remark=design.plan.remark)
-    pending = begin(design.scene, design.board, design.plan, design.engine)
+    pending = begin(design)
     clock.begin("reference", beside="simulation", remark=design.plan.remark)
     ideal = ideal_answer(design.network, design.scene) if ideal is None else ideal
     margin = _margin(design, effort.full_margin)
@@ -164,7 +165,7 @@ def verify(
     )
 
 
-def _margin(design: Design, full: bool) -> Margin | None:
+def _margin(design: PlannedBoard, full: bool) -> Margin | None:
     required = design.scene.checks.stability.margin
     if required <= 1.0:
         return None
@@ -173,7 +174,7 @@ def _margin(design: Design, full: bool) -> Margin | None:
 
 
 def _evidence(
-    design: Design,
+    design: PlannedBoard,
     ideal: IdealAnswer,
     recording: Recording,
     steady: SteadyState,
@@ -202,7 +203,7 @@ def _evidence(
     )
 
 
-def _warnings(design: Design, recording: Recording, evidence: Evidence) -> tuple[str, ...]:
+def _warnings(design: PlannedBoard, recording: Recording, evidence: Evidence) -> tuple[str, ...]:
     """Return the warnings of the scene, the parts, the plan, the engine and the readings."""
     known = (
         *questions(design.scene),

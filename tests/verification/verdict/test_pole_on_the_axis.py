@@ -14,7 +14,8 @@ from taction.verification.evidence.stress.catalogue import load_catalogue
 from taction.verification.stability.poles import Poles, poles_behind
 from taction.verification.verdict import design
 from taction.verification.verdict.clock import Clock
-from taction.verification.verdict.design import Design, design_board
+from taction.verification.verdict.design import design_board
+from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.verify import verify
 
 
@@ -36,7 +37,7 @@ def shifted(monkeypatch: pytest.MonkeyPatch, share: float) -> None:
     monkeypatch.setattr(design, "poles_behind", moved)
 
 
-def designed(scene: Scene) -> Design:
+def designed(scene: Scene) -> PlannedBoard:
     return design_board(scene, Clock(lambda stage: None))
 
 

@@ -16,7 +16,8 @@ from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answe
 from taction.verification.verdict import bounded_measures, recording
 from taction.verification.verdict.clock import Clock
 from taction.verification.verdict.companion import Companion
-from taction.verification.verdict.design import Design, design_board
+from taction.verification.verdict.design import design_board
+from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.recording import Recording, record_and_measure
 from taction.verification.verdict.simulation import Pending, outputs
 from taction.verification.verdict.state_space_error import StateSpaceError
@@ -27,7 +28,7 @@ DOUBT = 1e-6  # V, of the other record
 
 
 @cache
-def board() -> tuple[Design, IdealAnswer, Waveforms]:
+def board() -> tuple[PlannedBoard, IdealAnswer, Waveforms]:
     """The shipped breadboard, its reference and its exact transient."""
     file = SCENES / "paper-breadboard.toml"
     data = tomllib.loads(file.read_text(encoding="utf-8"))

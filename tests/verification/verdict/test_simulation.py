@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from taction.system.errors import DivergesError
 from taction.verification.engines.statespace.transients import simulate
 from taction.verification.verdict.clock import Clock
-from taction.verification.verdict.design import Design, design_board
+from taction.verification.verdict.design import design_board
+from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.simulation import begin
 from taction.verification.waveforms import Cost, Waveforms
 from tests.support.making import make_scene
@@ -18,7 +21,7 @@ RECORD = Waveforms(
 )
 
 
-def design() -> Design:
+def design() -> PlannedBoard:
     return design_board(make_scene(), Clock(lambda stage: None))
 
 
@@ -29,11 +32,11 @@ def test_the_record_of_a_diverging_transient_is_kept(
     def diverging(*_: object, **__: object) -> None:
         raise DivergesError("the board diverges", partial)
 
-    made = design()
+    made = replace(design(), engine="statespace")
     monkeypatch.setattr(simulate, "simulate", diverging)
     if partial is None:
         with pytest.raises(DivergesError):
-            begin(made.scene, made.board, made.plan, "statespace")
+            begin(made)
     else:
-        pending = begin(made.scene, made.board, made.plan, "statespace")
+        pending = begin(made)
         assert pending.result().waveforms is RECORD

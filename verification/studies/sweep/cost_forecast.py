@@ -139,7 +139,7 @@ class _Planner:
         design = design_board(scene, Clock(lambda stage: None))
         seconds = time.process_time() - start
         board, stable = design.board, design.poles.known_stable
-        run = plan_transient(design.scene, board, design.scales, "ngspice", stable=stable)
+        run = plan_transient(design.scene, board, design.scales, stable=stable)
         kind = "large" if board.descriptor.is_large else "small"
         kind = kind if board.circuit.is_linear else "nonlinear"
         growth = float(design.poles.rightmost.real)

@@ -1,0 +1,66 @@
+"""A board with all that is known before its simulation: poles, time scales, plan."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from taction.netlist_gen.analysis import Transient
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.scene.inverse_problem import InverseProblem
+from taction.netlist_gen.scene.scene import Scene
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.time_scales import TimeScales
+from taction.verification.reference import IdealNetwork
+from taction.verification.stability.poles import Poles
+from taction.verification.verdict.part_limits import NOT_LIMITED, PartLoads
+from taction.verification.verdict.transient_plan import Plan
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlannedBoard:
+    """A board, its problem, and the plan of its simulation.
+
+    Attributes
+    ----------
+    scene : Scene
+        Scene with a number for lambda.
+    network : IdealNetwork
+        The board with ideal parts, for the reference solution.
+    board : LinearBoard
+        The circuit linearised at its equilibrium.
+    poles, scales
+        Poles and time scales of `board`.
+    engine : str
+        A key of `taction.verification.verdict.simulation.ENGINES`.
+    plan : Plan
+        The transient, and the forecast of its error and cost.
+    small : PartLoads
+        Loads of the op-amps of the small-signal board; empty for an unstable board.
+    """
+
+    scene: Scene
+    problem: InverseProblem
+    board: LinearBoard
+    network: IdealNetwork
+    scales: TimeScales
+    poles: Poles
+    engine: str
+    plan: Plan
+    small: PartLoads = NOT_LIMITED
+
+    def loads(self) -> PartLoads:
+        """Return what the op-amps of the board have to do."""
+        if not self.poles.known_stable or self.circuit.is_small_signal:
+            return self.small
+        found = PartLoads.of(self.board, transient=self.transient)
+        return replace(found, simulated=tuple(x for x in self.small.worst if x.is_above))
+
+    @property
+    def transient(self) -> Transient:
+        """The transient to simulate."""
+        return self.plan.transient
+
+    @property
+    def circuit(self) -> Circuit:
+        """The circuit of the board."""
+        return self.board.circuit
