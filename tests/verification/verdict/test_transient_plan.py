@@ -111,7 +111,7 @@ def test_an_instability_too_slow_to_be_seen_is_not_waited_for() -> None:
 @pytest.mark.parametrize("share", [1e-2, 1e-5])
 def test_a_growing_record_of_the_exact_engine_shows_every_period(share: float) -> None:
     scene = breadboard(design__capacitance=9.0224e-12 * (1 - share))
-    plan, scales = planned(scene, engine="statespace")
+    plan, scales = planned(scene, steps=False)
     period = scales.max_step_for(1.0)
     assert plan.growing
     assert plan.transient.max_step <= period / 8
