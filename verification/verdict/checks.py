@@ -1,19 +1,20 @@
-"""Checks, their outcomes, and the evidence that decides them.
+"""Checks, their kinds and outcomes, and the evidence that decides them.
 
-An undecided check is never a pass. `run_checks` has the functions that decide.
+An undecided check is never a pass. `run_checks` has the table of all kinds.
 """
 
 from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from taction.netlist_gen.scene.checks import Checks
+from taction.netlist_gen.scene.fields import Model
 from taction.system.quantities import show, show_rate
 from taction.verification.readings.measurements import Measurements
 from taction.verification.readings.settling import ChannelState
@@ -23,6 +24,8 @@ from taction.verification.verdict.agreement import Agreement
 from taction.verification.verdict.channel_states import describe_states
 from taction.verification.verdict.output_noise import OutputNoise
 from taction.verification.verdict.part_limits import NOT_LIMITED, PartLoads
+from taction.verification.verdict.planned_board import PlannedBoard
+from taction.verification.verdict.recording import Recording
 from taction.verification.verdict.steady_state import SteadyState
 from taction.verification.verdict.step_error import StepError
 from taction.verification.verdict.transient_plan import AFTER_SETTLING
@@ -61,6 +64,23 @@ class Check:
 
 
 @dataclass(frozen=True, slots=True)
+class CheckKind:
+    """One kind of check: an entry of `run_checks.CHECKS`, whose name is that of the check.
+
+    Attributes
+    ----------
+    judge : callable
+        Takes the `Evidence` and returns the check; None if the scene does not ask for it.
+    keys : type of Model, or None
+        The table ``[checks.NAME]`` of a scene, `Evidence.checks` has it by this name; None for a
+        check without keys.
+    """
+
+    judge: Callable[[Evidence], Check | None]
+    keys: type[Model] | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Evidence:
     """The input of the checks.
 
@@ -90,6 +110,8 @@ class Evidence:
         Why the board has no state-space witness, or empty; then its values are estimates.
     contradiction : str
         Which number of the board or the record differs from the reference's, or empty.
+    design, recording
+        The planned board, with circuit and scene, and its record; None in evidence made by hand.
     """
 
     checks: Checks
@@ -108,6 +130,8 @@ class Evidence:
     parts: PartLoads = NOT_LIMITED
     noise: OutputNoise | None = None
     unwitnessed: str = ""
+    design: PlannedBoard | None = None
+    recording: Recording | None = None
 
     @property
     def no_step(self) -> str:

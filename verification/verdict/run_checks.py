@@ -1,22 +1,24 @@
-"""The checks of a verification: what is known by the equations decides, a record confirms.
+"""The table of checks, and the functions that judge.
 
-The poles tell whether a board is unstable, and the equilibrium where it comes to rest. Neither
-depends on what a record happens to show. A record that ends before a check can be decided leaves it
-inconclusive. A new check needs one function and one entry in `CHECKS`.
+The equations of the board decide: its poles say whether it is unstable, and its equilibrium where
+it comes to rest. The record has to confirm both. Where it ends too early for that, the check is
+inconclusive. A new check is one function and one entry in `CHECKS`, or an entry of another package.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
+from taction.netlist_gen.scene import checks as keys
+from taction.system.plugins import OpenTable
 from taction.system.quantities import show, show_pole
 from taction.system.reading_definitions import EXCURSIONS
 from taction.verification.verdict.checks import (
     Check,
+    CheckKind,
     Evidence,
     Outcome,
     at_most,
@@ -41,7 +43,8 @@ def run_checks(evidence: Evidence) -> tuple[Check, ...]:
 
     A value without a bound of its error passes nothing: no error is exactly 0.
     """
-    checks = (_bounded(check) for make in CHECKS if (check := make(evidence)) is not None)
+    judged = (kind.judge(evidence) for kind in CHECKS.values())
+    checks = (_bounded(check) for check in judged if check is not None)
     return tuple(_witnessed(check, evidence.unwitnessed) for check in checks)
 
 
@@ -148,14 +151,16 @@ def _same_problem(evidence: Evidence) -> Check | None:
     return Check("same_problem", Outcome.FAIL, None, None, None, None, "step", reason)
 
 
-CHECKS: tuple[Callable[[Evidence], Check | None], ...] = (
-    _steady_state,
-    settling_time,
-    rise_time,
-    *(partial(excursion, name) for name in EXCURSIONS),
-    _stability,
-    headroom,
-    noise,
-    _engines_agree,
-    _same_problem,
-)
+OWN = {
+    "steady_state": CheckKind(_steady_state, keys.SteadyStateCheck),
+    "settling_time": CheckKind(settling_time, keys.SettlingTimeCheck),
+    "rise_time": CheckKind(rise_time, keys.RiseTimeCheck),
+    **{name: CheckKind(partial(excursion, name), keys.ExcursionCheck) for name in EXCURSIONS},
+    "stability": CheckKind(_stability, keys.StabilityCheck),
+    "headroom": CheckKind(headroom),
+    "noise": CheckKind(noise, keys.NoiseCheck),
+    "engines_agree": CheckKind(_engines_agree, keys.EnginesAgreeCheck),
+    "same_problem": CheckKind(_same_problem),
+}
+CHECKS = OpenTable("taction.checks", OWN, CheckKind)
+"""All kinds of checks, in the order of the verdict."""

@@ -126,17 +126,74 @@ def verify(
     pending = begin(design)
     clock.begin("reference", beside="simulation", remark=design.plan.remark)
     ideal = ideal_answer(design.network, design.scene) if ideal is None else ideal
-    margin = _margin(design, effort.full_margin)
-    parts, noise = design.loads(), OutputNoise.of(design)
-    steady = SteadyState.of(design.board, design.scales)
-    constraint = constraint_plane(design.circuit) if effort.details else None
+    known = _Known.of(design, effort)
     design, recording = record_and_measure(design, ideal, pending, clock)
-    evidence = _evidence(design, ideal, recording, steady, margin, parts, noise)
+    return _verdict(design, ideal, recording, known, effort, clock)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Known:
+    """What the equations of a board say about it, computed while its simulation runs."""
+
+    steady: SteadyState
+    margin: Margin | None
+    parts: PartLoads
+    noise: OutputNoise | None
+    constraint: ConstraintPlane | None
+
+    @classmethod
+    def of(cls, design: PlannedBoard, effort: Effort) -> _Known:
+        required = design.scene.checks.stability.margin
+        reach = max(required, REACH) if effort.full_margin else required
+        constraint = constraint_plane(design.circuit) if effort.details else None
+        asked = required > 1.0
+        margin = capacitance_margin(design.board, reach, design.poles) if asked else None
+        steady = SteadyState.of(design.board, design.scales)
+        return cls(steady, margin, design.loads(), OutputNoise.of(design), constraint)
+
+
+def _evidence(
+    design: PlannedBoard, ideal: IdealAnswer, recording: Recording, known: _Known
+) -> Evidence:
+    """Return what the checks judge."""
+    return Evidence(
+        checks=design.scene.checks,
+        measurements=recording.measurements,
+        error=recording.error,
+        steady=known.steady,
+        end=float(recording.simulation.waveforms.time[-1]),
+        forever=recording.forever,
+        wanted=design.plan.wanted,
+        agreement=recording.agreement,
+        poles=design.poles,
+        margin=known.margin,
+        reference_error=ideal.error,
+        reference_problem=ideal.problem,
+        contradiction=find_contradiction(design.circuit, ideal, recording.u[0]),
+        parts=known.parts,
+        noise=known.noise,
+        unwitnessed=missing_witness(design.circuit, design.engine),
+        design=design,
+        recording=recording,
+    )
+
+
+def _verdict(
+    design: PlannedBoard,
+    ideal: IdealAnswer,
+    recording: Recording,
+    known: _Known,
+    effort: Effort,
+    clock: Clock,
+) -> Verdict:
+    """Judge a recording, and add the details that `effort` asks for."""
+    evidence, wave = _evidence(design, ideal, recording, known), recording.simulation.waveforms
     checks = run_checks(evidence)
-    wave = recording.simulation.waveforms
     energy = energy_rise(design.network, wave.time, recording.u) if effort.details else None
     clock.begin("error budget")
-    budget = error_budget(design, ideal, recording, noise) if effort.details else ErrorBudget()
+    budget = ErrorBudget()
+    if effort.details:
+        budget = error_budget(design, ideal, recording, known.noise)
     clock.end()
     return Verdict(
         scene=design.scene,
@@ -145,9 +202,9 @@ def verify(
         transient=design.transient,
         ideal=ideal,
         poles=design.poles,
-        steady=steady,
-        margin=margin,
-        constraint=constraint,
+        steady=known.steady,
+        margin=known.margin,
+        constraint=known.constraint,
         waveforms=wave,
         u=recording.u,
         measurements=recording.measurements,
@@ -156,50 +213,12 @@ def verify(
         agreement=recording.agreement,
         energy=energy,
         budget=budget,
-        parts=parts,
-        noise=noise,
+        parts=known.parts,
+        noise=known.noise,
         checks=checks,
         warnings=_warnings(design, recording, evidence),
         outcome=overall(checks),
         timing=clock.seconds,
-    )
-
-
-def _margin(design: PlannedBoard, full: bool) -> Margin | None:
-    required = design.scene.checks.stability.margin
-    if required <= 1.0:
-        return None
-    reach = max(required, REACH) if full else required
-    return capacitance_margin(design.board, reach, design.poles)
-
-
-def _evidence(
-    design: PlannedBoard,
-    ideal: IdealAnswer,
-    recording: Recording,
-    steady: SteadyState,
-    margin: Margin | None,
-    parts: PartLoads,
-    noise: OutputNoise | None,
-) -> Evidence:
-    """Return what the checks judge."""
-    return Evidence(
-        checks=design.scene.checks,
-        measurements=recording.measurements,
-        error=recording.error,
-        steady=steady,
-        end=float(recording.simulation.waveforms.time[-1]),
-        forever=recording.forever,
-        wanted=design.plan.wanted,
-        agreement=recording.agreement,
-        poles=design.poles,
-        margin=margin,
-        reference_error=ideal.error,
-        reference_problem=ideal.problem,
-        contradiction=find_contradiction(design.circuit, ideal, recording.u[0]),
-        parts=parts,
-        noise=noise,
-        unwitnessed=missing_witness(design.circuit, design.engine),
     )
 
 
