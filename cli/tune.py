@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -97,8 +96,8 @@ def _document(tuning: Tuning, verdict: Verdict) -> dict[str, Any]:
 
     return {
         "outcome": verdict.outcome.value,
-        "before": asdict(tuning.before),
-        "after": asdict(tuning.after),
+        "before": tuning.before.summary(),
+        "after": tuning.after.summary(),
         "resistance": verdict.circuit.value("R"),
         "lambda": verdict.circuit.value("lambda"),
         "overshoot_limit": tuning.overshoot_limit,
@@ -106,7 +105,7 @@ def _document(tuning: Tuning, verdict: Verdict) -> dict[str, Any]:
         "tried": tuning.tried,
         "ranges": {each.path: [each.low, each.high] for each in tuning.ranges},
         "at_edges": tuning.at_edges,
-        "frontier": [asdict(candidate) for candidate in tuning.frontier],
+        "frontier": [trial.summary() for trial in tuning.frontier],
         "verification": verdict_document(verdict),
     }
 

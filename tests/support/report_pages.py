@@ -18,7 +18,7 @@ from taction.verification.design.choose_ranking import (
     designs,
 )
 from taction.verification.design.choose_request import Request, choice_plan
-from taction.verification.design.tune import Candidate, Tuning
+from taction.verification.design.tune import Tuning
 from taction.verification.report.html.accuracy_report import accuracy_report
 from taction.verification.report.html.blocks import (
     Bar,
@@ -66,6 +66,7 @@ from tests.support.entries import entry
 from tests.support.making import make_scene
 from tests.support.studying import one_thread, small_scene
 from tests.support.sweeping import grid_plan, make_record, store_records
+from tests.support.trials import make_trial
 
 HOSTILE = '<script>window.hacked = 1</script><img src=x onerror="window.hacked = 2">\'"&</style>'
 STATESPACE: dict[str, Any] = {"engine": "statespace"}
@@ -131,10 +132,10 @@ def tuned() -> tuple[Tuning, Verdict]:
     """Return a tuning with a frontier of four designs, and the verdict of its scene."""
     verdict = verdicts()["passing"]
     curve = [
-        Candidate({"design.gain": 1e5 * k, "design.capacitance": 1e-10}, 1e-4 / k, 0.01 * k**2)
+        make_trial({"design.gain": 1e5 * k, "design.capacitance": 1e-10}, 1e-4 / k, 0.01 * k**2)
         for k in (1, 2, 3, 4)
     ]
-    before = Candidate(curve[0].values, 2e-4, 0.09)
+    before = make_trial(curve[0].values, 2e-4, 0.09)
     return Tuning(before, curve[2], verdict.scene, tuple(curve), 57, 0.1, 1.2, ()), verdict
 
 

@@ -17,12 +17,7 @@ from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.reading_definitions import READINGS
-from taction.verification.design.axis_search import (
-    Searched,
-    search_list,
-    search_pair,
-    search_range,
-)
+from taction.verification.design.search import Searched, search_list, search_pair, search_range
 from taction.verification.design.stable_ranges import StableRange, stable_ranges
 from taction.verification.design.trials import Trial, Trials
 from taction.verification.verdict.checks import Outcome
@@ -188,21 +183,21 @@ class _Search:
                 self.searched.append(Searched((path,), None, found.least, found.most))
                 continue
             self._over(path)
-        single = any({CAPACITANCE, GAIN}.intersection(t.changes) for t in self.passing)
+        single = any({CAPACITANCE, GAIN}.intersection(t.values) for t in self.passing)
         if not single and all(KEYS.get(name) is TRANSIENT for name in self.causes):
             self.trials.share(1)
-            self._keep(search_pair(self.trials, (CAPACITANCE, GAIN), accepts=_passes))
+            self._keep(search_pair(self.trials, (CAPACITANCE, GAIN)))
 
     def _over(self, path: str) -> None:
         values = _listed(self.scene, path)
         if values is None:
-            found = search_range(self.trials, path, _passes, self.edges.get(path))
+            found = search_range(self.trials, path, self.edges.get(path))
             if found is not None:
                 self._keep(found)
             return
         if not values:
             return
-        listed, accepted = search_list(self.trials, path, values, _passes)
+        listed, accepted = search_list(self.trials, path, values)
         self.searched.append(listed)
         self.passing += accepted[:SHOWN]
 
@@ -227,15 +222,15 @@ class _Search:
         )
 
     def _stable_opamps(self) -> tuple[str, ...]:
-        stable = (t for t in self.trials.tried if t.outcomes.get("stability") is Outcome.PASS)
-        return tuple(str(t.changes[OPAMP]) for t in stable if t.changes.keys() == {OPAMP})
+        stable = (t for t in self.trials.tried if t.passed("stability"))
+        return tuple(str(t.values[OPAMP]) for t in stable if t.values.keys() == {OPAMP})
 
     def _partial(self) -> Iterator[Trial]:
         """Yield the trial nearest to the scene that mends most checks, for each set of keys."""
         mended: dict[tuple[str, ...], Trial] = {}
         for trial in self.trials.tried:
-            paths, count = tuple(sorted(trial.changes)), len(self._mends(trial))
-            if trial.refused or not trial.outcomes or not count:
+            paths, count = tuple(sorted(trial.values)), len(self._mends(trial))
+            if trial.refused or not count:
                 continue
             known = mended.get(paths)
             if known is None or count > len(self._mends(known)):
@@ -244,18 +239,14 @@ class _Search:
         yield from (trial for trial in mended.values() if len(self._mends(trial)) == most)
 
     def _mends(self, trial: Trial) -> tuple[str, ...]:
-        return tuple(n for n in self.failed if trial.outcomes.get(n) is Outcome.PASS)
+        return tuple(name for name in self.failed if trial.passed(name))
 
     def _change(self, trial: Trial) -> Change:
-        values = self.trials.completed(trial.changes)
+        values = self.trials.completed(trial.values)
         resistance = None
         if "design.lambda" in values:
-            resistance = self.trials.resistance_at(trial.changes)
+            resistance = self.trials.resistance_at(trial.values)
         return Change(values, self._mends(trial), trial.left, resistance)
-
-
-def _passes(trial: Trial) -> bool:
-    return trial.passes
 
 
 def _listed(scene: Scene, path: str) -> Sequence[Value] | None:

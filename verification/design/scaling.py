@@ -23,8 +23,8 @@ from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import EngineError
-from taction.verification.design.axis_search import search_range
 from taction.verification.design.resistors import scaled_resistors
+from taction.verification.design.search import search_range
 from taction.verification.design.stable_ranges import stable_ranges
 from taction.verification.design.trials import Trials, at_small_signal
 from taction.verification.engines.statespace.linearised.board import LinearBoard
@@ -219,15 +219,15 @@ def _with_passing_capacitance(scene: Scene, notes: list[str]) -> Scene | None:
     """Return the scene with the nearest C with which the checks pass; None if none does."""
     trials, path = Trials(scene, PATIENCE), "design.capacitance"
     own = trials.at({path: scene.design.capacitance})
-    if own.passes:
+    if own.good:
         return scene
-    found = search_range(trials, path, lambda trial: trial.passes)
+    found = search_range(trials, path)
     if found is None or found.found is None:
         left = own.refused or ", ".join(name.replace("_", " ") for name in own.left)
         within = "" if found is None or found.complete else f" was found in {PATIENCE:g} s that"
         notes.append(f"no C{within} makes the board pass: {left}")
         return None
-    farads = found.found.changes[path]
+    farads = found.found.values[path]
     notes.append(f"C is another than the scene's, so that all checks pass: {farads:.3g} F")
     return with_values(scene, {path: farads})
 

@@ -1,10 +1,10 @@
-"""Verdicts of changed designs by the state-space engine, each computed once, within a time limit.
+"""Trials: verdicts of changed designs by the state-space engine, each computed once.
 
-A change keeps lambda, and with it the solution, unless it changes lambda itself. A design with
-parts that are hard to buy, or that the layout undoes (`part_warnings`), more so than those of the
-scene, counts as refused. The
-op-amps stay at the small-signal level: a design that exceeds 90 % of a limit of its parts does not
-pass, though its verdict at the large-signal level might.
+Every search for a better design asks `Trials`; a choice has the same `Trial`s from its store. A
+change keeps lambda, and with it the solution, unless it changes lambda itself. A design with parts
+that are hard to buy, or that the layout undoes (`part_warnings`), more so than those of the scene,
+counts as refused. The op-amps stay at the small-signal level: a design that exceeds 90 % of a limit
+of its parts does not pass, though its verdict at the large-signal level might.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 from taction.netlist_gen.board.part_warnings import broken_limits
 from taction.netlist_gen.board.synthesis import synthesise
@@ -24,16 +25,15 @@ from taction.netlist_gen.topologies.frame.table import topology_of
 from taction.system.errors import InputError, NoVerdictError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.reference.ideal_answer import ideal_network
-from taction.verification.stability.poles import poles
-from taction.verification.verdict.checks import Outcome
+from taction.verification.stability.poles import Poles, poles
+from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.effort import Effort
-from taction.verification.verdict.verify import Verdict, verify
+from taction.verification.verdict.record import Record
+from taction.verification.verdict.verify import verify
 
 BARE = Effort(details=False, full_margin=False)
 # Keys whose change would change lambda where the scene gives a resistance.
 MOVES_LAMBDA = {"design.gain", "design.unit_conductance", "design.unit_voltage"}
-
-
 SAME = 1.0 + 1e-9  # ratio of values that count as equal
 
 
@@ -41,41 +41,72 @@ class OutOfTimeError(Exception):
     """The time limit of a search is over; no result of the search is wrong."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class Trial:
     """What the checks say about one design.
 
     Attributes
     ----------
-    changes : dict
+    values : dict
         New values by dotted paths.
-    outcomes : dict
-        Outcome of every check by its name; empty without a verdict.
-    reasons : dict
-        Reason of every check that does not pass.
+    record : Record
+        Of the verdict, or why there is none.
     refused : str
-        Why there is no verdict, or why the parts cannot be bought; else empty.
-    settling_time, overshoot : float
-        s (the longer one of a fragile reading) and fraction of the step amplitude; infinite if
-        the board has none.
+        Which of its parts cannot be bought, or the layout undoes, or why there is no verdict.
     """
 
-    changes: dict[str, Value]
-    outcomes: dict[str, Outcome]
-    reasons: dict[str, str]
+    values: dict[str, Any]  # numbers and names
+    record: Record
     refused: str = ""
-    settling_time: float = math.inf
-    overshoot: float = math.inf
 
     @property
-    def passes(self) -> bool:
-        """Whether every check passes with parts that can be bought."""
-        return not self.refused and not self.left and bool(self.outcomes)
+    def outcome(self) -> str:
+        """The outcome of the verdict: pass, fail, inconclusive or error."""
+        return self.record.outcome
 
     @property
     def left(self) -> tuple[str, ...]:
         """Names of the checks that do not pass."""
-        return tuple(name for name, one in self.outcomes.items() if one is not Outcome.PASS)
+        return self.record.failed
+
+    @property
+    def reason(self) -> str:
+        """Why the outcome is not a pass."""
+        return self.record.reason
+
+    @property
+    def good(self) -> bool:
+        """Whether every check passes with parts that can be bought."""
+        return self.outcome == Outcome.PASS.value and not self.refused
+
+    @property
+    def settling_time(self) -> float:
+        """The settling time, s, of a fragile reading the longer one; infinite without one."""
+        reading = self.record.figure("settling_time")
+        if reading.value is None or not self.record.stable:
+            return math.inf
+        return max(reading.value, reading.alternative or 0.0)
+
+    @property
+    def overshoot(self) -> float:
+        """The largest overshoot, fraction of the step; infinite for an unstable board."""
+        value = self.record.value("overshoot")
+        return math.inf if value is None or not self.record.stable else value
+
+    def passed(self, name: str) -> bool:
+        """Whether a check passes."""
+        check = self.record.check(name)
+        return check is not None and check.outcome is Outcome.PASS
+
+    def reading(self, name: str) -> float | None:
+        """Return the value of a check."""
+        check = self.record.check(name)
+        return None if check is None else check.value
+
+    def summary(self) -> dict[str, Any]:
+        """Return the design and what counts of its verdict as plain data."""
+        names = ("values", "settling_time", "overshoot", "left", "refused")
+        return {name: getattr(self, name) for name in names}
 
 
 class Trials:
@@ -177,17 +208,16 @@ class Trials:
         try:
             board = self.board_at(changes)
             found = poles(board)
-        except (InputError, NoVerdictError) as error:
-            return Trial(changes, {}, {}, str(error))
-        if found.certain and not found.stable:  # known without a transient
-            return Trial(changes, {"stability": Outcome.FAIL}, {"stability": "it is unstable"})
-        refused = self._refused(board)
-        try:
+            if found.known_unstable:  # known without a transient
+                return Trial(changes, _unstable(found))
+            refused = self._refused(board)
             scene = at_small_signal(self.scene_at(changes))
             verdict = verify(scene, problem=self.problem, circuit=board, effort=BARE)
         except (InputError, NoVerdictError) as error:
-            return Trial(changes, {}, {}, str(error))
-        return trial_of(verdict, changes, refused)
+            failure, reason = type(error).__name__, str(error)
+            record = Record.without_verdict(failure, reason, "statespace")
+            return Trial(changes, record, reason)
+        return Trial(changes, Record.of(verdict, channels=False), refused)
 
     def _refused(self, board: LinearBoard) -> str:
         """Return which parts are out of range, and farther than those of the scene."""
@@ -207,19 +237,10 @@ def at_small_signal(scene: Scene) -> Scene:
     return scene.model_copy(update={"design": scene.design.model_copy(update={"opamp": opamp})})
 
 
-def trial_of(verdict: Verdict, changes: dict[str, Value], refused: str = "") -> Trial:
-    """Return what a verdict says about the design with `changes`."""
-    settling, reading = math.inf, verdict.measurements.settling_time
-    if reading is not None and verdict.poles.stable:
-        settling = max(reading.value, reading.alternative or 0.0)
-    overshoot = math.inf
-    if verdict.poles.stable:
-        overshoot = max(channel.overshoot for channel in verdict.measurements.channels)
-    return Trial(
-        changes=changes,
-        outcomes={check.name: check.outcome for check in verdict.checks},
-        reasons={c.name: c.reason for c in verdict.checks if c.outcome is not Outcome.PASS},
-        refused=refused,
-        settling_time=settling,
-        overshoot=overshoot,
-    )
+def _unstable(found: Poles) -> Record:
+    """Return the record of a board whose poles show that it is unstable."""
+    rate, reason = found.rightmost.real, "it is unstable"
+    check = Check("stability", Outcome.FAIL, rate, found.resolution, None, None, "1/s", reason)
+    none = Record.without_verdict("", reason, "statespace")
+    outcome = Outcome.FAIL.value
+    return replace(none, outcome=outcome, failure=None, stable=False, checks=(check,))

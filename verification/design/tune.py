@@ -1,6 +1,6 @@
 """The paper's CONSOLE step: the design with the least settling time that every check accepts.
 
-The verdict of the state-space engine judges every candidate, by all checks of the scene and the
+The verdict of the state-space engine judges every design, by all checks of the scene and the
 limits of the search, and with values that can be bought. The solution that the board computes does
 not change, because lambda is constant (R follows). Settling time jumps where a ringing peak crosses
 the band, so the search uses no gradient: a grid, then Nelder and Mead's simplex from its best
@@ -17,16 +17,16 @@ from typing import Any
 
 import numpy as np
 
-from taction.netlist_gen.board.buyable_values import buyable, series_of
 from taction.netlist_gen.scene.checks import ExcursionCheck, StabilityCheck
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.system.quantities import show
-from taction.verification.design.axis_search import search_range
+from taction.verification.design.ranges import Range, parse_ranges
+from taction.verification.design.search import search_range
 from taction.verification.design.trials import Trial, Trials
-from taction.verification.design.tuning_ranges import Range, parse_ranges
 from taction.verification.studies.running.pace import Pace
+from taction.verification.verdict.record import ERROR
 
 GRID = {1: 25, 2: 9, 3: 5}  # points of each parameter, by the number of parameters
 REACH = 20.0  # the range is the scene's value divided and multiplied by this factor
@@ -39,30 +39,14 @@ INFEASIBLE = 1e6  # added to the objective for every check that does not pass
 
 
 @dataclass(frozen=True, slots=True)
-class Candidate:
-    """One design of the search."""
-
-    values: dict[str, float]  # by dotted path
-    settling_time: float  # s, the longer value of a fragile reading; infinite if it never settles
-    overshoot: float  # fraction of the step amplitude; infinite for an unstable board
-    left: tuple[str, ...] = ()  # the checks that do not pass
-    refused: str = ""  # why there is no verdict, or which parts cannot be bought
-
-    @property
-    def good(self) -> bool:
-        """Whether every check passes with parts that can be bought."""
-        return not self.left and not self.refused
-
-
-@dataclass(frozen=True, slots=True)
 class Tuning:
     """Result of a search."""
 
-    before: Candidate  # the design of the scene
-    after: Candidate  # the best design within the limits
+    before: Trial  # the design of the scene
+    after: Trial  # the best design within the limits
     scene: Scene  # with the best design, and the limits as checks
-    frontier: tuple[Candidate, ...]  # no candidate has both less overshoot and less settling time
-    tried: int  # candidates evaluated
+    frontier: tuple[Trial, ...]  # no design has both less overshoot and less settling time
+    tried: int  # designs
     overshoot_limit: float
     margin: float
     ranges: tuple[Range, ...]
@@ -104,7 +88,7 @@ def tune(
         A key is unknown or not of the design, a range is none, there are no keys or too many, or
         the design of the scene cannot be built.
     EngineError
-        No candidate passes the checks; the message has the one that came closest.
+        No design passes the checks; the message has the one that came closest.
     """
     ranges = parse_ranges(scene, keys, reach or REACH, max(GRID))
     check = scene.checks.overshoot
@@ -130,42 +114,42 @@ def tune(
         before=before,
         after=after,
         scene=search.tuned_scene(after),
-        frontier=_frontier(search.candidates),
-        tried=len(search.candidates),
+        frontier=frontier(search.tried),
+        tried=len(search.tried),
         overshoot_limit=limit,
         margin=search.margin,
         ranges=ranges,
     )
 
 
-def _frontier(candidates: Iterable[Candidate]) -> tuple[Candidate, ...]:
-    """Return the Pareto-optimal candidates, by growing overshoot.
+def frontier(trials: Iterable[Trial]) -> tuple[Trial, ...]:
+    """Return the Pareto-optimal designs, by growing overshoot.
 
-    A candidate counts if it fails no check other than that of the overshoot.
+    A design counts if it fails no check other than that of the overshoot.
     """
-    frontier: list[Candidate] = []
-    kept = [c for c in candidates if not c.refused and set(c.left) <= {"overshoot"}]
-    settling = [c for c in kept if math.isfinite(c.settling_time)]
-    for candidate in sorted(settling, key=lambda c: (c.overshoot, c.settling_time)):
-        if not frontier or candidate.settling_time < frontier[-1].settling_time:
-            frontier.append(candidate)
-    return tuple(frontier)
+    best: list[Trial] = []
+    kept = [t for t in trials if not t.refused and set(t.left) <= {"overshoot"}]
+    settling = [trial for trial in kept if math.isfinite(trial.settling_time)]
+    for trial in sorted(settling, key=lambda t: (t.overshoot, t.settling_time)):
+        if not best or trial.settling_time < best[-1].settling_time:
+            best.append(trial)
+    return tuple(best)
 
 
 @dataclass(slots=True)
 class _Search:
-    """Candidates of one search."""
+    """The designs of one search."""
 
     original: Scene
     ranges: Sequence[Range]
     overshoot: float
     margin: float
     progress: Callable[[str], None]
-    candidates: list[Candidate] = field(default_factory=list)
+    tried: list[Trial] = field(default_factory=list)
     trials: Trials = field(init=False)
     pace: Pace = field(default_factory=Pace)
     stage: str = "the scene's design"
-    left: int = 0  # candidates that are left, about
+    left: int = 0  # designs that are left, about
 
     def __post_init__(self) -> None:
         self.trials = Trials(self.limited)
@@ -182,29 +166,29 @@ class _Search:
         """Begin a stage; so many points of the grid and simplexes are left with it."""
         self.stage, self.left = stage, points + simplexes * USUAL[len(self.ranges)]
 
-    def tuned_scene(self, candidate: Candidate) -> Scene:
-        """Return the original scene with the design of `candidate` and the limits as checks."""
-        return self.trials.scene_at(candidate.values, self.limited)
+    def tuned_scene(self, trial: Trial) -> Scene:
+        """Return the original scene with the design of a trial and the limits as checks."""
+        return self.trials.scene_at(trial.values, self.limited)
 
-    def feasible(self, candidate: Candidate) -> bool:
-        """Whether a candidate passes, with a reserve for the simulator's error."""
-        return candidate.good and candidate.overshoot <= RESERVE * self.overshoot
+    def feasible(self, trial: Trial) -> bool:
+        """Whether a design passes, with a reserve for the simulator's error."""
+        return trial.good and trial.overshoot <= RESERVE * self.overshoot
 
-    def objective(self, candidate: Candidate) -> float:
+    def objective(self, trial: Trial) -> float:
         """Return ln(settling time), plus a penalty for every check that does not pass."""
-        broken = len(candidate.left) + bool(candidate.refused)
-        if not math.isfinite(candidate.settling_time):
+        broken = len(trial.left) + bool(trial.refused)
+        if not math.isfinite(trial.settling_time):
             return (100 + broken) * INFEASIBLE
-        excess = max(candidate.overshoot - RESERVE * self.overshoot, 0.0)
+        excess = max(trial.overshoot - RESERVE * self.overshoot, 0.0)
         penalty = INFEASIBLE * (broken + min(excess, 1.0) + bool(excess))
-        return math.log(candidate.settling_time) + penalty
+        return math.log(trial.settling_time) + penalty
 
-    def best(self, count: int) -> list[Candidate]:
-        """Return the best candidates so far."""
-        return sorted(self.candidates, key=self.objective)[:count]
+    def best(self, count: int) -> list[Trial]:
+        """Return the best designs so far."""
+        return sorted(self.tried, key=self.objective)[:count]
 
-    def no_design(self, closest: Candidate) -> EngineError:
-        """Return the error that no candidate passes, with the one that came closest."""
+    def no_design(self, closest: Trial) -> EngineError:
+        """Return the error that no design passes, with the one that came closest."""
         ends = ", ".join(
             f"{each.path} from {show(each.low, each.unit, 3)} to {show(each.high, each.unit, 3)}"
             for each in self.ranges
@@ -220,48 +204,41 @@ class _Search:
             reached = f" with an overshoot of {100 * closest.overshoot:.3g} %"
         return EngineError(
             f"no design passes every check with an overshoot of {100 * self.overshoot:g} % and a"
-            f" margin of {self.margin:g} in C; tried {len(self.candidates)} over {ends}. The"
+            f" margin of {self.margin:g} in C; tried {len(self.tried)} over {ends}. The"
             f" closest is {values}{reached}: it does not pass {failing}. Loosen a limit, give"
             " another range, or tune another key"
         )
 
-    def at(self, point: Floats) -> Candidate:
+    def at(self, point: Floats) -> Trial:
         """Try the design at the logarithms `point`, with the nearest values that can be bought."""
-        values = {}
-        for each, place in zip(self.ranges, point.tolist(), strict=True):
-            value = min(max(math.exp(place), each.low), each.high)
-            values[each.path] = buyable(value, series_of(self.original.design, each.path))
+        values = {
+            each.path: each.bought(min(max(math.exp(place), each.low), each.high))
+            for each, place in zip(self.ranges, point.tolist(), strict=True)
+        }
         return self.evaluate(values)
 
-    def evaluate(self, values: dict[str, float]) -> Candidate:
+    def evaluate(self, values: dict[str, float]) -> Trial:
         """Try the design with `values`."""
         trial = self.trials.at(dict(values))
-        if not self.candidates and not trial.outcomes:
+        if not self.tried and trial.outcome == ERROR:
             self.trials.board_at(dict(values))  # raises the error of the scene's own design
-        candidate = _candidate(values, trial)
-        self.candidates.append(candidate)
+        self.tried.append(trial)
         self.left = max(self.left - 1, 0)
         self.progress(f"{self.stage}{self.pace.ended(self.left)}")
-        return candidate
+        return trial
 
     def seed(self) -> None:
         """Search outwards from the scene's values for a design that passes, key by key.
 
         The grid may step over a narrow window that this search halves its way into.
         """
+        own = {each.path: each.own for each in self.ranges}
         for each in self.ranges:
-
-            def accepts(trial: Trial, each: Range = each) -> bool:
-                value = float(trial.changes[each.path])
-                return trial.passes and each.low <= value <= each.high
-
-            found = search_range(self.trials, each.path, accepts)
+            found = search_range(self.trials, each.path, limits=(each.low, each.high))
             if found is not None and found.found is not None:
-                own = {other.path: other.own for other in self.ranges}
-                value = float(found.found.changes[each.path])
-                self.evaluate(own | {each.path: value})
+                self.evaluate(own | {each.path: float(found.found.values[each.path])})
 
-    def descend(self, start: Candidate, spacings: Sequence[float]) -> None:
+    def descend(self, start: Trial, spacings: Sequence[float]) -> None:
         """Run a simplex from `start`; the grid has these `spacings`."""
         from scipy.optimize import minimize
 
@@ -274,7 +251,3 @@ class _Search:
             return self.objective(self.at(point))
 
         minimize(objective, x0.tolist(), method="Nelder-Mead", options=options)
-
-
-def _candidate(values: dict[str, float], trial: Trial) -> Candidate:
-    return Candidate(values, trial.settling_time, trial.overshoot, trial.left, trial.refused)

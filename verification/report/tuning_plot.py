@@ -6,7 +6,8 @@ import math
 from typing import Any
 
 from taction.system.quantities import readable, show
-from taction.verification.design.tune import Candidate, Tuning
+from taction.verification.design.trials import Trial
+from taction.verification.design.tune import Tuning
 from taction.verification.report.picture import BLUE, GREY, ORANGE, figure_file
 from taction.verification.report.verdict.remedies import value_text
 
@@ -59,12 +60,12 @@ def plot_tradeoff(tuning: Tuning, path: str) -> None:
         axes.legend(fontsize="small", loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=4)
 
 
-def _values(tuning: Tuning, candidate: Candidate) -> str:
+def _values(tuning: Tuning, candidate: Trial) -> str:
     texts = (value_text(tuning.scene, p, v) for p, v in candidate.values.items())
     return readable(", ".join(texts))
 
 
-def _neighbours(frontier: list[Candidate], chosen: Candidate) -> list[Candidate]:
+def _neighbours(frontier: list[Trial], chosen: Trial) -> list[Trial]:
     """Return the designs of the frontier beside the chosen one."""
     if chosen not in frontier:
         return []

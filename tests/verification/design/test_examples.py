@@ -9,7 +9,7 @@ import pytest
 
 from taction.netlist_gen.board import buyable_values, part_warnings
 from taction.netlist_gen.scene import writing
-from taction.verification.design import choose_request, scaling, stable_ranges, tuning_ranges
+from taction.verification.design import choose_request, ranges, scaling, stable_ranges
 from taction.verification.report.verdict import remedies
 from tests.support.paths import ROOT
 
@@ -20,7 +20,7 @@ MODULES = (
     choose_request,
     scaling,
     stable_ranges,
-    tuning_ranges,
+    ranges,
     writing,
 )
 

@@ -18,10 +18,12 @@ from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import EngineError, InputError
 from taction.verification.design import tune as tune_module
-from taction.verification.design.tune import Candidate, Tuning, tune
+from taction.verification.design.trials import Trial
+from taction.verification.design.tune import Tuning, frontier, tune
 from taction.verification.report.tuning_plot import plot_tradeoff
 from taction.verification.verdict.verify import verify
 from tests.support.making import make_scene
+from tests.support.trials import make_trial
 
 REAL = {"base": "ideal", "dc_gain": 1e5, "gbw": "1MHz", "second_pole": "3MHz"}
 DESIGN = {
@@ -94,11 +96,10 @@ def test_lambda_is_held_and_the_resistance_follows() -> None:
 
 def test_the_same_search_finds_the_same() -> None:
     again = tune(scene(), overshoot=0.02, margin=1.3)
-    assert (again.after, again.frontier, again.tried) == (
-        tuned().after,
-        tuned().frontier,
-        tuned().tried,
-    )
+    for one, other in zip(again.frontier, tuned().frontier, strict=True):
+        assert one.summary() == other.summary()
+    assert again.after.summary() == tuned().after.summary()
+    assert again.tried == tuned().tried
 
 
 def test_the_frontier_is_nondominated() -> None:
@@ -110,14 +111,14 @@ def test_the_frontier_is_nondominated() -> None:
 
 
 def test_a_frontier_leaves_out_what_is_beaten_unstable_or_never_settles() -> None:
-    def candidate(settling: float, overshoot: float, *left: str) -> Candidate:
-        return Candidate({}, settling, overshoot, left)
+    def candidate(settling: float, overshoot: float, *left: str) -> Trial:
+        return make_trial({}, settling, overshoot, left)
 
     best = [candidate(3.0, 0.1), candidate(1.0, 0.2)]
     beaten = [candidate(3.0, 0.2), candidate(4.0, 0.1), candidate(1.0, 0.3)]
     no_design = [candidate(0.5, 0.0, "stability"), candidate(float("inf"), 0.0)]
-    no_design.append(Candidate({}, 0.5, 0.0, (), "resistors s below 100 ohm"))
-    assert tune_module._frontier([*beaten, *best, *no_design]) == tuple(best)
+    no_design.append(make_trial({}, 0.5, 0.0, (), "resistors s below 100 ohm"))
+    assert frontier([*beaten, *best, *no_design]) == tuple(best)
 
 
 def test_two_keys_do_no_worse_than_one(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -224,6 +225,8 @@ def test_the_command_draws_and_documents(tmp_path: Path) -> None:
     assert document["verification"]["outcome"] == "pass"
     assert plot.read_bytes().startswith(b"\x89PNG")
     assert len(document["frontier"]) >= 3
+    keys = {"values", "settling_time", "overshoot", "left", "refused"}
+    assert all(set(design) == keys for design in document["frontier"])
 
 
 def test_the_command_shows_what_to_write_into_the_scene(tmp_path: Path) -> None:
@@ -246,7 +249,7 @@ def test_options_that_cannot_be(tmp_path: Path, option: list[str]) -> None:
 
 def test_a_picture_of_a_board_that_never_settled(tmp_path: Path) -> None:
     found = tuned()
-    before = Candidate(found.before.values, float("inf"), float("inf"), ("stability",))
+    before = make_trial(found.before.values, left=("stability",))
     unsettled = replace(found, before=before)
     path = tmp_path / "t.svg"
     plot_tradeoff(unsettled, str(path))

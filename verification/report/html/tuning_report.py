@@ -7,7 +7,8 @@ from collections.abc import Iterator
 
 from taction.netlist_gen.scene.keys import find_key
 from taction.system.quantities import written
-from taction.verification.design.tune import Candidate, Tuning
+from taction.verification.design.trials import Trial
+from taction.verification.design.tune import Tuning
 from taction.verification.report.html.blocks import (
     Block,
     Cell,
@@ -73,7 +74,7 @@ def _blocks(tuning: Tuning, verdict: Verdict) -> Iterator[Block]:
 
 
 def _tradeoff(tuning: Tuning, keys: dict[str, str]) -> Picture:
-    def text(candidate: Candidate) -> str:
+    def text(candidate: Trial) -> str:
         return ", ".join(
             f"{_key_name(path)} {quantity(value, keys[path])}"
             for path, value in candidate.values.items()

@@ -11,10 +11,10 @@ import pytest
 
 from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.scene import Scene
-from taction.verification.design.axis_search import search_list, search_pair, search_range
+from taction.verification.design.search import search_list, search_pair, search_range
 from taction.verification.design.trials import OutOfTimeError, Trial, Trials
-from taction.verification.verdict.checks import Outcome
 from tests.support.making import make_scene
+from tests.support.trials import make_trial
 
 C, GAIN = "design.capacitance", "design.gain"
 Fails = Callable[[float, float], list[str]]  # of C / 10 pF and gain / 1 Mohm
@@ -41,31 +41,26 @@ class MadeUp:
             raise OutOfTimeError
         farads, ohms = float(changes.get(C, 1e-11)), float(changes.get(GAIN, 1e6))
         failed = self.fails(farads / 1e-11, ohms / 1e6)
-        outcomes = {"fast": Outcome.PASS, "stable": Outcome.PASS}
-        return Trial(dict(changes), outcomes | dict.fromkeys(failed, Outcome.FAIL), {})
+        return make_trial(changes, left=failed)
 
 
 def trials(fails: Fails, **more: int | str) -> Trials:
     return cast("Trials", MadeUp(fails, **more))  # type: ignore[arg-type]
 
 
-def passes(trial: Trial) -> bool:
-    return trial.passes
-
-
 def test_the_nearest_value_of_three_digits() -> None:
-    found = search_range(trials(lambda c, _: ["stable"] if c < 3.14159 else []), C, passes)
+    found = search_range(trials(lambda c, _: ["stable"] if c < 3.14159 else []), C)
     assert found is not None
     assert found.found is not None
-    assert found.found.changes == {C: 3.15e-11}
+    assert found.found.values == {C: 3.15e-11}
 
 
 def test_the_nearest_value_of_a_series_below() -> None:
     slow = trials(lambda c, _: ["fast"] if c > 0.31 else [], series="E12")
-    found = search_range(slow, C, passes)
+    found = search_range(slow, C)
     assert found is not None
     assert found.found is not None
-    assert found.found.changes == {C: 2.7e-12}
+    assert found.found.values == {C: 2.7e-12}
 
 
 def test_a_window_between_two_failures_of_different_checks() -> None:
@@ -74,23 +69,23 @@ def test_a_window_between_two_failures_of_different_checks() -> None:
     def fails(c: float, _: float) -> list[str]:
         return ["stable"] if c < 5.0 else ["fast"] if c > 5.1 else []
 
-    found = search_range(trials(fails), C, passes)
+    found = search_range(trials(fails), C)
     assert found is not None
     assert found.found is not None
-    assert 5.0 <= float(found.found.changes[C]) / 1e-11 <= 5.1
+    assert 5.0 <= float(found.found.values[C]) / 1e-11 <= 5.1
 
 
 def test_the_walk_from_an_edge_goes_away_from_the_scene() -> None:
     made = MadeUp(lambda c, _: ["stable"] if c < 4.0 else [])
-    found = search_range(cast("Trials", made), C, passes, edge=4e-11)
+    found = search_range(cast("Trials", made), C, edge=4e-11)
     assert found is not None
     assert found.found is not None
-    assert found.found.changes == {C: 4e-11}
+    assert found.found.values == {C: 4e-11}
     assert made.count < 12
 
 
 def test_nothing_found_says_from_where_to_where() -> None:
-    found = search_range(trials(lambda *_: ["fast"]), C, passes)
+    found = search_range(trials(lambda *_: ["fast"]), C)
     assert found is not None
     assert found.found is None
     assert (found.least, found.most) == pytest.approx((1e-13, 1e-9))
@@ -98,12 +93,12 @@ def test_nothing_found_says_from_where_to_where() -> None:
 
 
 def test_time_that_ends_keeps_what_was_found() -> None:
-    found = search_range(trials(lambda c, _: ["fast"] if c < 1.3 else [], most=3), C, passes)
+    found = search_range(trials(lambda c, _: ["fast"] if c < 1.3 else [], most=3), C)
     assert found is not None
     assert found.found is not None
     assert not found.complete
-    assert not search_pair(trials(lambda *_: ["fast"], most=5), (C, GAIN), passes).complete
-    listed, accepted = search_list(trials(lambda *_: []), C, [1e-12, 2e-12], passes)
+    assert not search_pair(trials(lambda *_: ["fast"], most=5), (C, GAIN)).complete
+    listed, accepted = search_list(trials(lambda *_: []), C, [1e-12, 2e-12])
     assert listed.complete
     assert len(accepted) == 2
 
@@ -117,10 +112,10 @@ def test_two_keys_where_neither_alone_does() -> None:
     def fails(c: float, s: float) -> list[str]:
         return [] if math.hypot(math.log10(c) - 1.0, math.log10(s) + 1.0) < 0.3 else ["fast"]
 
-    found = search_pair(trials(fails), (C, GAIN), passes).found
+    found = search_pair(trials(fails), (C, GAIN)).found
     assert found is not None
     distance = math.hypot(
-        math.log10(float(found.changes[C]) / 1e-11), math.log10(float(found.changes[GAIN]) / 1e6)
+        math.log10(float(found.values[C]) / 1e-11), math.log10(float(found.values[GAIN]) / 1e6)
     )
     assert distance == pytest.approx(math.sqrt(2.0) - 0.3, abs=0.125)
 
@@ -133,13 +128,13 @@ def test_a_narrow_valley_between_two_checks() -> None:
             return ["fast", "stable"]
         return ["stable"] if c * s < 3.3 else ["fast"] if c * s > 3.36 else []
 
-    found = search_pair(trials(fails), (C, GAIN), passes).found
+    found = search_pair(trials(fails), (C, GAIN)).found
     assert found is not None
-    product = float(found.changes[C]) / 1e-11 * float(found.changes[GAIN]) / 1e6
+    product = float(found.values[C]) / 1e-11 * float(found.values[GAIN]) / 1e6
     assert 3.3 <= product <= 3.36
 
 
 def test_a_key_without_a_value_is_left_out() -> None:
     made = trials(lambda *_: [])
-    assert search_range(made, "design.stray_capacitance", passes) is not None
-    assert search_range(made, "design.prune", passes) is None
+    assert search_range(made, "design.stray_capacitance") is not None
+    assert search_range(made, "design.prune") is None
