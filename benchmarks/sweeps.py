@@ -31,13 +31,13 @@ from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.axes import parse_axes, points, with_values
 from taction.netlist_gen.scene.file import load_scene
 from taction.studies import plan_sweep
-from taction.verification.studies.figures import FIGURES
 from taction.verification.studies.running.workers import Workers
+from taction.verification.studies.store import Store, StoredResult
 from taction.verification.studies.sweep.plan import Plan
 from taction.verification.studies.sweep.run import sweep
-from taction.verification.studies.sweep.store import Store, StoredResult
 from taction.verification.verdict.clock import Clock
 from taction.verification.verdict.design import design_board
+from taction.verification.verdict.record import FIGURES, Record
 
 SIZES = {Extent.TINY: (2, 2, 20), Extent.QUICK: (31, 21, 1000), Extent.FULL: (31, 21, 10_000)}
 ENGINES = {"ngspice": 180.0, "hybrid": 30.0, "statespace": 12.0}  # wanted seconds on two cores
@@ -109,10 +109,10 @@ class Instant(Executor):
 
     def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Return a finished future."""
-        words = {"failure": None, "reason": "", "engine": "statespace", "simulator": "statespace"}
-        more = {"outcome": "pass", "state": "settled", "stable": True, "checks": []}
+        figures: dict[str, float | None] = dict.fromkeys(FIGURES, 1.0)
+        record = Record("pass", "statespace", state="settled", stable=True, figures=figures)
         future: Future[Any] = Future()
-        future.set_result(StoredResult("pass", words | more | dict.fromkeys(FIGURES, 1.0)))
+        future.set_result(StoredResult.of(record))
         return future
 
 

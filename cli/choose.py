@@ -71,7 +71,7 @@ def choose(scene: str, as_json: bool, **options: Any) -> None:
     )
     from taction.verification.design.choose_request import choice_plan
     from taction.verification.reference.ideal_answer import read_scene
-    from taction.verification.studies.sweep.store import Store
+    from taction.verification.studies.store import Store
 
     check_plot(options["plot"])
     check_report(options["report"])

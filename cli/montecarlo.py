@@ -28,6 +28,7 @@ from taction.cli.common import (
     scene_command,
     stage_display,
 )
+from taction.system.documents import plain
 from taction.system.errors import Complaint, InputError
 
 if TYPE_CHECKING:
@@ -74,14 +75,15 @@ def montecarlo(scene: str, count: int, seed: int, as_json: bool, **options: Any)
     """
     from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.studies.running.executors import workers_at
-    from taction.verification.studies.tolerance.drawing import draw_samples, half_width
+    from taction.verification.studies.tolerance.drawing import (
+        SampleCollection,
+        draw_samples,
+        half_width,
+    )
     from taction.verification.studies.tolerance.remedy import TARGET
     from taction.verification.studies.tolerance.remedy_search import verified_remedy
     from taction.verification.studies.tolerance.varied_board import prepare
-    from taction.verification.studies.tolerance.yield_report import (
-        SampleCollection,
-        summarise_samples,
-    )
+    from taction.verification.studies.tolerance.yield_report import summarise_samples
 
     check_plot(options["plot"])
     check_report(options["report"])
@@ -173,14 +175,15 @@ def corners(
     save_report(options["report"], lambda: _corners_page(requested_scene, found))
     if as_json:
         directions = [{name: getattr(d, name) for name in DIRECTION} for d in found.directions]
-        records = [asdict(corner) for corner in found.corners]
+        records = [plain(corner) for corner in found.corners]
         print_json({"scene": requested_scene.name, "corners": records, "directions": directions})
     else:
         print_corners(found.corners, quantities(requested_scene), console())
         if found.directions:
             print_directions(found.directions, console())
     outcomes = {corner.result.outcome for corner in found.corners}
-    sys.exit(STATUS[next((o for o in ("fail", "inconclusive") if o in outcomes), "pass")])
+    bad = "fail" if "fail" in outcomes else "inconclusive"
+    sys.exit(STATUS["pass" if outcomes == {"pass"} else bad])
 
 
 def _verify_sample(
@@ -203,7 +206,7 @@ def _verify_sample(
             report, lambda: verdict_report(verdict, f"taction montecarlo --sample {number}")
         )
     if as_json:
-        sample = asdict(evaluate(study, number, z))
+        sample = plain(evaluate(study, number, z))
         deviations = {p.name: float(v) for p, v in zip(study.varied, z, strict=True)}
         head = {"seed": seed, "sample": sample, "deviations": deviations}
         print_json(head | verdict_document(verdict), "montecarlo-sample")

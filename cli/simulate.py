@@ -21,7 +21,7 @@ from taction.cli.common import (
 def simulate(scene: str, engine: str | None, output: str | None, as_json: bool) -> None:
     """Run the transient of SCENE and measure the waveforms, without any check."""
     from taction.verification.report.verdict.json_document import channel_record
-    from taction.verification.studies.figures import finite
+    from taction.verification.verdict.record import Channel, finite
 
     with stage_display() as progress:
         result = taction.simulate(scene, engine=engine, output=output, progress=progress)
@@ -40,7 +40,7 @@ def simulate(scene: str, engine: str | None, output: str | None, as_json: bool) 
                 "stop": float(waveforms.time[-1]),
                 "step_amplitude": measurements.amplitude,
                 "settling_time": finite(measurements.settling_time),
-                "channels": [channel_record(channel) for channel in measurements.channels],
+                "channels": [channel_record(Channel.of(c)) for c in measurements.channels],
                 "output": output,
             }
         )

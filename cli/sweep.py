@@ -29,9 +29,9 @@ from taction.cli.common import (
 
 if TYPE_CHECKING:
     from taction.verification.report.html.blocks import Report
+    from taction.verification.studies.store import Store
     from taction.verification.studies.sweep.plan import Plan
     from taction.verification.studies.sweep.run import SweepCounts
-    from taction.verification.studies.sweep.store import Store
 
 WIDE = 100  # columns that hold the bar beside the numbers
 
@@ -79,7 +79,7 @@ def sweep(scene: str, over: tuple[str, ...], as_json: bool, **options: Any) -> N
     """
     from taction.studies import plan_sweep
     from taction.verification.report.sweep.agreement import summarise
-    from taction.verification.studies.sweep.store import Store
+    from taction.verification.studies.store import Store
 
     keep = options["keep_waveforms"]
     plan = plan_sweep(scene, over, options["engine"], fix=options["fix"], keep_waveforms=keep)

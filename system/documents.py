@@ -108,8 +108,8 @@ def _unwrapped(hint: Any) -> tuple[Any, tuple[Any, ...]]:
     return hint, ()
 
 
-def plain(value: Any) -> Any:
-    """Return `value` in the types of JSON.
+def plain(value: Any, *, sparse: bool = False) -> Any:
+    """Return `value` in the types of JSON; `sparse` without the fields that are null or empty.
 
     Examples
     --------
@@ -127,27 +127,31 @@ def plain(value: Any) -> Any:
     if isinstance(value, complex):
         return [plain(value.real), plain(value.imag)]
     if isinstance(value, Mapping):
-        return {printable(str(key)): plain(item) for key, item in value.items()}
+        return {printable(str(key)): plain(item, sparse=sparse) for key, item in value.items()}
     if isinstance(value, list | tuple | set | frozenset):
-        return [plain(item) for item in value]
+        return [plain(item, sparse=sparse) for item in value]
     if isinstance(value, PurePath):
         return printable(str(value))
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return _plain_parts(value)
+        return _plain_parts(value, sparse)
     if hasattr(value, "tolist"):
         return plain(value.tolist())
     raise TypeError(f"{type(value).__name__} has no form in a document")
 
 
-def _plain_parts(value: Any) -> dict[str, Any]:
+def _plain_parts(value: Any, sparse: bool) -> dict[str, Any]:
     found: dict[str, Any] = {}
     kind: type = type(value)
     for part in parts_of(kind):
-        item = plain(getattr(value, part.attribute))
+        if sparse and part.attribute in getattr(kind, "SHOWN", ()):
+            continue
+        item = plain(getattr(value, part.attribute), sparse=sparse)
         if part.inline is None:
             found[part.key] = item
         elif item is not None:
             found |= item
+    if sparse:
+        return {key: item for key, item in found.items() if item not in (None, "", [], {})}
     return found
 
 
@@ -182,7 +186,7 @@ def _read(kind: Any, data: Any, place: str) -> Any:
     if origin is not None and issubclass(origin, Mapping):
         if not isinstance(data, Mapping):
             raise ValueError(f"{place}: a table is missing")
-        return {key: _read(inner[1], item, f"{place}.{key}") for key, item in data.items()}
+        return {k: _read(inner[1], item, f"{place}.{k}".lstrip(".")) for k, item in data.items()}
     return _read_one(kind, data, place)
 
 
@@ -237,6 +241,11 @@ def _read_parts(kind: Any, data: Any, place: str) -> Any:
         elif part.attribute not in optional:
             raise ValueError(f"{here}: missing")
     return kind(**values)
+
+
+def unknown_keys(kind: Any, data: Mapping[str, Any]) -> list[str]:
+    """Return the keys of `data` that a document of the type does not have."""
+    return sorted(set(data) - set(_object(kind, {})["properties"]))
 
 
 def schema(kind: Any) -> dict[str, Any]:

@@ -148,8 +148,8 @@ def sweep(
     """
     from taction.verification.report.sweep.result import SweepResult
     from taction.verification.studies.running.executors import workers_at
+    from taction.verification.studies.store import Store
     from taction.verification.studies.sweep.run import sweep as run
-    from taction.verification.studies.sweep.store import Store
 
     plan = plan_sweep(scene, over, engine, fix=fix, keep_waveforms=keep_waveforms)
     store = Store(":memory:" if output is None else str(output))
@@ -252,13 +252,14 @@ def montecarlo(
     from taction.results import YieldReport
     from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.studies.running.executors import workers_at
-    from taction.verification.studies.tolerance.drawing import draw_samples, half_width
+    from taction.verification.studies.tolerance.drawing import (
+        SampleCollection,
+        draw_samples,
+        half_width,
+    )
     from taction.verification.studies.tolerance.remedy_search import verified_remedy
     from taction.verification.studies.tolerance.varied_board import prepare
-    from taction.verification.studies.tolerance.yield_report import (
-        SampleCollection,
-        summarise_samples,
-    )
+    from taction.verification.studies.tolerance.yield_report import summarise_samples
 
     tally = SampleCollection(samples, half_width(until))
     study = prepare(read_scene(scene, engine))

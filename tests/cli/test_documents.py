@@ -141,7 +141,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "T.csv").write_text(MATRIX)
     (tmp_path / "eps.csv").write_text("1.0\n0.5\n")
     (tmp_path / "bad.toml").write_text("[problem]\nkind = 'tactil'\n")
-    (tmp_path / "b.json").write_text('{"taction_baseline": 1, "scenes": {}}')
+    (tmp_path / "b.json").write_text('{"taction_baseline": 2, "scenes": {}}')
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -232,5 +232,5 @@ def test_published_schemas_are_valid_and_name_units() -> None:
         known = json.loads(path.read_text(encoding="utf-8"))
         jsonschema.Draft202012Validator.check_schema(known)
         assert known["$id"] == path.stem
-    verdict = json.loads((FOLDER / "verify-1.json").read_text(encoding="utf-8"))
+    verdict = json.loads((FOLDER / "verify-2.json").read_text(encoding="utf-8"))
     assert verdict["properties"]["settling_time"]["unit"] == "s"

@@ -80,7 +80,7 @@ def test_an_example_gives_its_answer(
 def test_a_field_is_found_with_its_unit_and_its_schemas() -> None:
     found = document(taction("--json", "--help"))
     assert found["fields"]["settling_time"]["unit"] == "s"
-    assert {"verify-1", "sweep-1"} <= set(found["fields"]["settling_time"]["schemas"])
+    assert {"verify-2", "sweep-2"} <= set(found["fields"]["settling_time"]["schemas"])
     assert found["scene_file"]["symbols"]["C"] == "design.capacitance"
 
 

@@ -51,7 +51,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     write_fast(tmp_path / "a.toml", more=TOLERANCES)
     write_fast(tmp_path / "slow.toml", limit="1us", capacitance="20pF")
     (tmp_path / "bad.toml").write_text("[problem]\nkind = 'tactil'\n")
-    (tmp_path / "b.json").write_text('{"taction_baseline": 1, "scenes": {}}')
+    (tmp_path / "b.json").write_text('{"taction_baseline": 2, "scenes": {}}')
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

@@ -73,7 +73,7 @@ class ReaderGone(io.TextIOBase):
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     write_fast(tmp_path / "a.toml", more="[tolerances]\nresistor = 0.01\n")
-    (tmp_path / "b.json").write_text(json.dumps({"taction_baseline": 1, "scenes": {}}))
+    (tmp_path / "b.json").write_text(json.dumps({"taction_baseline": 2, "scenes": {}}))
     quick = {"kernels": reproduce.CHAPTERS["kernels"]}
     monkeypatch.setattr(reproduce, "CHAPTERS", quick)
     monkeypatch.chdir(tmp_path)

@@ -11,8 +11,8 @@ from typing import Any
 from hypothesis import strategies as st
 
 from taction.verification.studies.regression.baseline import baseline_text, load_baseline
-from taction.verification.studies.sweep.store import Store, StoredResult
-from taction.verification.studies.tolerance.sample_store import SampleStore
+from taction.verification.studies.store import Store, StoredResult
+from taction.verification.studies.tolerance.drawing import SampleStore
 from taction.verification.studies.tolerance.varied_board import BoardSample, prepare
 from tests.fuzz.edits import BYTE_EDITS, IN_PLACE, VALUE_EDIT, edited
 from tests.fuzz.target import Target
@@ -23,9 +23,9 @@ from tests.support.sweeping import make_record
 ENTRIES = {"one.toml": entry(), "two.toml": entry(name="two", outcome="fail")}
 KEYS = [bytes([number]) * 32 for number in range(6)]
 RESULTS = [
-    StoredResult("pass", make_record(reason="x" * 300 * number), b"w" * 900) for number in range(6)
+    StoredResult.of(make_record(reason="x" * 300 * number), b"w" * 900) for number in range(6)
 ]
-SAMPLES = [BoardSample(number, "pass", settling_time=1e-6 * (number + 1)) for number in range(8)]
+SAMPLES = [BoardSample(n, make_record(settling_time=1e-6 * (n + 1))) for n in range(8)]
 
 
 def _examine_baseline(content: bytes, folder: Path) -> str:
@@ -92,7 +92,7 @@ def _examine_results(content: bytes, folder: Path) -> str:
             store.count()
             for key, result in zip(KEYS, RESULTS, strict=True):
                 record, data = store.record_of(b"request " + key), store.waveforms(key)
-                assert record in (None, result.record), "a wrong record was believed"
+                assert record in (None, result.row), "a wrong record was believed"
                 assert data in (None, result.waveforms), "wrong waveforms were believed"
                 assert store.outcome_of(key) in (None, result.outcome)
                 if attempt == 0 and (record is None or data is None):

@@ -5,34 +5,37 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from taction.system.documents import read
 from taction.verification.studies.regression.baseline import Entry
 
 
 def entry(**changes: Any) -> Entry:
-    """An entry of one output that rises to 1 V."""
+    """An entry of one output that rises to 1 V; `changes` are keys of its plain data."""
     fields: dict[str, Any] = {
         "name": "one",
         "fingerprint": "f" * 64,
         "revision": "a" * 40,
         "taction": "0.1.0",
-        "simulator": "ngspice-46, KLU, trapezoidal",
+        "solved_by": "ngspice-46, KLU, trapezoidal",
         "outcome": "pass",
-        "checks": {"stability": "pass"},
-        "amplitude": 1.0,
+        "engine": "ngspice",
+        "checks": [{"name": "stability", "outcome": "pass"}],
+        "step_amplitude": 1.0,
         "speed": 1e6,
-        "levels": {
-            "u_1.target": 1.0,
-            "u_1.final": 1.0,
-            "u_1.overshoot": 0.25,
-            "u_1.undershoot": 0.0,
-        },
-        "times": {"settling_time": [5e-6], "u_1.rise_time": [2e-6]},
-        "poles": {"growth_rate": -1e6, "frequency": 0.0},
-        "states": {"u_1": "settled"},
+        "channels": [channel()],
+        "settling_time": 5e-6,
+        "growth_rate": -1e6,
+        "frequency": 0.0,
         "time": [0.0, 1e-6, 5e-6],
         "outputs": {"u_1": [0.0, 0.6321205588, 0.9932620530]},
     }
-    return Entry.model_validate(fields | changes)
+    return read(Entry, fields | changes)
+
+
+def channel(**changes: Any) -> dict[str, Any]:
+    """The channel of an entry as plain data."""
+    levels = {"reference": 1.0, "final": 1.0, "overshoot": 0.25, "undershoot": 0.0}
+    return {"index": 1, "state": "settled", **levels, "rise_time": 2e-6} | changes
 
 
 FAST = """

@@ -40,20 +40,15 @@ from taction.verification.report.html.sweep_report import sweep_report
 from taction.verification.report.html.tuning_report import tuning_report
 from taction.verification.report.html.verdict_report import verdict_report
 from taction.verification.report.html.yield_report import yield_report
-from taction.verification.studies.regression.compare import Difference
 from taction.verification.studies.regression.run import RegressionReport, SceneResult, Status
+from taction.verification.studies.store import Store, StoredResult
 from taction.verification.studies.sweep.plan import Plan, Requests
-from taction.verification.studies.sweep.point import failure, verdict_record
+from taction.verification.studies.sweep.point import failure
 from taction.verification.studies.sweep.run import SweepCounts
-from taction.verification.studies.sweep.store import Store, StoredResult
 from taction.verification.studies.tolerance.corners import worst_corners
+from taction.verification.studies.tolerance.drawing import SampleCollection, run_samples
 from taction.verification.studies.tolerance.varied_board import BoardSample, prepare
-from taction.verification.studies.tolerance.yield_report import (
-    SampleCollection,
-    YieldReport,
-    run_samples,
-    summarise_samples,
-)
+from taction.verification.studies.tolerance.yield_report import YieldReport, summarise_samples
 from taction.verification.studies.work_precision.convergence_order import Order
 from taction.verification.studies.work_precision.extent import Extent
 from taction.verification.studies.work_precision.methods import METHODS, Method
@@ -61,6 +56,8 @@ from taction.verification.studies.work_precision.norms import NORMS
 from taction.verification.studies.work_precision.run_errors import ProblemErrors
 from taction.verification.studies.work_precision.study import SettingResult, WorkPrecisionStudy
 from taction.verification.verdict.checks import Check, Outcome
+from taction.verification.verdict.compare import Difference
+from taction.verification.verdict.record import Record
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.entries import entry
 from tests.support.making import make_scene
@@ -164,7 +161,7 @@ def swept(*over: str) -> tuple[Plan, Store, SweepCounts]:
     }
     store, count = Store(":memory:"), SweepCounts(plan.total, done=plan.total)
     store_records(plan, store, stored)
-    count.outcomes.update(record["outcome"] for record in stored.values())
+    count.outcomes.update(record.outcome for record in stored.values())
     return plan, store, count
 
 
@@ -176,10 +173,9 @@ def _choice(settling: str = "1ms") -> Report:
     with Store(":memory:") as store:
         for point in Requests(plan):
             try:
-                record = verdict_record(verify(with_values(plan.scene, point.values)))
-                result = StoredResult(record["outcome"], record)
+                result = StoredResult.of(Record.of(verify(with_values(plan.scene, point.values))))
             except InputError as error:
-                result = failure("InputError", str(error), "statespace")
+                result = failure(error, str(error), "statespace")
             store.put(point.request, result, point.request)
         ranked = designs(plan, store)
     best = best_designs(ranked)
@@ -222,7 +218,7 @@ def _accuracy() -> Report:
 
 def _regression() -> Report:
     check = Check("settling_time", Outcome.FAIL, 2e-3, 1e-6, 1e-3, None, "s", HOSTILE)
-    change = Difference("levels", "u_1.final", 1.5, 1.0, 0.01, 50.0, "V", HOSTILE)
+    change = Difference("channels", "final", 1, 1.0, 1.5, "V", 0.5, 0.01, 50.0, HOSTILE)
     results = (
         SceneResult("same.toml", Status.SAME, (check,), (), (), "", entry(), entry()),
         SceneResult("a.toml", Status.BROKEN, (check,), (change,), (HOSTILE,), "", entry(), entry()),

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import fields, replace
 from typing import Any
 
 from taction.netlist_gen.scene.axes import parse_axes
-from taction.verification.studies.figures import FIGURES, TRANSIENT_READINGS
+from taction.verification.studies.store import Store, StoredResult
 from taction.verification.studies.sweep.plan import Plan, Requests
-from taction.verification.studies.sweep.store import Store, StoredResult
+from taction.verification.studies.tolerance.varied_board import BoardSample
+from taction.verification.verdict.checks import Check, Outcome
+from taction.verification.verdict.record import FIGURES, TRANSIENT_READINGS, Figure, Record
 from tests.support.studying import small_scene
 
 BOTH = ("ngspice", "statespace")
@@ -18,27 +21,54 @@ def grid_plan(*over: str, engines: tuple[str, ...] = BOTH, hybrid: bool = False)
     return Plan(scene, parse_axes(scene, over), engines, hybrid=hybrid)
 
 
-def make_record(engine: str = "statespace", **changes: Any) -> dict[str, Any]:
-    """A record of `verification.studies.sweep.point` that passes; `changes` are its entries."""
-    record: dict[str, Any] = dict.fromkeys(FIGURES, 1.0)
-    record |= {"failure": None, "reason": "", "engine": engine, "simulator": engine}
-    record |= {"outcome": "pass", "state": "settled", "stable": True}
-    record |= {"wanted_error": 2.5e-4, "attained_error": 1e-4}
-    record["readings"] = {name: reading(1.0, 1e-3) for name in TRANSIENT_READINGS}
-    record["checks"] = [{"name": "stability", "outcome": "pass", "value": -1.0}]
-    return record | changes
+def make_record(engine: str = "statespace", **changes: Any) -> Record:
+    """A record that passes; `changes` are figures, readings of `reading`, and other fields."""
+    names = {field.name for field in fields(Record)}
+    figures: dict[str, float | None] = dict.fromkeys(FIGURES, 1.0)
+    figures |= {"wanted_error": 2.5e-4, "attained_error": 1e-4}
+    bounds: dict[str, float | None] = dict.fromkeys(TRANSIENT_READINGS, 1e-3)
+    others: dict[str, float] = {}
+    for name, value in changes.items():
+        if isinstance(value, Figure):
+            figures[name], bounds[name] = value.value, value.uncertainty
+            others |= {} if value.alternative is None else {name: value.alternative}
+        elif name not in names:
+            figures[name] = value
+    record = Record(
+        "pass",
+        engine,
+        engine,
+        state="settled",
+        stable=True,
+        figures=figures,
+        uncertainties=bounds,
+        alternatives=others,
+        checks=(make_check("stability", "pass"),),
+    )
+    return replace(record, **{name: v for name, v in changes.items() if name in names})
+
+
+def make_sample(
+    number: int, outcome: str = "pass", failed: tuple[str, ...] = (), **changes: Any
+) -> BoardSample:
+    """A sample whose checks `failed` do not pass."""
+    checks = tuple(make_check(name, "fail") for name in failed)
+    return BoardSample(number, make_record(outcome=outcome, checks=checks, **changes))
+
+
+def make_check(name: str, outcome: str) -> Check:
+    return Check(name, Outcome(outcome), 1.0, 0.1, None, None, "ratio", "")
 
 
 def reading(
-    value: float, uncertainty: float | None, alternative: float | None = None
-) -> dict[str, float | None]:
-    return {"value": value, "uncertainty": uncertainty, "alternative": alternative}
+    value: float | None, uncertainty: float | None, alternative: float | None = None
+) -> Figure:
+    return Figure(value, "", uncertainty, alternative)
 
 
-def store_records(plan: Plan, store: Store, records: dict[tuple[str, int], dict[str, Any]]) -> None:
+def store_records(plan: Plan, store: Store, records: dict[tuple[str, int], Record]) -> None:
     """Store records by engine and place of the grid."""
     for point in Requests(plan):
         record = records.get((point.engine, point.place))
         if record is not None:
-            result = StoredResult(record["outcome"], record)
-            store.put(point.request, result, point.request)
+            store.put(point.request, StoredResult.of(record), point.request)

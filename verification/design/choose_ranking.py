@@ -22,8 +22,8 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError, NoVerdictError, SimulatorNotFound, SimulatorTooOld
 from taction.system.reading_definitions import READINGS
 from taction.verification.design.choose_request import OPAMP
+from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import Plan, Requests
-from taction.verification.studies.sweep.store import Store
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.headroom import FULL
 from taction.verification.verdict.run_checks import CHECKS

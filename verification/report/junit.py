@@ -18,9 +18,9 @@ from taction.verification.evidence.stress.run import CaseRun, Judgement, StressR
 from taction.verification.report.regression.text import change_line, remarks
 from taction.verification.report.tables import value_text
 from taction.verification.report.verdict.json_document import check_record
-from taction.verification.studies.regression.compare import Difference
 from taction.verification.studies.regression.run import RegressionReport, SceneResult, Status
 from taction.verification.studies.verify_files import NOT_RUN, VerifiedFiles
+from taction.verification.verdict.compare import Difference
 
 # Characters that XML 1.0 cannot hold; the log of a simulator may contain them.
 FORBIDDEN = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -161,10 +161,10 @@ def _verdict_tests(document: Mapping[str, Any]) -> Iterator[JUnitTest]:
 def _scene_suite(result: SceneResult, report: RegressionReport) -> JUnitSuite:
     properties = {"status": result.status.value, "revision": report.revision}
     if result.entry is not None:
-        properties["simulator"] = result.entry.simulator
+        properties["simulator"] = result.entry.solved_by
     if result.baseline is not None:
         properties["baseline revision"] = result.baseline.revision
-        properties["baseline simulator"] = result.baseline.simulator
+        properties["baseline simulator"] = result.baseline.solved_by
     tests = _scene_tests(result, updated=report.updated)
     return _scene(result.file, report.folder, tests, result.seconds, properties)
 

@@ -55,12 +55,12 @@ class Check:
 
     name: str
     outcome: Outcome
-    value: float | None
-    uncertainty: float | None
-    expected: float | None
-    tolerance: float | None
-    unit: str
-    reason: str
+    value: float | None = None
+    uncertainty: float | None = None
+    expected: float | None = None
+    tolerance: float | None = None
+    unit: str = ""
+    reason: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -55,6 +55,16 @@ class Difference:
     note: str = ""
 
     @property
+    def label(self) -> str:
+        """What is compared, in words: ``"check stability"``, ``"u_1.final"``."""
+        if self.group in ("checks", "waveforms"):
+            return f"{self.group.removesuffix('s')} {self.name}"
+        if self.channel is None:
+            return self.name
+        node = f"u_{self.channel}"
+        return f"state {node}" if self.group == "states" else f"{node}.{self.name}"
+
+    @property
     def beyond(self) -> bool | None:
         """Whether the difference is larger than what is allowed; None where that is unknown."""
         return None if math.isnan(self.off) else not self.off <= 1.0
@@ -99,7 +109,7 @@ def compare(
 
     Examples
     --------
-    >>> record = Record("pass", None, "", "statespace", None, None, True, {"rise_time": 1.0})
+    >>> record = Record("pass", "statespace", figures={"rise_time": 1.0})
     >>> other = replace(record, figures={"rise_time": 2.0})
     >>> found = compare(record, other, lambda name, a, b: 2.0, groups=("figures",))
     >>> found[0].name, found[0].off, found[0].beyond
@@ -176,7 +186,8 @@ def numbers(
     unit = first.unit or second.unit
     made = Difference(group, name, channel, first.value, second.value, unit, None, None, math.inf)
     if first.value is None or second.value is None:
-        return replace(made, off=0.0) if first.value is second.value else made
+        same = _may_be_missing(first) and _may_be_missing(second)
+        return replace(made, off=0.0) if same else made
     allowed = tolerance(name, first, second)
     pairs = [(first.value, b) for b in _values(second)]
     pairs += [(a, second.value) for a in _values(first)]
@@ -192,6 +203,10 @@ def relative(distance: float, allowed: float | None) -> float:
     if allowed is None:
         return math.nan
     return distance / allowed if allowed > 0.0 else math.inf
+
+
+def _may_be_missing(figure: Figure) -> bool:
+    return figure.value is None or (figure.fragile and figure.alternative is None)
 
 
 def _values(figure: Figure) -> Iterator[float]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, ClassVar, Generic, TypeVar
 
 from taction.system.array_types import Floats
@@ -44,7 +44,8 @@ class FigureRule(Generic[T]):
         if value is None:
             return Figure(None, self.unit)
         if isinstance(found, Reading):
-            return Figure(value, self.unit, finite(found.uncertainty), found.alternative)
+            bound, other = finite(found.uncertainty), found.alternative
+            return Figure(value, self.unit, bound, other, fragile=found.fragile)
         bound = None if self.error is None else finite(self.error(source))
         return Figure(value, self.unit, bound)
 
@@ -64,13 +65,16 @@ class Figure:
     uncertainty : float or None
         Bound on the error; None where it is unknown.
     alternative : float or None
-        Of a fragile time: its value after a small change of a level.
+        Of a fragile time: its value after a small change of a level; None where it then is missing.
+    fragile : bool
+        Whether a small change of a level moves it.
     """
 
     value: float | None
     unit: str = ""
     uncertainty: float | None = None
     alternative: float | None = None
+    fragile: bool = False
 
 
 def finite(value: Reading | float | None) -> float | None:
@@ -150,6 +154,7 @@ UNITS = {name: rule.unit for name, rule in FIGURES.items()}
 CHANNEL_UNITS = {name: rule.unit for name, rule in CHANNEL_FIGURES.items()} | {"equilibrium": "V"}
 
 Bounds = dict[str, float | None]
+"""By the name of a figure."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,7 +167,7 @@ class Channel:
     state: str  # at the end of the record
     figures: Annotated[dict[str, float | None], Inline(CHANNEL_UNITS)]
     uncertainties: Bounds = field(default_factory=dict)  # null: unknown
-    alternatives: dict[str, float] = field(default_factory=dict)  # of fragile times, s
+    alternatives: Bounds = field(default_factory=dict)  # of fragile times, s
     reason: str = ""  # why a time is missing
 
     @property
@@ -191,12 +196,12 @@ class Record:
     ----------
     outcome : str
         ``"pass"``, ``"fail"``, ``"inconclusive"``, or `ERROR`: no verdict was reached.
+    engine, simulator : str
+        ``"ngspice"`` or ``"statespace"``; the same with its version, None without a verdict.
     failure : str or None
         Name of the exception that ended the verification; None of a verdict.
     reason : str
         Why the outcome is not pass.
-    engine, simulator : str
-        ``"ngspice"`` or ``"statespace"``; the same with its version, None without a verdict.
     state : str or None
         State of the worst channel at the end of the record.
     figures : dict
@@ -204,19 +209,19 @@ class Record:
     uncertainties : dict
         Bounds on their errors, where there is one; None where it is infinite.
     alternatives : dict
-        Of fragile times, the value after a small change of a level.
+        Of fragile times, the value after a small change of a level, None where there is none.
     """
 
     outcome: str
-    failure: str | None
-    reason: str
     engine: str
-    simulator: str | None
-    state: str | None
-    stable: bool | None
-    figures: Annotated[dict[str, float | None], Inline(UNITS)]
+    simulator: str | None = None
+    failure: str | None = None
+    reason: str = ""
+    state: str | None = None
+    stable: bool | None = None
+    figures: Annotated[dict[str, float | None], Inline(UNITS)] = field(default_factory=dict)
     uncertainties: Bounds = field(default_factory=dict)
-    alternatives: dict[str, float] = field(default_factory=dict)
+    alternatives: Bounds = field(default_factory=dict)
     checks: tuple[Check, ...] = ()
     channels: tuple[Channel, ...] = ()
 
@@ -228,10 +233,10 @@ class Record:
         state = max((c.state for c in verdict.measurements.channels), key=STATES.index)
         return cls(
             verdict.outcome.value,
-            None,
-            decisive_reason(verdict),
             engine.partition("-")[0],
             engine,
+            None,
+            decisive_reason(verdict),
             state.value,
             verdict.poles.stable,
             *_three(found),
@@ -242,8 +247,8 @@ class Record:
     @classmethod
     def without_verdict(cls, failure: str, reason: str, engine: str) -> Record:
         """Return the record of a verification that an exception ended."""
-        figures = dict.fromkeys(FIGURES)
-        return cls(ERROR, failure, reason[:MAX_REASON], engine, None, None, None, figures)
+        text, figures = reason[:MAX_REASON], dict.fromkeys(FIGURES)
+        return cls(ERROR, engine, failure=failure, reason=text, figures=figures)
 
     @classmethod
     def from_plain(cls, data: Any) -> Record:
@@ -260,6 +265,10 @@ class Record:
         """Return the record as plain data: its figures stand beside its outcome."""
         made: dict[str, Any] = plain(self)
         return made
+
+    def without_run_time(self) -> Record:
+        """Return the record without how long the run took: the same board gives the same record."""
+        return replace(self, figures=self.figures | {"seconds": None})
 
     @property
     def failed(self) -> tuple[str, ...]:
@@ -304,14 +313,15 @@ def _channels(verdict: Verdict) -> tuple[Channel, ...]:
 
 def _three(
     found: Mapping[str, Figure],
-) -> tuple[dict[str, float | None], Bounds, dict[str, float]]:
+) -> tuple[Bounds, Bounds, Bounds]:
     """Return values, bounds and alternatives by name."""
-    values = {name: figure.value for name, figure in found.items()}
-    bounds = {name: f.uncertainty for name, f in found.items() if f.uncertainty is not None}
-    others = {name: f.alternative for name, f in found.items() if f.alternative is not None}
-    return values, dict(bounds), others
+    values: Bounds = {name: figure.value for name, figure in found.items()}
+    bounds: Bounds = {n: f.uncertainty for n, f in found.items() if f.uncertainty is not None}
+    others: Bounds = {name: f.alternative for name, f in found.items() if f.fragile}
+    return values, bounds, others
 
 
 def _figure(source: Record | Channel, name: str, units: Mapping[str, str]) -> Figure:
     bound, other = source.uncertainties.get(name), source.alternatives.get(name)
-    return Figure(source.figures.get(name), units.get(name, ""), bound, other)
+    fragile = name in source.alternatives
+    return Figure(source.figures.get(name), units.get(name, ""), bound, other, fragile)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 from click.testing import CliRunner
@@ -17,7 +17,9 @@ from taction.system.errors import InputError
 from taction.verification.design.choose_ranking import best_designs, design_scene, designs
 from taction.verification.design.choose_request import Request, choice_plan
 from taction.verification.report.choose.picture import plot_choice
-from taction.verification.studies.sweep.store import Store
+from taction.verification.studies.store import Store
+from taction.verification.verdict.checks import Check, Outcome
+from taction.verification.verdict.record import Record
 from taction.verification.verdict.verify import verify
 from tests.support.paths import ROOT
 from tests.support.sweeping import make_record, store_records
@@ -30,12 +32,12 @@ def scene() -> Scene:
     return load_scene(FILE)
 
 
-def record(settling: float = 1e-4, headroom: float = 0.5, outcome: str = "pass") -> dict[str, Any]:
-    checks = [
-        {"name": "settling_time", "outcome": outcome, "value": settling},
-        {"name": "headroom", "outcome": "pass", "value": headroom},
-        {"name": "stability", "outcome": "pass", "value": 2.5},
-    ]
+def record(settling: float = 1e-4, headroom: float = 0.5, outcome: str = "pass") -> Record:
+    checks = (
+        Check("settling_time", Outcome(outcome), settling),
+        Check("headroom", Outcome.PASS, headroom),
+        Check("stability", Outcome.PASS, 2.5),
+    )
     return make_record(
         outcome=outcome,
         settling_time=settling,
@@ -119,7 +121,7 @@ def test_parts_that_cannot_be_bought_are_never_best() -> None:
 def test_an_unstable_design_has_no_share() -> None:
     plan = choice_plan(scene(), Request(["tl084"], "10pF:10pF", "1M:1M", 1))
     with Store(":memory:") as store:
-        bad = record(outcome="fail") | {"stable": False}
+        bad = replace(record(outcome="fail"), stable=False)
         store_records(plan, store, {("statespace", 0): bad})
         (design,) = designs(plan, store)
     assert (design.shares, design.settling_time) == ({}, None)

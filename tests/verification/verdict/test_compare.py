@@ -20,7 +20,9 @@ def check(name: str, outcome: str = "pass", value: float | None = 1.0) -> Check:
 def make(value: float | None = 1.0, bound: float | None = 0.25, **changes: Any) -> Record:
     channel = Channel(1, "settled", {"final": 2.0}, {"final": 0.0})
     record = Record(
-        *("pass", None, "", "statespace", None, None, True),
+        "pass",
+        "statespace",
+        stable=True,
         figures={"rise_time": value},
         uncertainties={} if bound is None else {"rise_time": bound},
         checks=(check("stability"),),

@@ -16,9 +16,9 @@ from taction.verification.evidence.paper.findings import (
     weigh,
 )
 from taction.verification.evidence.paper.pictures import Panel, Picture, curve
-from taction.verification.studies.figures import FIGURES
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.effort import Effort
+from taction.verification.verdict.record import FIGURES
 from taction.verification.verdict.recording import record_transient
 from taction.verification.verdict.verify import verify
 

@@ -1,19 +1,13 @@
-"""The difference of two verdicts as text and as a document."""
+"""The difference of two verdicts as text."""
 
 from __future__ import annotations
-
-from dataclasses import asdict
-from typing import Any
 
 from rich.console import Console
 from rich.text import Text
 
-from taction.verification.report.difference.compare import (
-    KeyDifference,
-    ReadingDifference,
-    VerdictDifference,
-)
 from taction.verification.report.tables import make_table, spaced, value_text, whole
+from taction.verification.studies.difference import KeyDifference, VerdictDifference
+from taction.verification.verdict.compare import Difference
 
 WORDS = {True: "yes", False: "no", None: "unknown"}
 
@@ -46,24 +40,14 @@ def _key_row(key: KeyDifference) -> tuple[Text, ...]:
     return Text(key.key), Text(first), Text(second)
 
 
-def _row(reading: ReadingDifference) -> tuple[str, ...]:
+def _row(reading: Difference) -> tuple[str, ...]:
     name, values = spaced(reading.name), (reading.first, reading.second)
+    if reading.group == "checks":
+        name = f"check {name}"
     return (
         f"u_{reading.channel} {name}" if reading.channel else name,
         *(value_text(value, reading.unit, 6) for value in values),
         value_text(reading.difference, reading.unit, 3),
-        value_text(reading.uncertainty, reading.unit, 2),
+        value_text(reading.allowed, reading.unit, 2),
         WORDS[reading.beyond],
     )
-
-
-def difference_document(difference: VerdictDifference) -> dict[str, Any]:
-    """Return the differences as plain data; readings that are equal are part of it."""
-    keys = difference.keys
-    return {
-        "first": difference.first,
-        "second": difference.second,
-        "exit_status": difference.exit_status,
-        "keys": None if keys is None else [asdict(key) for key in keys],
-        "readings": [asdict(reading) for reading in difference.readings],
-    }

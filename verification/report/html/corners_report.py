@@ -56,7 +56,7 @@ def _ranges(scene: Scene, corners: Sequence[Corner]) -> Iterator[Block]:
 
 
 def _range(scene: Scene, quantity: Quantity, corners: Sequence[Corner]) -> Range | None:
-    found = [getattr(corner.result, quantity.name) for corner in corners]
+    found = [corner.result.value(quantity.name) for corner in corners]
     values = [value for value in found if value is not None and math.isfinite(value)]
     if not values:
         return None
@@ -82,8 +82,8 @@ def _tables(scene: Scene, corners: Sequence[Corner]) -> Iterator[Block]:
         (
             Cell(spaced(corner.name)),
             outcome_cell(corner.result.outcome),
-            *(number_cell(getattr(corner.result, each.name), each.unit) for each in reported),
-            Cell(corner.result.reason or ", ".join(map(spaced, corner.result.failed))),
+            *(number_cell(corner.result.value(each.name), each.unit) for each in reported),
+            Cell(corner.result.lost or ", ".join(map(spaced, corner.result.failed))),
             Cell(" ".join(corner.largest)),
         )
         for corner in corners

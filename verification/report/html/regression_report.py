@@ -11,7 +11,6 @@ from taction.verification.report.html.sections.checks import check_bar
 from taction.verification.report.html.sections.origin import plain_origin
 from taction.verification.report.regression.text import (
     CHANGES,
-    PREFIX,
     SUMMARY,
     headline,
     off_text,
@@ -75,10 +74,10 @@ def _scene(result: SceneResult) -> Iterator[Block]:
     if result.changes:
         rows = tuple(
             (
-                Cell(PREFIX.get(each.group, "") + each.name),
-                Cell(readable(value_text(each.value, each.unit))),
-                Cell(readable(value_text(each.baseline, each.unit))),
-                Cell(readable(value_text(each.tolerance, each.unit))),
+                Cell(each.label),
+                Cell(readable(value_text(each.second, each.unit))),
+                Cell(readable(value_text(each.first, each.unit))),
+                Cell(readable(value_text(each.allowed, each.unit))),
                 Cell(off_text(each.off), each.off if math.isfinite(each.off) else None),
                 Cell(each.note),
             )

@@ -16,8 +16,8 @@ from taction.verification.report.html.blocks import Picture
 from taction.verification.report.html.pictures import axis, log_axis, numbers, words
 from taction.verification.report.html.texts import figure, quantity, titled
 from taction.verification.report.sweep.maps import boundary_text
-from taction.verification.studies.figures import FIGURES
 from taction.verification.studies.sweep.boundary import Boundary
+from taction.verification.verdict.record import FIGURES
 
 LOOKS = {
     "pass": ("--pass", "circle"),

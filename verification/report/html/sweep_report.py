@@ -48,11 +48,11 @@ from taction.verification.report.sweep.panels import ENGINES, result_names
 from taction.verification.report.sweep.plot import MOST_AXES, boundary_at, chosen_places
 from taction.verification.report.sweep.records import records
 from taction.verification.report.tables import spaced
-from taction.verification.studies.figures import FIGURES
+from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.boundary import solve_boundary
 from taction.verification.studies.sweep.plan import Plan
 from taction.verification.studies.sweep.run import SweepCounts
-from taction.verification.studies.sweep.store import Store
+from taction.verification.verdict.record import FIGURES
 
 LISTED = 500  # points in the table
 FLAT, CLEAR = 0.01, 1.5  # of a curve: relative change, and height of the picture

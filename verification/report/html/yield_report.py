@@ -135,7 +135,7 @@ def _range(spread: Spread) -> Range | None:
 
 def _histograms(result: YieldReport, samples: Sequence[BoardSample]) -> Iterator[Block]:
     for spread in result.quantities:
-        found = [getattr(sample, spread.name) for sample in samples if not sample.reason]
+        found = [sample.value(spread.name) for sample in samples if not sample.lost]
         values = np.array([value for value in found if value is not None], dtype=np.float64)
         values = values[np.isfinite(values)]
         if len(values) > 1:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
 from typing import Any
 
 from rich.console import Console
@@ -11,17 +10,16 @@ from rich.markup import escape
 from rich.table import Column
 from rich.text import Text
 
+from taction.system.documents import plain
 from taction.verification.report import tables
 from taction.verification.report.verdict.json_document import check_record
-from taction.verification.studies.regression.compare import Difference
 from taction.verification.studies.regression.run import RegressionReport, SceneResult, Status
+from taction.verification.verdict.compare import Difference
 
 SHOWN = 12  # changed quantities of a scene in a table; JSON has them all
 LEAST_OFF = 1e-3  # tolerances: a smaller difference has no number
 SUMMARY = ("scene", "status", "checks", "tolerances off", "simulator", "baseline from")
 CHANGES = ("what", "value", "baseline", "tolerance", "tolerances off", "note")
-ORIGIN = ("outcome", "revision", "taction", "simulator", "fingerprint")  # of a baseline entry
-PREFIX = {"checks": "check ", "states": "state ", "waveforms": "waveform "}
 COLOUR = {
     Status.SAME: "green",
     Status.NEWLY_PASSING: "green",
@@ -36,7 +34,7 @@ def summary_row(result: SceneResult) -> tuple[str, ...]:
     passed = sum(check.outcome.value == "pass" for check in result.checks)
     checks = f"{passed} of {len(result.checks)} pass" if result.checks else "-"
     worst = off_text(result.worst) if result.differences else "-"
-    simulator = result.entry.simulator.partition(",")[0] if result.entry else "-"
+    simulator = result.entry.solved_by.partition(",")[0] if result.entry else "-"
     revision = short(result.baseline.revision) if result.baseline else "-"
     scene = result.file.removesuffix(".toml")
     return scene, result.status.value, checks, worst, simulator, revision
@@ -46,10 +44,10 @@ def change_rows(result: SceneResult) -> list[tuple[str, ...]]:
     """Return at most `SHOWN` changed quantities under the titles `CHANGES`."""
     rows: list[tuple[str, ...]] = [
         (
-            PREFIX.get(d.group, "") + d.name,
-            value_text(d.value, d.unit),
-            value_text(d.baseline, d.unit),
-            value_text(d.tolerance, d.unit),
+            d.label,
+            value_text(d.second, d.unit),
+            value_text(d.first, d.unit),
+            value_text(d.allowed, d.unit),
             off_text(d.off),
             d.note,
         )
@@ -61,10 +59,9 @@ def change_rows(result: SceneResult) -> list[tuple[str, ...]]:
 
 def change_line(d: Difference) -> str:
     """Return a changed quantity as one line of text."""
-    now, then = value_text(d.value, d.unit), value_text(d.baseline, d.unit)
-    text = f"{PREFIX.get(d.group, '')}{d.name}: {now}, baseline {then}"
-    if d.tolerance is not None:
-        text += f", tolerance {value_text(d.tolerance, d.unit)}, {off_text(d.off)} tolerances off"
+    text = f"{d.label}: {value_text(d.second, d.unit)}, baseline {value_text(d.first, d.unit)}"
+    if d.allowed is not None:
+        text += f", tolerance {value_text(d.allowed, d.unit)}, {off_text(d.off)} tolerances off"
     return f"{text} ({d.note})" if d.note else text
 
 
@@ -143,13 +140,20 @@ def _record(result: SceneResult) -> dict[str, Any]:
     return {
         "file": result.file,
         "status": result.status.value,
-        "outcome": now.outcome if now else None,
+        "outcome": now.record.outcome if now else None,
         "reason": result.reason,
         "notes": list(result.notes),
-        "simulator": now.simulator if now else None,
-        "baseline": then and {key: getattr(then, key) for key in ORIGIN},
+        "simulator": now.solved_by if now else None,
+        "baseline": then
+        and {
+            "outcome": then.record.outcome,
+            "revision": then.revision,
+            "taction": then.taction,
+            "simulator": then.solved_by,
+            "fingerprint": then.fingerprint,
+        },
         "worst": result.worst if result.differences else None,
         "checks": [check_record(check) for check in result.checks],
-        "differences": [asdict(d) | {"changed": d.changed} for d in result.differences],
+        "differences": [plain(each) for each in result.differences],
         "seconds": result.seconds,
     }

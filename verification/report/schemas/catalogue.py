@@ -8,6 +8,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from taction.system import documents
 from taction.verification.report.schemas import (
     benchmarks,
     choice,
@@ -20,11 +21,12 @@ from taction.verification.report.schemas import (
 )
 from taction.verification.report.schemas.head import ERROR, schema_name
 from taction.verification.report.schemas.units import UNIT_OF
+from taction.verification.studies.difference import VerdictDifference
 
-MODELS: dict[str, type[BaseModel]] = {
+MODELS: dict[str, type] = {
     "verify": verdict.VerifyDocument,
     "verify-files": verdict.VerifyFilesDocument,
-    "diff": verdict.DiffDocument,
+    "diff": VerdictDifference,
     "netlist": plain.NetlistDocument,
     "bom": plain.BomDocument,
     "kicad": plain.KicadDocument,
@@ -64,8 +66,15 @@ def schemas() -> Iterator[tuple[str, str]]:
 
 def schema(name: str) -> dict[str, Any]:
     """Return the JSON Schema of the documents `name`; a field with a unit has it as `unit`."""
-    made = MODELS[name].model_json_schema(by_alias=True)
-    _with_units(made)
+    kind = MODELS[name]
+    if issubclass(kind, BaseModel):
+        made = kind.model_json_schema(by_alias=True)
+        _with_units(made)
+    else:
+        made = documents.schema(kind)
+        definitions = shared.Head.model_json_schema(by_alias=True)
+        made["properties"] = {"taction": definitions} | made["properties"]
+        made["required"] = ["taction", *made["required"]]
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": schema_name(name)}
     return head | made
 
@@ -77,8 +86,8 @@ def fields() -> dict[str, dict[str, Any]]:
     --------
     >>> found = fields()["stable_ranges"]
     >>> found["unit"], found["schemas"]
-    (None, ['verify-1', 'verify-files-1', 'montecarlo-sample-1', 'tune-1', 'scale-1', 'onset-1', \
-'new-matrix-1'])
+    (None, ['verify-2', 'verify-files-2', 'montecarlo-sample-2', 'tune-2', 'scale-2', 'onset-2', \
+'new-matrix-2'])
     """
     found: dict[str, dict[str, Any]] = {}
     for name in MODELS:

@@ -6,7 +6,16 @@ from typing import Literal
 
 from pydantic import Field
 
-from taction.verification.report.schemas.shared import Document, Number, Outcome, Part, Value, Word
+from taction.verification.report.schemas.shared import (
+    Check,
+    Document,
+    Number,
+    Outcome,
+    Part,
+    PlainChannel,
+    Value,
+    Word,
+)
 
 PointOutcome = Literal["pass", "fail", "inconclusive", "error"]
 
@@ -20,33 +29,6 @@ class Axis(Part):
     scale: str
     group: int
     values: list[Value]
-
-
-class PointCheck(Part):
-    """One check at a point."""
-
-    name: str
-    outcome: Outcome
-    value: Number
-    uncertainty: Number
-
-
-class PointReading(Part):
-    """A reading with its bound, and its other value where a small change moves it."""
-
-    value: Number
-    uncertainty: Number
-    alternative: Number
-
-
-class PointReadings(Part):
-    """The readings of the transient; none where a point has no verdict."""
-
-    settling_time: PointReading | None = None
-    rise_time: PointReading | None = None
-    overshoot: PointReading | None = None
-    undershoot: PointReading | None = None
-    end_error: PointReading | None = None
 
 
 class Point(Part):
@@ -76,10 +58,14 @@ class Point(Part):
     resistance: Number
     simulation_error: Number
     seconds: Number
-    readings: PointReadings
     wanted_error: Number
     attained_error: Number
-    checks: list[PointCheck]
+    uncertainties: dict[str, Number] = Field(description="bounds on the errors of figures")
+    alternatives: dict[str, Number] = Field(
+        description="of a fragile time: its value after a small change of a level"
+    )
+    checks: list[Check]
+    channels: list[PlainChannel] = Field(description="empty: a sweep keeps no channels")
     rightmost_pole: list[Number] | None
     chosen: Word = Field(description="why a hybrid sweep confirms the point by ngspice")
     agreement: Outcome | None = Field(description="of both engines")

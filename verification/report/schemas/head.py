@@ -9,7 +9,7 @@ from taction.system.errors import SimulationError
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.report.schemas.units import units_in
 
-VERSION = 1  # of all schemas; a field that changes its name or its meaning increases it
+VERSION = 2  # of all schemas; a field that changes its name or its meaning increases it
 ERROR = "error"
 
 
@@ -38,6 +38,6 @@ def schema_name(name: str) -> str:
     Examples
     --------
     >>> schema_name("verify")
-    'verify-1'
+    'verify-2'
     """
     return f"{name}-{VERSION}"

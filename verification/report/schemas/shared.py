@@ -88,7 +88,11 @@ class PlainChannel(Part):
     growth_rate: Number
     state: str
     fragile: bool
-    alternatives: list[Number]
+    uncertainties: dict[str, Number] = Field(description="bounds on the errors of the readings")
+    alternatives: dict[str, Number] = Field(
+        description="of a fragile time: its value after a small change of a level"
+    )
+    equilibrium: Number
     reason: str
 
 
@@ -108,21 +112,39 @@ class Certificate(Part):
 
 
 class Sample(Part):
-    """A board within its tolerances."""
+    """A board within its tolerances; `errors` are those of the outputs at rest."""
 
     number: int
-    outcome: Outcome
-    failed: list[str]
+    outcome: Literal["pass", "fail", "inconclusive", "error"]
+    failure: Word
+    reason: str
+    engine: str
+    simulator: Word
+    state: Word
+    stable: bool | None
     settling_time: Number
     rise_time: Number
     overshoot: Number
     undershoot: Number
-    steady_state: Number
-    noise: Number
+    steady_state_error: Number
+    end_error: Number
     growth_rate: Number
+    frequency: Number
+    damping_ratio: Number
     margin: Number
+    noise: Number
+    step_amplitude: Number
+    lam: Number = Field(alias="lambda")
+    resistance: Number
+    wanted_error: Number
+    attained_error: Number
+    simulation_error: Number
+    seconds: Number
+    uncertainties: dict[str, Number]
+    alternatives: dict[str, Number]
+    checks: list[Check]
+    channels: list[PlainChannel]
     errors: list[Number]
-    reason: str
 
 
 class Load(Part):

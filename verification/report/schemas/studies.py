@@ -96,13 +96,15 @@ class Difference(Part):
 
     group: str
     name: str
-    value: float | str | None
-    baseline: float | str | None
-    tolerance: Number
-    off: Number
+    channel: int | None
+    first: float | str | None = Field(description="of the baseline")
+    second: float | str | None
     unit: str
+    difference: Number
+    allowed: Number
+    off: Number = Field(description="difference over what is allowed")
     note: str
-    changed: bool
+    beyond: bool | None
 
 
 class RegressionScene(Part):

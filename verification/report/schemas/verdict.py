@@ -40,13 +40,6 @@ class AllReadings(Readings):
     steady_state: Number
 
 
-class Channel(PlainChannel):
-    """Readings of one output with their bounds."""
-
-    equilibrium: Number
-    uncertainties: Readings
-
-
 class SteadyState(Part):
     """Distance from the reference, fractions of the step amplitude."""
 
@@ -163,7 +156,7 @@ class VerdictBody(Part):
     file: str
     outcome: Outcome
     checks: list[Check]
-    channels: list[Channel]
+    channels: list[PlainChannel]
     steady_state: SteadyState
     step_amplitude: Number
     step_amplitude_uncertainty: Number
@@ -226,39 +219,6 @@ class SampleDocument(VerifyDocument):
     seed: int
     sample: Sample
     deviations: dict[str, Number]
-
-
-class Key(Part):
-    """A key that differs."""
-
-    key: str
-    first: Value | None
-    second: Value | None
-    unit: Word
-    content: bool
-
-
-class Reading(Part):
-    """A reading of both verdicts."""
-
-    name: str
-    channel: int | None
-    first: float | str | None
-    second: float | str | None
-    unit: str
-    difference: Number
-    uncertainty: Number
-    beyond: bool | None
-
-
-class DiffDocument(Document):
-    """``taction diff A B``."""
-
-    first: str
-    second: str
-    exit_status: int
-    keys: list[Key] | None
-    readings: list[Reading]
 
 
 class SimulateDocument(Document):

@@ -13,9 +13,9 @@ from rich.markup import escape
 from taction.netlist_gen.scene.keys import Value
 from taction.verification.report.sweep.records import records
 from taction.verification.report.tables import value_text
+from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.hybrid import BOUNDARY, EXTREME, SAMPLE
 from taction.verification.studies.sweep.plan import Plan
-from taction.verification.studies.sweep.store import Store
 from taction.verification.verdict.checks import Outcome
 
 LINES = 20  # points that are listed

@@ -19,10 +19,10 @@ from taction.verification.report import tables
 from taction.verification.report.schemas.head import document_head
 from taction.verification.report.sweep.agreement import print_summary, summarise
 from taction.verification.report.sweep.records import records
-from taction.verification.studies.figures import FIGURES
+from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import Plan
 from taction.verification.studies.sweep.run import SweepCounts
-from taction.verification.studies.sweep.store import Store
+from taction.verification.verdict.record import FIGURES
 
 LINES = 40  # points in the table; of a larger sweep only those without a verdict
 COLOUR = {"pass": "green", "fail": "red", "inconclusive": "yellow", "error": "magenta"}

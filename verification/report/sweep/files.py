@@ -13,9 +13,9 @@ import numpy as np
 from taction.system.atomic_files import replacing
 from taction.verification.report.output_checks import check_file
 from taction.verification.report.sweep.records import all_records, records
-from taction.verification.studies.figures import FIGURES
+from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import Plan
-from taction.verification.studies.sweep.store import Store
+from taction.verification.verdict.record import FIGURES
 
 PACKAGES = {  # by ending: the package and how to install it
     ".parquet": ("pyarrow", "Parquet needs pyarrow: pip install 'taction[parquet]'"),

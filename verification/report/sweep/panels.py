@@ -16,9 +16,9 @@ from taction.system.reading_definitions import EXCURSIONS
 from taction.verification.report.picture import BLUE, GREY, HATCHES, ORANGE, PURPLE
 from taction.verification.report.sweep.records import all_records
 from taction.verification.report.tables import spaced
-from taction.verification.studies.figures import FIGURES
+from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import Plan
-from taction.verification.studies.sweep.store import Store
+from taction.verification.verdict.record import FIGURES
 
 # of a check that fails, the same in every picture
 FAILS = {

@@ -15,9 +15,9 @@ from taction.verification.report.sweep.curves import draw_curves
 from taction.verification.report.sweep.files import grids
 from taction.verification.report.sweep.maps import MOST_MAPS, draw_maps, draw_multiples
 from taction.verification.report.sweep.panels import ENGINES, result_names
+from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.boundary import Boundary, solve_boundary
 from taction.verification.studies.sweep.plan import Plan
-from taction.verification.studies.sweep.store import Store
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -7,10 +7,11 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from taction.verification.studies.sweep.comparison import compare
+from taction.verification.studies.store import Store
+from taction.verification.studies.sweep.comparison import compare_point
 from taction.verification.studies.sweep.hybrid import confirmed_points
 from taction.verification.studies.sweep.plan import Plan, Requests
-from taction.verification.studies.sweep.store import Store
+from taction.verification.verdict.record import Record
 
 
 def records(plan: Plan, store: Store) -> Iterator[dict[str, Any]]:
@@ -19,7 +20,7 @@ def records(plan: Plan, store: Store) -> Iterator[dict[str, Any]]:
     ``values`` holds the values on the axes by name. A point with results of both engines has
     ``agreement`` (pass, fail or inconclusive), ``difference`` and ``disagreement``, see
     `verification.studies.sweep.comparison`; a point that a hybrid sweep confirms by ngspice has
-    ``chosen``, the reason. `taction.verification.studies.sweep.point` defines the other keys.
+    ``chosen``, the reason. The other keys are those of a `Record`.
     """
     return (record for record in all_records(plan, store) if record is not None)
 
@@ -49,7 +50,7 @@ def _comparison(*found: dict[str, Any] | None) -> dict[str, Any]:
     names = ("agreement", "difference", "disagreement")
     if len(found) < 2 or found[0] is None or found[1] is None:
         return dict.fromkeys(names)
-    result = compare(found[0], found[1])
+    result = compare_point(*(Record.from_plain(each) for each in found))
     return dict(zip(names, (result.outcome.value, result.difference, result.reason), strict=True))
 
 

@@ -13,9 +13,9 @@ from taction.verification.report.sweep.agreement import AgreementSummary, summar
 from taction.verification.report.sweep.files import dataset, frame
 from taction.verification.report.sweep.plot import plot_sweep
 from taction.verification.report.sweep.records import records
+from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import Plan
 from taction.verification.studies.sweep.run import SweepCounts
-from taction.verification.studies.sweep.store import Store
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -71,7 +71,7 @@ def print_corners(
         (
             _name(corner),
             corner.result.outcome,
-            *(_figure(getattr(corner.result, q.name), q.unit) for q in quantities),
+            *(_figure(corner.result.value(q.name), q.unit) for q in quantities),
         )
         for corner in corners
     ]
@@ -80,7 +80,7 @@ def print_corners(
     for corner in corners:
         failed, largest = corner.result.failed, " ".join(corner.largest)
         remarks = (
-            corner.result.reason,
+            corner.result.lost,
             f"fails {', '.join(failed)}" if failed else "",
             f"most moved by {largest}" if largest else "",
         )

@@ -75,7 +75,7 @@ def plot_yield(
 
 def _of(spread: Spread, samples: Sequence[BoardSample]) -> Floats:
     """Return the finite values of a quantity."""
-    found = [getattr(sample, spread.name) for sample in samples]
+    found = [sample.value(spread.name) for sample in samples]
     values = np.array([math.nan if value is None else value for value in found], dtype=np.float64)
     return np.asarray(values[np.isfinite(values)])
 

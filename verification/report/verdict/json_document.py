@@ -6,31 +6,26 @@ import math
 from dataclasses import asdict
 from typing import Any
 
-from taction.verification.readings.measurements import ChannelMeasure
+from taction.system.documents import plain
 from taction.verification.report.verdict.scene_keys import scene_keys
-from taction.verification.studies.figures import CHANNEL_FIGURES, FIGURES, figures_of, finite
 from taction.verification.verdict.checks import Check
 from taction.verification.verdict.error_chain import ErrorBudget, ErrorPart
 from taction.verification.verdict.headroom import Load
 from taction.verification.verdict.output_noise import OutputNoise
+from taction.verification.verdict.record import Channel, Record, finite
 from taction.verification.verdict.verify import Verdict
 
 
 def verdict_document(verdict: Verdict) -> dict[str, Any]:
     """Return `verdict` as plain data: dicts, lists, numbers, strings (see the guide's section)."""
-    figures, cost = figures_of(verdict, FIGURES), verdict.waveforms.cost
+    record, cost = Record.of(verdict), verdict.waveforms.cost
+    figures = record.figures
     return {
         "scene": verdict.scene.name,
         "file": str(verdict.scene.file),
         "outcome": verdict.outcome.value,
         "checks": [check_record(check) for check in verdict.checks],
-        "channels": [
-            channel_record(channel)
-            | {"equilibrium": volts, "uncertainties": uncertainties(channel)}
-            for channel, volts in zip(
-                verdict.measurements.channels, verdict.steady.values.tolist(), strict=True
-            )
-        ],
+        "channels": [channel_record(channel) for channel in record.channels],
         "steady_state": {
             "equilibrium": figures["steady_state_error"],
             "record_end": figures["end_error"],
@@ -120,22 +115,7 @@ def check_record(check: Check) -> dict[str, Any]:
     return asdict(check) | {"outcome": check.outcome.value}
 
 
-def uncertainties(channel: ChannelMeasure) -> dict[str, float | None]:
-    """Return the bounds on the errors of a channel's readings; None where there is none."""
-    found = channel.readings.items()
-    return {name: finite(reading and reading.uncertainty) for name, reading in found}
-
-
-def channel_record(channel: ChannelMeasure) -> dict[str, Any]:
+def channel_record(channel: Channel) -> dict[str, Any]:
     """Return one channel as plain data; `index` counts from 1, as the node names do."""
-    fragile = channel.fragile.values()
-    figures = figures_of(channel, CHANNEL_FIGURES)
-    return {
-        "index": channel.index + 1,
-        "reference": figures.pop("target"),
-        **figures,
-        "state": channel.state.value,
-        "fragile": bool(fragile),
-        "alternatives": [r.alternative for r in fragile],
-        "reason": channel.reason or channel.rise_reason,
-    }
+    made: dict[str, Any] = plain(channel)
+    return made

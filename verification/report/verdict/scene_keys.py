@@ -14,8 +14,8 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import TactionError
 from taction.system.file_names import printable
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
-from taction.verification.studies.figures import finite
 from taction.verification.studies.running.digests import files_of
+from taction.verification.verdict.record import finite
 
 
 def scene_keys(scene: Scene) -> dict[str, dict[str, Any]]:

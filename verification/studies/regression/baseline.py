@@ -5,71 +5,178 @@ The file contains no date and no run time: the same results give the same bytes.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import shutil
 import subprocess
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from importlib import metadata
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any
 
-import pydantic_core
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+import numpy as np
+from numpy.typing import NDArray
 
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.array_types import Floats
+from taction.system.documents import INLINE, plain, read, unknown_keys
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
+from taction.system.reading_definitions import READINGS
+from taction.verification.studies.running.digests import files_of
+from taction.verification.verdict.checks import Check
+from taction.verification.verdict.record import Channel, Record
+from taction.verification.verdict.verify import Verdict
 
-FORMAT = 1
+FORMAT = 2
 MARK = "taction_baseline"
 UNKNOWN = "unknown"
 MOVE_AWAY = "rename it, and `--update` writes a new baseline"
+INSTANTS = 256  # samples of each output in a baseline
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+ALWAYS = ("step_amplitude", "growth_rate", "frequency", "margin")
+STABLE = ("settling_time",)  # of a stable board: the record of another one grows from rounding
+CHANNEL_ALWAYS = ("reference",)
+CHANNEL_STABLE = ("final", *READINGS)
 
 
-class Entry(BaseModel):
+@dataclass(frozen=True, slots=True)
+class Entry:
     """The stored results of one scene.
 
-    A time in `times` has two values where a small change of a level moves it, and null where the
-    board lacks it. An unstable board has no samples: its transient grows from rounding errors.
+    An unstable board has no readings of its transient and no samples.
+
+    Attributes
+    ----------
+    fingerprint : str
+        SHA-256 of the scene and its files, without the tolerances.
+    revision, taction : str
+        git commit, and version.
+    solved_by : str
+        Engine with its version, matrix solver and integration method.
+    speed : float
+        Magnitude of the rightmost pole, 1/s.
+    record : Record
+        What is compared: `ALWAYS`, `STABLE` and the same of the channels.
+    stop : float or None
+        Length of the record, s; None of an unstable board.
+    time, outputs : samples
+        Instants, s, and every output there, V.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)  # "1" is no number
+    name: str
+    fingerprint: str
+    revision: str
+    taction: str
+    solved_by: str
+    speed: Annotated[float, "1/s"]
+    record: Annotated[Record, INLINE]
+    stop: Annotated[float | None, "s"] = None
+    time: Annotated[tuple[float, ...], "s"] = ()
+    outputs: Annotated[dict[str, tuple[float, ...]], "V"] = field(default_factory=dict)
 
-    name: str  # of the scene
-    fingerprint: str  # SHA-256 of the scene and its files, without the tolerances
-    revision: str  # git commit
-    taction: str  # version
-    simulator: str  # engine with its version, matrix solver and integration method
-    outcome: Literal["pass", "fail", "inconclusive"]
-    checks: dict[str, Literal["pass", "fail", "inconclusive"]]
-    amplitude: Finite  # step amplitude, V
-    speed: Finite  # magnitude of the rightmost pole, 1/s
-    # "u_1.target", "u_1.final" in V; "u_1.overshoot" and the like in step amplitudes
-    levels: dict[str, Finite]
-    times: dict[str, Annotated[list[Finite | None], Field(min_length=1)]]  # s
-    poles: dict[str, Finite]  # "growth_rate" in 1/s, "frequency" in Hz, "margin"
-    states: dict[str, str]  # final state of each output
-    time: list[Finite]  # s
-    outputs: dict[str, list[Finite]]  # samples at `time`, V
-
-    @property
-    def stable(self) -> bool:
-        """Whether the board has no growing mode."""
-        return self.poles["growth_rate"] < 0.0
-
-    @model_validator(mode="after")
-    def _check_samples(self) -> Self:
-        if "growth_rate" not in self.poles:
-            raise ValueError("growth_rate of the poles is missing")
+    def __post_init__(self) -> None:
+        if self.record.value("growth_rate") is None:
+            raise ValueError("growth_rate is missing")
         if any(b <= a for a, b in zip(self.time[:-1], self.time[1:], strict=True)):
             raise ValueError("the time does not increase")
         if any(len(samples) != len(self.time) for samples in self.outputs.values()):
             raise ValueError("an output and the time differ in length")
-        return self
+
+    @property
+    def stable(self) -> bool:
+        """Whether the board has no growing mode."""
+        rate = self.record.value("growth_rate")
+        return rate is not None and rate < 0.0
+
+    @property
+    def checks(self) -> dict[str, str]:
+        """Outcomes by the names of the checks."""
+        return {check.name: check.outcome.value for check in self.record.checks}
 
 
 Baseline = Mapping[str, Entry]
 """Entries by the name of the scene's file."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observation:
+    """A scene's entry, with the full record from which its samples were taken."""
+
+    entry: Entry
+    time: Floats  # (P,), s
+    u: Floats  # (P, N), V
+
+
+def observe(verdict: Verdict, revision: str) -> Observation:
+    """Return the entry of `verdict` with its record; `revision` is the commit checked out."""
+    time, u, stable = np.asarray(verdict.waveforms.time), verdict.u, verdict.poles.known_stable
+    steady = stable and bool(np.all(np.isfinite(u)))
+    sampled = _instants(time, u) if steady else np.zeros(0, int)
+    entry = Entry(
+        name=verdict.scene.name,
+        fingerprint=fingerprint(verdict.scene),
+        revision=revision,
+        taction=metadata.version("taction"),
+        solved_by=verdict.waveforms.simulator,
+        speed=abs(verdict.poles.rightmost),
+        record=_kept(Record.of(verdict), stable),
+        stop=verdict.transient.stop if stable else None,
+        time=tuple(time[sampled].tolist()),
+        outputs=_samples(u[sampled]) if sampled.size else {},
+    )
+    return Observation(entry, time, u)
+
+
+def _kept(record: Record, stable: bool) -> Record:
+    """Return what a baseline keeps of a record."""
+    figures = ALWAYS + STABLE * stable
+    channels = CHANNEL_ALWAYS + CHANNEL_STABLE * stable
+    return replace(
+        record,
+        reason="",
+        figures={n: v for n, v in record.figures.items() if n in figures},
+        uncertainties={},
+        alternatives={n: v for n, v in record.alternatives.items() if n in figures},
+        checks=tuple(Check(check.name, check.outcome) for check in record.checks),
+        channels=tuple(
+            Channel(
+                each.index,
+                each.state,
+                {n: v for n, v in each.figures.items() if n in channels},
+                alternatives={n: v for n, v in each.alternatives.items() if n in channels},
+            )
+            for each in record.channels
+        ),
+    )
+
+
+def fingerprint(scene: Scene) -> str:
+    """Return the SHA-256 of a scene as written, without its tolerances, and of its files."""
+    written = scene.model_dump(
+        mode="json", exclude_unset=True, exclude={"regression"}, by_alias=True
+    )
+    digest = hashlib.sha256(json.dumps(written, sort_keys=True).encode())
+    for name in files_of(scene).values():
+        if isinstance(name, str):  # an array is in what was written
+            digest.update(read_bounded(scene.folder / name, LARGEST))
+    return digest.hexdigest()
+
+
+def _instants(time: Floats, u: Floats) -> NDArray[np.intp]:
+    """Return indices of `INSTANTS` points: a third each by path of u, time, and log time."""
+    steps = np.diff(time)
+    path = np.abs(np.diff(u, axis=0)).sum(axis=1)
+    log_steps = np.diff(np.log(time - time[0] + (time[-1] - time[0]) / 1e4))
+    density = sum(part / (part.sum() or 1.0) for part in (path, steps, log_steps))
+    cumulative = np.concatenate([[0.0], np.cumsum(density)])
+    return np.unique(np.searchsorted(cumulative, np.linspace(0.0, cumulative[-1], INSTANTS)))
+
+
+def _samples(u: Floats) -> dict[str, tuple[float, ...]]:
+    """Round to nine digits: errors of a millionth of any tolerance, half the size of the file."""
+    return {f"u_{n}": tuple(float(f"{x:.9g}") for x in column) for n, column in enumerate(u.T, 1)}
 
 
 def load_baseline(path: str | Path) -> dict[str, Entry]:
@@ -87,8 +194,8 @@ def load_baseline(path: str | Path) -> dict[str, Entry]:
         reason = f"{error}; `--update` writes a baseline"
         raise InputError(path, Complaint("baseline", "", reason)) from None
     try:
-        data = pydantic_core.from_json(text)
-    except ValueError as error:
+        data = json.loads(text)
+    except (ValueError, RecursionError) as error:
         reason = f"damaged, no JSON: {error}; restore the file, or {MOVE_AWAY}"
         raise InputError(path, Complaint("baseline", "", reason)) from None
     if not isinstance(data, dict) or MARK not in data:
@@ -100,10 +207,52 @@ def load_baseline(path: str | Path) -> dict[str, Entry]:
     return _entries(data, path)
 
 
+def _entries(data: dict[str, Any], path: Path) -> dict[str, Entry]:
+    scenes = data.get("scenes")
+    if not isinstance(scenes, dict):
+        reason = f"damaged: expected a table of scenes; restore the file, or {MOVE_AWAY}"
+        raise InputError(path, Complaint("scenes", "", reason))
+    entries, complaints = {}, []
+    for name, entry in scenes.items():
+        try:
+            entries[name] = _entry(entry)
+        except ValueError as error:
+            place, _, what = str(error).rpartition(": ")
+            key = ".".join(filter(None, ("scenes", name, place)))
+            reason = f"damaged: {what}; restore the file, or {MOVE_AWAY}"
+            complaints.append(Complaint(key, "", reason))
+    if complaints:
+        raise InputError(path, *complaints)
+    return entries
+
+
+def _entry(data: Any) -> Entry:
+    made = read(Entry, data)
+    if extra := unknown_keys(Entry, data):
+        raise ValueError(f"{extra[0]}: no key of an entry")
+    return made
+
+
 def baseline_text(entries: Baseline) -> str:
     """Return a baseline as the text of its file."""
-    scenes = {name: entries[name].model_dump() for name in sorted(entries)}
+    scenes = {name: plain(entries[name], sparse=True) for name in sorted(entries)}
     return "".join(_pretty({MARK: FORMAT, "scenes": scenes})) + "\n"
+
+
+def _pretty(value: Any, indent: str = "\n") -> Iterator[str]:
+    """Yield JSON with a line for each key, check and channel, so that a diff can be read."""
+    if isinstance(value, list) and value and isinstance(value[0], dict):
+        items = (json.dumps(item, ensure_ascii=False, allow_nan=False) for item in value)
+        yield "[" + ",".join(f"{indent}  {item}" for item in items) + f"{indent}]"
+        return
+    if not isinstance(value, dict) or not value:
+        yield json.dumps(value, ensure_ascii=False, allow_nan=False)
+        return
+    yield "{"
+    for number, (key, item) in enumerate(value.items()):
+        yield f"{',' if number else ''}{indent}  {json.dumps(key, ensure_ascii=False)}: "
+        yield from _pretty(item, indent + "  ")
+    yield indent + "}"
 
 
 def git_revision(folder: Path) -> str:
@@ -123,34 +272,3 @@ def git_revision(folder: Path) -> str:
     except (OSError, subprocess.TimeoutExpired):
         return UNKNOWN
     return run.stdout.strip() if run.returncode == 0 else UNKNOWN
-
-
-def _entries(data: dict[str, Any], path: Path) -> dict[str, Entry]:
-    scenes = data.get("scenes")
-    if not isinstance(scenes, dict):
-        reason = f"damaged: expected a table of scenes; restore the file, or {MOVE_AWAY}"
-        raise InputError(path, Complaint("scenes", "", reason))
-    entries, complaints = {}, []
-    for name, entry in scenes.items():
-        try:
-            entries[name] = Entry.model_validate(entry)
-        except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            key = ".".join(map(str, ("scenes", name, *first["loc"])))
-            reason = f"damaged: {first['msg']}; restore the file, or {MOVE_AWAY}"
-            complaints.append(Complaint(key, "", reason))
-    if complaints:
-        raise InputError(path, *complaints)
-    return entries
-
-
-def _pretty(value: Any, indent: str = "\n") -> Iterator[str]:
-    """Yield JSON with one line per key, so that a diff of two baselines can be read."""
-    if not isinstance(value, dict) or not value:
-        yield json.dumps(value, ensure_ascii=False, allow_nan=False)
-        return
-    yield "{"
-    for number, (key, item) in enumerate(value.items()):
-        yield f"{',' if number else ''}{indent}  {json.dumps(key, ensure_ascii=False)}: "
-        yield from _pretty(item, indent + "  ")
-    yield indent + "}"

@@ -3,119 +3,77 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from itertools import product
+from collections.abc import Iterator
 
 import numpy as np
 
-from taction.netlist_gen.scene.regression import (
-    LevelTolerance,
-    PoleTolerance,
-    Regression,
-    TimeTolerance,
-    WaveformTolerance,
-)
+from taction.netlist_gen.scene.regression import Regression, WaveformTolerance
 from taction.system.array_types import Floats
 from taction.verification.readings.resampling import lagrange
-from taction.verification.studies.figures import CHANNEL_FIGURES, FIGURES
-from taction.verification.studies.regression.baseline import Entry
-from taction.verification.studies.regression.baseline_entry import Observation
+from taction.verification.studies.regression.baseline import (
+    ALWAYS,
+    CHANNEL_ALWAYS,
+    CHANNEL_STABLE,
+    STABLE,
+    Entry,
+    Observation,
+)
+from taction.verification.verdict.compare import (
+    Difference,
+    Tolerance,
+    compare,
+    numbers,
+    relative,
+    words,
+)
+from taction.verification.verdict.record import POLE_READINGS, Figure
 
 STENCIL = 4  # cubic interpolation: error 1e-7 of the amplitude at 125 points on a ringing period
-UNITS = {name: figure.unit for name, figure in (FIGURES | CHANNEL_FIGURES).items()}
 
 
-@dataclass(frozen=True, slots=True)
-class Difference:
-    """One quantity and its baseline; of a waveform, the norms of both."""
+def compare_entry(now: Observation, then: Entry, allowed: Regression) -> tuple[Difference, ...]:
+    """Compare a scene's results with its entry in the baseline, which is the first of both.
 
-    group: str  # "checks", "states", "levels", "times", "poles" or "waveforms"
-    name: str
-    value: float | str | None
-    baseline: float | str | None
-    tolerance: float | None  # allowed difference; None where the values must be equal
-    off: float  # difference over tolerance; infinite where the values cannot be compared
-    unit: str = ""  # SI, "step" for step amplitudes, or empty
-    note: str = ""  # of a waveform: where the difference is largest
-
-    @property
-    def changed(self) -> bool:
-        """Whether the difference is larger than the tolerance."""
-        return not self.off <= 1.0
-
-
-def compare(now: Observation, then: Entry, allowed: Regression) -> tuple[Difference, ...]:
-    """Compare a scene's results with its entry in the baseline.
-
-    Every quantity of either is compared, except checks that only one of them ran.
+    Every quantity of either is compared, except checks that only one of them ran; of a board that
+    became stable or unstable only the poles.
     """
-    entry = now.entry
-    common = [name for name in then.checks if name in entry.checks]
-    differences = [_equal("checks", name, entry.checks[name], then.checks[name]) for name in common]
-    for name in _names(entry.states, then.states):
-        differences.append(_equal("states", name, entry.states.get(name), then.states.get(name)))
-    differences += _numbers("poles", entry.poles, then.poles, allowed.poles, then.speed)
-    if entry.stable == then.stable:  # an unstable board has no other quantities
-        scale = then.amplitude
-        differences += _numbers("levels", entry.levels, then.levels, allowed.levels, scale)
-        differences += _times(entry, then, allowed.times)
+    entry, tolerance = now.entry, scene_tolerance(allowed, then)
+    same = entry.stable == then.stable
+    found = compare(
+        then.record,
+        entry.record,
+        tolerance,
+        groups=("checks", "states", "figures") + ("channels",) * same,
+        figures=(*ALWAYS[1:], *STABLE * same),
+        channel_figures=CHANNEL_ALWAYS + CHANNEL_STABLE,
+    )
+    common = then.checks.keys() & entry.checks.keys()
+    differences = [each for each in found if each.group != "checks" or each.name in common]
+    if same:
+        stops = Figure(then.stop, "s"), Figure(entry.stop, "s")
+        differences.append(numbers("figures", "record", None, *stops, tolerance))
         differences += _waveforms(now, then, allowed.waveforms)
     return tuple(differences)
 
 
-def _names(now: Mapping[str, object], then: Mapping[str, object]) -> list[str]:
-    return list(then) + [name for name in now if name not in then]
+def scene_tolerance(allowed: Regression, then: Entry) -> Tolerance:
+    """Return the tolerances of a scene.
 
+    An absolute tolerance of a voltage counts in step amplitudes, one of a pole in its magnitude.
+    """
+    amplitude = then.record.value("step_amplitude") or 0.0
 
-def _equal(group: str, name: str, value: str | None, baseline: str | None) -> Difference:
-    return Difference(group, name, value, baseline, None, 0.0 if value == baseline else math.inf)
+    def tolerance(name: str, first: Figure, second: Figure) -> float | None:
+        size, unit = abs(first.value or 0.0), first.unit
+        if name in POLE_READINGS:
+            scale = then.speed if unit else 1.0
+            return allowed.poles.absolute * scale + allowed.poles.relative * size
+        if unit == "s":
+            return allowed.times.absolute + allowed.times.relative * size
+        scale = amplitude if unit == "V" else 1.0
+        return allowed.levels.absolute * scale + allowed.levels.relative * size
 
-
-def _numbers(
-    group: str,
-    now: Mapping[str, float],
-    then: Mapping[str, float],
-    allowed: LevelTolerance | PoleTolerance,
-    scale: float,
-) -> Iterator[Difference]:
-    """Compare numbers; the absolute tolerance is a fraction of `scale`, except for ratios."""
-    for name in _names(now, then):
-        unit = UNITS.get(name.rpartition(".")[2]) or "ratio"
-        absolute = allowed.absolute * (1.0 if unit in ("step", "ratio") else scale)
-        yield _number(group, name, now.get(name), then.get(name), allowed.relative, absolute, unit)
-
-
-def _number(
-    group: str,
-    name: str,
-    value: float | None,
-    baseline: float | None,
-    relative: float,
-    absolute: float,
-    unit: str,
-) -> Difference:
-    if value is None or baseline is None:
-        off = 0.0 if value is baseline else math.inf
-        return Difference(group, name, value, baseline, None, off, unit)
-    tolerance = absolute + relative * abs(baseline)
-    off = _in_tolerances(abs(value - baseline), tolerance)
-    return Difference(group, name, value, baseline, tolerance, off, unit)
-
-
-def _in_tolerances(distance: float, tolerance: float) -> float:
-    if distance == 0.0:
-        return 0.0
-    return distance / tolerance if tolerance > 0.0 else math.inf
-
-
-def _times(entry: Entry, then: Entry, allowed: TimeTolerance) -> Iterator[Difference]:
-    """Compare times; of a fragile time, the nearest value counts."""
-    for name in _names(entry.times, then.times):
-        pairs = product(entry.times.get(name, [None]), then.times.get(name, [None]))
-        tolerance = (allowed.relative, allowed.absolute, "s")
-        differences = [_number("times", name, value, old, *tolerance) for value, old in pairs]
-        yield min(differences, key=lambda difference: difference.off)
+    return tolerance
 
 
 def _waveforms(now: Observation, then: Entry, allowed: WaveformTolerance) -> Iterator[Difference]:
@@ -126,13 +84,20 @@ def _waveforms(now: Observation, then: Entry, allowed: WaveformTolerance) -> Ite
     at = np.array(then.time)[common]
     u = lagrange(now.time, now.u, at, STENCIL)
     new = dict(zip(now.entry.outputs, u.T, strict=True))
-    for name in _names(now.entry.outputs, then.outputs):
+    amplitude = then.record.value("step_amplitude") or 0.0
+    for name in {**then.outputs, **now.entry.outputs}:
         if name in new and name in then.outputs and len(common) > 1:
             old = np.array(then.outputs[name])[common]
-            yield _waveform(name, at, new[name], old, allowed, then.amplitude)
+            yield _waveform(name, at, new[name], old, allowed, amplitude)
         else:
-            value, baseline = ("there" if name in side else None for side in (new, then.outputs))
-            yield Difference("waveforms", name, value, baseline, None, math.inf)
+            sides = ["there" if name in side else None for side in (then.outputs, new)]
+            missing = words("waveforms", name, None, *sides)
+            yield missing if missing.beyond else _incomparable(name)
+
+
+def _incomparable(name: str) -> Difference:
+    note = "the records have no instants in common"
+    return Difference("waveforms", name, None, "there", "there", "", None, None, math.inf, note)
 
 
 def _waveform(
@@ -143,14 +108,15 @@ def _waveform(
     allowed: WaveformTolerance,
     amplitude: float,
 ) -> Difference:
+    """Return the norms of both outputs, and that of their difference over what is allowed."""
     size, distance = _norm(allowed, time, old), _norm(allowed, time, new - old)
     tolerance = allowed.absolute * amplitude + allowed.relative * size
-    off = _in_tolerances(distance, tolerance)
     apart = np.abs(new - old)
     worst = int(np.argmax(apart))
     note = f"{allowed.norm} norm; {apart[worst]:.3g} V apart at {time[worst]:.4g} s"
-    value = _norm(allowed, time, new)
-    return Difference("waveforms", name, value, size, tolerance, off, "V", note)
+    norms = size, _norm(allowed, time, new)
+    off = relative(distance, tolerance)
+    return Difference("waveforms", name, None, *norms, "V", distance, tolerance, off, note)
 
 
 def _norm(allowed: WaveformTolerance, time: Floats, u: Floats) -> float:

@@ -12,12 +12,17 @@ from pathlib import Path
 from taction.netlist_gen.scene.file import load_scene
 from taction.system.errors import INTERRUPTED, InputError, NoVerdictError
 from taction.system.file_names import printable
-from taction.verification.studies.regression.baseline import Baseline, Entry, git_revision
-from taction.verification.studies.regression.baseline_entry import observe
-from taction.verification.studies.regression.compare import Difference, compare
+from taction.verification.studies.regression.baseline import (
+    Baseline,
+    Entry,
+    git_revision,
+    observe,
+)
+from taction.verification.studies.regression.compare import compare_entry
 from taction.verification.studies.running.in_order import for_each_file
 from taction.verification.studies.scene_files import find_scenes
 from taction.verification.verdict.checks import Check, Outcome
+from taction.verification.verdict.compare import Difference
 from taction.verification.verdict.verify import Verdict, verify
 
 
@@ -57,7 +62,7 @@ class SceneResult:
     @property
     def changes(self) -> tuple[Difference, ...]:
         """Differences above their tolerance, the largest first; infinite differences lead."""
-        changed = (d for d in self.differences if d.changed)
+        changed = (d for d in self.differences if d.beyond)
         return tuple(sorted(changed, key=lambda d: -d.off))
 
     @property
@@ -190,8 +195,8 @@ def _compared(
     file: str, verdict: Verdict, then: Entry | None, revision: str, seconds: float
 ) -> SceneResult:
     now = observe(verdict, revision)
-    differences = () if then is None else compare(now, then, verdict.scene.regression)
-    changed = any(difference.changed for difference in differences)
+    differences = () if then is None else compare_entry(now, then, verdict.scene.regression)
+    changed = any(difference.beyond for difference in differences)
     return SceneResult(
         file=file,
         status=_status(verdict.outcome, then, changed),
@@ -210,7 +215,7 @@ def _status(outcome: Outcome, then: Entry | None, changed: bool) -> Status:
         return Status.NO_VERDICT
     if then is None:
         return Status.NEW
-    passed = then.outcome == Outcome.PASS.value
+    passed = then.record.outcome == Outcome.PASS.value
     if outcome is Outcome.FAIL:
         return Status.BROKEN if passed else Status.FAILING
     if not passed:
@@ -222,8 +227,8 @@ def _unchanged(result: SceneResult) -> bool:
     new, old = result.entry, result.baseline
     if new is None or old is None or math.isinf(result.worst):
         return False
-    same = (new.fingerprint, new.outcome, new.checks) == (old.fingerprint, old.outcome, old.checks)
-    return same and not result.changes
+    same = new.record.outcome == old.record.outcome and new.checks == old.checks
+    return same and new.fingerprint == old.fingerprint and not result.changes
 
 
 def _undecided(checks: Iterable[Check]) -> str:
@@ -234,10 +239,10 @@ def _undecided(checks: Iterable[Check]) -> str:
 def _notes(now: Entry, then: Entry) -> Iterable[str]:
     if now.fingerprint != then.fingerprint:
         yield "the scene, or a file that it names, was edited since the baseline"
-    for field in ("simulator", "taction"):
-        old, new = getattr(then, field), getattr(now, field)
+    versions = ("simulator", then.solved_by, now.solved_by), ("taction", then.taction, now.taction)
+    for name, old, new in versions:
         if new != old:
-            yield f"{field} was {old}, now {new}"
+            yield f"{name} was {old}, now {new}"
     if removed := sorted(set(then.checks) - set(now.checks)):
         yield f"{', '.join(removed)} ran for the baseline, not now"
     if added := sorted(set(now.checks) - set(then.checks)):

@@ -23,9 +23,9 @@ import numpy as np
 
 from taction.netlist_gen.scene.axes import Axis
 from taction.system.array_types import Bools
-from taction.verification.studies.figures import POLE_READINGS, TRANSIENT_READINGS
+from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import Plan, Requests
-from taction.verification.studies.sweep.store import Store
+from taction.verification.verdict.record import POLE_READINGS, TRANSIENT_READINGS
 
 SHARE = 0.05  # of all points
 SEED = 1

@@ -23,13 +23,14 @@ from taction.verification.studies.running.collecting import collected
 from taction.verification.studies.running.digests import digest, own_code
 from taction.verification.studies.running.versions import own_versions
 from taction.verification.studies.running.workers import Workers
+from taction.verification.studies.store import Store, StoredResult
 from taction.verification.studies.sweep.announcement import announcement, duration, wall_time
 from taction.verification.studies.sweep.cost_forecast import CostForecast, forecast_costs
 from taction.verification.studies.sweep.hybrid import confirmed_points
 from taction.verification.studies.sweep.plan import ENGINE, GridPoint, Plan, Requests, simulator_of
 from taction.verification.studies.sweep.point import Job, compute, failure
 from taction.verification.studies.sweep.remaining_time import RemainingTime
-from taction.verification.studies.sweep.store import ERROR, Store, StoredResult
+from taction.verification.verdict.record import ERROR
 
 
 @dataclass(slots=True)
@@ -173,7 +174,7 @@ class _Sweep:
         for key, result in collected(self.workers, compute, jobs):
             if isinstance(result, BaseException):
                 text = f"the worker was killed several times (out of memory?): {result}"
-                result = failure(type(result).__name__, text, "")
+                result = failure(result, text, "")
             self._store(key, self._points.pop(key), result)
 
     def _calls(self, point: GridPoint) -> Iterator[tuple[bytes, tuple[Job]]]:
@@ -185,7 +186,7 @@ class _Sweep:
             problem = self._problem(scene)
             key = self._key(scene, problem, point.engine)
         except TactionError as error:
-            result = failure(type(error).__name__, str(error), point.engine)
+            result = failure(error, str(error), point.engine)
             self._store(point.request, [point], result)
             return
         if key in self._points:

@@ -172,14 +172,14 @@ def _gradient(
 
 def _goodness(sample: BoardSample, quantity: Quantity, corner: str) -> tuple[float, bool]:
     """Return a sort key that is least for the worst sample, then for the quantity's own corner."""
-    value = getattr(sample, quantity.name)
-    without = math.inf if sample.reason else -math.inf
+    value = sample.value(quantity.name)
+    without = math.inf if sample.lost else -math.inf
     return without if value is None else -quantity.worse * value, corner != quantity.name
 
 
 def _worse(quantity: Quantity, moved: BoardSample, centre: BoardSample) -> float:
     """Return the change of a quantity, positive if worse; +1 or -1 if only one has it."""
-    after, before = getattr(moved, quantity.name), getattr(centre, quantity.name)
+    after, before = moved.value(quantity.name), centre.value(quantity.name)
     if after is None or before is None:
         return float(before is not None) - float(after is not None)
     return quantity.worse * float(after - before)

@@ -1,18 +1,134 @@
-"""Draw the samples of a Monte Carlo study until there are enough."""
+"""Draw the samples of a Monte Carlo study until there are enough, with or without a database.
+
+A study that was killed continues with the next sample. The key of a sample is a digest of board,
+checks, seed and versions, so samples of several studies and the points of sweeps share a file
+without being mixed.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, ExitStack
+from dataclasses import dataclass, field
 from pathlib import Path
 
+from taction.netlist_gen.board.variation import draw
+from taction.system.array_types import Floats
+from taction.system.documents import plain, read
 from taction.system.errors import Complaint, InputError
+from taction.verification.studies.running.digests import digest
 from taction.verification.studies.running.pace import Pace
 from taction.verification.studies.running.workers import Workers
-from taction.verification.studies.sweep.store import Store
-from taction.verification.studies.tolerance.sample_store import SampleStore
-from taction.verification.studies.tolerance.varied_board import VariedBoard
-from taction.verification.studies.tolerance.yield_report import SampleCollection, run_samples
+from taction.verification.studies.store import Store, StoredResult
+from taction.verification.studies.tolerance.varied_board import (
+    BoardSample,
+    VariedBoard,
+    evaluate_all,
+)
+from taction.verification.studies.tolerance.yield_report import MIN_SAMPLES, interval
 from taction.verification.verdict.clock import Progress
+
+
+class SampleStore:
+    """The samples of one board and seed in a store."""
+
+    def __init__(self, store: Store, board: VariedBoard, seed: int) -> None:
+        problem = (board.problem.matrix, board.problem.strain)
+        self._store = store
+        self._base = digest(board.versions, board.scene, *problem, board.nominal, seed)
+
+    def get(self, number: int) -> BoardSample | None:
+        """Return a sample, if it is stored and not damaged.
+
+        Raises
+        ------
+        InputError
+            The database cannot be used, or the stored record is no sample.
+        """
+        record = self._store.record_of(self._key(number))
+        try:
+            return None if record is None else read(BoardSample, record)
+        except ValueError:
+            text = f"sample {number} is damaged; start anew with another name"
+            raise InputError(self._store.path, Complaint("database", "", text)) from None
+
+    def is_damaged(self, number: int) -> bool:
+        """Whether `get` found a sample that is damaged."""
+        return self._key(number) in self._store.damaged
+
+    def put(self, sample: BoardSample) -> None:
+        """Store a sample; errors as `taction.verification.studies.store.Store.put`."""
+        key = self._key(sample.number)
+        self._store.put(key, StoredResult(sample.outcome, plain(sample)), key)
+
+    def _key(self, number: int) -> bytes:
+        return digest(self._base, number)
+
+
+@dataclass(slots=True)
+class SampleCollection:
+    """Samples in the order of their numbers, until there are enough.
+
+    The yield does not depend on the order in which the samples end.
+    """
+
+    limit: int
+    width: float | None = None  # requested half width of the confidence interval
+    samples: list[BoardSample] = field(default_factory=list)  # numbers 0, 1, 2 ... without a gap
+    passed: int = 0
+    enough: bool = False
+    damaged: list[int] = field(default_factory=list)  # stored, could not be read, computed again
+    _waiting: dict[int, BoardSample] = field(default_factory=dict)  # a lower number is missing
+
+    def add(self, sample: BoardSample) -> None:
+        """Take a sample; it is counted as soon as all lower numbers are counted."""
+        self._waiting[sample.number] = sample
+        while not self.enough and (following := self._waiting.pop(len(self.samples), None)):
+            self.samples.append(following)
+            self.passed += following.outcome == "pass"
+            self.enough = len(self.samples) >= self.limit or self._narrow()
+
+    def _narrow(self) -> bool:
+        if self.width is None or len(self.samples) < MIN_SAMPLES:
+            return False
+        low, high = interval(self.passed, len(self.samples))
+        return 0.5 * (high - low) <= self.width
+
+
+def run_samples(
+    board: VariedBoard,
+    numbers: Iterable[int],
+    seed: int,
+    workers: Workers,
+    collection: SampleCollection,
+    store: SampleStore | None = None,
+) -> Iterator[BoardSample]:
+    """Draw samples into `collection` until it has enough; yield the computed ones as they end.
+
+    Samples in `store` are not computed again; computed samples are added to it.
+
+    Raises
+    ------
+    InputError, NoVerdictError, OutOfDisk
+        As `taction.verification.studies.tolerance.varied_board.evaluate_all` and `SampleStore`.
+    """
+
+    def missing() -> Iterator[tuple[int, Floats]]:
+        for number in numbers:
+            if collection.enough:
+                return
+            if store is not None and (stored := store.get(number)) is not None:
+                collection.add(stored)
+            else:
+                if store is not None and store.is_damaged(number):
+                    collection.damaged.append(number)
+                yield number, draw(board.scene.tolerances, len(board.varied), seed, number)
+
+    for sample in evaluate_all(board, missing(), workers, lambda: collection.enough):
+        if store is not None:
+            store.put(sample)
+        collection.add(sample)
+        yield sample
 
 
 def draw_samples(
@@ -35,7 +151,7 @@ def draw_samples(
     Raises
     ------
     InputError, NoVerdictError, OutOfDisk
-        See `SampleStore` and `taction.verification.studies.tolerance.yield_report.run_samples`.
+        See `SampleStore` and `run_samples`.
     """
     with ExitStack() as stack:
         store = None

@@ -19,15 +19,11 @@ import numpy as np
 from taction.netlist_gen.board.variation import Parameter, parameters
 from taction.system.errors import EngineError
 from taction.verification.studies.running.workers import Workers
-from taction.verification.studies.tolerance.drawing import draw_samples
+from taction.verification.studies.tolerance.drawing import SampleCollection, draw_samples
 from taction.verification.studies.tolerance.remedy import TARGET, Remedy
 from taction.verification.studies.tolerance.varied_board import BoardSample, VariedBoard
 from taction.verification.studies.tolerance.yield_forecast import YieldForecast
-from taction.verification.studies.tolerance.yield_report import (
-    MIN_SAMPLES,
-    SampleCollection,
-    interval,
-)
+from taction.verification.studies.tolerance.yield_report import MIN_SAMPLES, interval
 from taction.verification.verdict.clock import Progress
 
 GRADES = {"resistor": (0.05, 0.01, 1e-3, 1e-4), "capacitor": (0.1, 0.05, 0.01)}

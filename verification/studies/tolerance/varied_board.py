@@ -10,6 +10,7 @@ import pickle
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
+from typing import Annotated
 
 import numpy as np
 
@@ -19,15 +20,17 @@ from taction.netlist_gen.board.variation import Parameter, parameters, vary
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
+from taction.system.documents import INLINE
 from taction.system.errors import MACHINE_FAILURES, Complaint, InputError, TactionError
 from taction.system.reading_definitions import EXCURSIONS
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
-from taction.verification.studies.figures import FIGURES, figures_of, finite, signed_errors
 from taction.verification.studies.running.collecting import collected
 from taction.verification.studies.running.repeating import repeated_if_killed
 from taction.verification.studies.running.versions import Versions, own_versions
 from taction.verification.studies.running.workers import Workers
+from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.effort import Effort
+from taction.verification.verdict.record import ERROR, Record, finite, signed_errors
 from taction.verification.verdict.simulation import choose_engine
 from taction.verification.verdict.verify import Verdict, verify
 
@@ -36,21 +39,49 @@ SAMPLE_EFFORT = Effort(details=False, full_margin=False)
 
 @dataclass(frozen=True, slots=True)
 class BoardSample:
-    """The verdict on one board with deviating components; None: the board lacks the quantity."""
+    """One board with deviating components, and the record of its verdict.
 
-    number: int  # in the study; number and seed determine the deviations
-    outcome: str  # of the verdict; "inconclusive" without a verdict
-    failed: tuple[str, ...] = ()  # checks that did not pass
-    settling_time: float | None = None  # s
-    rise_time: float | None = None  # s; only where the scene checks it
-    overshoot: float | None = None  # fraction of the step amplitude
-    undershoot: float | None = None  # fraction of the step amplitude
-    steady_state: float | None = None  # largest magnitude in `errors`
-    noise: float | None = None  # of the loudest channel, V rms; only where the scene checks it
-    growth_rate: float | None = None  # real part of the rightmost pole, 1/s
-    margin: float | None = None  # factor by which C may shrink, within the range of the scan
-    errors: tuple[float, ...] = ()  # final value minus reference by channel, in step amplitudes
-    reason: str = ""  # why there is no verdict
+    Attributes
+    ----------
+    number : int
+        In the study; number and seed determine the deviations.
+    record : Record
+        Of the whole board.
+    errors : tuple of float
+        Equilibrium minus reference by channel, fractions of the step amplitude; empty where they
+        are not known.
+    """
+
+    number: int
+    record: Annotated[Record, INLINE]
+    errors: Annotated[tuple[float, ...], "step"] = ()
+
+    @property
+    def outcome(self) -> str:
+        """Outcome of the record."""
+        return self.record.outcome
+
+    @property
+    def failed(self) -> tuple[str, ...]:
+        """Checks that do not pass."""
+        return self.record.failed
+
+    @property
+    def undecided(self) -> bool:
+        """Whether the checks decide nothing, or no verdict was reached."""
+        return self.record.outcome in (Outcome.INCONCLUSIVE.value, ERROR)
+
+    @property
+    def lost(self) -> str:
+        """Why no verdict was reached, in one line; empty of a verdict."""
+        return self.record.reason.partition("\n")[0] if self.record.failure else ""
+
+    def value(self, name: str) -> float | None:
+        """Return a `Quantity` of the board, by its name; None where the board lacks it."""
+        if name == "rise_time":  # of the channel that the scene checks
+            check = self.record.check(name)
+            return None if check is None else finite(check.value)
+        return self.record.value("steady_state_error" if name == "steady_state" else name)
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,30 +186,27 @@ def evaluate(board: VariedBoard, number: int, z: Floats) -> BoardSample:
     except MACHINE_FAILURES:
         raise
     except TactionError as error:
-        return BoardSample(number, "inconclusive", reason=str(error).splitlines()[0])
+        return without_verdict(number, error, str(error), board)
     except Exception as error:  # a defect at one sample must not end a study of ten thousand
         reason = f"unforeseen: {type(error).__name__}: {error}"
-        return BoardSample(number, "inconclusive", reason=reason)
+        return without_verdict(number, error, reason, board)
     return sample_of(verdict, number)
 
 
 def sample_of(verdict: Verdict, number: int) -> BoardSample:
     """Return the sample with the figures of a verdict."""
-    figures, errors = figures_of(verdict, FIGURES), signed_errors(verdict)
-    return BoardSample(
-        number=number,
-        outcome=verdict.outcome.value,
-        failed=tuple(c.name for c in verdict.checks if c.outcome.value != "pass"),
-        settling_time=figures["settling_time"],
-        rise_time=next((finite(c.value) for c in verdict.checks if c.name == "rise_time"), None),
-        overshoot=figures["overshoot"],
-        undershoot=figures["undershoot"],
-        steady_state=figures["steady_state_error"],
-        noise=figures["noise"],
-        growth_rate=figures["growth_rate"],
-        margin=figures["margin"],
-        errors=errors if all(map(math.isfinite, errors)) else (),
-    )
+    errors = signed_errors(verdict)
+    known = errors if all(map(math.isfinite, errors)) else ()
+    record = Record.of(verdict, channels=False).without_run_time()
+    return BoardSample(number, record, known)
+
+
+def without_verdict(
+    number: int, error: BaseException, reason: str, board: VariedBoard
+) -> BoardSample:
+    """Return the sample of a verification that `error` ended."""
+    engine = board.scene.analysis.engine
+    return BoardSample(number, Record.without_verdict(type(error).__name__, reason, engine))
 
 
 def evaluate_all(
@@ -199,5 +227,6 @@ def evaluate_all(
     calls = ((number, (board, number, z)) for number, z in requests)
     for number, sample in collected(workers, evaluate, calls, stopped):
         if isinstance(sample, BaseException):
-            sample = BoardSample(number, "inconclusive", reason=f"its worker was killed: {sample}")
+            reason = f"its worker was killed: {sample}"
+            sample = without_verdict(number, sample, reason, board)
         yield sample

@@ -75,7 +75,7 @@ class YieldForecast:
         rest = rest_slopes(board) / board.step_amplitude / limit
         margins, slopes = [errors / limit, -errors / limit], [rest, -rest]
         for quantity in PREDICTED:
-            values = np.array([_number(getattr(sample, quantity.name)) for sample in samples])
+            values = np.array([_number(sample.value(quantity.name)) for sample in samples])
             for margin in _margins(values, *limits_of(board.scene, quantity.name)):
                 margins.append(margin[:, None])
                 slopes.append(_regression(z, margin)[:, None])

@@ -8,22 +8,19 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from taction.netlist_gen.board.variation import draw
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
-from taction.verification.studies.running.workers import Workers
 from taction.verification.studies.tolerance.remedy import Remedy
-from taction.verification.studies.tolerance.sample_store import SampleStore
 from taction.verification.studies.tolerance.varied_board import (
     BoardSample,
     Quantity,
     VariedBoard,
-    evaluate_all,
     quantities,
 )
 
@@ -99,78 +96,12 @@ def _listed(failures: Mapping[str, int]) -> str:
     return f"; {', '.join(words)}" if words else ""
 
 
-@dataclass(slots=True)
-class SampleCollection:
-    """Samples in the order of their numbers, until there are enough.
-
-    The yield does not depend on the order in which the samples end.
-    """
-
-    limit: int
-    width: float | None = None  # requested half width of the confidence interval
-    samples: list[BoardSample] = field(default_factory=list)  # numbers 0, 1, 2 ... without a gap
-    passed: int = 0
-    enough: bool = False
-    damaged: list[int] = field(default_factory=list)  # stored, could not be read, computed again
-    _waiting: dict[int, BoardSample] = field(default_factory=dict)  # a lower number is missing
-
-    def add(self, sample: BoardSample) -> None:
-        """Take a sample; it is counted as soon as all lower numbers are counted."""
-        self._waiting[sample.number] = sample
-        while not self.enough and (following := self._waiting.pop(len(self.samples), None)):
-            self.samples.append(following)
-            self.passed += following.outcome == "pass"
-            self.enough = len(self.samples) >= self.limit or self._narrow()
-
-    def _narrow(self) -> bool:
-        if self.width is None or len(self.samples) < MIN_SAMPLES:
-            return False
-        low, high = interval(self.passed, len(self.samples))
-        return 0.5 * (high - low) <= self.width
-
-
-def run_samples(
-    board: VariedBoard,
-    numbers: Iterable[int],
-    seed: int,
-    workers: Workers,
-    collection: SampleCollection,
-    store: SampleStore | None = None,
-) -> Iterator[BoardSample]:
-    """Draw samples into `collection` until it has enough; yield the computed ones as they end.
-
-    Samples in `store` are not computed again; computed samples are added to it.
-
-    Raises
-    ------
-    InputError, NoVerdictError, OutOfDisk
-        As `taction.verification.studies.tolerance.varied_board.evaluate_all` and `SampleStore`.
-    """
-
-    def missing() -> Iterator[tuple[int, Floats]]:
-        for number in numbers:
-            if collection.enough:
-                return
-            if store is not None and (stored := store.get(number)) is not None:
-                collection.add(stored)
-            else:
-                if store is not None and store.is_damaged(number):
-                    collection.damaged.append(number)
-                yield number, draw(board.scene.tolerances, len(board.varied), seed, number)
-
-    for sample in evaluate_all(board, missing(), workers, lambda: collection.enough):
-        if store is not None:
-            store.put(sample)
-        collection.add(sample)
-        yield sample
-
-
 def summarise_samples(board: VariedBoard, samples: list[BoardSample], seed: int) -> YieldReport:
     """Return the yield with its interval, failed checks, spreads and ranked sensitivities."""
     passed = sum(sample.outcome == "pass" for sample in samples)
     low, high = interval(passed, len(samples))
     failures = Counter(name for sample in samples for name in sample.failed)
-    undecided = [sample for sample in samples if sample.outcome == "inconclusive"]
+    undecided = [sample for sample in samples if sample.undecided]
     reported = quantities(board.scene)
     return YieldReport(
         samples=len(samples),
@@ -180,7 +111,7 @@ def summarise_samples(board: VariedBoard, samples: list[BoardSample], seed: int)
         low=low,
         high=high,
         failures=dict(failures.most_common()),
-        reasons=dict(Counter(s.reason for s in undecided if s.reason).most_common()),
+        reasons=dict(Counter(s.lost for s in undecided if s.lost).most_common()),
         quantities=tuple(_spread(board.scene, quantity, samples) for quantity in reported),
         sensitivities=tuple(_sensitivities(board, reported, samples, seed)),
     )
@@ -199,7 +130,7 @@ def interval(passed: int, samples: int, confidence: float = CONFIDENCE) -> tuple
 
 
 def _spread(scene: Scene, quantity: Quantity, samples: list[BoardSample]) -> Spread:
-    values = [getattr(sample, quantity.name) for sample in samples if not sample.reason]
+    values = [sample.value(quantity.name) for sample in samples if not sample.lost]
     missing = sum(value is None for value in values)
     never = math.inf if quantity.unit == "s" else math.nan
     known = np.array([never if value is None else value for value in values], dtype=np.float64)
@@ -260,8 +191,7 @@ def _furthest(samples: list[BoardSample]) -> int | None:
 def _value(sample: BoardSample, name: str, channel: int | None) -> float | None:
     if channel is not None:
         return sample.errors[channel - 1] if sample.errors else None
-    value: float | None = getattr(sample, name)
-    return value
+    return sample.value(name)
 
 
 def _correlation(z: Floats, values: Floats) -> Floats:

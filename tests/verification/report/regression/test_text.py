@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import math
 import re
 
 import pytest
@@ -15,9 +14,9 @@ from taction.cli.common import plain
 from taction.verification.report.junit import regression_junit
 from taction.verification.report.regression.markdown import regression_markdown
 from taction.verification.report.regression.text import SHOWN, print_regression, regression_document
-from taction.verification.studies.regression.compare import Difference
 from taction.verification.studies.regression.run import RegressionReport, SceneResult, Status
 from taction.verification.verdict.checks import Check, Outcome
+from taction.verification.verdict.compare import Difference, words
 from tests.support.entries import entry
 from tests.support.paths import DATA
 
@@ -32,13 +31,13 @@ def check(outcome: Outcome, name: str = "settling_time") -> Check:
 
 def changed(count: int = 1) -> tuple[Difference, ...]:
     return tuple(
-        Difference("waveforms", f"u_{n}", 1.5, 1.0, 0.01, 50.0 + n, "V", "max norm")
+        Difference("waveforms", f"u_{n}", None, 1.0, 1.5, "V", 0.5, 0.01, 50.0 + n, "max norm")
         for n in range(count)
     )
 
 
-OFF = Difference("checks", "stability", "fail", "pass", None, math.inf)
-FINE = Difference("levels", "u_1.final", 1.0, 1.0, 1e-3, 0.0, "V")
+OFF = words("checks", "stability", None, "pass", "fail")
+FINE = Difference("channels", "final", 1, 1.0, 1.0, "V", 0.0, 1e-3, 0.0)
 RESULTS = (
     SceneResult(
         "same.toml", Status.SAME, (check(Outcome.PASS),), (FINE,), (), "", entry(), entry()
@@ -119,10 +118,10 @@ def test_junit_counts_what_is_in_it() -> None:
 @pytest.mark.parametrize(
     ("suite", "case", "end"),
     [
-        ("same", "baseline levels", None),
+        ("same", "baseline channels", None),
         ("changed", "check settling_time", None),
         ("changed", "baseline waveforms", "failure"),
-        ("changed", "baseline levels", None),
+        ("changed", "baseline channels", None),
         ("broken", "check settling_time", "failure"),
         ("broken", "baseline checks", "failure"),
         ("better", "baseline waveforms", "skipped"),
@@ -181,8 +180,8 @@ def test_the_document_for_machines_has_every_difference() -> None:
     assert (scene["status"], scene["baseline"]["revision"]) == ("changed", "a" * 40)
     assert len(scene["differences"]) == SHOWN + 4
     first = scene["differences"][1]
-    assert (first["value"], first["baseline"], first["tolerance"]) == (1.5, 1.0, 0.01)
-    assert (first["off"], first["changed"], first["unit"]) == (50.0, True, "V")
+    assert (first["second"], first["first"], first["allowed"]) == (1.5, 1.0, 0.01)
+    assert (first["off"], first["beyond"], first["unit"]) == (50.0, True, "V")
     assert document["scenes"][2]["differences"][0]["off"] is None
 
 

@@ -18,10 +18,10 @@ from taction.verification.report.sweep.files import dataset, export_sweep, frame
 from taction.verification.report.sweep.plot import plot_sweep
 from taction.verification.report.sweep.records import records
 from taction.verification.report.sweep.result import SweepResult
+from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.hybrid import sample
 from taction.verification.studies.sweep.plan import Plan
 from taction.verification.studies.sweep.run import SweepCounts
-from taction.verification.studies.sweep.store import Store
 from tests.support.sweeping import grid_plan, make_record, reading, store_records
 
 POINTS = 20  # of which 4 and 5 are next to the boundary
@@ -40,8 +40,8 @@ def hybrid_store(plan: Plan, **ngspice_at_4: Any) -> Store:
         found["statespace", place] = make_record(stable=stable)
         attained = 1e-5 * (place + 1) if stable else None
         changes = {"stable": stable, "attained_error": attained}
+        changes |= ngspice_at_4 if place == 5 else {}
         found["ngspice", place] = make_record("ngspice", **changes)
-    found["ngspice", 5] |= ngspice_at_4
     store_records(plan, store, found)
     return store
 
@@ -73,8 +73,7 @@ def test_the_summary_counts_and_names_the_largest_difference() -> None:
 
 def test_a_disagreement_is_shown_everywhere() -> None:
     plan = hybrid_plan()
-    readings = make_record()["readings"] | {"overshoot": reading(2.0, 1e-3)}
-    with hybrid_store(plan, readings=readings) as store:
+    with hybrid_store(plan, overshoot=reading(2.0, 1e-3)) as store:
         text = text_of(plan, store)
         count = SweepCounts(POINTS)
         document = json.loads("".join(document_parts(plan, store, count, 1.0)))
@@ -94,7 +93,7 @@ def test_a_disagreement_is_shown_everywhere() -> None:
 
 def test_a_point_without_a_verdict_is_not_confirmed() -> None:
     plan = hybrid_plan()
-    with hybrid_store(plan, outcome="error", reason="timed out", readings={}) as store:
+    with hybrid_store(plan, outcome="error", reason="timed out") as store:
         text = text_of(plan, store)
     assert "ngspice confirms 3 of 4 points" in text
     assert "1 not decided" in text

@@ -22,11 +22,11 @@ from taction.verification.report.sweep import files
 from taction.verification.report.sweep.plot import plot_sweep
 from taction.verification.studies.running import executors
 from taction.verification.studies.running.workers import Workers
+from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.cost_forecast import CostForecast
 from taction.verification.studies.sweep.plan import Plan
 from taction.verification.studies.sweep.remaining_time import RemainingTime
 from taction.verification.studies.sweep.run import SweepCounts
-from taction.verification.studies.sweep.store import Store
 from tests.support.making import write_matrix_scene
 
 DESIGN = """[design]

@@ -13,11 +13,11 @@ from taction.system.errors import InputError
 from taction.verification.report.picture import new_figure
 from taction.verification.report.tolerance.yield_plot import _edges, _histogram, plot_yield
 from taction.verification.studies.tolerance.remedy import Remedy
-from taction.verification.studies.tolerance.varied_board import BoardSample
 from taction.verification.studies.tolerance.yield_report import Sensitivity, Spread, YieldReport
+from tests.support.sweeping import make_sample
 
 SAMPLES = [
-    BoardSample(
+    make_sample(
         k, "pass" if k < 30 else "fail", settling_time=1e-5 * (1 + k / 40), growth_rate=-5.0
     )
     for k in range(40)
@@ -39,7 +39,7 @@ REPORT = YieldReport(
 
 
 def drawn(spread: Spread) -> Any:
-    values = np.array([getattr(sample, spread.name) for sample in SAMPLES])
+    values = np.array([sample.value(spread.name) for sample in SAMPLES])
     with new_figure(4, 3) as figure:
         axes = figure.add_subplot()
         _histogram(axes, spread, values)

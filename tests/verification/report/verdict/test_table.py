@@ -25,7 +25,7 @@ from taction.verification.report.verdict.json_document import (
 from taction.verification.report.verdict.plots import plot_verdict, time_unit
 from taction.verification.report.verdict.table import amount, channel_table, print_verdict
 from taction.verification.report.verdict.waveform_files import check_export, export
-from taction.verification.studies.figures import finite
+from taction.verification.verdict.record import Channel, finite
 from taction.verification.verdict.verify import Verdict, verify
 from taction.verification.waveforms import Cost, Waveforms
 from tests.support.measured import channel, measured
@@ -130,13 +130,14 @@ def test_a_document_is_plain_and_counts_channels_from_one() -> None:
     assert [record["index"] for record in document["channels"]] == list(range(1, 8))
     for record in document["channels"]:
         bounds = record["uncertainties"]
-        assert set(bounds) == {"rise_time", "settling_time", "overshoot", "undershoot"}
+        readings = {"rise_time", "settling_time", "overshoot", "undershoot"}
+        assert readings < set(bounds) <= readings | {"equilibrium"} | {"rise_time"}
         assert all(0.0 < bounds[name] < 1e-6 for name in ("overshoot", "undershoot"))
     assert document["engine"] == document["simulator"] == "statespace"
     assert (document["solver"], document["method"]) == (None, "exact")
     assert document["error_budget"]["opamps"]["unit"] == "V"
-    fragile = channel_record(channel(rise_time=Reading(1e-5, 0.0, True, 4e-6)))
-    assert (fragile["fragile"], fragile["alternatives"]) == (True, [4e-6])
+    fragile = channel_record(Channel.of(channel(rise_time=Reading(1e-5, 0.0, True, 4e-6))))
+    assert (fragile["fragile"], fragile["alternatives"]) == (True, {"rise_time": 4e-6})
     assert finite(None) is None
     assert finite(Reading(float("nan"), 0.0)) is None
 

@@ -1,4 +1,4 @@
-"""The baseline file: the same bytes for the same results, and every way it can be wrong."""
+"""The baseline: what it keeps of a verdict, its file, and every way the file can be wrong."""
 
 from __future__ import annotations
 
@@ -7,21 +7,29 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from taction.netlist_gen.scene.file import load_scene
 from taction.system.errors import InputError
 from taction.verification.studies.regression.baseline import (
     FORMAT,
+    INSTANTS,
     UNKNOWN,
+    Observation,
     baseline_text,
+    fingerprint,
     git_revision,
     load_baseline,
+    observe,
 )
-from tests.support.entries import entry
+from taction.verification.verdict.verify import Verdict, verify
+from tests.support.entries import entry, write_fast
+from tests.support.making import write_matrix_scene
 
 
 def test_a_baseline_is_read_as_it_was_written(tmp_path: Path) -> None:
-    entries = {"b.toml": entry(name="b"), "a.toml": entry(times={"settling_time": [1e-6, None]})}
+    entries = {"b.toml": entry(name="b"), "a.toml": entry(alternatives={"settling_time": None})}
     file = tmp_path / "baseline.json"
     file.write_text(baseline_text(entries))
     assert load_baseline(file) == entries
@@ -43,19 +51,19 @@ def broken(change: dict[str, Any]) -> str:
 
 WRONG = {
     "": "damaged, no JSON",
-    '{"taction_baseline": 1, "scenes": {': "damaged, no JSON",
+    '{"taction_baseline": 2, "scenes": {': "damaged, no JSON",
     "\x00\x01": "damaged, no JSON",
     "[" * 100_000: "damaged, no JSON",
     "[1, 2]": "no baseline of taction",
     '{"scenes": {}}': "no baseline of taction",
-    '{"taction_baseline": 2, "scenes": {}}': "taction_baseline = 2: another format",
-    '{"taction_baseline": 1}': "scenes: damaged",
-    broken({"amplitude": "much"}): r"scenes\.a\.toml\.amplitude: damaged",
-    broken({"amplitude": float("nan")}): r"scenes\.a\.toml\.amplitude: damaged",
+    '{"taction_baseline": 1, "scenes": {}}': "taction_baseline = 1: another format",
+    '{"taction_baseline": 2}': "scenes: damaged",
+    broken({"step_amplitude": "much"}): r"scenes\.a\.toml\.step_amplitude: damaged",
+    broken({"step_amplitude": float("nan")}): r"scenes\.a\.toml\.step_amplitude: damaged",
     broken({"surprise": 1}): r"scenes\.a\.toml\.surprise: damaged",
     broken({"time": [0.0, 0.0, 1.0]}): "time does not increase",
     broken({"outputs": {"u_1": [1.0]}}): "an output and the time differ in length",
-    broken({"poles": {}}): "growth_rate",
+    broken({"growth_rate": None}): "growth_rate",
 }
 
 
@@ -106,3 +114,78 @@ def test_a_text_is_no_number(tmp_path: Path) -> None:
     (tmp_path / "b.json").write_text(text.replace('"speed": 1000000.0', '"speed": "1000000.0"'))
     with pytest.raises(InputError, match=r"scenes\.one\.toml\.speed: damaged"):
         load_baseline(tmp_path / "b.json")
+
+
+@pytest.fixture(scope="module")
+def verdict(tmp_path_factory: pytest.TempPathFactory) -> Verdict:
+    return verify(load_scene(write_fast(tmp_path_factory.mktemp("scene") / "fast.toml")))
+
+
+@pytest.fixture(scope="module")
+def seen(verdict: Verdict) -> Observation:
+    return observe(verdict, "abc")
+
+
+def test_measures_are_the_verdict_s_own(verdict: Verdict, seen: Observation) -> None:
+    entry, m = seen.entry, verdict.measurements
+    record = entry.record
+    assert (record.outcome, entry.revision, entry.solved_by) == ("pass", "abc", "statespace, exact")
+    assert record.channels[1].figures["final"] == m.channels[1].final == verdict.u[-1, 1]
+    assert record.value("settling_time") == m.settling_time.value  # type: ignore[union-attr]
+    assert record.value("growth_rate") == verdict.poles.rightmost.real
+    assert {channel.state for channel in record.channels} == {"settled"}
+    assert set(entry.checks) == {check.name for check in verdict.checks}
+
+
+def test_samples_are_simulated_points_with_both_ends(verdict: Verdict, seen: Observation) -> None:
+    time = verdict.waveforms.time
+    kept = seen.entry.time
+    assert len(kept) <= INSTANTS
+    assert (kept[0], kept[-1]) == (time[0], time[-1])
+    where = np.searchsorted(time, kept)
+    np.testing.assert_array_equal(time[where], kept)
+    np.testing.assert_allclose(seen.entry.outputs["u_2"], verdict.u[where, 1], rtol=1e-8)
+
+
+def test_samples_follow_what_the_outputs_do(verdict: Verdict, seen: Observation) -> None:
+    """No output moves by more than a twentieth of the step between two samples while it rises."""
+    moves = np.abs(np.diff(np.array(list(seen.entry.outputs.values())), axis=1))
+    assert moves.max() < 0.05 * verdict.measurements.amplitude
+
+
+def test_an_unstable_board_keeps_no_waveform(tmp_path: Path) -> None:
+    scene = load_scene(write_fast(tmp_path / "fast.toml", capacitance="1pF"))
+    entry = observe(verify(scene), "abc").entry
+    assert entry.record.outcome == "fail"
+    assert (entry.time, entry.outputs, entry.stop) == ((), {}, None)
+    assert entry.record.value("growth_rate") > 0  # type: ignore[operator]
+    assert [set(channel.figures) for channel in entry.record.channels] == [{"reference"}] * 3
+    assert entry.record.value("settling_time") is None
+
+
+def test_a_fingerprint_is_of_what_was_asked_not_of_how_it_was_written(tmp_path: Path) -> None:
+    def of(**changes: str) -> str:
+        return fingerprint(load_scene(write_fast(tmp_path / "s.toml", **changes)))
+
+    same = of()
+    assert of(capacitance="1e-11") == same
+    assert of(more="# a comment\n[regression]\ntimes = { relative = 0.5 }\n") == same
+    assert of(capacitance="11pF") != same
+
+
+def test_a_fingerprint_covers_the_arrays_of_a_scene(tmp_path: Path) -> None:
+    def made(entry: str) -> str:
+        text = f"[problem]\nkind = 'matrix'\nmatrix = [[{entry}]]\nstrain = [1.0]\n"
+        file = tmp_path / "arrays.toml"
+        file.write_text(text)
+        return fingerprint(load_scene(file))
+
+    assert made("2.0") == made("2")
+    assert made("2.0") != made("2.5")
+
+
+def test_a_fingerprint_covers_the_files_that_a_scene_names(tmp_path: Path) -> None:
+    scene = load_scene(write_matrix_scene(tmp_path, [[1.0, 0.5], [0.5, 1.0]], [1.0, 2.0]))
+    before = fingerprint(scene)
+    (tmp_path / "eps.csv").write_text("1.0\n2.5\n")
+    assert fingerprint(scene) != before

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -72,7 +73,7 @@ def test_a_scene_that_passes_otherwise_is_changed(
     report = run(tmp_path, passing)
     assert (only(report).status, report.exit_status) == (Status.CHANGED, 1)
     assert "was edited" in only(report).notes[0]
-    assert {"poles", "waveforms"} <= {d.group for d in only(report).changes}
+    assert {"figures", "waveforms"} <= {d.group for d in only(report).changes}
     assert [d.off for d in only(report).changes] == sorted(
         (d.off for d in only(report).changes), reverse=True
     )
@@ -159,7 +160,7 @@ def test_an_entry_within_its_tolerances_stays_as_it_is(
 ) -> None:
     """So small changes cannot add up, and the file has no needless difference."""
     write_fast(tmp_path / "a.toml")
-    older = {"a.toml": passing["a.toml"].model_copy(update={"revision": "older"})}
+    older = {"a.toml": replace(passing["a.toml"], revision="older")}
     kept = updated_baseline(run(tmp_path, older, updated=True), older)
     assert baseline_text(kept) == baseline_text(older)
     write_fast(tmp_path / "a.toml", capacitance="10.001pF")  # the same numbers, another scene
@@ -197,7 +198,7 @@ def test_another_engine_stays_within_the_tolerances(ngspice: str, tmp_path: Path
     text = text.replace("custom-matrix/", f"{ROOT}/scenes/custom-matrix/")
     (tmp_path / "a.toml").write_text(text)
     stored = entries(tmp_path)
-    assert stored["a.toml"].simulator.startswith("ngspice")
+    assert stored["a.toml"].solved_by.startswith("ngspice")
     by_state_space = text.replace("[analysis]\n", '[analysis]\nengine = "statespace"\n')
     (tmp_path / "a.toml").write_text(by_state_space)
     result = only(run(tmp_path, stored))

@@ -6,23 +6,18 @@ from typing import Any
 
 import pytest
 
-from taction.verification.studies.figures import TRANSIENT_READINGS
-from taction.verification.studies.sweep.comparison import Comparison, compare
+from taction.verification.studies.sweep.comparison import Comparison, compare_point
 from taction.verification.verdict.checks import Outcome
-from tests.support.sweeping import make_record, reading
-
-
-def check(name: str, outcome: str) -> dict[str, Any]:
-    return {"name": name, "outcome": outcome, "value": 1.0, "uncertainty": 0.1}
+from taction.verification.verdict.record import TRANSIENT_READINGS
+from tests.support.sweeping import make_check, make_record, reading
 
 
 def judged(ngspice: dict[str, Any], statespace: dict[str, Any] | None = None) -> Comparison:
-    return compare(make_record("ngspice", **ngspice), make_record(**(statespace or {})))
+    return compare_point(make_record("ngspice", **ngspice), make_record(**(statespace or {})))
 
 
 def with_reading(name: str, *values: float | None) -> dict[str, Any]:
-    readings = {other: reading(1.0, 1e-3) for other in TRANSIENT_READINGS}
-    return {"readings": readings | {name: reading(*values)}}  # type: ignore[arg-type]
+    return {name: reading(*values)}  # type: ignore[arg-type]
 
 
 def test_equal_records_agree_and_the_difference_is_relative_to_the_wanted_error() -> None:
@@ -61,8 +56,7 @@ def test_readings_of_growing_records_are_not_compared() -> None:
 
 
 def test_a_reading_of_one_engine_only_or_without_uncertainty_is_undecided() -> None:
-    readings = make_record()["readings"] | {"settling_time": None}
-    found = judged({"readings": readings})
+    found = judged(with_reading("settling_time", None, None))
     assert found.outcome is Outcome.INCONCLUSIVE
     assert "only the state-space engine has this reading" in found.reason
     found = judged(with_reading("settling_time", 1.0, None))
@@ -83,22 +77,24 @@ def test_a_reading_of_one_engine_only_or_without_uncertainty_is_undecided() -> N
 def test_a_check_must_not_pass_by_one_engine_and_fail_by_the_other(
     ours: str, theirs: str, outcome: Outcome
 ) -> None:
-    found = judged({"checks": [check("overshoot", ours)]}, {"checks": [check("overshoot", theirs)]})
+    found = judged(
+        {"checks": (make_check("overshoot", ours),)},
+        {"checks": (make_check("overshoot", theirs),)},
+    )
     assert found.outcome is outcome
 
 
 @pytest.mark.parametrize("outcome", list(Outcome))
 def test_the_check_of_the_waveforms_decides(outcome: Outcome) -> None:
-    assert judged({"checks": [check("engines_agree", outcome.value)]}).outcome is outcome
+    assert judged({"checks": (make_check("engines_agree", outcome.value),)}).outcome is outcome
 
 
 def test_a_disagreement_is_not_hidden_by_an_undecided_reading() -> None:
-    readings = with_reading("overshoot", 2.0, 1e-3)["readings"] | {"rise_time": None}
-    found = judged({"readings": readings})
+    found = judged(with_reading("overshoot", 2.0, 1e-3) | with_reading("rise_time", None, None))
     assert found.outcome is Outcome.FAIL
     assert found.reason.startswith("overshoot")
 
 
 def test_without_a_verdict_nothing_is_confirmed() -> None:
-    found = judged({"outcome": "error", "reason": "timed out\nmore", "readings": {}})
+    found = judged({"outcome": "error", "reason": "timed out\nmore"})
     assert found == Comparison(Outcome.INCONCLUSIVE, None, "no verdict by ngspice: timed out")

@@ -15,6 +15,7 @@ import taction
 from taction.studies import plan_sweep
 from taction.verification.report.sweep.records import records
 from taction.verification.studies.running.workers import Workers
+from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.hybrid import (
     BOUNDARY,
     EXTREME,
@@ -24,7 +25,6 @@ from taction.verification.studies.sweep.hybrid import (
     sample,
 )
 from taction.verification.studies.sweep.run import SweepCounts, sweep
-from taction.verification.studies.sweep.store import Store
 from tests.support.paths import SCENES
 from tests.support.sweeping import grid_plan, make_record, store_records
 

@@ -19,14 +19,14 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.studies import plan_sweep
 from taction.system.errors import TactionError
 from taction.verification.report.sweep.records import records
-from taction.verification.studies.figures import FIGURES
 from taction.verification.studies.running.versions import own_versions
 from taction.verification.studies.running.workers import Workers
-from taction.verification.studies.sweep.point import Job, compute, failure, verdict_record
+from taction.verification.studies.store import Store
+from taction.verification.studies.sweep.point import Job, compute
 from taction.verification.studies.sweep.run import sweep
-from taction.verification.studies.sweep.store import Store
 from taction.verification.verdict.clock import Clock
 from taction.verification.verdict.design import design_board
+from taction.verification.verdict.record import FIGURES, TRANSIENT_READINGS, Record
 from taction.verification.verdict.verify import verify
 from tests.support.paths import SCENES
 from tests.support.scenes_of_all_kinds import random_scene
@@ -37,16 +37,16 @@ STRIDE = COUNT // int(os.environ.get("TACTION_RANDOM_SCENES", "20"))
 SEEDS = range(3 % STRIDE, COUNT, STRIDE)
 SHORT = 0.02  # s: estimated processor time of the runs of ngspice that are compared
 DECISIONS = ("outcome", "failure", "engine", "simulator", "state", "stable")
-RUN = {"seconds", "simulation_error"}  # figures of the run, not of the board
+RUN = {"seconds", "simulation_error", "attained_error"}  # figures of the run, not of the board
 blocks = pytest.mark.parametrize("seeds", [SEEDS[k::BLOCKS] for k in range(BLOCKS)], ids=str)
 
 
 def of_verify(scene: Scene) -> dict[str, Any]:
     """Return the record of the verdict that the command `verify` shows."""
     try:
-        return verdict_record(verify(scene))
+        return Record.of(verify(scene), channels=False).to_plain()
     except TactionError as error:
-        return failure(type(error).__name__, str(error), scene.analysis.engine).record
+        return without_verdict(error, scene.analysis.engine)
 
 
 def of_sweep(scene: Scene) -> dict[str, Any]:
@@ -55,8 +55,12 @@ def of_sweep(scene: Scene) -> dict[str, Any]:
     try:
         problem = make_problem(scene)
     except TactionError as error:
-        return failure(type(error).__name__, str(error), engine).record
-    return compute(Job(scene, problem, False, own_versions(engine == "ngspice"))).record
+        return without_verdict(error, engine)
+    return compute(Job(scene, problem, False, own_versions(engine == "ngspice"))).row
+
+
+def without_verdict(error: TactionError, engine: str) -> dict[str, Any]:
+    return Record.without_verdict(type(error).__name__, str(error), engine).to_plain()
 
 
 def close(a: float | None, b: float | None, apart: float = 0.0) -> bool:
@@ -73,14 +77,13 @@ def assert_same(a: dict[str, Any], b: dict[str, Any]) -> None:
     pairs = [(c["name"], c, d) for c, d in zip(a["checks"], b["checks"], strict=True)]
     for name, one, two in pairs:
         assert (name, one["outcome"]) == (two["name"], two["outcome"])
-    pairs += [(name, one, b["readings"][name]) for name, one in a["readings"].items()]
-    for name, one, two in pairs:
-        assert (one is None) is (two is None), name
-        if one is not None and two is not None:
-            apart = (one["uncertainty"] or 0.0) + (two["uncertainty"] or 0.0)
-            assert close(one["value"], two["value"], apart), (name, one, two)
-    for name in FIGURES.keys() - RUN - a["readings"].keys():
-        assert close(a[name], b[name]), (name, a[name], b[name])
+        apart = (one["uncertainty"] or 0.0) + (two["uncertainty"] or 0.0)
+        assert close(one["value"], two["value"], apart), (name, one, two)
+    for name in FIGURES.keys() - RUN:
+        apart = 0.0
+        if name in TRANSIENT_READINGS:
+            apart = sum(each["uncertainties"].get(name) or 0.0 for each in (a, b))
+        assert close(a[name], b[name], apart), (name, a[name], b[name])
 
 
 @blocks

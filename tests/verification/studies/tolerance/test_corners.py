@@ -20,10 +20,10 @@ from taction.system.errors import InputError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.report.tolerance.tables import print_directions
 from taction.verification.studies.tolerance.corners import Corner, named_corner, worst_corners
+from taction.verification.studies.tolerance.drawing import SampleCollection, run_samples
 from taction.verification.studies.tolerance.rest_slopes import rest_slopes
 from taction.verification.studies.tolerance.steady_directions import steady_directions
 from taction.verification.studies.tolerance.varied_board import evaluate, prepare
-from taction.verification.studies.tolerance.yield_report import SampleCollection, run_samples
 from tests.support.studying import DAMPED, QUIET, one_thread, scene_file, small_scene
 
 WORN = {"resistor": 0.05, "capacitor": 0.1, "distribution": "uniform"}
@@ -34,7 +34,7 @@ QUANTITIES = ("settling_time", "overshoot", "undershoot", "steady_state", "growt
 
 def worst(found: tuple[Corner, ...], quantity: str) -> float:
     corner = next(corner for corner in found if corner.quantity == quantity)
-    value = getattr(corner.result, quantity)
+    value = corner.result.value(quantity)
     assert isinstance(value, float)
     return value
 
@@ -53,7 +53,7 @@ def test_no_corner_is_worse_than_the_worst() -> None:
         evaluate(study, 0, np.array(ends)) for ends in itertools.product((-1.0, 1.0), repeat=3)
     ]
     for quantity in QUANTITIES:
-        most = max(getattr(sample, quantity) for sample in every)
+        most = max(sample.value(quantity) for sample in every)
         assert worst(found, quantity) == pytest.approx(most, rel=1e-9)
 
 
@@ -64,10 +64,10 @@ def test_the_worst_corner_is_worse_than_any_random_sample() -> None:
         found = worst_corners(scene, workers).corners
         list(run_samples(study, range(60), 1, workers, tally))
     for quantity in QUANTITIES:
-        values = [getattr(sample, quantity) for sample in tally.samples]
+        values = [sample.value(quantity) for sample in tally.samples]
         assert worst(found, quantity) >= max(value for value in values if value is not None)
     # Most resistors count for the steady state: random samples stay away from the corner.
-    steady = [sample.steady_state or 0.0 for sample in tally.samples]
+    steady = [sample.value("steady_state") or 0.0 for sample in tally.samples]
     assert worst(found, "steady_state") > 1.25 * max(steady)
 
 
@@ -95,7 +95,7 @@ def test_a_margin_that_is_checked_has_its_corner() -> None:
     scene = small_scene(design=design, tolerances=tolerances, checks=checks)
     with one_thread() as workers:
         found = worst_corners(scene, workers).corners
-    nominal, least = found[0].result.margin, worst(found, "margin")
+    nominal, least = found[0].result.value("margin"), worst(found, "margin")
     assert nominal is not None
     assert least < 0.9 * nominal
     tight = next(corner for corner in found if corner.quantity == "margin")

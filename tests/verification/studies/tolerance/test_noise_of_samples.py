@@ -12,10 +12,10 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.output_noise import output_noise
 from taction.verification.report.sweep.document import columns_of
-from taction.verification.studies.sweep.point import verdict_record
 from taction.verification.studies.tolerance.varied_board import evaluate, prepare, quantities
 from taction.verification.studies.tolerance.yield_forecast import YieldForecast
 from taction.verification.studies.tolerance.yield_report import summarise_samples
+from taction.verification.verdict.record import Record
 from taction.verification.verdict.verify import verify
 from tests.support.studying import QUIET, small_scene
 
@@ -39,13 +39,13 @@ def test_a_sample_has_the_noise_of_its_board() -> None:
     z = draw(study.scene.tolerances, len(study.varied), 3, 4)
     sample = evaluate(study, 4, z)
     rms, _ = output_noise(LinearBoard(vary(study.nominal, study.scene.tolerances, z)))
-    assert sample.noise == pytest.approx(rms.max(), rel=1e-9)
+    assert sample.value("noise") == pytest.approx(rms.max(), rel=1e-9)
     assert "noise" in {quantity.name for quantity in quantities(study.scene)}
 
 
 def test_the_spread_has_the_limit_and_a_remedy_counts_it() -> None:
     nominal = prepare(scene(1e-3))
-    middle = evaluate(nominal, 0, np.zeros(len(nominal.varied))).noise
+    middle = evaluate(nominal, 0, np.zeros(len(nominal.varied))).value("noise")
     assert middle is not None
     study = prepare(scene(middle))
     tolerances, count = study.scene.tolerances, len(study.varied)
@@ -62,7 +62,7 @@ def test_the_spread_has_the_limit_and_a_remedy_counts_it() -> None:
 
 def test_without_a_limit_there_is_no_noise() -> None:
     study = prepare(scene(None))
-    assert evaluate(study, 0, np.zeros(len(study.varied))).noise is None
+    assert evaluate(study, 0, np.zeros(len(study.varied))).value("noise") is None
     assert "noise" not in {quantity.name for quantity in quantities(study.scene)}
 
 
@@ -70,7 +70,7 @@ def test_a_point_of_a_sweep_has_it_and_the_table_a_column() -> None:
     limited = scene(1e-3)
     verdict = verify(limited)
     assert verdict.noise is not None
-    assert verdict_record(verdict)["noise"] == pytest.approx(max(verdict.noise.rms), rel=1e-12)
-    assert verdict_record(verify(scene(None)))["noise"] is None
+    assert Record.of(verdict).value("noise") == pytest.approx(max(verdict.noise.rms), rel=1e-12)
+    assert Record.of(verify(scene(None))).value("noise") is None
     assert columns_of(limited)[-1] == "noise"
     assert "noise" not in columns_of(scene(None))

@@ -18,6 +18,7 @@ from taction.system.array_types import Floats
 from taction.system.errors import InputError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.report.tolerance.tables import print_yield
+from taction.verification.studies.tolerance.drawing import SampleCollection, run_samples
 from taction.verification.studies.tolerance.remedy import Remedy
 from taction.verification.studies.tolerance.remedy_search import (
     find_remedy,
@@ -32,15 +33,10 @@ from taction.verification.studies.tolerance.varied_board import (
     prepare,
 )
 from taction.verification.studies.tolerance.yield_forecast import YieldForecast
-from taction.verification.studies.tolerance.yield_report import (
-    SampleCollection,
-    draw,
-    interval,
-    run_samples,
-    summarise_samples,
-)
+from taction.verification.studies.tolerance.yield_report import draw, interval, summarise_samples
 from taction.verification.verdict.opamp_links import outputs_at_rest
 from tests.support.studying import QUIET, one_thread, small_scene
+from tests.support.sweeping import make_sample
 
 SEED, COUNT = 7, 60
 FINE = QUIET | {"resistor": 1e-4}
@@ -113,7 +109,7 @@ def test_failures_that_nothing_on_sale_mends() -> None:
     design = {"capacitance": "100pF", "gain": "100kohm", "stray_capacitance": 0}
     design |= {"opamp": {"base": "ideal", "dc_gain": 500}}
     nominal = prepare(small_scene(design=design, tolerances=tolerances))
-    error = evaluate(nominal, 0, np.zeros(len(nominal.varied))).steady_state
+    error = evaluate(nominal, 0, np.zeros(len(nominal.varied))).value("steady_state")
     assert error is not None
     checks = {"steady_state": {"tolerance": 1.05 * error}, "settling_time": {"band": 0.2}}
     board = prepare(small_scene(design=design, tolerances=tolerances, checks=checks))
@@ -128,7 +124,7 @@ def test_a_slow_board_is_mended_by_its_capacitor() -> None:
     """The settling time follows C of the channels; it moves by its regression on the samples."""
     tolerances = QUIET | {"capacitor": 0.05}
     nominal = prepare(small_scene(tolerances=tolerances))
-    time = evaluate(nominal, 0, np.zeros(len(nominal.varied))).settling_time
+    time = evaluate(nominal, 0, np.zeros(len(nominal.varied))).value("settling_time")
     assert time is not None
     checks = {"settling_time": {"band": 0.01, "max": 1.01 * time}}
     board = study(tolerances, 0.5, **checks)
@@ -165,7 +161,7 @@ def test_the_report_ends_with_it(
     from dataclasses import replace
 
     board = study(FINE, 0.1)
-    report = summarise_samples(board, [BoardSample(0, "pass")], SEED)
+    report = summarise_samples(board, [make_sample(0)], SEED)
     print_yield(replace(report, remedy=remedy), SEED, Console(highlight=False))
     assert text in capsys.readouterr().out.splitlines()[-1]
 

@@ -20,19 +20,16 @@ from taction.system.errors import InputError, NoVerdictError
 from taction.verification.studies.running.executors import local
 from taction.verification.studies.running.workers import Workers
 from taction.verification.studies.tolerance import varied_board, yield_report
+from taction.verification.studies.tolerance.drawing import SampleCollection, run_samples
 from taction.verification.studies.tolerance.varied_board import (
     BoardSample,
     VariedBoard,
     evaluate,
     prepare,
 )
-from taction.verification.studies.tolerance.yield_report import (
-    SampleCollection,
-    interval,
-    run_samples,
-    summarise_samples,
-)
+from taction.verification.studies.tolerance.yield_report import interval, summarise_samples
 from tests.support.studying import QUIET, one_thread, scene_file, small_scene, stored_samples
+from tests.support.sweeping import make_sample
 
 WORN = {"resistor": 0.05, "capacitor": 0.1}
 
@@ -81,7 +78,7 @@ def test_a_sample_is_the_same_alone_in_a_batch_and_in_any_order() -> None:
     assert sorted(backwards, key=lambda sample: sample.number) == batch
     z = draw(asked.scene.tolerances, len(asked.varied), 5, 4)
     assert evaluate(asked, 4, z) == batch[4]
-    assert len({sample.steady_state for sample in batch}) == 6
+    assert len({sample.value("steady_state") for sample in batch}) == 6
 
 
 def test_processes_compute_the_same() -> None:
@@ -97,7 +94,9 @@ def test_the_yield_counts_what_the_checks_say() -> None:
     with one_thread() as workers:
         samples = drawn(asked, 40, workers)
     found = summarise_samples(asked, samples, 5)
-    within = sum(s.steady_state is not None and s.steady_state <= 0.03 for s in samples)
+    values = [s.value("steady_state") for s in samples]
+    errors = sorted(value for value in values if value is not None)
+    within = sum(value <= 0.03 for value in errors)
     assert 0 < within < 40
     assert (found.samples, found.passed, found.failures) == (
         40,
@@ -106,7 +105,6 @@ def test_the_yield_counts_what_the_checks_say() -> None:
     )
     assert (found.low, found.high) == interval(within, 40)
     spread = next(each for each in found.quantities if each.name == "steady_state")
-    errors = sorted(s.steady_state for s in samples if s.steady_state is not None)
     assert (spread.at_most, spread.low, spread.median, spread.high) == (
         0.03,
         errors[1],
@@ -118,10 +116,12 @@ def test_the_yield_counts_what_the_checks_say() -> None:
 def test_samples_without_verdict_count_as_not_passed() -> None:
     asked = study()
     samples = [
-        BoardSample(0, "pass", settling_time=1e-6),
-        BoardSample(1, "inconclusive", reason="lost"),
+        make_sample(0, settling_time=1e-6),
+        make_sample(1, "error", failure="Killed", reason="lost"),
     ]
-    found = summarise_samples(asked, [*samples, BoardSample(2, "fail", ("settling_time",))], 1)
+    found = summarise_samples(
+        asked, [*samples, make_sample(2, "fail", ("settling_time",), settling_time=None)], 1
+    )
     assert (found.passed, found.without_verdict) == (1, 1)
     assert found.fraction == pytest.approx(1 / 3)
     assert found.reasons == {"lost": 1}
@@ -139,7 +139,7 @@ class _Failing(Executor):
     def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
         future: Future[Any] = Future()
         if args[1] % 3:
-            future.set_result(BoardSample(args[1], "pass"))
+            future.set_result(make_sample(args[1]))
         else:
             future.set_exception(self.error)
         return future
@@ -148,8 +148,8 @@ class _Failing(Executor):
 def test_a_lost_worker_costs_its_sample_only() -> None:
     workers = Workers(_Failing(BrokenExecutor("gone")), lambda: 3, (BrokenExecutor,))
     samples = drawn(study(), 9, workers)
-    assert [s.number for s in samples if s.outcome == "inconclusive"] == [0, 3, 6]
-    assert samples[0].reason == "its worker was killed: gone"
+    assert [s.number for s in samples if s.undecided] == [0, 3, 6]
+    assert samples[0].lost == "its worker was killed: gone"
 
 
 def test_a_bug_costs_its_sample_only(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -157,8 +157,8 @@ def test_a_bug_costs_its_sample_only(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(varied_board, "verify", lambda *_, **__: 1 / 0)
     with one_thread() as workers:
         samples = drawn(asked, 3, workers)
-    assert {s.outcome for s in samples} == {"inconclusive"}
-    assert samples[0].reason == "unforeseen: ZeroDivisionError: division by zero"
+    assert {s.outcome for s in samples} == {"error"}
+    assert samples[0].lost == "unforeseen: ZeroDivisionError: division by zero"
 
 
 def test_workers_that_are_gone_are_an_error() -> None:
@@ -183,7 +183,7 @@ def test_a_worker_with_another_taction_is_refused() -> None:
 def test_until_stops_at_the_first_narrow_interval_in_order_of_the_numbers() -> None:
     outcomes = np.random.default_rng(1).random(400) < 0.9
     samples = [
-        BoardSample(k, "pass" if good else "fail") for k, good in enumerate(outcomes.tolist())
+        make_sample(k, "pass" if good else "fail") for k, good in enumerate(outcomes.tolist())
     ]
     expected = next(
         n
@@ -282,4 +282,4 @@ def test_ngspice_takes_the_same_way(tmp_path: Path, ngspice: str) -> None:
     for one, other in zip(found["ngspice"], found["statespace"], strict=True):
         assert one["outcome"] == other["outcome"]
         assert one["settling_time"] == pytest.approx(other["settling_time"], rel=1e-3)
-        assert one["steady_state"] == pytest.approx(other["steady_state"], abs=1e-5)
+        assert one["steady_state_error"] == pytest.approx(other["steady_state_error"], abs=1e-5)

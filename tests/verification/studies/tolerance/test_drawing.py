@@ -1,0 +1,114 @@
+"""Samples in the database: found again by the same study alone, and never mixed."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from taction.verification.studies.store import Store
+from taction.verification.studies.tolerance.drawing import (
+    SampleCollection,
+    SampleStore,
+    run_samples,
+)
+from taction.verification.studies.tolerance.varied_board import BoardSample, VariedBoard, prepare
+from tests.support.running import taction
+from tests.support.studying import one_thread, scene_file, small_scene, stored_samples
+from tests.support.sweeping import make_sample
+
+STUDY = prepare(small_scene())
+SAMPLES = [
+    make_sample(0, settling_time=1e-6),
+    make_sample(2, "fail", ("stability",), margin=1.5),
+]
+
+
+def filled(path: Path, study: VariedBoard = STUDY, seed: int = 1) -> str:
+    with Store(str(path)) as store:
+        for sample in SAMPLES:
+            SampleStore(store, study, seed).put(sample)
+    return str(path)
+
+
+def found(path: str, study: VariedBoard = STUDY, seed: int = 1) -> list[BoardSample | None]:
+    with Store(path) as store:
+        return [SampleStore(store, study, seed).get(number) for number in range(3)]
+
+
+def test_what_was_kept_is_read_again(tmp_path: Path) -> None:
+    assert found(filled(tmp_path / "a")) == [SAMPLES[0], None, SAMPLES[1]]
+
+
+@pytest.mark.parametrize(
+    ("seed", "tables"),
+    [(2, {}), (1, {"checks": {"steady_state": {"tolerance": 0.1}}}), (1, {"name": "another"})],
+)
+def test_samples_of_another_seed_or_scene_are_not_found(
+    tmp_path: Path, seed: int, tables: dict[str, Any]
+) -> None:
+    path = filled(tmp_path / "a")
+    assert found(path, prepare(small_scene(**tables)), seed) == [None] * 3
+    filled(Path(path), seed=7)
+    assert found(path) == found(path, seed=7) == [SAMPLES[0], None, SAMPLES[1]]
+
+
+@pytest.mark.parametrize("change", [{"code": b"another source"}, {"ngspice": "ngspice-39 klu"}])
+def test_samples_of_another_taction_or_ngspice_are_not_found(
+    tmp_path: Path, change: dict[str, Any]
+) -> None:
+    other = replace(STUDY, versions=replace(STUDY.versions, **change))
+    assert found(filled(tmp_path / "a", other)) == [None] * 3
+
+
+def test_only_what_is_missing_is_drawn_and_the_yield_is_the_same(tmp_path: Path) -> None:
+    path, fresh, again = str(tmp_path / "a"), SampleCollection(6), SampleCollection(6)
+    with Store(path) as store, one_thread() as workers:
+        kept = SampleStore(store, STUDY, 1)
+        first = list(run_samples(STUDY, range(4), 1, workers, SampleCollection(4), kept))
+        second = list(run_samples(STUDY, range(6), 1, workers, again, kept))
+        list(run_samples(STUDY, range(6), 1, workers, fresh))
+        assert list(run_samples(STUDY, range(6), 1, workers, SampleCollection(6), kept)) == []
+    assert sorted(s.number for s in first) == [0, 1, 2, 3]
+    assert sorted(s.number for s in second) == [4, 5]
+    assert again.samples == fresh.samples
+    assert [row["number"] for row in stored_samples(Path(path))] == list(range(6))
+
+
+@pytest.mark.parametrize("record", ["{}", "[]", "7", '{"number": 1}', '{"number": "x"}'])
+def test_a_damaged_sample_is_named_and_drawn_again(tmp_path: Path, record: str) -> None:
+    scene, file = scene_file(tmp_path), tmp_path / "a.sqlite"
+    words = ("montecarlo", scene, "-n", "3", "--jobs", "1", "-o", str(file), "--json")
+    first = taction(*words)
+    with closing(sqlite3.connect(file)) as database, database:
+        database.execute("update points set record = ?", (record,))
+    again = taction(*words)
+    assert "damaged in the database, computed again: samples 0, 1, 2" in again.stderr
+    assert again.stdout == first.stdout
+    assert "damaged" not in taction(*words).stderr
+
+
+def test_a_file_of_lines_of_json_is_named_and_left_alone(tmp_path: Path) -> None:
+    file = tmp_path / "s.jsonl"
+    file.write_text(json.dumps({"kind": "taction samples 1", "seed": 1}) + '\n{"number": 0}\n')
+    before = file.read_bytes()
+    run = taction("montecarlo", scene_file(tmp_path), "-n", "3", "-o", str(file))
+    assert run.exit_code == 2
+    assert "lines of JSON" in run.stderr
+    assert "Give another name" in run.stderr
+    assert file.read_bytes() == before
+
+
+def test_sweep_and_samples_share_a_file(tmp_path: Path) -> None:
+    scene, file = scene_file(tmp_path), str(tmp_path / "a.sqlite")
+    samples = ("montecarlo", scene, "-n", "3", "--jobs", "1", "-o", file, "--json")
+    first = json.loads(taction(*samples).stdout)
+    words = ("--over", "C=50p,60p", "--engine", "statespace", "--jobs", "1", "-o", file, "--json")
+    swept = json.loads(taction("sweep", scene, *words).stdout)
+    assert (swept["ran"], len(swept["points"])) == (2, 2)
+    assert json.loads(taction(*samples).stdout) == first
