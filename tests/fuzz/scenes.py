@@ -19,8 +19,7 @@ from taction.verification.engines.ngspice.screening import screen
 from taction.verification.reference.ideal_answer import resolve_lambda
 from taction.verification.report.verdict.json_document import verdict_document
 from taction.verification.report.verdict.table import verdict_text
-from taction.verification.studies.regression.baseline import baseline_text
-from taction.verification.studies.regression.baseline_entry import observe
+from taction.verification.studies.regression.baseline import baseline_text, observe
 from taction.verification.verdict.deck import deck_of
 from taction.verification.verdict.verify import Verdict, verify
 from tests.fuzz.edits import BYTE_EDITS, LINE_EDIT, SCALE_EDIT, VALUE_EDIT, edited

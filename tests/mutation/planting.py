@@ -23,8 +23,8 @@ from taction.verification.engines.statespace.equations.stamps import stamp
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.reference import IdealNetwork
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
-from taction.verification.studies.regression.baseline_entry import observe
-from taction.verification.studies.regression.compare import compare
+from taction.verification.studies.regression.baseline import observe
+from taction.verification.studies.regression.compare import compare_entry
 from taction.verification.verdict import recording, simulation
 from taction.verification.verdict.bounded_measures import BoundedMeasures, measure_with_bounds
 from taction.verification.verdict.checks import Check, Outcome, overall
@@ -199,8 +199,8 @@ def in_the_baseline(change: Callable[[Scene], Scene]) -> Plant:
 
     def plant(scene: Scene, patch: pytest.MonkeyPatch) -> Verdict:
         then, verdict = observe(verify(change(scene)), "unknown").entry, verify(scene)
-        found = compare(observe(verdict, "unknown"), then, scene.regression)
-        outcome = Outcome.FAIL if any(each.changed for each in found) else Outcome.PASS
+        found = compare_entry(observe(verdict, "unknown"), then, scene.regression)
+        outcome = Outcome.FAIL if any(each.beyond for each in found) else Outcome.PASS
         check = Check("regression", outcome, None, None, None, None, "", "")
         checks = (*verdict.checks, check)
         return replace(verdict, checks=checks, outcome=overall(checks))
