@@ -13,12 +13,15 @@ from __future__ import annotations
 
 import importlib
 import os
+import re
 import sys
+import tomllib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
 from taction.system import plugins
+from tests.support.paths import ROOT
 
 Groups = Mapping[str, Mapping[str, str]]
 
@@ -42,6 +45,20 @@ def install(
     text = f"Metadata-Version: 2.1\nName: {package}\nVersion: {version}\n"
     (metadata / "METADATA").write_text(text, "utf-8")
     return folder
+
+
+def recipe(title: str) -> tuple[str, dict[str, dict[str, str]], str]:
+    """Package, entry points and source of the example below a heading of ``CONTRIBUTING.md``.
+
+    They are the arguments of `install` and of the fixture `plugin`.
+    """
+    text = (ROOT / "CONTRIBUTING.md").read_text("utf-8").partition(f"\n### {title}\n")[2]
+    text = text.partition("\n### ")[0]
+    blocks = dict(re.findall(r"```(python|toml)\n(.*?)```", text, re.DOTALL))
+    groups = tomllib.loads(blocks["toml"])["project"]["entry-points"]
+    (package,) = {at.partition(":")[0] for names in groups.values() for at in names.values()}
+    short = {g: {n: at.partition(":")[2] for n, at in names.items()} for g, names in groups.items()}
+    return package, short, blocks["python"]
 
 
 def environment(*folders: Path) -> dict[str, str]:
