@@ -7,10 +7,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
 from taction.spice_models.imported import ImportedOpAmp, from_document
 from taction.spice_models.opamp import OpAmp, poles_from_phase_margin
-from taction.spice_models.presets import FIGURES, INPUT_ERRORS, derive, load_presets
+from taction.spice_models.presets import FIGURES, INPUT_ERRORS, derive
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_bounded
 
@@ -31,7 +32,7 @@ def choose_opamp(scene: Scene) -> OpAmp:
     choice, supply = scene.design.opamp, scene.design.supply
     if choice.file is not None:
         return imported_opamp(scene, choice.file)
-    opamp = load_presets()[choice.base]
+    opamp = OPAMPS[choice.base]
     figures = {name: value for name, value in choice if name in FIGURES and value is not None}
     try:
         opamp = derive(opamp, f"{opamp.name}_changed", **figures) if figures else opamp

@@ -1,0 +1,239 @@
+"""An op-amp and a signal amplifier of another package, in every command and medium.
+
+The packages are the recipes of ``CONTRIBUTING.md``, installed as a user would install them.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import mpmath
+import numpy as np
+import pytest
+
+import taction as door
+from taction.netlist_gen.deck import board_cards
+from taction.netlist_gen.scene.open_tables import AMPLIFIERS, OPAMPS
+from taction.spice_models.opamp import OpAmp
+from taction.system.errors import InputError
+from taction.verification.engines.statespace.equations.amplifier_gains import GAINS
+from taction.verification.reference.doubledouble import DoubleDouble
+from taction.verification.reference.regularisers import REGULARISERS
+from taction.verification.report.schemas.catalogue import schema
+from tests.support.paths import ROOT
+from tests.support.plugins import environment, recipe
+from tests.support.running import document, taction
+
+Plugin = Callable[..., Path]
+SCENE = """
+name = "outside"
+[problem]
+kind = "tactile"
+channels = 3
+span = 2.0
+[design]
+capacitance = "200pF"
+{design}
+[checks]
+overshoot = 0.3
+noise = "1mV"
+[analysis]
+engine = "{engine}"
+"""
+
+
+@dataclass(frozen=True)
+class Outside:
+    """One addition: its recipe, its name, and what a scene says to use it."""
+
+    title: str
+    name: str
+    design: str
+    key: str  # of the scene, with another value
+    other: str
+
+    def scene(self, folder: Path, engine: str = "ngspice") -> Path:
+        file = folder / "outside.toml"
+        file.write_text(SCENE.format(design=self.design, engine=engine), "utf-8")
+        return file
+
+
+OPAMP = Outside("Add an op-amp", "acme1", 'opamp = "acme1"', "opamp.base", "tl084")
+AMPLIFIER = Outside(
+    "Add a signal amplifier", "cubic", 'opamp = "tl084"\namplifier = "cubic"', "amplifier", "sinh"
+)
+BOTH = pytest.mark.parametrize("outside", [OPAMP, AMPLIFIER], ids=["op-amp", "amplifier"])
+
+
+def checked(text: str, name: str) -> Any:
+    """The document of a command, valid by its published schema."""
+    data = json.loads(text)
+    jsonschema.validate(data, schema(name))
+    return data
+
+
+@BOTH
+def test_without_its_package_a_name_is_refused(outside: Outside, tmp_path: Path) -> None:
+    run = taction("verify", str(outside.scene(tmp_path)))
+    assert run.exit_code == 2
+    assert f"'{outside.name}'" in run.stderr
+    assert "one of '" in run.stderr
+
+
+@BOTH
+def test_verify_shows_it_in_every_medium(
+    outside: Outside, tmp_path: Path, ngspice: str, plugin: Plugin
+) -> None:
+    assert ngspice
+    plugin(*recipe(outside.title))
+    scene = outside.scene(tmp_path)
+    page, picture = tmp_path / "page.html", tmp_path / "picture.svg"
+    files = ("--report", str(page), "--plot", str(picture))
+    run = taction("verify", str(scene), "--json", *files)
+    assert run.exit_code == 0, run.stderr
+    found = checked(run.stdout, "verify")
+    assert found["outcome"] == "pass"
+    checks = {check["name"]: check for check in found["checks"]}
+    assert checks["engines_agree"]["value"] < 1e-3
+    assert checks["steady_state"]["value"] < 1e-3
+    assert outside.name in page.read_text("utf-8")
+    assert "<svg" in picture.read_text("utf-8")
+    terminal = taction("verify", str(scene), "--engine", "statespace", "--changes", "0")
+    assert terminal.stdout.rstrip().endswith("PASS")
+    verdict = door.verify(scene, engine="statespace")
+    assert "pass" in verdict._repr_html_().lower()
+    assert outside.name in door.load_scene(scene)._repr_html_()
+
+
+@BOTH
+def test_a_sweep_runs_over_it_in_worker_processes(
+    outside: Outside, tmp_path: Path, plugin: Plugin
+) -> None:
+    folder = plugin(*recipe(outside.title))
+    scene = outside.scene(tmp_path, "statespace")
+    page, picture = tmp_path / "page.html", tmp_path / "picture.svg"
+    words = ("sweep", str(scene), "--over", f"{outside.key}={outside.other},{outside.name}")
+    more = ("-o", str(tmp_path / "s.sqlite"), "--jobs", "2", "--json")
+    run = subprocess.run(
+        [sys.executable, "-m", "taction", *words, *more, "--report", page, "--plot", picture],
+        cwd=ROOT,
+        env=environment(folder),
+        capture_output=True,
+        text=True,
+    )
+    assert run.returncode == 0, run.stderr
+    found = checked(run.stdout, "sweep")
+    assert outside.name in json.dumps(found)
+    assert outside.name in page.read_text("utf-8")
+    assert outside.name in picture.read_text("utf-8")
+    assert document(taction(*words, *more))["ran"] == 0  # both are stored
+
+
+@BOTH
+def test_the_scene_schema_and_the_deck_have_it(
+    outside: Outside, tmp_path: Path, plugin: Plugin
+) -> None:
+    plugin(*recipe(outside.title))
+    made = document(taction("new", "--schema"))
+    assert outside.name in json.dumps(made["$defs"]["Design"]) + json.dumps(
+        made["$defs"]["OpAmpChoice"]
+    )
+    deck = taction("netlist", str(outside.scene(tmp_path)))
+    assert deck.exit_code == 0
+    assert outside.name in deck.stdout
+
+
+def test_the_op_amp_is_listed_measured_and_chosen(tmp_path: Path, plugin: Plugin) -> None:
+    plugin(*recipe(OPAMP.title))
+    assert "acme1" in taction("models").stdout
+    shown = checked(taction("models", "show", "acme1", "--json").stdout, "models-show")
+    assert "acme1" in json.dumps(shown)
+    scene = door.load_scene(OPAMP.scene(tmp_path, "statespace"))
+    from taction.verification.design.choose_request import Request, choice_plan
+
+    assert "acme1" in choice_plan(scene, Request()).axes[0].values
+
+
+def test_a_macromodel_that_is_not_the_op_amp_s_is_caught(
+    tmp_path: Path, ngspice: str, plugin: Plugin, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The deck's op-amp has a thousandth of the gain that its figures say."""
+    assert ngspice
+    plugin(*recipe(OPAMP.title))
+    right = board_cards._opamp_text
+
+    def wrong(model: OpAmp, *options: Any) -> str:
+        return right(replace(model, dc_gain=model.dc_gain / 1e3), *options)
+
+    monkeypatch.setattr(board_cards, "_opamp_text", wrong)
+    run = taction("verify", str(OPAMP.scene(tmp_path)), "--json", "--changes", "0")
+    assert run.exit_code == 1
+    outcomes = {check["name"]: check["outcome"] for check in document(run)["checks"]}
+    assert outcomes["engines_agree"] == "fail"
+
+
+def test_the_three_descriptions_of_the_amplifier_are_one_function(plugin: Plugin) -> None:
+    plugin(*recipe(AMPLIFIER.title))
+    v = np.array([-3.0, -0.2, 0.0, 1e-9, 0.7, 25.0])
+    with mpmath.workdps(40):
+        exact = [mpmath.mpf(x) + mpmath.mpf(x) ** 3 / 3 for x in v.tolist()]
+        g, slope = [float(x) for x in exact], [float(1 + mpmath.mpf(x) ** 2) for x in v.tolist()]
+        area = [float(mpmath.quad(lambda t: t + t**3 / 3, [0, x])) for x in v.tolist()]
+    gain, entry = GAINS["cubic"], REGULARISERS["cubic"]
+    assert gain.value(v) == pytest.approx(g, rel=1e-14)
+    assert gain.slope(v) == pytest.approx(slope, rel=1e-14)
+    h = np.full(6, 0.3)
+    assert gain.from_coordinate(v + h * gain.value(v), h) == pytest.approx(v, rel=1e-12)
+    assert entry.g(v) == pytest.approx(g, rel=1e-14)
+    assert entry.slope(v) == pytest.approx(slope, rel=1e-14)
+    assert entry.inverse(np.array(g)) == pytest.approx(v, rel=1e-12)
+    assert entry.potential(v) == pytest.approx(area, rel=1e-12, abs=1e-30)
+    assert entry.v_from_q(0.2 * v + h * np.array(g), 0.2, h) == pytest.approx(v, rel=1e-12)
+    fine = entry.exact(DoubleDouble.of(v))
+    with mpmath.workdps(40):
+        parts = zip(fine.hi.tolist(), fine.lo.tolist(), exact, strict=True)
+        assert all(abs(mpmath.mpf(a) + mpmath.mpf(b) - x) <= 1e-28 * abs(x) for a, b, x in parts)
+    assert AMPLIFIERS["cubic"].expression.format(x="V(a)") == "(V(a)+V(a)*V(a)*V(a)/3)"
+
+
+SIGNS = {
+    "ngspice": ("({x}+{x}*{x}*{x}/3)", "({x}-{x}*{x}*{x}/3)"),
+    "state space": ("return y + y**3 / 3.0", "return y - y**3 / 3.0"),
+    "reference": ("g=lambda v: v * (1.0 + v * v / 3.0)", "g=lambda v: v * (1.0 - v * v / 3.0)"),
+}
+
+
+@pytest.mark.parametrize("witness", SIGNS)
+def test_a_wrong_sign_in_one_description_is_caught(
+    witness: str, tmp_path: Path, ngspice: str, plugin: Plugin
+) -> None:
+    assert ngspice
+    package, groups, source = recipe(AMPLIFIER.title)
+    right, wrong = SIGNS[witness]
+    assert source.count(right) == 1
+    plugin(package, groups, source.replace(right, wrong))
+    run = taction("verify", str(AMPLIFIER.scene(tmp_path)), "--json", "--changes", "0")
+    assert run.exit_code in (1, 3), run.stdout
+    assert document(run)["outcome"] != "pass"
+
+
+def test_an_amplifier_without_a_part_is_refused_where_the_part_is_read(plugin: Plugin) -> None:
+    package, groups, source = recipe(AMPLIFIER.title)
+    plugin(package, groups, source.replace("DECK, GAIN, REGULARISER", "DECK, GAIN, None"))
+    assert GAINS["cubic"].value(np.array([3.0])).tolist() == [12.0]
+    with pytest.raises(InputError, match=r"cubic': acme_amplifier:CUBIC\.regulariser is a None"):
+        REGULARISERS["cubic"]
+
+
+def test_every_op_amp_is_an_op_amp(plugin: Plugin) -> None:
+    package, groups, source = recipe(OPAMP.title)
+    plugin(package, groups, source + "\nACME1 = {'dc_gain': 1e5}\n")
+    with pytest.raises(InputError, match=r"acme_opamp:ACME1 is a dict; expected OpAmp"):
+        OPAMPS["acme1"]
