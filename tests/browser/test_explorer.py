@@ -29,11 +29,8 @@ from tests.support.paths import ROOT, SCENES
 CODE = "from taction.cli.main import main; main()"
 LONG = 60_000  # ms
 VERDICT = "!document.getElementById('readings').classList.contains('old')"
-SERIES = """async () => {
-  const { echarts } = await import('/echarts/index.js');
-  const { series } = echarts.getInstanceByDom(document.getElementById('outputs')).getOption();
-  return series.map((each) => [each.name, Array.from(each.data)]);
-}"""
+SERIES = """() => document.getElementById('outputs')._fullData
+  .map(({ name, x, y }) => [name, [...x].map((each, k) => [each, y[k]]).flat()])"""
 MOVES = """async (slider) => {
   const input = document.getElementById(slider), found = [];
   const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));

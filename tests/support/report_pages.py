@@ -19,7 +19,6 @@ from taction.verification.design.choose_ranking import (
 )
 from taction.verification.design.choose_request import Request, choice_plan
 from taction.verification.design.tune import Tuning
-from taction.verification.report.html.accuracy_report import accuracy_report
 from taction.verification.report.html.blocks import (
     Bar,
     Bars,
@@ -32,14 +31,17 @@ from taction.verification.report.html.blocks import (
     Section,
     Table,
 )
-from taction.verification.report.html.choice_report import choice_report
-from taction.verification.report.html.corners_report import corners_report
-from taction.verification.report.html.onset_report import onset_report
-from taction.verification.report.html.regression_report import regression_report
 from taction.verification.report.html.sweep_report import sweep_report
-from taction.verification.report.html.tuning_report import tuning_report
 from taction.verification.report.html.verdict_report import verdict_report
-from taction.verification.report.html.yield_report import yield_report
+from taction.verification.report.views import (
+    accuracy,
+    choose,
+    corners,
+    montecarlo,
+    onset,
+    regression,
+    tune,
+)
 from taction.verification.studies.regression.run import RegressionReport, SceneResult, Status
 from taction.verification.studies.store import Store, StoredResult
 from taction.verification.studies.sweep.plan import Plan, Requests
@@ -111,18 +113,18 @@ def varied() -> tuple[Scene, YieldReport, list[BoardSample]]:
 
 def _yield() -> Report:
     scene, result, samples = varied()
-    return yield_report(scene, result, samples, 5)
+    return montecarlo.view(scene, result, samples, 5)
 
 
 def _corners() -> Report:
     scene = small_scene(tolerances=WORN | {"distribution": "uniform"})
     with one_thread() as workers:
-        return corners_report(scene, worst_corners(scene, workers))
+        return corners.view(scene, worst_corners(scene, workers))
 
 
 def _onset() -> Report:
     scene = make_scene({"channels": 3, "span": 2.0}, analysis=STATESPACE)
-    return onset_report(taction.onset(scene, over="C=1pF:100pF:13", transients=False))
+    return onset.view(taction.onset(scene, over="C=1pF:100pF:13", transients=False))
 
 
 def tuned() -> tuple[Tuning, Verdict]:
@@ -137,7 +139,7 @@ def tuned() -> tuple[Tuning, Verdict]:
 
 
 def _tuning() -> Report:
-    return tuning_report(*tuned())
+    return tune.view(*tuned())
 
 
 def _sweep(*over: str) -> Report:
@@ -183,7 +185,7 @@ def _choice(settling: str = "1ms") -> Report:
     said = [Confirmation(Outcome.PASS, reading, "") for _ in best[:1]]
     said += [Confirmation(None, None, HOSTILE) for _ in best[1:]]
     verdict = verify(design_scene(plan, asked, best[0], 1)) if best else None
-    return choice_report(asked, ranked, best, said, verdict)
+    return choose.view(asked, ranked, best, said, verdict)
 
 
 def _setting(method: Method, setting: float, k: int) -> SettingResult:
@@ -213,7 +215,7 @@ def work_precision() -> WorkPrecisionStudy:
 
 
 def _accuracy() -> Report:
-    return accuracy_report(work_precision())
+    return accuracy.view(work_precision())
 
 
 def _regression() -> Report:
@@ -224,7 +226,7 @@ def _regression() -> Report:
         SceneResult("a.toml", Status.BROKEN, (check,), (change,), (HOSTILE,), "", entry(), entry()),
         SceneResult("gone.toml", Status.MISSING, reason=HOSTILE, baseline=entry()),
     )
-    return regression_report(
+    return regression.view(
         RegressionReport(HOSTILE, "baseline.json", "unknown", results, updated=False)
     )
 

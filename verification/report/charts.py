@@ -128,6 +128,8 @@ def spread_colours(count: int) -> list[str]:
 
 Limits = tuple[float, float]
 Scale = Literal["linear", "log", "signed", "names"]
+Line = Literal["solid", "dash", "dot", "dashdot", ""]
+"""How a line is drawn; empty: not at all."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,13 +198,17 @@ class Curve:
         At most so many marks, evenly over the curve; 0: one at each point.
     behind : bool
         Whether the curve lies below the others.
+    shades : ndarray (P,) or None
+        Values on the axis `shade` that give the marks their colours, with a bar of colours.
+    shade : Axis or None
+        See `shades`.
     """
 
     x: ArrayLike
     y: ArrayLike
     name: str = ""
     colour: str = SERIES[0]
-    line: Literal["solid", "dash", "dot", "dashdot", ""] = "solid"
+    line: Line = "solid"
     mark: str = ""
     width: float = 1.5
     size: float = 6.0
@@ -212,6 +218,8 @@ class Curve:
     spread: ArrayLike | None = None
     marks: int = 0
     behind: bool = False
+    shades: ArrayLike | None = None
+    shade: Axis | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,7 +230,7 @@ class Limit:
     across: Literal["x", "y"] = "x"
     name: str = ""  # for the legend
     colour: str = "ink"
-    line: Literal["solid", "dash", "dot", "dashdot"] = "dash"
+    line: Line = "dash"
     width: float = 1.0
 
 

@@ -9,7 +9,8 @@ from taction.verification.design.board_view import PoleView, RestView, view_pole
 from taction.verification.design.explorer_curves import Curves
 from taction.verification.design.explorer_judgement import Judgement
 from taction.verification.design.explorer_settings import Settings, Start
-from taction.verification.report.explorer.payload import Part, curves_part, poles_part, rest_part
+from taction.verification.report.explorer.charts import Part, chart_part, outputs_chart
+from taction.verification.report.explorer.payload import poles_part, rest_part
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,7 +42,7 @@ class Look:
         """Add the poles and, of a small linear board, the curves."""
         found = view_poles(self.rest)
         look = replace(self, poles=found)
-        return look, poles_part(found) | look.curves_part(window)
+        return look, poles_part(found) | look.outputs_part(window)
 
     def limited(self, limits: tuple[str, ...]) -> Look:
         """Add what the op-amps cannot do."""
@@ -67,23 +68,18 @@ class Look:
                 return judged
         return response.curves(response.rise if window == "rise" else response.stop)
 
-    def curves_part(self, window: str) -> Part:
-        """Return the part of the page with the curves, as far as they are known."""
+    def outputs_part(self, window: str) -> Part:
+        """Return the part of the page with the outputs, as far as they are known."""
         curves = self.curves(window)
         if curves is None:
             return {}
-        return {"curves": curves_part(curves, self.rest, window)} | self.other_part(window)
+        other = None if self.other is None else self.other.curves
+        return {"outputs": chart_part(outputs_chart(curves, other, self.rest, window))}
 
-    def later_curves(self, window: str) -> Part:
+    def later_outputs(self, window: str) -> Part:
         """Return the curves that came with the verdict, if they are better than the first."""
         has_first = self.poles is not None and self.poles.response is not None
-        return {} if has_first and not self.limits else self.curves_part(window)
-
-    def other_part(self, window: str) -> Part:
-        """Return the curves of ngspice, or that there are none."""
-        if self.other is None or self.other.curves is None:
-            return {"other": None}
-        return {"other": curves_part(self.other.curves, self.rest, window)}
+        return {} if has_first and not self.limits else self.outputs_part(window)
 
 
 def look_at(start: Start, settings: Settings, window: str) -> Look:

@@ -4,36 +4,24 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict
-from typing import Any
-
-import numpy as np
 
 from taction.netlist_gen.scene.open_tables import OPAMPS
-from taction.system.array_types import Floats
-from taction.verification.design.board_view import (
-    Boundary,
-    PoleView,
-    RestView,
-    true_outputs,
-)
+from taction.verification.design.board_view import Boundary, PoleView, RestView
 from taction.verification.design.explorer_controls import STEPS, Control
-from taction.verification.design.explorer_curves import Curves
 from taction.verification.design.explorer_judgement import Judgement
 from taction.verification.design.explorer_settings import Settings, Start
-from taction.verification.report.html.pictures import channel_colours, numbers, packed, thinned
+from taction.verification.report.explorer.charts import (
+    Part,
+    chart_part,
+    poles_chart,
+    stress_chart,
+)
 from taction.verification.report.html.sections.checks import check_bar
-from taction.verification.report.html.texts import figure, quantity, readable
 from taction.verification.report.tables import spaced
-from taction.verification.stability.poles import Poles
+from taction.verification.report.texts import figure, quantity, readable
 from taction.verification.verdict.checks import Check
 
-POINTS = 500  # of a curve
-KEPT = 500  # of a record that another process makes, before it is thinned to `POINTS`
-ROOM = 0.06  # of the height of the picture, above and below the curves
-POLES = 400  # rightmost poles that are drawn
 VALUE_DIGITS = 6
-STEPS_OF_TEN = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0)  # ends of the picture of the poles
-Part = dict[str, Any]
 
 
 def start_part(start: Start) -> Part:
@@ -87,113 +75,20 @@ def settings_part(start: Start, settings: Settings) -> Part:
 
 def rest_part(view: RestView) -> Part:
     """Return the recovered stress, and the numbers of the board."""
-    stated, problem = view.board.circuit.facts, view.problem
-    places = problem.positions
-    truth = true_outputs(view)
+    stated = view.board.circuit.facts
     facts = {
         "R": stated["R"].text,
         "λ": stated["lambda"].text,
         "G0": stated["G0"].text,
         "C on the board": stated["C"].text,
     }
-    return {
-        "stress": {
-            "x": numbers(np.arange(1, len(view.rest) + 1) if places is None else places),
-            "along": "channel" if places is None else "place y",
-            "board": numbers(view.rest),
-            "target": numbers(view.targets),
-            "truth": None if truth is None else numbers(truth),
-            "off": _largest(view.rest - view.targets),
-            "error": None if truth is None else _relative(view.targets, truth),
-        },
-        "facts": facts,
-        "has_curves": view.has_curves,
-    }
-
-
-def _largest(differences: Floats) -> str:
-    return quantity(float(np.abs(differences).max(initial=0.0)), "V", 3)
-
-
-def _relative(found: Floats, truth: Floats) -> str | None:
-    size = float(np.linalg.norm(truth))
-    return f"{100.0 * float(np.linalg.norm(found - truth)) / size:.3g} %" if size else None
+    return {"stress": chart_part(stress_chart(view)), "facts": facts}
 
 
 def poles_part(view: PoleView) -> Part:
     """Return the poles in the upper half plane, and what they say."""
-    poles = view.poles
-    upper = poles.poles[poles.poles.imag >= 0.0][:POLES]
-    lead = poles.rightmost
-    text = figure(lead.real, "1/s")
-    if lead.imag:
-        text += f" at {quantity(abs(lead.imag) / math.tau, 'Hz')}"
-    return {
-        "state": view.state,
-        "doubts": [readable(doubt) for doubt in view.doubts],
-        "poles": {
-            "x": numbers(upper.real),
-            "y": numbers(upper.imag / math.tau),
-            "view": _pole_window(poles),
-            "lead": text,
-            "damping": f"{poles.damping_ratio:.3g}" if poles.frequency else "does not ring",
-        },
-    }
-
-
-def _pole_window(poles: Poles) -> list[float]:
-    """Return left, right and top of the picture: the slow and ringing poles, in round numbers."""
-    values = poles.poles
-    ringing = values[(values.imag > 0.0) & (-values.real < 0.5 * np.abs(values))]
-    shown = ringing if len(ringing) else values
-    left = float(min(shown.real.min(initial=0.0), -1e-3 * np.abs(shown).max(initial=1.0)))
-    right = max(float(values.real.max(initial=0.0)), 0.0)
-    top = float(shown.imag.max(initial=0.0)) / math.tau
-    return [-_rounded(-1.1 * left), _rounded(max(1.2 * right, -0.25 * left)), _rounded(1.15 * top)]
-
-
-def _rounded(value: float) -> float:
-    """Return the next of 1, 1.5, 2, 3, 5, 7 times a power of ten, so that a picture rarely jumps.
-
-    Examples
-    --------
-    >>> _rounded(1.2e4), _rounded(0.61), _rounded(0.0)
-    (15000.0, 0.7, 0.0)
-    """
-    if not value > 0.0 or not math.isfinite(value):
-        return 0.0
-    power = 10.0 ** math.floor(math.log10(value))
-    reached = (step for step in STEPS_OF_TEN if step * power >= value * (1.0 - 1e-9))
-    return float(f"{next(reached) * power:.2g}")
-
-
-def curves_part(curves: Curves, view: RestView, window: str) -> Part:
-    """Return the outputs of all channels in a window, at most about `POINTS` points each."""
-    end = curves.rise if window == "rise" else curves.stop
-    shown = curves.time <= end * (1.0 + 1e-9)
-    time, outputs = curves.time[shown], curves.outputs[shown]
-    limit = view.board.circuit.supply
-    with np.errstate(invalid="ignore"):
-        beyond = bool((~(np.abs(outputs) <= limit)).any())
-    outputs = np.clip(np.nan_to_num(outputs, nan=limit, posinf=limit, neginf=-limit), -limit, limit)
-    low = min(float(outputs.min()), float(view.targets.min()))
-    high = max(float(outputs.max()), float(view.targets.max()))
-    room = ROOM * ((high - low) or max(abs(high), 1e-12))
-    step = float(np.abs(view.targets - outputs[0]).max(initial=0.0))
-    lines = []
-    for column in outputs.T:
-        x, y = thinned(time, column, POINTS)
-        lines.append({"x": packed(x)["bdata"], "y": packed(y)["bdata"]})
-    return {
-        "lines": lines,
-        "colours": channel_colours(len(lines)),
-        "targets": numbers(view.targets),
-        "band": view.scene.checks.settling_time.band * step,
-        "end": end,
-        "low": low - room,
-        "high": high + room,
-        "clipped": quantity(limit, "V") if beyond else "",
-    }
+    doubts = [readable(doubt) for doubt in view.doubts]
+    return {"doubts": doubts, "poles": chart_part(poles_chart(view))}
 
 
 def boundary_part(boundary: Boundary, control: Control) -> Part:

@@ -12,32 +12,44 @@ import socket
 import sys
 import webbrowser
 from collections.abc import Callable, Mapping
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import Complaint, InputError
 from taction.verification.design.explorer_settings import Start
+from taction.verification.report.explorer.charts import Part
 from taction.verification.report.explorer.guard import HOST, Guard
 from taction.verification.report.explorer.jobs import Job
-from taction.verification.report.explorer.payload import Part, start_part
+from taction.verification.report.explorer.payload import start_part
 from taction.verification.report.explorer.session import Session
+from taction.verification.report.renderers.page import FILES as PAGE_FILES
 
-PACKAGE = "nicegui"
-REMEDY = "the explorer needs NiceGUI: pip install 'taction[explore]'"
+PACKAGES = {"nicegui": "NiceGUI", "plotly": "Plotly"}
+REMEDY = "the explorer needs {}: pip install 'taction[explore]'"
 PAGE = Path(__file__).parent / "page"
 DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
 AGAIN = 0.02  # s between two looks whether the server listens
 HEAD = (
     '<link rel="stylesheet" href="/taction/explorer.css">'
+    '<script src="/plotly/plotly.min.js"></script>'
+    '<script src="/report/charts.js"></script>'
     '<script type="module" src="/taction/explorer.js"></script>'
 )
 
 
 def check_explorer() -> None:
-    """Refuse an exploration without NiceGUI, before any work is done; raises `InputError`."""
-    if importlib.util.find_spec(PACKAGE) is None:
-        raise InputError("explore", Complaint("", "", REMEDY))
+    """Refuse an exploration without its packages, before any work is done.
+
+    Raises
+    ------
+    InputError
+        NiceGUI or Plotly is missing.
+    """
+    missing = [name for key, name in PACKAGES.items() if importlib.util.find_spec(key) is None]
+    if missing:
+        raise InputError("explore", Complaint("", "", REMEDY.format(" and ".join(missing))))
 
 
 def free_port(wanted: int) -> int:
@@ -109,8 +121,8 @@ def explore(scene: Scene, *, port: int, show: bool, announce: Callable[[str], No
     app.on_startup(begin)
     app.on_shutdown(end)
     app.add_static_files("/taction", str(PAGE))
-    app.add_static_files("/echarts", str(_charts()))
-    app.add_static_files("/report", str(PAGE.parents[1] / "renderers" / "page_files"))
+    app.add_static_files("/plotly", str(files("plotly") / "package_data"))
+    app.add_static_files("/report", str(PAGE_FILES))
     ui.page("/", title=f"taction explore {scene.name}")(lambda: _open_page(start, jobs))
     app.add_middleware(Guard, token=token, port=port)
     ui.run(
@@ -138,16 +150,6 @@ async def _listening(port: int) -> None:
         else:
             writer.close()
             return
-
-
-def _charts() -> Path:
-    """Return the folder of ECharts that NiceGUI brings."""
-    spec = importlib.util.find_spec(PACKAGE)
-    folder = Path(spec.origin or "").parent / "elements" / "echart" / "dist" if spec else Path()
-    if not (folder / "index.js").is_file():
-        text = "this NiceGUI has no ECharts where the explorer looks for it; expected nicegui 3"
-        raise InputError("explore", Complaint("", "", text))
-    return folder
 
 
 def _open_page(start: Start, jobs: list[Job]) -> None:

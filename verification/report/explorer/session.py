@@ -18,11 +18,10 @@ from taction.verification.design.board_view import Boundary, view_boundary, view
 from taction.verification.design.explorer_controls import CAPACITANCE, STEPS
 from taction.verification.design.explorer_judgement import Judgement, judge
 from taction.verification.design.explorer_settings import Settings, Start, read_value
+from taction.verification.report.explorer.charts import KEPT, Part
 from taction.verification.report.explorer.jobs import Job
 from taction.verification.report.explorer.look import Look, look_at
 from taction.verification.report.explorer.payload import (
-    KEPT,
-    Part,
     boundary_part,
     settings_part,
     simulation_part,
@@ -139,7 +138,7 @@ class Session:
         if found is None or number != self._number or self._look is None:
             return
         self._look = self._look.judged(found)
-        self._tell(**verdict_part(found), **self._look.later_curves(self.window))
+        self._tell(**verdict_part(found), **self._look.later_outputs(self.window))
 
     async def _step(self, stage: Stage, number: int) -> bool:
         """Add what `stage` finds; return whether the values are still the newest."""
@@ -180,7 +179,7 @@ class Session:
         """Draw another window of time."""
         self.window = window if window in WINDOWS else self.window
         if self._look is not None:
-            self._tell(**self._look.curves_part(self.window))
+            self._tell(**self._look.outputs_part(self.window))
 
     async def simulate(self) -> None:
         """Run ngspice on the present values."""
@@ -205,7 +204,7 @@ class Session:
             return
         if self._look is not None:
             self._look = look = self._look.simulated(found)
-        self._tell(simulating=False, **simulation_part(found), **look.other_part(self.window))
+        self._tell(simulating=False, **simulation_part(found), **look.outputs_part(self.window))
 
     def cancel(self) -> None:
         """End the run of ngspice of this page, if there is one."""

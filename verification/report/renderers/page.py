@@ -70,7 +70,7 @@ def page_html(page: Page) -> str:
     )
     environment.filters["spec"] = plotly_spec
     environment.globals["view_layout"] = view_layout
-    program = _read("page.js")
+    program = _read("charts.js") + _read("page.js")
     made = [(section, section.made(MEDIUM)) for section in page.sections]
     shown = [(section, blocks) for section, blocks in made if blocks]
     packed, digest = (

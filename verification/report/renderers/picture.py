@@ -246,7 +246,9 @@ def _curve(axes: Axes, mark: Curve, chart: Chart) -> None:
     elif mark.marks:
         chosen = np.unique(np.linspace(0, len(x) - 1, mark.marks).round().astype(int))
         x, y = x[chosen], y[chosen]
-    if mark.spread is None:
+    if mark.shades is not None and mark.shade is not None:
+        _shaded(axes, mark, x, y)
+    elif mark.spread is None:
         axes.plot(x, y, **style)
     else:
         low, high = _values(mark.spread, chart.x)
@@ -257,6 +259,22 @@ def _curve(axes: Axes, mark: Curve, chart: Chart) -> None:
                 text, (place[0], place[1]), (6, 5), textcoords="offset points",
                 fontsize="small", color=look,
             )  # fmt: skip
+
+
+def _shaded(axes: Axes, mark: Curve, x: Floats, y: Floats) -> None:
+    """Draw marks in colours of a scale, with its bar below the chart."""
+    from matplotlib.colors import LogNorm, Normalize
+    from matplotlib.ticker import EngFormatter, NullFormatter
+
+    shades, axis = np.asarray(mark.shades, dtype=np.float64), mark.shade or Axis()
+    ends = axis.limits or (float(shades.min()), float(shades.max()))
+    norm = (LogNorm if axis.scale == "log" else Normalize)(*ends)
+    dots = axes.scatter(x, y, c=shades, s=mark.size**2 / 2.0, norm=norm, cmap="viridis", zorder=2.5)
+    figure: Any = axes.figure
+    bar = figure.colorbar(dots, ax=axes, location="bottom", aspect=50, pad=0.02)
+    bar.ax.xaxis.set_major_formatter(EngFormatter(UNITS.get(axis.unit, axis.unit)))
+    bar.ax.xaxis.set_minor_formatter(NullFormatter())
+    bar.set_label(axis.title)
 
 
 def _limit(axes: Axes, mark: Limit, chart: Chart) -> None:

@@ -40,6 +40,7 @@ COLORSCALES = {
     "linear": [[0, "--map-low"], [1, "--map-high"]],
     "log": [[0, "--map-low"], [1, "--map-high"]],
     "negative": [[0, "--negative"], [0.5, "--neutral"], [1, "--positive"]],
+    "shades": [[0, "--negative"], [0.5, "--true"], [1, "--positive"]],
     "positive": [[0, "--positive"], [0.5, "--neutral"], [1, "--negative"]],
 }
 DECADES = 1e-4  # of the largest value: smaller ones have the lightest colour
@@ -251,6 +252,13 @@ def _curve(mark: Curve, chart: Chart) -> Iterator[dict[str, Any]]:
         trace["marker"]["line"]["width"] = 1.6
     if mark.hover:
         trace["customdata"] = [words(text) for text in mark.hover]
+    if mark.shades is not None and mark.shade is not None:
+        levels, ticks, ends = _levels(mark.shade, np.asarray(mark.shades, dtype=np.float64))
+        bar = _colour_bar(ticks, mark.shade.unit, mark.shade.title)
+        scale = COLORSCALES["shades"]
+        trace["marker"] |= {"color": numbers(levels), "colorscale": scale, "colorbar": bar}
+        if ends is not None:
+            trace["marker"] |= {"cmin": ends[0], "cmax": ends[1]}
     mode = [] if not mark.line else ["lines"]
     if mark.mark and not mark.marks:
         mode.append("markers")
@@ -352,11 +360,7 @@ def _grid(mark: Grid, chart: Chart) -> dict[str, Any]:
         "z": [numbers(row) for row in levels],
         "customdata": [[words(text) for text in row] for row in texts],
         "colorscale": COLORSCALES["positive" if scale == "share" else scale],
-        "colorbar": {
-            "thickness": 12, "outlinewidth": 0, "tickvals": [place for place, _ in ticks],
-            "ticktext": [figure(value, unit, 3) for _, value in ticks],
-            "title": {"text": words(mark.title)},
-        },
+        "colorbar": _colour_bar(ticks, unit, mark.title),
         "hovertemplate": f"{words(chart.x.title)} %{{x}}, {words(chart.y.title)} %{{y}}:"
                          " %{customdata}<extra></extra>",
     }  # fmt: skip
@@ -373,7 +377,14 @@ def _grid(mark: Grid, chart: Chart) -> dict[str, Any]:
 Ticks = list[tuple[float, float]]
 
 
-def _levels(mark: Grid, values: Floats) -> tuple[Floats, Ticks, tuple[float, float] | None]:
+def _colour_bar(ticks: Ticks, unit: str, title: str) -> dict[str, Any]:
+    return {
+        "thickness": 12, "outlinewidth": 0, "tickvals": [place for place, _ in ticks],
+        "ticktext": [figure(value, unit, 3) for _, value in ticks], "title": {"text": words(title)},
+    }  # fmt: skip
+
+
+def _levels(mark: Grid | Axis, values: Floats) -> tuple[Floats, Ticks, tuple[float, float] | None]:
     """Return the values on a scale for colours, places with values for its bar, and its ends."""
     known = values[np.isfinite(values)]
     if not len(known):

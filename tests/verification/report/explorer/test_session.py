@@ -67,17 +67,17 @@ def told(*moves: dict[str, Any], name: str = "paper-breadboard", job: Any = None
 
 
 def curve(part: dict[str, Any], channel: int) -> tuple[np.ndarray, np.ndarray]:
-    line = part["curves"]["lines"][channel]
-    x, y = (np.frombuffer(base64.b64decode(line[key]), dtype="<f4") for key in "xy")
+    line = next(each for each in part["outputs"]["data"] if each["name"] == f"u{channel + 1}")
+    x, y = (np.frombuffer(base64.b64decode(line[key]["bdata"]), dtype="<f4") for key in "xy")
     return x, y
 
 
 def test_what_is_fast_comes_first_and_the_verdict_last() -> None:
     parts = told({"stamp": 7.0})
-    assert {"stress", "poles", "curves", "values", "command"} <= set(parts[0])
+    assert {"stress", "poles", "outputs", "values", "command"} <= set(parts[0])
     assert parts[0]["stamp"] == 7.0
-    order = [next(k for k in ("curves", "boundary", "limits", "verdict") if k in p) for p in parts]
-    assert order == ["curves", "boundary", "limits", "verdict"]
+    order = [next(k for k in ("outputs", "boundary", "limits", "verdict") if k in p) for p in parts]
+    assert order == ["outputs", "boundary", "limits", "verdict"]
     assert parts[-1]["verdict"]["outcome"] == "pass"
     x, y = curve(parts[0], 3)
     verdict = taction.verify(SCENES / "paper-breadboard.toml", engine="statespace")
@@ -94,7 +94,7 @@ def test_only_the_newest_values_have_a_verdict() -> None:
 
 def test_what_has_not_changed_is_not_sent_again() -> None:
     parts = told({}, {"places": {C: 600}})
-    first, second = (part for part in parts if "curves" in part)
+    first, second = (part for part in parts if "outputs" in part)
     assert "stress" in first
     assert "stress" in second["same"]
     assert "stress" not in second
@@ -123,8 +123,8 @@ def test_a_lost_process_is_no_verdict() -> None:
 def test_an_exponential_board_has_curves_with_its_verdict() -> None:
     parts = told({}, name="tangential-exponential")
     assert "poles" in parts[0]
-    assert "curves" not in parts[0]
-    assert "curves" in parts[-1]
+    assert "outputs" not in parts[0]
+    assert "outputs" in parts[-1]
 
 
 def test_ngspice_is_told_beside_the_state_space(ngspice: str) -> None:
@@ -140,7 +140,8 @@ def test_ngspice_is_told_beside_the_state_space(ngspice: str) -> None:
     asyncio.run(run())
     found = next(part for part in parts if "simulation" in part)
     assert found["simulation"]["outcome"] == "pass"
-    assert len(found["other"]["lines"]) == 7
+    names = [each["name"] for each in found["outputs"]["data"]]
+    assert names.count("ngspice") == 7
 
 
 def test_a_missing_package_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:

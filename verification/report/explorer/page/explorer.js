@@ -1,6 +1,4 @@
 // The page of the explorer: sliders to the server, its answers into pictures and texts.
-import { charts, drawOutputs, drawPoles, drawStress, repaint } from "/taction/pictures.js";
-
 const get = (id) => document.getElementById(id);
 const make = (tag, properties = {}, ...children) => {
   const element = Object.assign(document.createElement(tag), properties);
@@ -8,7 +6,7 @@ const make = (tag, properties = {}, ...children) => {
   return element;
 };
 const GIVE_UP = 8000; // ms without an answer, after which newer values are sent
-const state = { start: null, waiting: false, sent: 0, pending: null, dragged: "", part: {}, controls: new Map() };
+const state = { start: null, waiting: false, sent: 0, pending: null, dragged: "", window: "rise", part: {}, controls: new Map() };
 
 // Values to the server: at most one message is under way, and the last values always win.
 const ask = (change) => {
@@ -158,7 +156,7 @@ const showSimulation = (found) => {
 };
 
 // Answers from the server.
-const FRESH = ["curves", "poles", "stress", "doubts", "limits", "refused", "other"];
+const FRESH = ["outputs", "poles", "stress", "doubts", "limits", "refused"];
 const show = (part) => {
   if (part.start) { state.start = part.start; buildControls(part.start); return; }
   if ("values" in part) {
@@ -193,15 +191,25 @@ const show = (part) => {
   if (["refused", "doubts", "limits", "cost"].some((key) => key in part)) showDoubts();
   draw(part);
 };
-const draw = (part) => { // the curves first, the other pictures behind them
+// A chart comes as data and layout of Plotly, with its caption.
+const EMPTY = { outputs: "computing the waveforms", poles: "computing the poles", stress: "" };
+const drawChart = (id) => {
+  const chart = state.part[id], caption = chart ? chart.note : "";
+  const text = "refused" in state.part ? "no board with these values" : EMPTY[id];
+  const more = id === "outputs" ? { hovermode: "x unified", uirevision: state.window } : {};
+  tactionCharts.draw(get(id), chart || tactionCharts.empty(text), more);
+  get(`${id}-note`).textContent = caption;
+  get(id).setAttribute("aria-label", `${get(`${id}-title`).textContent}. ${caption || text}`);
+};
+const draw = (part) => { // the curves first, the other charts behind them
   const all = "cost" in part || "refused" in part;
-  if (all || "curves" in part || "other" in part) {
-    drawOutputs(state.part);
-    if (part.stamp && "curves" in part) measured(part);
+  if (all || "outputs" in part) {
+    drawChart("outputs");
+    if (part.stamp && "outputs" in part) measured(part);
   }
   setTimeout(() => {
-    if ("stress" in part || "refused" in part) drawStress(state.part);
-    if (all || "poles" in part) drawPoles(state.part);
+    if ("stress" in part || "refused" in part) drawChart("stress");
+    if (all || "poles" in part) drawChart("poles");
   });
 };
 const measured = ({ stamp, cost }) => requestAnimationFrame(() => {
@@ -218,7 +226,8 @@ const wire = () => {
   const windows = [...document.querySelectorAll("[data-window]")];
   windows.forEach((button) => button.addEventListener("click", () => {
     press(windows, button);
-    emitEvent("taction-window", button.dataset.window);
+    state.window = button.dataset.window;
+    emitEvent("taction-window", state.window);
   }));
   get("opamp").addEventListener("change", () => ask({ opamp: get("opamp").value }));
   get("reset").addEventListener("click", () => ask({ reset: true }));
@@ -235,8 +244,8 @@ const wire = () => {
   let choice = "auto";
   const paint = () => {
     document.documentElement.dataset.theme = choice === "auto" ? (dark.matches ? "dark" : "light") : choice;
-    repaint();
-    draw({ refused: "", repaint: true });
+    tactionCharts.forget();
+    draw({ refused: "" });
   };
   themes.forEach((button) => button.addEventListener("click", () => { choice = button.dataset.themeChoice; press(themes, button); paint(); }));
   dark.addEventListener("change", paint);
@@ -246,7 +255,6 @@ const wire = () => {
 // Begin once NiceGUI has put the page into the document and has a socket.
 const begin = () => {
   if (!get("explorer") || !window.did_handshake) { setTimeout(begin, 20); return; }
-  charts();
   wire();
   window.taction = show;
   outdated();

@@ -2,60 +2,27 @@
 (() => {
   const root = document.documentElement;
   const dark = matchMedia("(prefers-color-scheme: dark)");
-  const coarse = matchMedia("(pointer: coarse)");
   const all = (query, from = document) => [...from.querySelectorAll(query)];
-  const NARROW = 480;
   let choice = "auto";
 
-  // Colours: the style sheet's variables, which pictures take by name.
-  const colour = (name) => getComputedStyle(root).getPropertyValue(name).trim();
-  const coloured = (value) => {
-    if (typeof value === "string") return /^--[a-z-]+$/.test(value) ? colour(value) : value;
-    if (Array.isArray(value)) return value.map(coloured);
-    if (value === null || typeof value !== "object") return value;
-    return Object.fromEntries(Object.entries(value).map(([key, each]) => [key, coloured(each)]));
-  };
   const isDark = () => (choice === "auto" ? dark.matches : choice === "dark");
-  const paint = (theme) => { root.dataset.theme = theme || (isDark() ? "dark" : "light"); };
+  const paint = (theme) => {
+    root.dataset.theme = theme || (isDark() ? "dark" : "light");
+    tactionCharts.forget();
+  };
 
   // Pictures.
   const canvases = all(".canvas");
   const specs = new Map(canvases.map((canvas) =>
     [canvas, JSON.parse(document.querySelector(`script[data-for="${canvas.id}"]`).textContent)]));
-  const axis = {
-    gridcolor: "--grid", linecolor: "--muted", zerolinecolor: "--muted", tickcolor: "--muted",
-    automargin: true, exponentformat: "power", minexponent: 3, zerolinewidth: 1, showline: true,
-    title: { standoff: 8, font: { size: 13 } },
-  };
-  const layoutOf = (spec, width) => ({
-    ...spec.layout,
-    width,
-    template: coloured({ layout: {
-      xaxis: axis, yaxis: axis, font: { color: "--ink", size: 12,
-        family: "system-ui, 'Segoe UI', Roboto, 'Noto Sans', sans-serif" },
-      paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", colorway: ["--pass"],
-      hoverlabel: { bgcolor: "--card", bordercolor: "--muted", font: { color: "--ink" } },
-      legend: { orientation: "h", y: 1.02, yanchor: "bottom", x: 0, bgcolor: "rgba(0,0,0,0)" },
-      margin: { l: 48, r: 14, t: 12, b: 44 }, modebar: { bgcolor: "rgba(0,0,0,0)", color: "--muted" },
-    } }),
-    ...coloured(spec.layout),
-    dragmode: coarse.matches ? false : "zoom",
-    uirevision: "kept",
-  });
-  const config = {
-    displaylogo: false, responsive: true, displayModeBar: coarse.matches ? false : "hover",
-    modeBarButtonsToRemove: ["select2d", "lasso2d", "zoomIn2d", "zoomOut2d", "autoScale2d"],
-  };
   const draw = (canvas, width) => {
-    const spec = specs.get(canvas);
-    const data = coloured(spec.data), layout = layoutOf(spec, width);
+    const spec = specs.get(canvas), kept = { width };
     for (const [name, axis] of Object.entries(canvas.layout || {})) {
-      if (/^[xy]axis/.test(name) && layout[name] && axis.range) {
-        layout[name] = { ...layout[name], range: [...axis.range], autorange: axis.autorange };
+      if (/^[xy]axis/.test(name) && spec.layout[name] && axis.range) {
+        kept[name] = { ...tactionCharts.layoutOf(spec)[name], range: [...axis.range], autorange: axis.autorange };
       }
     }
-    if ((width || canvas.clientWidth) < NARROW) data.forEach((each) => delete each.texttemplate);
-    return Plotly.react(canvas, data, layout, config);
+    return tactionCharts.draw(canvas, spec, kept);
   };
   const drawAll = (width) => { if (window.Plotly) canvases.forEach((each) => draw(each, width)); };
 

@@ -1,0 +1,104 @@
+"""A page as Markdown: for a merge request, the summary of a CI job, the documentation."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+from taction.verification.report.blocks import (
+    TERMINAL,
+    Bars,
+    Block,
+    Code,
+    Facts,
+    Notes,
+    Page,
+    Section,
+    Table,
+)
+
+SPECIAL = re.compile(r"([\\`*_{}\[\]<>#|~&])")
+Images = Mapping[str, Sequence[tuple[str, str]]]  # files and captions, by the title of a section
+
+
+def markdown(
+    page: Page,
+    heading: str = "",
+    *,
+    level: int = 1,
+    medium: str = TERMINAL,
+    images: Images | None = None,
+) -> str:
+    r"""Return a page as Markdown.
+
+    Parameters
+    ----------
+    heading : str
+        In the place of the title of the page.
+    level : int
+        Of the heading; the sections are one level below.
+    medium : str
+        Whose sections are written.
+    images : mapping of str to sequence of (str, str)
+        Files of pictures with their captions, by the title of their section; charts are left out.
+
+    Examples
+    --------
+    >>> print(markdown(Page("demo", "taction demo", "", "All *is* well.", (), ())), end="")
+    # demo
+    <BLANKLINE>
+    All \*is\* well.
+    """
+    lines = [f"{'#' * level} {line(heading or page.title)}"]
+    for text in (*page.lines, page.summary):
+        lines += ["", line(text)] if text else []
+    files = images or {}
+    for section in page.sections:
+        lines += _section(section, section.made(medium), level + 1, files.get(section.title, ()))
+    return "\n".join(lines) + "\n"
+
+
+def _section(
+    section: Section, blocks: Sequence[Block], level: int, images: Iterable[tuple[str, str]]
+) -> Iterator[str]:
+    body = [text for block in blocks for text in _block(block, section.title, level + 1)]
+    for file, caption in images:
+        body += ["", f"![{line(caption)}]({file})", "", line(caption)]
+    if body:
+        yield from ("", f"{'#' * level} {line(section.title)}")
+        if section.lead:
+            yield from ("", line(section.lead))
+        yield from body
+
+
+def _block(block: Block, above: str, level: int) -> Iterator[str]:
+    """Yield the lines of a block, the first of them empty; what Markdown cannot show has none."""
+    if block.kind in ("chart", "drawing", "ranges", "shares"):
+        return
+    if block.title and block.title != above:
+        yield from ("", f"{'#' * level} {line(block.title)}")
+    yield ""
+    if isinstance(block, Table):
+        yield from table(block.columns, ([cell.text for cell in row] for row in block.rows))
+        if block.note:
+            yield from ("", line(block.note))
+    elif isinstance(block, Notes):
+        yield from (f"- {line(text)}" for text in block.lines)
+    elif isinstance(block, Facts):
+        yield from (f"- {line(name)}: {line(value)}" for name, value in block.rows)
+    elif isinstance(block, Bars):
+        rows = ((bar.name, bar.outcome, bar.value, bar.limit, bar.reason) for bar in block.rows)
+        yield from table(("check", "outcome", "value", "limit", "reason"), rows)
+    elif isinstance(block, Code):
+        yield from ("```", block.text.rstrip("\n"), "```")
+
+
+def table(titles: Sequence[str], rows: Iterable[Iterable[str]]) -> Iterator[str]:
+    """Yield the lines of a table in Markdown."""
+    for cells in (titles, ["---"] * len(titles), *(map(line, row) for row in rows)):
+        yield f"| {' | '.join(cells)} |"
+
+
+def line(text: str) -> str:
+    """Return `text` in one line, its special characters escaped for Markdown."""
+    return SPECIAL.sub(r"\\\1", " ".join(text.split()))

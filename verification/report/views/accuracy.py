@@ -1,0 +1,346 @@
+"""A work-precision study: error against run time and step, orders, cheapest settings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from taction.system.quantities import readable
+from taction.verification.report.blocks import (
+    PAGE,
+    TERMINAL,
+    Block,
+    Cell,
+    Notes,
+    Page,
+    Section,
+    Sheet,
+    Table,
+)
+from taction.verification.report.charts import SERIES, Axis, Chart, Curve, Limit, Line, Mark
+from taction.verification.report.texts import figure, number_cell, quantity
+from taction.verification.report.views.origin import origin_section
+from taction.verification.studies.work_precision.methods import Method
+from taction.verification.studies.work_precision.norms import NORMS
+from taction.verification.studies.work_precision.study import (
+    ERRORS,
+    SettingResult,
+    WorkPrecisionStudy,
+)
+
+PROBLEMS = {"board": "the whole board", "ideal": "the network with ideal op-amps"}
+TITLES = {
+    "final": "error at the end",
+    "maximum": "largest error",
+    "settling_time": "settling error",
+    "frequency": "frequency error",
+    "growth_rate": "growth error",
+}
+MARKS = ("circle", "square", "diamond", "triangle-down", "triangle-up", "star", "cross", "hexagon")
+LINES: tuple[Line, ...] = ("solid", "dash", "dot", "dashdot")
+LOWEST = 1e-15  # place of an error of exactly 0
+BOTH = (TERMINAL, PAGE)
+
+
+@dataclass(frozen=True, slots=True)
+class MethodLook:
+    """How the runs of one method are drawn."""
+
+    colour: str
+    mark: str
+    line: Line
+
+
+def view(study: WorkPrecisionStudy) -> Page:
+    """Return the page of a work-precision study."""
+    sections = []
+    for name in study.problems:
+        title = f"Error against run time: {PROBLEMS[name]}"
+        sections += [
+            Section(title, partial(_charts, study, name)),
+            Section(f"Runs: {PROBLEMS[name]}", tuple(_runs(study, name)), media=BOTH),
+        ]
+    omissions = Notes("", study.omissions)
+    took = f"the study took {quantity(study.seconds, 's', 3)}"
+    machine = [f"{k} {v}" for k, v in study.machine.items() if v is not None]
+    return Page(
+        title=study.scene.name,
+        command="taction accuracy",
+        outcome="",
+        summary=_summary(study),
+        lines=(study.extent.text,),
+        sections=(
+            *sections,
+            Section("Order of convergence", (_orders(study),), media=BOTH),
+            Section("Cheapest settings", (_cheapest(study),), media=BOTH),
+            Section("Left out", (omissions,) if study.omissions else (), media=BOTH),
+            origin_section(study.scene, (("the study took", quantity(study.seconds, "s", 3)),)),
+        ),
+        foot=("; ".join(filter(None, (", ".join(machine), took))),),
+        sheet=lambda: _sheet(study),
+    )
+
+
+def _summary(study: WorkPrecisionStudy) -> str:
+    reached = [(error, point) for error in ERRORS if (point := study.cheapest(error))]
+    if not reached:
+        return "No run of this study has a known error."
+    error, point = reached[-1]
+    name = point.method.name
+    text = f"{name[:1].upper()}{name[1:]} reaches an error of {error:.0e} of the step"
+    return f"{text} in {quantity(point.seconds, 's', 3)}."
+
+
+def _methods(study: WorkPrecisionStudy, problem: str) -> dict[Method, MethodLook]:
+    """Return the methods of a problem with their colour, mark and line."""
+    methods = dict.fromkeys(p.method for p in study.points if p.method.problem == problem)
+    return {
+        method: MethodLook(
+            SERIES[k % len(SERIES)], MARKS[k % len(MARKS)], LINES[k // len(SERIES) % len(LINES)]
+        )
+        for k, method in enumerate(methods)
+    }
+
+
+def _known(study: WorkPrecisionStudy, method: Method) -> list[SettingResult]:
+    """Return the runs of a method with a time and an error."""
+    points = study.of(method)
+    return [p for p in points if p.errors["maximum"] is not None and p.seconds is not None]
+
+
+def _charts(study: WorkPrecisionStudy, problem: str) -> Iterator[Block]:
+    methods = _methods(study, problem)
+    count = sum(len(_known(study, method)) for method in methods)
+    if count < 2:
+        text = f"{count or 'No'} run has a known error: there is nothing to compare."
+        yield Notes("", (f"{text} A larger --budget gives more runs.",))
+        return
+    yield _work(study, problem)
+    yield _steps(study, problem)
+
+
+def _sheet(study: WorkPrecisionStudy) -> Sheet:
+    left, right = [], []
+    for problem in (name for name in PROBLEMS if name in study.problems):
+        left.append(_work(study, problem))
+        right.append(_steps(study, problem))
+    title = f"{study.scene.name}: {study.extent.text}"
+    size = (12.0, 4.6 * max(len(left), 1) + 0.4)
+    return Sheet(title, (tuple(left), tuple(right)), size=size)
+
+
+ERROR = Axis("largest error over time (of the step)", scale="log")
+
+
+def _work(study: WorkPrecisionStudy, problem: str) -> Chart:
+    """Return the errors over the run times; a bar goes from the fastest to the slowest run."""
+    marks: list[Mark] = []
+    if floor := study.problems[problem].floor["maximum"]:
+        marks.append(Limit(floor, "y", "error of the reference", "muted"))
+    late: list[SettingResult] = []
+    for method, look in _methods(study, problem).items():
+        points = _known(study, method)
+        times = np.array([(p.seconds, p.fastest, p.slowest) for p in points], dtype=np.float64)
+        middle, *ends = times.reshape(-1, 3).T
+        texts = tuple(f"{method.name} {p.name}: {_error_text(p)}" for p in points)
+        marks.append(
+            Curve(
+                middle, _errors(points), method.name, look.colour, look.line, look.mark,
+                width=1.2, hover=texts, spread=np.array(ends),
+            )
+        )  # fmt: skip
+        late += [p for p in study.of(method) if p.status == "timeout" and p.seconds is not None]
+    top = _top(study, problem)
+    for point in late:  # at the upper edge, since the error of this run has no bound
+        colour, text = (
+            _methods(study, problem)[point.method].colour,
+            f"timed out at {point.name}",
+        )
+        seconds = np.array([point.seconds], dtype=np.float64)
+        marks.append(
+            Curve(
+                seconds, np.array([top]), text, colour, "", "x", size=9.0, label="",
+                hover=(text,), written=(text,),
+            )
+        )  # fmt: skip
+    return Chart(
+        f"Runs by time and error, {PROBLEMS[problem]}",
+        Axis("wall time, median", "s", "log"),
+        ERROR,
+        tuple(marks),
+        message=_best(study, problem),
+        summary=(
+            "Each mark is one setting of a method: further left is faster, further down is more"
+            " accurate. A bar ends at the fastest and the slowest run. The dashed line is the error"
+            " of the reference; a cross at the upper edge is a run that timed out."
+        ),
+        height=460,
+    )
+
+
+def _top(study: WorkPrecisionStudy, problem: str) -> float:
+    points = [p for method in _methods(study, problem) for p in _known(study, method)]
+    return float(_errors(points).max(initial=1.0))
+
+
+def _errors(points: list[SettingResult]) -> np.ndarray:
+    return np.array([max(p.errors["maximum"] or 0.0, LOWEST) for p in points], dtype=np.float64)
+
+
+def _error_text(point: SettingResult) -> str:
+    return f"error {point.errors['maximum']:.2e} in {quantity(point.seconds, 's', 3)}"
+
+
+def _best(study: WorkPrecisionStudy, problem: str) -> str:
+    """Return the most accurate run in words."""
+    runs = [p for method in _methods(study, problem) for p in _known(study, method)]
+    if len(runs) < 2:
+        return "only one run was measured: no trend" if runs else "no run was measured"
+    best = min(runs, key=lambda p: (p.errors["maximum"] or 0.0, p.seconds or 0.0))
+    text = f"the most accurate is {best.method.name}, {best.errors['maximum']:.1e}"
+    return f"{text} in {quantity(best.seconds, 's', 3)}"
+
+
+def _steps(study: WorkPrecisionStudy, problem: str) -> Chart:
+    """Return the errors over the mean steps; the order is fitted to the filled marks."""
+    periods = problem == "board"
+    unit = study.extent.period if periods else 1.0
+    marks: list[Mark] = []
+    for method, look in _methods(study, problem).items():
+        points, order = study.of(method), study.orders[method.name]
+        for fitted in (True, False):
+            shown = [
+                p
+                for place, p in enumerate(points)
+                if (place in order.points) is fitted
+                and p.errors["maximum"] is not None
+                and p.mean_step is not None
+            ]
+            steps = np.array([p.mean_step for p in shown], dtype=np.float64) / unit
+            mark = look.mark if fitted else _open(look.mark)
+            texts = tuple(f"{method.name} {p.name}: {p.errors['maximum']:.2e}" for p in shown)
+            marks.append(
+                Curve(
+                    steps, _errors(shown), method.name, look.colour, "", mark, size=5.0,
+                    label="", hover=texts,
+                )
+            )  # fmt: skip
+        if order.value is not None and order.constant is not None:
+            ends = np.array([points[order.points[k]].mean_step for k in (0, -1)], dtype=np.float64)
+            name = f"{method.name}: order {order.value:.2f}"
+            name += f" (theory {method.order:g})" if method.order is not None else " (varies)"
+            fit = order.constant * ends**order.value
+            marks.append(Curve(ends / unit, fit, name, look.colour, "dot", width=1.4))
+    return Chart(
+        f"Error against the mean step, {PROBLEMS[problem]}",
+        Axis("mean step (periods of the fastest ringing)", "", "log")
+        if periods
+        else Axis("mean step", "s", "log"),
+        ERROR,
+        tuple(marks),
+        summary=(
+            "The order of convergence is fitted to the filled marks; the dotted lines show the"
+            " fits."
+        ),
+        height=460,
+    )
+
+
+def _open(mark: str) -> str:
+    """Return the mark without its filling."""
+    return {"star": "star-open", "hexagon": "hexagon-open"}.get(mark, f"{mark}-open")
+
+
+def _runs(study: WorkPrecisionStudy, problem: str) -> Iterator[Block]:
+    methods = _methods(study, problem)
+    points = [point for method in methods for point in study.of(method)]
+    norms = [n for n in NORMS if any(p.errors[n] is not None for p in points)]
+    titles = ("method", "setting", "status", "time", "fastest", "slowest", "runs", "steps")
+    rows = tuple(
+        (
+            Cell(point.method.name),
+            Cell(f"{point.setting:g}" if point.method.setting else "–", point.setting),
+            Cell(point.status),
+            *(number_cell(t, "s", 3) for t in (point.seconds, point.fastest, point.slowest)),
+            *map(_count, (point.repeats, point.steps, point.factorisations)),
+            *(_error(point.errors[norm]) for norm in norms),
+        )
+        for point in points
+    )
+    yield Table(
+        f"Wall times and errors of {PROBLEMS[problem]}",
+        (*titles, "factorisations", *(TITLES[norm] for norm in norms)),
+        rows,
+        _scale_text(study, problem),
+    )
+    notes = tuple(f"{p.method.name}, {p.name}: {p.status} {p.note}" for p in points if p.note)
+    if notes:
+        yield Notes("", notes)
+
+
+def _count(value: int | None) -> Cell:
+    return Cell("–" if value is None else str(value), value)
+
+
+def _error(value: float | None) -> Cell:
+    return Cell("–") if value is None else Cell(f"{value:.1e}", value)
+
+
+def _scale_text(study: WorkPrecisionStudy, problem: str) -> str:
+    """Return how the errors of a problem are measured."""
+    errors = study.problems[problem]
+    scale = errors.scale
+    if scale is None:
+        return "Errors are fractions of the step. No reference."
+    settling = "not reached" if scale.settling_time is None else figure(scale.settling_time, "s")
+    text = f"Errors are fractions of the step. Reference: {errors.references[0]}"
+    if len(errors.references) > 1:
+        text += f", checked by {errors.references[1]}; the largest difference of the two is"
+        text += f" {_error(errors.floor['maximum']).text}"
+    return f"{text}; step {quantity(scale.amplitude, 'V')}; ±{100 * scale.band:g} % at {settling}."
+
+
+def _cheapest(study: WorkPrecisionStudy) -> Table:
+    rows = tuple(
+        (
+            Cell(f"{error:.0e}", error),
+            *_choice(study.cheapest(error)),
+            *_choice(study.cheapest(error, engines=["ngspice"])),
+        )
+        for error in ERRORS
+    )
+    titles = ("largest error", "cheapest", "time", "ngspice", "time of ngspice")
+    note = "Largest error over time on the board, as measured."
+    return Table("Cheapest setting that reaches an error", titles, rows, note)
+
+
+def _choice(point: SettingResult | None) -> tuple[Cell, Cell]:
+    if point is None:
+        return Cell("no run reached it"), Cell("–")
+    setting = f", {point.name}" if point.method.setting else ""
+    return Cell(f"{point.method.name}{setting}"), number_cell(point.seconds, "s", 3)
+
+
+def _orders(study: WorkPrecisionStudy) -> Table:
+    rows = []
+    for name, order in study.orders.items():
+        points = [point for point in study.points if point.method.name == name]
+        if not points or not points[0].method.setting:
+            continue
+        fitted = "–" if order.value is None else f"{order.value:.2f} ± {order.sigma or 0.0:.2f}"
+        settings = ", ".join(f"{points[place].setting:g}" for place in order.points) or "–"
+        rows.append(
+            (
+                Cell(name),
+                Cell(fitted, order.value),
+                Cell(str(points[0].method.theory)),
+                Cell(settings),
+                Cell(readable(order.reason)),
+            )
+        )
+    titles = ("method", "fitted", "theory", "from settings", "left out")
+    note = "Of the largest error over time, against the mean step."
+    return Table("Order of convergence", titles, tuple(rows), note)

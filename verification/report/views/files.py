@@ -1,0 +1,100 @@
+"""The verdicts of several files: a row for each, then why files do not pass."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from taction.verification.report.blocks import PAGE, TERMINAL, Cell, Notes, Page, Section, Table
+from taction.verification.report.charts import OUTCOMES, Outcome
+from taction.verification.report.tables import spaced
+from taction.verification.report.texts import number_cell
+from taction.verification.studies.verify_files import VerifiedFiles
+
+TITLES = ("scene", "outcome", "checks", "settling", "overshoot", "time")
+BOTH = (TERMINAL, PAGE)
+Document = Mapping[str, Any]
+
+
+def view(files: VerifiedFiles) -> Page:
+    """Return the page of the verdicts of several files."""
+    counts = ", ".join(f"{count} {name}" for name, count in files.count().items())
+    table = Table("Scenes", TITLES, tuple(map(_row, files.documents)))
+    remarks = tuple(
+        Notes(f"{document['file']}: {document['outcome']}", lines)
+        for document in files.documents
+        if (lines := tuple(_lines(document)))
+    )
+    return Page(
+        title=f"{len(files.documents)} scenes",
+        command="taction verify",
+        outcome=_outcome(files.outcome),
+        summary=f"{len(files.documents)} scenes: {counts}",
+        lines=(),
+        sections=(
+            Section("Scenes", (table,), media=BOTH),
+            Section("Remarks", remarks, media=BOTH),
+        ),
+    )
+
+
+def _outcome(name: str) -> Outcome:
+    """Return the outcome whose look a file has: bad input looks like a failure."""
+    return name if name in OUTCOMES else "fail" if name == "bad input" else "inconclusive"
+
+
+def _row(document: Document) -> tuple[Cell, ...]:
+    return (
+        Cell(document["file"]),
+        Cell(document["outcome"], None, _outcome(document["outcome"])),
+        Cell(_passed(document)),
+        number_cell(document.get("settling_time"), "s"),
+        number_cell(_largest(document, "overshoot"), "step"),
+        number_cell(document.get("timing", {}).get("total"), "s", 3),
+    )
+
+
+def _lines(document: Document) -> Iterator[str]:
+    yield from reasons(document)
+    yield from (f"warning: {text}" for text in document.get("warnings", ()))
+    yield from margin_lines(document)
+
+
+def reasons(document: Document) -> Iterator[str]:
+    """Yield why a file does not pass: its undecided and failed checks, or its error.
+
+    Examples
+    --------
+    >>> check = {"name": "rise_time", "outcome": "fail", "reason": "3 us, above 2 us"}
+    >>> list(reasons({"outcome": "fail", "checks": [check]}))
+    ['rise time fails: 3 us, above 2 us']
+    """
+    if "error" in document:
+        yield document["error"]["message"]
+    ends = {"fail": "fails", "inconclusive": "is inconclusive"}
+    for check in document.get("checks", ()):
+        if check["outcome"] in ends:
+            yield f"{spaced(check['name'])} {ends[check['outcome']]}: {check['reason']}"
+
+
+def margin_lines(document: Document) -> Iterator[str]:
+    """Yield the stability margins that were asked for."""
+    for margin in document.get("stability", {}).get("margins", {}).values():
+        doubt = f", but {margin['doubt']}" if margin["doubt"] else ""
+        yield f"margin: {margin['text']}{doubt}"
+
+
+def _passed(document: Document) -> str:
+    """Return how many checks pass; a dash where there is no verdict."""
+    checks = document.get("checks")
+    if not checks:
+        return "–"
+    return f"{sum(check['outcome'] == 'pass' for check in checks)} of {len(checks)} pass"
+
+
+def _largest(document: Document, name: str) -> float | None:
+    """Return the largest `name` of the channels; None without one."""
+    values = [channel[name] for channel in document.get("channels", ())]
+    known = [value for value in values if value is not None and math.isfinite(value)]
+    return max(known, default=None)

@@ -1,0 +1,356 @@
+"""A yield: its interval, histograms with limits, and the parts behind the spread."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.array_types import Floats
+from taction.verification.report.blocks import (
+    PAGE,
+    TERMINAL,
+    Block,
+    Cell,
+    Notes,
+    Page,
+    Range,
+    Ranges,
+    Section,
+    Sheet,
+    Table,
+)
+from taction.verification.report.charts import Axis, Band, Chart, Columns, Limit, Mark, Text, View
+from taction.verification.report.tables import spaced
+from taction.verification.report.texts import (
+    counted,
+    figure,
+    number_cell,
+    percent,
+    titled,
+)
+from taction.verification.report.views.origin import origin_section
+from taction.verification.studies.tolerance.remedy import Remedy
+from taction.verification.studies.tolerance.varied_board import BoardSample
+from taction.verification.studies.tolerance.yield_report import Spread, YieldReport
+
+BINS = 40  # of a histogram, at most
+CULPRITS = 12  # parts of a chart
+SHOWN = 10  # sensitivities in a terminal
+REASONS = 3  # for samples without a verdict in a terminal, the most frequent first
+ACROSS = 3  # charts side by side in a picture
+PANEL = (4.3, 2.9)  # of a chart of the picture, inches
+FAR = 1.5  # times the range of the values: a limit farther away is an arrow
+SAME = 1e-9  # relative: values that are one value
+UNITS = {"ratio": ""}
+MARGIN = 1.15  # of the largest value or limit: the width of a spread
+BOTH = (TERMINAL, PAGE)
+Limits = tuple[float | None, float | None]  # the least and the largest accepted value
+
+
+def view(scene: Scene, result: YieldReport, samples: Sequence[BoardSample], seed: int) -> Page:
+    """Return the page of a yield.
+
+    Parameters
+    ----------
+    samples : sequence of BoardSample
+        The samples that `result` summarises.
+    seed : int
+        Of the samples.
+    """
+    rows = (("seed", str(seed)), ("samples", str(result.samples)))
+    return Page(
+        title=scene.name,
+        command="taction montecarlo",
+        outcome="",
+        summary=_summary(result),
+        lines=(f"{result.passed} of {result.samples} boards pass; seed {seed}.",),
+        sections=(
+            Section("Yield", tuple(_interval(result))),
+            Section("Checks that do not pass", tuple(_failures(result)), media=BOTH),
+            Section("Spread and limits", tuple(_ranges(result))),
+            Section("Quantities", (_quantities(result),) if result.samples else (), media=BOTH),
+            Section("Histograms", lambda: _histograms(result, samples)),
+            Section("Culprits", lambda: _culprits(result)),
+            Section("Sensitivities", tuple(_sensitivities(result, SHOWN)), media=(TERMINAL,)),
+            Section("Sensitivities", tuple(_sensitivities(result, len(result.sensitivities)))),
+            Section("What to buy better", tuple(_remedy(result)), media=BOTH),
+            origin_section(scene, rows),
+        ),
+        sheet=lambda: sheet(scene.name, result, samples),
+    )
+
+
+def sheet(name: str, result: YieldReport, samples: Sequence[BoardSample]) -> Sheet:
+    """Return what the picture of a yield shows: a histogram each quantity, and the culprits."""
+    blocks = [*_histograms(result, samples), *_culprits(result)]
+    count = min(len(blocks), ACROSS)
+    columns = tuple(tuple(blocks[k::count]) for k in range(count))
+    size = (PANEL[0] * count, PANEL[1] * max(map(len, columns)) + 0.5)
+    foot = ""
+    if result.remedy is not None and result.remedy.what:
+        foot = f"{result.remedy.what}: yield {percent(result.remedy.fraction)}"
+    return Sheet(f"{name}: {_summary(result)}", columns, size=size, foot=foot)
+
+
+def _summary(result: YieldReport) -> str:
+    if not result.samples:
+        return "No sample, no yield."
+    low, high = percent(result.low), percent(result.high)
+    return f"Yield {percent(result.fraction)}, 95 % interval {low} to {high}."
+
+
+def _interval(result: YieldReport) -> Iterator[Block]:
+    if not result.samples:
+        return
+    texts = (
+        f"95 % interval {percent(result.low)} to {percent(result.high)}",
+        f"estimate {percent(result.fraction)}",
+    )
+    row = Range("yield, from 0 to 100 %", result.low, result.fraction, result.high, (), "", texts)
+    yield Ranges("", (row,))
+
+
+def _failures(result: YieldReport) -> Iterator[Block]:
+    if result.failures:
+        cells = tuple(
+            (Cell(spaced(name)), Cell(str(count), count), Cell(percent(count / result.samples)))
+            for name, count in result.failures.items()
+        )
+        yield Table("Checks that do not pass", ("check", "samples", "of all"), cells)
+    if result.without_verdict:
+        text = f"{counted(result.without_verdict, 'sample')} without a verdict count as failed."
+        lines = (f"{count} samples: {reason}" for reason, count in result.reasons.items())
+        yield Notes("Samples without a verdict", (text, *lines))
+
+
+def _ranges(result: YieldReport) -> Iterator[Block]:
+    rows = [row for spread in result.quantities if (row := _range(spread)) is not None]
+    if rows:
+        note = (
+            "The bar goes from the 5th to the 95th percentile, the line in it is the median, the"
+            " black line the limit. Hatched: beyond the limit."
+        )
+        title = "5th percentile, median and 95th percentile against the limits"
+        yield Ranges(title, tuple(rows), note)
+
+
+def _range(spread: Spread) -> Range | None:
+    values = {"5th percentile": spread.low, "median": spread.median, "95th": spread.high}
+    if not all(map(math.isfinite, values.values())):
+        return None
+    return value_range(spread.name, spread.unit, values, (spread.at_least, spread.at_most))
+
+
+def _is_beyond(value: float, limits: Limits) -> bool:
+    """Whether a value is outside its limits."""
+    least, most = limits
+    return (least is not None and value < least) or (most is not None and value > most)
+
+
+def value_range(
+    name: str, unit: str, values: Mapping[str, float], limits: Limits, missing: str = ""
+) -> Range:
+    """Return the spread of a quantity.
+
+    Parameters
+    ----------
+    values : mapping of str to float
+        The least, the typical and the largest value, finite, by their names on the page.
+    missing : str
+        Which values the quantity lacks, in words; they do not pass.
+
+    Examples
+    --------
+    >>> found = value_range("rise_time", "s", {"least": 1.0, "mid": 2.0, "most": 4.0}, (None, 3.0))
+    >>> found.outcome, found.texts[-1], round(4 * found.high / found.limits[0], 3)
+    ('fail', 'limit 3 s', 5.333)
+    """
+    known = [limit for limit in limits if limit is not None]
+    low, middle, high = values.values()
+    bottom = min(0.0, low, *known)
+    top = MARGIN * max(0.0, high, *known)
+    width = (top - bottom) or 1.0
+    fails = _is_beyond(low, limits) or _is_beyond(high, limits) or bool(missing)
+    texts = [f"{title} {figure(value, unit)}" for title, value in values.items()]
+    texts += [f"limit {figure(limit, unit)}" for limit in known]
+    return Range(
+        name=spaced(name),
+        low=(low - bottom) / width,
+        middle=(middle - bottom) / width,
+        high=(high - bottom) / width,
+        limits=tuple((limit - bottom) / width for limit in known),
+        outcome=("fail" if fails else "pass") if known else "",
+        texts=(*texts, missing) if missing else tuple(texts),
+    )
+
+
+def _quantities(result: YieldReport) -> Table:
+    titles = ("quantity", "at least", "at most", "5 %", "median", "95 %", "missing")
+    rows = tuple(
+        (
+            Cell(spaced(each.name)),
+            *(
+                number_cell(value, each.unit)
+                for value in (each.at_least, each.at_most, each.low, each.median, each.high)
+            ),
+            Cell(str(each.missing), each.missing),
+        )
+        for each in result.quantities
+    )
+    return Table("Quantities", titles, rows, "5 % and 95 %: percentiles of the samples.")
+
+
+def _histograms(result: YieldReport, samples: Sequence[BoardSample]) -> Iterator[Block]:
+    for spread in result.quantities:
+        found = [sample.value(spread.name) for sample in samples if not sample.lost]
+        values = np.array([value for value in found if value is not None], dtype=np.float64)
+        values = values[np.isfinite(values)]
+        if len(values) and np.ptp(values) <= SAME * np.abs(values).max():
+            text = f"every sample has {figure(float(values[0]), spread.unit)}"
+            yield Notes(titled(spread.name), (f"{titled(spread.name)}: {text}.",))
+        elif len(values):
+            yield _histogram(spread, values)
+
+
+def _histogram(spread: Spread, values: Floats) -> Chart:
+    limits = [limit for limit in (spread.at_least, spread.at_most) if limit is not None]
+    fails = [_is_beyond(value, (spread.at_least, spread.at_most)) for value in values.tolist()]
+    beyond, edges = np.array(fails), _edges(values, limits)
+    width = float(edges[1] - edges[0])
+    low, high = float(edges[0]) - width, float(edges[-1]) + width
+    reach = FAR * (high - low)
+    near = [limit for limit in limits if low - reach <= limit <= high + reach]
+    view = View("samples", (min([low, *near]), max([high, *near])))
+    ends = (min([low, *limits]) - width, max([high, *limits]) + width)
+    views = (view, View("with the limits", ends)) if len(near) < len(limits) else (view,)
+    marks: list[Mark] = [Limit(limit, "x", "limit") for limit in limits]
+    if spread.at_most is not None:
+        marks.append(Band(spread.at_most, max(ends[1], high + reach), "x", colour="fail"))
+    if spread.at_least is not None:
+        marks.append(Band(min(ends[0], low - reach), spread.at_least, "x", colour="fail"))
+    marks += _bars(values, beyond, edges)
+    if any(limit > high for limit in limits if limit not in near):
+        marks.append(Text("limit →", None, None, ("left", "below")))
+    if any(limit < low for limit in limits if limit not in near):
+        marks.append(Text("← limit", None, None, ("right", "below")))
+    message = "no limit"
+    if limits:
+        share = f"{100 * float(beyond.mean()):.3g} %"
+        texts = " and ".join(figure(limit, spread.unit) for limit in limits)
+        message = f"{int(beyond.sum())} of {len(values)} samples ({share}) beyond {texts}"
+    if spread.missing:
+        message += f", {counted(spread.missing, 'sample')} without a value"
+    summary = (
+        f"{len(values)} samples from {figure(float(values.min()), spread.unit)} to"
+        f" {figure(float(values.max()), spread.unit)}; {message}."
+    )
+    return Chart(
+        titled(spread.name),
+        Axis(spaced(spread.name), UNITS.get(spread.unit, spread.unit)),
+        Axis("samples", whole=True),
+        tuple(marks),
+        message,
+        summary,
+        views,
+        "inside" if limits else "",
+        280,
+    )
+
+
+def _bars(values: Floats, beyond: np.ndarray, edges: Floats) -> Iterator[Columns]:
+    """Yield the bars of the samples within the limits, and on them of those beyond."""
+    middles, widths = 0.5 * (edges[1:] + edges[:-1]), np.diff(edges)
+    bases = np.zeros(len(middles))
+    for name, outcome, chosen in (
+        ("within the limit", "pass", ~beyond),
+        ("beyond the limit", "fail", beyond),
+    ):
+        if chosen.any():
+            counts = np.histogram(values[chosen], bins=edges)[0].astype(np.float64)
+            hover = tuple(f"{count:.0f} samples {name}" for count in counts)
+            yield Columns(middles, counts, "x", bases, widths, (outcome,), name, hover=hover)
+            bases = bases + counts
+
+
+def _edges(values: Floats, limits: list[float]) -> Floats:
+    """Return the edges of the bins; a limit among the values is an edge."""
+    edges = np.histogram_bin_edges(values, bins=min(BINS, 4 + math.isqrt(len(values))))
+    inside = [limit for limit in limits if edges[0] < limit < edges[-1]]
+    if not inside:
+        return np.asarray(edges, dtype=np.float64)
+    width = float(edges[1] - edges[0])
+    before = math.ceil((inside[0] - edges[0]) / width)
+    after = math.ceil((edges[-1] - inside[0]) / width)
+    return np.asarray(inside[0] + width * np.arange(-before, after + 1))
+
+
+def _culprits(result: YieldReport) -> Iterator[Block]:
+    shown = result.sensitivities[:CULPRITS]
+    if not shown:
+        text = "No part has an influence that stands out of the scatter of these samples."
+        yield Notes("Components behind the spread", (text,))
+        return
+    names = tuple(f"{each.parameter}, {spaced(each.quantity)}" for each in shown)
+    shares = np.array([100.0 * each.correlation**2 for each in shown])
+    rising = [each.correlation > 0.0 for each in shown]
+    texts = tuple(
+        f"{'+' if up else '−'} {share:.0f} %" for up, share in zip(rising, shares, strict=True)
+    )
+    looks = tuple("pass" if up else "fail" for up in rising)
+    yield Chart(
+        "Components behind the spread",
+        Axis("share of the variance (%)", limits=(0.0, 1.25 * float(shares.max()))),
+        Axis(scale="names", names=names, reverse=True),
+        (Columns(np.arange(float(len(shown))), shares, "y", looks=looks, written=texts),),
+        summary=(
+            "Parts with the largest share of the variance of a quantity. Solid with +: the"
+            " quantity grows with the part; hatched with −: it falls."
+        ),
+        legend="",
+        height=110 + 26 * len(shown),
+        zoom=False,
+    )
+
+
+def _sensitivities(result: YieldReport, most: int) -> Iterator[Block]:
+    rows = tuple(
+        (
+            Cell(spaced(s.quantity) + ("" if s.channel is None else f", channel {s.channel}")),
+            Cell(s.parameter),
+            Cell(spaced(s.kind)),
+            Cell(f"{s.correlation:+.2f} ± {s.standard_error:.2f}", s.correlation),
+            Cell(f"{100 * s.correlation**2:.0f} %", s.correlation**2),
+        )
+        for s in result.sensitivities[:most]
+    )
+    if rows:
+        titles = ("quantity", "part", "kind", "correlation", "of the variance")
+        yield Table("Sensitivities", titles, rows)
+
+
+def _remedy(result: YieldReport) -> Iterator[Block]:
+    if result.remedy is not None:
+        yield Notes("", (remedy_text(result.remedy),))
+
+
+def remedy_text(remedy: Remedy) -> str:
+    """Return what to buy better, and the yield with it."""
+    wanted = percent(remedy.target)
+    if not remedy.what:
+        return (
+            f"no resistor or capacitor that is sold better brings the yield closer to {wanted}: the"
+            " failures have other causes"
+        )
+    text = f"{remedy.what}: yield {percent(remedy.fraction)}"
+    if remedy.predicted < remedy.target:
+        text = f"nothing that is sold better gives {wanted}; best: {text}"
+    if not remedy.samples:
+        return f"{text}, predicted from the samples"
+    return (
+        f"{text}, predicted {percent(remedy.predicted)}; {remedy.passed} of the first"
+        f" {remedy.samples} samples pass with these parts, 95 % interval {percent(remedy.low)} to"
+        f" {percent(remedy.high)}"
+    )

@@ -1,0 +1,293 @@
+"""One op-amp: its figures beside what its macromodel does, the open loop, steps of a follower."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from taction.spice_models.opamp import OpAmp, phase_margin, unity_gain_bandwidth
+from taction.system.array_types import Floats
+from taction.verification.characterise.characterise import (
+    STEP,
+    Bode,
+    Measured,
+    bode,
+    large_step,
+    step_response,
+    supply_of,
+)
+from taction.verification.characterise.witnesses import Witness
+from taction.verification.report.blocks import (
+    NOTEBOOK,
+    PAGE,
+    TERMINAL,
+    Cell,
+    Notes,
+    Page,
+    Section,
+    Sheet,
+    Table,
+)
+from taction.verification.report.charts import BLUE, ORANGE, Axis, Chart, Curve, Limit, Mark, Text
+from taction.verification.report.texts import quantity, readable
+
+TITLES = {
+    "dc_gain": ("DC gain", ""),
+    "unity_gain_bandwidth": ("unity-gain bandwidth", "Hz"),
+    "phase_margin": ("phase margin", "degrees"),
+    "input_resistance": ("input resistance", "ohm"),
+    "differential_capacitance": ("differential input capacitance", "F"),
+    "input_capacitance": ("input capacitance", "F"),
+    "output_resistance": ("output resistance", "ohm"),
+    "slew_rate": ("slew rate", "V/s"),
+    "saturation": ("supply less largest output voltage", "V"),
+    "output_current": ("largest output current", "A"),
+    "least_supply": ("supply, at least \N{PLUS-MINUS SIGN}", "V"),
+    "most_supply": ("supply, at most \N{PLUS-MINUS SIGN}", "V"),
+    "offset_voltage": ("offset voltage", "V"),
+    "bias_current": ("input bias current", "A"),
+    "offset_current": ("input offset current", "A"),
+    "common_mode_rejection": ("common-mode rejection", "dB"),
+    "voltage_noise": ("voltage noise", "V/rtHz"),
+    "current_noise": ("current noise", "A/rtHz"),
+    "supply_current": ("supply current", "A"),
+    "channels_per_package": ("op-amps in a package", ""),
+}
+"""Title and unit of every figure of the data file."""
+SWING = "swing"
+ABSENT = (0.0, math.inf, -math.inf)  # values of a figure that a part does not have
+MARKS = 25  # of the second witness on a curve
+SHOWN_SMALL, SHOWN_LARGE = 0.5, 0.6  # of the records of the steps
+SKIPPED = 1e-3  # of the shown record: the jump through the input's capacitance
+Results = Mapping[str, tuple[Measured, ...]]  # by the name of the witness
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Curves:
+    """What one witness measured: the open loop, and steps as pairs of instants and voltages."""
+
+    bode: Bode
+    small: tuple[Floats, Floats]
+    large: tuple[Floats, Floats] | None
+
+
+def measure_curves(opamp: OpAmp, witness: Witness) -> Curves:
+    """Measure the curves of the charts."""
+    large = large_step(opamp, witness) if math.isfinite(opamp.input_range) else None
+    return Curves(bode(opamp, witness), step_response(opamp, witness), large)
+
+
+def view(
+    opamp: OpAmp, notes: Mapping[str, str], results: Results, curves: Mapping[str, Curves] | None
+) -> Page:
+    """Return the page of an op-amp.
+
+    Parameters
+    ----------
+    notes : mapping of str to str
+        Where a figure comes from, by its name.
+    results : mapping of str to tuple of Measured
+        What the test benches measured, by the name of the witness.
+    curves : mapping of str to Curves, or None
+        By the name of the witness, ours first; None: no charts.
+    """
+    titles = ("figure", "data sheet", *results, "note")
+    table = Table("Figures", titles, tuple(_rows(opamp, notes, results)))
+    benches = f"measured at \N{PLUS-MINUS SIGN}{supply_of(opamp):g} V on test benches"
+    sources = [f"source: {opamp.source}"]
+    if opamp.external_part:
+        sources.append(f"every op-amp needs a {opamp.external_part}")
+    sources.append(
+        f"{benches}: the macromodel does what the data sheet says, as far as it is modelled"
+    )
+    columns = _charts(opamp, curves) if curves else ()
+    return Page(
+        title=opamp.name,
+        command="taction models show",
+        outcome="",
+        summary="",
+        lines=(),
+        sections=(
+            Section("Figures", (table, Notes("", tuple(sources))), "", (TERMINAL, PAGE, NOTEBOOK)),
+            Section("Open loop and follower", tuple(chart for c in columns for chart in c)),
+        ),
+        sheet=lambda: Sheet(
+            f"{opamp.name}: open loop and follower",
+            columns,
+            (1.25, 1.0),
+            tuple((1.0,) * len(column) for column in columns),
+            (11.5, 6.6),
+        ),
+    )
+
+
+def stated_figures(opamp: OpAmp) -> dict[str, float]:
+    """Return the figures that the part has, by the keys of `TITLES`."""
+    own = {
+        "unity_gain_bandwidth": unity_gain_bandwidth(opamp),
+        "phase_margin": phase_margin(opamp) if math.isfinite(opamp.gbw) else math.inf,
+    }
+    values = {name: own.get(name, getattr(opamp, name, math.inf)) for name in TITLES}
+    return {name: value for name, value in values.items() if value not in ABSENT}
+
+
+def figures_document(opamp: OpAmp, notes: Mapping[str, str], results: Results) -> dict[str, Any]:
+    """Return everything as plain data for JSON, SI base units."""
+    measured: dict[str, dict[str, Any]] = {}
+    for witness, found in results.items():
+        for figure in found:
+            entry = measured.setdefault(figure.name, {"unit": figure.unit, "stated": figure.stated})
+            entry[witness] = figure.value
+    return {
+        "name": opamp.name,
+        "source": opamp.source,
+        "external_part": opamp.external_part,
+        "figures": {
+            name: {"value": value, "unit": TITLES[name][1], "note": notes.get(name, "")}
+            for name, value in stated_figures(opamp).items()
+        },
+        "supply": supply_of(opamp),
+        "measured": measured,
+    }
+
+
+def _rows(opamp: OpAmp, notes: Mapping[str, str], results: Results) -> Iterator[tuple[Cell, ...]]:
+    measured = [{f.name: f.value for f in found} for found in results.values()]
+    for name, value in stated_figures(opamp).items():
+        title, unit = TITLES[name]
+        cells = (_cell(found.get(name), unit) for found in measured)
+        yield Cell(title), _cell(value, unit), *cells, Cell(notes.get(name, ""))
+        if name == "saturation":
+            supply = supply_of(opamp)
+            cells = (_cell(found.get(SWING), "V") for found in measured)
+            note = Cell(f"at \N{PLUS-MINUS SIGN}{supply:g} V")
+            yield Cell("output swing"), _cell(opamp.swing(supply), "V"), *cells, note
+
+
+def _cell(value: float | None, unit: str) -> Cell:
+    if value is None:
+        return Cell("")
+    if unit in ("degrees", "dB"):
+        return Cell(f"{value:.4g} {unit}", value)
+    return Cell(quantity(value, unit), value)
+
+
+def _charts(opamp: OpAmp, curves: Mapping[str, Curves]) -> tuple[tuple[Chart, ...], ...]:
+    """Return the columns of the picture: the open loop, and the steps of a follower."""
+    first = next(iter(curves.values()))
+    steps = [_small(curves)]
+    if first.large is not None:
+        steps.append(_large(opamp, curves))
+    return _bode(curves), tuple(steps)
+
+
+def _curves(
+    found: Mapping[str, tuple[Floats, Floats]], even: Floats | None = None
+) -> Iterator[Curve]:
+    """Yield the first witness as a line and the others as marks, `even` along x where given."""
+    for number, (name, (x, y)) in enumerate(found.items()):
+        if not number:
+            yield Curve(x, y, name, BLUE, width=1.8)
+            continue
+        places = x[:: max(len(x) // MARKS, 1)] if even is None else even
+        values = np.interp(places, x, y)
+        yield Curve(places, values, name, ORANGE, "", "circle-open", size=5.0)
+
+
+def _bode(curves: Mapping[str, Curves]) -> tuple[Chart, Chart]:
+    found = {name: each.bode for name, each in curves.items()}
+    gains = {
+        name: (each.frequency, 20.0 * np.log10(np.abs(each.response)))
+        for name, each in found.items()
+    }
+    phases = {
+        name: (each.frequency, np.degrees(np.unwrap(np.angle(each.response))))
+        for name, each in found.items()
+    }
+    first = next(iter(found.values()))
+    gain: tuple[Mark, ...] = tuple(_curves(gains))
+    phase: tuple[Mark, ...] = tuple(_curves(phases))
+    text = ""
+    if abs(first.response[-1]) < 1.0:
+        crossing, margin = first.crossing()
+        text = f"unity gain at {quantity(crossing, 'Hz', 3)}"
+        gain += _crossing(crossing, 0.0, text)
+        phase += _crossing(crossing, margin - 180.0, f"phase margin {margin:.3g} degrees")
+    return (
+        Chart(
+            "Bode diagram of the open loop",
+            Axis("frequency", "Hz", "log"),
+            Axis("gain (dB)"),
+            gain,
+            message=text,
+            summary="Gain of the open loop over the frequency.",
+        ),
+        Chart(
+            "Phase of the open loop",
+            Axis("frequency", "Hz", "log"),
+            Axis("phase (degrees)", limits=(-190.0, 10.0), ticks=tuple(range(-180, 1, 45))),
+            phase,
+            summary="Phase of the open loop over the frequency.",
+            legend="",
+        ),
+    )
+
+
+def _crossing(frequency: float, level: float, text: str) -> tuple[Mark, ...]:
+    place = np.array([frequency]), np.array([level])
+    return (
+        Limit(frequency, "x", "", "muted"),
+        Curve(*place, text, "muted", "", "square", size=5.0, label=""),
+        Text(text, frequency, level, ("left", "below")),
+    )
+
+
+def _step(
+    found: Mapping[str, tuple[Floats, Floats]], shown: float
+) -> tuple[tuple[Curve, ...], float]:
+    """Return the first part of the steps, the share `shown` of the record, and its end in s.
+
+    The first point is left out: the ideal step passes the input's capacitance in no time.
+    """
+    stop = shown * float(next(iter(found.values()))[0][-1])
+    live = {}
+    for name, (time, volts) in found.items():
+        kept = (time <= stop) & (time > SKIPPED * stop)
+        kept[0] = False
+        live[name] = time[kept], volts[kept]
+    return tuple(_curves(live, np.linspace(0.0, stop, MARKS + 1)[1:])), stop
+
+
+def _small(curves: Mapping[str, Curves]) -> Chart:
+    found = {name: each.small for name, each in curves.items()}
+    marks, stop = _step(found, SHOWN_SMALL)
+    response = next(iter(found.values()))[1][1:]
+    low, high = float(response.min()), float(response.max())
+    return Chart(
+        "Small step of a follower",
+        Axis("time", "s", limits=(0.0, stop)),
+        Axis("output over step", limits=(min(0.0, low) - 0.05, max(1.0, high) + 0.05)),
+        (Limit(1.0, "y", "", "muted"), *marks),
+        message=f"{100.0 * max(high - 1.0, 0.0):.2g} % overshoot",
+        summary="A step that is too small for the limits of the op-amp.",
+        legend="",
+    )
+
+
+def _large(opamp: OpAmp, curves: Mapping[str, Curves]) -> Chart:
+    found = {name: each.large for name, each in curves.items() if each.large is not None}
+    marks, stop = _step(found, SHOWN_LARGE)
+    final = STEP * opamp.swing(supply_of(opamp))
+    return Chart(
+        "Large step",
+        Axis("time", "s", limits=(0.0, stop)),
+        Axis("output", "V"),
+        (Limit(final, "y", "", "muted"), *marks),
+        message=readable(f"{quantity(opamp.slew_rate, 'V/s', 3)} at most"),
+        summary="A step at which the slew rate limits the output.",
+        legend="",
+    )

@@ -1,0 +1,166 @@
+"""The paper's reproduction: every claim beside what taction finds, with its pictures."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+import numpy as np
+
+from taction.verification.evidence.paper.findings import ClaimOutcome
+from taction.verification.evidence.paper.pictures import Curve as PaperCurve
+from taction.verification.evidence.paper.pictures import Panel, Picture
+from taction.verification.evidence.paper.reproduce import Judged, Reproduction
+from taction.verification.evidence.paper.reproduce import Section as Chapter
+from taction.verification.report.blocks import (
+    PAGE,
+    TERMINAL,
+    Block,
+    Cell,
+    Notes,
+    Page,
+    Section,
+    Sheet,
+    Table,
+)
+from taction.verification.report.charts import (
+    SERIES,
+    Axis,
+    Chart,
+    Curve,
+    Limit,
+    Line,
+    Outcome,
+    Scale,
+)
+from taction.verification.report.views.origin import plain_origin
+
+TITLE = "The paper, claim by claim"
+SOURCE = (
+    "Y. C. Pati, P. S. Krishnaprasad and M. C. Peckerar, Neural network solutions to problems in"
+    " early taction"
+)
+COLUMNS = ("claim", "place", "what was run", "printed", "ours", "verdict")
+OUTCOMES: dict[ClaimOutcome, Outcome] = {
+    ClaimOutcome.HOLDS: "pass",
+    ClaimOutcome.FITTED: "pass",
+    ClaimOutcome.CONDITION: "inconclusive",
+    ClaimOutcome.FAILS: "fail",
+    ClaimOutcome.NOT_RUN: "error",
+}
+PANEL, ACROSS = (4.2, 3.3), 3  # of one panel of a picture, inches; panels in a row
+MANY = 400  # points above which a line is thin
+# The parts of a style of the paper's curves: colour, mark and line, as in "C0o-".
+STYLE = re.compile(r"(?P<colour>C\d|k)?(?P<mark>[os*x])?(?P<line>--|-\.|-|:)?")
+COLOUR = {"k": "ink", "": SERIES[0]} | {f"C{k}": colour for k, colour in enumerate(SERIES)}
+MARK = {"o": "circle", "s": "square", "*": "star", "x": "x"}
+LINE: dict[str, Line] = {"-": "solid", "--": "dash", "-.": "dashdot", ":": "dot"}
+BOTH = (TERMINAL, PAGE)
+
+
+def view(result: Reproduction) -> Page:
+    """Return the page of the reproduction."""
+    chapters = []
+    for chapter in result.sections:
+        table = Table(chapter.title, COLUMNS, tuple(map(_row, chapter.judged)))
+        chapters.append(Section(chapter.title, (table,), media=BOTH))
+        if chapter.pictures:
+            chapters.append(Section(f"{chapter.title}: pictures", tuple(_charts(chapter))))
+    return Page(
+        title=TITLE,
+        command="taction reproduce",
+        outcome=result.outcome,
+        summary=f"{summary(result)} {result.seconds:.0f} s.",
+        lines=(f"{SOURCE}.",),
+        sections=(
+            *chapters,
+            Section("Left out of a quick run", tuple(_left_out(result)), media=BOTH),
+            Section("Unexpected", tuple(_unexpected(result)), media=BOTH),
+            plain_origin(()),
+        ),
+    )
+
+
+def summary(result: Reproduction) -> str:
+    """Return the number of claims with each verdict."""
+    outcomes = [each.finding.outcome for each in result.judged]
+    counts = ", ".join(f"{o.value} {outcomes.count(o)}" for o in ClaimOutcome if o in outcomes)
+    return f"{len(outcomes)} claims: {counts}."
+
+
+def _row(each: Judged) -> tuple[Cell, ...]:
+    claim, finding = each.claim, each.finding
+    verdict, outcome = finding.outcome.value, OUTCOMES[finding.outcome]
+    if not each.as_expected:
+        verdict = f"{verdict} (expected: {claim.expected.value})"
+    texts = (claim.claim, claim.place, finding.run, claim.printed, finding.ours)
+    return *map(Cell, texts), Cell(verdict, None, outcome)
+
+
+def _left_out(result: Reproduction) -> Iterator[Block]:
+    if result.left_out:
+        yield Notes("", (", ".join(claim.id for claim in result.left_out),))
+
+
+def _unexpected(result: Reproduction) -> Iterator[Block]:
+    lines = tuple(
+        f"{each.claim.id}: {each.finding.outcome.value}; expected: {each.claim.expected.value}."
+        f" {each.finding.ours}"
+        for each in result.judged
+        if not each.as_expected
+    )
+    if lines:
+        yield Notes("", lines, "fail")
+
+
+def _charts(chapter: Chapter) -> Iterator[Block]:
+    for picture in chapter.pictures:
+        yield from (panel_chart(panel, picture.caption) for panel in picture.panels)
+
+
+def sheet(picture: Picture) -> Sheet:
+    """Return a picture of the paper's reproduction."""
+    charts = [panel_chart(panel, picture.caption) for panel in picture.panels]
+    across = min(len(charts), ACROSS)
+    columns = tuple(tuple(charts[k::across]) for k in range(across))
+    size = (max(across, 1.5) * PANEL[0], max(map(len, columns)) * PANEL[1])
+    return Sheet("", columns, size=size)
+
+
+def panel_chart(panel: Panel, caption: str) -> Chart:
+    """Return one panel of a picture; `caption` is that of the whole picture."""
+    x, y = (_scale(panel, name) for name in "xy")
+    levels = (
+        Limit(level, "y", f"{text}: {level:.3g}", SERIES[k], "dash")
+        for k, (level, text) in enumerate(panel.marks, 1)
+    )
+    return Chart(
+        panel.title,
+        Axis(panel.x, scale=x),
+        Axis(panel.y, scale=y, limits=panel.limits),
+        (*map(_curve, panel.curves), *levels),
+        summary=caption,
+        height=330,
+    )
+
+
+def _scale(panel: Panel, name: str) -> Scale:
+    return "log" if name in panel.logs else "linear"
+
+
+def _curve(curve: PaperCurve) -> Curve:
+    found = STYLE.fullmatch(curve.style)
+    if found is None:
+        raise ValueError(f"no style of a curve: {curve.style!r}")
+    parts = {name: text or "" for name, text in found.groupdict().items()}
+    return Curve(
+        np.asarray(curve.x),
+        np.asarray(curve.y),
+        curve.label,
+        COLOUR[parts["colour"]],
+        LINE.get(parts["line"], ""),
+        MARK.get(parts["mark"], ""),
+        width=0.6 if len(curve.x) > MANY else 1.4,
+        size=5.0,
+        label="legend" if curve.label else "",
+    )

@@ -1,0 +1,148 @@
+"""A regression run: every scene, what changed, and by how much."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from taction.verification.report.blocks import (
+    PAGE,
+    TERMINAL,
+    Bars,
+    Block,
+    Cell,
+    Notes,
+    Page,
+    Section,
+    Table,
+)
+from taction.verification.report.charts import Outcome
+from taction.verification.report.html.sections.checks import check_bar
+from taction.verification.report.tables import spaced
+from taction.verification.report.tables import value_text as written_value
+from taction.verification.report.texts import readable
+from taction.verification.report.verdict.json_document import check_record
+from taction.verification.report.views.origin import plain_origin
+from taction.verification.studies.regression.run import RegressionReport, SceneResult, Status
+from taction.verification.verdict.compare import Difference
+
+SHOWN = 12  # changed quantities of a scene in a terminal; the page and JSON have them all
+LEAST_OFF = 1e-3  # tolerances: a smaller difference has no number
+SUMMARY = ("scene", "status", "checks", "tolerances off", "simulator", "baseline from")
+CHANGES = ("what", "value", "baseline", "tolerance", "tolerances off", "note")
+OUTCOMES: dict[Status, Outcome] = {
+    Status.SAME: "pass",
+    Status.NEWLY_PASSING: "pass",
+    Status.NEW: "inconclusive",
+    Status.NOT_RUN: "inconclusive",
+    Status.NO_VERDICT: "inconclusive",
+}
+EXITS: dict[int, Outcome] = {0: "pass", 1: "fail"}
+
+
+def view(report: RegressionReport) -> Page:
+    """Return the page of a regression run."""
+    rows = tuple(map(_row, report.results))
+    revision = (("revision", report.revision), ("baseline", report.baseline))
+    changes = tuple(block for each in report.results for block in _scene(each, TERMINAL))
+    scenes = (
+        Section(f"{result.file}: {result.status.value}", tuple(_scene(result, PAGE)))
+        for result in report.results
+    )
+    return Page(
+        title=report.folder,
+        command="taction regress",
+        outcome=EXITS.get(report.exit_status, "inconclusive"),
+        summary=headline(report),
+        lines=("The run was interrupted.",) if report.interrupted else (),
+        sections=(
+            Section("Scenes", (Table("Scenes", SUMMARY, rows),), media=(TERMINAL, PAGE)),
+            Section("Changes", changes, media=(TERMINAL,)),
+            *scenes,
+            plain_origin(revision),
+        ),
+    )
+
+
+def _row(result: SceneResult) -> tuple[Cell, ...]:
+    """Return the row of one scene under the titles `SUMMARY`."""
+    passed = sum(check.outcome.value == "pass" for check in result.checks)
+    checks = f"{passed} of {len(result.checks)} pass" if result.checks else "–"
+    off = result.worst if result.differences and math.isfinite(result.worst) else None
+    return (
+        Cell(result.file.removesuffix(".toml")),
+        Cell(result.status.value, None, OUTCOMES.get(result.status, "fail")),
+        Cell(checks),
+        Cell(off_text(result.worst) if result.differences else "–", off),
+        Cell(result.entry.solved_by.partition(",")[0] if result.entry else "–"),
+        Cell(_short(result.baseline.revision) if result.baseline else "–"),
+    )
+
+
+def _scene(result: SceneResult, medium: str) -> Iterator[Block]:
+    """Yield what changed in a scene; a terminal shows the largest changes."""
+    lines = remarks(result)
+    if result.status is Status.SAME or not (result.changes or lines):
+        return
+    name = f"{result.file}: {result.status.value}" if medium == TERMINAL else ""
+    if lines or name:
+        yield Notes(name, tuple(map(readable, lines)))
+    most = SHOWN if medium == TERMINAL else len(result.changes)
+    if result.changes:
+        rows = tuple(map(_change_row, result.changes[:most]))
+        more = len(result.changes) - most
+        note = f"and {more} more (--json has all)" if more > 0 else ""
+        yield Table("" if name else "Changes", CHANGES, rows, note)
+    if result.checks and medium == PAGE:
+        yield Bars("Checks", tuple(check_bar(check_record(check)) for check in result.checks))
+
+
+def _change_row(change: Difference) -> tuple[Cell, ...]:
+    values = (change.second, change.first, change.allowed)
+    return (
+        Cell(change.label),
+        *(Cell(readable(value_text(value, change.unit))) for value in values),
+        Cell(off_text(change.off), change.off if math.isfinite(change.off) else None),
+        Cell(change.note),
+    )
+
+
+def change_line(change: Difference) -> str:
+    """Return a changed quantity as one line of text."""
+    now, then = value_text(change.second, change.unit), value_text(change.first, change.unit)
+    text = f"{change.label}: {now}, baseline {then}"
+    if change.allowed is not None:
+        text += f", tolerance {value_text(change.allowed, change.unit)}"
+        text += f", {off_text(change.off)} tolerances off"
+    return f"{text} ({change.note})" if change.note else text
+
+
+def remarks(result: SceneResult) -> list[str]:
+    """Return the failed checks, the reason and the notes of a scene, one line each."""
+    failed = [check for check in result.checks if check.outcome.value == "fail"]
+    lines = [f"check {spaced(check.name)} fails: {check.reason}" for check in failed]
+    return [*lines, *([result.reason] if result.reason else []), *result.notes]
+
+
+def headline(report: RegressionReport) -> str:
+    """Return the counts of the run as one line of text."""
+    counts = ", ".join(f"{count} {status}" for status, count in report.count().items())
+    text = f"{report.folder} against {report.baseline}: {counts}"
+    return text if report.revision == "unknown" else f"{text}; at {_short(report.revision)}"
+
+
+def _short(revision: str) -> str:
+    """Return the first twelve digits of a commit."""
+    return revision if revision == "unknown" else revision[:12]
+
+
+def off_text(off: float) -> str:
+    """Return a difference in tolerances, or "differs" for values that cannot be compared."""
+    if 0.0 < off < LEAST_OFF:
+        return f"under {LEAST_OFF:g}"
+    return f"{off:.3g}" if math.isfinite(off) else "differs"
+
+
+def value_text(value: float | str | None, unit: str) -> str:
+    """Return a value with its unit and six digits; a dash for a missing value."""
+    return written_value(value, "" if unit == "step" else unit, 6)

@@ -1,0 +1,111 @@
+"""A run of the stress cases: every case and engine, what is wrong, and every case in words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+
+from taction.verification.evidence.stress.catalogue import Case
+from taction.verification.evidence.stress.run import CaseRun, Judgement, StressReport
+from taction.verification.report.blocks import (
+    PAGE,
+    TERMINAL,
+    Cell,
+    Notes,
+    Page,
+    Section,
+    Table,
+)
+from taction.verification.report.charts import Outcome
+from taction.verification.report.texts import figure, number_cell
+
+TITLES = (
+    *("case", "engine", "outcome", "worst quantity", "true error", "stated error"),
+    *("outside", "time"),
+)
+OUTCOMES: dict[Judgement, Outcome] = {
+    Judgement.RIGHT: "pass",
+    Judgement.WRONG_OUTCOME: "fail",
+    Judgement.WRONG_NUMBER: "fail",
+    Judgement.NOT_RUN: "inconclusive",
+}
+CASES = ("case", "hard because", "right outcome", "known from")
+BOTH = (TERMINAL, PAGE)
+
+
+def view(report: StressReport) -> Page:
+    """Return the page of a run of the stress cases."""
+    outcome = "fail" if report.wrong else "pass" if not report.exit_status else "inconclusive"
+    table = Table("Results", TITLES, tuple(map(_row, report.runs)))
+    wrong = tuple(
+        f"{run.case.name}, {run.engine}: {run.judgement.value}: {run.reason}"
+        for run in report.wrong
+    )
+    cases = {run.case.name: run.case for run in report.runs}
+    families = dict.fromkeys(case.family for case in cases.values())
+    return Page(
+        title="Stiff and extreme cases",
+        command="taction stress",
+        outcome=outcome,
+        summary=headline(report),
+        lines=(),
+        sections=(
+            Section("Results", (table,), media=BOTH),
+            Section("Wrong", (Notes("Wrong", wrong, "fail"),) if wrong else (), media=BOTH),
+            *(
+                Section(f"Cases: {family}", (_cases(family, cases.values()),))
+                for family in families
+            ),
+        ),
+    )
+
+
+def headline(report: StressReport) -> str:
+    """Return the counts, the time and the versions as one line of text."""
+    counts = ", ".join(f"{count} {kind}" for kind, count in report.count().items())
+    cases = len({run.case.name for run in report.runs})
+    numbers, seconds = report.numbers, sum(run.seconds for run in report.runs)
+    versions = ", ".join(f"{name} {version}" for name, version in report.versions)
+    return (
+        f"{cases} cases, {len(report.runs)} runs: {counts}; {report.outside} of {numbers} numbers"
+        f" outside their stated error; {seconds:.0f} s; {versions}"
+    )
+
+
+def _row(run: CaseRun) -> tuple[Cell, ...]:
+    """Return the row of one run under the titles `TITLES`.
+
+    The worst quantity is the stated number whose true error is largest in its stated error;
+    "outside" counts the numbers whose true error is larger than the stated one.
+    """
+    worst = run.worst
+    said: tuple[Cell, ...] = (Cell("–"),) * 4
+    if worst is not None:
+        errors = (_error(error, worst.unit) for error in (worst.error, worst.uncertainty))
+        outside = Cell(f"{run.outside} of {len(run.comparisons)}", run.outside)
+        said = (Cell(worst.name), *errors, outside)
+    outcome = Cell(run.outcome, None, OUTCOMES[run.judgement])
+    return Cell(run.case.name), Cell(run.engine), outcome, *said, number_cell(run.seconds, "s", 2)
+
+
+def _error(error: float, unit: str) -> Cell:
+    return Cell("–") if math.isnan(error) else Cell(figure(error, unit, 2), error)
+
+
+def _cases(family: str, cases: Iterable[Case]) -> Table:
+    rows = tuple(
+        (Cell(case.name), Cell(case.why), Cell(", ".join(_outcomes(case))), Cell(case.known))
+        for case in cases
+        if case.family == family
+    )
+    return Table(family, CASES, rows)
+
+
+def _outcomes(case: Case) -> Iterator[str]:
+    """Yield the one outcome of all engines, or the outcome of each."""
+    words = {engine: " or ".join(outcomes) for engine, outcomes in case.outcome.items()}
+    if len(set(words.values())) == 1:
+        yield next(iter(words.values()))
+    else:
+        yield from (f"{engine}: {outcome}" for engine, outcome in words.items())
+    yield from (f"{name} {outcome}" for name, outcome in case.decided.items())

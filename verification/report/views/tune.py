@@ -1,0 +1,178 @@
+"""A tuning: before and after, the trade-off, and the verification of the design."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from taction.netlist_gen.scene.keys import find_key
+from taction.system.quantities import written
+from taction.verification.design.trials import Trial
+from taction.verification.design.tune import Tuning
+from taction.verification.report.blocks import (
+    PAGE,
+    TERMINAL,
+    Block,
+    Cell,
+    Code,
+    Facts,
+    Notes,
+    Page,
+    Section,
+    Sheet,
+    Table,
+)
+from taction.verification.report.charts import Axis, Chart, Curve, Limit, Mark
+from taction.verification.report.html.verdict_report import verdict_report
+from taction.verification.report.texts import figure, number_cell, percent, quantity
+from taction.verification.verdict.verify import Verdict
+
+
+def view(tuning: Tuning, verdict: Verdict) -> Page:
+    """Return the page of a tuning; `verdict` is that of the tuned scene."""
+    verified = verdict_report(verdict, "taction tune")
+    before, after = tuning.before.settling_time, tuning.after.settling_time
+    summary = (
+        f"Settling time {quantity(after, 's')}, before {quantity(before, 's')}. {verified.summary}"
+    )
+    own = (
+        Section("Tuning", tuple(_blocks(tuning, verdict)), media=(TERMINAL, PAGE)),
+        Section("Trade-off", lambda: (_tradeoff(tuning),)),
+    )
+    return Page(
+        verified.title,
+        verified.command,
+        verified.outcome,
+        summary,
+        verified.lines,
+        (*own, *verified.sections),
+        verified.foot,
+        lambda: _sheet(tuning),
+    )
+
+
+def _blocks(tuning: Tuning, verdict: Verdict) -> Iterator[Block]:
+    units, circuit = _units(tuning), verdict.circuit
+    titles = ("design", *map(_key_name, units), "settling time", "overshoot")
+    rows = tuple(
+        (
+            Cell(name),
+            *(number_cell(value, units[path], 5) for path, value in candidate.values.items()),
+            number_cell(candidate.settling_time, "s"),
+            number_cell(candidate.overshoot, "step", 3),
+        )
+        for name, candidate in (("before", tuning.before), ("after", tuning.after))
+    )
+    yield Table("Before and after", titles, rows)
+    facts = (
+        ("designs tried", str(tuning.tried)),
+        ("designs on the trade-off curve", str(len(tuning.frontier))),
+        ("limit of the overshoot", percent(tuning.overshoot_limit)),
+        ("margin of C", f"{tuning.margin:g}"),
+        ("lambda, unchanged", circuit.facts["lambda"].text),
+    )
+    yield Facts("", facts)
+    lines = [
+        f"{path.removeprefix('design.')} = {written(value, units[path])}"
+        for path, value in tuning.after.values.items()
+    ]
+    lines.append(f"resistance = {written(circuit.value('R'), 'ohm')}")
+    yield Code("the values for the table [design]", "\n".join(lines))
+    edges = tuple(
+        f"{name} is at the edge of its range, {quantity(edge, units[path])}: a wider range may hold"
+        f" a better design, such as --over {name}=LOW:HIGH or a larger --reach"
+        for path, edge in tuning.at_edges.items()
+        if (name := path.removeprefix("design."))
+    )
+    if edges:
+        yield Notes("", edges)
+
+
+def _units(tuning: Tuning) -> dict[str, str]:
+    return {path: find_key(tuning.scene, path).unit for path in tuning.after.values}
+
+
+def _key_name(path: str) -> str:
+    return path.removeprefix("design.").replace("_", " ")
+
+
+def _sheet(tuning: Tuning) -> Sheet:
+    after = quantity(tuning.after.settling_time, "s")
+    overshoot = figure(tuning.after.overshoot, "step")
+    title = f"{tuning.scene.name}: settled in {after}, overshoot {overshoot}"
+    return Sheet(title, ((_tradeoff(tuning),),), size=(8.5, 5.5))
+
+
+def _tradeoff(tuning: Tuning) -> Chart:
+    """Return the frontier, the limit, and the designs before and after with their values.
+
+    The neighbours of the chosen design on the frontier have their values, too.
+    """
+    units = _units(tuning)
+
+    def text(candidate: Trial) -> str:
+        return ", ".join(
+            f"{_key_name(path)} {quantity(value, units[path])}"
+            for path, value in candidate.values.items()
+        )
+
+    frontier = sorted(tuning.frontier, key=lambda each: each.overshoot)
+    near = _neighbours(frontier, tuning.after)
+    curve = Curve(
+        *_places(*frontier),
+        "no design tried is better than these",
+        "true",
+        mark="circle",
+        hover=tuple(map(text, frontier)),
+        written=tuple(text(each) if each in near else "" for each in frontier),
+    )
+    limit = f"overshoot limit, {figure(tuning.overshoot_limit, 'step', 3)}"
+    marks: list[Mark] = [curve, Limit(tuning.overshoot_limit, "x", limit, "ink", "dot")]
+    for name, candidate, mark, outcome in (
+        ("before", tuning.before, "square-open", "fail"),
+        ("after", tuning.after, "star", "pass"),
+    ):
+        if math.isfinite(candidate.settling_time + candidate.overshoot):
+            title = f"{name}: {quantity(candidate.settling_time, 's')}"
+            texts = (text(candidate),)
+            marks.append(
+                Curve(
+                    *_places(candidate), title, outcome, "", mark, size=13.0, hover=texts,
+                    written=(f"{name}: {texts[0]}",),
+                )
+            )  # fmt: skip
+    return Chart(
+        "Trade-off",
+        Axis("overshoot", "step"),
+        Axis("settling time", "s", "log"),
+        tuple(marks),
+        message=_gain(tuning),
+        summary=(
+            "Settling time against overshoot of the designs on the trade-off curve; dotted: the"
+            " limit."
+        ),
+        legend="below",
+    )
+
+
+def _places(*candidates: Trial) -> tuple[np.ndarray, np.ndarray]:
+    x, y = np.array([(each.overshoot, each.settling_time) for each in candidates]).reshape(-1, 2).T
+    return x, y
+
+
+def _neighbours(frontier: list[Trial], chosen: Trial) -> list[Trial]:
+    """Return the designs of the frontier beside the chosen one."""
+    if chosen not in frontier:
+        return []
+    place = frontier.index(chosen)
+    return [frontier[k] for k in (place - 1, place + 1) if 0 <= k < len(frontier)]
+
+
+def _gain(tuning: Tuning) -> str:
+    """Return how much faster the design settles."""
+    before, after = tuning.before.settling_time, tuning.after.settling_time
+    if not (math.isfinite(before) and after > 0.0):
+        return f"it settles in {quantity(after, 's')}"
+    return f"it settles {before / after:.3g} times as fast"
