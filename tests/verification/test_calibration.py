@@ -16,7 +16,6 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.spice_models.subcircuits import opamp_subcircuit
 from taction.system.array_types import Floats
 from taction.verification.engines.ngspice.process import find_simulator, simulate
-from taction.verification.stability.knobs import with_capacitance
 from tests.support.paths import SCENES
 from tests.support.small_decks import SmallDeck
 
@@ -25,7 +24,7 @@ SCENE = load_scene(SCENES / "paper-breadboard.toml")
 
 
 def board(farads: float = 10e-12) -> Circuit:
-    return with_capacitance(synthesise(SCENE, make_problem(SCENE)), farads)
+    return synthesise(SCENE, make_problem(SCENE)).turned("C", farads)
 
 
 def rise_time(time: Floats, values: Floats, final: float) -> float:

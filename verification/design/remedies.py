@@ -1,9 +1,9 @@
 """What to change on a board whose checks fail: the nearest changes that mend it, each verified.
 
-Every failed check has its own keys (`KEYS`). Over each key the search starts from the scene's value
-and ends at the nearest value with which the state-space engine's verdict passes. What an unstable
-board needs is solved on the poles first: the search begins at the edge of the stable range. Where
-no single key mends a transient, C and the gain are changed together.
+Every failed check has its own keys (`mending_keys`). Over each key the search starts from the
+scene's value and ends at the nearest value with which the state-space engine's verdict passes. What
+an unstable board needs is solved on the poles first: the search begins at the edge of the stable
+range. Where no single key mends a transient, two knobs are changed together.
 """
 
 from __future__ import annotations
@@ -19,27 +19,12 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.reading_definitions import READINGS
 from taction.verification.design.search import Searched, search_list, search_pair, search_range
 from taction.verification.design.stable_ranges import StableRange, stable_ranges
-from taction.verification.design.trials import Trial, Trials
+from taction.verification.design.trials import Trial, Trials, knobs_with_margin
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.verify import Verdict
 
 LIMIT = 4.0  # s: time limit of a search
-CAPACITANCE, GAIN, OPAMP = "design.capacitance", "design.gain", "design.opamp"
-TRANSIENT = (CAPACITANCE, GAIN, OPAMP)
-KEYS: dict[str, tuple[str, ...]] = {
-    **dict.fromkeys(("stability", *READINGS), TRANSIENT),
-    "steady_state": (
-        "design.resistor_series",
-        "design.prune",
-        OPAMP,
-        "design.unit_conductance",
-        GAIN,
-        "design.lambda",
-    ),
-    "headroom": ("design.unit_voltage", OPAMP, "design.supply"),
-    "noise": (OPAMP, CAPACITANCE, GAIN, "design.unit_voltage"),
-}
-"""The keys that can mend a check; no key mends a check that is not listed."""
+OPAMP = "design.opamp"
 SERIES = ("E24", "E96", "E192", "exact")
 SUPPLIES = (5.0, 9.0, 12.0, 15.0, 18.0, 22.0)
 SHOWN = 4  # op-amps that are proposed
@@ -104,6 +89,27 @@ class Remedies:
     limit: float
 
 
+def mending_keys(scene: Scene) -> dict[str, tuple[str, ...]]:
+    """Return the keys that can mend each check; no key mends a check that is not listed.
+
+    A transient follows the knobs with a stability margin, and the op-amp.
+    """
+    knobs = knobs_with_margin(scene)
+    return {
+        **dict.fromkeys(("stability", *READINGS), (*knobs, OPAMP)),
+        "steady_state": (
+            "design.resistor_series",
+            "design.prune",
+            OPAMP,
+            "design.unit_conductance",
+            "design.gain",
+            "design.lambda",
+        ),
+        "headroom": ("design.unit_voltage", OPAMP, "design.supply"),
+        "noise": (OPAMP, *knobs, "design.unit_voltage"),
+    }
+
+
 def find_remedies(verdict: Verdict, seconds: float = LIMIT) -> Remedies | None:
     """Return the nearest changes that mend a failed verdict; None for any other outcome.
 
@@ -155,6 +161,7 @@ class _Search:
         self, scene: Scene, failed: tuple[str, ...], causes: tuple[str, ...], seconds: float
     ) -> None:
         self.trials = Trials(scene, seconds)
+        self.keys, self.knobs = mending_keys(scene), knobs_with_margin(scene)
         self.scene, self.failed, self.causes = scene, failed, causes
         self.ranges: tuple[StableRange, ...] = ()
         self.edges: dict[str, float] = {}  # where a search begins, if not at the scene's value
@@ -164,16 +171,16 @@ class _Search:
     @property
     def paths(self) -> tuple[str, ...]:
         """The keys that can mend the failed checks, each once."""
-        if any(name not in KEYS for name in self.failed):
+        if any(name not in self.keys for name in self.failed):
             return ()
-        return tuple(dict.fromkeys(path for name in self.causes for path in KEYS[name]))
+        return tuple(dict.fromkeys(path for name in self.causes for path in self.keys[name]))
 
     def run(self, *, unstable: bool) -> None:
         """Search over every key, then over C and the gain together."""
         paths = self.paths
         if unstable and paths:
             self.trials.share(len(paths) + 1)
-            self.ranges = stable_ranges(self.trials, (CAPACITANCE, GAIN))
+            self.ranges = stable_ranges(self.trials, self.knobs)
         known = {each.path: each for each in self.ranges}
         self.edges |= {path: one.edge for path, one in known.items() if one.edge is not None}
         for number, path in enumerate(paths):
@@ -183,10 +190,11 @@ class _Search:
                 self.searched.append(Searched((path,), None, found.least, found.most))
                 continue
             self._over(path)
-        single = any({CAPACITANCE, GAIN}.intersection(t.values) for t in self.passing)
-        if not single and all(KEYS.get(name) is TRANSIENT for name in self.causes):
+        single = any(set(self.knobs).intersection(t.values) for t in self.passing)
+        transient = all(name in ("stability", *READINGS) for name in self.causes)
+        if len(self.knobs) > 1 and transient and not single:
             self.trials.share(1)
-            self._keep(search_pair(self.trials, (CAPACITANCE, GAIN)))
+            self._keep(search_pair(self.trials, self.knobs[:2]))
 
     def _over(self, path: str) -> None:
         values = _listed(self.scene, path)
@@ -215,7 +223,7 @@ class _Search:
             changes=tuple(self._change(trial) for trial in best),
             without=tuple(s for s in self.searched if s.found is None and s.complete),
             cut=tuple(s.paths for s in self.searched if not s.complete),
-            unmendable=tuple(name for name in self.failed if name not in KEYS),
+            unmendable=tuple(name for name in self.failed if name not in self.keys),
             opamps=self._stable_opamps() if self.ranges else (),
             trials=len(self.trials.tried),
             limit=self.trials.limit,

@@ -125,7 +125,7 @@ def search_list(trials: Trials, path: str, values: Sequence[Value]) -> tuple[Sea
     return Searched((path,), next(iter(good), None)), good
 
 
-def search_pair(trials: Trials, paths: tuple[str, str]) -> Searched:
+def search_pair(trials: Trials, paths: tuple[str, ...]) -> Searched:
     """Return the pair of values of two keys, nearest by their ratios, whose trial is good.
 
     Notes

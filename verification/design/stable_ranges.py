@@ -14,14 +14,13 @@ import numpy as np
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.scene.keys import Key, find_key, own_value
 from taction.system.errors import InputError, NoVerdictError
-from taction.verification.design.trials import OutOfTimeError, Trials
+from taction.verification.design.trials import OutOfTimeError, Trials, knobs_with_margin
 from taction.verification.stability.edges import Edges
-from taction.verification.stability.families import Family
-from taction.verification.stability.knobs import CAPACITANCE, GAIN, KNOBS
+from taction.verification.stability.families import Family, unrounded
 
 REACH = 100.0  # the search goes from the scene's value divided by it to the value times it
 POINTS = 25  # over a key that is no knob of the board
-AXES = (CAPACITANCE.path, GAIN.path, "design.stray_capacitance", "design.opamp.gbw")
+OTHERS = ("design.stray_capacitance", "design.opamp.gbw")  # keys beside the knobs with a margin
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,8 +66,10 @@ class StableRange:
         return None if self.edge is None else self.edge / self.own
 
 
-def stable_ranges(trials: Trials, paths: Iterable[str] = AXES) -> tuple[StableRange, ...]:
+def stable_ranges(trials: Trials, paths: Iterable[str] = ()) -> tuple[StableRange, ...]:
     """Return the nearest stable range of each key that has a positive value in the scene.
+
+    Without `paths` the keys are those of the knobs with a margin, and `OTHERS`.
 
     Notes
     -----
@@ -85,7 +86,7 @@ def stable_ranges(trials: Trials, paths: Iterable[str] = AXES) -> tuple[StableRa
     >>> print(f"stable from {found.low:.3g} F")
     stable from 9.02e-12 F
     """
-    found, paths = [], tuple(paths)
+    found, paths = [], tuple(paths) or (*knobs_with_margin(trials.scene), *OTHERS)
     for number, path in enumerate(paths):
         key = find_key(trials.scene, path)
         own = own_value(trials.scene, key)
@@ -114,13 +115,12 @@ def _range(trials: Trials, key: Key, own: float) -> StableRange:
 
 def _edges(trials: Trials, key: Key, own: float) -> Edges:
     """Return the edges over a key; poles at samples decide where the loci leave a doubt."""
-    knob = KNOBS.get(key.path)
+    exact = unrounded(trials.scene, key.path)
 
     def build(value: float) -> Circuit:
-        changes = {} if knob is None else knob.unrounded
-        return trials.board_at({**changes, key.path: value}).circuit
+        return trials.board_at({**exact, key.path: value}).circuit
 
-    boards = Family.over(build, knob, own)
+    boards = Family.over(build, key.path, own)
     if boards.ports is not None and boards.poles(own).certain:
         edges = boards.edges(own / REACH, own * REACH)
         if not edges.near:

@@ -32,8 +32,6 @@ from taction.verification.verdict.record import Record
 from taction.verification.verdict.verify import verify
 
 BARE = Effort(details=False, full_margin=False)
-# Keys whose change would change lambda where the scene gives a resistance.
-MOVES_LAMBDA = {"design.gain", "design.unit_conductance", "design.unit_voltage"}
 SAME = 1.0 + 1e-9  # ratio of values that count as equal
 
 
@@ -156,8 +154,8 @@ class Trials:
 
     def completed(self, changes: Mapping[str, Value]) -> dict[str, Value]:
         """Return `changes` with lambda, if they would change it."""
-        moved = MOVES_LAMBDA.intersection(changes)
-        moved -= {"design.unit_voltage"} if self.scene.design.amplifier == "linear" else set()
+        knobs = topology_of(self.scene).knobs(self.scene)
+        moved = any(knob.key in changes and "lambda" in knob.moves for knob in knobs)
         held = moved and not {"design.lambda", "design.resistance"}.intersection(changes)
         return {**changes, **({"design.lambda": self.lam} if held else {})}
 
@@ -227,6 +225,11 @@ class Trials:
             if name not in self.accepted or broken.factor > SAME * self.accepted[name].factor
         ]
         return ", ".join(sorted(worse))
+
+
+def knobs_with_margin(scene: Scene) -> tuple[str, ...]:
+    """Return the keys of the knobs that a stable board has a margin in."""
+    return tuple(knob.key for knob in topology_of(scene).knobs(scene) if knob.margin)
 
 
 def at_small_signal(scene: Scene) -> Scene:

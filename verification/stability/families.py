@@ -12,11 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import Capacitor, Circuit
+from taction.netlist_gen.board.circuit import Capacitor, Circuit, Knob
+from taction.netlist_gen.scene.keys import Value
+from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.topologies.frame.table import topology_of
 from taction.system.errors import EngineError, InputError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.stability.edges import Edges, Scan
-from taction.verification.stability.knobs import Knob
 from taction.verification.stability.loci import PortResponse, trace_loci
 from taction.verification.stability.poles import Poles, count_unstable, poles
 from taction.verification.stability.scan import TOLERANCE, scan
@@ -47,33 +49,38 @@ class Family:
     @classmethod
     def of(cls, board: LinearBoard, knob: Knob) -> Family:
         """Return the boards that differ from `board` in one of its knobs."""
-        circuit, parts = board.circuit, knob.parts(board.circuit)
+        circuit, parts = board.circuit, board.circuit.parts_of(knob)
         reactive = isinstance(parts[0], Capacitor)
         point = board.operating_point if reactive else None  # no capacitor moves the equilibrium
 
         def moved(value: float) -> LinearBoard:
-            return LinearBoard(knob.moved(circuit, value), point=point)
+            return LinearBoard(circuit.turned(knob.name, value), point=point)
 
         exact = reactive or not circuit.has_nonlinear_amplifiers
-        return cls(moved, knob.own(circuit), PortResponse(board, parts) if exact else None)
+        return cls(moved, circuit.value(knob.name), PortResponse(board, parts) if exact else None)
 
     @classmethod
     def over(
         cls,
         build: Callable[[float], Circuit],
-        knob: Knob | None = None,
+        key: str = "",
         own: float | None = None,
     ) -> Family:
-        """Return the boards that a function builds, whose number may be a knob of theirs."""
+        """Return the boards that a function builds.
+
+        Where the number is the `key` of one of their knobs, `own` is a value of it.
+        """
 
         def board(value: float) -> LinearBoard:
             return LinearBoard(build(value))
 
-        if knob is None or own is None:
+        if not key or own is None:
             return cls(board)
         try:
-            alone = _follows(knob, build(own), build(APART * own))
-            return cls(board, own, cls.of(board(own), knob).ports if alone else None)
+            middle, near = board(own), build(APART * own)
+            knobs = [k for k in middle.circuit.knobs if k.key == key and k.role]
+            alone = [knob for knob in knobs if _follows(knob, middle.circuit, near)]
+            return cls(board, own, cls.of(middle, alone[0]).ports if alone else None)
         except (InputError, EngineError):
             return cls(board)
 
@@ -144,10 +151,10 @@ class Family:
 
 def _follows(knob: Knob, first: Circuit, second: Circuit) -> bool:
     """Tell whether a knob alone leads from one board to another, without a series that rounds."""
-    ratio = knob.own(second) / knob.own(first)
-    if abs(ratio / APART - 1.0) > SAME:
+    value = second.value(knob.name)
+    if abs(value / (APART * first.value(knob.name)) - 1.0) > SAME:
         return False
-    moved = knob.moved(first, knob.own(second))
+    moved = first.turned(knob.name, value)
     values, others = (
         np.array([*(p.ohms for p in c.resistors), *(p.farads for p in c.capacitors),
                   *(e for m in c.matrices for e in m.ohms.ravel().tolist())])
@@ -155,3 +162,9 @@ def _follows(knob: Knob, first: Circuit, second: Circuit) -> bool:
     )  # fmt: skip
     same = values.shape == others.shape and moved.models == second.models
     return same and bool(np.allclose(values, others, rtol=SAME, atol=0.0))
+
+
+def unrounded(scene: Scene, key: str) -> dict[str, Value]:
+    """Return the keys of a scene with which no series rounds the parts of a knob."""
+    knobs = topology_of(scene).knobs(scene)
+    return {knob.series: "exact" for knob in knobs if knob.key == key and knob.series}

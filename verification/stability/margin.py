@@ -1,20 +1,19 @@
-"""Stability margins: the factor by which C can shrink, or the gain grow, on a stable board.
+"""Stability margins: the factor by which a knob can move until a stable board oscillates.
 
-A margin is the nearest edge over a knob of the board. Poles on both sides confirm it, and a winding
-number that needs no poles.
+A margin is the nearest edge over a knob of the board, such as its C or its gain. Poles on both
+sides confirm it, and a winding number that needs no poles.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.circuit import Circuit, Knob
 from taction.system.errors import EngineError
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.stability.edges import Edges
 from taction.verification.stability.families import Family
-from taction.verification.stability.knobs import CAPACITANCE, GAIN, KNOBS, Knob
 from taction.verification.stability.poles import Poles, poles
 
 REACH = 100.0  # the largest factor
@@ -25,7 +24,7 @@ AROUND = 30.0  # stable values: from the board's own value / 30 to its value * 3
 
 @dataclass(frozen=True, slots=True)
 class Margin:
-    """A stability margin in C or in the gain.
+    """A stability margin in one knob.
 
     Attributes
     ----------
@@ -47,13 +46,27 @@ class Margin:
 
 
 def margins(board: LinearBoard, found: Poles) -> dict[str, Margin]:
-    """Return the margin of every knob of a board with its poles, by the name of the knob."""
-    return {knob.name: margin(board, knob, found=found) for knob in KNOBS.values()}
+    """Return the margins of a board with its poles, by the last word of the knob's key."""
+    knobs = [knob for knob in board.circuit.knobs if knob.margin]
+    return {
+        knob.key.rpartition(".")[2]: find_margin(board, knob.name, found=found) for knob in knobs
+    }
+
+
+def stability_margin(
+    circuit: Circuit | LinearBoard, reach: float = REACH, found: Poles | None = None
+) -> Margin:
+    """Return the margin that a scene limits: of the first knob with a margin; see `find_margin`."""
+    return find_margin(circuit, _first_knob(LinearBoard.of(circuit).circuit), reach, found)
+
+
+def _first_knob(circuit: Circuit) -> str:
+    return next(knob.name for knob in circuit.knobs if knob.margin)
 
 
 def stable_values(
     circuit: Circuit | LinearBoard,
-    knob: Knob = CAPACITANCE,
+    name: str = "",
     around: float = AROUND,
     found: Poles | None = None,
 ) -> Edges:
@@ -61,6 +74,8 @@ def stable_values(
 
     Parameters
     ----------
+    name : str
+        Of the knob; by default the one whose margin a scene limits.
     found : Poles, optional
         Poles of the board, if they have been computed before.
 
@@ -76,31 +91,22 @@ def stable_values(
     >>> [[f"{farads:.4g}" for farads in pair] for pair in stable_values(board).stable_ranges]
     [['9.023e-12', '3e-10']]
     """
-    family = Family.of(LinearBoard.of(circuit), knob)
+    board = LinearBoard.of(circuit)
+    family = Family.of(board, board.circuit.knob(name or _first_knob(board.circuit)))
     return family.edges(family.own / around, family.own * around, found)
 
 
-def capacitance_margin(
-    circuit: Circuit | LinearBoard, reach: float = REACH, found: Poles | None = None
-) -> Margin:
-    """Find the factor by which C can shrink; see `margin`."""
-    return margin(circuit, CAPACITANCE, reach, found)
-
-
-def gain_margin(
-    circuit: Circuit | LinearBoard, reach: float = REACH, found: Poles | None = None
-) -> Margin:
-    """Find the factor by which the gain s can grow; R keeps its value, so lambda falls."""
-    return margin(circuit, GAIN, reach, found)
-
-
-def margin(
-    circuit: Circuit | LinearBoard, knob: Knob, reach: float = REACH, found: Poles | None = None
+def find_margin(
+    circuit: Circuit | LinearBoard, name: str, reach: float = REACH, found: Poles | None = None
 ) -> Margin:
     """Find the factor by which a knob can move until a pole crosses the imaginary axis.
 
+    The direction is that of the knob: C shrinks, the gain grows. R keeps its value.
+
     Parameters
     ----------
+    name : str
+        Of the knob: ``"C"``, ``"gain"``.
     reach : float
         The largest factor of interest.
     found : Poles, optional
@@ -118,7 +124,9 @@ def margin(
     board = LinearBoard.of(circuit)
     own = poles(board) if found is None else found
     if own.known_stable:
-        return _Way(Family.of(board, knob), knob, reach).margin(own)
+        knob = board.circuit.knob(name)
+        unit = board.circuit.facts[name].unit
+        return _Way(Family.of(board, knob), knob, unit, reach).margin(own)
     if own.certain:
         return Margin(0.0, 0.0, "the board is unstable")
     text = "the board itself may be stable or unstable"
@@ -131,15 +139,21 @@ class _Way:
 
     family: Family
     knob: Knob
+    unit: str
     reach: float
+
+    @property
+    def upwards(self) -> bool:
+        """Whether the board becomes unstable as the value grows."""
+        return self.knob.margin == "larger"
 
     def value(self, factor: float) -> float:
         """Return the value of the knob at a factor."""
-        return self.family.own * factor if self.knob.upwards else self.family.own / factor
+        return self.family.own * factor if self.upwards else self.family.own / factor
 
     def factor(self, value: float) -> float:
         """Return the factor of a value of the knob."""
-        return value / self.family.own if self.knob.upwards else self.family.own / value
+        return value / self.family.own if self.upwards else self.family.own / value
 
     def margin(self, own: Poles) -> Margin:
         """Find the first edge and confirm it, or that there is none, by the poles beside it."""
@@ -167,14 +181,14 @@ class _Way:
 
     @property
     def _last(self) -> str:
-        if self.knob.upwards:
-            return f"{self.reach:g} times {self.knob.symbol}"
-        return f"{self.knob.symbol}/{self.reach:g}"
+        if self.upwards:
+            return f"{self.reach:g} times {self.knob.words}"
+        return f"{self.knob.words}/{self.reach:g}"
 
     def _words(self, factor: float) -> str:
-        moves, value = "grow" if self.knob.upwards else "shrink", self.value(factor)
-        by = f"by the factor {factor:.4g}, to {show(value, self.knob.unit)}"
-        return f"{self.knob.symbol} can {moves} {by}"
+        moves = "grow" if self.upwards else "shrink"
+        by = f"by the factor {factor:.4g}, to {show(self.value(factor), self.unit)}"
+        return f"{self.knob.words} can {moves} {by}"
 
     def _doubt(self, by: float, edges: Edges) -> str:
         """Return why poles and winding number at a factor do not agree; empty if they do."""

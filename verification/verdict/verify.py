@@ -21,7 +21,7 @@ from taction.verification.reference.ideal_answer import (
     energy_rise,
     ideal_answer,
 )
-from taction.verification.stability.margin import REACH, Margin, capacitance_margin
+from taction.verification.stability.margin import REACH, Margin, stability_margin
 from taction.verification.stability.poles import Poles
 from taction.verification.verdict.agreement import Agreement
 from taction.verification.verdict.attained_accuracy import Accuracy
@@ -147,7 +147,7 @@ class _Known:
         reach = max(required, REACH) if effort.full_margin else required
         constraint = constraint_plane(design.circuit) if effort.details else None
         asked = required > 1.0
-        margin = capacitance_margin(design.board, reach, design.poles) if asked else None
+        margin = stability_margin(design.board, reach, design.poles) if asked else None
         steady = SteadyState.of(design.board, design.scales)
         return cls(steady, margin, design.loads(), OutputNoise.of(design), constraint)
 

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from taction.netlist_gen.board.circuit import Circuit, Resistor
+from taction.netlist_gen.board.circuit import Circuit, Resistor, Role
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.file import load_scene
 from taction.netlist_gen.scene.scene import Scene
@@ -18,7 +18,6 @@ from taction.verification.engines.statespace.equations import descriptor
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.stability import loci as module
 from taction.verification.stability.edges import Edges
-from taction.verification.stability.knobs import gain_resistors, signal_capacitors, with_capacitance
 from taction.verification.stability.loci import PortResponse, _Trace, trace_loci
 from taction.verification.stability.poles import count_unstable, poles
 from tests.support.boards import lag_board, single_mode, window
@@ -30,7 +29,7 @@ TAU = 0.455e-6
 def capacitor_loci(
     circuit: Circuit, low: float = 0.01, high: float = 1.0, unstable: int = 0
 ) -> Edges:
-    ports = PortResponse(LinearBoard(circuit), signal_capacitors(circuit))
+    ports = PortResponse(LinearBoard(circuit), circuit.capacitors_of(Role.SIGNAL_CAPACITOR))
     return trace_loci(ports, low, high, unstable)
 
 
@@ -101,7 +100,7 @@ def test_the_loci_count_what_winding_numbers_and_poles_count(name: str) -> None:
     ends = [0.01, *(edge.value for edge in found.edges), 1.0]
     for below, above in pairwise(ends):
         share = math.sqrt(above * below)
-        board = LinearBoard(with_capacitance(circuit, share * circuit.value("C")))
+        board = LinearBoard(circuit.turned("C", share * circuit.value("C")))
         assert poles(board).unstable_count == found.unstable_at(share)
     assert count_unstable(board) == found.unstable_at(share)
 
@@ -109,7 +108,10 @@ def test_the_loci_count_what_winding_numbers_and_poles_count(name: str) -> None:
 def test_modes_and_solves_give_one_response(monkeypatch: pytest.MonkeyPatch) -> None:
     circuit = synthesise(load_scene(SCENES / "custom-matrix.toml"))
     omega = np.array([0.0, 1e3, 3e5, 4e6])
-    for parts in (signal_capacitors(circuit), gain_resistors(circuit)):
+    for parts in (
+        circuit.capacitors_of(Role.SIGNAL_CAPACITOR),
+        circuit.resistors_of(Role.CONSTRAINT_RESISTOR),
+    ):
         ports = PortResponse(LinearBoard(circuit), parts)
         modal = ports.at(omega)
         with monkeypatch.context() as patch:
@@ -148,7 +150,7 @@ def test_random_boards_cross_where_their_poles_do(seed: int) -> None:
     farads = circuit.value("C")
     found = capacitor_loci(circuit, unstable=poles(circuit).unstable_count)
     for share in np.geomspace(0.011, 0.99, 23).tolist():
-        counted = poles(with_capacitance(circuit, share * farads)).unstable_count
+        counted = poles(circuit.turned("C", share * farads)).unstable_count
         assert counted == found.unstable_at(share)
 
 

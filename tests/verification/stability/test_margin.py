@@ -18,11 +18,10 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.system.errors import EngineError
 from taction.verification.stability import families as module
 from taction.verification.stability.edges import Edges
-from taction.verification.stability.knobs import with_capacitance, with_gain
 from taction.verification.stability.margin import (
     REACH,
-    capacitance_margin,
-    gain_margin,
+    find_margin,
+    stability_margin,
     stable_values,
 )
 from taction.verification.stability.poles import poles, summarise
@@ -43,8 +42,8 @@ def board(path: str = "name", value: float | str = "tuned") -> Circuit:
 
 
 def test_c_may_shrink_to_its_crossing() -> None:
-    margin = capacitance_margin(board())
-    known = capacitance_margin(board(), found=poles(board()))
+    margin = stability_margin(board())
+    known = stability_margin(board(), found=poles(board()))
     assert known.factor == margin.factor
     assert margin.factor == pytest.approx(10e-12 / 4.1337463e-12, rel=1e-7)
     assert margin.uncertainty == pytest.approx(1e-6 * margin.factor)
@@ -53,7 +52,7 @@ def test_c_may_shrink_to_its_crossing() -> None:
 
 
 def test_the_gain_may_grow_to_its_crossing() -> None:
-    margin = gain_margin(board())
+    margin = find_margin(board(), "gain")
     assert margin.factor == pytest.approx(4.7034537e6 / 2.3e6, rel=1e-7)
     assert margin.text == "the gain can grow by the factor 2.045, to 4.703 Mohm"
     assert margin.doubt == ""
@@ -61,7 +60,7 @@ def test_the_gain_may_grow_to_its_crossing() -> None:
 
 def test_with_behavioural_amplifiers_the_gain_moves_the_equilibrium() -> None:
     scene = load_scene(SCENES / "paper-exponential.toml")
-    margin = gain_margin(synthesise(scene, make_problem(scene)))
+    margin = find_margin(synthesise(scene, make_problem(scene)), "gain")
     axis = parse_onset_axis(scene, "gain=6.5M:7M:3")  # the scene gives R, as the margin keeps it
     (crossing,) = onset(scene, axis, transients=False).scan.edges
     assert margin.factor * scene.design.gain == pytest.approx(crossing.value, rel=1e-6)
@@ -72,7 +71,7 @@ def test_a_window_between_two_samples_of_the_old_scan_sets_the_margin() -> None:
     """Poles of the deck's text at 200 bits: unstable for C = 1.1153 to 1.2547 nF."""
     scene = load_scene(CASES / "margin-window.toml")
     circuit = synthesise(scene, make_problem(scene))
-    margin = capacitance_margin(circuit)
+    margin = stability_margin(circuit)
     assert 1.53e-9 / margin.factor == pytest.approx(1.2547e-9, rel=1e-4)
     assert margin.doubt == ""
     axis = parse_onset_axis(scene, "C=15.3pF:1.53nF:3")
@@ -84,20 +83,20 @@ def test_a_window_between_two_samples_of_the_old_scan_sets_the_margin() -> None:
     inside = load_scene(CASES / "margin-window-inside.toml")
     pole = poles(synthesise(inside, make_problem(inside))).rightmost
     assert pole.real == pytest.approx(160.9, rel=1e-3)
-    assert capacitance_margin(synthesise(inside, make_problem(inside))).factor == 0.0
+    assert stability_margin(synthesise(inside, make_problem(inside))).factor == 0.0
 
 
 @pytest.mark.parametrize("width", [1e-1, 1e-3, 1e-4, 1e-5])
 def test_the_margin_ends_at_a_narrow_window(width: float) -> None:
     gain = 8.0 * (1.0 + (width / 4.0) ** 2)
-    margin = capacitance_margin(lag_board(1.5, gain))
+    margin = stability_margin(lag_board(1.5, gain))
     assert 1.5 / margin.factor == pytest.approx(window(gain)[1], rel=1e-7)
     assert margin.doubt == ""
 
 
 @pytest.mark.parametrize("offset", [1e-16, -1e-14])
 def test_a_window_within_rounding_is_no_pass(offset: float) -> None:
-    margin = capacitance_margin(lag_board(1.5, 8.0 * (1.0 + offset)))
+    margin = stability_margin(lag_board(1.5, 8.0 * (1.0 + offset)))
     assert margin.doubt == "at the factor 1.5 a pole is on the imaginary axis to within rounding"
     wanted = evidence(checks={"stability": {"margin": 100}}, margin=margin)
     check = next(each for each in run_checks(wanted) if each.name == "stability")
@@ -108,10 +107,10 @@ def test_poles_and_winding_numbers_that_differ_leave_a_doubt(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(Edges, "unstable_at", lambda *_: 0)
-    margin = capacitance_margin(board())
+    margin = stability_margin(board())
     assert margin.doubt.endswith("2 poles are unstable and the winding number is 0")
     monkeypatch.setattr(Edges, "unstable_at", lambda *_: 1)
-    margin = capacitance_margin(board(), 2.0)
+    margin = stability_margin(board(), 2.0)
     assert margin.text == "no crossing up to C/2"
     assert margin.doubt == "at the factor 2 0 poles are unstable and the winding number is 1"
 
@@ -121,34 +120,32 @@ def test_without_loci_no_margin_is_known(monkeypatch: pytest.MonkeyPatch) -> Non
         raise EngineError("no state-space form")
 
     monkeypatch.setattr(module, "trace_loci", refuse)
-    assert capacitance_margin(board()).doubt == "no state-space form"
+    assert stability_margin(board()).doubt == "no state-space form"
 
 
 def test_a_board_on_the_axis_has_no_known_margin() -> None:
-    margin = capacitance_margin(board(), found=summarise(np.array([1e-12 + 1e6j]), complete=True))
+    margin = stability_margin(board(), found=summarise(np.array([1e-12 + 1e6j]), complete=True))
     assert margin.factor == 0.0
     assert margin.doubt == "the board itself may be stable or unstable"
 
 
 def test_a_board_with_another_gain_is_the_one_that_the_synthesis_makes() -> None:
-    changed, made = with_gain(board(), 3e6), board("design.gain", 3e6)
+    changed, made = board().turned("gain", 3e6), board("design.gain", 3e6)
     assert [r.name for r in changed.resistors] == [r.name for r in made.resistors]
     ohms = [resistor.ohms for resistor in made.resistors]
     assert [r.ohms for r in changed.resistors] == pytest.approx(ohms, rel=1e-15)
     assert changed.value("gain") == 3e6
     assert changed.value("lambda") == pytest.approx(made.value("lambda"), rel=1e-12)
-    assert (
-        with_capacitance(board(), 2e-12).capacitors == board("design.capacitance", 2e-12).capacitors
-    )
+    assert board().turned("C", 2e-12).capacitors == board("design.capacitance", 2e-12).capacitors
 
 
 def test_an_unstable_board_has_no_margin() -> None:
-    margin = gain_margin(board("design.gain", 5e6))
+    margin = find_margin(board("design.gain", 5e6), "gain")
     assert (margin.factor, margin.text) == (0.0, "the board is unstable")
 
 
 def test_a_board_that_nothing_upsets_has_the_largest_margin_that_is_looked_for() -> None:
-    margin = capacitance_margin(board("design.gain", 1e5))
+    margin = stability_margin(board("design.gain", 1e5))
     assert (margin.factor, margin.text) == (REACH, "no crossing up to C/100")
 
 
@@ -181,11 +178,11 @@ def test_eigenvalues_agree_at_many_values(scene: str) -> None:
     found = stable_values(board)
     for farads in np.geomspace(1.001 * found.low, 0.999 * found.high, 9).tolist():
         inside = any(low < farads < high for low, high in found.stable_ranges)
-        assert poles(with_capacitance(board, farads)).stable == inside
+        assert poles(board.turned("C", farads)).stable == inside
 
 
 def test_an_unstable_board_gives_the_same_ranges() -> None:
     board = synthesise(load_scene(SCENES / "paper-breadboard.toml"))
     edge = stable_values(board).stable_ranges[0][0]
-    from_below = stable_values(with_capacitance(board, 0.5 * edge)).stable_ranges[0][0]
+    from_below = stable_values(board.turned("C", 0.5 * edge)).stable_ranges[0][0]
     assert math.isclose(edge, from_below, rel_tol=1e-9)

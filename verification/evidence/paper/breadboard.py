@@ -26,8 +26,7 @@ from taction.verification.evidence.paper.findings import (
 )
 from taction.verification.evidence.paper.pictures import Panel, Picture, curve
 from taction.verification.readings.constraint_stage import constraint_plane
-from taction.verification.stability.knobs import with_capacitance
-from taction.verification.stability.margin import capacitance_margin
+from taction.verification.stability.margin import stability_margin
 from taction.verification.studies.onset.onset import onset, parse_onset_axis
 from taction.verification.verdict.effort import Effort
 from taction.verification.verdict.verify import Verdict, verify
@@ -47,7 +46,7 @@ def breadboard(quick: bool) -> Chapter:
     """Judge section 4.2.1 by ngspice on the scene that was fitted to its numbers."""
     scene = paper_scene("paper-breadboard")
     verdict = verify(scene)
-    deck = write_deck(with_capacitance(verdict.circuit, NEXT_E12), Transient(RECORD, STEP),
+    deck = write_deck(verdict.circuit.turned("C", NEXT_E12), Transient(RECORD, STEP),
                       saved=[f"v_{CENTRE + 1}"])  # fmt: skip
     unstable = simulate(deck, find_simulator(), timeout=120.0)
     findings = (
@@ -131,7 +130,7 @@ def _faster(scene: Scene) -> Finding:
 def _edge(scene: Scene) -> float:
     """Return the largest C below which the board oscillates, F."""
     scene = with_values(scene, {"design.capacitance": STABLE_CAPACITANCE})
-    return STABLE_CAPACITANCE / capacitance_margin(synthesise(scene, make_problem(scene))).factor
+    return STABLE_CAPACITANCE / stability_margin(synthesise(scene, make_problem(scene))).factor
 
 
 def _negligible(scene: Scene) -> Finding:

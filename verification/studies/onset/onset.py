@@ -27,8 +27,7 @@ from taction.system.errors import (
 from taction.system.quantities import quantity
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.stability.edges import Edge, Scan
-from taction.verification.stability.families import Family
-from taction.verification.stability.knobs import KNOBS
+from taction.verification.stability.families import Family, unrounded
 from taction.verification.stability.poles import count_unstable, poles
 from taction.verification.studies.onset.transient_trial import Confirmation, confirm
 
@@ -110,15 +109,15 @@ def parse_onset_axis(scene: Scene, over: Over) -> Axis:
 def board_over(scene: Scene, axis: Axis) -> Callable[[float], Circuit]:
     """Return the board of `scene` as a function of the value on `axis`.
 
-    No series rounds a knob (see `Knob.unrounded`): a rounded C would cross only between preferred
+    No series rounds a knob (see `unrounded`): a rounded C would cross only between preferred
     values. The function raises InputError for a value that gives no board.
     """
     path = axis.key.path
     problem = None if path.startswith("problem.") else make_problem(scene)
-    unrounded = KNOBS[path].unrounded if path in KNOBS else {}
+    exact = unrounded(scene, path)
 
     def build(value: float) -> Circuit:
-        changed = with_values(scene, {**unrounded, path: value})
+        changed = with_values(scene, {**exact, path: value})
         return synthesise(changed, problem or make_problem(changed))
 
     return build
@@ -152,7 +151,7 @@ def onset(
     values = [float(value) for value in axis.values]
     logarithmic = axis.scale != "lin" and min(values) > 0.0
     middle = math.sqrt(min(values) * max(values)) if logarithmic else None
-    boards = Family.over(board_over(scene, axis), KNOBS.get(axis.key.path), middle)
+    boards = Family.over(board_over(scene, axis), axis.key.path, middle)
     progress(f"poles at {len(values)} values and more")
     scanned = boards.scan(values, logarithmic=logarithmic)
     timeout = scene.analysis.timeout if transients else None

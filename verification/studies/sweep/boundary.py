@@ -19,7 +19,6 @@ from taction.system.array_types import Floats
 from taction.system.errors import TactionError
 from taction.verification.stability.edges import Edges
 from taction.verification.stability.families import Family
-from taction.verification.stability.knobs import KNOBS
 from taction.verification.stability.poles import Poles, poles
 from taction.verification.stability.scan import scan
 from taction.verification.studies.sweep.plan import Plan
@@ -132,8 +131,7 @@ class _Lines:
         logarithmic = axis.scale != "lin" and min(values) > 0.0
         if logarithmic and len(group) == 1:
             middle = math.sqrt(min(values) * max(values))
-            knob = KNOBS.get(axis.key.path)
-            boards = Family.over(lambda value: self._board(at(value)), knob, middle)
+            boards = Family.over(lambda value: self._board(at(value)), axis.key.path, middle)
             if boards.ports:
                 return boards.edges(min(values), max(values))
         return scan(
