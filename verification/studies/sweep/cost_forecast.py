@@ -65,8 +65,11 @@ class CostForecast:
 
 
 def forecast_costs(plan: Plan) -> CostForecast:
-    """Forecast the cost of every point of `plan` by either engine."""
-    simulated = "ngspice" in plan.engines
+    """Forecast the cost of every point of `plan` by its engines.
+
+    An engine of another package is taken for as slow as ngspice, until its first points have ended.
+    """
+    simulated = plan.engines != ("statespace",)
     nodes = min(max(int(COARSE * plan.points), FEWEST), MOST) if simulated else FEWEST
     places, weights, cells = _coarse_grid(plan, nodes)
     _Planner(plan).add(int(places.flat[0]))  # loads modules
@@ -81,6 +84,7 @@ def forecast_costs(plan: Plan) -> CostForecast:
     seconds = {"ngspice": np.exp(grid[:, 1]) + steps, "statespace": np.exp(grid[:, 0])}
     for column in seconds.values():
         column[planner.failed] = 0.0
+    seconds |= {engine: seconds["ngspice"] for engine in plan.engines if engine not in seconds}
     return CostForecast(seconds, grid[:, 3] < 0.0, planner.slowness)
 
 
