@@ -18,7 +18,7 @@ import time
 CORES = ("Prescott", "Core2", "Nehalem", "Sandybridge", "Haswell", "Zen", "SkylakeX")
 CORES += ("Cooperlake", "SapphireRapids", "ARMV8", "NEOVERSEN1", "NEOVERSEV1")
 ROOM = "tests/verification/"
-TESTS = ("engines", "measures", "reference", "small_signal", "pipeline", "test_rounding.py")
+TESTS = ("engines", "readings", "reference", "stability", "verdict", "test_rounding.py")
 REGRESS = "from taction.cli.main import main; main()"
 # The kernels' own work, too: a processor that lacks their instructions ends here, not in a test.
 PROBE = """
