@@ -8,18 +8,24 @@ from __future__ import annotations
 
 import errno
 import os
+import signal
 import sys
-from collections.abc import Callable
-from contextlib import suppress
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from types import FrameType
+from typing import Any
 
 import click
 
-from taction.cli.common import STATUS, print_json
-from taction.cli.signals import ending_signals
+from taction.cli.running import STATUS
+from taction.cli.terminal import print_json
 from taction.system.error_document import error_document, plain_error
-from taction.system.errors import INTERRUPTED, NoVerdictError, TactionError
+from taction.system.errors import INTERRUPTED, Interrupted, NoVerdictError, TactionError
 
 CLOSED_PIPE = 141  # as a shell says of a program that SIGPIPE ended
+ENDING = ("SIGINT", "SIGTERM", "SIGHUP")
+AGAIN = 0.02  # s until a signal comes again whose exception was lost
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # of a stream that takes no more
 
 
@@ -73,8 +79,9 @@ def _status(function: Callable[[], object], as_json: bool, received: list[int]) 
             print_json(plain_error("bad input", error, error.format_message()), "error")
         error.show()
         return error.exit_code
-    except (KeyboardInterrupt, click.Abort):
-        click.echo("taction: interrupted; no verdict was reached", err=True)
+    except (KeyboardInterrupt, click.Abort) as end:
+        kept = str(end) if isinstance(end, Interrupted) else "no verdict was reached"
+        click.echo(f"taction: interrupted; {kept}", err=True)
         return INTERRUPTED
     except OSError as error:
         if error.errno in (errno.EPIPE, *FULL):
@@ -129,3 +136,46 @@ def _leave_stdout() -> None:
         null = os.open(os.devnull, os.O_WRONLY)
         os.dup2(null, sys.stdout.fileno())
         os.close(null)
+
+
+class Ended(KeyboardInterrupt):
+    """A signal of `ENDING`; after a plain `KeyboardInterrupt` Python may end itself by SIGINT."""
+
+
+@contextmanager
+def ending_signals() -> Iterator[list[int]]:
+    """Raise `Ended` once at a signal of `ENDING`; the list receives the numbers of the signals.
+
+    A signal that the process ignores, as below nohup, stays ignored. After the first signal a
+    second one of its kind cannot stop the clean-up, nor the end of Python.
+    """
+    received: list[int] = []
+
+    def end(number: int, frame: FrameType | None) -> None:
+        signal.signal(number, signal.SIG_IGN)
+        received.append(number)
+        raise Ended
+
+    def show(lost: Any) -> None:
+        """Send a signal again whose exception Python has dropped, as in a callback."""
+        if not isinstance(lost.exc_value, Ended):
+            hook(lost)
+            return
+        number = received.pop()
+        signal.signal(number, end)
+        threading.Timer(AGAIN, os.kill, (os.getpid(), number)).start()
+
+    before: dict[int, Any] = {}
+    usual = (signal.SIG_DFL, signal.default_int_handler)
+    for name in ENDING:
+        number = getattr(signal, name, None)  # SIGHUP is unknown on some systems
+        if number is not None and signal.getsignal(number) in usual:
+            with suppress(ValueError):  # not the main thread
+                before[number] = signal.signal(number, end)
+    hook, sys.unraisablehook = sys.unraisablehook, show
+    try:
+        yield received
+    finally:
+        sys.unraisablehook = hook
+        for number in before.keys() - received:
+            signal.signal(number, before[number])

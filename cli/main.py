@@ -1,8 +1,7 @@
-"""The command ``taction``: a group that imports a command's module only when it is called."""
+"""The command ``taction``: the group of all commands, which are made when they are called."""
 
 from __future__ import annotations
 
-import importlib
 import os
 import sys
 from collections.abc import Sequence
@@ -10,50 +9,50 @@ from typing import Any, NoReturn
 
 import click
 
+from taction.cli import boards, studies
+from taction.cli.command import Command
 from taction.cli.ending import run_command
+from taction.cli.running import made
+from taction.cli.terminal import print_json
 from taction.verification.studies.running.threads import THREADS
 
 PROGRAM = "taction"
-# name: (module of this package, line of --help); the modules are imported later: a short start-up
-COMMANDS: dict[str, tuple[str, str]] = {
-    "verify": ("verify", "Simulate a board and check it against the solution."),
-    "diff": ("diff", "Compare the keys and the readings of two boards."),
-    "netlist": ("netlist", "Write the ngspice deck of a scene."),
-    "bom": ("bom", "List the parts to buy, with packages and power."),
-    "kicad": ("kicad", "Draw one channel of a board for KiCad, and list its parts."),
-    "solve": ("solve", "Solve the problem numerically, with a certificate."),
-    "simulate": ("simulate", "Run the transient: waveforms and measurements."),
-    "montecarlo": ("montecarlo", "Estimate the yield under component tolerances."),
-    "corners": ("montecarlo", "Find the worst cases within the tolerances."),
-    "explore": ("explore", "Move C, gain and more on a local page and watch the board."),
-    "tune": ("tune", "Find the gain with the least settling time."),
-    "choose": ("choose", "Choose op-amp, C and gain for given limits."),
-    "scale": ("scale", "Propose G0, U0, s and R for op-amps and supply."),
-    "onset": ("onset", "Find every stability crossing over a range."),
-    "sweep": ("sweep", "Verify a grid of scenes, here or on a cluster; resumable."),
-    "regress": ("regress", "Compare a folder of scenes with a stored baseline, for CI."),
-    "stress": ("stress", "Run stiff and extreme scenes whose results are known."),
-    "accuracy": ("accuracy", "Compare error and run time of engines and methods."),
-    "reproduce": ("reproduce", "Test the paper, claim by claim and figure by figure."),
-    "models": ("models", "List the op-amp presets, or import a vendor's model."),
-    "new": ("new", "Write a scene file with comments."),
-    "doctor": ("doctor", "List what is installed and what each part is for."),
+COMMANDS: dict[str, Command] = {
+    "verify": boards.VERIFY,
+    "diff": boards.DIFF,
+    "netlist": boards.NETLIST,
+    "bom": boards.BOM,
+    "kicad": boards.KICAD,
+    "solve": boards.SOLVE,
+    "simulate": boards.SIMULATE,
+    "montecarlo": studies.MONTECARLO,
+    "corners": studies.CORNERS,
+    "explore": boards.EXPLORE,
+    "tune": studies.TUNE,
+    "choose": studies.CHOOSE,
+    "scale": studies.SCALE,
+    "onset": studies.ONSET,
+    "sweep": studies.SWEEP,
+    "regress": studies.REGRESS,
+    "stress": studies.STRESS,
+    "accuracy": studies.ACCURACY,
+    "reproduce": studies.REPRODUCE,
+    "models": boards.MODELS,
+    "new": boards.NEW,
+    "doctor": boards.DOCTOR,
 }
-
-
 REFERENCE = ({"--json", "--help"}, {"--json", "-h"})
 
 
 def print_reference(group: click.Group) -> None:
     """Print all commands, options, schemas and exit statuses as one JSON document."""
-    from taction.cli.common import print_json
     from taction.cli.reference import reference
 
     print_json(reference(group), "")
 
 
 class LazyGroup(click.Group):
-    """A click group whose commands are imported when they are used."""
+    """A click group whose commands are made when they are used."""
 
     def main(self, args: Sequence[str] | None = None, *_: Any, **more: Any) -> NoReturn:
         """Run the command of `args` and end the process with the command's exit status.
@@ -78,17 +77,13 @@ class LazyGroup(click.Group):
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import and return one command."""
-        if cmd_name not in COMMANDS:
-            return None
-        module = importlib.import_module(f"{__package__}.{COMMANDS[cmd_name][0]}")
-        command: click.Command = getattr(module, cmd_name)
-        return command
+        """Make one command."""
+        return made(cmd_name, COMMANDS[cmd_name]) if cmd_name in COMMANDS else None
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List the commands from the table, without importing them."""
+        """List the commands from the table, without making them."""
         with formatter.section("Commands"):
-            formatter.write_dl([(name, line) for name, (_, line) in COMMANDS.items()])
+            formatter.write_dl([(name, command.line) for name, command in COMMANDS.items()])
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
         """Find the command as click does; for an unknown name propose the nearest command."""

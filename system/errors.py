@@ -19,7 +19,8 @@
             ├── Killed
             └── BadEvidence              exit status 0, but the result is incomplete or wrong
 
-A failed check is not an exception; it is data (`taction.verification.verdict.checks`).
+A failed check is not an exception; it is data (`taction.verification.verdict.checks`). Ctrl-C in a
+study is `Interrupted`, a `KeyboardInterrupt` with what the study has finished.
 """
 
 from __future__ import annotations
@@ -27,10 +28,19 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 LONGEST = {"key": 200, "value": 200, "accepted": 2000}  # characters of a complaint
 MOST_LISTED = 20  # complaints in a message
 INTERRUPTED = 130  # exit status of a process that Ctrl-C ended
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C in a study: the text says what is kept, `result` holds what is finished, or None."""
+
+    def __init__(self, text: str, result: Any = None) -> None:
+        super().__init__(text)
+        self.result = result
 
 
 class TactionError(Exception):

@@ -72,3 +72,18 @@ def check_package(package: str, remedy: str, option: str) -> None:
     """
     if importlib.util.find_spec(package) is None:
         raise InputError(option, Complaint("package", repr(package), remedy))
+
+
+def make_folder(folder: str | Path, option: str = "-o") -> None:
+    """Make a missing folder.
+
+    Raises
+    ------
+    InputError
+        `folder` is a file, or cannot be made.
+    """
+    try:
+        Path(folder).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = f"cannot be made: {error.strerror}"
+        raise InputError(option, Complaint("FOLDER", repr(str(folder)), reason)) from None

@@ -18,37 +18,72 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from taction.board import Circuit, synthesise
-    from taction.designs import netlist, solve
+    from taction.designs import bom, kicad, netlist, solve
     from taction.netlist_gen.deck.deck import write_deck
     from taction.netlist_gen.scene.file import load_scene
     from taction.netlist_gen.scene.scene import Scene
-    from taction.studies import montecarlo, onset, sweep
-    from taction.system.errors import InputError, NoVerdictError, TactionError
-    from taction.transients import simulate, verify
+    from taction.searches import choose, new, scale, tune
+    from taction.studies import (
+        accuracy,
+        corners,
+        montecarlo,
+        onset,
+        regress,
+        reproduce,
+        stress,
+        sweep,
+        verify_sample,
+    )
+    from taction.system.errors import InputError, Interrupted, NoVerdictError, TactionError
+    from taction.tools import doctor, import_model, models, opamp, scene_schema
+    from taction.transients import diff, explore, simulate, verify, verify_files, what_to_change
     from taction.verdict import Verdict
     from taction.verification.waveforms import Waveforms
 
 __all__ = [
     "Circuit",
     "InputError",
+    "Interrupted",
     "NoVerdictError",
     "Scene",
     "TactionError",
     "Verdict",
     "Waveforms",
+    "accuracy",
+    "bom",
+    "choose",
+    "corners",
+    "diff",
+    "doctor",
+    "explore",
+    "import_model",
+    "kicad",
     "load_scene",
+    "models",
     "montecarlo",
     "netlist",
+    "new",
     "onset",
+    "opamp",
+    "regress",
+    "reproduce",
+    "scale",
+    "scene_schema",
     "simulate",
     "solve",
+    "stress",
     "sweep",
     "synthesise",
+    "tune",
     "verify",
+    "verify_files",
+    "verify_sample",
+    "what_to_change",
     "write_deck",
 ]
 
-_MODULES = ("designs", "transients", "studies", "values", "verdict")  # the quickest to load first
+# The quickest to load first.
+_MODULES = ("designs", "transients", "studies", "searches", "tools", "values", "verdict")
 
 
 def __getattr__(name: str) -> Any:

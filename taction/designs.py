@@ -1,4 +1,4 @@
-"""Jobs without a transient: the deck of a scene, and the solution of its problem."""
+"""Jobs on a board without a study: its deck, its parts, its drawing, and its problem's solution."""
 
 from __future__ import annotations
 
@@ -8,40 +8,49 @@ from typing import TYPE_CHECKING, overload
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from taction.netlist_gen.deck.deck import Deck
     from taction.netlist_gen.scene.scene import Scene
+    from taction.results import KicadProject, Netlist, PartsList
     from taction.verification.reference import Solution
 
 
 def netlist(
     scene: str | Path | Scene,
     *,
-    split: bool = False,
     output: str | Path | None = None,
+    explain: bool = False,
+    split: bool = False,
     dialect: str = "ngspice",
     parameters: bool = False,
     measure: bool = False,
-) -> Deck:
-    """Return the deck of a scene's transient; the same scene gives the same bytes.
+) -> Netlist:
+    """Write the deck of SCENE; `ngspice -b -r out.raw FILE` runs it.
+
+    The same scene gives the same bytes.
 
     Parameters
     ----------
     scene : path or Scene
         The board.
-    split : bool
-        Write the resistor matrices into a second file; needs `output`.
     output : path, optional
         Write the deck into this file.
+    explain : bool
+        List the omitted parts, the reasons, and what pruning changes and saves, on stderr.
+
+        In Python: `circuit.omissions` of the result, and its `pruning`.
+    split : bool
+        Write the amplifiers into FILE and the resistor matrix into a second file; needs -o.
     dialect : str
+        The simulator that reads the deck.
+
         ``"ngspice"``, ``"ltspice"``, ``"hspice"``, ``"xyce"`` or ``"spectre"``.
     parameters : bool
-        Write C, gain and lambda as ``.param`` cards, and R as an expression of them.
+        Write C, gain and lambda as .param cards, and R as an expression of them.
     measure : bool
-        Add ``.meas`` cards of rise time, settling time and overshoot.
+        Add .meas cards of rise time, settling time, overshoot; `ngspice -b FILE` prints them.
 
     Returns
     -------
-    Deck
+    Netlist
         Its `text` is the deck; `files` holds the second file of a split deck.
 
     Raises
@@ -59,19 +68,127 @@ def netlist(
     >>> "Rr_1 v_1 x_1 'R'" in deck.text
     True
     """
+    from taction.netlist_gen.board.part_warnings import part_warnings
     from taction.netlist_gen.deck.dialects.table import DIALECTS
+    from taction.results import Netlist
     from taction.system.errors import Complaint, InputError
     from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.verdict.deck import DeckChoice, deck_of, write_files
+    from taction.verification.verdict.pruning import pruning_of
 
     if dialect not in DIALECTS:
         text = f"expected one of {', '.join(DIALECTS)}"
         raise InputError("netlist", Complaint("dialect", repr(dialect), text))
+    scene = read_scene(scene)
     choice = DeckChoice(dialect, split, parameters, measure)
-    _, deck = deck_of(read_scene(scene), output=output, choice=choice)
+    circuit, deck = deck_of(scene, output=output, choice=choice)
+    return Netlist.of(
+        deck,
+        circuit=circuit,
+        warnings=tuple(part_warnings(circuit)),
+        pruning=pruning_of(scene) if explain else None,
+        written=() if output is None else tuple(map(str, write_files(deck, output))),
+    )
+
+
+def bom(scene: str | Path | Scene, *, output: str | Path | None = None) -> PartsList:
+    """List the parts of the board of SCENE: values, counts, references, packages, power.
+
+    Parameters
+    ----------
+    scene : path or Scene
+        The board.
+    output : path, optional
+        CSV file with KiCad's columns.
+
+    Returns
+    -------
+    PartsList
+        `parts` with their counts and packages, and `power` at rest.
+
+    Raises
+    ------
+    InputError
+        The scene cannot be built, or the file cannot be written.
+
+    Examples
+    --------
+    >>> import taction
+    >>> listed = taction.bom("scenes/tuned-breadboard.toml")
+    >>> listed.parts.count("capacitor"), listed.parts.opamp
+    (7, 'tl084')
+    """
+    from taction.netlist_gen.board.bill_of_materials import bill_of_materials
+    from taction.netlist_gen.board.synthesis import synthesise
+    from taction.results import PartsList
+    from taction.system.atomic_files import write_atomically
+    from taction.verification.engines.statespace.linearised.board import LinearBoard
+    from taction.verification.reference.ideal_answer import read_scene
+    from taction.verification.report.parts_list import parts_csv
+    from taction.verification.verdict.board_power import board_power
+
+    scene = read_scene(scene)
+    circuit = synthesise(scene)
+    found = PartsList(scene, bill_of_materials(circuit, scene), board_power(LinearBoard(circuit)))
     if output is not None:
-        write_files(deck, output)
-    return deck
+        write_atomically(output, parts_csv(found.parts))
+    return found
+
+
+def kicad(scene: str | Path | Scene, *, output: str | Path, channel: int = 1) -> KicadProject:
+    """Draw one channel of SCENE for KiCad 8 or newer, and list the parts of the board.
+
+    FOLDER gets a schematic with its symbols, a project file, and the parts of the whole board as
+    CSV. References are the names in the deck.
+
+    Parameters
+    ----------
+    scene : path or Scene
+        The board.
+    output : path
+        Folder of the project; files of the same names are replaced.
+    channel : int
+        Channel to draw, from 1.
+
+    Returns
+    -------
+    KicadProject
+        What is drawn, and the files.
+
+    Raises
+    ------
+    InputError
+        The scene cannot be built, there is no such channel, or the folder has the table of symbols
+        of another project.
+
+    Examples
+    --------
+    >>> import taction, tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     drawn = taction.kicad("scenes/custom-matrix.toml", output=folder)
+    >>> drawn.project.channel, len(drawn.written)
+    (1, 5)
+    """
+    from taction.netlist_gen.board.synthesis import synthesise
+    from taction.netlist_gen.kicad.project import kicad_project
+    from taction.results import KicadProject
+    from taction.system.atomic_files import write_together
+    from taction.system.errors import Complaint, InputError
+    from taction.system.output_files import make_folder
+    from taction.verification.reference.ideal_answer import read_scene
+    from taction.verification.report.output_checks import check_separate
+
+    scene, place, table = read_scene(scene), Path(output), "sym-lib-table"
+    project = kicad_project(synthesise(scene), scene, channel)
+    files = {place / name: text for name, text in project.files.items()}
+    there = place / table
+    if there.exists() and there.read_bytes() != project.files[table].encode():
+        reason = f"the folder has a {table} of another project; give another folder"
+        raise InputError("-o", Complaint("FOLDER", repr(str(place)), reason))
+    check_separate([str(scene.file)], {f"-o {output} ({f.name})": str(f) for f in files})
+    make_folder(place)
+    write_together(files)
+    return KicadProject(scene, project, tuple(map(str, files)))
 
 
 @overload
@@ -81,7 +198,7 @@ def solve(scene: str | Path | Scene, *, strains: ArrayLike) -> list[Solution]: .
 def solve(
     scene: str | Path | Scene, *, strains: ArrayLike | None = None
 ) -> Solution | list[Solution]:
-    """Solve the problem of a scene numerically, without any circuit.
+    """Solve the problem of SCENE numerically, without any circuit.
 
     Parameters
     ----------

@@ -1,7 +1,9 @@
-"""Jobs that verify or analyse a scene many times: onset, sweep, Monte Carlo."""
+"""Jobs that verify or analyse many boards: onset, sweep, tolerances, regression, evidence."""
 
 from __future__ import annotations
 
+import time
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -11,9 +13,15 @@ if TYPE_CHECKING:
     from taction.netlist_gen.scene.axes import Over
     from taction.netlist_gen.scene.fixed import Fixed
     from taction.netlist_gen.scene.scene import Scene
-    from taction.results import Onset, YieldReport
+    from taction.results import CornerStudy, Onset, VerifiedSample, YieldReport
+    from taction.verification.evidence.paper.reproduce import Reproduction
+    from taction.verification.evidence.stress.run import StressReport
     from taction.verification.report.sweep.result import SweepResult
+    from taction.verification.studies.regression.run import RegressionReport
+    from taction.verification.studies.store import Store
     from taction.verification.studies.sweep.plan import Plan
+    from taction.verification.studies.sweep.run import SweepCounts
+    from taction.verification.studies.work_precision.study import WorkPrecisionStudy
     from taction.verification.verdict.clock import Progress
 
 
@@ -24,17 +32,20 @@ def onset(
     transients: bool = True,
     progress: Progress = lambda stage: None,
 ) -> Onset:
-    """Find every value on an axis at which a scene's board begins or ceases to oscillate.
+    """Find every value of a key at which the board of SCENE begins or ceases to oscillate.
 
     Parameters
     ----------
     scene : path or Scene
         The board.
     over : mapping, str or iterable of str
-        The axis: ``{"C": ("2pF", "20pF", 13)}`` (lowest, highest, number of points), as on the
-        command line (``"C=2pF:20pF:13"``), or a key alone: from 1/30 to 30 times its own value.
+        Key to change: C, gain, stray_capacitance or any other number of the scene. Without a range:
+        from 1/30 to 30 times the scene's own value.
+
+        ``{"C": ("2pF", "20pF", 13)}`` (lowest, highest, number of points), as on the command line
+        (``"C=2pF:20pF:13"``), or a key alone.
     transients : bool
-        Confirm each crossing by transients of ngspice on both sides.
+        Run ngspice on both sides of each crossing.
     progress : callable, optional
         Receives the name of each stage.
 
@@ -83,38 +94,51 @@ def sweep(
     cluster: str | None = None,
     progress: Progress = lambda stage: None,
 ) -> SweepResult:
-    """Verify a scene at every point of a grid; a point without a verdict has its reason.
+    """Verify SCENE at every point of a grid and store the results.
 
-    In a script, call it below ``if __name__ == "__main__":``, since its processes import the
-    script.
+    A point without a verdict has its reason. The same command continues an interrupted sweep.
 
     Parameters
     ----------
     scene : path or Scene
         The scene whose values change.
     over : mapping, str or iterable of str
-        The axes by key: a tuple ``("1pF", "1nF", 31)`` is a range of 31 points with logarithmic
-        spacing (``("1pF", "1nF", 31, "lin")``: linear), a list holds the values. Strings are read
-        as on the command line (``"C=1pF:1nF:31"``).
+        Axis of the grid: C=1pF:1nF:31 (31 points, logarithmic), C=1pF:1nF:31:lin (linear) or
+        C=1p,2p (values). Two axes in one option, with a blank between them, change together. Repeat
+        the option for a grid.
+
+        In Python the axes by key: a tuple ``("1pF", "1nF", 31)`` is a range of 31 points with
+        logarithmic spacing (``("1pF", "1nF", 31, "lin")``: linear), a list holds the values.
+        Strings are read as on the command line (``"C=1pF:1nF:31"``).
     engine : str, optional
-        ``"auto"``, ``"ngspice"`` or ``"statespace"`` in the place of the scene's own engine;
-        ``"both"`` engines at every point; or ``"hybrid"``: the state-space engine at every point,
-        and ngspice next to the stability boundary, at the extremes of every reading and at a
-        random sample of 5 %.
+        Engine in the place of the scene's own. both: both engines at every point; hybrid: the
+        state-space engine at every point, ngspice at the decisive points.
+
+        These are next to the stability boundary, at the extremes of every reading, and a random
+        sample of 5 %.
     fix : mapping, str or iterable of str
-        Keys that keep one value at every point: ``"lambda"`` for the scene's own value, also where
-        the scene gives a resistance; ``{"lambda": 0.5}`` or ``"lambda=0.5"`` for another value.
+        Hold a key at every point, by default at the scene's own value: --fix lambda holds lambda
+        where the scene gives a resistance. Repeat the option for several keys.
+
+        In Python ``"lambda"``, or ``{"lambda": 0.5}`` or ``"lambda=0.5"`` for another value.
     keep_waveforms : bool
-        Store the outputs over time.
+        Store also the outputs over time.
     retry_failed : bool
         Compute points without a verdict again.
     output : path, optional
-        A database (``.sqlite``); points that it holds are not computed again. By default the
-        points stay in memory.
+        Database of the results; by default the scene's name with the ending .sqlite.
+
+        Points that it holds are not computed again. In Python the points stay in memory by
+        default.
     jobs : int, optional
         Number of processes; by default one per core.
+
+        Call the function below ``if __name__ == "__main__":`` in a script, since its processes
+        import the script.
     cluster : str, optional
-        Address of a Dask scheduler, ``"tcp://host:port"``, that runs the points.
+        Address of a Dask scheduler that runs the points.
+
+        ``"tcp://host:port"``.
     progress : callable, optional
         Receives a line with the estimated time before the first point is computed, then the
         number of finished points with the remaining time.
@@ -147,22 +171,53 @@ def sweep(
     [False, True, True, True]
     """
     from taction.verification.report.sweep.result import SweepResult
-    from taction.verification.studies.running.executors import workers_at
     from taction.verification.studies.store import Store
-    from taction.verification.studies.sweep.run import sweep as run
 
     plan = plan_sweep(scene, over, engine, fix=fix, keep_waveforms=keep_waveforms)
-    store = Store(":memory:" if output is None else str(output))
-    with workers_at(cluster, jobs, progress) as workers:
-        count = run(
-            plan,
-            store,
-            workers,
-            retry_failed=retry_failed,
-            progress=lambda count: progress(count.text),
-            announce=progress,
-        )
-    return SweepResult.of(plan, store, count)
+    store, start = Store(":memory:" if output is None else str(output)), time.perf_counter()
+    count = computed(
+        plan, store, retry_failed=retry_failed, jobs=jobs, cluster=cluster, progress=progress
+    )
+    return SweepResult.of(plan, store, count, time.perf_counter() - start)
+
+
+def computed(
+    plan: Plan,
+    store: Store,
+    *,
+    retry_failed: bool = False,
+    jobs: int | None = None,
+    cluster: str | None = None,
+    progress: Progress = lambda stage: None,
+) -> SweepCounts:
+    """Compute what `store` lacks; after Ctrl-C the stored results stay.
+
+    Raises
+    ------
+    Interrupted
+        Ctrl-C; the text says what is stored.
+    """
+    from taction.system.errors import Interrupted
+    from taction.verification.studies.running.executors import workers_at
+    from taction.verification.studies.sweep.run import sweep as run
+    from taction.verification.verdict.clock import Notice
+
+    def notice(text: str) -> None:
+        progress(Notice(text))
+
+    try:
+        with workers_at(cluster, jobs, notice) as workers:
+            return run(
+                plan,
+                store,
+                workers,
+                retry_failed=retry_failed,
+                progress=lambda count: progress(count.text),
+                announce=notice,
+            )
+    except KeyboardInterrupt:
+        stored = f"{store.count()} results are in {store.path}; the same command continues"
+        raise Interrupted(stored) from None
 
 
 def plan_sweep(
@@ -195,38 +250,46 @@ def montecarlo(
     samples: int = 1000,
     seed: int = 1,
     until: str | float | None = None,
+    min_yield: float | None = None,
+    remedy: bool = True,
     output: str | Path | None = None,
     jobs: int | None = None,
     cluster: str | None = None,
-    remedy: bool = True,
     progress: Progress = lambda stage: None,
 ) -> YieldReport:
-    """Verify a scene with random components within its tolerances and estimate the yield.
-
-    In a script, call it below ``if __name__ == "__main__":``, since its processes import the
-    script.
+    """Verify SCENE with random components within its [tolerances] and estimate the yield.
 
     Parameters
     ----------
     scene : path or Scene
         The board, with its table ``[tolerances]``.
     engine : str, optional
+        Engine of all samples.
+
         ``"auto"``, ``"ngspice"`` or ``"statespace"``; None for the scene's own engine.
     samples : int
-        Largest number of boards to draw.
+        Most samples to draw.
     seed : int
-        Seed of the samples: sample 17 of a seed is the same board on every machine.
+        Seed of the samples.
+
+        Sample 17 of a seed is the same board on every machine.
     until : str or float, optional
-        Stop when the half width of the 95 % interval is below this: ``"1%"`` or 0.01.
+        Stop when the half width of the 95 % interval is below this: 1% or 0.01.
+    min_yield : float, optional
+        Smallest yield that passes.
+    remedy : bool
+        Below a yield of 99 %, find what to buy better, and draw 300 samples again with it.
     output : path, optional
-        A database (``.sqlite``); samples that it holds are not computed again.
+        Database that stores every sample; a later run computes only the missing ones.
     jobs : int, optional
         Number of processes; by default one per core.
+
+        Call the function below ``if __name__ == "__main__":`` in a script, since its processes
+        import the script.
     cluster : str, optional
-        Address of a Dask scheduler, ``"tcp://host:port"``, that runs the samples.
-    remedy : bool
-        Whether to find, below a yield of 99 %, what to buy better, and to draw up to 300 samples
-        again with it.
+        Address of a Dask scheduler that runs the points.
+
+        ``"tcp://host:port"``.
     progress : callable, optional
         Receives the number of finished samples.
 
@@ -242,6 +305,8 @@ def montecarlo(
         The scene, the tolerances or the database cannot be used.
     NoVerdictError
         The problem has no solution, or a sample needs ngspice and ngspice is missing.
+    Interrupted
+        Ctrl-C; its `result` has the finished samples.
 
     Examples
     --------
@@ -250,6 +315,7 @@ def montecarlo(
     4
     """
     from taction.results import YieldReport
+    from taction.system.errors import Interrupted
     from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.studies.running.executors import workers_at
     from taction.verification.studies.tolerance.drawing import (
@@ -257,17 +323,355 @@ def montecarlo(
         draw_samples,
         half_width,
     )
+    from taction.verification.studies.tolerance.remedy import TARGET
     from taction.verification.studies.tolerance.remedy_search import verified_remedy
     from taction.verification.studies.tolerance.varied_board import prepare
     from taction.verification.studies.tolerance.yield_report import summarise_samples
+    from taction.verification.verdict.clock import Notice
 
     tally = SampleCollection(samples, half_width(until))
     study = prepare(read_scene(scene, engine))
-    workers = partial(workers_at, cluster, jobs, progress)
-    draw_samples(study, seed, tally, workers(), output, progress)
-    summary = summarise_samples(study, tally.samples, seed)
-    report = YieldReport.of(summary, study.scene.name, tally.samples)
-    if not remedy:
-        return report
-    ask = partial(verified_remedy, output=output, progress=progress)
-    return replace(report, remedy=ask(study, tally.samples, seed, workers))
+    workers = partial(workers_at, cluster, jobs, lambda text: progress(Notice(text)))
+    found, complete = None, False
+    try:
+        draw_samples(study, seed, tally, workers(), output, progress)
+        if remedy:
+            target = max(TARGET, min_yield or 0.0)
+            ask = partial(verified_remedy, target=target, output=output, progress=progress)
+            found = ask(study, tally.samples, seed, workers)
+        complete = True
+    except KeyboardInterrupt:
+        pass
+    if tally.damaged:
+        numbers = ", ".join(map(str, tally.damaged))
+        progress(Notice(f"damaged in the database, computed again: samples {numbers}"))
+    report = YieldReport.of(
+        replace(summarise_samples(study, tally.samples, seed), remedy=found),
+        scene=study.scene,
+        boards=tuple(tally.samples),
+        seed=seed,
+        min_yield=min_yield,
+        complete=complete,
+    )
+    if not complete:
+        raise Interrupted("the report holds the finished samples", report)
+    return report
+
+
+def verify_sample(
+    scene: str | Path | Scene,
+    *,
+    sample: int,
+    engine: str | None = "statespace",
+    seed: int = 1,
+) -> VerifiedSample:
+    """Verify one sample of a Monte Carlo study in full.
+
+    Parameters
+    ----------
+    scene : path or Scene
+        The board, with its table ``[tolerances]``.
+    sample : int
+        Verify only the sample with this number.
+    engine : str, optional
+        Engine of all samples.
+
+        ``"auto"``, ``"ngspice"`` or ``"statespace"``; None for the scene's own engine.
+    seed : int
+        Seed of the samples.
+
+    Returns
+    -------
+    VerifiedSample
+        The verdict, the sample as the study has it, and the deviation of each part.
+
+    Raises
+    ------
+    InputError
+        The scene or the tolerances cannot be used.
+    NoVerdictError
+        The sample has no verdict.
+
+    Examples
+    --------
+    >>> import taction
+    >>> taction.verify_sample("scenes/tuned-breadboard.toml", sample=2).outcome
+    'pass'
+    """
+    from taction.netlist_gen.board.variation import draw, vary
+    from taction.results import VerifiedSample
+    from taction.verdict import Verdict
+    from taction.verification.reference.ideal_answer import read_scene
+    from taction.verification.studies.tolerance.varied_board import evaluate, prepare
+    from taction.verification.verdict.verify import verify
+
+    study = prepare(read_scene(scene, engine))
+    tolerances = study.scene.tolerances
+    z = draw(tolerances, len(study.varied), seed, sample)
+    board = vary(study.nominal, tolerances, z)
+    verdict = verify(study.scene, problem=study.problem, circuit=board, ideal=study.ideal)
+    deviations = {p.name: float(v) for p, v in zip(study.varied, z, strict=True)}
+    return VerifiedSample(Verdict.of(verdict), evaluate(study, sample, z), seed, deviations)
+
+
+def corners(
+    scene: str | Path | Scene,
+    *,
+    corner: Sequence[str | Mapping[str, float]] = (),
+    engine: str | None = None,
+    jobs: int | None = None,
+    cluster: str | None = None,
+    progress: Progress = lambda stage: None,
+) -> CornerStudy:
+    """Verify SCENE with the components at the ends of their [tolerances].
+
+    Parameters
+    ----------
+    scene : path or Scene
+        The board, with its table ``[tolerances]``.
+    corner : sequence of str or mapping
+        Verify this corner only, in units of the tolerances: capacitor=-1,opamp_gbw=-1,Rf_3_5=1.
+        Repeat the option for several corners.
+
+        In Python a list of such texts, or of ``{"capacitor": -1.0}``.
+    engine : str, optional
+        Engine in the place of the scene's own.
+
+        ``"auto"``, ``"ngspice"`` or ``"statespace"``.
+    jobs : int, optional
+        Number of processes; by default one per core.
+
+        Call the function below ``if __name__ == "__main__":`` in a script, since its processes
+        import the script.
+    cluster : str, optional
+        Address of a Dask scheduler that runs the points.
+
+        ``"tcp://host:port"``.
+    progress : callable, optional
+        Receives the name of each stage.
+
+    Returns
+    -------
+    CornerStudy
+        The nominal board and the worst corner of every quantity, or the corners that were named.
+
+    Raises
+    ------
+    InputError
+        The scene or the tolerances cannot be used, nothing varies, or a corner is none.
+    NoVerdictError
+        The problem has no solution, or the cluster is gone.
+
+    Examples
+    --------
+    >>> import taction
+    >>> study = taction.corners("scenes/tuned-breadboard.toml", corner=["capacitor=-1"])
+    >>> study.corners[0].name, study.outcome
+    ('capacitor=-1', 'pass')
+    """
+    from taction.results import CornerStudy
+    from taction.verification.reference.ideal_answer import read_scene
+    from taction.verification.studies.running.executors import workers_at
+    from taction.verification.studies.tolerance.corners import (
+        deviations_of,
+        named_corner,
+        worst_corners,
+    )
+    from taction.verification.studies.tolerance.varied_board import prepare
+    from taction.verification.verdict.clock import Notice
+
+    scene = read_scene(scene, engine)
+    named = [deviations_of(each) for each in corner]
+    if named:
+        study = prepare(scene, full_margin=True)
+        return CornerStudy(tuple(named_corner(study, *each) for each in named), scene=scene)
+    with workers_at(cluster, jobs, lambda text: progress(Notice(text))) as workers:
+        found = worst_corners(scene, workers, progress)
+    return CornerStudy(found.corners, found.directions, scene=scene)
+
+
+def regress(
+    folder: str | Path,
+    *,
+    baseline: str | Path,
+    update: bool = False,
+    jobs: int | None = None,
+    progress: Progress = lambda stage: None,
+) -> RegressionReport:
+    """Verify every scene (*.toml) in DIR and compare the results with the baseline.
+
+    Parameters
+    ----------
+    folder : path
+        Folder of the scenes.
+    baseline : path
+        Stored results (JSON).
+    update : bool
+        Write changed results into the baseline.
+    jobs : int, optional
+        Number of processes; by default one per core.
+    progress : callable, optional
+        Receives the number of finished scenes.
+
+    Returns
+    -------
+    RegressionReport
+        The status of every scene, and what differs.
+
+    Raises
+    ------
+    InputError
+        The folder holds no scene, or the baseline cannot be used.
+    Interrupted
+        Ctrl-C; its `result` has the finished scenes.
+
+    Examples
+    --------
+    >>> import taction, tempfile
+    >>> from pathlib import Path
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     text = Path("scenes/tuned-breadboard.toml").read_text()
+    ...     made = Path(folder, "a.toml").write_text(text)
+    ...     file = Path(folder, "baseline.json")
+    ...     first = taction.regress(folder, baseline=file, update=True, jobs=1)
+    ...     taction.regress(folder, baseline=file, jobs=1).count()
+    {'same': 1}
+    """
+    from taction.system.atomic_files import write_atomically
+    from taction.system.errors import Interrupted
+    from taction.verification.report.output_checks import check_folder
+    from taction.verification.studies.regression.baseline import baseline_text, load_baseline
+    from taction.verification.studies.regression.run import regress as run
+    from taction.verification.studies.regression.run import updated_baseline
+
+    check_folder(str(baseline), "--baseline")
+    entries = {} if update and not Path(baseline).exists() else load_baseline(baseline)
+    report = run(folder, baseline, entries, updated=update, jobs=jobs, progress=progress)
+    if update:
+        write_atomically(baseline, baseline_text(updated_baseline(report, entries)))
+    if report.interrupted:
+        raise Interrupted("the finished scenes are in the report", report)
+    return report
+
+
+def accuracy(
+    scene: str | Path | Scene, *, budget: float = 30.0, progress: Progress = lambda stage: None
+) -> WorkPrecisionStudy:
+    """Compare the error and the run time of every engine, method and setting on SCENE.
+
+    Parameters
+    ----------
+    scene : path or Scene
+        The board.
+    budget : float
+        Wall time for the study, s; with less time a shorter part of the transient is run.
+    progress : callable, optional
+        Receives the name of each stage.
+
+    Returns
+    -------
+    WorkPrecisionStudy
+        Every run with its error and its time; `conclusive` if a run has a known error.
+
+    Raises
+    ------
+    InputError
+        The scene cannot be used.
+
+    Examples
+    --------
+    >>> import taction
+    >>> study = taction.accuracy("scenes/tuned-breadboard.toml", budget=0.5)
+    >>> any(point.method.engine == "statespace" for point in study.points)
+    True
+    """
+    from taction.verification.reference.ideal_answer import read_scene
+    from taction.verification.studies.work_precision.study import run_study
+    from taction.verification.verdict.clock import Notice
+
+    def notice(stage: str) -> None:
+        progress(Notice(stage))
+
+    return run_study(read_scene(scene), budget=budget, progress=notice)
+
+
+def stress(
+    *,
+    only: Sequence[str] = (),
+    jobs: int | None = None,
+    progress: Progress = lambda stage: None,
+) -> StressReport:
+    """Verify the catalogue of stiff and extreme scenes, whose right results are known.
+
+    Every outcome is compared with the right outcome, and every number with its true value. So a run
+    shows whether ngspice and the numerical libraries of this machine give right answers. Numbers
+    outside their stated uncertainty are counted; a number is wrong that misses its true value by
+    more than the uncertainty and the accuracy that the scene asks for.
+
+    Parameters
+    ----------
+    only : sequence of str
+        Run one case, or one family; repeatable.
+    jobs : int, optional
+        Number of processes; by default one per core.
+    progress : callable, optional
+        Receives how long the run takes, then what is left.
+
+    Returns
+    -------
+    StressReport
+        Every run with its judgement; `wrong` are those with a wrong outcome or number.
+
+    Raises
+    ------
+    InputError
+        There is no such case or family.
+    Interrupted
+        Ctrl-C; its `result` has the finished cases.
+
+    Examples
+    --------
+    >>> import taction
+    >>> len(taction.stress(only=["nothing-moves"], jobs=1).wrong)
+    0
+    """
+    from taction.system.errors import Interrupted
+    from taction.verification.evidence.stress.catalogue import load_catalogue, select
+    from taction.verification.evidence.stress.run import expected_seconds, run_catalogue
+    from taction.verification.verdict.clock import Notice
+
+    cases = select(load_catalogue(), tuple(only))
+    progress(Notice(f"{len(cases)} cases, about {expected_seconds(cases, jobs):.0f} s"))
+    report = run_catalogue(cases, progress, jobs)
+    if report.interrupted:
+        raise Interrupted("the finished cases are in the report", report)
+    return report
+
+
+def reproduce(*, quick: bool = False, progress: Progress = lambda stage: None) -> Reproduction:
+    """Test every claim of the paper.
+
+    Parameters
+    ----------
+    quick : bool
+        Run fewer seeds and sizes, for CI.
+    progress : callable, optional
+        Receives how long the run takes, then each chapter.
+
+    Returns
+    -------
+    Reproduction
+        The verdict on every claim, with what was found.
+
+    Examples
+    --------
+    The quick run takes some minutes.
+
+    >>> import taction
+    >>> taction.reproduce(quick=True).outcome  # doctest: +SKIP
+    'pass'
+    """
+    from taction.verification.evidence.paper.reproduce import reproduce as run
+    from taction.verification.verdict.clock import Notice
+
+    return run(quick=quick, progress=lambda stage: progress(Notice(stage)))

@@ -1,19 +1,24 @@
-"""Jobs with one transient: simulate a scene, or verify it."""
+"""Jobs with one transient of a scene, or of each scene: simulate, verify, compare, explore."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias, overload
+from typing import TYPE_CHECKING, Any, TypeAlias, overload
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from taction.netlist_gen.scene.scene import Scene
+    from taction.results import Simulated
     from taction.verdict import Verdict
+    from taction.verification.design.remedies import Remedies
+    from taction.verification.studies.difference import VerdictDifference
+    from taction.verification.studies.verify_files import VerifiedFiles
     from taction.verification.verdict.clock import Progress
-    from taction.verification.verdict.recording import Record
 
 AnyScene: TypeAlias = "str | Path | Scene"
+Settings: TypeAlias = "Sequence[str] | Mapping[str, Any]"
 
 
 @overload
@@ -24,11 +29,11 @@ def simulate(
     strains: None = ...,
     output: str | Path | None = ...,
     progress: Progress = ...,
-) -> Record: ...
+) -> Simulated: ...
 @overload
 def simulate(
     scene: AnyScene, *, engine: str | None = ..., strains: ArrayLike, progress: Progress = ...
-) -> list[Record]: ...
+) -> list[Simulated]: ...
 def simulate(
     scene: str | Path | Scene,
     *,
@@ -36,25 +41,29 @@ def simulate(
     strains: ArrayLike | None = None,
     output: str | Path | None = None,
     progress: Progress = lambda stage: None,
-) -> Record | list[Record]:
-    """Run the transient of a scene and measure the waveforms, without any check.
+) -> Simulated | list[Simulated]:
+    """Run the transient of SCENE and measure the waveforms, without any check.
 
     Parameters
     ----------
     scene : path or Scene
         The board.
     engine : str, optional
-        ``"auto"``, ``"ngspice"`` or ``"statespace"`` in the place of the scene's own engine.
+        Engine in the place of the scene's own.
+
+        ``"auto"``, ``"ngspice"`` or ``"statespace"``.
     strains : array_like (K, M), optional
         Simulate for each row instead of the scene's strain.
     output : path, optional
-        Write the waveforms into this file: ``.csv``, ``.parquet`` or ``.raw``; not with `strains`.
+        File for the waveforms: .csv, .parquet or .raw.
+
+        Not with `strains`.
     progress : callable, optional
         Receives the name of each stage.
 
     Returns
     -------
-    Record or list of Record
+    Simulated or list of Simulated
         `waveforms` and `measurements`; with `strains`: one record per row.
 
     Raises
@@ -74,6 +83,7 @@ def simulate(
     True
     """
     from taction.netlist_gen.scene.inverse_problem import with_strains
+    from taction.results import Simulated
     from taction.system.errors import Complaint, InputError
     from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.report.verdict.waveform_files import check_export, export
@@ -85,38 +95,57 @@ def simulate(
             text = "one file holds one transient; leave out output, or strains"
             raise InputError("output", Complaint("FILE", repr(str(output)), text))
         problems = with_strains(scene, strains)
-        return [record_transient(scene, progress, problem=problem) for problem in problems]
+        records = [record_transient(scene, progress, problem=problem) for problem in problems]
+        return [Simulated.of(record, None) for record in records]
     if output is not None:
         check_export(str(output))
     record = record_transient(scene, progress)
     if output is not None:
         export(record.circuit, record.waveforms, str(output))
-    return record
+    return Simulated.of(record, output)
 
 
 @overload
 def verify(
-    scene: AnyScene, *, engine: str | None = ..., strains: None = ..., progress: Progress = ...
+    scene: AnyScene,
+    *,
+    engine: str | None = ...,
+    settings: Settings = ...,
+    strains: None = ...,
+    progress: Progress = ...,
 ) -> Verdict: ...
 @overload
 def verify(
-    scene: AnyScene, *, engine: str | None = ..., strains: ArrayLike, progress: Progress = ...
+    scene: AnyScene,
+    *,
+    engine: str | None = ...,
+    settings: Settings = ...,
+    strains: ArrayLike,
+    progress: Progress = ...,
 ) -> list[Verdict]: ...
 def verify(
     scene: str | Path | Scene,
     *,
     engine: str | None = None,
+    settings: Settings = (),
     strains: ArrayLike | None = None,
     progress: Progress = lambda stage: None,
 ) -> Verdict | list[Verdict]:
-    """Simulate the board of a scene, solve its problem, and check the board against the solution.
+    """Simulate the board of each SCENE, solve its problem, and check the board.
 
     Parameters
     ----------
     scene : path or Scene
         The board, its problem and the checks.
     engine : str, optional
-        ``"auto"``, ``"ngspice"`` or ``"statespace"`` in the place of the scene's own engine.
+        Engine in the place of the scene's own.
+
+        ``"auto"``, ``"ngspice"`` or ``"statespace"``.
+    settings : sequence of str, or mapping
+        Another value for a key of one scene: C=12pF, lambda=0.5, design.opamp=tl084. Repeat it for
+        several keys.
+
+        In Python: ``["C=12pF", "lambda=0.5"]`` or ``{"C": "12pF", "lambda": 0.5}``.
     strains : array_like (K, M), optional
         Verify for each row instead of the scene's strain, which still decides a lambda by a rule.
     progress : callable, optional
@@ -145,13 +174,234 @@ def verify(
     >>> [verdict.outcome.value for verdict in verdicts]
     ['pass', 'pass']
     """
+    from taction.netlist_gen.scene.file import load_scene
     from taction.netlist_gen.scene.inverse_problem import with_strains
+    from taction.netlist_gen.scene.settings import with_settings
     from taction.verdict import Verdict
     from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.verdict.verify import verify as verify_one
 
+    if settings:
+        pairs = settings.items() if isinstance(settings, Mapping) else ()
+        texts = [f"{key}={value}" for key, value in pairs] or list(settings)
+        scene = with_settings(load_scene(scene) if isinstance(scene, str | Path) else scene, texts)
     scene = read_scene(scene, engine)
     if strains is None:
         return Verdict.of(verify_one(scene, progress))
     problems = with_strains(scene, strains)
     return [Verdict.of(verify_one(scene, progress, problem=problem)) for problem in problems]
+
+
+def verify_files(
+    scenes: Sequence[str | Path],
+    *,
+    exclude: Sequence[str] = (),
+    engine: str | None = None,
+    margins: bool = False,
+    jobs: int | None = None,
+    progress: Progress = lambda stage: None,
+) -> VerifiedFiles:
+    """Verify several scene files; a file without a verdict is a result, too.
+
+    Parameters
+    ----------
+    scenes : sequence of path
+        Scene files, and folders: all their files ``*.toml``.
+    exclude : sequence of str
+        Leave out files whose name or path matches: 'draft-*'. Repeat it for several patterns.
+    engine : str, optional
+        Engine in the place of the scene's own.
+
+        ``"auto"``, ``"ngspice"`` or ``"statespace"``.
+    margins : bool
+        Show by what factor C may shrink and the gain may grow until the board oscillates; of an
+        unstable board, how far it is from stability in C, gain, stray capacitance and bandwidth.
+    jobs : int, optional
+        Number of processes; by default one per core.
+    progress : callable, optional
+        Receives the number of finished scenes.
+
+    Returns
+    -------
+    VerifiedFiles
+        `documents` holds the verdict of each scene as plain data, in the order of the files.
+
+    Raises
+    ------
+    InputError
+        A folder without scenes, or a pattern that matches no file.
+    Interrupted
+        Ctrl-C; its `result` has the finished scenes.
+
+    Examples
+    --------
+    >>> import taction
+    >>> found = taction.verify_files(
+    ...     ["scenes"], exclude=["e*", "*-exponential.toml", "t*", "k*"], jobs=1
+    ... )
+    >>> found.outcome, found.count()
+    ('pass', {'pass': 2})
+    """
+    from taction.system.errors import Interrupted
+    from taction.verification.studies.scene_files import scene_files
+    from taction.verification.studies.verify_files import verify_files as verify_each
+
+    describe: Callable[..., dict[str, Any]]
+    if margins:
+        from taction.verification.report.verdict.margins import (
+            verdict_document_with_margins as describe,
+        )
+    else:
+        from taction.verification.report.verdict.json_document import verdict_document as describe
+    files = scene_files([str(name) for name in scenes], exclude)
+    found = verify_each(files, describe, engine=engine, jobs=jobs, progress=progress)
+    if found.interrupted:
+        raise Interrupted("the finished scenes are in the report", found)
+    return found
+
+
+def what_to_change(
+    verdict: Verdict, *, changes: float = 4.0, progress: Progress = lambda stage: None
+) -> Remedies | None:
+    """Return the nearest changes of the design that mend a failed verdict; None for any other.
+
+    Parameters
+    ----------
+    verdict : Verdict
+        Of the board that its scene describes.
+    changes : float
+        Time limit of the search for changes that mend a failed verdict; 0: no search.
+
+        In seconds; a simulation that has begun is finished.
+    progress : callable, optional
+        Receives the name of the stage.
+
+    Returns
+    -------
+    Remedies or None
+        Changes that were verified.
+
+    Raises
+    ------
+    InputError
+        The files of the scene cannot be read any more.
+
+    Examples
+    --------
+    >>> import taction
+    >>> verdict = taction.verify("scenes/paper-breadboard.toml", engine="statespace")
+    >>> print(taction.what_to_change(verdict))
+    None
+    """
+    if not changes or verdict.outcome.value != "fail":
+        return None
+    from taction.verification.design.remedies import find_remedies
+
+    progress("what to change")
+    return find_remedies(verdict, changes)
+
+
+def diff(
+    first: str | Path | Scene | Verdict,
+    second: str | Path | Scene | Verdict,
+    *,
+    engine: str | None = None,
+    progress: Progress = lambda stage: None,
+) -> VerdictDifference:
+    """Compare two boards: the keys that differ, then the readings of both verdicts.
+
+    A and B are scenes, or files *.json that `taction verify SCENE --json` wrote.
+
+    Parameters
+    ----------
+    first, second : path, Scene or Verdict
+        A scene, a stored verdict (``.json``), or a verdict.
+    engine : str, optional
+        Engine in the place of the scene's own.
+
+        ``"auto"``, ``"ngspice"`` or ``"statespace"``.
+    progress : callable, optional
+        Receives the name of each stage.
+
+    Returns
+    -------
+    VerdictDifference
+        `keys` and `readings` with their differences and the uncertainties of these.
+
+    Raises
+    ------
+    InputError
+        A scene or a file cannot be used.
+    NoVerdictError
+        A scene has no verdict.
+
+    Examples
+    --------
+    >>> import taction
+    >>> scene = "scenes/paper-breadboard.toml"
+    >>> taction.diff(scene, scene, engine="statespace").exit_status
+    0
+    """
+    from taction.verdict import Verdict
+    from taction.verification.report.verdict.json_document import verdict_document
+    from taction.verification.studies.difference import compare_verdicts, stored_verdict
+
+    def document(one: str | Path | Scene | Verdict) -> dict[str, Any]:
+        if isinstance(one, str | Path) and str(one).lower().endswith(".json"):
+            return stored_verdict(one)
+        if isinstance(one, Verdict):
+            return verdict_document(one)
+        return verdict_document(verify(one, engine=engine, progress=progress))
+
+    one, two = document(first), document(second)
+    name, other = (
+        str(given) if isinstance(given, str | Path) else str(found["scene"])
+        for given, found in ((first, one), (second, two))
+    )
+    return compare_verdicts(one, two, (name, other))
+
+
+def explore(
+    scene: str | Path | Scene,
+    *,
+    port: int = 0,
+    browser: bool = True,
+    announce: Callable[[str], None] = print,
+) -> None:
+    """Serve a page with sliders for C, gain, lambda, stray capacitance and noise, until Ctrl-C.
+
+    Waveforms, poles, stable values of C and the recovered stress follow at once, by the state-space
+    engine; the verdict follows when it is ready. The page is for this machine alone, and its
+    address has a secret.
+
+    Parameters
+    ----------
+    scene : path or Scene
+        The board to begin with.
+    port : int
+        Port of the page on 127.0.0.1; 0 is any free port.
+    browser : bool
+        Open the page in a browser, where there is a display.
+    announce : callable
+        Receives the address once the page can be opened.
+
+    Raises
+    ------
+    InputError
+        The scene cannot be used, NiceGUI is missing (``taction[explore]``), or the port is taken.
+
+    Examples
+    --------
+    The call ends with Ctrl-C.
+
+    >>> import taction
+    >>> taction.explore("scenes/tuned-breadboard.toml", port=8000)  # doctest: +SKIP
+    """
+    from contextlib import suppress
+
+    from taction.netlist_gen.scene.file import load_scene
+    from taction.verification.report.explorer.server import explore as serve
+
+    scene = load_scene(scene) if isinstance(scene, str | Path) else scene
+    with suppress(KeyboardInterrupt):
+        serve(scene, port=port, show=browser, announce=announce)

@@ -6,6 +6,7 @@ from taction.netlist_gen.deck.deck import write_deck as write_deck
 from taction.netlist_gen.scene.file import load_scene as load_scene
 from taction.netlist_gen.scene.scene import Scene as Scene
 from taction.system.errors import InputError as InputError
+from taction.system.errors import Interrupted as Interrupted
 from taction.system.errors import NoVerdictError as NoVerdictError
 from taction.system.errors import TactionError as TactionError
 from taction.verification.waveforms import Waveforms as Waveforms

@@ -105,7 +105,7 @@ def write_deck(
     >>> import taction
     >>> scene = taction.load_scene("scenes/paper-breadboard.toml")
     >>> deck = taction.netlist(scene)
-    >>> taction.write_deck(taction.synthesise(scene), deck.analysis) == deck
+    >>> taction.write_deck(taction.synthesise(scene), deck.analysis).text == deck.text
     True
     """
     check_circuit(circuit)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from taction.cli.netlist import NAMES
+from taction.cli.boards import DIALECTS as NAMES
 from taction.netlist_gen.deck.dialects.table import DIALECTS
 from tests.support.paths import SCENES
 from tests.support.running import document, taction

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from taction.cli.sparse_lines import SparseLines
+from taction.cli.terminal import SparseLines
 from taction.verification.studies.running import pace
 from taction.verification.studies.running.pace import Pace
 from tests.support.entries import write_fast
@@ -47,8 +47,8 @@ def test_every_long_study_says_what_is_left(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     write_fast(tmp_path / "a.toml", more="[tolerances]\nresistor = 0.01\n")
-    monkeypatch.setattr("taction.cli.sparse_lines.FIRST", 0.0)
-    monkeypatch.setattr("taction.cli.sparse_lines.GROWTH", 0.0)
+    monkeypatch.setattr("taction.cli.terminal.FIRST", 0.0)
+    monkeypatch.setattr("taction.cli.terminal.GROWTH", 0.0)
     monkeypatch.setattr(pace, "SETTLED", 0.0)
     lines = [line for line in taction(*words).stderr.splitlines() if "left" in line]
     assert len(lines) > 5

@@ -14,8 +14,7 @@ import pytest
 
 from scripts.man_pages import pages
 from taction.cli.main import COMMANDS, main
-from taction.cli.reference import EXIT_STATUSES, reference
-from taction.cli.reference_examples import EXAMPLES
+from taction.cli.reference import EXAMPLES, EXIT_STATUSES, reference
 from tests.support.paths import ROOT
 from tests.support.running import document, taction
 
@@ -49,7 +48,7 @@ def test_options_are_those_of_the_help_text() -> None:
 def test_types_defaults_and_arguments() -> None:
     commands = {c["name"]: c for c in document(taction("--json", "--help"))["commands"]}
     options = {o["name"]: o for o in commands["montecarlo"]["options"]}
-    assert (options["count"]["type"], options["count"]["default"]) == ("integer", 1000)
+    assert (options["samples"]["type"], options["samples"]["default"]) == ("integer", 1000)
     assert options["engine"]["choices"] == ["auto", "ngspice", "statespace"]
     (scenes,) = commands["verify"]["arguments"]
     assert (scenes["name"], scenes["required"], scenes["several"]) == ("scenes", True, True)

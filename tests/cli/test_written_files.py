@@ -5,15 +5,15 @@ from __future__ import annotations
 import io
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import click
 import pytest
 
-from taction.cli.common import INPUTS, OUTPUTS
-from taction.cli.main import main
+from taction.cli.command import Command
+from taction.cli.main import COMMANDS, main
 from taction.verification.evidence.paper import reproduce
 from tests.support.entries import write_fast
 from tests.support.paths import ROOT
@@ -63,6 +63,9 @@ ENDS = {  # of a whole file
 }  # fmt: skip
 
 
+Entry = tuple[str, Command]
+
+
 class ReaderGone(io.TextIOBase):
     """A stream whose reader has gone; like a pipe, it fails at the first text."""
 
@@ -80,39 +83,27 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def outputs(group: click.Group, before: str = "") -> Iterator[tuple[str, str]]:
-    """Every output of every command: its name and its option."""
-    context = click.Context(group)
-    for name in group.list_commands(context):
-        command = group.get_command(context, name)
-        assert command is not None
-        if isinstance(command, click.Group):
-            yield from outputs(command, f"{name} ")
-        for each in command.params:
-            if each.name in OUTPUTS:
-                yield f"{before}{name}", OUTPUTS[each.name]
-
-
-def paths(group: click.Group) -> Iterator[tuple[str, str]]:
-    """Every parameter of every command that is a path: the command and the parameter."""
-    context = click.Context(group)
-    for name in group.list_commands(context):
-        command = group.get_command(context, name)
-        assert command is not None
-        if isinstance(command, click.Group):
-            yield from paths(command)
-        for each in command.params:
-            if isinstance(each.type, click.Path) or each.metavar == "FILE":
-                yield name, str(each.name)
+def commands(table: Mapping[str, Command] = COMMANDS, above: str = "") -> Iterator[Entry]:
+    """Every command and those below it, by their names."""
+    for name, command in table.items():
+        yield f"{above}{name}", command
+        yield from commands(command.commands, f"{name} ")
 
 
 def test_every_output_of_every_command_is_listed() -> None:
-    assert {(name, option) for name, _, option, _ in SINGLE} == set(outputs(main))
+    outputs = {(name, p.option) for name, each in commands() for p in each.every if p.writes}
+    short = {"--output": "-o"}
+    assert {(name, option) for name, _, option, _ in SINGLE} == {
+        (name, short.get(option, option)) for name, option in outputs
+    }
 
 
 def test_every_path_is_an_input_or_an_output() -> None:
-    known = {*INPUTS, *OUTPUTS, "first", "second"}  # the two of `diff`, which writes no file
-    assert {name for _, name in paths(main)} <= known
+    for name, command in commands():
+        for each in command.every:
+            kind, metavar = each.attributes.get("type"), each.attributes.get("metavar")
+            if isinstance(kind, click.Path) or metavar == "FILE":
+                assert each.reads or each.writes, (name, each.name)
 
 
 @pytest.mark.usefixtures("folder")

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from taction.cli.common import plain
+from taction.cli.terminal import plain
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.file import load_scene

@@ -12,13 +12,14 @@ import pytest
 import yaml
 
 from taction.cli.main import COMMANDS, main
-from taction.cli.regress import regress
+from taction.cli.running import made
 from taction.netlist_gen.scene.regression import Regression
 from taction.verification.studies.regression.run import Status
 from tests.support.paths import ROOT
 
 GUIDE = (ROOT / "docs" / "ci.md").read_text("utf-8")
 WORKFLOW = yaml.safe_load((ROOT / ".github" / "workflows" / "taction.yml").read_text("utf-8"))
+REGRESS = made("regress", COMMANDS["regress"])
 BLOCKS = re.findall(r"```(\w+)\n(.*?)```", GUIDE, re.DOTALL)
 
 
@@ -32,7 +33,7 @@ def accepts(command: str) -> dict[str, Any]:
     assert words[:2] == ["taction", "regress"]
     # Without the group's settings click would keep a command without -h for the tests that follow.
     parent = click.Context(main, **main.context_settings)
-    return regress.make_context("regress", words[2:], parent=parent).params
+    return REGRESS.make_context("regress", words[2:], parent=parent).params
 
 
 def steps(workflow: dict[str, Any]) -> list[dict[str, Any]]:
@@ -83,7 +84,7 @@ def test_every_command_and_file_that_the_guide_shows_can_be_read() -> None:
 
 
 def test_the_guide_explains_every_option_and_every_status() -> None:
-    for option in (param.opts[0] for param in regress.params if param.opts[0].startswith("--")):
+    for option in (param.opts[0] for param in REGRESS.params if param.opts[0].startswith("--")):
         assert option in GUIDE
     rows = re.findall(r"^\| ([a-z ]+) \| .* \| ([0-9 or]+) \|$", GUIDE, re.MULTILINE)
     assert {name for name, _ in rows} == {s.value for s in Status} - {Status.NOT_RUN.value}
@@ -92,7 +93,7 @@ def test_the_guide_explains_every_option_and_every_status() -> None:
 @pytest.mark.parametrize("text", [*blocks("toml"), "template"], ids=["guide", "template"])
 def test_the_tolerances_shown_are_the_defaults(text: str) -> None:
     if text == "template":
-        text = (ROOT / "cli" / "scene_template.toml").read_text("utf-8")
+        text = (ROOT / "taction" / "scene_template.toml").read_text("utf-8")
     assert Regression.model_validate(tomllib.loads(text)["regression"]) == Regression()
     groups = tomllib.loads(text)["regression"]
     assert groups.keys() == Regression.model_fields.keys()

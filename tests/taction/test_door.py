@@ -125,7 +125,7 @@ def test_progress_receives_lines_of_text(tmp_path: Path) -> None:
     taction.sweep(file, over={"C": ["10pF"]}, jobs=1, progress=lines.append)
     taction.montecarlo(scene_file(tmp_path), samples=1, jobs=1, progress=lines.append)
     assert "synthesis" in lines
-    assert "1 of 1 points" in lines
+    assert any(line.startswith("1 of 1 points") for line in lines)
     assert any(line.startswith("1 of 1 samples") for line in lines)
 
 

@@ -48,6 +48,51 @@ class Request:
     limits: Point | None = None
 
 
+def request_of(
+    opamps: str | Sequence[str],
+    capacitances: str,
+    gains: str,
+    points: int,
+    **limits: str | float | None,
+) -> Request:
+    """Return what is asked for, from the arguments of `taction.choose`.
+
+    Raises
+    ------
+    InputError
+        The overshoot or the margin is no number.
+    """
+    names = opamps.split(",") if isinstance(opamps, str) else opamps
+    values = {
+        "checks.settling_time.max": limits["settling"],
+        "checks.rise_time.max": limits["rise"],
+        "checks.overshoot.max": _number("--overshoot", limits["overshoot"]),
+        "checks.noise.max": limits["noise"],
+        "checks.stability.margin": _number("--margin", limits["margin"]),
+        "design.supply": limits["supply"],
+    }
+    return Request(
+        opamps=[name.strip() for name in names if name.strip()],
+        capacitances=capacitances,
+        gains=gains,
+        points=points,
+        limits={path: value for path, value in values.items() if value is not None},
+    )
+
+
+def _number(option: str, given: str | float | None) -> float | None:
+    """Read a number; of the overshoot also a share in percent."""
+    if given is None:
+        return None
+    text = str(given).strip()
+    percent = option == "--overshoot" and text.endswith("%")
+    try:
+        return float(text.removesuffix("%")) / 100.0 if percent else float(text)
+    except ValueError:
+        complaint = Complaint("value", repr(given), "expected a number, such as 0.05 or 5%")
+        raise InputError(option, complaint) from None
+
+
 def choice_plan(scene: Scene, request: Request) -> Plan:
     """Return the sweep of a choice by the state-space engine.
 

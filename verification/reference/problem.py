@@ -184,6 +184,11 @@ class Solution:
     seconds: float
     reason: str = ""
 
+    @property
+    def outcome(self) -> str:
+        """``pass`` if it is trusted, else ``inconclusive``."""
+        return "pass" if self.trusted else "inconclusive"
+
     def __repr__(self) -> str:
         trust = "trusted" if self.trusted else f"not trusted: {self.reason}"
         return (

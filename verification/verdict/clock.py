@@ -8,6 +8,12 @@ from collections.abc import Callable
 Progress = Callable[[str], None]
 
 
+class Notice(str):
+    """A line of progress that is shown even where stages are not, such as how long a run takes."""
+
+    __slots__ = ()
+
+
 class Clock:
     """Wall time of each stage, s."""
 
@@ -24,8 +30,10 @@ class Clock:
         """
         self._close()
         self._stage = stage
+        announced = bool(remark) and not beside
         remark = remark or (f"while the {beside} runs" if beside else "")
-        self._progress(f"{stage} ({remark})" if remark else stage)
+        text = f"{stage} ({remark})" if remark else stage
+        self._progress(Notice(text) if announced else text)
 
     def end(self) -> None:
         """End the last stage and add the total."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from taction.verification.report.picture import BLUE, GREY, ORANGE, figure_file,
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 MARKS = 25  # of the second witness on a curve
 SHOWN_SMALL, SHOWN_LARGE = 0.5, 0.6  # of the records of the steps
@@ -49,7 +51,7 @@ def measure_curves(opamp: OpAmp, witness: Witness) -> Curves:
     return Curves(bode(opamp, witness), step_response(opamp, witness), large)
 
 
-def plot_opamp(opamp: OpAmp, curves: dict[str, Curves], path: str) -> None:
+def plot_opamp(opamp: OpAmp, curves: dict[str, Curves], path: str | Path | None = None) -> Figure:
     """Draw the Bode diagram and the steps; `curves` by the name of the witness, ours first.
 
     Raises
@@ -64,10 +66,11 @@ def plot_opamp(opamp: OpAmp, curves: dict[str, Curves], path: str) -> None:
         _bode(gain, phase, curves)
         if next(iter(curves.values())).large is None:
             _small(right.subplots(), curves)
-            return
-        small, large = right.subplots(2, 1)
-        _small(small, curves)
-        _large(large, opamp, curves)
+        else:
+            small, large = right.subplots(2, 1)
+            _small(small, curves)
+            _large(large, opamp, curves)
+    return figure
 
 
 def _styles(curves: dict[str, Curves]) -> list[tuple[str, Curves, dict[str, Any]]]:

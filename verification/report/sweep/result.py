@@ -35,18 +35,29 @@ class SweepResult:
         Numbers of all points, of the points computed now, and of each outcome.
     agreement : AgreementSummary or None
         How far two engines agree; None for a sweep by one engine.
+    seconds : float
+        Wall time, s.
     """
 
     plan: Plan
     store: Store
     count: SweepCounts
     agreement: AgreementSummary | None
+    seconds: float = 0.0
 
     @classmethod
-    def of(cls, plan: Plan, store: Store, count: SweepCounts) -> SweepResult:
+    def of(cls, plan: Plan, store: Store, count: SweepCounts, seconds: float = 0.0) -> SweepResult:
         """Return the result of a sweep that has ended."""
         several = len(plan.engines) > 1
-        return cls(plan, store, count, summarise(plan, store) if several else None)
+        return cls(plan, store, count, summarise(plan, store) if several else None, seconds)
+
+    @property
+    def outcome(self) -> str:
+        """``fail`` if the engines disagree, ``inconclusive`` if no point has a verdict."""
+        if self._disagree:
+            return "fail"
+        outcomes = self.count.outcomes
+        return "pass" if outcomes["pass"] + outcomes["fail"] else "inconclusive"
 
     def __repr__(self) -> str:
         plan, counts = self.plan, sorted(self.count.outcomes.items())

@@ -51,10 +51,12 @@ class SweepCounts:
 
     @property
     def text(self) -> str:
-        """The number of finished points, and the remaining time."""
+        """The number of finished points, the remaining time, and the outcomes."""
         left = self.remaining if self.done < self.total else None
         text = f"{self.done} of {self.total} points"
-        return text if left is None else f"{text}, about {duration(left)} left"
+        text = text if left is None else f"{text}, about {duration(left)} left"
+        outcomes = ", ".join(f"{number} {name}" for name, number in sorted(self.outcomes.items()))
+        return f"{text}; {outcomes}" if outcomes else text
 
     def add(self, outcome: str, *, ran: bool) -> None:
         """Count one point."""

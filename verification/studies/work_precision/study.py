@@ -75,6 +75,11 @@ class WorkPrecisionStudy:
     seconds: float  # wall time of the study
 
     @property
+    def outcome(self) -> str:
+        """``pass`` if a run of the board has a known error, else ``inconclusive``."""
+        return "pass" if self.conclusive else "inconclusive"
+
+    @property
     def conclusive(self) -> bool:
         """Whether the board was run, and the error of a run is known."""
         return self.cheapest(math.inf) is not None

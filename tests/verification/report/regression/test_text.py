@@ -10,7 +10,7 @@ import pytest
 from lxml import etree
 from rich.console import Console
 
-from taction.cli.common import plain
+from taction.cli.terminal import plain
 from taction.verification.report.junit import regression_junit
 from taction.verification.report.regression.markdown import regression_markdown
 from taction.verification.report.regression.text import SHOWN, print_regression, regression_document

@@ -10,7 +10,7 @@ import pytest
 from lxml import etree
 from rich.console import Console
 
-from taction.cli.common import plain
+from taction.cli.terminal import plain
 from taction.verification.evidence.stress.catalogue import load_catalogue, select
 from taction.verification.evidence.stress.compare import Comparison
 from taction.verification.evidence.stress.run import CaseRun, Judgement, StressReport

@@ -1,0 +1,291 @@
+"""Documents and texts of the commands whose result has no page of its own."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from taction.results import (
+        ImportedModel,
+        Installation,
+        NewScene,
+        OpAmpFigures,
+        Scaled,
+        Simulated,
+        Tuned,
+    )
+    from taction.spice_models.opamp import OpAmp
+    from taction.verification.reference import Solution
+
+COLUMNS = (
+    ("gbw", "Hz", "GBW"),
+    ("slew_rate", "V/s", "slew rate"),
+    ("offset_voltage", "V", "offset"),
+    ("bias_current", "A", "bias"),
+    ("voltage_noise", "V/rtHz", "noise"),
+)
+"""Figures of the list of op-amps, beside the range of the supply; `show` has all."""
+
+
+def solution_document(solution: Solution) -> dict[str, Any]:
+    """Return a solution and its certificate as plain data."""
+    return {
+        "outcome": solution.outcome,
+        "u": solution.u,
+        "v": solution.v,
+        "lambda": solution.lam,
+        "objective": solution.objective,
+        "certificate": {
+            "kind": solution.certificate_kind,
+            "value": solution.certificate,
+            "bound": solution.bound,
+        },
+        "error_bound": solution.error_bound,
+        "condition": solution.condition,
+        "iterations": solution.iterations,
+        "trusted": solution.trusted,
+        "reason": solution.reason,
+        "seconds": solution.seconds,
+    }
+
+
+def print_solution(solution: Solution, console: Console) -> None:
+    """Print a solution and its certificate."""
+    for n, value in enumerate(solution.u.tolist(), 1):
+        console.print(f"u_{n} = {value!r}")
+    console.print(f"lambda = {solution.lam!r}, objective = {solution.objective!r}")
+    console.print(
+        f"{solution.certificate_kind} {solution.certificate:.3g} (bound {solution.bound:.3g});"
+        f" error in u at most {solution.error_bound:.2g}; condition {solution.condition:.3g};"
+        f" {solution.iterations} iterations, {1e3 * solution.seconds:.2f} ms"
+    )
+    if not solution.trusted:
+        console.print(f"inconclusive: {solution.reason}", markup=False)
+
+
+def record_document(record: Simulated) -> dict[str, Any]:
+    """Return the measurements of a transient as plain data."""
+    from taction.verification.report.verdict.json_document import channel_record
+    from taction.verification.verdict.record import Channel, finite
+
+    measurements, waveforms = record.measurements, record.waveforms
+    return {
+        "scene": record.circuit.name,
+        "simulator": waveforms.engine,
+        "solver": waveforms.solver or None,
+        "method": waveforms.method or None,
+        "points": waveforms.cost.points,
+        "seconds": waveforms.cost.seconds,
+        "stop": float(waveforms.time[-1]),
+        "step_amplitude": measurements.amplitude,
+        "settling_time": finite(measurements.settling_time),
+        "channels": [channel_record(Channel.of(each)) for each in measurements.channels],
+        "output": record.output,
+    }
+
+
+def print_record(record: Simulated, console: Console) -> None:
+    """Print the measurements of a transient, and what it cost."""
+    from taction.verification.report.verdict.table import channel_table
+
+    console.print(channel_table(record.measurements))
+    cost = record.waveforms.cost
+    console.print(f"{record.waveforms.simulator}: {cost.points} points, {cost.seconds:.3g} s")
+
+
+def tuned_document(found: Tuned) -> dict[str, Any]:
+    """Return a search, its best design and the verdict on it as plain data."""
+    from taction.verification.report.verdict.json_document import verdict_document
+
+    tuning, verdict = found.tuning, found.verdict
+    return {
+        "outcome": found.outcome,
+        "before": tuning.before.summary(),
+        "after": tuning.after.summary(),
+        "resistance": verdict.circuit.value("R"),
+        "lambda": verdict.circuit.value("lambda"),
+        "overshoot_limit": tuning.overshoot_limit,
+        "margin": tuning.margin,
+        "tried": tuning.tried,
+        "ranges": {each.path: [each.low, each.high] for each in tuning.ranges},
+        "at_edges": tuning.at_edges,
+        "frontier": [trial.summary() for trial in tuning.frontier],
+        "verification": verdict_document(verdict),
+    }
+
+
+def print_tuned(found: Tuned, console: Console) -> None:
+    """Print the design before and after, the values for the scene, and the verdict."""
+    from taction.netlist_gen.scene.keys import find_key
+    from taction.system.quantities import show, written
+    from taction.verification.report.tables import make_table, whole
+    from taction.verification.report.verdict.table import print_verdict
+
+    tuning, rows = found.tuning, []
+    units = {path: find_key(tuning.scene, path).unit for path in tuning.after.values}
+    for name, candidate in (("before", tuning.before), ("after", tuning.after)):
+        values = [show(value, units[path], 5) for path, value in candidate.values.items()]
+        settling = show(candidate.settling_time, "s")
+        rows.append((name, *values, settling, f"{100 * candidate.overshoot:.3g} %"))
+    console.print(make_table(whole("", *tuning.after.values, "settling time", "overshoot"), rows))
+    facts = found.verdict.circuit.facts
+    resistance = found.verdict.circuit.value("R")
+    console.print(
+        f"{tuning.tried} designs tried, {len(tuning.frontier)} on the trade-off curve; lambda stays"
+        f" {facts['lambda'].text}, so R = {show(resistance, 'ohm')}. For the scene's table"
+        " \\[design]:"
+    )
+    for path, value in tuning.after.values.items():
+        console.print(f"  {path.removeprefix('design.')} = {written(value, units[path])}")
+    console.print(f"  resistance = {written(resistance, 'ohm')}")
+    for path, edge in tuning.at_edges.items():
+        name = path.removeprefix("design.")
+        console.print(
+            f"{name} is at the edge of its range, {show(edge, units[path])}: a wider range may hold"
+            f" a better design, such as --over {name}=LOW:HIGH or --reach {2 * found.reach:g}"
+        )
+    print_verdict(found.verdict, console)
+
+
+def scaled_document(found: Scaled) -> dict[str, Any]:
+    """Return the scalings and the verdict as plain data."""
+    from taction.verification.report.verdict.json_document import load_record, verdict_document
+
+    scaling = found.scaling
+    names = ("unit_conductance", "unit_voltage", "gain", "resistance", "capacitance")
+    return {
+        "outcome": found.outcome,
+        **{name: getattr(scaling, name) for name in names},
+        "lambda": scaling.lam,
+        "matrix_resistors": list(scaling.matrix_ohms),
+        "headroom": [load_record(load) for load in scaling.loads],
+        "notes": list(scaling.notes),
+        "verification": verdict_document(found.verdict),
+    }
+
+
+def print_scaled(found: Scaled, console: Console) -> None:
+    """Print the scalings, the loads and what the checks say."""
+    from taction.system.quantities import show
+    from taction.verification.design.scaling import scalings_of
+    from taction.verification.verdict.part_limits import describe
+
+    scaling, verdict = found.scaling, found.verdict
+    values = scalings_of(scaling).items()
+    console.print(", ".join(f"{name} = {show(value, unit)}" for name, (value, unit) in values))
+    low, high = (show(ohms, "ohm") for ohms in scaling.matrix_ohms)
+    console.print(f"matrix resistors from {low} to {high}; lambda stays {scaling.lam:.4g}")
+    for load in scaling.loads:
+        console.print(f"{describe(load)} ({load.share:.0%})")
+    for note in scaling.notes:
+        console.print(f"note: {note}", markup=False)
+    failing = [check for check in verdict.checks if check.outcome.value != "pass"]
+    for check in failing:
+        console.print(f"{check.name}: {check.outcome.value}: {check.reason}", markup=False)
+    console.print(f"{verdict.outcome.value.upper()} (state-space engine)")
+
+
+def fresh_document(found: NewScene) -> dict[str, Any]:
+    """Return a new scene for a matrix as plain data."""
+    fresh = found.fresh
+    if fresh is None or found.scaled is None:
+        return {"file": found.file}
+    head = {"file": found.file, "lambda_rule": fresh.rule, "recognised": list(fresh.notes)}
+    return head | scaled_document(found.scaled)
+
+
+def print_fresh(found: NewScene, console: Console) -> None:
+    """Print what was recognised in the files, how lambda was chosen, and the scalings."""
+    fresh = found.fresh
+    if fresh is not None and found.scaled is not None:
+        for note in fresh.notes:
+            console.print(note, markup=False)
+        console.print(f"lambda {fresh.rule}", markup=False)
+        print_scaled(found.scaled, console)
+
+
+def models_document(models: dict[str, OpAmp]) -> dict[str, Any]:
+    """Return the figures of all presets as plain data."""
+    from taction.spice_models.presets import FIGURES
+
+    names = [name for name in FIGURES if name != "phase_margin"]
+    return {
+        name: {figure: getattr(model, figure) for figure in names} | {"source": model.source}
+        for name, model in models.items()
+    }
+
+
+def print_models(models: dict[str, OpAmp], console: Console) -> None:
+    """Print the figures that most boards depend on."""
+    from taction.system.quantities import show as shown
+    from taction.verification.report.tables import make_table, whole
+
+    rows = []
+    for name, model in models.items():
+        values = [(getattr(model, figure), unit) for figure, unit, _ in COLUMNS]
+        known = [shown(x, unit, 3) if x and math.isfinite(x) else "-" for x, unit in values]
+        ends = f"\N{PLUS-MINUS SIGN}{model.least_supply:g} to {model.most_supply:g} V"
+        rows.append((name, *known, ends if math.isfinite(model.most_supply) else "-"))
+    console.print(make_table(whole("", *(title for _, _, title in COLUMNS), "supply"), rows))
+    console.print(
+        "all figures with their sources, and what the model does: taction models show NAME"
+    )
+
+
+def opamp_document(found: OpAmpFigures) -> dict[str, Any]:
+    """Return all figures of an op-amp as plain data."""
+    from taction.verification.report.opamp.figures import figures_document
+
+    return figures_document(found.opamp, found.notes, found.results)
+
+
+def print_opamp(found: OpAmpFigures, console: Console) -> None:
+    """Print all figures of an op-amp."""
+    from taction.verification.report.opamp.figures import print_figures
+
+    print_figures(found.opamp, found.notes, found.results, console)
+
+
+def model_document(found: ImportedModel) -> dict[str, Any]:
+    """Return an imported model as plain data, without its netlist."""
+    return {"file": found.file, **{k: v for k, v in found.model.items() if k != "netlist"}}
+
+
+def print_model(found: ImportedModel, console: Console) -> None:
+    """Print what was measured of an imported model, and how a scene uses it."""
+    from taction.system.quantities import show
+
+    model = found.model
+    figures, linear = model["figures"], model["linear"]
+    console.print(f"{model['name']}, simulated at ±{show(model['supply'], 'V')}")
+    for key, unit in (
+        ("dc_gain", ""), ("unity_gain_bandwidth", "Hz"), ("phase_margin", "degrees"),
+        ("output_resistance", "ohm"), ("supply_current", "A"),
+    ):  # fmt: skip
+        console.print(f"  {key.replace('_', ' '):22} {show(figures[key], unit)}")
+    if linear is not None:
+        poles = len(linear["gain"]["poles"])
+        console.print(
+            f"linear model: {poles} poles, within {100.0 * linear['error']:.2g} % of the simulated"
+            f" response up to {show(linear['band'][1], 'Hz', 3)}"
+        )
+    else:
+        console.print(f"{model['missing']}: boards with it stay inconclusive")
+    console.print(f'in a scene beside it: opamp = {{ file = "{found.file}" }}')
+
+
+def doctor_document(found: Installation) -> dict[str, Any]:
+    """Return what is installed as plain data."""
+    findings = list(found.findings)
+    return {"findings": findings, "ok": all(each["ok"] for each in findings)}
+
+
+def print_doctor(found: Installation, console: Console) -> None:
+    """Print what is installed, and what it is needed for."""
+    for finding in found.findings:
+        mark = "ok     " if finding["ok"] else "missing"
+        console.print(f"{mark}  {finding['what']}: {finding['found']}", markup=False)
+        console.print(f"         {finding['means']}", markup=False)

@@ -1,0 +1,482 @@
+"""The commands on one board, and those without a board: a table of public functions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+import taction
+from taction.cli.command import (
+    ENGINE,
+    JOBS,
+    OUTPUT,
+    SCENE,
+    Call,
+    Command,
+    Job,
+    argument,
+    folder,
+    load,
+    option,
+    own_file,
+    page,
+    picture,
+    text_file,
+)
+from taction.cli.terminal import print_json, say
+from taction.system.documents import plain
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from taction.results import KicadProject, Netlist, NewScene, PartsList
+    from taction.verification.design.remedies import Remedies
+
+REPORT = "verification.report"
+DIALECTS = ("ngspice", "ltspice", "hspice", "xyce", "spectre")  # --help does not load the table
+
+
+@dataclass(frozen=True, slots=True)
+class _Verified:
+    """The verdict of one scene, with what the options of ``taction verify`` add."""
+
+    verdict: taction.Verdict
+    remedies: Remedies | None
+    document: dict[str, Any]
+    verbose: bool
+
+    @property
+    def outcome(self) -> str:
+        return str(self.verdict.outcome.value)
+
+
+def _verify(call: Call, progress: Callable[[str], None]) -> _Verified:
+    options = call.options
+    verdict = taction.verify(
+        options["scenes"][0],
+        engine=options["engine"],
+        settings=options["settings"],
+        progress=progress,
+    )
+    remedies = taction.what_to_change(verdict, changes=options["changes"], progress=progress)
+    document: dict[str, Any] = {}
+    if call.as_json or options["margins"] or options["annotate"]:
+        place = "margins:verdict_document_with_margins"
+        if not options["margins"]:
+            place = "json_document:verdict_document"
+        document = load(f"{REPORT}.verdict.{place}")(verdict)
+    return _Verified(verdict, remedies, document, options["verbose"])
+
+
+def _verified_document(found: _Verified) -> dict[str, Any]:
+    from taction.verification.report.verdict.remedies import remedies_document
+
+    if found.remedies is None:
+        return found.document
+    return found.document | {"what_to_change": remedies_document(found.remedies)}
+
+
+def _verified_text(found: _Verified, console: Console) -> None:
+    from taction.verification.report.files.reasons import margin_lines
+    from taction.verification.report.verdict.remedies import remedies_text
+    from taction.verification.report.verdict.table import print_verdict
+
+    print_verdict(found.verdict, console, verbose=found.verbose)
+    if found.remedies is not None:
+        click.echo(remedies_text(found.verdict.scene, found.remedies))
+    for line in margin_lines(found.document):
+        click.echo(line)
+
+
+def _verified_page(found: _Verified) -> Any:
+    from taction.verification.report.html.verdict_report import verdict_report
+    from taction.verification.report.verdict.remedies import remedies_text
+
+    remedies = found.remedies
+    changes = "" if remedies is None else remedies_text(found.verdict.scene, remedies)
+    return verdict_report(found.verdict, changes=changes)
+
+
+def _annotate(documents: Iterable[Mapping[str, Any]], call: Call) -> None:
+    """Print errors and warnings as GitHub shows them at the files."""
+    if call.options["annotate"]:
+        from taction.verification.report.files.annotations import annotation_lines
+
+        for document in documents:
+            for line in annotation_lines(document):
+                click.echo(line, err=True)
+
+
+def _annotate_error(error: taction.TactionError, call: Call) -> None:
+    from taction.system.error_document import error_document
+
+    _annotate([{"file": call.options["scenes"][0], **error_document(error)}], call)
+
+
+def _several(options: Mapping[str, Any]) -> Job | None:
+    """Return the job of several scenes, unless the command has one."""
+    scenes = options["scenes"]
+    alone = len(scenes) == 1 and not Path(scenes[0]).is_dir() and not options["exclude"]
+    if alone and options["junit"] is None:
+        return None
+    if options["settings"]:
+        raise click.UsageError("--set is for one scene: several may have different keys")
+    return VERIFY_FILES
+
+
+JUNIT = text_file("junit", "Write a JUnit XML report.", f"{REPORT}.junit:files_junit")
+VERIFY_FILES = Job(
+    function="verify_files",
+    document=f"{REPORT}.files.table:files_document",
+    text=f"{REPORT}.files.table:print_files",
+    outputs=(JUNIT,),
+    schema="verify-files",
+    after=lambda found, call: _annotate(found.documents, call),
+    lacks="shows one board; give one scene file, without --exclude and --junit",
+)
+VERIFY = Command(
+    line="Simulate a board and check it against the solution.",
+    job=Job(
+        function="verify",
+        work=_verify,
+        document=_verified_document,
+        text=_verified_text,
+        outputs=(
+            picture(
+                "outputs, settling band and recovered stress",
+                lambda found, path: found.verdict.plot(path),
+            ),
+            page(_verified_page),
+        ),
+        after=lambda found, call: _annotate([found.document], call),
+        failed=_annotate_error,
+    ),
+    other=_several,
+    parameters=(
+        argument("scenes", metavar="SCENE...", nargs=-1, required=True),
+        ENGINE,
+        option("settings", "--set", multiple=True, metavar="KEY=VALUE"),
+        option("margins", is_flag=True, of="verify_files"),
+        option("exclude", multiple=True, metavar="PATTERN", of="verify_files"),
+        JUNIT.parameter,
+        option(
+            "annotate",
+            "--annotate/--no-annotate",
+            envvar="GITHUB_ACTIONS",
+            default=False,
+            help="Print errors and warnings on stderr as GitHub shows them at the files; by default"
+            " where GITHUB_ACTIONS is set.",
+        ),
+        replace(JOBS, of="verify_files"),
+        option("changes", type=click.FloatRange(0), metavar="SECONDS", of="what_to_change"),
+        option(
+            "verbose",
+            "-v",
+            "--verbose",
+            is_flag=True,
+            help="Show also how the record and the reference were made.",
+        ),
+    ),
+    ends="SCENE is a scene file, or a folder: all its files *.toml. Several scenes give one table,"
+    " and with --json one document. Exit status: the first of 2, 1, 3, 0 that a scene has.\n\n"
+    "The verdict of one scene that fails ends with the nearest changes of the design that mend it.",
+)
+
+
+def _netlist_remarks(found: Netlist, call: Call) -> None:
+    if call.options["explain"]:
+        click.echo(f"{found.circuit.name}: left out, not needed by the scene:", err=True)
+        for item in found.circuit.omissions:
+            click.echo(f"  {item.what}: {item.why}", err=True)
+        if found.pruning is not None:
+            click.echo(f"pruning: {found.pruning.text}", err=True)
+    for warning in found.warnings:
+        click.echo(f"warning: {warning}", err=True)
+
+
+def _netlist_document(found: Netlist) -> dict[str, Any]:
+    return {
+        "files": list(found.written),
+        "deck": None if found.written else found.text,
+        "omissions": [asdict(item) for item in found.circuit.omissions],
+        "pruning": found.pruning and found.pruning.record,
+        "warnings": list(found.warnings),
+        "lambda": found.circuit.value("lambda"),
+    }
+
+
+def _netlist_text(found: Netlist, console: Console) -> None:
+    if not found.written:
+        click.echo(found.text, nl=False)
+
+
+def _parts_document(found: PartsList) -> dict[str, Any]:
+    from taction.verification.report.parts_list import parts_document
+
+    return {"scene": found.scene.name, **parts_document(found.parts, found.power)}
+
+
+def _parts_text(found: PartsList, console: Console) -> None:
+    from taction.verification.report.parts_list import print_parts
+
+    print_parts(found.parts, found.power, console)
+
+
+def _kicad_document(found: KicadProject) -> dict[str, Any]:
+    return {
+        "scene": found.scene.name,
+        "files": list(found.written),
+        "channel": found.project.channel,
+        "row": found.project.row,
+        "not_drawn": list(found.project.not_drawn),
+    }
+
+
+def _kicad_remarks(found: KicadProject, call: Call) -> None:
+    for what in found.project.not_drawn:
+        click.echo(f"not drawn: {what}", err=True)
+
+
+def _nothing(found: Any, console: Console) -> None:
+    """Print nothing: the files are the result."""
+
+
+def _check_export(call: Call) -> None:
+    if call.options["output"] is not None:
+        from taction.verification.report.verdict.waveform_files import check_export
+
+        check_export(call.options["output"])
+
+
+def _announce(call: Call) -> None:
+    """Say the address of the page as soon as it can be opened."""
+
+    def announce(address: str) -> None:
+        if call.as_json:
+            print_json({"address": address})
+        else:
+            click.echo(address)
+        say("Ctrl-C ends the explorer")
+
+    call.arguments["announce"] = announce
+
+
+DIFF = Command(
+    line="Compare the keys and the readings of two boards.",
+    job=Job(
+        function="diff",
+        document=plain,
+        text=f"{REPORT}.difference.table:print_difference",
+    ),
+    parameters=(
+        argument("first", metavar="A", reads=True),
+        argument("second", metavar="B", reads=True),
+        ENGINE,
+    ),
+    ends="Exit status: 0 if all readings are equal within their uncertainties, 1 if one is not, 3"
+    " if that is unknown.",
+)
+NETLIST = Command(
+    line="Write the ngspice deck of a scene.",
+    job=Job(
+        function="netlist",
+        document=_netlist_document,
+        text=_netlist_text,
+        after=_netlist_remarks,
+        files=lambda found, call: found.written,
+    ),
+    parameters=(
+        SCENE,
+        replace(OUTPUT, attributes={**OUTPUT.attributes, "help": "Deck file; by default stdout."}),
+        option("explain", is_flag=True),
+        option("split", is_flag=True),
+        option("dialect", type=click.Choice(DIALECTS), show_default=True),
+        option("parameters", is_flag=True),
+        option("measure", is_flag=True),
+    ),
+)
+BOM = Command(
+    line="List the parts to buy, with packages and power.",
+    job=Job(function="bom", document=_parts_document, text=_parts_text, files=own_file),
+    parameters=(SCENE, OUTPUT),
+)
+KICAD = Command(
+    line="Draw one channel of a board for KiCad, and list its parts.",
+    job=Job(
+        function="kicad",
+        document=_kicad_document,
+        text=_nothing,
+        after=_kicad_remarks,
+        files=lambda found, call: found.written,
+    ),
+    parameters=(SCENE, folder("output", "-o"), option("channel", metavar="N", type=int)),
+)
+SOLVE = Command(
+    line="Solve the problem numerically, with a certificate.",
+    job=Job(
+        function="solve",
+        document="cli.answers:solution_document",
+        text="cli.answers:print_solution",
+    ),
+    parameters=(SCENE,),
+    ends="Exit status: 3 if the solution has no certificate.",
+)
+SIMULATE = Command(
+    line="Run the transient: waveforms and measurements.",
+    job=Job(
+        function="simulate",
+        document="cli.answers:record_document",
+        text="cli.answers:print_record",
+        before=_check_export,
+        files=own_file,
+    ),
+    parameters=(SCENE, ENGINE, OUTPUT),
+)
+EXPLORE = Command(
+    line="Move C, gain and more on a local page and watch the board.",
+    job=Job(
+        function="explore",
+        document=lambda found: (),
+        text=_nothing,
+        before=_announce,
+        after=lambda found, call: say("ended"),
+    ),
+    parameters=(
+        SCENE,
+        option("port", type=click.IntRange(0, 65535)),
+        option("browser", "--browser/--no-browser"),
+    ),
+)
+
+
+def _new_file(call: Call) -> None:
+    """Take the file from FILE or -o; by default the function knows its name."""
+    from taction.system.errors import Complaint, InputError
+
+    file, output = call.options["file"], call.options["output"]
+    if file is not None and output is not None:
+        raise InputError("-o", Complaint("FILE", repr(output), "give FILE or -o, not both"))
+    call.arguments["file"] = file or output
+    if call.arguments["file"] is None:
+        del call.arguments["file"]
+
+
+def _new_files(found: NewScene, call: Call) -> list[str]:
+    if found.fresh is not None:
+        return list(found.written)
+    return [f"{found.file}; `taction verify {found.file}` verifies it"]
+
+
+NEW_MATRIX = Job(
+    function="new",
+    document="cli.answers:fresh_document",
+    text="cli.answers:print_fresh",
+    schema="new-matrix",
+    before=_new_file,
+    files=_new_files,
+)
+NEW_SCHEMA = Job(
+    function="scene_schema",
+    document=dict,
+    text=lambda found, console: print_json(found, ""),
+    schema=None,
+)
+
+
+def _new_job(options: Mapping[str, Any]) -> Job | None:
+    if options["schema"]:
+        return NEW_SCHEMA
+    return None if options["matrix"] is None else NEW_MATRIX
+
+
+NEW = Command(
+    line="Write a scene file with comments.",
+    job=Job(
+        function="new",
+        document=lambda found: {"file": found.file},
+        text=_nothing,
+        before=_new_file,
+        files=_new_files,
+    ),
+    other=_new_job,
+    parameters=(
+        argument(
+            "file",
+            metavar="[FILE]",
+            type=click.Path(dir_okay=False),
+            required=False,
+            reads=False,
+            writes=True,
+        ),
+        replace(OUTPUT, attributes={**OUTPUT.attributes, "help": "The same as FILE."}),
+        option("force", is_flag=True),
+        option(
+            "schema",
+            is_flag=True,
+            help="Print the JSON schema of scene files instead.",
+        ),
+        option("matrix", metavar="T", reads=True),
+        option("strain", metavar="EPS", reads=True),
+        option("noise", type=click.FloatRange(0, min_open=True)),
+        option("lam", "--lambda", type=click.FloatRange(0, min_open=True)),
+        option("opamp", metavar="NAME"),
+        option("supply", metavar="VOLTS"),
+        option("prune", type=click.FloatRange(0, 1, max_open=True)),
+    ),
+)
+MODELS = Command(
+    line="List the op-amp presets, or import a vendor's model.",
+    job=Job(
+        function="models",
+        document="cli.answers:models_document",
+        text="cli.answers:print_models",
+    ),
+    parameters=(),
+    commands={
+        "show": Command(
+            line="Show all figures of an op-amp.",
+            job=Job(
+                function="opamp",
+                document="cli.answers:opamp_document",
+                text="cli.answers:print_opamp",
+                outputs=(
+                    picture(
+                        "the Bode diagram and the steps of a follower",
+                        lambda found, path: found.plot(path),
+                    ),
+                ),
+            ),
+            parameters=(argument("name", type=str, reads=False),),
+        ),
+        "import": Command(
+            line="Import a vendor's macromodel.",
+            job=Job(
+                function="import_model",
+                document="cli.answers:model_document",
+                text="cli.answers:print_model",
+                files=lambda found, call: [found.file],
+            ),
+            parameters=(
+                argument("file"),
+                option("subckt"),
+                option("pins", metavar="ROLE,ROLE,..."),
+                option("supply", show_default=True),
+                OUTPUT,
+            ),
+        ),
+    },
+)
+DOCTOR = Command(
+    line="List what is installed and what each part is for.",
+    job=Job(
+        function="doctor",
+        document="cli.answers:doctor_document",
+        text="cli.answers:print_doctor",
+    ),
+    parameters=(),
+    ends="Exit status: 3 if ngspice is missing.",
+)

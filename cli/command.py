@@ -1,0 +1,308 @@
+"""What a command is: a public function, its options, and what shows the result.
+
+The defaults and the sentences of the options are those of the function: its signature and the
+first paragraph of each parameter in its docstring. A second paragraph is for Python alone.
+"""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
+
+import click
+
+import taction
+
+ENGINES = ("auto", "ngspice", "statespace")
+GRID_ENGINES = ("both", "hybrid")
+
+Target = str | Callable[..., Any]
+"""A function, or its place below `taction`: "verification.report.onset.tables:print_onset"."""
+
+
+def load(target: Target) -> Callable[..., Any]:
+    """Return a function, imported now if `target` is its place."""
+    if callable(target):
+        return target
+    module, name = target.split(":")
+    function: Callable[..., Any] = getattr(importlib.import_module(f"taction.{module}"), name)
+    return function
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Parameter:
+    """An argument (without flags) or an option of a command.
+
+    Attributes
+    ----------
+    name : str
+        Keyword of the function, or of what shows the result.
+    flags : tuple of str
+        ``("-n", "--samples")``; empty for an argument.
+    attributes : mapping
+        What click needs beside default and help: type, metavar, is_flag ...
+    of : str
+        The function whose keyword it is, if this is not the command's own function.
+    reads, writes : bool
+        Whether it is a file or a folder that the command reads or writes.
+    """
+
+    name: str
+    flags: tuple[str, ...] = ()
+    attributes: Mapping[str, Any] = field(default_factory=dict)
+    of: str = ""
+    reads: bool = False
+    writes: bool = False
+
+    def made(self, function: str) -> click.Parameter:
+        """Return the parameter of click; default and help are those of the function."""
+        attributes = dict(self.attributes)
+        if not self.flags:
+            return click.Argument([self.name], **attributes)
+        known = signature(self.of or function).get(self.name)
+        if known is not None:
+            if known.default is inspect.Parameter.empty:
+                attributes.setdefault("required", True)
+            elif known.default not in (None, (), ""):
+                attributes.setdefault("default", known.default)
+            attributes.setdefault("help", sentences(self.of or function).get(self.name))
+        return click.Option([*self.flags, self.name], **attributes)
+
+    @property
+    def option(self) -> str:
+        """What a message calls it: its first flag, or ``FILE``."""
+        return self.flags[0] if self.flags else "FILE"
+
+
+def option(name: str, *flags: str, **attributes: Any) -> Parameter:
+    """Return an option; `of`, `reads` and `writes` are those of `Parameter`."""
+    own = {key: attributes.pop(key) for key in ("of", "reads", "writes") if key in attributes}
+    return Parameter(name, flags or (f"--{name.replace('_', '-')}",), attributes, **own)
+
+
+def argument(name: str, **attributes: Any) -> Parameter:
+    """Return an argument, a file or a folder that is read if `reads` is not False."""
+    own = {"reads": attributes.pop("reads", True), "writes": attributes.pop("writes", False)}
+    return Parameter(name, (), {"type": click.Path(), **attributes}, **own)
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """A file that shows the result.
+
+    Attributes
+    ----------
+    name : str
+        Of the option, without dashes.
+    help : str
+        Its sentence.
+    write : Target
+        Takes the result and the path.
+    check : Target or None
+        Takes the path and refuses it, before any work is done.
+    verb : str
+        What is said of the written file.
+    """
+
+    name: str
+    help: str
+    write: Target
+    check: Target | None = None
+    verb: str = "wrote"
+
+    @property
+    def parameter(self) -> Parameter:
+        """The option."""
+        attributes = {"type": click.Path(dir_okay=False), "metavar": "FILE", "help": self.help}
+        return Parameter(self.name, (f"--{self.name}",), attributes, writes=True)
+
+
+def picture(content: str, draw: Target) -> Output:
+    """Return the option ``--plot``; `draw` takes the result and the path."""
+    text = f"Draw {content} into FILE (PNG, SVG or PDF)."
+    return Output("plot", text, draw, "verification.report.picture:check_plot_file", "drew")
+
+
+def page(report: Target) -> Output:
+    """Return the option ``--report``; `report` takes the result and returns the page."""
+
+    def write(result: Any, path: str) -> None:
+        from taction.verification.report.html.file import write_report
+
+        write_report(load(report)(result), path)
+
+    text = "Write a report with pictures into FILE (HTML, one file that needs no network)."
+    check = "verification.report.html.file:check_report_file"
+    return Output("report", text, write, check)
+
+
+def text_file(name: str, text: str, make: Target) -> Output:
+    """Return the option ``--NAME``; `make` takes the result and returns the file's text."""
+
+    def write(result: Any, path: str) -> None:
+        from taction.system.atomic_files import write_atomically
+
+        write_atomically(path, load(make)(result))
+
+    return Output(name, text, write)
+
+
+@dataclass(slots=True)
+class Call:
+    """A command line that is running.
+
+    Attributes
+    ----------
+    arguments : dict
+        Of the function.
+    options : dict
+        All options and arguments of the command by name.
+    """
+
+    arguments: dict[str, Any]
+    options: dict[str, Any]
+
+    @property
+    def as_json(self) -> bool:
+        """Whether stdout gets one document."""
+        return bool(self.options["as_json"])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Job:
+    """A public function, and what shows its result.
+
+    Attributes
+    ----------
+    function : str
+        Its name in `taction`.
+    document : Target
+        Takes the result and returns plain data, or the parts of a long document.
+    text : Target
+        Takes the result and the console, and prints.
+    outputs : tuple of Output
+        The files that show the result.
+    work : callable, optional
+        Takes the `Call` and the progress, and returns the result in the place of the function.
+    schema : str or None
+        Of the document; by default the name of the command, None for a document without a head.
+    before : callable, optional
+        Takes the `Call` before any work: questions and checks of its own.
+    after : callable, optional
+        Takes the result and the `Call` after the work: what is said on stderr.
+    failed : callable, optional
+        Takes a `TactionError` and the `Call`.
+    files : callable, optional
+        Takes the result and the `Call`, and returns the names of the files that are written.
+    lacks : str
+        Why an output of the command's other job is refused.
+    """
+
+    function: str
+    document: Target
+    text: Target
+    outputs: tuple[Output, ...] = ()
+    work: Callable[[Call, Callable[[str], None]], Any] | None = None
+    schema: str | None = ""
+    before: Callable[[Call], None] | None = None
+    after: Callable[[Any, Call], object] | None = None
+    failed: Callable[[taction.TactionError, Call], None] | None = None
+    files: Callable[[Any, Call], Iterable[str]] | None = None
+    lacks: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Command:
+    """An entry of the table of commands.
+
+    Attributes
+    ----------
+    line : str
+        Of ``taction --help``.
+    job : Job
+        What it runs.
+    parameters : tuple of Parameter
+        Arguments and options, beside ``--json`` and those of the outputs.
+    ends : str
+        What the exit status means, where it is not as usual.
+    other : callable, optional
+        Takes the options and returns another job for some of them.
+    commands : mapping of str to Command
+        The commands below it.
+    """
+
+    line: str
+    job: Job
+    parameters: tuple[Parameter, ...]
+    ends: str = ""
+    other: Callable[[Mapping[str, Any]], Job | None] | None = None
+    commands: Mapping[str, Command] = field(default_factory=dict)
+
+    @property
+    def every(self) -> tuple[Parameter, ...]:
+        """Its parameters with those of the outputs."""
+        return (*self.parameters, *(output.parameter for output in self.job.outputs))
+
+
+@cache
+def signature(function: str) -> Mapping[str, inspect.Parameter]:
+    """Return the parameters of a public function."""
+    return inspect.signature(getattr(taction, function)).parameters
+
+
+@cache
+def sentences(function: str) -> dict[str, str]:
+    """Return the first paragraph of each parameter in the docstring of a public function."""
+    text = inspect.getdoc(getattr(taction, function)) or ""
+    part = re.search(r"^Parameters\n-+\n(.*?)(?=^\w+\n-+\n|\Z)", text, re.DOTALL | re.MULTILINE)
+    found = re.split(r"^(\w+(?:, \w+)*) : .*\n", part[1] if part else "", flags=re.MULTILINE)
+    return {
+        name: _plain(paragraphs)
+        for names, paragraphs in zip(found[1::2], found[2::2], strict=True)
+        for name in names.split(", ")
+    }
+
+
+def beginning(function: str) -> str:
+    """Return the docstring of a public function up to its first section."""
+    text = inspect.getdoc(getattr(taction, function)) or ""
+    return re.split(r"^\w+\n-+\n", text, maxsplit=1, flags=re.MULTILINE)[0].strip()
+
+
+def _plain(paragraphs: str) -> str:
+    first = inspect.cleandoc(paragraphs).partition("\n\n")[0]
+    return " ".join(re.sub(r'``"?(.*?)"?``', r"\1", first).split())
+
+
+class EngineChoice(click.Choice[str]):
+    """An engine; those that need a grid of points are refused with the command that has one."""
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Return the engine, or fail with the known engines."""
+        if value in GRID_ENGINES and value not in self.choices:
+            text = f"{value!r} runs two engines over a grid of points, for `taction sweep` only"
+            self.fail(f"{text}; expected one of {', '.join(map(repr, self.choices))}", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+SCENE = argument("scene")
+ENGINE = option("engine", type=EngineChoice(ENGINES))
+JOBS = option("jobs", type=click.IntRange(1, 4096))
+CLUSTER = option("cluster", metavar="tcp://HOST:PORT")
+OUTPUT = option("output", "-o", "--output", type=click.Path(dir_okay=False), writes=True)
+
+
+def folder(name: str, *flags: str, **attributes: Any) -> Parameter:
+    """Return an option that names a folder to write."""
+    kind = {"metavar": "FOLDER", "type": click.Path(file_okay=False)}
+    return Parameter(name, flags, kind | attributes, writes=True)
+
+
+def own_file(found: Any, call: Call) -> list[str]:
+    """Return the file of ``-o``, which the function has written."""
+    return [] if call.options["output"] is None else [call.options["output"]]

@@ -1,0 +1,162 @@
+"""One way for all commands: checks, questions, progress, Ctrl-C, files, the result, exit status."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from typing import Any
+
+import click
+
+import taction
+from taction.cli.command import Call, Command, Job, Parameter, beginning, load, signature
+from taction.cli.terminal import console, display, print_json, say
+from taction.system.errors import INTERRUPTED, Complaint, InputError, Interrupted
+
+STATUS = {"pass": 0, "fail": 1, "bad input": 2, "inconclusive": 3}
+
+
+def made(name: str, command: Command) -> click.Command:
+    """Return a command, with those below it, as a command of click."""
+
+    def callback(**given: Any) -> None:
+        context = click.get_current_context()
+        if context.invoked_subcommand is None:
+            run(command, given)
+
+    text = "Print one JSON document on stdout and everything else on stderr."
+    as_json = click.Option(["--json", "as_json"], is_flag=True, help=text)
+    function = command.job.function
+    parameters = [*(each.made(function) for each in command.every), as_json]
+    about = "\n\n".join(filter(None, (beginning(function), command.ends)))
+    if not command.commands:
+        return click.Command(name, params=parameters, callback=callback, help=about)
+    below = {short: made(short, each) for short, each in command.commands.items()}
+    return click.Group(
+        name,
+        below,
+        params=parameters,
+        callback=callback,
+        help=about,
+        invoke_without_command=True,
+    )
+
+
+def run(command: Command, given: dict[str, Any]) -> None:
+    """Run a command with its options, show the result, and end with the exit status."""
+    job = (command.other and command.other(given)) or command.job
+    known = signature(job.function)
+    call = Call({name: value for name, value in given.items() if name in known}, given)
+    _check(command, job, given)
+    if "scene" in given:
+        _ask(given["scene"])
+    if job.before is not None:
+        job.before(call)
+    result, interrupted = _result(job, call)
+    for name in job.files(result, call) if job.files is not None else ():
+        click.echo(f"wrote {name}", err=True)
+    written = _write(job, result, given)  # before the text: its reader may go
+    if job.after is not None:
+        job.after(result, call)
+    _show(job, result, call)
+    if interrupted:
+        click.echo(f"taction: interrupted; {interrupted}", err=True)
+    sys.exit(INTERRUPTED if interrupted else status_of(result) if written else 2)
+
+
+def status_of(result: Any) -> int:
+    """Return the exit status of a result: its own, that of its outcome, or 0."""
+    status = getattr(result, "exit_status", None)
+    if status is None:
+        outcome = getattr(result, "outcome", "pass")
+        status = STATUS[getattr(outcome, "value", outcome)]
+    return int(status)
+
+
+def _result(job: Job, call: Call) -> tuple[Any, str]:
+    """Run the function; return its result, and after Ctrl-C what is kept."""
+    function: Callable[..., Any] = getattr(taction, job.function)
+    if job.work is None and "progress" not in signature(job.function):
+        return function(**call.arguments), ""
+    try:
+        with display() as progress:
+            if job.work is not None:
+                return job.work(call, progress), ""
+            return function(**call.arguments, progress=progress), ""
+    except Interrupted as end:
+        if end.result is None:
+            raise
+        return end.result, str(end)
+    except taction.TactionError as error:
+        if job.failed is not None:
+            job.failed(error, call)
+        raise
+
+
+def _check(command: Command, job: Job, given: Mapping[str, Any]) -> None:
+    """Refuse an output that cannot be written, is an input, or another output, before any work."""
+    asked = {p: given[p.name] for p in command.every if p.writes and given[p.name]}
+    if asked:
+        from taction.verification.report.output_checks import check_folder, check_separate
+
+        inputs = [name for p in command.every if p.reads for name in _names(given[p.name])]
+        check_separate(inputs, {p.option: file for p, file in asked.items()})
+        for parameter, file in asked.items():
+            if not _is_folder(parameter):
+                check_folder(file, parameter.option)
+    for output in command.job.outputs:
+        if output.check is not None and given[output.name] is not None:
+            load(output.check)(given[output.name])
+    able = {output.name for output in job.outputs}
+    for output in command.job.outputs:
+        if given[output.name] is not None and output.name not in able:
+            complaint = Complaint("FILE", repr(given[output.name]), job.lacks)
+            raise InputError(f"--{output.name}", complaint)
+
+
+def _names(value: Any) -> Iterator[str]:
+    yield from value if isinstance(value, tuple) else [value] if value else []
+
+
+def _is_folder(parameter: Parameter) -> bool:
+    kind = parameter.attributes.get("type")
+    return isinstance(kind, click.Path) and not kind.file_okay
+
+
+def _ask(scene: str) -> None:
+    """Ask on stderr what may be a slip in the scene; the function reports its mistakes."""
+    from taction.netlist_gen.scene.file import load_scene
+    from taction.netlist_gen.scene.questions import questions
+
+    with suppress(InputError):
+        for question in questions(load_scene(scene)):
+            say(f"question: {question}")
+
+
+def _write(job: Job, result: Any, given: Mapping[str, Any]) -> bool:
+    """Write the files that show the result, also after an error; return whether all are written."""
+    complete = True
+    for output in job.outputs:
+        path = given[output.name]
+        if path is None:
+            continue
+        try:
+            load(output.write)(result, path)
+            click.echo(f"{output.verb} {path}", err=True)
+        except InputError as error:
+            say(str(error))
+            complete = False
+    return complete
+
+
+def _show(job: Job, result: Any, call: Call) -> None:
+    if not call.as_json:
+        load(job.text)(result, console())
+        return
+    document = load(job.document)(result)
+    if isinstance(document, Mapping):
+        print_json(document, "" if job.schema is None else job.schema or None)
+        return
+    for part in document:
+        click.echo(part, nl=False)

@@ -1,0 +1,525 @@
+"""The commands that verify many boards, or search for one: a table of public functions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from taction.cli.command import (
+    CLUSTER,
+    ENGINE,
+    ENGINES,
+    GRID_ENGINES,
+    JOBS,
+    OUTPUT,
+    SCENE,
+    Call,
+    Command,
+    EngineChoice,
+    Job,
+    Output,
+    argument,
+    folder,
+    option,
+    own_file,
+    page,
+    picture,
+    text_file,
+)
+from taction.cli.terminal import say
+from taction.system.documents import plain
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from taction.results import Choice, CornerStudy, Tuned, VerifiedSample, YieldReport
+    from taction.verification.report.sweep.result import SweepResult
+    from taction.verification.studies.work_precision.study import WorkPrecisionStudy
+
+REPORT = "verification.report"
+
+
+def _yield_document(found: YieldReport) -> dict[str, Any]:
+    head = {"scene": found.scene.name, "engine": found.scene.analysis.engine, "seed": found.seed}
+    return head | {"complete": found.complete} | asdict(found.study)
+
+
+def _yield_text(found: YieldReport, console: Console) -> None:
+    from taction.verification.report.tolerance.tables import print_yield
+
+    print_yield(found, found.seed, console)
+
+
+def _yield_page(found: YieldReport) -> Any:
+    from taction.verification.report.html.yield_report import yield_report
+
+    return yield_report(found.scene, found, found.boards, found.seed)
+
+
+def _sample_document(found: VerifiedSample) -> dict[str, Any]:
+    from taction.verification.report.verdict.json_document import verdict_document
+
+    sample, deviations = plain(found.sample), dict(found.deviations)
+    head = {"seed": found.seed, "sample": sample, "deviations": deviations}
+    return head | verdict_document(found.verdict)
+
+
+def _sample_text(found: VerifiedSample, console: Console) -> None:
+    from taction.verification.report.verdict.table import print_verdict
+
+    print_verdict(found.verdict, console)
+
+
+def _sample_page(found: VerifiedSample) -> Any:
+    from taction.verification.report.html.verdict_report import verdict_report
+
+    return verdict_report(found.verdict, f"taction montecarlo --sample {found.sample.number}")
+
+
+SAMPLE = Job(
+    function="verify_sample",
+    document=_sample_document,
+    text=_sample_text,
+    outputs=(page(_sample_page),),
+    schema="montecarlo-sample",
+    lacks="shows many samples; leave out --sample",
+)
+MONTECARLO = Command(
+    line="Estimate the yield under component tolerances.",
+    job=Job(
+        function="montecarlo",
+        document=_yield_document,
+        text=_yield_text,
+        outputs=(
+            picture(
+                "histograms with limits, and the components behind the spread,",
+                lambda found, path: found.plot(path),
+            ),
+            page(_yield_page),
+        ),
+    ),
+    other=lambda options: None if options["sample"] is None else SAMPLE,
+    parameters=(
+        SCENE,
+        option("samples", "-n", "--samples", type=click.IntRange(1, 10_000_000)),
+        option("seed", type=click.IntRange(0)),
+        option("sample", type=click.IntRange(0), of="verify_sample", required=False),
+        option("until"),
+        option("min_yield", type=click.FloatRange(0, 1)),
+        option("remedy", "--remedy/--no-remedy"),
+        option("engine", type=EngineChoice(ENGINES)),
+        OUTPUT,
+        JOBS,
+        CLUSTER,
+    ),
+    ends="Exit status with --min-yield: 0 if the whole 95 % interval of the yield lies above that"
+    " value, 1 if it lies below, else 3. Without --min-yield: 0.",
+)
+
+
+def _corners_document(found: CornerStudy) -> dict[str, Any]:
+    from taction.verification.report.tolerance.tables import DIRECTION
+
+    directions = [{name: getattr(d, name) for name in DIRECTION} for d in found.directions]
+    corners = [plain(corner) for corner in found.corners]
+    return {"scene": found.scene.name, "corners": corners, "directions": directions}
+
+
+def _corners_text(found: CornerStudy, console: Console) -> None:
+    from taction.verification.report.tolerance.tables import print_corners, print_directions
+    from taction.verification.studies.tolerance.varied_board import quantities
+
+    print_corners(found.corners, quantities(found.scene), console)
+    if found.directions:
+        print_directions(found.directions, console)
+
+
+def _corners_page(found: CornerStudy) -> Any:
+    from taction.verification.report.html.corners_report import corners_report
+
+    return corners_report(found.scene, found)
+
+
+CORNERS = Command(
+    line="Find the worst cases within the tolerances.",
+    job=Job(
+        function="corners",
+        document=_corners_document,
+        text=_corners_text,
+        outputs=(page(_corners_page),),
+    ),
+    parameters=(
+        SCENE,
+        option("corner", multiple=True, metavar="KEY=Z,..."),
+        ENGINE,
+        JOBS,
+        CLUSTER,
+    ),
+    ends="Exit status: 1 if a corner fails, else 3 if a corner has no verdict.",
+)
+
+
+def _tuned_picture(found: Tuned, path: str) -> None:
+    from taction.verification.report.tuning_plot import plot_tradeoff
+
+    plot_tradeoff(found.tuning, path)
+
+
+def _tuned_page(found: Tuned) -> Any:
+    from taction.verification.report.html.tuning_report import tuning_report
+
+    return tuning_report(found.tuning, found.verdict)
+
+
+TUNE = Command(
+    line="Find the gain with the least settling time.",
+    job=Job(
+        function="tune",
+        document="cli.answers:tuned_document",
+        text="cli.answers:print_tuned",
+        outputs=(picture("settling time against overshoot", _tuned_picture), page(_tuned_page)),
+    ),
+    parameters=(
+        SCENE,
+        option("over"),
+        option("reach", type=click.FloatRange(1, 1000, min_open=True)),
+        option("overshoot", type=click.FloatRange(0, min_open=True)),
+        option("margin", type=click.FloatRange(1, 100)),
+    ),
+)
+
+
+def _ask_limits(call: Call) -> None:
+    """Ask on stderr what may be a slip in the limits of the options; name the database."""
+    from taction.netlist_gen.scene.checks import unitless_times
+    from taction.netlist_gen.scene.questions import value_questions
+    from taction.verification.design.choose_request import choice_plan, request_of
+    from taction.verification.reference.ideal_answer import read_scene
+
+    given = call.arguments
+    scene = given["scene"] = read_scene(given["scene"])
+    names = ("settling", "rise", "overshoot", "noise", "margin", "supply")
+    request = request_of(
+        given["opamps"] or "", given["c_range"] or "", given["gain_range"] or "", given["points"],
+        **{name: given[name] for name in names},
+    )  # fmt: skip
+    plan = choice_plan(scene, request)
+    times = {"settling_time": given["settling"], "rise_time": given["rise"]}
+    bare = {name: {"max": float(text)} for name, text in times.items() if _is_plain(text)}
+    known = set(value_questions(scene))
+    for question in (*unitless_times({"checks": bare}), *value_questions(plan.scene)):
+        if question not in known:
+            say(f"question: {question}")
+    given["store"] = given["store"] or f"{plan.scene.name}-choose.sqlite"
+
+
+def _is_plain(text: str | None) -> bool:
+    """Whether a text is a number without a unit."""
+    import math
+
+    try:
+        return text is not None and math.isfinite(float(text))
+    except ValueError:
+        return False
+
+
+def _choice_document(found: Choice) -> dict[str, Any]:
+    from taction.verification.report.choose.tables import choice_document
+
+    return choice_document(found.designs, found.best, found.confirmations, found.written)
+
+
+def _choice_text(found: Choice, console: Console) -> None:
+    from taction.verification.report.choose.tables import print_choice
+
+    print_choice(found.designs, found.best, found.confirmations, console)
+
+
+def _choice_picture(found: Choice, path: str) -> None:
+    from taction.verification.report.choose.picture import plot_choice
+
+    count = len(found.designs)
+    title = f"{found.scene.name}: worst value over its limit, for {count} designs"
+    plot_choice(found.designs, found.best, title, path)
+
+
+def _choice_page(found: Choice) -> Any:
+    """Return the report; the design that it proposes is verified anew where ngspice is missing."""
+    from taction.verification.report.choose.tables import proposed
+    from taction.verification.report.html.choice_report import choice_report
+    from taction.verification.verdict.verify import verify
+
+    verdict, said = None, found.confirmations
+    if found.best:
+        place = proposed(said)
+        verdict = said[place].verdict or verify(found.scenes[place].with_engine("statespace"))
+    return choice_report(found.scene, found.designs, found.best, said, verdict)
+
+
+CHOOSE = Command(
+    line="Choose op-amp, C and gain for given limits.",
+    job=Job(
+        function="choose",
+        document=_choice_document,
+        text=_choice_text,
+        outputs=(
+            picture("maps of C and gain for every op-amp", _choice_picture),
+            page(_choice_page),
+        ),
+        before=_ask_limits,
+        files=lambda found, call: found.written.values(),
+    ),
+    parameters=(
+        SCENE,
+        option("settling", metavar="TIME"),
+        option("rise", metavar="TIME"),
+        option("overshoot", metavar="SHARE"),
+        option("noise", metavar="VOLTS"),
+        option("margin", metavar="FACTOR"),
+        option("supply", metavar="VOLTS"),
+        option("opamps", metavar="A,B,C"),
+        option("c_range", metavar="LOW:HIGH"),
+        option("gain_range", metavar="LOW:HIGH"),
+        option("points", type=click.IntRange(1, 101)),
+        folder("output", "-o"),
+        option("store", metavar="FILE", type=click.Path(dir_okay=False), writes=True),
+        JOBS,
+        CLUSTER,
+    ),
+    ends="Exit status: 0 if a design passes on both engines, 1 if none passes.",
+)
+SCALE = Command(
+    line="Propose G0, U0, s and R for op-amps and supply.",
+    job=Job(
+        function="scale",
+        document="cli.answers:scaled_document",
+        text="cli.answers:print_scaled",
+        files=own_file,
+    ),
+    parameters=(
+        SCENE,
+        option("share", type=click.FloatRange(0, 0.9, min_open=True)),
+        option("opamp", metavar="NAME"),
+        option("supply", metavar="VOLTS"),
+        OUTPUT,
+    ),
+)
+
+
+def _ask_axis(call: Call) -> None:
+    from taction.netlist_gen.scene.axis_questions import axis_questions
+    from taction.verification.reference.ideal_answer import read_scene
+    from taction.verification.studies.onset.onset import parse_onset_axis
+
+    scene = call.arguments["scene"] = read_scene(call.arguments["scene"])
+    for question in axis_questions(scene, [[parse_onset_axis(scene, call.arguments["over"])]]):
+        say(f"question: {question}")
+
+
+ONSET = Command(
+    line="Find every stability crossing over a range.",
+    job=Job(
+        function="onset",
+        document=f"{REPORT}.onset.tables:onset_document",
+        text=f"{REPORT}.onset.tables:print_onset",
+        outputs=(
+            picture("the pole map and the root locus", lambda found, path: found.plot(path)),
+            page(f"{REPORT}.html.onset_report:onset_report"),
+        ),
+        before=_ask_axis,
+    ),
+    parameters=(
+        SCENE,
+        option("over", metavar="KEY[=LOW:HIGH:N]"),
+        option("transients", "--confirm/--no-confirm"),
+    ),
+    ends="Exit status: 0 if the question was answered, 3 if a transient contradicts a crossing.",
+)
+
+
+def _check_sweep(call: Call) -> None:
+    """Ask what may be a slip in the axes, refuse what cannot be drawn, and name the database."""
+    from taction.netlist_gen.scene.axis_questions import axis_questions
+    from taction.studies import plan_sweep
+    from taction.verification.report.sweep.plot import check_sweep_plot
+
+    given = call.arguments
+    given["retry_failed"] = given["retry_failed"] is not None
+    plan = plan_sweep(
+        given["scene"],
+        given["over"],
+        given["engine"],
+        fix=given["fix"],
+        keep_waveforms=given["keep_waveforms"],
+    )
+    for question in axis_questions(plan.scene, plan.groups):
+        say(f"question: {question}")
+    if call.options["plot"] is not None:
+        check_sweep_plot(plan, call.options["plot"])
+    given["output"] = given["output"] or f"{plan.scene.name}.sqlite"
+
+
+def _sweep_document(found: SweepResult) -> Iterator[str]:
+    from taction.verification.report.sweep.document import document_parts
+
+    return document_parts(found.plan, found.store, found.count, found.seconds)
+
+
+def _sweep_text(found: SweepResult, console: Console) -> None:
+    from taction.verification.report.sweep.document import print_sweep
+
+    print_sweep(found.plan, found.store, found.count, console)
+
+
+def _sweep_page(found: SweepResult) -> Any:
+    from taction.verification.report.html.sweep_report import sweep_report
+
+    return sweep_report(found.plan, found.store, found.count)
+
+
+def _sweep_table(found: SweepResult, path: str) -> None:
+    from taction.verification.report.sweep.files import export_sweep
+
+    export_sweep(found.plan, found.store, path)
+
+
+SWEEP = Command(
+    line="Verify a grid of scenes, here or on a cluster; resumable.",
+    job=Job(
+        function="sweep",
+        document=_sweep_document,
+        text=_sweep_text,
+        outputs=(
+            Output(
+                "export",
+                "Write a table (.csv, .parquet) or grid (.nc).",
+                _sweep_table,
+                f"{REPORT}.sweep.files:check_sweep_export",
+            ),
+            picture(
+                "maps over two axes, or curves over one axis,",
+                lambda found, path: found.plot(path),
+            ),
+            page(_sweep_page),
+        ),
+        before=_check_sweep,
+    ),
+    parameters=(
+        SCENE,
+        option("over", multiple=True, metavar="KEY=LOW:HIGH:N"),
+        option("fix", multiple=True, metavar="KEY[=VALUE]"),
+        OUTPUT,
+        option("engine", type=click.Choice([*ENGINES, *GRID_ENGINES])),
+        option("retry_failed", "--retry", type=click.Choice(["failed"]), default=None),
+        option("keep_waveforms", is_flag=True),
+        JOBS,
+        CLUSTER,
+    ),
+    ends="Exit status: 0 if every point is stored, whatever its outcome; 1 if two engines disagree"
+    " at a point; 3 if no point has a verdict.",
+)
+REGRESS = Command(
+    line="Compare a folder of scenes with a stored baseline, for CI.",
+    job=Job(
+        function="regress",
+        document=f"{REPORT}.regression.text:regression_document",
+        text=f"{REPORT}.regression.text:print_regression",
+        outputs=(
+            text_file("junit", "Write a JUnit XML report.", f"{REPORT}.junit:regression_junit"),
+            text_file(
+                "markdown",
+                "Write a Markdown summary.",
+                f"{REPORT}.regression.markdown:regression_markdown",
+            ),
+            page(f"{REPORT}.html.regression_report:regression_report"),
+        ),
+        files=lambda found, call: [call.options["baseline"]] if found.updated else [],
+    ),
+    parameters=(
+        argument("folder", metavar="DIR"),
+        option("baseline", type=click.Path(), metavar="FILE", reads=True),
+        option("update", is_flag=True),
+        JOBS,
+    ),
+    ends="Exit status: 1 if a check failed, or if a result differs from the baseline by more than"
+    " the scene's table [regression] allows. --update accepts differences, but no failed check.",
+)
+STRESS = Command(
+    line="Run stiff and extreme scenes whose results are known.",
+    job=Job(
+        function="stress",
+        document=f"{REPORT}.stress.report:stress_document",
+        text=f"{REPORT}.stress.report:print_stress",
+        outputs=(
+            text_file("junit", "Write a JUnit XML report.", f"{REPORT}.junit:stress_junit"),
+            text_file("page", "Write a page in Markdown.", f"{REPORT}.stress.page:stress_page"),
+        ),
+    ),
+    parameters=(option("only", multiple=True, metavar="NAME"), JOBS),
+    ends="Exit status: 1 if an outcome or a number is wrong, 3 if ngspice is missing.",
+)
+
+
+def _say_unknown(found: WorkPrecisionStudy, call: Call) -> None:
+    if not found.conclusive:
+        say("no run of the board has a known error; give a larger --budget")
+
+
+ACCURACY = Command(
+    line="Compare error and run time of engines and methods.",
+    job=Job(
+        function="accuracy",
+        document=f"{REPORT}.work_precision.tables:accuracy_document",
+        text=f"{REPORT}.work_precision.tables:print_study",
+        outputs=(
+            picture("error against run time", f"{REPORT}.work_precision.plot:plot_study"),
+            page(f"{REPORT}.html.accuracy_report:accuracy_report"),
+        ),
+        after=_say_unknown,
+    ),
+    parameters=(SCENE, option("budget", type=click.FloatRange(min=0.5))),
+    ends="Exit status: 3 if no run of the board ended within the budget.",
+)
+
+
+def _make_folder(call: Call) -> None:
+    if call.options["output"] is not None:
+        from taction.system.output_files import make_folder
+
+        make_folder(call.options["output"])
+
+
+def _write_paper(found: Any, call: Call) -> list[str]:
+    if call.options["output"] is None:
+        return []
+    from taction.verification.report.paper.report import write_paper
+
+    names = write_paper(found, call.options["output"])
+    return [f"{', '.join(names)} into {call.options['output']}"]
+
+
+REPRODUCE = Command(
+    line="Test the paper, claim by claim and figure by figure.",
+    job=Job(
+        function="reproduce",
+        document=f"{REPORT}.paper.report:paper_document",
+        text=f"{REPORT}.paper.report:print_paper",
+        before=_make_folder,
+        files=_write_paper,
+    ),
+    parameters=(
+        folder(
+            "output",
+            "-o",
+            "--output",
+            metavar="DIR",
+            help="Write paper.md, paper.html (self-contained) and the pictures into DIR.",
+        ),
+        option("quick", is_flag=True),
+    ),
+    ends="Exit status: 1 if a verdict differs from the verdict that taction has on record, 3 if a"
+    " claim could not be tested.",
+)

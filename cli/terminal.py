@@ -1,0 +1,140 @@
+"""What a command says: JSON on stdout, the console, lines and progress on stderr."""
+
+from __future__ import annotations
+
+import re
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from taction.verification.verdict.clock import Notice
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+FIRST = 10.0  # s before the first line of progress: a short command says nothing
+GROWTH = 1.5  # of the time from one line to the next
+LONGEST = 300.0  # s between two lines
+WIDE = 100  # columns that hold the bar beside the numbers
+COUNTED = re.compile(r"(?:.* )?(\d+) of (\d+)\b")
+
+
+def say(text: str) -> None:
+    """Print a line of text on stderr, below the command's name."""
+    click.echo(f"taction: {text}", err=True)
+
+
+def console(*, stderr: bool = False) -> Console:
+    """Return the console that results print on."""
+    from taction.verification.report.page import Page
+
+    return Page(stderr=stderr)
+
+
+def print_json(document: Mapping[str, Any], schema: str | None = None) -> None:
+    """Print one JSON document on stdout; NaN and infinities become null.
+
+    Its field `taction` says what made it. `schema` is the name of its schema, by default that of
+    the command; an empty name leaves the document as it is.
+    """
+    import json
+
+    context = click.get_current_context(silent=True)
+    path = context.command_path.split()[1:] if context else []  # without the name of the program
+    name = "-".join(path) if schema is None else schema
+    if name:
+        from taction.verification.report.schemas.head import document_head
+
+        document = document_head(name, document) | dict(document)
+    click.echo(json.dumps(plain(document), indent=2, ensure_ascii=False, allow_nan=False))
+
+
+def plain(value: Any) -> Any:
+    """Return `value` in the types of JSON: arrays as lists, NaN and infinities as None."""
+    import enum
+    import math
+
+    from taction.system.file_names import printable
+
+    if isinstance(value, enum.Enum):
+        return value.value
+    if isinstance(value, dict):
+        return {plain(str(key)): plain(item) for key, item in value.items()}
+    if isinstance(value, str):
+        return printable(value)
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, complex):
+        return [plain(value.real), plain(value.imag)]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if hasattr(value, "tolist"):
+        return plain(value.tolist())
+    return value
+
+
+class SparseLines:
+    """Says a stage now and then: after 10 s, 15 s, 22 s, ..., at last every five minutes.
+
+    Examples
+    --------
+    >>> seconds = iter([0.0, 1.0, 11.0, 12.0, 20.0])
+    >>> lines = SparseLines(print, lambda: next(seconds))
+    >>> for count in range(1, 5):
+    ...     lines.stage(f"{count} of 9")
+    2 of 9
+    4 of 9
+    """
+
+    def __init__(
+        self, say: Callable[[str], None], clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._say, self._clock, self._start, self._due = say, clock, clock(), FIRST
+
+    def stage(self, text: str) -> None:
+        """Say `text` if a line is due."""
+        elapsed = self._clock() - self._start
+        if elapsed >= self._due:
+            self._due = min(elapsed * GROWTH, elapsed + LONGEST)
+            self._say(text)
+
+
+@contextmanager
+def display() -> Iterator[Callable[[str], None]]:
+    """Show the stages of a function on stderr: as a bar, or without a terminal as a few lines.
+
+    A `Notice` is always a line of its own, and is said once.
+    """
+    said: set[str] = set()
+
+    def once(text: str) -> None:
+        if text not in said:
+            said.add(text)
+            say(text)
+
+    if not sys.stderr.isatty():
+        lines = SparseLines(say)
+        yield lambda stage: once(stage) if isinstance(stage, Notice) else lines.stage(stage)
+        return
+    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
+    from rich.table import Column
+
+    page = console(stderr=True)
+    bar = [BarColumn()] if page.width >= WIDE else []
+    words = TextColumn("{task.description}", table_column=Column(overflow="fold", no_wrap=False))
+    with Progress(SpinnerColumn(), *bar, words, console=page, transient=True) as shown:
+        task = shown.add_task("starting", total=None)
+
+        def show(stage: str) -> None:
+            if isinstance(stage, Notice):
+                once(stage)
+                return
+            counted = COUNTED.match(stage)
+            done, total = map(int, counted.groups()) if counted else (0, None)
+            shown.update(task, completed=done, total=total, description=stage)
+
+        yield show

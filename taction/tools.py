@@ -1,0 +1,275 @@
+"""Jobs without a board: the op-amps, a vendor's model, and what is installed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from taction.results import ImportedModel, Installation, OpAmpFigures
+    from taction.spice_models.opamp import OpAmp
+    from taction.verification.verdict.clock import Progress
+
+EXTRAS = (
+    ("matplotlib", "--plot", "pip install 'taction[plot]'"),
+    ("jinja2", "--report", "pip install 'taction[report]'"),
+    ("plotly", "--report", "pip install 'taction[report]'"),
+    ("schemdraw", "--report", "pip install 'taction[report]'"),
+    ("nicegui", "explore", "pip install 'taction[explore]'"),
+    ("pyarrow", "waveforms and sweeps as Parquet", "pip install 'taction[parquet]'"),
+    ("xarray", "sweeps as netCDF", "pip install 'taction[netcdf]'"),
+    ("pandas", "to_pandas() of studies, in Python", "pip install 'taction[data]'"),
+    ("distributed", "sweeps on a cluster", "pip install 'taction[cluster]'"),
+)
+"""Optional packages, what each is needed for, and how to install it."""
+
+
+def models() -> dict[str, OpAmp]:
+    """List the op-amp presets; `show NAME` has one with all figures, measured beside stated.
+
+    Returns
+    -------
+    dict of str to OpAmp
+        The presets by name.
+
+    Examples
+    --------
+    >>> import taction
+    >>> taction.models()["tl084"].gbw
+    3000000.0
+    """
+    from taction.netlist_gen.scene.open_tables import OPAMPS
+
+    return dict(OPAMPS)
+
+
+def opamp(name: str, *, progress: Progress = lambda stage: None) -> OpAmpFigures:
+    """Show all figures of the op-amp NAME with their sources, beside those of test benches.
+
+    The benches are solved by our own equations and, where it is installed, by ngspice.
+
+    Parameters
+    ----------
+    name : str
+        A preset.
+    progress : callable, optional
+        Receives a line if ngspice is missing.
+
+    Returns
+    -------
+    OpAmpFigures
+        The figures of the data sheet and of each test bench; `plot` draws its responses.
+
+    Raises
+    ------
+    InputError
+        There is no such preset.
+
+    Examples
+    --------
+    >>> import taction
+    >>> taction.opamp("ua741").opamp.name
+    'ua741'
+    """
+    from taction.netlist_gen.scene.open_tables import OPAMPS
+    from taction.results import OpAmpFigures
+    from taction.spice_models.presets import figure_notes
+    from taction.system.errors import Complaint, InputError, SimulationError, nearest_question
+    from taction.verification.characterise.characterise import characterise
+    from taction.verification.characterise.witnesses import Equations, Simulation
+    from taction.verification.engines.ngspice.executable import find_simulator
+    from taction.verification.verdict.clock import Notice
+
+    if name not in OPAMPS:
+        hint = nearest_question(name, tuple(OPAMPS), 0.6)
+        text = f"{name!r} is no preset; {hint}known: {', '.join(OPAMPS)}"
+        raise InputError("models show", Complaint("NAME", "", text))
+    witnesses: dict[str, Any] = {"state space": Equations()}
+    try:
+        witnesses["ngspice"] = Simulation(find_simulator())
+    except SimulationError as error:
+        progress(Notice(f"without ngspice: {error}"))
+    results = {title: characterise(OPAMPS[name], each) for title, each in witnesses.items()}
+    return OpAmpFigures(OPAMPS[name], figure_notes(name), witnesses, results)
+
+
+def import_model(
+    file: str | Path,
+    *,
+    subckt: str,
+    pins: str | Sequence[str],
+    supply: str | float = "15V",
+    output: str | Path | None = None,
+) -> ImportedModel:
+    """Import the op-amp macromodel of a vendor's netlist FILE for scenes.
+
+    Only known cards, devices and functions are accepted, and written anew. ngspice measures the
+    model; its response becomes a linear model for the state-space engine.
+
+    Parameters
+    ----------
+    file : path
+        The netlist.
+    subckt : str
+        Name of the subcircuit in FILE.
+    pins : str or sequence of str
+        Role of each port in its order: inp, inn, vcc, vee, out; nc for a port that stays open.
+    supply : str or float
+        Both supply voltages, as ±15V.
+    output : path, optional
+        The file to write, to lie beside the scene; by default NAME.opamp.json.
+
+    Returns
+    -------
+    ImportedModel
+        The file that was written, and its content.
+
+    Raises
+    ------
+    InputError
+        The netlist, a pin or the supply cannot be used, or the file cannot be written.
+    NoVerdictError
+        ngspice is missing, or gives no result.
+
+    Examples
+    --------
+    >>> import taction, tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     made = taction.import_model(
+    ...         "tests/data/fet100.cir",
+    ...         subckt="FET100",
+    ...         pins="inp,inn,vcc,vee,out",
+    ...         output=f"{folder}/fet100.opamp.json",
+    ...     )
+    >>> made.model["name"]
+    'fet100'
+    """
+    import json
+    import re
+
+    from taction.netlist_gen.scene.fields import BOTH_SIGNS
+    from taction.results import ImportedModel
+    from taction.spice_models.imported import to_document
+    from taction.system.atomic_files import write_atomically
+    from taction.system.errors import Complaint, InputError
+    from taction.system.quantities import parse
+    from taction.verification.characterise.import_characterise import import_opamp
+
+    try:
+        volts = parse(BOTH_SIGNS.sub("", str(supply)), "V")
+        if not 0.0 < volts <= 1e6:
+            raise ValueError("must be above zero, and at most 1 MV")
+    except ValueError as error:
+        raise InputError("--supply", Complaint("supply", repr(supply), str(error))) from None
+    name = re.sub(r"[^a-z0-9]", "_", subckt.lower())
+    name = name if name[:1].isalpha() else f"m{name}"
+    words = pins.split(",") if isinstance(pins, str) else pins
+    roles = tuple(word.strip().lower() for word in words)
+    found = to_document(name, import_opamp(str(file), subckt, roles, volts))
+    target = str(output or f"{name}.opamp.json")
+    write_atomically(target, json.dumps(found, indent=1) + "\n")
+    return ImportedModel(target, found)
+
+
+def scene_schema() -> dict[str, Any]:
+    """Return the JSON schema of scene files.
+
+    Returns
+    -------
+    dict
+        All keys with their types, defaults and descriptions.
+
+    Examples
+    --------
+    >>> import taction
+    >>> "capacitance" in taction.scene_schema()["$defs"]["Design"]["properties"]
+    True
+    """
+    from taction.netlist_gen.scene.scene import scene_type
+
+    return scene_type().model_json_schema(by_alias=True)
+
+
+def doctor() -> Installation:
+    """List what is installed and what each part is needed for.
+
+    Returns
+    -------
+    Installation
+        `findings`: Python, ngspice, the BLAS libraries and the optional packages.
+
+    Examples
+    --------
+    >>> import taction
+    >>> [finding["what"] for finding in taction.doctor().findings][:2]
+    ['Python', 'ngspice']
+    """
+    from taction.results import Installation
+
+    return Installation((_python(), _simulator(), *_blas(), *_extras()))
+
+
+def _python() -> dict[str, Any]:
+    import os
+    import platform
+    from importlib import metadata
+
+    packages = ("PySpice", "numpy", "scipy", "pydantic", "click", "quantiphy", "rich")
+    return {
+        "what": "Python",
+        "ok": True,
+        "found": f"{platform.python_version()} on {platform.system()}, {os.cpu_count()} cores",
+        "means": ", ".join(f"{name} {metadata.version(name)}" for name in packages),
+    }
+
+
+def _simulator() -> dict[str, Any]:
+    from taction.system.errors import SimulationError
+    from taction.verification.engines.ngspice.executable import find_simulator
+
+    try:
+        simulator = find_simulator()
+    except SimulationError as error:
+        means = "taction uses its state-space engine only, without the comparison with ngspice"
+        return {"what": "ngspice", "ok": False, "found": str(error), "means": means}
+    return {
+        "what": "ngspice",
+        "ok": True,
+        "found": f"{simulator.version} at {simulator.executable}",
+        "means": "with the matrix solver KLU: fast on large boards"
+        if simulator.klu
+        else "without the matrix solver KLU: slow on boards of more than 32 channels",
+    }
+
+
+def _blas() -> Iterator[dict[str, Any]]:
+    """Yield one finding a BLAS library: numpy and scipy bring their own."""
+    import numpy as np  # noqa: F401
+    import scipy.linalg  # noqa: F401
+    from threadpoolctl import threadpool_info
+
+    for library in threadpool_info():
+        if library["user_api"] == "blas":
+            version = library["version"] or "of no stated version"
+            kernels = library.get("architecture", "unnamed")
+            yield {
+                "what": f"BLAS of {Path(library['filepath']).parent.name.partition('.')[0]}",
+                "ok": True,
+                "found": f"{library['internal_api']} {version}, {kernels} kernels,"
+                f" threads: {library['num_threads']}",
+                "means": "rounding differs between kernels; OPENBLAS_CORETYPE chooses others",
+            }
+
+
+def _extras() -> Iterator[dict[str, Any]]:
+    from importlib import util
+
+    for package, purpose, remedy in EXTRAS:
+        there = util.find_spec(package) is not None
+        yield {
+            "what": package,
+            "ok": there,
+            "found": "installed" if there else f"not installed: {remedy}",
+            "means": f"needed only for {purpose}",
+        }
