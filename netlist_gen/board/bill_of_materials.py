@@ -112,7 +112,7 @@ def bill_of_materials(circuit: Circuit, scene: Scene) -> BillOfMaterials:
     (10000.0, ('Ra_1_in', 'Ra_1_fb'))
     """
     names, ohms = _resistors(circuit)
-    signal = [part for part in circuit.capacitors if not part.name.startswith("stray_")]
+    signal = circuit.real_capacitors
     farads = np.array([part.farads for part in signal])
     resistors = _lines("resistor", names, ohms, scene)
     capacitors = _lines("capacitor", [f"C{part.name}" for part in signal], farads, scene)

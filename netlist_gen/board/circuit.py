@@ -372,6 +372,12 @@ class Circuit:
         return tuple(part for part in self.capacitors if part.card in names)
 
     @property
+    def real_capacitors(self) -> tuple[Capacitor, ...]:
+        """The capacitors that are parts: all but stray capacitances."""
+        strays = self.named(Role.STRAY)
+        return tuple(part for part in self.capacitors if part.card not in strays)
+
+    @property
     def forward(self) -> ResistorMatrix:
         """The matrix from the signal amplifiers to the constraint nodes."""
         return self._matrix(Role.FORWARD)

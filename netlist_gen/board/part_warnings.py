@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import Circuit, Resistor
+from taction.netlist_gen.board.circuit import Circuit, Resistor, Role
 from taction.system.array_types import Floats
 from taction.system.quantities import show
 
@@ -47,9 +47,13 @@ _DIVIDER = _Kind(
     "a larger design.antilog.reference_current",
     "a larger design.antilog.divider_resistance or emitter_resistance",
 )
-_STAGE = dict.fromkeys(("div", "base", "ref", "em", "out"), _DIVIDER)
-# Of names; all others: inverters.
-_BY_PREFIX = {"r": _FEEDBACK, "bias": _FEEDBACK, "s": _GAIN, **_STAGE}
+_KINDS = {
+    Role.SIGNAL_RESISTOR: _FEEDBACK,
+    Role.BIAS_RESISTOR: _FEEDBACK,
+    Role.CONSTRAINT_RESISTOR: _GAIN,
+    Role.INVERTER_RESISTOR: _INVERTER,
+    Role.STAGE: _DIVIDER,
+}
 
 
 def part_warnings(circuit: Circuit) -> tuple[str, ...]:
@@ -91,21 +95,29 @@ def broken_limits(circuit: Circuit) -> dict[str, BrokenLimit]:
 
 def _by_kind(circuit: Circuit) -> Iterator[tuple[_Kind, Floats, Callable[[int], str]]]:
     """Yield the values of each kind, ohm, infinite where there is no resistor, and their names."""
-    forward, feedback = (matrix.ohms for matrix in circuit.matrices)
-    columns = forward.shape[1]
-
-    def in_matrix(place: int) -> str:
-        matrix, element = divmod(place, forward.size)
-        k, n = divmod(element, columns)
-        return f"{circuit.matrices[matrix].name}_{k + 1}_{n + 1}"
-
-    yield _MATRIX, np.concatenate([forward.ravel(), feedback.ravel()]), in_matrix
+    yield (
+        _MATRIX,
+        np.concatenate([matrix.ohms.ravel() for matrix in circuit.matrices]),
+        lambda place: _card(circuit, place),
+    )
     kinds: dict[_Kind, list[Resistor]] = {}
     for part in circuit.resistors:
-        kinds.setdefault(_BY_PREFIX.get(part.name.partition("_")[0], _INVERTER), []).append(part)
+        for role, kind in _KINDS.items():
+            if part.card in circuit.named(role):
+                kinds.setdefault(kind, []).append(part)
     for kind, parts in kinds.items():
-        names = [f"R{part.name}" for part in parts]
+        names = [part.card for part in parts]
         yield kind, np.array([part.ohms for part in parts]), names.__getitem__
+
+
+def _card(circuit: Circuit, place: int) -> str:
+    """Return the name of a matrix resistor from its place in all entries of all matrices."""
+    for matrix in circuit.matrices:
+        if place < matrix.ohms.size:
+            k, n = divmod(place, matrix.ohms.shape[1])
+            return f"{matrix.name}_{k + 1}_{n + 1}"
+        place -= matrix.ohms.size
+    raise IndexError(place)
 
 
 def _resistors(
@@ -129,15 +141,14 @@ def _resistors(
 
 def _capacitors(circuit: Circuit) -> Iterator[tuple[str, BrokenLimit]]:
     """Yield a warning if C is below the stray capacitance: then the layout sets the dynamics."""
-    farads = {part.name: part.farads for part in circuit.capacitors}
-    strays = [value for name, value in farads.items() if name.startswith("stray_")]
-    signal = {name: value for name, value in farads.items() if name.startswith("c_")}
+    strays = [part.farads for part in circuit.capacitors_of(Role.STRAY)]
+    signal = {p.card: p.farads for p in circuit.capacitors_of(Role.SIGNAL_CAPACITOR)}
     small = [name for name, value in signal.items() if value < max(strays, default=0.0)]
     if small:
         name = min(small, key=signal.__getitem__)
         text = (
             f"{len(small)} of {len(signal)} capacitors C are below the stray capacitance of"
-            f" {show(max(strays), 'F')}, down to {show(signal[name], 'F')} (C{name}); remedy: a"
+            f" {show(max(strays), 'F')}, down to {show(signal[name], 'F')} ({name}); remedy: a"
             " larger design.capacitance, or a layout with a smaller design.stray_capacitance"
         )
         factor = max(strays) / signal[name]

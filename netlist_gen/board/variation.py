@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import Circuit, ResistorMatrix
+from taction.netlist_gen.board.circuit import Circuit, ResistorMatrix, Role
 from taction.netlist_gen.scene.tolerances import Tolerances
 from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Floats
@@ -57,8 +57,9 @@ def _names(circuit: Circuit) -> Iterator[tuple[str, str]]:
             yield f"{matrix.name}_{k + 1}_{n + 1}", "resistor"
     for resistor in circuit.resistors:
         yield f"R{resistor.name}", "resistor"
+    strays = circuit.named(Role.STRAY)
     for capacitor in circuit.capacitors:
-        yield f"C{capacitor.name}", "stray" if capacitor.name.startswith("stray_") else "capacitor"
+        yield f"C{capacitor.name}", "stray" if capacitor.card in strays else "capacitor"
     for cell in circuit.opamps:
         if circuit.models[cell.model].imported is not None:
             continue  # a vendor's netlist is as it is

@@ -94,7 +94,7 @@ def _comments(channel: Channel) -> tuple[str, ...]:
 
 
 def _not_drawn(circuit: Circuit, channel: Channel) -> Iterator[str]:
-    strays = sum(part.name.startswith("stray_") for part in circuit.capacitors)
+    strays = len(circuit.capacitors) - len(circuit.real_capacitors)
     if strays:
         yield f"{strays} stray capacitances, which are no parts"
     others = len(circuit.signal_nodes) - 1
@@ -156,8 +156,7 @@ def _parts(catalogue: Catalogue) -> Iterable[Part]:
     yield from map(catalogue.resistor, circuit.resistors)
     for matrix in circuit.matrices:
         yield from map(catalogue.resistor, matrix.resistors())
-    signal = (each for each in circuit.capacitors if not each.name.startswith("stray_"))
-    yield from map(catalogue.capacitor, signal)
+    yield from map(catalogue.capacitor, circuit.real_capacitors)
     for package in packages(circuit):
         yield from (catalogue.decoupling(package.reference, number) for number in (1, 2))
         yield catalogue.opamp_unit(package.reference)

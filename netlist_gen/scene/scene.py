@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import Field, PrivateAttr, StrictBool, model_validator
 
+from taction.netlist_gen import topologies
 from taction.netlist_gen.card import Card
 from taction.netlist_gen.scene.antilog_choice import AntilogChoice
 from taction.netlist_gen.scene.arrays import in_memory
@@ -52,7 +53,7 @@ IN_MEMORY = "Scene.from_arrays"  # instead of the name of a file
 class Design(Model):
     """The board's components."""
 
-    topology: Annotated[str, OneOf(("integrator", "passive"), "taction.topologies")] = "integrator"
+    topology: Annotated[str, OneOf(topologies.NAMES, "taction.topologies")] = "integrator"
     amplifier: Annotated[str, OneOf(AMPLIFIERS)] = "linear"
     capacitance: Farads = 1e-11
     resistance: Ohms | None = None

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import GROUND, Circuit, CurrentSource, Output, Resistor
+from taction.netlist_gen.board.circuit import GROUND, Circuit, CurrentSource, Output, Resistor, Role
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.readings.crossings import first_above
 
@@ -67,22 +67,24 @@ def constraint_plane(circuit: Circuit) -> ConstraintPlane | None:
 
 def _alone(circuit: Circuit, row: int, siemens: float) -> Circuit:
     """Return one constraint stage: op-amp, s, stray capacitance, all resistors as one load."""
-    node = f"c_{row}"
+    node = circuit.forward.sinks[row - 1]
+    cells = tuple(cell for cell in circuit.opamps if cell.inverting == node)
+    gains = circuit.resistors_of(Role.CONSTRAINT_RESISTOR)
     return replace(
         circuit,
         models={name: model.small_signal for name, model in circuit.models.items()},
-        opamps=tuple(cell for cell in circuit.opamps if cell.name == node),
+        opamps=cells,
         amplifiers=(),
         transistors=(),
         resistors=(
-            *(part for part in circuit.resistors if part.name == f"s_{row}"),
+            *(part for part in gains if node in (part.a, part.b)),
             Resistor("load", node, GROUND, 1.0 / siemens),
         ),
         matrices=(),
         capacitors=tuple(part for part in circuit.capacitors if part.a == node),
         currents=(CurrentSource("step", node, -1.0 / circuit.value("gain")),),
         voltages=(),
-        outputs=(Output(f"w_{row}", 1.0),),
+        outputs=tuple(Output(cell.output, 1.0) for cell in cells),
     )
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import cache
 from importlib import import_module
-from pkgutil import iter_modules
 
 from taction.netlist_gen import topologies
 from taction.netlist_gen.scene.scene import Scene
@@ -20,8 +19,8 @@ from taction.system.plugins import OpenTable
 @cache
 def _own() -> Mapping[str, Topology]:
     """Return the topologies of taction: the object TOPOLOGY of each module."""
-    modules = [each.name for each in iter_modules(topologies.__path__) if not each.ispkg]
-    return {name: import_module(f"{topologies.__name__}.{name}").TOPOLOGY for name in modules}
+    modules = {name: import_module(f"{topologies.__name__}.{name}") for name in topologies.NAMES}
+    return {name: module.TOPOLOGY for name, module in modules.items()}
 
 
 TOPOLOGIES: Mapping[str, Topology] = OpenTable("taction.topologies", _own, Topology)

@@ -205,10 +205,10 @@ def strained_along(board: LinearBoard, pole: complex) -> Circuit:
     pattern = shape[[space.descriptor.place(node) for node in present]]
     largest = STRAINED * circuit.value("U0") / circuit.value("gain")
     amps = largest * pattern / np.abs(pattern).max()
-    names = [node.removeprefix("w_") for node in present]
+    summing = {cell.output: cell.inverting for cell in circuit.opamps}
     currents = [
-        CurrentSource(f"eps_{k}", f"c_{k}", value)
-        for k, value in zip(names, amps.tolist(), strict=True)
+        CurrentSource(f"eps_{summing[node]}", summing[node], value)
+        for node, value in zip(present, amps.tolist(), strict=True)
         if value
     ]
     return replace(circuit, currents=tuple(currents))
