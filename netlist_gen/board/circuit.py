@@ -408,7 +408,7 @@ class Circuit:
         return sign / (forward.ohms * self.value("G0"))
 
     def knob(self, name: str) -> Knob:
-        """Return the knob of a fact or of a key of the scene.
+        """Return the knob of a fact, or of a key of the scene.
 
         Raises
         ------

@@ -16,7 +16,7 @@ from taction.netlist_gen.board.circuit import (
     common_knobs,
 )
 from taction.netlist_gen.board.preferred_values import nearest
-from taction.netlist_gen.scene.fields import LARGE, LEAST, MOST, SMALL
+from taction.netlist_gen.scene.fields import LARGE, LEAST, MOST, SMALL, Model
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene
 from taction.system.errors import Complaint, InputError
@@ -27,9 +27,17 @@ class Topology(ABC):
 
     The facts and knobs here are those of a network in which lambda follows from R, the gain, G0
     and, if its amplifiers are not linear, from U0 and Ve. A topology may add its own.
+
+    Attributes
+    ----------
+    name : str
+        The word in the scene.
+    keys : type or None
+        The keys of its own table ``[design.NAME]``, if it has any.
     """
 
     name: ClassVar[str]
+    keys: ClassVar[type[Model] | None] = None
 
     @abstractmethod
     def synthesise(self, scene: Scene, problem: InverseProblem) -> Circuit:

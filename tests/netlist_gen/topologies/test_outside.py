@@ -1,0 +1,127 @@
+"""A topology of another package: every command and medium has it without a change of taction."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import taction
+from taction.netlist_gen.kicad.project import kicad_project
+from taction.netlist_gen.topologies.frame.table import TOPOLOGIES
+from tests.support.paths import ROOT, SCENES
+from tests.support.plugins import environment
+
+Plugin = Callable[..., Path]
+ENTRY = {"taction.topologies": {"shielded": "SHIELDED"}}
+RECIPE = (ROOT / "CONTRIBUTING.md").read_text("utf-8").partition("### Add a topology")[2]
+SOURCE = re.findall(r"```python\n(.*?)```", RECIPE, re.DOTALL)[0]
+SHIPPED = SCENES / "eleven-channel.toml"
+
+
+@pytest.fixture
+def folder(plugin: Plugin) -> Path:
+    """The folder in which the package of the recipe is installed."""
+    return plugin("shielded", ENTRY, SOURCE)
+
+
+def written(folder: Path, cable: str = "470pF") -> Path:
+    """A shipped scene with the topology of the recipe."""
+    text = SHIPPED.read_text("utf-8")
+    assert "topology" not in text
+    keys = f'topology = "shielded"\nshielded.cable = "{cable}"\n'
+    text = text.replace("[design]\n", f"[design]\n{keys}")
+    path = folder / "board.toml"
+    path.write_text(text, "utf-8")
+    return path
+
+
+def run(folder: Path, *command: str, status: int = 0) -> str:
+    found = subprocess.run(
+        [sys.executable, "-m", "taction", *command],
+        env=environment(folder),
+        cwd=folder,
+        capture_output=True,
+        text=True,
+    )
+    assert found.returncode == status, found.stderr + found.stdout
+    return found.stdout
+
+
+def test_the_own_topologies_are_the_modules_of_the_folder() -> None:
+    assert list(TOPOLOGIES) == ["integrator", "passive"]
+
+
+def test_the_deck_has_its_parts_its_facts_and_its_expressions(folder: Path) -> None:
+    scene = written(folder)
+    deck = run(folder, "netlist", str(scene), "--parameters")
+    assert "* Cc = 4.7e-10 F" in deck
+    assert ".param cable=4.7e-10" in deck
+    assert [line for line in deck.splitlines() if line.startswith("Ccable_")] == [
+        f"Ccable_{n} v_{n} 0 {{cable}}" for n in range(1, 12)
+    ]
+
+
+def test_verify_has_a_margin_in_its_knob(folder: Path) -> None:
+    scene = written(folder)
+    found = json.loads(run(folder, "verify", str(scene), "--json", "--margins"))
+    assert found["outcome"] == "pass"
+    margins: dict[str, Any] = found["stability"]["margins"]
+    assert set(margins) == {"capacitance", "gain", "cable"}
+    factor = margins["cable"]["factor"]
+    assert margins["cable"]["text"].startswith(f"the cable can grow by the factor {factor:.4g}")
+    # Boards on both sides of the margin, built anew.
+    stable = []
+    for share in (0.99, 1.01):
+        board = written(folder, f"{470.0 * factor * share!r}pF")
+        stable.append(taction.verify(board, engine="statespace").poles.stable)
+    assert stable == [True, False]
+
+
+def test_a_sweep_and_an_onset_move_its_key(folder: Path) -> None:
+    scene = written(folder)
+    found = json.loads(
+        run(
+            folder, "sweep", str(scene), "--over", "shielded.cable=100pF,10nF", "--json",
+            "--engine", "statespace",
+        )
+    )  # fmt: skip
+    points = found["points"]
+    assert [point["values"]["shielded.cable"] for point in points] == [100e-12, 10e-9]
+    assert [point["stable"] for point in points] == [True, False]
+    found = json.loads(run(folder, "onset", str(scene), "--over", "shielded.cable", "--json"))
+    crossings = found["crossings"]
+    assert all(each["confirmed"] is True for each in crossings)  # by transients of ngspice
+    assert 100e-12 < min(each["value"] for each in crossings) < 10e-9
+
+
+def test_card_picture_and_schematic_show_it(folder: Path) -> None:
+    scene = taction.load_scene(written(folder))
+    board = taction.synthesise(scene)
+    assert "Cc = 470 pF" in " ".join(
+        f"{fact.symbol} = {fact.text}" for fact in board.facts.values()
+    )
+    assert "capacitance of every cable" in board._repr_html_()
+    assert board.plot().axes
+    assert "Ccable_11" in kicad_project(board, scene).files["eleven-channel-bom.csv"]
+    assert "shielded" in repr(board)
+
+
+def test_a_fault_of_its_facts_is_caught(plugin: Plugin) -> None:
+    """The topology states half of the lambda that its resistors have."""
+    wrong = SOURCE.replace(
+        "            **super().facts(scene),\n",
+        "            **common_facts(**{n: f.value * (0.5 if n == 'lambda' else 1.0)"
+        " for n, f in super().facts(scene).items()}),\n",
+    ).replace("Fact, Knob", "Fact, Knob, common_facts")
+    assert wrong != SOURCE
+    folder = plugin("shielded", ENTRY, wrong)
+    verdict = taction.verify(written(folder), engine="statespace")
+    assert verdict.outcome.value != "pass"
+    assert "the board states lambda" in str(verdict)
