@@ -8,71 +8,55 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from typing import Any
 
-from taction.netlist_gen.board.part_warnings import broken_limits
+from taction.netlist_gen.board.part_warnings import BrokenLimit, broken_limits
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.checks import Checks
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
-from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.opamp_choice import OpAmpChoice
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError, NoVerdictError, SimulatorNotFound, SimulatorTooOld
 from taction.system.reading_definitions import READINGS
 from taction.verification.design.choose_request import OPAMP
+from taction.verification.design.trials import Trial, worse_parts
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import Plan, Requests
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.headroom import FULL
+from taction.verification.verdict.record import ERROR, Record, decisive_reason
 from taction.verification.verdict.run_checks import CHECKS
 from taction.verification.verdict.verify import Verdict, verify
 
 BEST = 3  # designs that ngspice confirms
-SAME = 1.0 + 1e-9  # ratio of values that count as equal
 
 
 @dataclass(frozen=True, slots=True)
-class Design:
-    """One design of a choice.
+class Design(Trial):
+    """The trial of one design of a choice: op-amp, C and gain.
 
     Attributes
     ----------
     place : int
         Of the grid, from 0.
-    values : dict
-        Op-amp, C and gain by dotted paths.
-    outcome : str
-        Of the state-space verdict: pass, fail, inconclusive or error.
-    left : tuple of str
-        Checks that do not pass.
     shares : dict
-        Value over limit of each check that has a limit.
-    settling_time, overshoot, headroom, noise : float or None
-        s, fraction of the step, share of the worst limit of an op-amp, V.
-    reason : str
-        Why it does not pass.
-    refused : str
-        Which of its parts cannot be bought, or the layout undoes; only of a design that passes.
+        Value over limit of each check that has a limit; empty for an unstable board.
     """
 
-    place: int
-    values: dict[str, Value]
-    outcome: str
-    left: tuple[str, ...]
-    shares: dict[str, float]
-    settling_time: float | None
-    overshoot: float | None
-    headroom: float | None
-    noise: float | None
-    reason: str
-    refused: str = ""
+    place: int = 0
+    shares: dict[str, float] = field(default_factory=dict)
 
     @property
-    def good(self) -> bool:
-        """Whether it passes with parts that can be bought."""
-        return self.outcome == "pass" and not self.refused
+    def headroom(self) -> float | None:
+        """Share of the worst limit of an op-amp."""
+        return self.reading("headroom")
+
+    @property
+    def noise(self) -> float | None:
+        """Output noise, V."""
+        return self.reading("noise")
 
     @property
     def worst(self) -> float:
@@ -87,9 +71,14 @@ class Design:
     @property
     def rank(self) -> tuple[bool, bool, int, float, float]:
         """Sort key: good designs, then those with the fewest checks left, then the share."""
-        settling = math.inf if self.settling_time is None else self.settling_time
-        left = len(self.left) if self.outcome != "error" else len(CHECKS)
-        return not self.good, self.outcome != "pass", left, self.worst, settling
+        left = len(self.left) if self.outcome != ERROR else len(CHECKS)
+        return not self.good, self.outcome != "pass", left, self.worst, self.settling_time
+
+    def plain(self) -> dict[str, Any]:
+        """Return the design and what counts of its verdict as plain data."""
+        names = ("place", "outcome", "reason", "shares", "headroom")
+        more = {"noise_rms": self.noise, "worst_share": self.worst if self.shares else None}
+        return self.summary() | {name: getattr(self, name) for name in names} | more
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,46 +99,26 @@ def designs(plan: Plan, store: Store) -> list[Design]:
     found, problem = [], make_problem(plan.scene)
     accepted = _broken(plan.scene, problem)
     for point in Requests(plan):
-        record = store.record_of(point.request)
-        if record is None:
+        data = store.record_of(point.request)
+        if data is None:
             continue
-        design = _design(point.place, point.values, record, plan.scene.checks)
-        if design.outcome == "pass":
-            broken = _broken(with_values(plan.scene, design.values), problem)
-            worse = [n for n in broken if broken[n] > accepted.get(n, 0.0) * SAME]
-            design = replace(design, refused=", ".join(worse))
-        found.append(design)
+        record, refused = Record.from_plain(data), ""
+        if record.outcome == "pass":
+            broken = _broken(with_values(plan.scene, point.values), problem)
+            refused = worse_parts(broken, accepted)
+        shares = dict(_shares(record, plan.scene.checks)) if record.stable else {}
+        found.append(Design(dict(point.values), record, refused, point.place, shares))
     return sorted(found, key=lambda design: design.rank)
 
 
-def _design(
-    place: int, values: Mapping[str, Value], record: Mapping[str, Any], checks: Checks
-) -> Design:
-    outcomes = {check["name"]: check for check in record["checks"]}
-    read = {name: check["value"] for name, check in outcomes.items()}
-    left = tuple(n for n, check in outcomes.items() if check["outcome"] != "pass")
-    shares = dict(_shares(read, checks)) if record["stable"] else {}
-    return Design(
-        place=place,
-        values=dict(values),
-        outcome=record["outcome"],
-        left=left,
-        shares=shares,
-        settling_time=record["settling_time"] if record["stable"] else None,
-        overshoot=record["overshoot"] if record["stable"] else None,
-        headroom=read.get("headroom"),
-        noise=read.get("noise"),
-        reason=record["reason"],
-    )
-
-
-def _shares(read: Mapping[str, float | None], checks: Checks) -> Iterator[tuple[str, float]]:
+def _shares(record: Record, checks: Checks) -> Iterator[tuple[str, float]]:
     """Yield the share of every limit that the scene has."""
     limits = {
         "steady_state": checks.steady_state.tolerance,
         **{name: getattr(getattr(checks, name), "max", None) for name in (*READINGS, "noise")},
         "headroom": FULL,
     }
+    read = {check.name: check.value for check in record.checks}
     for name, limit in limits.items():
         value = read.get(name)
         if value is not None and limit:
@@ -182,12 +151,11 @@ def best_designs(ranked: list[Design], count: int = BEST) -> list[Design]:
     return chosen
 
 
-def _broken(scene: Scene, problem: InverseProblem) -> dict[str, float]:
+def _broken(scene: Scene, problem: InverseProblem) -> Mapping[str, BrokenLimit]:
     try:
-        circuit = synthesise(scene, problem)
+        return broken_limits(synthesise(scene, problem))
     except InputError:
         return {}
-    return {name: broken.factor for name, broken in broken_limits(circuit).items()}
 
 
 def confirmed(scene: Scene) -> Confirmation:
@@ -198,9 +166,6 @@ def confirmed(scene: Scene) -> Confirmation:
         return Confirmation(None, None, str(error))
     except NoVerdictError as error:
         return Confirmation(Outcome.INCONCLUSIVE, None, str(error))
-    decisive = next((c for c in verdict.checks if c.outcome is verdict.outcome), None)
     reading = verdict.measurements.settling_time
-    passed = verdict.outcome is Outcome.PASS
-    reason = "" if passed or decisive is None else f"{decisive.name}: {decisive.reason}"
     settling = None if reading is None else reading.value
-    return Confirmation(verdict.outcome, settling, reason, verdict)
+    return Confirmation(verdict.outcome, settling, decisive_reason(verdict), verdict)

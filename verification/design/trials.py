@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from taction.netlist_gen.board.part_warnings import broken_limits
+from taction.netlist_gen.board.part_warnings import BrokenLimit, broken_limits
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
@@ -208,7 +208,7 @@ class Trials:
             found = poles(board)
             if found.known_unstable:  # known without a transient
                 return Trial(changes, _unstable(found))
-            refused = self._refused(board)
+            refused = worse_parts(broken_limits(board.circuit), self.accepted)
             scene = at_small_signal(self.scene_at(changes))
             verdict = verify(scene, problem=self.problem, circuit=board, effort=BARE)
         except (InputError, NoVerdictError) as error:
@@ -217,14 +217,14 @@ class Trials:
             return Trial(changes, record, reason)
         return Trial(changes, Record.of(verdict, channels=False), refused)
 
-    def _refused(self, board: LinearBoard) -> str:
-        """Return which parts are out of range, and farther than those of the scene."""
-        worse = [
-            name
-            for name, broken in broken_limits(board.circuit).items()
-            if name not in self.accepted or broken.factor > SAME * self.accepted[name].factor
-        ]
-        return ", ".join(sorted(worse))
+
+def worse_parts(broken: Mapping[str, BrokenLimit], accepted: Mapping[str, BrokenLimit]) -> str:
+    """Return which parts are out of range, and farther than those of the scene."""
+    return ", ".join(
+        name
+        for name, limit in broken.items()
+        if name not in accepted or limit.factor > SAME * accepted[name].factor
+    )
 
 
 def knobs_with_margin(scene: Scene) -> tuple[str, ...]:

@@ -124,7 +124,7 @@ def test_an_unstable_design_has_no_share() -> None:
         bad = replace(record(outcome="fail"), stable=False)
         store_records(plan, store, {("statespace", 0): bad})
         (design,) = designs(plan, store)
-    assert (design.shares, design.settling_time) == ({}, None)
+    assert (design.shares, design.settling_time) == ({}, float("inf"))
     assert not best_designs([design])
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from typing import Any
 
 from rich.console import Console
@@ -63,7 +63,7 @@ def text_of(confirmation: Confirmation) -> str:
 
 def _row(design: Design, said: str) -> tuple[str, ...]:
     def known(value: float | None, unit: str) -> str:
-        return "-" if value is None else show(value, unit, 3)
+        return "-" if value is None or not math.isfinite(value) else show(value, unit, 3)
 
     overshoot, headroom = design.overshoot, design.headroom
     return (
@@ -72,7 +72,7 @@ def _row(design: Design, said: str) -> tuple[str, ...]:
         show(number(design.values[GAIN]), "ohm", 3),
         "no parts" if design.refused else design.outcome,
         known(design.settling_time, "s"),
-        "-" if overshoot is None else f"{100 * overshoot:.3g} %",
+        "-" if not math.isfinite(overshoot) else f"{100 * overshoot:.3g} %",
         "-" if headroom is None else f"{100 * headroom:.3g} %",
         f"{design.worst:.3g}" if design.shares else "-",
         said,
@@ -95,9 +95,9 @@ def choice_document(
     `files` are the scene files of the best by their place of the grid.
     """
     return {
-        "designs": [_record(design) for design in designs],
+        "designs": [design.plain() for design in designs],
         "best": [
-            _record(design)
+            design.plain()
             | {
                 "ngspice": confirmation.outcome and confirmation.outcome.value,
                 "ngspice_settling_time": confirmation.settling_time,
@@ -107,8 +107,3 @@ def choice_document(
             for design, confirmation in zip(best, confirmations, strict=True)
         ],
     }
-
-
-def _record(design: Design) -> dict[str, Any]:
-    record = asdict(design) | {"worst_share": design.worst if design.shares else None}
-    return record | {"noise_rms": record.pop("noise")}

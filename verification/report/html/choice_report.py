@@ -30,6 +30,7 @@ from taction.verification.report.html.texts import (
     readable,
 )
 from taction.verification.report.html.verdict_report import verdict_report
+from taction.verification.verdict.record import finite
 from taction.verification.verdict.verify import Verdict
 
 LISTED = 500  # designs in the table
@@ -147,8 +148,8 @@ def _cells(design: Design, *, noise: bool) -> tuple[Cell, ...]:
         Cell(quantity(farads, "F"), farads),
         Cell(quantity(ohms, "ohm"), ohms),
         Cell("no parts", None, "fail") if design.refused else outcome_cell(design.outcome),
-        number_cell(design.settling_time, "s"),
-        number_cell(design.overshoot, "step"),
+        number_cell(finite(design.settling_time), "s"),
+        number_cell(finite(design.overshoot), "step"),
         number_cell(design.headroom, "step"),
         *([number_cell(design.noise, "V")] if noise else []),
         number_cell(design.worst if design.shares else None, "", 3),

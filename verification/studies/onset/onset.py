@@ -29,7 +29,7 @@ from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.stability.edges import Edge, Scan
 from taction.verification.stability.families import Family, unrounded
 from taction.verification.stability.poles import count_unstable, poles
-from taction.verification.studies.onset.transient_trial import Confirmation, confirm
+from taction.verification.studies.onset.transient_trial import TransientTest, confirm
 
 AROUND = 30.0  # the default range is from the scene's value / 30 to its value * 30
 POINTS = 61  # of the first grid of a scan: 20 per decade in the default range
@@ -44,7 +44,7 @@ class CheckedEdge:
     """A crossing of the imaginary axis, and the result of the transients on both sides."""
 
     crossing: Edge
-    confirmation: Confirmation
+    confirmation: TransientTest
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,13 +195,13 @@ def confirmations(
 
     Without a `timeout`, s, no transient is wanted.
     """
-    confirmation, simulator = Confirmation(None, "transients were not requested"), None
+    confirmation, simulator = TransientTest(None, "transients were not requested"), None
     if timeout is not None and scanned.edges:
         try:
             simulator = find_simulator()
         except (SimulatorNotFound, SimulatorTooOld) as error:
             reason = f"ngspice is needed to confirm a crossing: {error}"
-            confirmation = Confirmation(None, reason)
+            confirmation = TransientTest(None, reason)
     findings = []
     for number, edge in enumerate(scanned.edges, start=1):
         progress(f"transients beside crossing {number} of {len(scanned.edges)}")

@@ -61,7 +61,7 @@ class Side:
 
 
 @dataclass(frozen=True, slots=True)
-class Confirmation:
+class TransientTest:
     """Both sides of a crossing; `confirmed` is None if the transients are inconclusive."""
 
     confirmed: bool | None
@@ -71,8 +71,8 @@ class Confirmation:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Trial:
-    """A board on one side, its pole, and the transient along the mode."""
+class _Side:
+    """A board on one side, its pole, and the transient along the mode, before it runs."""
 
     value: float
     pole: complex
@@ -83,7 +83,7 @@ class _Trial:
 
 def confirm(
     boards: Boards, crossing: Edge, simulator: Simulator, *, logarithmic: bool, timeout: float
-) -> Confirmation:
+) -> TransientTest:
     """Run transients on both sides of `crossing` at the same time and compare with the poles.
 
     Parameters
@@ -102,20 +102,20 @@ def confirm(
     try:
         trials = [_prepare(boards, crossing, side, logarithmic) for side in (-1, 1)]
     except (EngineError, InputError) as error:
-        return Confirmation(None, f"the board beside the crossing could not be prepared: {error}")
+        return TransientTest(None, f"the board beside the crossing could not be prepared: {error}")
     with ExitStack() as cleanup:  # a failure of one run ends the other run
         try:
             runs = [cleanup.enter_context(_start(t, simulator, timeout)) for t in trials]
         except SimulationError as error:
-            return Confirmation(None, f"ngspice did not start: {error}")
+            return TransientTest(None, f"ngspice did not start: {error}")
         below, above = (_finish(t, run) for t, run in zip(trials, runs, strict=True))
     reasons = "; ".join(f"at {s.value!r}: {s.reason}" for s in (below, above) if s.reason)
     verdicts = (below.agrees, above.agrees)
     confirmed = False if False in verdicts else None if None in verdicts else True
-    return Confirmation(confirmed, reasons, below, above)
+    return TransientTest(confirmed, reasons, below, above)
 
 
-def _prepare(boards: Boards, crossing: Edge, side: int, logarithmic: bool) -> _Trial:
+def _prepare(boards: Boards, crossing: Edge, side: int, logarithmic: bool) -> _Side:
     """Choose a value on one side of the crossing at which the pole has the expected sign."""
     unstable = crossing.unstable_above == (side > 0)
     distance = DISTANCE
@@ -132,7 +132,7 @@ def _prepare(boards: Boards, crossing: Edge, side: int, logarithmic: bool) -> _T
     rivals = [p.real for p in board_poles if p not in (pole, pole.conjugate())]
     fastest = max([0.0, *rivals])
     circuit = strained_along(board, pole) if board.circuit.has_imported else board.circuit
-    return _Trial(value, pole, fastest, circuit, along(board, pole, fastest))
+    return _Side(value, pole, fastest, circuit, along(board, pole, fastest))
 
 
 def _follow(
@@ -239,7 +239,7 @@ def _mode(space: StateSpace, pole: complex) -> Complexes:
     return x
 
 
-def _start(trial: _Trial, simulator: Simulator, timeout: float) -> Run:
+def _start(trial: _Side, simulator: Simulator, timeout: float) -> Run:
     c = trial.circuit
     saved = dict.fromkeys([*(o.node for o in c.outputs), *c.signal_nodes, *c.constraint_nodes])
     deck = write_deck(
@@ -248,7 +248,7 @@ def _start(trial: _Trial, simulator: Simulator, timeout: float) -> Run:
     return start(deck, simulator, timeout=timeout)
 
 
-def _finish(trial: _Trial, run: Run) -> Side:
+def _finish(trial: _Side, run: Run) -> Side:
     try:
         waveforms = run.result()
     except SimulationError as error:
@@ -256,7 +256,7 @@ def _finish(trial: _Trial, run: Run) -> Side:
     return _compare(trial, waveforms)
 
 
-def _compare(trial: _Trial, waveforms: Waveforms) -> Side:
+def _compare(trial: _Side, waveforms: Waveforms) -> Side:
     """Compare the pole with the nearest of the strong modes in the waveforms."""
     modes = fit_modes(waveforms.time, waveforms.values)
     if not modes:

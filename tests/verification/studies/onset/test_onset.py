@@ -40,7 +40,7 @@ from taction.verification.studies.onset.onset import (
     onset,
     parse_onset_axis,
 )
-from taction.verification.studies.onset.transient_trial import Confirmation, along, confirm
+from taction.verification.studies.onset.transient_trial import TransientTest, along, confirm
 from tests.support.boards import single_mode
 from tests.support.paths import SCENES
 
@@ -85,7 +85,7 @@ def latch(ohms: float) -> Circuit:
     )
 
 
-def check_sides(trial: Confirmation, share: float = 0.03) -> None:
+def check_sides(trial: TransientTest, share: float = 0.03) -> None:
     """Both sides within `share` of the pole, and with opposite signs."""
     assert trial.confirmed is True, trial.reason
     for side in (trial.below, trial.above):
