@@ -12,11 +12,14 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 import taction
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 ENGINES = ("auto", "ngspice", "statespace")
 GRID_ENGINES = ("both", "hybrid")
@@ -139,6 +142,36 @@ def page(report: Target) -> Output:
     text = "Write a report with pictures into FILE (HTML, one file that needs no network)."
     check = "verification.report.html.file:check_report_file"
     return Output("report", text, write, check)
+
+
+def shown(view: Target, plot: str = "") -> tuple[Output, ...]:
+    """Return ``--report``, and ``--plot`` with what it draws, of a view: result to page."""
+
+    def write(result: Any, path: str) -> None:
+        from taction.verification.report.renderers.page import write_page
+
+        write_page(load(view)(result), path)
+
+    def draw(result: Any, path: str) -> None:
+        from taction.verification.report.renderers.picture import draw_sheet
+
+        draw_sheet(load(view)(result).sheet(), path)
+
+    text = "Write a report with pictures into FILE (HTML, one file that needs no network)."
+    check = "verification.report.renderers.page:check_report_file"
+    report = Output("report", text, write, check)
+    return (picture(plot, draw), report) if plot else (report,)
+
+
+def printed(view: Target) -> Callable[[Any, Console], None]:
+    """Return the function that prints the page of a view: result to page."""
+
+    def show(result: Any, console: Console) -> None:
+        from taction.verification.report.renderers.terminal import print_page
+
+        print_page(load(view)(result), console)
+
+    return show
 
 
 def text_file(name: str, text: str, make: Target) -> Output:

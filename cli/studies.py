@@ -27,6 +27,8 @@ from taction.cli.command import (
     own_file,
     page,
     picture,
+    printed,
+    shown,
     text_file,
 )
 from taction.cli.terminal import say
@@ -324,11 +326,8 @@ ONSET = Command(
     job=Job(
         function="onset",
         document=f"{REPORT}.onset.tables:onset_document",
-        text=f"{REPORT}.onset.tables:print_onset",
-        outputs=(
-            picture("the pole map and the root locus", lambda found, path: found.plot(path)),
-            page(f"{REPORT}.html.onset_report:onset_report"),
-        ),
+        text=printed(f"{REPORT}.views.onset:view"),
+        outputs=shown(f"{REPORT}.views.onset:view", "the pole map and the root locus"),
         before=_ask_axis,
     ),
     parameters=(
@@ -473,11 +472,8 @@ ACCURACY = Command(
     job=Job(
         function="accuracy",
         document=f"{REPORT}.work_precision.tables:accuracy_document",
-        text=f"{REPORT}.work_precision.tables:print_study",
-        outputs=(
-            picture("error against run time", f"{REPORT}.work_precision.plot:plot_study"),
-            page(f"{REPORT}.html.accuracy_report:accuracy_report"),
-        ),
+        text=printed(f"{REPORT}.views.accuracy:view"),
+        outputs=shown(f"{REPORT}.views.accuracy:view", "error against run time"),
         after=_say_unknown,
     ),
     parameters=(SCENE, option("budget", type=click.FloatRange(min=0.5))),
