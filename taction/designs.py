@@ -116,7 +116,7 @@ def bom(scene: str | Path | Scene, *, output: str | Path | None = None) -> Parts
     >>> import taction
     >>> listed = taction.bom("scenes/tuned-breadboard.toml")
     >>> listed.parts.count("capacitor"), listed.parts.opamp
-    (7, 'tl084')
+    (7, 'ideal')
     """
     from taction.netlist_gen.board.bill_of_materials import bill_of_materials
     from taction.netlist_gen.board.synthesis import synthesise

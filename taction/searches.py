@@ -57,9 +57,7 @@ def tune(
     Examples
     --------
     >>> import taction
-    >>> scene = taction.Scene.from_arrays(
-    ...     [[2.0, 0.5], [0.5, 1.0]], [1.0, 1.0], capacitance="1nF", engine="statespace"
-    ... )
+    >>> scene = taction.load_scene("scenes/tuned-breadboard.toml").with_engine("statespace")
     >>> tuned = taction.tune(scene, over="gain", reach=4.0)
     >>> tuned.tuning.after.settling_time <= tuned.tuning.before.settling_time
     True

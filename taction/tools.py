@@ -36,8 +36,8 @@ def models() -> dict[str, OpAmp]:
     Examples
     --------
     >>> import taction
-    >>> taction.models()["tl084"].gbw
-    3000000.0
+    >>> taction.models()["tl084"].slew_rate
+    13000000.0
     """
     from taction.netlist_gen.scene.open_tables import OPAMPS
 

@@ -240,7 +240,7 @@ def verify_files(
     ...     ["scenes"], exclude=["e*", "*-exponential.toml", "t*", "k*"], jobs=1
     ... )
     >>> found.outcome, found.count()
-    ('pass', {'pass': 2})
+    ('pass', {'pass': 3})
     """
     from taction.system.errors import Interrupted
     from taction.verification.studies.scene_files import scene_files

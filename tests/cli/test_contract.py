@@ -1,0 +1,223 @@
+"""What holds for every command: its function, its options, its ends, its interruption."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import taction
+from taction.cli import running
+from taction.cli.command import Command, Job, Parameter, load, sentences, signature
+from taction.cli.main import COMMANDS
+from taction.system.errors import Complaint
+from tests.support.entries import write_fast
+from tests.support.running import document
+from tests.support.running import taction as run
+
+NAMES = {"models show": "opamp", "models import": "import_model"}  # `models` has no other two
+# Of the command alone: how the result is shown, and where the files stand.
+SHOWN = {
+    "verify": {"scenes", "annotate", "verbose"},
+    "new": {"output", "schema"},
+    "reproduce": {"output"},
+}
+# Of the function alone: Python's own arguments.
+PYTHON = {"progress", "announce", "strains"}
+
+# Name of the command, and words with which it ends with 0 on the scene a.toml.
+CALLS: dict[str, tuple[str, ...]] = {
+    "verify": ("a.toml",),
+    "diff": ("a.toml", "a.toml"),
+    "netlist": ("a.toml",),
+    "bom": ("a.toml",),
+    "kicad": ("a.toml", "-o", "drawing"),
+    "solve": ("a.toml",),
+    "simulate": ("a.toml",),
+    "montecarlo": ("a.toml", "-n", "3", "--no-remedy"),
+    "corners": ("a.toml", "--corner", "resistor=1"),
+    "explore": ("a.toml",),
+    "tune": ("a.toml",),
+    "choose": ("a.toml",),
+    "scale": ("a.toml",),
+    "onset": ("a.toml", "--over", "C"),
+    "sweep": ("a.toml", "--over", "C=1pF,2pF"),
+    "regress": (".", "--baseline", "b.json"),
+    "stress": ("--only", "nothing-moves"),
+    "accuracy": ("a.toml",),
+    "reproduce": (),
+    "models": (),
+    "models show": ("ua741",),
+    "models import": ("a.cir", "--subckt", "A", "--pins", "inp,inn,vcc,vee,out"),
+    "new": ("new.toml",),
+    "doctor": (),
+}
+
+
+def commands(table: Mapping[str, Command] = COMMANDS, above: str = "") -> Iterator[str]:
+    for name, command in table.items():
+        yield f"{above}{name}"
+        yield from commands(command.commands, f"{name} ")
+
+
+def entry(name: str) -> Command:
+    first, *rest = name.split()
+    return COMMANDS[first].commands[rest[0]] if rest else COMMANDS[first]
+
+
+def jobs() -> Iterator[tuple[str, Job]]:
+    from taction.cli import boards, studies
+
+    for module in (boards, studies):
+        yield from ((n, job) for n, job in vars(module).items() if isinstance(job, Job))
+    for name in CALLS:
+        yield name, entry(name).job
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    write_fast(tmp_path / "a.toml", more="[tolerances]\nresistor = 0.01\n")
+    (tmp_path / "b.json").write_text('{"taction_baseline": 1, "scenes": {}}')
+    (tmp_path / "a.cir").write_text("* no netlist\n")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_every_command_is_called() -> None:
+    assert list(commands()) == list(CALLS)
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_a_command_calls_the_function_of_its_name(name: str) -> None:
+    function = entry(name).job.function
+    assert function == NAMES.get(name, name)
+    assert function in taction.__all__
+
+
+def stated(name: str, parameter: Parameter) -> inspect.Parameter | None:
+    return signature(parameter.of or entry(name).job.function).get(parameter.name)
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_options_and_keywords_are_the_same(name: str) -> None:
+    """With their defaults; the options of what shows the result are the only others."""
+    command = entry(name)
+    made = {p.name: p for p in running.made(name, command).params}
+    shown = {output.name for output in command.job.outputs} | {"junit"}
+    for parameter in command.parameters:
+        known = stated(name, parameter)
+        if known is None:
+            assert parameter.name in SHOWN.get(name, set()) | shown
+            continue
+        default = made[parameter.name].to_info_dict().get("default")
+        if known.default is inspect.Parameter.empty:
+            assert made[parameter.name].required or parameter.of
+        elif parameter.flags and parameter.name != "retry_failed":  # `--retry failed`
+            assert (default or None) == (known.default or None)
+    own = signature(command.job.function)
+    given = {parameter.name for parameter in command.parameters if not parameter.of}
+    missing = set(own) - given - PYTHON
+    assert missing == ({"scene"} if name == "verify" else set())
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_every_option_has_the_sentence_of_the_docstring(name: str) -> None:
+    command = entry(name)
+    made = {p.name: p for p in running.made(name, command).params}
+    for parameter in command.parameters:
+        if parameter.flags:
+            text = made[parameter.name].to_info_dict()["help"]
+            known = sentences(parameter.of or command.job.function).get(parameter.name)
+            assert text
+            assert text.endswith((".", "*10."))
+            assert "help" in parameter.attributes or text == known
+
+
+@pytest.mark.parametrize(("name", "job"), list(jobs()))
+def test_everything_that_shows_a_result_is_there(name: str, job: Job) -> None:
+    for target in (job.document, job.text, *(output.write for output in job.outputs)):
+        assert callable(load(target))
+
+
+class Ended:
+    """A result that only has an end."""
+
+    def __init__(self, **values: Any) -> None:
+        vars(self).update(values)
+
+
+@pytest.mark.parametrize(
+    ("values", "status"),
+    [
+        ({}, 0),
+        ({"outcome": "pass"}, 0),
+        ({"outcome": "fail"}, 1),
+        ({"outcome": "inconclusive"}, 3),
+        ({"outcome": "pass", "exit_status": 2}, 2),
+    ],
+)
+def test_the_exit_status_of_a_result(values: dict[str, Any], status: int) -> None:
+    assert running.status_of(Ended(**values)) == status
+
+
+def failing(monkeypatch: pytest.MonkeyPatch, name: str, error: BaseException) -> None:
+    """Let the function of a command end with `error`."""
+    function = entry(name).job.function
+    real = signature(function)
+
+    def ends(*_: Any, **__: Any) -> None:
+        raise error
+
+    monkeypatch.setattr(taction, function, ends)
+    monkeypatch.setattr(running, "signature", lambda asked: real if asked == function else {})
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize("name", CALLS)
+@pytest.mark.parametrize(
+    ("error", "status", "says"),
+    [
+        (taction.InputError("a.toml", Complaint("key", "1", "expected 2")), 2, "expected 2"),
+        (taction.NoVerdictError("no engine ends"), 3, "no engine ends"),
+        (KeyboardInterrupt(), 130, "interrupted; no verdict was reached"),
+        (taction.Interrupted("5 are stored"), 130, "interrupted; 5 are stored"),
+        (ZeroDivisionError("boom"), 3, "this is a bug in taction"),
+    ],
+    ids=lambda value: type(value).__name__ if isinstance(value, BaseException) else "",
+)
+def test_every_command_ends_alike(
+    name: str,
+    error: BaseException,
+    status: int,
+    says: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    failing(monkeypatch, name, error)
+    for mode in ((), ("--json",)):
+        result = run(*name.split(), *CALLS[name], *mode)
+        assert result.exit_code == status
+        assert says in result.stderr
+        if mode and not isinstance(error, KeyboardInterrupt):
+            outcome = "bad input" if status == 2 else "inconclusive"
+            assert document(result)["outcome"] == outcome
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize("name", ["stress", "montecarlo"])
+def test_what_is_finished_is_shown_after_ctrl_c(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    words = [*CALLS[name], "--jobs", "1"]
+    real = getattr(taction, name)
+
+    def interrupted(*given: Any, **more: Any) -> None:
+        raise taction.Interrupted("the rest is missing", real(*given, **more))
+
+    whole = run(name, *words)
+    monkeypatch.setattr(taction, name, interrupted)
+    monkeypatch.setattr(running, "signature", lambda asked: inspect.signature(real).parameters)
+    result = run(name, *words)
+    assert result.exit_code == 130
+    assert len(result.stdout.splitlines()) == len(whole.stdout.splitlines())
+    assert "taction: interrupted; the rest is missing" in result.stderr
