@@ -21,7 +21,7 @@ from taction.verification.engines.ngspice import process
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients import exact, simulate
-from taction.verification.readings.resampling import CUBIC, lagrange
+from taction.verification.readings.signals import CUBIC, lagrange
 from taction.verification.verdict.step_forecast import StepModel
 from taction.verification.waveforms import Waveforms
 

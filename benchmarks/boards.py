@@ -21,8 +21,8 @@ from benchmarks.measuring import (
     taction,
 )
 from taction.netlist_gen.scene.file import load_scene
-from taction.verification.verdict.clock import Clock
 from taction.verification.verdict.design import design_board
+from taction.verification.verdict.progress import Clock
 
 SCENE = """
 name = "larger-board"

@@ -35,8 +35,8 @@ from taction.verification.studies.running.workers import Workers
 from taction.verification.studies.store import Store, StoredResult
 from taction.verification.studies.sweep.plan import Plan
 from taction.verification.studies.sweep.run import sweep
-from taction.verification.verdict.clock import Clock
 from taction.verification.verdict.design import design_board
+from taction.verification.verdict.progress import Clock
 from taction.verification.verdict.record import FIGURES, Record
 
 SIZES = {Extent.TINY: (2, 2, 20), Extent.QUICK: (31, 21, 1000), Extent.FULL: (31, 21, 10_000)}

@@ -171,7 +171,7 @@ def print_scaled(found: Scaled, console: Console) -> None:
     """Print the scalings, the loads and what the checks say."""
     from taction.system.quantities import show
     from taction.verification.design.scaling import scalings_of
-    from taction.verification.verdict.part_limits import describe
+    from taction.verification.verdict.headroom import describe
 
     scaling, verdict = found.scaling, found.verdict
     values = scalings_of(scaling).items()

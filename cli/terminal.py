@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from taction.verification.verdict.clock import Notice
+from taction.verification.verdict.progress import Notice
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -1,4 +1,4 @@
-"""Types of arrays; the docstrings of their users give shapes and units."""
+"""Types of arrays, whose users give shapes and units in their docstrings, and the rounding unit."""
 
 from __future__ import annotations
 
@@ -10,3 +10,5 @@ Complexes = NDArray[np.complex128]
 Ints = NDArray[np.int64]
 Indices = NDArray[np.intp]
 Bools = NDArray[np.bool_]
+
+EPS = float(np.finfo(np.float64).eps)  # distance of 1.0 to the next larger number

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from taction.netlist_gen.scene.scene import Scene
     from taction.results import Choice, NewScene, Scaled, Tuned
-    from taction.verification.verdict.clock import Progress
+    from taction.verification.verdict.progress import Progress
 
 
 def tune(

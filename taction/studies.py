@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from taction.verification.studies.sweep.plan import Plan
     from taction.verification.studies.sweep.run import SweepCounts
     from taction.verification.studies.work_precision.study import WorkPrecisionStudy
-    from taction.verification.verdict.clock import Progress
+    from taction.verification.verdict.progress import Progress
 
 
 def onset(
@@ -200,7 +200,7 @@ def computed(
     from taction.system.errors import Interrupted
     from taction.verification.studies.running.executors import workers_at
     from taction.verification.studies.sweep.run import sweep as run
-    from taction.verification.verdict.clock import Notice
+    from taction.verification.verdict.progress import Notice
 
     def notice(text: str) -> None:
         progress(Notice(text))
@@ -327,7 +327,7 @@ def montecarlo(
     from taction.verification.studies.tolerance.remedy_search import verified_remedy
     from taction.verification.studies.tolerance.varied_board import prepare
     from taction.verification.studies.tolerance.yield_report import summarise_samples
-    from taction.verification.verdict.clock import Notice
+    from taction.verification.verdict.progress import Notice
 
     tally = SampleCollection(samples, half_width(until))
     study = prepare(read_scene(scene, engine))
@@ -479,7 +479,7 @@ def corners(
         worst_corners,
     )
     from taction.verification.studies.tolerance.varied_board import prepare
-    from taction.verification.verdict.clock import Notice
+    from taction.verification.verdict.progress import Notice
 
     scene = read_scene(scene, engine)
     named = [deviations_of(each) for each in corner]
@@ -588,7 +588,7 @@ def accuracy(
     """
     from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.studies.work_precision.study import run_study
-    from taction.verification.verdict.clock import Notice
+    from taction.verification.verdict.progress import Notice
 
     def notice(stage: str) -> None:
         progress(Notice(stage))
@@ -639,7 +639,7 @@ def stress(
     from taction.system.errors import Interrupted
     from taction.verification.evidence.stress.catalogue import load_catalogue, select
     from taction.verification.evidence.stress.run import expected_seconds, run_catalogue
-    from taction.verification.verdict.clock import Notice
+    from taction.verification.verdict.progress import Notice
 
     cases = select(load_catalogue(), tuple(only))
     progress(Notice(f"{len(cases)} cases, about {expected_seconds(cases, jobs):.0f} s"))
@@ -673,6 +673,6 @@ def reproduce(*, quick: bool = False, progress: Progress = lambda stage: None) -
     'pass'
     """
     from taction.verification.evidence.paper.reproduce import reproduce as run
-    from taction.verification.verdict.clock import Notice
+    from taction.verification.verdict.progress import Notice
 
     return run(quick=quick, progress=lambda stage: progress(Notice(stage)))

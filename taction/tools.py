@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from taction.results import ImportedModel, Installation, OpAmpFigures
     from taction.spice_models.opamp import OpAmp
-    from taction.verification.verdict.clock import Progress
+    from taction.verification.verdict.progress import Progress
 
 EXTRAS = (
     ("matplotlib", "--plot", "pip install 'taction[plot]'"),
@@ -79,7 +79,7 @@ def opamp(name: str, *, progress: Progress = lambda stage: None) -> OpAmpFigures
     from taction.verification.characterise.characterise import characterise
     from taction.verification.characterise.witnesses import Equations, Simulation
     from taction.verification.engines.ngspice.executable import find_simulator
-    from taction.verification.verdict.clock import Notice
+    from taction.verification.verdict.progress import Notice
 
     if name not in OPAMPS:
         hint = nearest_question(name, tuple(OPAMPS), 0.6)

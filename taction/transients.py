@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from taction.verification.design.remedies import Remedies
     from taction.verification.studies.difference import VerdictDifference
     from taction.verification.studies.verify_files import VerifiedFiles
-    from taction.verification.verdict.clock import Progress
+    from taction.verification.verdict.progress import Progress
 
 AnyScene: TypeAlias = "str | Path | Scene"
 Settings: TypeAlias = "Sequence[str] | Mapping[str, Any]"

@@ -18,10 +18,10 @@ from taction.netlist_gen.scene.problem import (
     StatedProblem,
     TactileProblem,
 )
-from taction.system.array_types import Floats
+from taction.system.array_types import EPS, Floats
 from taction.system.errors import Complaint, InputError
 
-ROUNDING = 16 * np.finfo(float).eps
+ROUNDING = 16 * EPS
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,11 +16,11 @@ from taction.verification.readings.readings import Reading
 from taction.verification.readings.settling import ChannelState
 from taction.verification.stability.margin import Margin
 from taction.verification.stability.poles import summarise
-from taction.verification.verdict.agreement import Agreement
+from taction.verification.verdict.bounded_measures import StepError
 from taction.verification.verdict.checks import Check, Evidence
+from taction.verification.verdict.companion import Agreement
 from taction.verification.verdict.run_checks import run_checks
 from taction.verification.verdict.steady_state import SteadyState
-from taction.verification.verdict.step_error import StepError
 
 ROUNDING = 1e-15  # an error is never 0
 EXACT = StepError(ROUNDING, dict.fromkeys(READINGS, ROUNDING))

@@ -25,7 +25,7 @@ from taction.system.errors import NoVerdictError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.reference import Problem, solve
 from taction.verification.verdict.deck import deck_of
-from taction.verification.verdict.opamp_level import has_large_signal
+from taction.verification.verdict.design import has_large_signal
 from tests.support.deck_equations import StateEquations, state_equations
 from tests.support.deck_text import DeckText, parse_deck
 from tests.support.exact_modes import exact_modes

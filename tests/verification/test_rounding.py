@@ -10,7 +10,7 @@ import pytest
 from taction.netlist_gen.scene.file import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.verification.readings.settling import ChannelState
-from taction.verification.verdict.effort import FULL, Effort
+from taction.verification.verdict.progress import FULL, Effort
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.making import make_scene
 from tests.support.paths import ROOT

@@ -24,7 +24,7 @@ from taction.verification.reference import Solution, solve
 from taction.verification.reference.ideal_answer import ideal_network
 from taction.verification.stability.margin import stable_values
 from taction.verification.stability.poles import Poles, poles_behind
-from taction.verification.verdict.part_limits import PartLoads, describe
+from taction.verification.verdict.headroom import PartLoads, describe
 from taction.verification.verdict.transient_plan import settled_after
 
 GROWS = "the board is unstable: the smallest disturbance {how}, until the op-amps limit it"

@@ -14,7 +14,7 @@ from taction.system.array_types import Floats
 from taction.system.errors import TactionError
 from taction.verification.design.explorer_curves import Curves
 from taction.verification.verdict.checks import Check
-from taction.verification.verdict.effort import Effort
+from taction.verification.verdict.progress import Effort
 from taction.verification.verdict.verify import Verdict, verify
 
 BARE = Effort(details=False, full_margin=False)

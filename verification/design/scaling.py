@@ -31,8 +31,7 @@ from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
 from taction.verification.stability.poles import Poles, poles_behind
-from taction.verification.verdict.headroom import FULL, Load
-from taction.verification.verdict.part_limits import PartLoads, describe
+from taction.verification.verdict.headroom import FULL, Load, PartLoads, describe
 from taction.verification.verdict.transient_plan import plan_transient
 
 SHARE = 0.5  # of the swing, for the highest output voltage

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from taction.system.array_types import Complexes, Floats
-from taction.verification.readings.resampling import resample, typical_step
+from taction.verification.readings.signals import resample, typical_step
 
 _MOST_SAMPLES = 8192  # of a record
 _FEWEST_SAMPLES = 64

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from taction.system.quantities import show, show_rate
 from taction.system.reading_definitions import FAINT, READINGS, SMALL_STEP
 from taction.verification.readings.mode_fit import Mode
 from taction.verification.readings.readings import Reading, Readings, Step, largest
@@ -191,3 +192,25 @@ def _of_network(name: str, channels: Sequence[ChannelMeasure]) -> Reading | None
 def _value(reading: Reading | None) -> float:
     """Return the value of an excursion, which every channel has."""
     return 0.0 if reading is None else reading.value
+
+
+def describe_states(measurements: Measurements) -> str:
+    """Name the channels that have not settled, with the frequency and growth rate of ringing."""
+    groups: dict[ChannelState, list[ChannelMeasure]] = {}
+    for channel in measurements.channels:
+        groups.setdefault(channel.state, []).append(channel)
+    parts = []
+    for state, channels in groups.items():
+        if state is ChannelState.SETTLED:
+            continue
+        where = "channel " + ", ".join(str(channel.index + 1) for channel in channels)
+        if len(channels) == len(measurements.channels) > 1:
+            where = "every channel"
+        text = f"{where} {state.value}"
+        first = channels[0]
+        if first.frequency is not None:
+            text += f" at {show(first.frequency, 'Hz')}"
+        if first.growth_rate is not None:
+            text += f", growth rate {show_rate(first.growth_rate)}"
+        parts.append(text)
+    return "; ".join(parts)

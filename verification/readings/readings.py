@@ -1,7 +1,7 @@
 """The readings of a signal: one implementation for all signals.
 
-A `Signal` is either a sampled record (`verification.readings.sampled_signal`) or an exact solution
-(`verification.readings.exact_crossings`). `system.reading_definitions` has the definitions;
+A `Signal` is either a sampled record (`verification.readings.signals`) or an exact solution
+(`verification.readings.exact_signal`). `system.reading_definitions` has the definitions;
 `verification.readings.measure` decides which readings are proven.
 """
 

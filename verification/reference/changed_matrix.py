@@ -34,11 +34,11 @@ import math
 
 import numpy as np
 
-from taction.system.array_types import Floats
+from taction.system.array_types import EPS, Floats
 from taction.verification.reference.problem import Problem, Solution
 from taction.verification.reference.regularisers import REGULARISERS
 
-ROUNDING = 2.0 * float(np.finfo(float).eps)  # of the residual, for each term of its sums
+ROUNDING = 2.0 * EPS  # of the residual, for each term of its sums
 DOUBLINGS = 60  # of the assumed distance d
 SHRINKS = 60  # of d afterwards; each keeps (1) true
 

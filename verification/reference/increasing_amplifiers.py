@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taction.system.array_types import Floats
+from taction.system.array_types import EPS, Floats
 from taction.verification.reference.doubledouble import (
     FUNCTION_ERROR,
     PRODUCT_ERROR,
@@ -172,7 +172,7 @@ def _slope_bound(s: Scaled, point: _Point) -> float:
 
 def _rounding(point: _Point) -> float:
     """Return the rounding error of u as doubles."""
-    return float(np.finfo(float).eps) / 2.0 * float(np.max(np.abs(point.u.hi)))
+    return EPS / 2.0 * float(np.max(np.abs(point.u.hi)))
 
 
 def _largest_gap(s: Scaled, point: _Point) -> float:

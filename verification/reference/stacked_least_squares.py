@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
-from taction.system.array_types import Floats, Indices
+from taction.system.array_types import EPS, Floats, Indices
 from taction.system.errors import SolverError
 
 CHOLESKY_LIMIT = 1e-12
@@ -82,7 +82,7 @@ class SVD:
             raise SolverError(f"singular value decomposition of T: {error}") from error
         self._mu, self._complete = mu, T.shape[0] >= T.shape[1]
         sigma = self.sigma
-        doubt = 4.0 * max(T.shape) * float(np.finfo(float).eps) * sigma[0]
+        doubt = 4.0 * max(T.shape) * EPS * sigma[0]
         keep = sigma > doubt
         inverse = 1.0 / np.where(keep, sigma * sigma + mu, 1.0)
         self._gain = np.where(keep, inverse, 1.0 / mu if mu > 0.0 else 0.0)

@@ -15,7 +15,7 @@ from functools import cache
 
 import numpy as np
 
-from taction.system.array_types import Floats
+from taction.system.array_types import EPS, Floats
 from taction.verification.reference.doubledouble import PRODUCT_ERROR, DoubleDouble, ExactMatrix
 from taction.verification.reference.problem import RELATIVE_ERROR, SMALLEST_SCALE, Problem, Solution
 from taction.verification.reference.scaled_problem import Scaled
@@ -140,7 +140,7 @@ def _certified(
     point, steps = _refine(s, exact, factor, least)
     u = point.u.hi
     peak, dual = float(np.max(np.abs(u))), float(np.linalg.norm(s.eps))
-    rounding = float(np.finfo(float).eps) / 2.0 * peak
+    rounding = EPS / 2.0 * peak
     unit = s.norm * (s.norm * float(np.linalg.norm(u)) + dual)
     certificate = point.residual / unit if unit > 0.0 else 0.0
     floor = SMALLEST_SCALE * dual / s.norm if s.norm > 0.0 else 0.0

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
-from taction.system.array_types import Complexes, Floats
+from taction.system.array_types import EPS, Complexes, Floats
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.count_unstable import count_right
 from taction.verification.engines.statespace.linearised.rightmost_poles import (
@@ -17,7 +17,6 @@ from taction.verification.engines.statespace.linearised.rightmost_poles import (
 )
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales
 
-EPS = float(np.finfo(np.float64).eps)
 UNITS = 64  # times rounding times the fastest pole: error of an eigenvalue
 CLOSE = 1e3  # times that error: poles so close to the axis are computed by two eigenproblems
 SEARCHED = 1e-9  # times the fastest pole: the same, if only the rightmost poles are computed

@@ -16,18 +16,17 @@ from numpy.typing import ArrayLike
 from taction.netlist_gen.scene.checks import Checks
 from taction.netlist_gen.scene.fields import Model
 from taction.system.quantities import show, show_rate
-from taction.verification.readings.measurements import Measurements
+from taction.verification.readings.measurements import Measurements, describe_states
 from taction.verification.readings.settling import ChannelState
 from taction.verification.stability.margin import Margin
 from taction.verification.stability.poles import Poles
-from taction.verification.verdict.agreement import Agreement
-from taction.verification.verdict.channel_states import describe_states
+from taction.verification.verdict.bounded_measures import StepError
+from taction.verification.verdict.companion import Agreement
+from taction.verification.verdict.headroom import NOT_LIMITED, PartLoads
 from taction.verification.verdict.output_noise import OutputNoise
-from taction.verification.verdict.part_limits import NOT_LIMITED, PartLoads
 from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.recording import Recording
 from taction.verification.verdict.steady_state import SteadyState
-from taction.verification.verdict.step_error import StepError
 from taction.verification.verdict.transient_plan import AFTER_SETTLING
 
 

@@ -1,4 +1,4 @@
-"""A second solution beside a record of ngspice, from which the error of the record follows.
+"""A second solution beside a record, from which its error follows, and how well both agree.
 
 The state-space engine gives the second solution with a bound of its own error. Where it has none,
 ngspice runs again at larger steps, and the whole difference of both runs counts.
@@ -15,8 +15,7 @@ from taction.netlist_gen.analysis import Transient
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.readings.resampling import CUBIC, lagrange
-from taction.verification.verdict.even_steps import coarser
+from taction.verification.readings.signals import CUBIC, lagrange
 from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.simulation import begin, outputs, state_space_tolerance
 from taction.verification.verdict.state_space_error import (
@@ -24,6 +23,7 @@ from taction.verification.verdict.state_space_error import (
     is_exact,
     state_space_error,
 )
+from taction.verification.verdict.transient_plan import coarser
 from taction.verification.waveforms import Waveforms
 
 MAX_INSTANTS = 20_000
@@ -144,3 +144,70 @@ def state_space_companion(
     how = "difference to the state-space engine, and the error of that engine"
     other = outputs(board.circuit, solution)[np.searchsorted(times, instants)]
     return Companion(instants, u, other, solution, error, how)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Agreement:
+    """Differences of the outputs of two engines.
+
+    Attributes
+    ----------
+    difference : float
+        Largest difference of any output at any instant, V; NaN without a second solution.
+    doubt : float
+        Bound of the error of the state-space engine, V.
+    step_error : float
+        Expected error of the time steps of ngspice, V.
+    limit : float
+        Largest accepted difference, fraction of the step amplitude; without a step, of `unit`.
+    unit : float
+        Unit voltage U0, V.
+    time : float
+        Instant of the largest difference, s.
+    channel : int
+        Channel of the largest difference, from 0.
+    instants, differences : ndarray (Q,) and (Q, N)
+        The differences over time, s and V.
+    reason : str
+        Why there is no second solution, or empty.
+    """
+
+    difference: float
+    doubt: float
+    step_error: float
+    limit: float
+    unit: float
+    time: float
+    channel: int
+    instants: Floats
+    differences: Floats
+    reason: str
+
+
+def compare_engines(
+    companion: Companion, step_error: float, limit: float, unit: float
+) -> Agreement:
+    """Compare the outputs of ngspice with those of the state-space engine.
+
+    Parameters
+    ----------
+    step_error : float
+        Expected error of the time steps of ngspice, V.
+    limit, unit : float
+        See `Agreement`.
+    """
+    difference = companion.u - companion.other
+    place, channel = np.unravel_index(int(np.argmax(np.abs(difference))), difference.shape)
+    known = not companion.reason
+    return Agreement(
+        difference=float(abs(difference[place, channel])) if known else np.nan,
+        doubt=companion.doubt,
+        step_error=step_error,
+        limit=limit,
+        unit=unit,
+        time=float(companion.instants[place]),
+        channel=int(channel),
+        instants=companion.instants,
+        differences=difference if known else np.full_like(difference, np.nan),
+        reason=companion.reason,
+    )

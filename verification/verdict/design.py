@@ -1,9 +1,17 @@
-"""The board of a scene, with its poles, time scales and plan, before any simulation."""
+"""The board of a scene, with its poles, time scales and plan, before any simulation.
+
+Its op-amps have the simplest model that is true for this board. Where an op-amp of the small-signal
+board would exceed `FULL` of a limit on the way, the board is built again with op-amps that have
+their slew rate and swing and, where a current exceeds its limit, their largest output current. A
+board that would rest beyond a limit stays as it is: no level of the model mends it.
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
+from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
@@ -13,11 +21,52 @@ from taction.verification.engines.statespace.linearised.time_scales import time_
 from taction.verification.reference import IdealNetwork
 from taction.verification.reference.ideal_answer import ideal_network, resolve_lambda
 from taction.verification.stability.poles import poles_behind
-from taction.verification.verdict.clock import Clock
-from taction.verification.verdict.opamp_level import at_level
+from taction.verification.verdict.headroom import NOT_LIMITED, PartLoads
 from taction.verification.verdict.planned_board import PlannedBoard
+from taction.verification.verdict.progress import Clock
 from taction.verification.verdict.simulation import ENGINES, choose_engine
 from taction.verification.verdict.transient_plan import plan_transient
+
+
+def at_level(
+    scene: Scene, board: LinearBoard, transient: Transient, *, stable: bool
+) -> tuple[LinearBoard, PartLoads]:
+    """Return the board at its level, and the loads of the small-signal board if it is stable.
+
+    Parameters
+    ----------
+    board : LinearBoard
+        The small-signal board.
+    transient : Transient
+        Its record, from which the loads of a board without exact solution are read.
+    """
+    level = scene.design.opamp.level
+    if level == "large-signal" and has_large_signal(board):
+        return LinearBoard(large_signal(board.circuit)), NOT_LIMITED
+    if not stable or not board.circuit.is_small_signal:
+        return board, NOT_LIMITED
+    loads = PartLoads.of(board, initial=transient.initial, transient=transient)
+    above = {load.quantity for load in loads.loads if load.is_above}
+    if level == "auto" and above and not loads.impossible and has_large_signal(board):
+        return LinearBoard(large_signal(board.circuit, current="current" in above)), loads
+    return board, loads
+
+
+def large_signal(circuit: Circuit, *, current: bool = True) -> Circuit:
+    """Return the circuit with the limits of its op-amps; that of the `current` is an extra part."""
+    models = {
+        name: replace(m, large_signal=True, limits_current=current and m.has_largest_current)
+        for name, m in circuit.models.items()
+    }
+    return replace(circuit, models=models)
+
+
+def has_large_signal(board: LinearBoard) -> bool:
+    """Whether both engines have the large-signal level of a board.
+
+    An op-amp needs a slew rate and a first pole.
+    """
+    return all(math.isfinite(model.input_range) for model in board.circuit.models.values())
 
 
 def design_board(

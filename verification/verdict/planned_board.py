@@ -12,7 +12,7 @@ from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales
 from taction.verification.reference import IdealNetwork
 from taction.verification.stability.poles import Poles
-from taction.verification.verdict.part_limits import NOT_LIMITED, PartLoads
+from taction.verification.verdict.headroom import NOT_LIMITED, PartLoads
 from taction.verification.verdict.transient_plan import Plan
 
 

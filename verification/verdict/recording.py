@@ -15,13 +15,22 @@ from taction.system.array_types import Floats
 from taction.system.quantities import quantity
 from taction.verification.readings.measurements import Measurements
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer
-from taction.verification.verdict.agreement import Agreement, compare_engines
 from taction.verification.verdict.attained_accuracy import Accuracy, attained, better_plan
-from taction.verification.verdict.bounded_measures import measure_outputs, measure_with_bounds
-from taction.verification.verdict.clock import Clock, Progress
-from taction.verification.verdict.companion import Companion, find_companion
+from taction.verification.verdict.bounded_measures import (
+    StepError,
+    measure_outputs,
+    measure_with_bounds,
+    step_error,
+)
+from taction.verification.verdict.companion import (
+    Agreement,
+    Companion,
+    compare_engines,
+    find_companion,
+)
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.planned_board import PlannedBoard
+from taction.verification.verdict.progress import Clock, Progress
 from taction.verification.verdict.simulation import (
     Pending,
     Simulation,
@@ -30,7 +39,6 @@ from taction.verification.verdict.simulation import (
     own_error,
 )
 from taction.verification.verdict.state_space_error import StateSpaceError
-from taction.verification.verdict.step_error import StepError, step_error
 from taction.verification.waveforms import Waveforms
 
 REPEATS = 3  # largest number of repeated runs

@@ -7,15 +7,16 @@ inconclusive. A new check is one function and one entry in `CHECKS`, or an entry
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
-
 from taction.netlist_gen.scene import checks as keys
+from taction.system.array_types import EPS
 from taction.system.plugins import OpenTable
 from taction.system.quantities import show, show_pole
-from taction.system.reading_definitions import EXCURSIONS
+from taction.system.reading_definitions import EXCURSIONS, READINGS
+from taction.verification.readings.readings import Reading
 from taction.verification.verdict.checks import (
     Check,
     CheckKind,
@@ -23,18 +24,203 @@ from taction.verification.verdict.checks import (
     Outcome,
     at_most,
     doubtful,
+    failed,
     joined,
     percent,
     undecided,
 )
-from taction.verification.verdict.headroom_check import headroom
-from taction.verification.verdict.noise_check import noise
-from taction.verification.verdict.reading_checks import excursion, rise_time, settling_time
+from taction.verification.verdict.headroom import FULL, PartLoads, amount, describe
+
+
+def settling_time(evidence: Evidence) -> Check:
+    """Check when the last channel enters its band."""
+    limits = evidence.checks.settling_time
+    reading, maximum = evidence.measurements.settling_time, limits.max
+    if evidence.growth:
+        return failed("settling_time", f"it never settles: the board {evidence.growth}", maximum)
+    if evidence.obstacle:
+        return undecided("settling_time", "s", evidence.obstacle, maximum)
+    band, static = f"±{100 * limits.band:g} % of the step amplitude", percent(evidence.static)
+    if evidence.static - evidence.static_error > limits.band:
+        reason = f"the equilibrium is {static} off the reference, outside {band}"
+        return failed("settling_time", reason, maximum)
+    if reading is None:
+        return _unsettled(evidence)
+    if short := evidence.too_short(limits.band - evidence.static):
+        return undecided("settling_time", "s", short, maximum)
+    check = _timed("settling_time", reading, maximum, f"to {band}")
+    return _not_below(limits.min, check, reading, f"to {band}")
+
+
+def _unsettled(evidence: Evidence) -> Check:
+    """Judge a board that comes to rest inside the band, and whose record does not show when."""
+    limits, reason = evidence.checks.settling_time, evidence.measurements.reason
+    if evidence.unsteady and not evidence.steady.linear:
+        return failed("settling_time", reason, limits.max)
+    outside = evidence.at_end - evidence.error.steady_state - evidence.reference_error > limits.band
+    if outside and limits.max is not None and evidence.end > limits.max:
+        reason = f"{percent(evidence.at_end)} off the reference at {show(evidence.end, 's')}"
+        return failed("settling_time", f"outside the band after the limit: {reason}", limits.max)
+    short = evidence.too_short(0.5 * (limits.band - evidence.static))
+    return undecided("settling_time", "s", joined(reason, short), limits.max)
+
+
+def rise_time(evidence: Evidence) -> Check | None:
+    """Check the rise time of one channel, by default the middle one."""
+    limits = evidence.checks.rise_time
+    if limits is None:
+        return None
+    channels = evidence.measurements.channels
+    number = limits.channel or (len(channels) + 1) // 2
+    obstacle = evidence.growth and f"the board {evidence.growth}"
+    if obstacle := obstacle or evidence.obstacle:
+        return undecided("rise_time", "s", obstacle, limits.max)
+    if number > len(channels):
+        reason = f"the scene has no channel {number}; it has {len(channels)} channels"
+        return undecided("rise_time", "s", reason, limits.max)
+    channel = channels[number - 1]
+    if channel.rise_time is None:
+        short = evidence.too_short(evidence.checks.steady_state.tolerance)
+        reason = joined(f"channel {number}: {channel.rise_reason}", short)
+        return undecided("rise_time", "s", reason, limits.max)
+    text = f"10-90 % of channel {number}"
+    check = _timed("rise_time", channel.rise_time, limits.max, text)
+    return _not_below(limits.min, check, channel.rise_time, text)
+
+
+def excursion(name: str, evidence: Evidence) -> Check | None:
+    """Check an excursion, by `name`."""
+    limits = getattr(evidence.checks, name)
+    if limits is None:
+        return None
+    if evidence.growth:
+        reason = f"no limit: the board {evidence.growth}"
+        return Check(name, Outcome.FAIL, None, None, limits.max, None, "step", reason)
+    if evidence.obstacle:
+        return undecided(name, "step", evidence.obstacle, limits.max)
+    reading = evidence.measurements.readings[name]
+    value, error = 0.0 if reading is None else reading.value, evidence.error.readings[name]
+    outcome, reason = at_most(value, error, limits.max), f"largest {name} of any channel"
+    if evidence.unsteady and not evidence.steady.linear:
+        outcome, reason = Outcome.FAIL, evidence.unsteady
+    elif outcome is Outcome.PASS and (doubt := _later(evidence, value, limits.max)):
+        outcome, reason = Outcome.INCONCLUSIVE, doubt
+    return Check(name, outcome, value, error, limits.max, None, "step", reason)
+
+
+def _later(evidence: Evidence, value: float, limit: float) -> str:
+    """Return why an excursion after the record may exceed `limit`; empty if none can.
+
+    After the record an output is at most so far from its target as its equilibrium and what the
+    modes leave; and at most so far beyond the excursion `value` as it still moves.
+    """
+    if obstacle := evidence.disagreement:
+        return obstacle
+    room = max(limit - evidence.static, limit - value - evidence.apart)
+    return evidence.too_short(room) or ("" if evidence.steady.linear else evidence.perhaps_ringing)
+
+
+def _timed(name: str, reading: Reading, limit: float | None, text: str) -> Check:
+    uncertainty = reading.uncertainty
+    outcome, reason = Outcome.PASS, text
+    if not math.isfinite(uncertainty):
+        reason += "; no second solution confirms this time"
+        return Check(name, Outcome.INCONCLUSIVE, reading.value, None, limit, None, "s", reason)
+    if limit is not None:
+        outcome = at_most(reading.value, uncertainty, limit)
+        if outcome is Outcome.INCONCLUSIVE:
+            reason += "; the limit is within the uncertainty"
+    if reading.fragile and reading.alternative is not None:
+        other = show(reading.alternative, "s")
+        reason += f"; fragile: {other} with {READINGS[name].shifted}"
+        if limit is not None and at_most(reading.alternative, uncertainty, limit) is not outcome:
+            outcome = Outcome.INCONCLUSIVE
+    return Check(name, outcome, reading.value, uncertainty, limit, None, "s", reason)
+
+
+def _not_below(least: float | None, check: Check, reading: Reading, text: str) -> Check:
+    """Return `check` with the lower limit `least`, if its upper limit is kept."""
+    if least is None or check.outcome is not Outcome.PASS:
+        return check
+    values = [reading.value, reading.alternative or reading.value]
+    lower, other = (at_most(-value, check.uncertainty or 0.0, -least) for value in values)
+    lower = lower if lower is other else Outcome.INCONCLUSIVE  # fragile
+    return replace(check, outcome=lower, reason=f"{text}; at least {show(least, 's')}")
+
+
+UNSTATED = (
+    "the voltage noise of op-amp {} is not given: set design.opamp.voltage_noise, such as"
+    " '20nV/rtHz', or take a preset that has one (taction models)"
+)
+NOISELESS = "op-amp {} is ideal and has no noise: only resistors and sensors count"
+AGREE = 0.01  # of the noise: the largest difference of the two engines
+
+
+def noise(evidence: Evidence) -> Check | None:
+    """Compare the largest noise of any channel with the limit of the scene, if there is one."""
+    found, limited = evidence.noise, evidence.checks.noise
+    if found is None or limited is None:
+        return None
+    if found.unknown:
+        return undecided("noise", "V", found.unknown, limited.max)
+    value, error = found.largest, found.error[found.worst] + found.difference
+    outcome = at_most(value, error, limited.max)
+    reason = f"channel {found.worst + 1} at rest, rms over all frequencies"
+    if found.difference > AGREE * value:
+        outcome = Outcome.INCONCLUSIVE
+        reason = joined(reason, f"ngspice differs by {percent(found.difference / value)}")
+    elif outcome is Outcome.PASS and found.unstated:
+        outcome = Outcome.INCONCLUSIVE
+        reason = joined(reason, UNSTATED.format(", ".join(found.unstated)))
+    if found.noiseless:
+        reason = joined(reason, NOISELESS.format(", ".join(found.noiseless)))
+    return Check("noise", outcome, value, error, limited.max, None, "V", reason)
+
+
+def headroom(evidence: Evidence) -> Check | None:
+    """Fail if the steady state is beyond a part; above `FULL` of a limit nothing is known."""
+    parts = evidence.parts
+    if parts.unknown:
+        return undecided("headroom", "ratio", parts.unknown, FULL)
+    if not parts.loads and not parts.simulated:
+        return None
+    if parts.simulated:
+        return _limited(parts)
+    worst, outcome = parts.loads[0], Outcome.PASS
+    reason = describe(worst)
+    if parts.impossible:
+        outcome, load = Outcome.FAIL, parts.impossible[0]
+        rest = amount(load, load.rest)
+        reason = (
+            f"at rest the output {load.quantity} of op-amp {load.part} would be {rest}; the limit"
+            f" is {amount(load, load.limit)}{parts.remedy}"
+        )
+    elif worst.is_above:
+        outcome = Outcome.INCONCLUSIVE
+        reason += f", and above {FULL:.0%} of a limit the small-signal board is not true"
+        reason += parts.remedy
+    error = worst.error / worst.limit
+    return Check("headroom", outcome, worst.share, error, FULL, None, "ratio", reason)
+
+
+def _limited(parts: PartLoads) -> Check:
+    """Return the check of a board whose simulated op-amps have their limits."""
+    would = describe(parts.simulated[0]).replace(" reaches ", " would reach ")
+    reason = f"{would}; the simulated op-amps have slew rate and swing"
+    if any(load.quantity == "current" for load in parts.simulated):
+        reason += " and largest output current"
+    if not parts.loads:
+        return Check("headroom", Outcome.PASS, None, None, FULL, None, "ratio", reason)
+    worst = parts.loads[0]
+    outcome = Outcome.INCONCLUSIVE if worst.is_above else Outcome.PASS
+    error = worst.error / worst.limit
+    reason += f"; {describe(worst)}"
+    return Check("headroom", outcome, worst.share, error, FULL, None, "ratio", reason)
+
 
 EXPLAINED = (
     3.0  # times the expected error of the steps: the steps do not explain a larger difference
 )
-EPS = float(np.finfo(np.float64).eps)
 NO_BOUND = "the error of this value has no bound"
 
 

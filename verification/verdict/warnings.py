@@ -1,9 +1,23 @@
-"""Warnings: remarks for the designer that do not make a check fail."""
+"""Warnings, which make no check fail, and what else limits what a verdict can say of a board.
+
+The reference takes lambda, the units and the initial state from the scene; the board states them,
+too, and the record has a first point. Where they differ, all three are not of the same problem, and
+the verdict is worth nothing. An imported op-amp may lack one of the witnesses.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from taction.netlist_gen.board.circuit import Circuit
+from taction.spice_models.imported import ImportedOpAmp
+from taction.system.array_types import Floats
 from taction.system.quantities import show
 from taction.system.reading_definitions import EXCURSIONS, READINGS
+from taction.verification.reference.ideal_answer import IdealAnswer
 from taction.verification.verdict.checks import Evidence
 
 WELL_ABOVE = 10.0  # a tolerance should be this many times the error of the simulation
@@ -45,3 +59,72 @@ def find_warnings(evidence: Evidence, notes: tuple[str, ...] = ()) -> tuple[str,
                     f" fragile: {show(reading.alternative, kind.unit)} with {kind.shifted}"
                 )
     return tuple(warnings)
+
+
+def missing_witness(circuit: Circuit, engine: str) -> str:
+    """Return which of the two witnesses a board with imported op-amps lacks; empty for none.
+
+    Without a linear model the state-space engine has the two poles of the measured figures, which
+    is an estimate and confirms nothing. Without ngspice nothing has the limits of the netlist.
+    """
+    for name, imported in _imported(circuit):
+        if imported.linear is None:
+            return f"op-amp {name} has no state-space witness: {imported.missing}"
+        if engine != "ngspice":
+            return f"the slew rate and limits of op-amp {name} are in its netlist: run ngspice"
+    return ""
+
+
+def notes(circuit: Circuit) -> tuple[str, ...]:
+    """Return one remark about the linear model of each imported op-amp."""
+    return tuple(
+        f"op-amp {name} is imported: the state-space engine has its linear model, within"
+        f" {100.0 * imported.linear.error:.2g} % of its simulated response up to"
+        f" {show(imported.linear.band[1], 'Hz', 3)}"
+        for name, imported in _imported(circuit)
+        if imported.linear is not None
+    )
+
+
+def _imported(circuit: Circuit) -> Iterator[tuple[str, ImportedOpAmp]]:
+    for name, model in circuit.models.items():
+        if model.imported is not None:
+            yield name, model.imported
+
+
+SAME = 1e-9  # relative difference of two formulas for one number; rounding is far below
+START = 0.1  # of the step amplitude: rounded resistors move the rest of a board by less
+
+
+def find_contradiction(circuit: Circuit, ideal: IdealAnswer, start: Floats) -> str:
+    """Return a sentence about the first contradiction; empty if there is none.
+
+    A step below the reference's own error, or a reference without a trusted answer, has no start
+    that a record could be compared with.
+
+    Parameters
+    ----------
+    circuit : Circuit
+        The board with the numbers that it states.
+    ideal : IdealAnswer
+        The reference with its own numbers.
+    start : ndarray (N,)
+        Outputs at the first instant of the record, V.
+    """
+    network = ideal.network
+    wanted_facts = {"lambda": network.lam, "U0": network.U0, "Ve": network.Ve}
+    for name, wanted in wanted_facts.items():
+        if name not in circuit.facts:
+            continue  # Ve: a linear board has none
+        stated = circuit.value(name)
+        if not math.isclose(stated, wanted, rel_tol=SAME):
+            key = circuit.facts[name].key.rpartition(".")[2]
+            return f"the board states {key} = {stated!r}, the reference uses {wanted!r}"
+    if ideal.problem or ideal.error >= 1.0:
+        return ""
+    away = np.abs(start - ideal.start)
+    n = int(np.argmax(away))
+    if away[n] > START * np.abs(ideal.target - ideal.start).max():
+        here, there = (show(float(u[n]), "V") for u in (start, ideal.start))
+        return f"channel {n + 1} starts at {here}, in the reference at {there}"
+    return ""

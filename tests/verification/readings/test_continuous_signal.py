@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from taction.verification.readings.continuous_signal import ContinuousSignal
 from taction.verification.readings.measure import measure
-from taction.verification.readings.sampled_signal import SampledSignal
+from taction.verification.readings.signals import ContinuousSignal, SampledSignal
 
 DECAY, OMEGA = 1.0, 6.0
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from taction.verification.readings.pole_fit import _grams, fit_poles
+from taction.verification.readings.mode_fit import _grams, fit_poles
 
 POLES = np.array([0.98 * np.exp(0.9j), 1.01 * np.exp(0.35j), 0.93])
 

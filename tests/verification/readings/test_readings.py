@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from taction.verification.readings.readings import STILL, Reading, Step, excursions, largest
-from taction.verification.readings.sampled_signal import SampledSignal
+from taction.verification.readings.signals import SampledSignal
 
 TIME = np.linspace(0.0, 20.0, 2001)
 

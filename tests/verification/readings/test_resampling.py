@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from taction.verification.readings.resampling import lagrange, resample, typical_step
+from taction.verification.readings.signals import lagrange, resample, typical_step
 
 
 def simulator_times(points=200, step=1e-6):

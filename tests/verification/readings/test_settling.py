@@ -8,7 +8,6 @@ import pytest
 from taction.verification.readings.measure import measure
 from taction.verification.readings.mode_fit import Mode
 from taction.verification.readings.readings import Reading, rise_times, settling_times
-from taction.verification.readings.sampled_signal import SampledSignal
 from taction.verification.readings.settling import (
     ChannelRinging,
     ChannelState,
@@ -16,6 +15,7 @@ from taction.verification.readings.settling import (
     prove,
     sustained,
 )
+from taction.verification.readings.signals import SampledSignal
 
 SUSTAINED = (ChannelState.OSCILLATING, ChannelState.CLIPPED, ChannelState.DIVERGED)
 

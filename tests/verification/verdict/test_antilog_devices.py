@@ -22,9 +22,9 @@ from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients.simulate import simulate
 from taction.verification.studies.onset.onset import onset, parse_onset_axis
 from taction.verification.verdict.checks import Outcome
-from taction.verification.verdict.clock import Clock
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.output_noise import OutputNoise
+from taction.verification.verdict.progress import Clock
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.paths import SCENES
 

@@ -20,8 +20,8 @@ from taction.verification.report.verdict.json_document import verdict_document
 from taction.verification.verdict import companion, transient_plan
 from taction.verification.verdict.attained_accuracy import Accuracy, better_plan
 from taction.verification.verdict.checks import Outcome
-from taction.verification.verdict.clock import Clock
 from taction.verification.verdict.design import design_board
+from taction.verification.verdict.progress import Clock
 from taction.verification.verdict.simulation import choose_engine, outputs, state_space_tolerance
 from taction.verification.verdict.transient_plan import AIM, Plan
 from taction.verification.verdict.verify import verify

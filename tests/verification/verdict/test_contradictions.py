@@ -11,7 +11,7 @@ import pytest
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
-from taction.verification.verdict.contradictions import find_contradiction
+from taction.verification.verdict.warnings import find_contradiction
 from tests.support.making import make_scene, matrix_problem
 
 PROBLEM = matrix_problem([[1.0, -0.3], [0.2, 0.8]], [1.0, 0.5])

@@ -19,7 +19,7 @@ from taction.system.array_types import Floats
 from taction.verification.report.verdict.budget_table import budget_table
 from taction.verification.report.verdict.json_document import budget_record, verdict_document
 from taction.verification.report.verdict.table import verdict_text
-from taction.verification.verdict.error_chain import ErrorBudget, ErrorChain, ErrorPart
+from taction.verification.verdict.error_budget import ErrorBudget, ErrorChain, ErrorPart
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.making import make_scene, matrix_problem
 

@@ -20,10 +20,10 @@ from taction.verification.engines.ngspice.process import find_simulator, simulat
 from taction.verification.report.verdict.json_document import verdict_document
 from taction.verification.report.verdict.table import verdict_text
 from taction.verification.verdict.checks import Check, Outcome
-from taction.verification.verdict.clock import Clock
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.headroom import Load, headroom
 from taction.verification.verdict.planned_board import PlannedBoard
+from taction.verification.verdict.progress import Clock
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.paths import CASES, SCENES
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from taction.system.errors import EngineError
-from taction.verification.verdict.noise_bands import STEP, noise_bands
+from taction.verification.verdict.output_noise import STEP, noise_bands
 
 POLES = {
     "one pole": [-1e3 + 0j],

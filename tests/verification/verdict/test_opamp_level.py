@@ -29,9 +29,9 @@ from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients.simulate import simulate as by_state_space
 from taction.verification.report.verdict.json_document import verdict_document
 from taction.verification.verdict.checks import Check, Outcome
-from taction.verification.verdict.clock import Clock
 from taction.verification.verdict.deck import deck_of
 from taction.verification.verdict.design import design_board
+from taction.verification.verdict.progress import Clock
 from taction.verification.verdict.verify import Verdict, verify
 from taction.verification.waveforms import Waveforms
 from tests.support.making import make_scene

@@ -22,8 +22,7 @@ from taction.verification.reference.ideal_answer import resolve_lambda
 from taction.verification.report.verdict.json_document import verdict_document
 from taction.verification.report.verdict.table import verdict_text
 from taction.verification.verdict.checks import Check, Outcome
-from taction.verification.verdict.noise_bands import noise_bands
-from taction.verification.verdict.output_noise import OutputNoise
+from taction.verification.verdict.output_noise import OutputNoise, noise_bands
 from taction.verification.verdict.run_checks import run_checks
 from taction.verification.verdict.verify import verify
 from tests.mutation.faults import CircuitChange, figures, scaled

@@ -6,8 +6,7 @@ import math
 
 import pytest
 
-from taction.verification.verdict.headroom import Load
-from taction.verification.verdict.part_limits import PartLoads
+from taction.verification.verdict.headroom import Load, PartLoads
 
 
 @pytest.mark.parametrize(("error", "volts"), [(0.0, 4.5), (math.inf, None)])

@@ -13,9 +13,9 @@ from taction.verification.engines.statespace.linearised.time_scales import TimeS
 from taction.verification.evidence.stress.catalogue import load_catalogue
 from taction.verification.stability.poles import Poles, poles_behind
 from taction.verification.verdict import design
-from taction.verification.verdict.clock import Clock
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.planned_board import PlannedBoard
+from taction.verification.verdict.progress import Clock
 from taction.verification.verdict.verify import verify
 
 

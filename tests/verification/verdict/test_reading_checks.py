@@ -9,13 +9,13 @@ import pytest
 
 from taction.system.quantities import show
 from taction.system.reading_definitions import READINGS
+from taction.verification.readings.measurements import describe_states
 from taction.verification.readings.readings import Reading
 from taction.verification.readings.settling import ChannelState
-from taction.verification.verdict.channel_states import describe_states
+from taction.verification.verdict.bounded_measures import StepError
 from taction.verification.verdict.checks import (
     Outcome,
 )
-from taction.verification.verdict.step_error import StepError
 from tests.support.measured import (
     channel,
     check,

@@ -14,10 +14,10 @@ from taction.netlist_gen.scene.scene import parse_scene
 from taction.verification.engines.statespace.transients.simulate import simulate
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer
 from taction.verification.verdict import bounded_measures, recording
-from taction.verification.verdict.clock import Clock
 from taction.verification.verdict.companion import Companion
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.planned_board import PlannedBoard
+from taction.verification.verdict.progress import Clock
 from taction.verification.verdict.recording import Recording, record_and_measure
 from taction.verification.verdict.simulation import Pending, outputs
 from taction.verification.verdict.state_space_error import StateSpaceError

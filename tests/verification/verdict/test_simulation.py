@@ -9,9 +9,9 @@ import pytest
 
 from taction.system.errors import DivergesError
 from taction.verification.engines.statespace.transients import simulate
-from taction.verification.verdict.clock import Clock
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.planned_board import PlannedBoard
+from taction.verification.verdict.progress import Clock
 from taction.verification.verdict.simulation import begin
 from taction.verification.waveforms import Cost, Waveforms
 from tests.support.making import make_scene

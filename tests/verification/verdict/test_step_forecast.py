@@ -20,8 +20,7 @@ from taction.verification.engines.ngspice.process import start
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.engines.statespace.transients.exact import exact_solution
-from taction.verification.readings.mode_sums import slip
-from taction.verification.verdict.step_forecast import StepForecast, StepModel
+from taction.verification.verdict.step_forecast import StepForecast, StepModel, slip
 from tests.support.boards import lags, paper_board, single_mode
 from tests.support.paths import SCENES
 

@@ -16,12 +16,12 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales, time_scales
-from taction.verification.verdict.clock import Clock
 from taction.verification.verdict.design import design_board
-from taction.verification.verdict.even_steps import coarser
+from taction.verification.verdict.progress import Clock
 from taction.verification.verdict.transient_plan import (
     UNSTABLE_SECONDS,
     Plan,
+    coarser,
     plan_transient,
     seconds_per_step,
     wanted_error,

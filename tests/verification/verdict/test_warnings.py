@@ -8,7 +8,7 @@ import pytest
 from taction.system.reading_definitions import READINGS
 from taction.verification.readings.readings import Reading
 from taction.verification.stability.poles import summarise
-from taction.verification.verdict.step_error import StepError
+from taction.verification.verdict.bounded_measures import StepError
 from taction.verification.verdict.warnings import find_warnings
 from tests.support.measured import EXACT, UNSTABLE, channel, evidence
 

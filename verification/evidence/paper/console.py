@@ -17,7 +17,7 @@ from taction.verification.evidence.paper.findings import (
 )
 from taction.verification.evidence.paper.pictures import Panel, Picture, curve
 from taction.verification.verdict.checks import Outcome
-from taction.verification.verdict.effort import Effort
+from taction.verification.verdict.progress import Effort
 from taction.verification.verdict.record import FIGURES
 from taction.verification.verdict.recording import record_transient
 from taction.verification.verdict.verify import verify

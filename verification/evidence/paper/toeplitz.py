@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from taction.system.array_types import Floats
+from taction.system.array_types import EPS, Floats
 from taction.verification.reference.newton import (
     Iterate,
     NewtonResult,
@@ -59,7 +59,7 @@ class ToeplitzMatrix:
         self._spectrum = np.asarray(fft.rfft(ring))
         self._single = self._spectrum.astype(np.complex64)
         self.norm = float(np.max(np.abs(self._spectrum)))
-        self.rounding = 4.0 * float(np.finfo(float).eps) * float(np.sqrt(np.log2(self._length + 1)))
+        self.rounding = 4.0 * EPS * float(np.sqrt(np.log2(self._length + 1)))
         """Rounding error of a product over ``norm |x|``: sqrt(log N) for a fast transform."""
 
     def product(self, u: Real) -> Real:
@@ -223,7 +223,7 @@ def _gap(s: _ToeplitzSystem, result: NewtonResult) -> float:
     misfit = float(np.linalg.norm(result.primal.residual - result.dual))
     misfit += s.T.rounding * (s.norm * size + strain + dual)
     d = np.abs(s.transposed(result.dual) - s.mu * (v + s.beta)) / s.mu
-    d += float(np.finfo(float).eps) * np.abs(v)
+    d += EPS * np.abs(v)
     rounding = s.T.rounding * s.norm * dual / s.mu  # norm of the rounding error of d
     with np.errstate(over="ignore", invalid="ignore"):
         slope = s.regulariser.largest_slope(v, d + rounding)

@@ -10,7 +10,7 @@ from rich.table import Column
 from taction.system.quantities import show
 from taction.verification.report.fitted_table import FittedTable
 from taction.verification.report.tables import make_table, spaced, whole
-from taction.verification.verdict.error_chain import ErrorBudget, ErrorPart
+from taction.verification.verdict.error_budget import ErrorBudget, ErrorPart
 
 
 def budget_table(budget: ErrorBudget, amplitude: float, rounding: float = 0.0) -> FittedTable:

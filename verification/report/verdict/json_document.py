@@ -9,7 +9,7 @@ from typing import Any
 from taction.system.documents import plain
 from taction.verification.report.verdict.scene_keys import scene_keys
 from taction.verification.verdict.checks import Check
-from taction.verification.verdict.error_chain import ErrorBudget, ErrorPart
+from taction.verification.verdict.error_budget import ErrorBudget, ErrorPart
 from taction.verification.verdict.headroom import Load
 from taction.verification.verdict.output_noise import OutputNoise
 from taction.verification.verdict.record import Channel, Record, finite

@@ -22,8 +22,8 @@ from taction.verification.report.picture import (
 )
 from taction.verification.report.tables import spaced
 from taction.verification.report.verdict.table import amount, limit
-from taction.verification.verdict.agreement import Agreement
 from taction.verification.verdict.checks import Check
+from taction.verification.verdict.companion import Agreement
 from taction.verification.verdict.verify import Verdict
 
 if TYPE_CHECKING:

@@ -22,7 +22,7 @@ from taction.verification.report.tables import make_table, rounded_up, spaced, v
 from taction.verification.report.verdict.budget_table import budget_table
 from taction.verification.verdict.attained_accuracy import Accuracy
 from taction.verification.verdict.checks import Check, Outcome
-from taction.verification.verdict.part_limits import amount as amount_of
+from taction.verification.verdict.headroom import amount as amount_of
 from taction.verification.verdict.verify import Verdict
 
 MOST_LOADS = 8

@@ -28,7 +28,7 @@ from taction.verification.engines.statespace.linearised.state_space import State
 from taction.verification.readings.mode_fit import Mode, fit_modes
 from taction.verification.stability.edges import Edge
 from taction.verification.stability.poles import poles
-from taction.verification.verdict.even_steps import truncation_for
+from taction.verification.verdict.transient_plan import truncation_for
 from taction.verification.waveforms import Waveforms
 
 DISTANCE = 0.03  # distance of a transient from the crossing, relative

@@ -9,7 +9,7 @@ import numpy as np
 
 from taction.netlist_gen.scene.regression import Regression, WaveformTolerance
 from taction.system.array_types import Floats
-from taction.verification.readings.resampling import lagrange
+from taction.verification.readings.signals import lagrange
 from taction.verification.studies.regression.baseline import (
     ALWAYS,
     CHANNEL_ALWAYS,

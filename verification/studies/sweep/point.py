@@ -17,7 +17,7 @@ from taction.system.errors import MACHINE_FAILURES, TactionError
 from taction.verification.studies.running.repeating import repeated_if_killed
 from taction.verification.studies.running.versions import Versions
 from taction.verification.studies.store import StoredResult
-from taction.verification.verdict.effort import Effort
+from taction.verification.verdict.progress import Effort
 from taction.verification.verdict.record import Record
 from taction.verification.verdict.verify import Verdict, verify
 

@@ -26,7 +26,7 @@ from taction.verification.studies.tolerance.varied_board import (
     evaluate_all,
 )
 from taction.verification.studies.tolerance.yield_report import MIN_SAMPLES, interval
-from taction.verification.verdict.clock import Progress
+from taction.verification.verdict.progress import Progress
 
 
 class SampleStore:

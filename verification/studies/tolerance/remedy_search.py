@@ -24,7 +24,7 @@ from taction.verification.studies.tolerance.remedy import TARGET, Remedy
 from taction.verification.studies.tolerance.varied_board import BoardSample, VariedBoard
 from taction.verification.studies.tolerance.yield_forecast import YieldForecast
 from taction.verification.studies.tolerance.yield_report import MIN_SAMPLES, interval
-from taction.verification.verdict.clock import Progress
+from taction.verification.verdict.progress import Progress
 
 GRADES = {"resistor": (0.05, 0.01, 1e-3, 1e-4), "capacitor": (0.1, 0.05, 0.01)}
 """Tolerances that are sold, by kind. Other kinds cannot be bought better."""

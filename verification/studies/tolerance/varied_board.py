@@ -29,7 +29,7 @@ from taction.verification.studies.running.repeating import repeated_if_killed
 from taction.verification.studies.running.versions import Versions, own_versions
 from taction.verification.studies.running.workers import Workers
 from taction.verification.verdict.checks import Outcome
-from taction.verification.verdict.effort import Effort
+from taction.verification.verdict.progress import Effort
 from taction.verification.verdict.record import ERROR, Record, finite, signed_errors
 from taction.verification.verdict.simulation import choose_engine
 from taction.verification.verdict.verify import Verdict, verify
@@ -120,7 +120,7 @@ class VariedBoard:
     nominal: Circuit
     varied: tuple[Parameter, ...]  # in the order of the deviations z
     ideal: IdealAnswer  # independent of the components
-    full_margin: bool  # see `taction.verification.verdict.effort.Effort`
+    full_margin: bool  # see `taction.verification.verdict.progress.Effort`
     versions: Versions  # of the process that runs the study
 
     @property

@@ -16,11 +16,11 @@ from taction.verification.engines.statespace.linearised.time_scales import TimeS
 from taction.verification.reference import IdealNetwork
 from taction.verification.studies.work_precision.method_runs import BASE_POINTS, Task, ngspice
 from taction.verification.studies.work_precision.methods import Method
-from taction.verification.verdict.even_steps import even_transient
 from taction.verification.verdict.transient_plan import (
     AFTER_SETTLING,
     FEWEST_PERIODS,
     REMAINDER,
+    even_transient,
 )
 
 RUNS = 2.0  # of each setting that fit in the budget

@@ -22,7 +22,7 @@ import numpy as np
 from taction.system.array_types import Floats
 from taction.verification.readings.mode_fit import fit_modes
 from taction.verification.readings.readings import settling_times
-from taction.verification.readings.sampled_signal import FEWEST_POINTS, SampledSignal
+from taction.verification.readings.signals import FEWEST_POINTS, SampledSignal
 from taction.verification.studies.work_precision.method_runs import MethodRun
 
 NORMS = ("final", "maximum", "settling_time", "frequency", "growth_rate")

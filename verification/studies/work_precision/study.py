@@ -28,7 +28,7 @@ from taction.verification.studies.work_precision.method_runs import Task, load_i
 from taction.verification.studies.work_precision.methods import METHODS, Method
 from taction.verification.studies.work_precision.norms import NORMS, Errors
 from taction.verification.studies.work_precision.run_errors import ProblemErrors, measure_runs
-from taction.verification.verdict.clock import Progress
+from taction.verification.verdict.progress import Progress
 
 BUDGET = 30.0  # s
 LADDERS = 0.7  # of the budget; the rest is for the references

@@ -13,7 +13,7 @@ from taction.netlist_gen.analysis import Band, Noise, OperatingPoint
 from taction.system.errors import BadEvidence
 from taction.verification.engines.ngspice.evidence import Ending, integrated_noise
 from taction.verification.engines.ngspice.process import find_simulator, start
-from taction.verification.verdict.noise_bands import noise_bands
+from taction.verification.verdict.output_noise import noise_bands
 from tests.support.small_decks import SmallDeck, divider
 
 KT = 1.380649e-23 * 300.15

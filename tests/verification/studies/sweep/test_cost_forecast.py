@@ -14,8 +14,8 @@ from taction.verification.studies.sweep import cost_forecast as module
 from taction.verification.studies.sweep.cost_forecast import CostForecast, forecast_costs
 from taction.verification.studies.sweep.hybrid import sample
 from taction.verification.studies.sweep.plan import ENGINE, Plan
-from taction.verification.verdict.clock import Clock
 from taction.verification.verdict.design import design_board
+from taction.verification.verdict.progress import Clock
 from tests.support.making import make_scene
 from tests.support.paths import SCENES
 from tests.support.sweeping import grid_plan

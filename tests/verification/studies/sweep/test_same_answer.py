@@ -24,8 +24,8 @@ from taction.verification.studies.running.workers import Workers
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.point import Job, compute
 from taction.verification.studies.sweep.run import sweep
-from taction.verification.verdict.clock import Clock
 from taction.verification.verdict.design import design_board
+from taction.verification.verdict.progress import Clock
 from taction.verification.verdict.record import FIGURES, TRANSIENT_READINGS, Record
 from taction.verification.verdict.verify import verify
 from tests.support.paths import SCENES

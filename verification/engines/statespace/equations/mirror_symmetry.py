@@ -14,10 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taction.system.array_types import Bools, Complexes, Floats, Ints
+from taction.system.array_types import EPS, Bools, Complexes, Floats, Ints
 
 _NUMBERED = re.compile(r"^([^\d\n]*)(\d*)(.*)$", re.MULTILINE)
-ROUNDING = 64 * np.finfo(np.float64).eps  # relative error of Newton's method in a slope
+ROUNDING = 64 * EPS  # relative error of Newton's method in a slope
 
 
 def proposed_image(names: tuple[str, ...]) -> Ints:

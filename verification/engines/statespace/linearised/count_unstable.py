@@ -15,7 +15,7 @@ import math
 
 import numpy as np
 
-from taction.system.array_types import Complexes, Floats
+from taction.system.array_types import EPS, Complexes, Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.structured_solve import Structure
 
@@ -23,7 +23,7 @@ TOP = 1e5  # of the line, in units of the board's fastest rate
 FREQUENCY_RATIO = 4.0  # largest ratio of neighbouring frequencies
 INFINITE = 1e-13  # fastest rate over a pole: a smaller ratio is a pole at infinity
 LARGEST_TURN = 1.0  # of one eigenvalue in a step, rad
-ROUNDING = 16.0 * float(np.finfo(np.float64).eps)
+ROUNDING = 16.0 * EPS
 """Distance of a pole from the line, in units of the fastest rate, at which rounding may decide its
 side. The steps beside a pole are about as long as its distance. Measured on boards of 7 to 20
 channels: with lines up to a quarter of this distance from a pole, some counts are wrong."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taction.system.array_types import Floats
+from taction.system.array_types import EPS, Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.amplifier_gains import Gain, gain_of
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
@@ -27,7 +27,7 @@ POLISHED = 1e-13  # residual above which the last steps are taken on all unknown
 CERTIFICATE = 1e-9  # largest residual accepted, relative to the terms that cancel in it
 # An unknown below this share of the largest counts as if it had it: where only rounding is left
 # (a channel without strain), a residual of 64 units of rounding of the largest is accepted.
-QUIET = 64 * float(np.finfo(np.float64).eps) / CERTIFICATE
+QUIET = 64 * EPS / CERTIFICATE
 PROBES, SPREAD = 4, 4.0  # draws of the rounding, and how much more than the largest counts
 
 
@@ -174,7 +174,7 @@ def rounding(rest: Equilibrium) -> Floats:
     terms = _cancelling(descriptor, z, descriptor.drive(sources_on=True))[1]
     # The rounding of every row, with signs drawn at random, through the linearised equations.
     draws = np.random.default_rng(1992).standard_normal((descriptor.size, PROBES))
-    noise = float(np.finfo(np.float64).eps) * terms[:, None] * draws
+    noise = EPS * terms[:, None] * draws
     moved = _newton_step(descriptor, rest.slopes, noise, np.abs(z))
     return np.asarray(SPREAD * np.abs(moved).max(axis=1))
 

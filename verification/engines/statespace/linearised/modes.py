@@ -8,11 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from taction.system.array_types import Bools, Complexes, Floats, Ints
+from taction.system.array_types import EPS, Bools, Complexes, Floats, Ints
 from taction.verification.engines.statespace.equations.mirror_symmetry import Halves
 from taction.verification.engines.statespace.linearised.exactness import Exactness, accurate_sum
 from taction.verification.engines.statespace.linearised.real_modes import (
-    EPS,
     Block,
     both,
     column_sizes,

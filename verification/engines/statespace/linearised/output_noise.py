@@ -28,7 +28,7 @@ from taction.netlist_gen.board.circuit import GROUND, Circuit, OpAmpCell
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.thermal_noise import THERMAL
 from taction.spice_models.transistor import ELECTRON, NOMINAL
-from taction.system.array_types import Floats, Ints
+from taction.system.array_types import EPS, Floats, Ints
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.cell_stamps import transistor_currents
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
@@ -113,7 +113,6 @@ def _gain_stage(model: OpAmp, cell: OpAmpCell, descriptor: Descriptor) -> tuple[
     return descriptor.place(cell.output), model.dc_gain / (model.output_resistance or 1.0)
 
 
-EPS = float(np.finfo(np.float64).eps)
 HIDDEN = "rounding hides the noise: the poles of the board are too far apart"
 DIRECT = 1e-9  # of the variance: direct noise in the band of the board that counts as rounding
 MOST = 1200  # unknowns: some seconds, in which the dense matrices are decomposed

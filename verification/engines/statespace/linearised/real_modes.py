@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from taction.system.array_types import Bools, Complexes, Floats, Ints
+from taction.system.array_types import EPS, Bools, Complexes, Floats, Ints
 
 
 def both(kept: NDArray[Any], real: int) -> NDArray[Any]:
@@ -99,7 +99,6 @@ def mode_groups(linked: Bools, real: int) -> list[Ints]:
     return [np.flatnonzero(row) for row in rows if row.sum() > 1]
 
 
-EPS = float(np.finfo(np.float64).eps)
 STEPS = 6  # largest number of steps
 ROUNDED = 4.0  # times the rounding of A: a smaller coupling is rounding
 CONVERGED = 1e-6  # largest turn of a step: the next one would be its square

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
-from taction.system.array_types import Complexes, Floats, Ints
+from taction.system.array_types import EPS, Complexes, Floats, Ints
 from taction.system.errors import EngineError
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.board import (
@@ -21,7 +21,6 @@ from taction.verification.engines.statespace.linearised.board import (
 )
 from taction.verification.engines.statespace.linearised.state_space import StateSpace
 from taction.verification.engines.statespace.transients.matrix_exponential import (
-    EPS,
     Flow,
     LadderFlow,
     ModalFlow,

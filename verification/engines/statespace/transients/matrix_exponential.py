@@ -13,10 +13,9 @@ from typing import Protocol, Self
 
 import numpy as np
 
-from taction.system.array_types import Complexes, Floats, Ints
+from taction.system.array_types import EPS, Complexes, Floats, Ints
 from taction.verification.engines.statespace.linearised.modes import Modes
 
-EPS = float(np.finfo(np.float64).eps)
 TAYLOR = 20  # terms that give exp of a matrix of norm below 1/2 to rounding
 BLOCK = 512  # instants evaluated at a time
 FADED = -90.0  # exponent below which a mode is left out: 1e-39 of its first amplitude

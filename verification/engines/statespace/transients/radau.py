@@ -24,7 +24,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from taction.system.array_types import Complexes, Floats
+from taction.system.array_types import EPS, Complexes, Floats
 from taction.system.errors import EngineError
 
 
@@ -81,7 +81,6 @@ STAGES = 5
 NEWTON_STEPS = 8
 SHRINK, GROW, SAFETY = 0.2, 8.0, 0.9
 KEEP = 1.3  # a step is not lengthened by less than this: it would cost new factorisations
-EPSILON = float(np.finfo(np.float64).eps)
 SPREAD = 4.0  # standard deviations of the rounding that still count as rounding
 SHORTEST = 1e-15  # of the time: a step that floats no longer add to the time
 
@@ -273,10 +272,10 @@ class Radau:
     def _rounding(self, rate: Floats) -> Rounding:
         """Measure what rounding at the present z makes of a Newton correction and an estimate."""
         near, signs = self.signs
-        scatter = self.system.rate(self.z[:, None] * (1.0 + EPSILON * near)) - rate[:, None]
+        scatter = self.system.rate(self.z[:, None] * (1.0 + EPS * near)) - rate[:, None]
         if not np.all(np.isfinite(scatter)):
             return Rounding()
-        size = np.sqrt(np.mean(scatter**2, axis=1)) + EPSILON * np.abs(rate)
+        size = np.sqrt(np.mean(scatter**2, axis=1)) + EPS * np.abs(rate)
         noise = SPREAD * size[:, None] * signs
         dZ = (self.table.right @ self._solve(self.table.left @ noise.T)).real.T
         pull = np.asarray(self.system.mass(dZ @ self.table.estimate).real) / self.h

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from taction.system.array_types import Floats
+from taction.system.array_types import EPS, Floats
 from taction.system.quantities import readable
 from taction.verification.report.html.blocks import (
     Cell,
@@ -24,7 +24,7 @@ from taction.verification.report.html.texts import figure, quantity
 from taction.verification.report.tables import spaced
 from taction.verification.verdict.verify import Verdict
 
-ROUNDING = 16.0 * float(np.finfo(np.float64).eps)  # of the step: a smaller part is rounding
+ROUNDING = 16.0 * EPS  # of the step: a smaller part is rounding
 LEAST = 1e-9  # of the step: a smaller part has no number
 FEW = 20  # channels with a number each
 SEEN = 20.0  # times the reference: a larger end of the record is off the picture

@@ -1,0 +1,333 @@
+"""Sampled records as signals, with the values between the points interpolated or known.
+
+Where the waveform is known between the points, they only show where a crossing or a peak is; its
+instant or height is then refined on the waveform itself, and no interpolation adds uncertainty.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from taction.system.array_types import Floats, Indices
+from taction.verification.readings.crossings import (
+    Crossings,
+    first_crossings,
+    highest,
+    last_crossings,
+)
+
+CUBIC = 4  # points: more would magnify rounding where the steps grow from tiny steps
+_EQUAL_STEPS = 1e-6  # relative difference of steps that count as equal
+_SAME_INSTANT = 1e-9  # of a step: distance of instants that count as equal
+
+
+def lagrange(time: Floats, y: Floats, at: Floats, points: int) -> Floats:
+    """Interpolate by the polynomial through the nearest points.
+
+    Parameters
+    ----------
+    time : ndarray (P,)
+        Strictly increasing, s; P is at least `points`.
+    y : ndarray (P, K)
+        Samples.
+    at : ndarray (Q,)
+        Instants inside the record, s.
+    points : int
+        Points in the stencil, even: 2 is the chord, 4 the cubic.
+
+    Returns
+    -------
+    ndarray (Q, K)
+        Values at `at`.
+    """
+    first = time.searchsorted(at, side="right") - points // 2
+    first = np.minimum(np.maximum(first, 0), time.size - points)
+    nodes = [time[first + j] for j in range(points)]
+    away = [at - node for node in nodes]
+    values: Floats = np.zeros((at.size, y.shape[1]))
+    for j, node in enumerate(nodes):
+        others = [m for m in range(points) if m != j]
+        above, below = away[others[0]], node - nodes[others[0]]
+        for m in others[1:]:
+            above, below = above * away[m], below * (node - nodes[m])
+        values += (above / below)[:, None] * y.take(first + j, axis=0)
+    return values
+
+
+def typical_step(time: Floats) -> float:
+    """Return the step that most steps of a record are equal to, else a typical step, s.
+
+    A simulator with a maximum step takes smaller steps at the beginning and at the end.
+    """
+    steps = np.diff(time)
+    mean = float(time[-1] - time[0]) / steps.size
+    if float(np.ptp(steps)) < _EQUAL_STEPS * mean:
+        return mean
+    median = float(np.median(steps))
+    equal = steps[np.abs(steps - median) < _EQUAL_STEPS * median]
+    if 2 * equal.size > steps.size:
+        return float(equal.mean())
+    return min(median, mean)
+
+
+def resample(
+    time: Floats, y: Floats, step: float, typical: float, anchor: int, most: int, points: int
+) -> tuple[Floats, Floats]:
+    """Return evenly spaced instants (Q,) that contain one point of the record, and samples (Q, K).
+
+    Instants at points of the record take the samples unchanged; if all instants are such points,
+    the result is a view of the record.
+
+    Parameters
+    ----------
+    time, y : ndarray (P,), (P, K)
+        Record, s and any unit.
+    step : float
+        Between instants, s.
+    typical : float
+        `typical_step` of the record, s; a multiple or a whole fraction of it as `step` makes the
+        instants coincide with points.
+    anchor : int
+        Index of the point that the instants contain, 0 to P - 1.
+    most : int
+        Largest number of instants up to the anchor.
+    points : int
+        Points of the interpolation.
+    """
+    origin, room = time[anchor], (1 + _SAME_INSTANT) / step
+    before = min(int((origin - time[0]) * room), most - 1)
+    k = np.arange(-before, int((time[-1] - origin) * room) + 1)
+    at = np.minimum(np.maximum(origin + step * k, time[0]), time[-1])
+    near = np.rint(k * (step / typical)).astype(np.intp) + anchor
+    near = np.minimum(np.maximum(near, 0), time.size - 1)
+    between = np.flatnonzero(np.abs(time[near] - at) > _SAME_INSTANT * step)
+    if not between.size:
+        return at, y[near[0] : near[-1] + 1 : max(round(step / typical), 1)]
+    values = y.take(near, axis=0)
+    values[between] = lagrange(time, y, at[between], points)
+    return at, values
+
+
+FEWEST_POINTS = 8
+_FIRST_STRETCH = 1024  # points that are searched first for a rise
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rest:
+    """Where channels come to rest after their record, by other knowledge than the record.
+
+    `values` (N,) are reached at the end of time; after the record no channel is further than `left`
+    from them.
+    """
+
+    values: Floats
+    left: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SampledSignal:
+    """Samples of errors as a `taction.verification.readings.readings.Signal`."""
+
+    time: Floats  # (P,), s, P at least 8
+    errors: Floats  # distances from the targets (N, P)
+    error: float = 0.0  # bound of the error of every sample
+    rest: Rest | None = None  # of the errors
+
+    @property
+    def ends(self) -> Floats:
+        """Errors (N,) at the last point."""
+        return np.asarray(self.errors[:, -1])
+
+    @property
+    def end_bounds(self) -> Floats:
+        """Bounds (N,) at the last point."""
+        return np.full(len(self.errors), self.error)
+
+    def last_outside(self, levels: Floats, shifts: Floats) -> Crossings:
+        """See `Signal`; the levels are shifted instead of the samples."""
+        moved, place = np.unique(np.maximum(levels - shifts * self.error, 0.0), return_inverse=True)
+        time, errors, widest = self.time, self.errors, moved[-1]
+        channels = len(errors)
+        # Search only from the last point clearly outside, and the four points of a cubic before.
+        outside = (errors > widest) | (errors < -widest)
+        last = np.where(outside.any(axis=1), time.size - 1 - outside[:, ::-1].argmax(axis=1), 0)
+        first = np.minimum(np.maximum(last - 4, 0), time.size - FEWEST_POINTS)
+        begin = int(first.min())
+        every = np.repeat(moved[:, None], channels, axis=1)
+        at, doubt = last_crossings(
+            time[begin:], errors[:, begin:], every, first - begin, mirrored=True
+        )
+        later = np.fmax(at[:, :channels], at[:, channels:])
+        doubt = np.where(later == at[:, channels:], doubt[:, channels:], doubt[:, :channels])
+        return Crossings((later - time[0])[place], np.fmax(doubt, self._rounding)[place])
+
+    def first_reached(
+        self, rows: Indices, steps: Floats, levels: Floats, shifts: Floats
+    ) -> Crossings:
+        """See `Signal`; the levels are shifted instead of the samples."""
+        time, errors = self.time, self.errors
+        moved = levels[:, None] - shifts[:, None] * (self.error / np.abs(steps))
+        # Search only up to the first point clearly above, and the points that a cubic needs.
+        clear, up = ((moved.max(axis=0) - 1) * steps)[:, None], (steps > 0)[:, None]
+        size = 0
+        while size < time.size:
+            size = min(max(_FIRST_STRETCH, 8 * size), time.size)
+            above = (errors[:, :size][rows] > clear) == up
+            reached = above.any(axis=1)
+            if reached.all():
+                break
+        stop = np.where(reached, np.maximum(above.argmax(axis=1) + 4, FEWEST_POINTS), time.size)
+        stop = np.minimum(stop, time.size)
+        head = int(stop.max())
+        progress = 1 + errors[:, :head][rows] / steps[:, None]
+        at, doubt = first_crossings(time[:head], progress, moved, stop)
+        return Crossings(at, np.fmax(doubt, self._rounding))
+
+    def _peaks(self, sign: float) -> tuple[Floats, Floats]:
+        """Return the maxima of ``sign * error`` and their uncertainty, (N,) each."""
+        return highest(self.time, self.errors, sign)
+
+    @property
+    def _rounding(self) -> float:
+        """Rounding of an instant, s."""
+        return float(np.spacing(np.abs(self.time[[0, -1]]).max()))
+
+    def highest(self, sign: float) -> tuple[Floats, Floats]:
+        """See `Signal`."""
+        heights, doubt = self._peaks(sign)
+        doubt = doubt + self.error
+        if self.rest is None:
+            return heights, doubt
+        last = sign * self.rest.values
+        top = np.maximum(heights + doubt, last + self.rest.left + self.error)
+        heights = np.maximum(heights, last)
+        return heights, np.maximum(doubt, top - heights)
+
+
+Curve = Callable[[Floats, Indices], Floats]
+
+WIDER = 2.0  # times the uncertainty of a crossing: half the first bracket around it
+STEPS = 40  # largest number of steps to a root; each at least halves its bracket
+CONVERGED = 1e-9  # of the first bracket: last step to a root
+AROUND = np.linspace(-1.0, 1.0, 17)  # instants of one search for a peak, in half brackets
+ROUNDS = 5  # of a search for a peak; each shrinks its bracket to an eighth
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ContinuousSignal(SampledSignal):
+    """A `SampledSignal` with a `curve`: errors of channels (Q,) at instants (Q,), s."""
+
+    curve: Curve
+
+    def last_outside(self, levels: Floats, shifts: Floats) -> Crossings:
+        """See `Signal`."""
+        found, begin = SampledSignal.last_outside(self, levels, shifts), float(self.time[0])
+        count = len(self.errors)
+        level = np.repeat(np.maximum(levels - shifts * self.error, 0.0), count)
+        channel = np.tile(np.arange(count), len(levels))
+
+        def excess(t: Floats, q: Indices) -> Floats:
+            return np.asarray(np.abs(self.curve(t, channel[q])) - level[q])
+
+        at, doubt = self._refined(Crossings(found.time + begin, found.uncertainty), excess)
+        return Crossings(at - begin, doubt)
+
+    def first_reached(
+        self, rows: Indices, steps: Floats, levels: Floats, shifts: Floats
+    ) -> Crossings:
+        """See `Signal`."""
+        found = SampledSignal.first_reached(self, rows, steps, levels, shifts)
+        level = (levels[:, None] - shifts[:, None] * (self.error / np.abs(steps))).ravel()
+        channel, step = np.tile(rows, len(levels)), np.tile(steps, len(levels))
+
+        def excess(t: Floats, q: Indices) -> Floats:
+            return np.asarray(1.0 + self.curve(t, channel[q]) / step[q] - level[q])
+
+        return self._refined(found, excess)
+
+    def _refined(self, found: Crossings, excess: Curve) -> Crossings:
+        """Refine crossings, at which `excess` of instants and places (Q,) changes sign.
+
+        A crossing stays as it is where the samples do not say in which interval it lies, or where
+        no change of sign is near.
+        """
+        at, doubt = found.time.ravel().copy(), found.uncertainty.ravel().copy()
+        after = np.clip(np.searchsorted(self.time, at), 1, self.time.size - 1)
+        gap = self.time[after] - self.time[after - 1]
+        places = np.flatnonzero((doubt > 0.0) & (doubt <= gap) & ~np.isnan(at))
+        if not places.size:
+            return found
+        reach = WIDER * doubt[places]
+        low, high = (np.clip(at[places] + s * reach, *self.time[[0, -1]]) for s in (-1.0, 1.0))
+        f_low, f_high = excess(low, places), excess(high, places)
+        bracketed = np.sign(f_low) * np.sign(f_high) < 0.0
+        ends = [part[bracketed] for part in (low, high, f_low, f_high)]
+        places = places[bracketed]
+        at[places], doubt[places] = _roots(lambda t, q: excess(t, places[q]), *ends)
+        doubt[places] = np.maximum(doubt[places], self._rounding)
+        shape = found.time.shape
+        return Crossings(at.reshape(shape), doubt.reshape(shape))
+
+    def _peaks(self, sign: float) -> tuple[Floats, Floats]:
+        """Return the maxima of ``sign * error`` and their uncertainty, (N,) each.
+
+        Every peak that may be the highest is searched: between its neighbours a smooth peak is
+        above its highest sample by less than this sample is above the neighbours.
+        """
+        y, time = sign * self.errors, self.time
+        heights = y.max(axis=1)
+        doubts = np.spacing(np.abs(heights))
+        before, here, after = y[:, :-2], y[:, 1:-1], y[:, 2:]
+        room = 2.0 * here - before - after
+        top = (here >= before) & (here >= after) & (here + room >= heights[:, None])
+        channel, k = np.nonzero(top)
+        if not channel.size:
+            return heights, doubts
+        first, last = time[k][:, None], time[k + 2][:, None]
+        middle, half = time[k + 1][:, None], np.maximum(last - first, 0.0)
+        columns = np.repeat(channel, AROUND.size)
+        for _ in range(ROUNDS):
+            t = np.clip(middle + half * AROUND, first, last)
+            value = sign * self.curve(t.ravel(), columns).reshape(t.shape)
+            best = value.argmax(axis=1)[:, None]
+            middle, half = np.take_along_axis(t, best, axis=1), half / 8.0
+        height = value.max(axis=1)
+        beside = [np.take_along_axis(value, np.clip(best + s, 0, 16), axis=1) for s in (-1, 1)]
+        doubt = height - np.minimum(*beside)[:, 0]
+        np.maximum.at(heights, channel, height)
+        np.maximum.at(doubts, channel, doubt)
+        return heights, doubts
+
+
+def _roots(
+    excess: Curve, low: Floats, high: Floats, f_low: Floats, f_high: Floats
+) -> tuple[Floats, Floats]:
+    """Return roots between `low` and `high` (Q,), where `excess` changes sign, and their errors.
+
+    Ridders's method: an exponential factor straightens the function, then a secant follows.
+    """
+    at, error = low.copy(), high - low
+    enough = np.maximum(CONVERGED * error, 2.0 * np.spacing(np.abs(high)))
+    active = np.arange(low.size)
+    for _ in range(STEPS):
+        if not active.size:
+            break
+        a, b, fa, fb = low[active], high[active], f_low[active], f_high[active]
+        middle = 0.5 * (a + b)
+        fm = excess(middle, active)
+        root = np.sqrt(fm**2 - fa * fb)
+        new = np.clip(middle + (middle - a) * np.sign(fa) * fm / root, a, b)
+        fn = excess(new, active)
+        points, values = np.array([a, middle, new, b]), np.array([fa, fm, fn, fb])
+        order = points.argsort(axis=0)
+        points, values = (np.take_along_axis(part, order, axis=0) for part in (points, values))
+        change, every = (np.sign(values) != np.sign(fa)).argmax(axis=0), np.arange(a.size)
+        low[active], f_low[active] = points[change - 1, every], values[change - 1, every]
+        high[active], f_high[active] = points[change, every], values[change, every]
+        moved = np.minimum(np.abs(new - at[active]), high[active] - low[active])
+        at[active], error[active] = new, np.where(fn == 0.0, 0.0, moved)
+        active = active[error[active] > enough[active]]
+    return at, error
