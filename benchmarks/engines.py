@@ -26,7 +26,7 @@ from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.engines.statespace.transients import exact, simulate
 from taction.verification.stability.poles import poles
-from taction.verification.verdict.transient_plan import Plan, plan_transient
+from taction.verification.verdict.transient_plan import TransientPlan, plan_transient
 from tests.support.precise import precise_step
 
 ERROR = 1e-4  # of the step amplitude
@@ -53,7 +53,7 @@ class Board:
     """A board and its planned transient."""
 
     linear: LinearBoard
-    plan: Plan
+    plan: TransientPlan
 
     @classmethod
     def of(cls, scene: Scene, steps: dict[str, Value] = STEPS) -> Board:

@@ -17,7 +17,7 @@ from taction.verification.verdict.transient_plan import (
     AFTER_SETTLING,
     AIM,
     LEAST_ERROR,
-    Plan,
+    TransientPlan,
     plan_transient,
 )
 from taction.verification.waveforms import Waveforms
@@ -113,12 +113,14 @@ def attained(
 
 def better_plan(
     design: PlannedBoard, ideal: IdealAnswer, measured: Measurements, accuracy: Accuracy
-) -> Plan | None:
+) -> TransientPlan | None:
     """Return a plan for a better run; None if the run suffices or no plan would be better."""
     return _longer(design, ideal, measured) or _finer(design, accuracy)
 
 
-def _longer(design: PlannedBoard, ideal: IdealAnswer, measured: Measurements) -> Plan | None:
+def _longer(
+    design: PlannedBoard, ideal: IdealAnswer, measured: Measurements
+) -> TransientPlan | None:
     """Plan a longer record if a channel settles only after the end of the record."""
     scene = design.scene
     automatic = scene.analysis.stop == "auto" and design.poles.known_stable
@@ -138,7 +140,7 @@ def _longer(design: PlannedBoard, ideal: IdealAnswer, measured: Measurements) ->
     return plan_transient(longer, design.board, design.scales, steps=steps, stable=True)
 
 
-def _finer(design: PlannedBoard, accuracy: Accuracy) -> Plan | None:
+def _finer(design: PlannedBoard, accuracy: Accuracy) -> TransientPlan | None:
     """Plan smaller steps if a run with the steps of the plan missed the wanted error."""
     even = design.scene.analysis.points_per_period is not None
     bounded = engine_of(accuracy.engine).error is not None

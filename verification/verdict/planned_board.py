@@ -13,7 +13,7 @@ from taction.verification.engines.statespace.linearised.time_scales import TimeS
 from taction.verification.reference import IdealNetwork
 from taction.verification.stability.poles import Poles
 from taction.verification.verdict.headroom import NOT_LIMITED, PartLoads
-from taction.verification.verdict.transient_plan import Plan
+from taction.verification.verdict.transient_plan import TransientPlan
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,7 +32,7 @@ class PlannedBoard:
         Poles and time scales of `board`.
     engine : str
         A key of `taction.verification.verdict.simulation.ENGINES`.
-    plan : Plan
+    plan : TransientPlan
         The transient, and the forecast of its error and cost.
     small : PartLoads
         Loads of the op-amps of the small-signal board; empty for an unstable board.
@@ -45,7 +45,7 @@ class PlannedBoard:
     scales: TimeScales
     poles: Poles
     engine: str
-    plan: Plan
+    plan: TransientPlan
     small: PartLoads = NOT_LIMITED
 
     def loads(self) -> PartLoads:

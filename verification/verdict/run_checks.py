@@ -153,7 +153,7 @@ UNSTATED = (
     " '20nV/rtHz', or take a preset that has one (taction models)"
 )
 NOISELESS = "op-amp {} is ideal and has no noise: only resistors and sensors count"
-AGREE = 0.01  # of the noise: the largest difference of the two engines
+NOISE_AGREES = 0.01  # of the noise: the largest difference of the two engines
 
 
 def noise(evidence: Evidence) -> Check | None:
@@ -166,7 +166,7 @@ def noise(evidence: Evidence) -> Check | None:
     value, error = found.largest, found.error[found.worst] + found.difference
     outcome = at_most(value, error, limited.max)
     reason = f"channel {found.worst + 1} at rest, rms over all frequencies"
-    if found.difference > AGREE * value:
+    if found.difference > NOISE_AGREES * value:
         outcome = Outcome.INCONCLUSIVE
         reason = joined(reason, f"ngspice differs by {percent(found.difference / value)}")
     elif outcome is Outcome.PASS and found.unstated:

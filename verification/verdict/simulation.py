@@ -35,7 +35,7 @@ from taction.verification.engines.ngspice.process import PHYSICAL_BOUND, Run, st
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.state_space_error import StateSpaceError, state_space_error
-from taction.verification.verdict.transient_plan import Plan
+from taction.verification.verdict.transient_plan import TransientPlan
 from taction.verification.waveforms import Cost, Waveforms
 
 # With KLU the tiny steps after a start from zero have more rounding than with the older solver;
@@ -186,7 +186,7 @@ def _raise(error: NoVerdictError) -> Waveforms:
     raise error
 
 
-def growing_record(board: LinearBoard, plan: Plan) -> Waveforms:
+def growing_record(board: LinearBoard, plan: TransientPlan) -> Waveforms:
     """Return the start of the transient of an unstable board, by the state-space engine.
 
     If the amplifiers of a small board stop the engine, too, the record is that of the board

@@ -87,7 +87,7 @@ MOST_INSTANTS = 500_000  # and the largest
 MOVE = 0.02  # of the step amplitude: largest change of an output between two instants
 CHARGE = 10.0  # times C times the step amplitude: above the charges of usual boards
 EXPONENT = 1.5  # the truncation error is proportional to this power of the error
-AIM = 0.93  # of the allowed error: target of each search step
+SEARCH_AIM = 0.93  # of the allowed error: target of each search step
 CLOSE = 0.8  # of the allowed error: the search stops above this fraction
 SPREAD = 1e-3  # relative perturbation of a matrix with defective modes
 TRIES = 12
@@ -286,7 +286,7 @@ class StepModel:
                     return forecast
             else:
                 high = truncation
-            ratio = AIM * error / max(forecast.error, TINY)
+            ratio = SEARCH_AIM * error / max(forecast.error, TINY)
             following = min(truncation * min(ratio, 1e12) ** EXPONENT, MOST)
             inside = low < following < high or (following == high == MOST)
             truncation = following if inside else math.sqrt(low * high)

@@ -44,7 +44,7 @@ TOO_SLOW = (
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class TransientPlan:
     """A transient and the forecast of its error and cost.
 
     Attributes
@@ -124,7 +124,7 @@ def plan_transient(
     stable: bool | None = None,
     resolution: float = 0.0,
     aim: float | None = None,
-) -> Plan:
+) -> TransientPlan:
     """Choose the length of the record and the cheapest step control for the wanted error.
 
     With ``stop = "auto"`` a record ends when the remaining ringing is a tenth of the steady-state
@@ -139,8 +139,8 @@ def plan_transient(
         Whether the board is stable, by its own poles; by default as `scales` say, which for a
         large board are those of its coarse image.
     resolution : float, optional
-        Rounding error of the poles, 1/s: a record does not wait for a mode that decays, or grows,
-        more slowly.
+        Rounding error of the poles, 1/s. Modes that decay or grow more slowly than this do not
+        lengthen the record: their rates are not known.
     aim : float, optional
         Error to plan for, in step amplitudes; the default is `AIM` times the wanted error.
 
@@ -172,7 +172,7 @@ def plan_transient(
         initial=initial,
     )
     seconds, grown = forecast.steps * step_seconds, min(scales.growth_time, stop)
-    return Plan(transient, error, forecast, seconds, growing, grown, notes)
+    return TransientPlan(transient, error, forecast, seconds, growing, grown, notes)
 
 
 def _growing(
@@ -189,7 +189,7 @@ def _growing(
 
 def _without_steps(
     scene: Scene, board: LinearBoard, scales: TimeScales, stop: float, *, growing: bool
-) -> Plan:
+) -> TransientPlan:
     """Plan a run of the state-space engine; a growing run shows every period and is kept short."""
     notes: tuple[str, ...] = ()
     stepped = not board.circuit.is_linear or board.descriptor.is_large
@@ -199,7 +199,7 @@ def _without_steps(
     spacing = min(stop, scales.max_step_for(GROWING_POINTS)) if growing else stop
     transient = Transient(stop, spacing, initial=scene.analysis.initial)
     grown = min(scales.growth_time, stop)
-    return Plan(transient, wanted_error(scene), NO_STEPS, 0.0, growing, grown, notes)
+    return TransientPlan(transient, wanted_error(scene), NO_STEPS, 0.0, growing, grown, notes)
 
 
 def seconds_per_step(board: LinearBoard) -> float:

@@ -92,15 +92,15 @@ def _imported(circuit: Circuit) -> Iterator[tuple[str, ImportedOpAmp]]:
             yield name, model.imported
 
 
-SAME = 1e-9  # relative difference of two formulas for one number; rounding is far below
+ROUNDED = 1e-9  # relative difference of two formulas for one number; rounding is far below
 START = 0.1  # of the step amplitude: rounded resistors move the rest of a board by less
 
 
 def find_contradiction(circuit: Circuit, ideal: IdealAnswer, start: Floats) -> str:
     """Return a sentence about the first contradiction; empty if there is none.
 
-    A step below the reference's own error, or a reference without a trusted answer, has no start
-    that a record could be compared with.
+    The starts are compared only if the reference can be trusted, and if its error is smaller than
+    the step.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def find_contradiction(circuit: Circuit, ideal: IdealAnswer, start: Floats) -> s
         if name not in circuit.facts:
             continue  # Ve: a linear board has none
         stated = circuit.value(name)
-        if not math.isclose(stated, wanted, rel_tol=SAME):
+        if not math.isclose(stated, wanted, rel_tol=ROUNDED):
             key = circuit.facts[name].key.rpartition(".")[2]
             return f"the board states {key} = {stated!r}, the reference uses {wanted!r}"
     if ideal.problem or ideal.error >= 1.0:

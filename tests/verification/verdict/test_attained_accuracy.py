@@ -23,7 +23,7 @@ from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.progress import Clock
 from taction.verification.verdict.simulation import choose_engine, outputs, state_space_tolerance
-from taction.verification.verdict.transient_plan import AIM, Plan
+from taction.verification.verdict.transient_plan import AIM, TransientPlan
 from taction.verification.verdict.verify import verify
 from tests.support.making import make_scene
 from tests.support.paths import SCENES
@@ -158,7 +158,7 @@ def test_only_a_known_miss_of_a_stepping_engine_is_tried_again() -> None:
     ideal = ideal_answer(design.network, design.scene)
     done = verify(small(engine="statespace")).measurements  # every channel settles
 
-    def again(accuracy: Accuracy) -> Plan | None:
+    def again(accuracy: Accuracy) -> TransientPlan | None:
         return better_plan(design, ideal, done, accuracy)
 
     plan = again(TRIED)

@@ -1,4 +1,4 @@
-"""Loads of op-amps: beside ngspice at every op-amp's output, and beside Kirchhoff's law at rest."""
+"""Loads of op-amps: beside ngspice at every output, beside Kirchhoff's law at rest, and unbounded."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from taction.verification.report.verdict.json_document import verdict_document
 from taction.verification.report.verdict.table import verdict_text
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.design import design_board
-from taction.verification.verdict.headroom import Load, headroom
+from taction.verification.verdict.headroom import Load, PartLoads, headroom
 from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.progress import Clock
 from taction.verification.verdict.verify import Verdict, verify
@@ -200,3 +200,13 @@ def test_a_supply_outside_the_range_of_the_part_is_refused(tmp_path: Path) -> No
         designed(board(opamp={"base": "ideal", "saturation": "15V"}))
     assert board(opamp="op27", supply="±18V").design.supply == 18.0
     assert math.isclose(board(supply="+-12 V").design.supply, 12.0)
+
+
+@pytest.mark.parametrize(("error", "volts"), [(0.0, 4.5), (math.inf, None)])
+def test_no_unit_voltage_is_promised_for_a_load_without_a_bound(
+    error: float, volts: float | None
+) -> None:
+    """A peak of twice the limit at 10 V: 90 % of the limit is reached at 4.5 V."""
+    loads = PartLoads((Load("v_1", "voltage", 20.0, 10.0, 1e-6, 5.0, error),), "", 10.0)
+    assert loads.largest_unit_voltage == (None if volts is None else pytest.approx(volts))
+    assert ("unit_voltage" in loads.remedy) == (volts is not None)

@@ -1,7 +1,9 @@
-"""Noise of the outputs: both engines, the check, the report and the error budget."""
+"""Noise of the outputs: both engines, its bands, the check, the report and the error budget."""
 
 from __future__ import annotations
 
+import itertools
+import math
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,7 @@ from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.netlist_gen.scene.file import load_scene
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene
+from taction.system.errors import EngineError
 from taction.verification.engines.ngspice.process import find_simulator, start
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.output_noise import output_noise
@@ -22,7 +25,7 @@ from taction.verification.reference.ideal_answer import resolve_lambda
 from taction.verification.report.verdict.json_document import verdict_document
 from taction.verification.report.verdict.table import verdict_text
 from taction.verification.verdict.checks import Check, Outcome
-from taction.verification.verdict.output_noise import OutputNoise, noise_bands
+from taction.verification.verdict.output_noise import STEP, OutputNoise, noise_bands
 from taction.verification.verdict.run_checks import run_checks
 from taction.verification.verdict.verify import verify
 from tests.mutation.faults import CircuitChange, figures, scaled
@@ -235,3 +238,34 @@ def test_an_ideal_opamp_says_what_its_noise_is(
     assert check.outcome is outcome
     assert reason in check.reason
     assert ("ideal" in check.reason) is ("voltage_noise" not in opamp)
+
+
+POLES = {
+    "one pole": [-1e3 + 0j],
+    "two poles": [-1.0 + 0j, -1e9 + 0j],
+    "resonances": [-1e3 + 1e6j, -1e3 - 1e6j, -50.0 + 1.01e6j, -50.0 - 1.01e6j, -1e8 + 0j],
+}
+
+
+@pytest.mark.parametrize("name", POLES)
+def test_every_step_is_a_part_of_the_distance_to_the_nearest_pole(name: str) -> None:
+    poles = np.array(POLES[name])
+    bands = noise_bands(poles)
+    assert bands[0].start < 1e-3 * np.abs(poles).min() / math.tau
+    assert bands[-1].stop > 1e3 * np.abs(poles).max() / math.tau
+    for band, following in itertools.pairwise(bands):
+        assert band.stop == pytest.approx(following.start, rel=1e-12)
+    for band in bands:
+        f = band.start * 10.0 ** (np.arange(band.steps) / band.density)
+        distance = np.abs(1j * math.tau * f[:, None] - poles).min(axis=1)
+        step = math.tau * f * math.log(10.0) / band.density
+        assert (step <= (1.0 + 1e-9) * STEP * distance).all()
+
+
+@pytest.mark.parametrize("damping", [1e-6, 1e-12])
+def test_resonances_without_end_are_refused(damping: float) -> None:
+    """By their number, and by a step that no float has."""
+    centres = 1e6 + np.arange(200.0) if damping == 1e-6 else np.array([1e6])
+    poles = np.concatenate([-damping + 1j * centres, -damping - 1j * centres])
+    with pytest.raises(EngineError, match="more than 20000 frequencies"):
+        noise_bands(poles)

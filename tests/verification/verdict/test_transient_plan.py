@@ -20,7 +20,7 @@ from taction.verification.verdict.design import design_board
 from taction.verification.verdict.progress import Clock
 from taction.verification.verdict.transient_plan import (
     UNSTABLE_SECONDS,
-    Plan,
+    TransientPlan,
     coarser,
     plan_transient,
     seconds_per_step,
@@ -33,7 +33,7 @@ from tests.support.paths import SCENES
 SETTLING = 1.2 * math.log(1e4)  # time constants until a tenth of 1e-3 is left, and a fifth more
 
 
-def planned(scene: Scene, **options: Any) -> tuple[Plan, TimeScales]:
+def planned(scene: Scene, **options: Any) -> tuple[TransientPlan, TimeScales]:
     board = LinearBoard(synthesise(scene))
     scales = time_scales(board, initial=scene.analysis.initial)
     return plan_transient(scene, board, scales, **options), scales
