@@ -1,4 +1,4 @@
-"""Loads of op-amps: beside ngspice at every output, beside Kirchhoff's law at rest, and unbounded."""
+"""Loads of op-amps: beside ngspice at every output, and beside Kirchhoff's law at rest."""
 
 from __future__ import annotations
 
