@@ -26,7 +26,7 @@ from benchmarks import (
     sweeps,
 )
 from benchmarks.measuring import ROOT, Extent, Result, machine
-from taction.verification.studies.running.threads import THREADS
+from taction.system.processes import THREADS
 
 SECTIONS = {
     "startup": startup,

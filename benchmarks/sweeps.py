@@ -29,7 +29,7 @@ from benchmarks.measuring import (
 from benchmarks.rivals import by_xargs, rivals
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.axes import parse_axes, points, with_values
-from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.scene import load_scene
 from taction.studies import plan_sweep
 from taction.verification.studies.running.workers import Workers
 from taction.verification.studies.store import Store, StoredResult

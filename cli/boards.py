@@ -112,7 +112,7 @@ def _annotate(documents: Iterable[Mapping[str, Any]], call: Call) -> None:
 
 
 def _annotate_error(error: taction.TactionError, call: Call) -> None:
-    from taction.system.error_document import error_document
+    from taction.system.errors import error_document
 
     _annotate([{"file": call.options["scenes"][0], **error_document(error)}], call)
 

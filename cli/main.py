@@ -14,7 +14,7 @@ from taction.cli.command import Command
 from taction.cli.ending import run_command
 from taction.cli.running import made
 from taction.cli.terminal import print_json
-from taction.verification.studies.running.threads import THREADS
+from taction.system.processes import THREADS
 
 PROGRAM = "taction"
 COMMANDS: dict[str, Command] = {

@@ -126,8 +126,8 @@ def _is_folder(parameter: Parameter) -> bool:
 
 def _ask(scene: str) -> None:
     """Ask on stderr what may be a slip in the scene; the function reports its mistakes."""
-    from taction.netlist_gen.scene.file import load_scene
     from taction.netlist_gen.scene.questions import questions
+    from taction.netlist_gen.scene.scene import load_scene
 
     with suppress(InputError):
         for question in questions(load_scene(scene)):

@@ -312,7 +312,7 @@ SCALE = Command(
 
 
 def _ask_axis(call: Call) -> None:
-    from taction.netlist_gen.scene.axis_questions import axis_questions
+    from taction.netlist_gen.scene.questions import axis_questions
     from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.studies.onset.onset import parse_onset_axis
 
@@ -341,7 +341,7 @@ ONSET = Command(
 
 def _check_sweep(call: Call) -> None:
     """Ask what may be a slip in the axes, refuse what cannot be drawn, and name the database."""
-    from taction.netlist_gen.scene.axis_questions import axis_questions
+    from taction.netlist_gen.scene.questions import axis_questions
     from taction.studies import plan_sweep
     from taction.verification.report.sweep.plot import check_sweep_plot
 

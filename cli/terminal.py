@@ -58,7 +58,7 @@ def plain(value: Any) -> Any:
     import enum
     import math
 
-    from taction.system.file_names import printable
+    from taction.system.output_files import printable
 
     if isinstance(value, enum.Enum):
         return value.value

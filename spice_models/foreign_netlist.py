@@ -10,14 +10,16 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from taction.spice_models.foreign_devices import (
+    NAME,
+    Line,
     Names,
+    RefusedError,
     assignments,
     device,
+    logical_lines,
     model_card,
     split_fields,
 )
-from taction.spice_models.foreign_expressions import NAME
-from taction.spice_models.foreign_lines import Line, RefusedError, logical_lines
 
 CARDS = (".subckt", ".ends", ".model", ".param", ".end")
 MOST_LINES = 5000  # of all cards of a subcircuit and those that it calls

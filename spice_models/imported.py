@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from taction.spice_models.foreign_lines import RefusedError
+from taction.spice_models.foreign_devices import RefusedError
 from taction.spice_models.foreign_netlist import Subcircuit, read_subcircuit
 
 ROLES = ("inp", "inn", "vcc", "vee", "out")

@@ -21,7 +21,7 @@ from functools import cache
 from pathlib import PurePath
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from taction.system.file_names import printable
+from taction.system.output_files import printable
 
 T = TypeVar("T")
 

@@ -1,4 +1,4 @@
-"""Files that cannot be written are refused before any work is done."""
+"""Files to write: those that cannot be written are refused before any work; names as text."""
 
 from __future__ import annotations
 
@@ -87,3 +87,15 @@ def make_folder(folder: str | Path, option: str = "-o") -> None:
     except OSError as error:
         reason = f"cannot be made: {error.strerror}"
         raise InputError(option, Complaint("FOLDER", repr(str(folder)), reason)) from None
+
+
+def printable(text: str) -> str:
+    r"""Return `text` so that every encoding and every format can hold it.
+
+    Python reads a byte of a file name that is not UTF-8 as half of a surrogate pair, which strict
+    readers of JSON and XML refuse; here it becomes six plain characters.
+
+    >>> print(printable("board-\udcff.toml"))
+    board-\udcff.toml
+    """
+    return text.encode(errors="backslashreplace").decode()

@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from taction.system.errors import OutOfDisk
-from taction.system.orphans import end_orphans
+from taction.system.processes import end_orphans
 
 MEMORY = Path("/dev/shm")  # noqa: S108 - of Linux; its folders get random names
 RUNNING = "taction-run-"  # a folder in use, or left by a process that was killed

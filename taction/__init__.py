@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from taction.board import Circuit, synthesise
     from taction.designs import bom, kicad, netlist, solve
     from taction.netlist_gen.deck.deck import write_deck
-    from taction.netlist_gen.scene.file import load_scene
-    from taction.netlist_gen.scene.scene import Scene
+    from taction.netlist_gen.scene.scene import Scene, load_scene
     from taction.searches import choose, new, scale, tune
     from taction.studies import (
         accuracy,

@@ -329,7 +329,7 @@ def new(
     ...     taction.load_scene(made.file).name
     'board'
     """
-    from taction.netlist_gen.scene.file import load_scene
+    from taction.netlist_gen.scene.scene import load_scene
     from taction.results import NewScene, Scaled
     from taction.system.atomic_files import write_atomically
     from taction.system.errors import Complaint, InputError

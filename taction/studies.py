@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from taction.netlist_gen.scene.axes import Over
-    from taction.netlist_gen.scene.fixed import Fixed
+    from taction.netlist_gen.scene.axes import Fixed, Over
     from taction.netlist_gen.scene.scene import Scene
     from taction.results import CornerStudy, Onset, VerifiedSample, YieldReport
     from taction.verification.evidence.paper.reproduce import Reproduction
@@ -229,8 +228,7 @@ def plan_sweep(
     keep_waveforms: bool,
 ) -> Plan:
     """Return the grid of a sweep; arguments and errors are those of `sweep`."""
-    from taction.netlist_gen.scene.axes import parse_axes, with_values
-    from taction.netlist_gen.scene.fixed import check_axes, fixed_values
+    from taction.netlist_gen.scene.axes import check_axes, fixed_values, parse_axes, with_values
     from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.studies.sweep.plan import Plan, engines_of
 

@@ -174,9 +174,9 @@ def verify(
     >>> [verdict.outcome.value for verdict in verdicts]
     ['pass', 'pass']
     """
-    from taction.netlist_gen.scene.file import load_scene
+    from taction.netlist_gen.scene.axes import with_settings
     from taction.netlist_gen.scene.inverse_problem import with_strains
-    from taction.netlist_gen.scene.settings import with_settings
+    from taction.netlist_gen.scene.scene import load_scene
     from taction.verdict import Verdict
     from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.verdict.verify import verify as verify_one
@@ -399,7 +399,7 @@ def explore(
     """
     from contextlib import suppress
 
-    from taction.netlist_gen.scene.file import load_scene
+    from taction.netlist_gen.scene.scene import load_scene
     from taction.verification.report.explorer.server import explore as serve
 
     scene = load_scene(scene) if isinstance(scene, str | Path) else scene

@@ -3,8 +3,8 @@
 from taction.board import Circuit as Circuit
 from taction.board import synthesise as synthesise
 from taction.netlist_gen.deck.deck import write_deck as write_deck
-from taction.netlist_gen.scene.file import load_scene as load_scene
 from taction.netlist_gen.scene.scene import Scene as Scene
+from taction.netlist_gen.scene.scene import load_scene as load_scene
 from taction.system.errors import InputError as InputError
 from taction.system.errors import Interrupted as Interrupted
 from taction.system.errors import NoVerdictError as NoVerdictError

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from taction.netlist_gen.board.preferred_values import mantissas, nearest
-from taction.netlist_gen.scene.scene import Design
+from taction.netlist_gen.scene.design import Design
 from taction.system.array_types import Floats
 
 DIGITS = 3  # of a value without a series

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit, ResistorMatrix, Role
-from taction.netlist_gen.scene.tolerances import Tolerances
+from taction.netlist_gen.scene.checks import Tolerances
 from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError

@@ -13,8 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.lib import format as npy
 
-from taction.netlist_gen.scene.arrays import fitted
-from taction.netlist_gen.scene.problem import StatedProblem
+from taction.netlist_gen.scene.problem import StatedProblem, fitted
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import LARGEST, read_bounded, read_text

@@ -1,6 +1,6 @@
-"""Axes of a study: the values that keys of a scene take (``--over``).
+"""The values that keys of a scene take in a study: axes, fixed keys, and other single values.
 
-::
+Axes (``--over``)::
 
     C=1pF:1nF:31        31 points, logarithmic          C=1p,2p,5p    these three
     C=1pF:1nF:31:lin    31 points, linear               C             the study's own range
@@ -11,6 +11,13 @@ list holds values.
 
 Several ``--over`` span a grid. A key is a dotted path (``design.opamp.gbw``), the end of one
 (``opamp.gbw``, ``gbw``), or a symbol of the paper (`SYMBOLS`).
+
+Keys that keep one value at every point of a study (``--fix``)::
+
+    --fix lambda        the scene's own lambda, also where the scene gives a resistance
+    --fix lambda=0.5    this lambda
+
+In Python: ``"lambda"``, ``["lambda", "C=10pF"]`` or ``{"lambda": 0.5, "C": "10pF"}``.
 """
 
 from __future__ import annotations
@@ -230,3 +237,91 @@ def _section(data: dict[str, Any], path: str) -> tuple[dict[str, Any], str]:
 
 def _wrong(value: str, accepted: str) -> InputError:
     return InputError("--over", Complaint("values", repr(value), accepted))
+
+
+Fixed = str | Iterable[str] | Mapping[str, Value | None]
+
+
+def fixed_values(scene: Scene, fixed: Fixed) -> dict[str, Value]:
+    """Return the fixed values by the dotted paths of their keys.
+
+    Raises
+    ------
+    InputError
+        An unknown key, a value that is not of the key's kind, or a key without a value of its own.
+    """
+    if isinstance(fixed, Mapping):
+        texts = [name if value is None else f"{name}={value}" for name, value in fixed.items()]
+    else:
+        texts = [fixed] if isinstance(fixed, str) else list(fixed)
+    try:
+        return dict(_fixed_value(scene, text) for text in texts)
+    except InputError as error:
+        raise InputError("--fix", *error.complaints) from None
+
+
+def check_axes(groups: Sequence[Sequence[Axis]], fixed: Mapping[str, Value]) -> None:
+    """Refuse an axis that changes a fixed key, or that replaces it.
+
+    Raises
+    ------
+    InputError
+        For the first such axis.
+    """
+    for axis in (axis for group in groups for axis in group):
+        if axis.key.path in fixed:
+            text = "the key has one value by --fix; leave out --over or --fix"
+            raise InputError("--over", Complaint("key", repr(axis.name), text))
+        if (replaced := REPLACES.get(axis.key.path)) in fixed:
+            text = f"a value of this key replaces {replaced}, which --fix holds; leave out one"
+            raise InputError("--over", Complaint("key", repr(axis.name), text))
+
+
+def _fixed_value(scene: Scene, text: str) -> tuple[str, Value]:
+    name, equals, body = (part.strip() for part in text.partition("="))
+    key = find_key(scene, name)
+    value = read_value(key, body) if equals else own_value(scene, key)
+    if value is None:
+        complaint = Complaint("key", repr(name), f"the scene has no number here; give {name}=VALUE")
+        raise InputError("--fix", complaint)
+    return key.path, value
+
+
+OPAMP = (
+    "design.opamp"  # a preset in the place of the table has its own figures, none of the scene's
+)
+
+
+def with_settings(scene: Scene, settings: Iterable[str]) -> Scene:
+    """Return `scene` with the values of texts ``KEY=VALUE``; the last one of a key wins.
+
+    A key is named as for an axis (`axes`). ``design.opamp=NAME`` replaces the whole op-amp by a
+    preset, ``opamp=NAME`` only its base, as an axis does.
+
+    Raises
+    ------
+    InputError
+        No ``KEY=VALUE``, an unknown key, or a value that its key does not accept.
+
+    Examples
+    --------
+    >>> from taction.netlist_gen.scene.scene import load_scene
+    >>> scene = load_scene("scenes/paper-breadboard.toml")
+    >>> with_settings(scene, ["C=12pF", "lambda=0.5"]).design.capacitance
+    1.2e-11
+    """
+    changes: dict[str, Value] = {}
+    for text in settings:
+        name, _, body = (part.strip() for part in text.partition("="))
+        if not (name and body):
+            accepted = "expected KEY=VALUE, such as C=12pF or lambda=0.5"
+            raise InputError("--set", Complaint("setting", repr(text), accepted))
+        try:
+            if name == OPAMP:
+                changes[OPAMP] = body
+            else:
+                key = find_key(scene, name)
+                changes[key.path] = read_value(key, body)
+        except InputError as error:
+            raise InputError("--set", *error.complaints) from None
+    return with_values(scene, changes)

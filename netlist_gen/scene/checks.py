@@ -1,9 +1,14 @@
-"""The checks of a scene and their limits."""
+"""The scene's tables of limits: ``[checks]``, ``[tolerances]`` of parts, and ``[regression]``.
+
+A difference from a stored result is accepted up to ``absolute + relative |baseline|``. The defaults
+are far above the differences between versions of ngspice (2e-6 of the step on the project's own
+scenes) and between the engines, and far below the effect of a changed component.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, GetJsonSchemaHandler, model_validator
 from pydantic_core import CoreSchema
@@ -15,6 +20,7 @@ from taction.netlist_gen.scene.fields import (
     Positive,
     Real,
     Seconds,
+    Unit,
     Volts,
 )
 from taction.system.reading_definitions import SETTLING_BAND, TIMES
@@ -126,3 +132,69 @@ class Checks(Model):
     noise: NoiseCheck | None = None
     stability: StabilityCheck = StabilityCheck()
     engines_agree: EnginesAgreeCheck = EnginesAgreeCheck()
+
+
+class Tolerances(Model):
+    """Tolerances of real components, fractions of their values."""
+
+    distribution: Literal["normal", "uniform"] = Field(
+        "normal", description="normal: the tolerance is three sigma; uniform: within it"
+    )
+    resistor: NonNegative = Field(0.01, description="every resistor by itself")
+    capacitor: NonNegative = Field(0.05, description="C of every signal node by itself")
+    stray: NonNegative = Field(0.2, description="stray capacitance of every summing node")
+    opamp_gbw: NonNegative = Field(
+        0.3, description="gain-bandwidth product and second pole of every op-amp together"
+    )
+    opamp_gain: NonNegative = Field(0.5, description="DC gain of every op-amp")
+    parts: dict[str, NonNegative] = Field(
+        {}, description="tolerances of single parts by their names in the deck: { Rf_4_4 = 0.001 }"
+    )
+    temperature: NonNegative = Field(0.0, description="K, either side of nominal; the whole board")
+    resistor_drift: Real = Field(1e-4, description="per K")
+    capacitor_drift: Real = Field(3e-5, description="per K")
+    opamp_drift: Real = Field(-3e-3, description="of the gain-bandwidth product, per K")
+
+
+SecondsOrZero = Annotated[float, Unit("s", zero=True)]
+
+
+class LevelTolerance(Model):
+    """Targets, finals, over- and undershoot; `absolute` is a fraction of the step amplitude."""
+
+    relative: NonNegative = 1e-3
+    absolute: NonNegative = 1e-4
+
+
+class TimeTolerance(Model):
+    """Rise times, settling times and the record's length."""
+
+    relative: NonNegative = 0.02
+    absolute: SecondsOrZero = 0.0
+
+
+class PoleTolerance(Model):
+    """Growth rate (1/s) and frequency (Hz) of the rightmost pole, and the stability margin.
+
+    `absolute` is a fraction of the pole's magnitude: a double pole splits by half the digits.
+    """
+
+    relative: NonNegative = 1e-3
+    absolute: NonNegative = 1e-6
+
+
+class WaveformTolerance(Model):
+    """Each output over time: the norm of its difference, against the norm of its baseline."""
+
+    norm: Literal["max", "rms"] = Field("max", description="rms: weighted by time")
+    relative: NonNegative = 0.01
+    absolute: NonNegative = Field(1e-3, description="fraction of the step amplitude")
+
+
+class Regression(Model):
+    """Differences that `taction regress` accepts."""
+
+    levels: LevelTolerance = LevelTolerance()
+    times: TimeTolerance = TimeTolerance()
+    poles: PoleTolerance = PoleTolerance()
+    waveforms: WaveformTolerance = WaveformTolerance()

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from taction.netlist_gen.scene.array_files import read_array, read_profile
-from taction.netlist_gen.scene.arrays import fitted
 from taction.netlist_gen.scene.fields import LARGE, SMALL
 from taction.netlist_gen.scene.problem import (
     CsvLoad,
@@ -17,6 +16,7 @@ from taction.netlist_gen.scene.problem import (
     Noise,
     StatedProblem,
     TactileProblem,
+    fitted,
 )
 from taction.system.array_types import EPS, Floats
 from taction.system.errors import Complaint, InputError

@@ -1,41 +1,31 @@
-"""`Scene`: problem, design, analysis and checks as frozen, validated values."""
+"""`Scene`: problem, design, analysis and checks as frozen, validated values; `load_scene`."""
 
 from __future__ import annotations
 
+import re
+import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
-from pydantic import Field, PrivateAttr, StrictBool, model_validator
+from pydantic import Field, PrivateAttr, model_validator
 
-from taction.netlist_gen import topologies
 from taction.netlist_gen.card import Card
-from taction.netlist_gen.scene.antilog_choice import AntilogChoice
-from taction.netlist_gen.scene.arrays import in_memory
-from taction.netlist_gen.scene.checks import Checks, unitless_times
+from taction.netlist_gen.scene.checks import Checks, Regression, Tolerances, unitless_times
+from taction.netlist_gen.scene.design import Design
 from taction.netlist_gen.scene.fields import (
-    CurrentDensityOrZero,
-    Farads,
-    FaradsOrZero,
-    LambdaOrRule,
     Model,
-    Ohms,
     Positive,
     Real,
     Seconds,
     SecondsOrAuto,
-    Siemens,
-    SupplyVolts,
-    Volts,
 )
-from taction.netlist_gen.scene.mistakes import contradictions, placed, validated
-from taction.netlist_gen.scene.opamp_choice import OpAmpChoice
-from taction.netlist_gen.scene.open_tables import AMPLIFIERS, OneOf, plugged, with_tables
-from taction.netlist_gen.scene.problem import StatedProblem
-from taction.netlist_gen.scene.regression import Regression
+from taction.netlist_gen.scene.mistakes import placed, validated
+from taction.netlist_gen.scene.open_tables import OneOf, plugged, with_tables
+from taction.netlist_gen.scene.problem import StatedProblem, in_memory
 from taction.netlist_gen.scene.summary import check_words, opamp_words, size_words
-from taction.netlist_gen.scene.tolerances import Tolerances
 from taction.system.errors import Complaint, InputError, listed
+from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_text
 from taction.system.plugins import cached
 from taction.system.quantities import quantity
 from taction.system.reading_definitions import EXCURSIONS
@@ -48,51 +38,6 @@ DEFAULT_RESISTANCE = 1.786e6
 GRID_ENGINES = ("both", "hybrid")  # of a sweep, not of a scene
 ENGINES = OneOf(("auto", "ngspice", "statespace"), "taction.engines")
 IN_MEMORY = "Scene.from_arrays"  # instead of the name of a file
-
-
-class Design(Model):
-    """The board's components."""
-
-    topology: Annotated[str, OneOf(topologies.NAMES, "taction.topologies")] = "integrator"
-    amplifier: Annotated[str, OneOf(AMPLIFIERS)] = "linear"
-    capacitance: Farads = 1e-11
-    resistance: Ohms | None = None
-    lam: LambdaOrRule | None = Field(
-        None, alias="lambda", description="regularisation parameter, or the rule that chooses it"
-    )
-    gain: Ohms = 6.252e6
-    unit_conductance: Siemens = 3.313e-7
-    unit_voltage: Volts = 1.0
-    exponential_slope: Volts | None = None
-    bias: StrictBool | None = Field(None, description="bias current I_b = Ve/R")
-    antilog: AntilogChoice = Field(
-        AntilogChoice(), description="exponential amplifiers: ideal, or of transistors"
-    )
-    opamp: OpAmpChoice = OpAmpChoice()
-    supply: SupplyVolts = Field(15.0, description="both supply voltages of the op-amps, as '±15V'")
-    stray_capacitance: FaradsOrZero = 1e-11
-    sensor_noise: CurrentDensityOrZero = Field(
-        0.0, description="of every strain current, white; for the check 'noise'"
-    )
-    inverter_resistance: Ohms = 1e4
-    prune: Annotated[Real, Field(ge=0, lt=1)] = Field(
-        0.0, description="entries of T below this fraction of the largest have no resistors"
-    )
-    resistor_series: Literal["exact", "E24", "E96", "E192"] = "exact"
-    capacitor_series: Literal["exact", "E6", "E12", "E24"] = Field(
-        "exact", description="of C; a stray capacitance is no part"
-    )
-
-    @model_validator(mode="after")
-    def _consistent(self) -> Self:
-        for key, reason in contradictions(self.model_dump(by_alias=True, exclude_unset=True)):
-            raise ValueError(f"'{key}' {reason}")
-        return self
-
-    @property
-    def biased(self) -> bool:
-        """Whether a bias current flows, by the scene or by the default of the amplifier."""
-        return AMPLIFIERS[self.amplifier].biased if self.bias is None else self.bias
 
 
 class AnalysisChoice(Model):
@@ -314,3 +259,44 @@ def parse_scene(
     scene._file = Path(file)
     scene._questions = tuple(unitless_times(data)) if asked is None else asked
     return scene
+
+
+MAX_BYTES = MEGABYTE
+DEEPEST = 50  # parts of a dotted key
+_PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+"""
+_DEEP = re.compile(rf"(?<![\w-])(?:{_PART}\.[ \t]*+){{{DEEPEST}}}")
+
+
+def load_scene(path: str | Path) -> Scene:
+    """Read and validate the scene at `path`.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, is not TOML, or is not a scene; `complaints` lists all mistakes.
+
+    Examples
+    --------
+    >>> import taction
+    >>> scene = taction.load_scene("scenes/paper-breadboard.toml")
+    >>> scene.design.capacitance, scene.problem.channels
+    (1e-11, 7)
+    """
+    path = Path(path)
+    return parse_scene(_read_toml(path), path)
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    accepted = "a scene file in TOML; `taction new` writes one"
+    try:
+        text = read_text(path, MAX_BYTES)
+        if _DEEP.search(text):  # tomllib takes quadratic time
+            raise ValueError(f"a key of over {DEEPEST} parts")
+        return tomllib.loads(text)
+    except UnusableFileError as error:
+        raise InputError(path, Complaint("file", "", f"{error}; expected {accepted}")) from None
+    except ValueError as error:  # no TOML, or an integer of over 4300 digits
+        raise InputError(path, Complaint("TOML", "", f"{error}; expected {accepted}")) from None
+    except RecursionError:
+        text = f"nested too deeply; expected {accepted}"
+        raise InputError(path, Complaint("TOML", "", text)) from None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from taction.netlist_gen.scene.checks import Checks
-from taction.netlist_gen.scene.opamp_choice import OpAmpChoice
+from taction.netlist_gen.scene.design import OpAmpChoice
 from taction.netlist_gen.scene.problem import MatrixProblem, TactileProblem
 from taction.system.quantities import quantity
 from taction.system.reading_definitions import EXCURSIONS

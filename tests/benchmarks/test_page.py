@@ -11,7 +11,7 @@ from benchmarks import deck, grid
 from benchmarks.__main__ import main
 from benchmarks.measuring import Extent, Figure, Result, Table
 from benchmarks.page import BEGIN, END, page, section, write_table
-from taction.verification.studies.running.threads import THREADS
+from taction.system.processes import THREADS
 
 RESULT = Result(
     [

@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 
 import taction
-from taction.netlist_gen.scene.settings import with_settings
+from taction.netlist_gen.scene.axes import with_settings
 from taction.verification.report.html.texts import figure, quantity
 from tests.browser.conftest import DESK, PHONE, Opened
 from tests.browser.test_reports import violations

@@ -12,9 +12,8 @@ import numpy as np
 from taction.cli.terminal import plain
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
-from taction.netlist_gen.scene.file import load_scene
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
-from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.verification.engines.ngspice.screening import screen
 from taction.verification.reference.ideal_answer import resolve_lambda
 from taction.verification.report.verdict.json_document import verdict_document

@@ -12,8 +12,7 @@ import pytest
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.scene.file import load_scene
-from taction.netlist_gen.scene.scene import Scene, parse_scene
+from taction.netlist_gen.scene.scene import Scene, load_scene, parse_scene
 from tests.kicad.conftest import Opened, rows
 from tests.support.making import make_scene
 from tests.support.paths import SCENES

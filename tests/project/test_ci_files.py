@@ -13,7 +13,7 @@ import yaml
 
 from taction.cli.main import COMMANDS, main
 from taction.cli.running import made
-from taction.netlist_gen.scene.regression import Regression
+from taction.netlist_gen.scene.checks import Regression
 from taction.verification.studies.regression.run import Status
 from tests.support.paths import ROOT
 

@@ -14,8 +14,7 @@ import pytest
 
 import taction
 from taction.netlist_gen.scene.axes import with_values
-from taction.netlist_gen.scene.file import load_scene
-from taction.netlist_gen.scene.scene import scene_type
+from taction.netlist_gen.scene.scene import load_scene, scene_type
 from taction.verification.verdict import recording
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.run_checks import CHECKS, OWN

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from taction.spice_models.foreign_lines import RefusedError
+from taction.spice_models.foreign_devices import RefusedError
 from taction.spice_models.foreign_netlist import read_subcircuit
 from taction.spice_models.imported import Figures, ImportedOpAmp, LinearModel, check_pins
 from taction.system.array_types import Complexes, Floats

@@ -15,8 +15,8 @@ from taction.netlist_gen.board.part_warnings import BrokenLimit, broken_limits
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.checks import Checks
+from taction.netlist_gen.scene.design import OpAmpChoice
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
-from taction.netlist_gen.scene.opamp_choice import OpAmpChoice
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError, NoVerdictError, SimulatorNotFound, SimulatorTooOld
 from taction.system.reading_definitions import READINGS

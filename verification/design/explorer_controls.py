@@ -83,7 +83,7 @@ def controls(scene: Scene, problem: InverseProblem) -> tuple[Control, ...]:
     Examples
     --------
     >>> from taction.netlist_gen.scene.inverse_problem import make_problem
-    >>> from taction.netlist_gen.scene.file import load_scene
+    >>> from taction.netlist_gen.scene.scene import load_scene
     >>> scene = load_scene("scenes/paper-breadboard.toml")
     >>> [control.symbol for control in controls(scene, make_problem(scene))]
     ['C', 's', 'λ', 'stray', 'σ²']

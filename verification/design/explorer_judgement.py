@@ -75,7 +75,7 @@ def judge(scene: Scene, engine: str, budget: int) -> Judgement:
 
     Examples
     --------
-    >>> from taction.netlist_gen.scene.file import load_scene
+    >>> from taction.netlist_gen.scene.scene import load_scene
     >>> found = judge(load_scene("scenes/paper-breadboard.toml"), "statespace", 500)
     >>> found.outcome, f"{found.settling:.3g}"
     ('pass', '0.00243')

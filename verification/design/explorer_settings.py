@@ -7,11 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from taction.netlist_gen.scene.axes import with_values
+from taction.netlist_gen.scene.axes import OPAMP, with_values
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.scene import Scene
-from taction.netlist_gen.scene.settings import OPAMP
 from taction.netlist_gen.scene.writing import scene_text
 from taction.system.errors import Complaint, InputError
 from taction.system.quantities import parse
@@ -115,7 +114,7 @@ class Settings:
 
         Examples
         --------
-        >>> from taction.netlist_gen.scene.file import load_scene
+        >>> from taction.netlist_gen.scene.scene import load_scene
         >>> start = Start.of(load_scene("scenes/paper-breadboard.toml"))
         >>> Settings({"design.capacitance": 2e-11}).command(start)
         'taction verify scenes/paper-breadboard.toml --set design.capacitance=2e-11'

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from taction.netlist_gen.scene.array_files import read_table
-from taction.netlist_gen.scene.arrays import fitted
 from taction.netlist_gen.scene.axes import with_values
+from taction.netlist_gen.scene.problem import fitted
 from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.netlist_gen.scene.writing import scene_text
 from taction.system.array_types import Floats

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from taction.system.error_document import error_document
-from taction.system.errors import INTERRUPTED, NoVerdictError, TactionError
-from taction.system.file_names import printable
+from taction.system.errors import INTERRUPTED, NoVerdictError, TactionError, error_document
+from taction.system.output_files import printable
 from taction.verification.reference.ideal_answer import read_scene
 from taction.verification.studies.running.in_order import for_each_file
 from taction.verification.verdict.verify import Verdict, verify

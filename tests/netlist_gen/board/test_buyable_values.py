@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from taction.netlist_gen.board.buyable_values import buyable, series_of, values_between
-from taction.netlist_gen.scene.scene import Design
+from taction.netlist_gen.scene.design import Design
 
 E12 = (1.0, 1.2, 1.5, 1.8, 2.2, 2.7, 3.3, 3.9, 4.7, 5.6, 6.8, 8.2)  # IEC 60063
 

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.board.variation import draw, parameters, vary
+from taction.netlist_gen.scene.checks import Tolerances
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene
-from taction.netlist_gen.scene.tolerances import Tolerances
 from taction.system.array_types import Floats
 from taction.system.errors import InputError
 from taction.verification.verdict.verify import verify

@@ -1,4 +1,4 @@
-"""Arrays from NumPy files and CSV."""
+"""Arrays of a scene in files of numbers and in its own file, and what their mistakes ask."""
 
 from __future__ import annotations
 
@@ -10,9 +10,12 @@ import pytest
 from numpy.typing import NDArray
 
 from taction.netlist_gen.scene.array_files import read_array, read_profile
-from taction.netlist_gen.scene.file import load_scene
-from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.inverse_problem import make_problem
+from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.system.errors import InputError
+from taction.verification.verdict.verify import verify
+from tests.support.making import write_matrix_scene
+from tests.support.running import taction
 
 
 @pytest.fixture
@@ -102,3 +105,100 @@ def test_a_numpy_header_that_is_damaged(scene: Scene, tmp_path: Path, damage: by
     file.write_bytes(content.replace(b"False", damage.ljust(5, b" "), 1))
     with pytest.raises(InputError, match=r"expected a \.npy file of real numbers"):
         read_array(scene, "problem.matrix", "T.npy", (None, None))
+
+
+T = [[2.0, 0.5, 0.1], [0.5, 1.0, 0.2]]  # two sensors, three channels
+
+
+def message(folder: Path, scene: Path) -> str:
+    with pytest.raises(InputError) as caught:
+        make_problem(load_scene(scene))
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "expected"),
+    [
+        ("T.csv", "u1,u2,u3\n1,2,3\n4,5,6\n", "is line 1 a header?"),
+        ("eps.csv", "strain\n0.1\n0.2\n", "is line 1 a header?"),
+        ("T.csv", "2,0;0,5;0,1\n0,5;1,0;0,2\n", "separated by ';' and ',' is a decimal comma"),
+        ("T.csv", "2.0;0.5;0.1\n0.5;1.0;0.2\n", "separated by ';'; expected ',' between values"),
+        ("T.csv", "2.0\t0.5\t0.1\n", "separated by tabs; expected"),
+        ("T.csv", "2.0 0.5 0.1\n", "separated by blanks; expected"),
+        ("eps.csv", "0,1\n0,2\n", "is ',' a decimal comma here?"),
+        ("T.csv", "1,2,3\n4,x,6\n", "line 2, column 2: 'x' is not a finite number; expected a num"),
+        ("T.csv", "nan,1,2\n", "'nan' is not a finite number; expected a number"),
+    ],
+)
+def test_what_a_file_seems_to_be_is_asked(
+    tmp_path: Path, name: str, text: str, expected: str
+) -> None:
+    scene = write_matrix_scene(tmp_path, T, [0.2, 0.1])
+    (tmp_path / name).write_text(text)
+    assert expected in message(tmp_path, scene)
+
+
+def test_a_transposed_matrix_is_recognised_by_the_shapes(tmp_path: Path) -> None:
+    scene = write_matrix_scene(tmp_path, T, [0.2, 0.1, 0.3])
+    text = message(tmp_path, scene)
+    assert "shape 3 x 1; expected 2" in text or "shape 3; expected 2" in text
+    assert "is problem.matrix transposed?" in text
+    other = write_matrix_scene(tmp_path, T, [0.2, 0.1, 0.3, 0.4])
+    assert "is problem.matrix" not in message(tmp_path, other)
+
+
+SCENE = """
+[problem]
+kind = "matrix"
+matrix = {matrix}
+strain = [1, 0.5]
+[design]
+lambda = 0.1
+gain = "100k"
+opamp = {{ base = "ideal" }}
+[analysis]
+engine = "statespace"
+"""
+
+
+def scene_file(folder: Path, matrix: str) -> Path:
+    path = folder / "scene.toml"
+    path.write_text(SCENE.format(matrix=matrix), encoding="utf-8")
+    return path
+
+
+def test_the_board_settles_at_the_solution_of_the_normal_equations(tmp_path: Path) -> None:
+    T, eps = np.array([[1.0, 0.2], [0.2, 1.0]]), np.array([1.0, 0.5])
+    verdict = verify(load_scene(scene_file(tmp_path, "[[1, 0.2], [0.2, 1]]")))
+    expected = np.linalg.solve(T.T @ T + 0.1 * np.eye(2), T.T @ eps)
+    assert [c.target for c in verdict.measurements.channels] == pytest.approx(expected.tolist())
+    assert verdict.outcome.value == "pass"
+
+
+def test_a_sweep_and_its_workers_read_it_too(tmp_path: Path) -> None:
+    path = scene_file(tmp_path, "[[1, 0.2], [0.2, 1]]")
+    words = ("sweep", str(path), "--over", "C=50p,100p", "-o", str(tmp_path / "a.sqlite"))
+    done = taction(*words, "--jobs", "2")
+    assert done.exit_code == 0, done.output
+    assert "2 points: 2 pass" in done.output
+
+
+@pytest.mark.parametrize(
+    ("matrix", "text"),
+    [
+        (
+            "[[1.0, 0.2], [0.2]]",
+            "problem.matrix = [[1.0, 0.2], [0.2]]: expected the name",
+        ),
+        ("[true, false]", "or an array of real numbers: rows of one length"),
+        ("[[[1.0]]]", "or an array of real numbers"),
+        ('[["1"]]', "or an array of real numbers"),
+        ("[[]]", "shape 1 x 0"),
+        ("[[nan, 1]]", "entry (1, 1) is not finite"),
+        (f"[[1{'0' * 400}, 1]]", "a number is out of range"),
+    ],
+)
+def test_what_is_no_matrix_is_refused(tmp_path: Path, matrix: str, text: str) -> None:
+    with pytest.raises(InputError) as caught:
+        load_scene(scene_file(tmp_path, matrix))
+    assert text in str(caught.value)

@@ -13,8 +13,7 @@ from click.testing import CliRunner
 from pydantic import ValidationError
 
 from taction.cli.main import main
-from taction.netlist_gen.scene.file import load_scene
-from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.netlist_gen.topologies.frame.table import topology_of
 from tests.support.making import make_scene
 from tests.support.paths import ROOT, SCENES

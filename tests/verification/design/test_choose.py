@@ -10,9 +10,8 @@ import pytest
 from click.testing import CliRunner
 
 from taction.cli.main import main
-from taction.netlist_gen.scene.file import load_scene
 from taction.netlist_gen.scene.open_tables import OPAMPS
-from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.system.errors import InputError
 from taction.verification.design.choose_ranking import best_designs, design_scene, designs
 from taction.verification.design.choose_request import Request, choice_plan

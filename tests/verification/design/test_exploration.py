@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 import taction
-from taction.netlist_gen.scene.file import load_scene
-from taction.netlist_gen.scene.scene import parse_scene
-from taction.netlist_gen.scene.settings import with_settings
+from taction.netlist_gen.scene.axes import with_settings
+from taction.netlist_gen.scene.scene import load_scene, parse_scene
 from taction.system.errors import InputError
 from taction.verification.design.board_view import (
     view_boundary,

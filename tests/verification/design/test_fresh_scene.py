@@ -11,8 +11,8 @@ from click.testing import CliRunner, Result
 from numpy.typing import NDArray
 
 from taction.cli.main import main
-from taction.netlist_gen.scene.file import load_scene
 from taction.netlist_gen.scene.inverse_problem import make_problem
+from taction.netlist_gen.scene.scene import load_scene
 from taction.system.errors import InputError, SolverError
 from taction.verification.design.fresh_scene import fresh_scene
 from taction.verification.verdict.verify import verify

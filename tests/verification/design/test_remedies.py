@@ -12,8 +12,7 @@ from click.testing import CliRunner
 from taction.cli.main import main
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import Point, with_values
-from taction.netlist_gen.scene.file import load_scene
-from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.verification.design.remedies import Remedies, find_remedies
 from taction.verification.design.stable_ranges import stable_ranges
 from taction.verification.design.trials import Trials

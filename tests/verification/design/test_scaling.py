@@ -14,8 +14,7 @@ from taction.cli.main import main
 from taction.netlist_gen.board.buyable_values import buyable, values_between
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
-from taction.netlist_gen.scene.file import load_scene
-from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.system.errors import InputError
 from taction.system.quantities import parse
 from taction.verification.design.scaling import scale

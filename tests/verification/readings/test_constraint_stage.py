@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.scene.file import load_scene
 from taction.netlist_gen.scene.inverse_problem import make_problem
+from taction.netlist_gen.scene.scene import load_scene
 from taction.verification.readings.constraint_stage import constraint_plane
 from tests.support.paths import SCENES
 

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taction.netlist_gen.scene.file import load_scene
-from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.system.errors import EngineError, InputError
 from taction.verification.engines.statespace.transients import simulate
 from taction.verification.engines.statespace.transients.exact import exact_solution

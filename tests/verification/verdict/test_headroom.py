@@ -13,8 +13,7 @@ from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.axes import with_values
-from taction.netlist_gen.scene.file import load_scene
-from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.system.errors import InputError
 from taction.verification.engines.ngspice.process import find_simulator, simulate
 from taction.verification.report.verdict.json_document import verdict_document

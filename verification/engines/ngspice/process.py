@@ -35,8 +35,8 @@ from taction.system.errors import (
     SimulatorNotFound,
 )
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_ends
-from taction.system.orphans import end_orphans
 from taction.system.own_folders import keep_folder, make_own_folder, remove_own_folder
+from taction.system.processes import end_orphans
 from taction.verification.engines.ngspice.ending import Ending, longest
 from taction.verification.engines.ngspice.evidence import (
     accepted_waveforms,

@@ -12,8 +12,8 @@ from taction.netlist_gen.board.opamp_choice import choose_opamp
 from taction.netlist_gen.scene.keys import Key, all_keys, own_value
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import TactionError
-from taction.system.file_names import printable
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
+from taction.system.output_files import printable
 from taction.verification.studies.running.digests import files_of
 from taction.verification.verdict.record import finite
 
@@ -26,7 +26,7 @@ def scene_keys(scene: Scene) -> dict[str, dict[str, Any]]:
 
     Examples
     --------
-    >>> from taction.netlist_gen.scene.file import load_scene
+    >>> from taction.netlist_gen.scene.scene import load_scene
     >>> keys = scene_keys(load_scene("scenes/paper-breadboard.toml"))
     >>> keys["design.opamp.gbw"]
     {'value': 4000000.0, 'unit': 'Hz'}

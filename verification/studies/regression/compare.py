@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from taction.netlist_gen.scene.regression import Regression, WaveformTolerance
+from taction.netlist_gen.scene.checks import Regression, WaveformTolerance
 from taction.system.array_types import Floats
 from taction.verification.readings.signals import lagrange
 from taction.verification.studies.regression.baseline import (

@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.scene import load_scene
 from taction.system.errors import INTERRUPTED, InputError, NoVerdictError
-from taction.system.file_names import printable
+from taction.system.output_files import printable
 from taction.verification.studies.regression.baseline import (
     Baseline,
     Entry,

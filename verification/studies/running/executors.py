@@ -15,8 +15,8 @@ from contextlib import AbstractContextManager, contextmanager
 from queue import SimpleQueue
 from typing import Any, TypeVar
 
+from taction.system.processes import THREADS
 from taction.verification.studies.running.cluster import cluster
-from taction.verification.studies.running.threads import THREADS
 from taction.verification.studies.running.worker import NotStartedError, Worker, WorkerDiedError
 from taction.verification.studies.running.workers import Workers
 

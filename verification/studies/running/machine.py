@@ -9,8 +9,8 @@ from importlib import metadata
 from pathlib import Path
 
 from taction.system.errors import SimulationError
+from taction.system.processes import THREADS
 from taction.verification.engines.ngspice.executable import find_simulator
-from taction.verification.studies.running.threads import THREADS
 
 PACKAGES = ("taction", "numpy", "scipy")
 

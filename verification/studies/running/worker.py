@@ -19,11 +19,11 @@ from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager, suppress
 from multiprocessing import util
 from multiprocessing.connection import Connection
-from pathlib import Path
 from typing import Any, TypeVar
 
 from taction.system.errors import NoVerdictError
 from taction.system.own_folders import MEMORY, make_own_folder, remove_own_folder, temporary_place
+from taction.system.processes import is_stopped
 from taction.verification.studies.running.worker_process import GRACE, serve
 
 T = TypeVar("T")
@@ -236,12 +236,3 @@ def _kill_fork_server() -> None:
     if pid is not None:
         with suppress(ProcessLookupError):
             os.kill(pid, signal.SIGKILL)
-
-
-def is_stopped(pid: int) -> bool:
-    """Return whether a signal has stopped a process; false where the system does not say."""
-    try:
-        text = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return False
-    return text.rpartition(")")[2].split()[0] in "Tt"

@@ -16,7 +16,7 @@ from click.testing import CliRunner, Result
 
 from taction.cli.main import main
 from taction.netlist_gen.scene.axes import parse_axes
-from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.scene import load_scene
 from taction.verification.report.sweep import files
 from taction.verification.report.sweep.plot import plot_sweep
 from taction.verification.studies.running import executors

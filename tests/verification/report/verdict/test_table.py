@@ -12,7 +12,7 @@ import pytest
 from rich.console import Console
 
 from taction.netlist_gen.board.circuit import Output
-from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.scene import load_scene
 from taction.system.errors import InputError
 from taction.system.quantities import show
 from taction.verification.engines.ngspice.raw_file import read_raw

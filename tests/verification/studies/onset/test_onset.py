@@ -24,8 +24,8 @@ from taction.netlist_gen.board.circuit import (
     common_facts,
 )
 from taction.netlist_gen.deck.deck import write_deck
-from taction.netlist_gen.scene.file import load_scene
-from taction.netlist_gen.scene.scene import Design
+from taction.netlist_gen.scene.design import Design
+from taction.netlist_gen.scene.scene import load_scene
 from taction.spice_models.opamp import OpAmp
 from taction.system.errors import InputError
 from taction.verification.engines.ngspice.executable import find_simulator

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taction.netlist_gen.scene.regression import Regression
+from taction.netlist_gen.scene.checks import Regression
 from taction.verification.studies.regression.baseline import Entry, Observation
 from taction.verification.studies.regression.compare import compare_entry
 from taction.verification.verdict.compare import Difference

@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 
 from taction.netlist_gen.scene.axes import parse_axes, with_values
-from taction.netlist_gen.scene.file import load_scene
-from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.system.errors import (
     InputError,
     NoVerdictError,

@@ -13,9 +13,8 @@ from typing import Any
 import pytest
 
 from taction.netlist_gen.scene.axes import with_values
-from taction.netlist_gen.scene.file import load_scene
 from taction.netlist_gen.scene.inverse_problem import make_problem
-from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.studies import plan_sweep
 from taction.system.errors import TactionError
 from taction.verification.report.sweep.records import records

@@ -14,7 +14,7 @@ from rich.console import Console
 
 from taction.cli.main import main
 from taction.netlist_gen.board.variation import vary
-from taction.netlist_gen.scene.tolerances import Tolerances
+from taction.netlist_gen.scene.checks import Tolerances
 from taction.system.array_types import Floats
 from taction.system.errors import InputError
 from taction.verification.engines.statespace.linearised.board import LinearBoard

@@ -12,8 +12,8 @@ from scipy.stats import binomtest, norm
 
 from taction.cli.main import main
 from taction.netlist_gen.board.variation import parameters
-from taction.netlist_gen.scene.file import load_scene
-from taction.netlist_gen.scene.tolerances import Tolerances
+from taction.netlist_gen.scene.checks import Tolerances
+from taction.netlist_gen.scene.scene import load_scene
 from taction.system.array_types import Floats
 from taction.system.errors import InputError
 from taction.verification.engines.statespace.linearised.board import LinearBoard

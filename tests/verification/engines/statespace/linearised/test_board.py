@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from taction.netlist_gen.scene.axes import with_values
-from taction.netlist_gen.scene.file import load_scene
+from taction.netlist_gen.scene.scene import load_scene
 from taction.verification.engines.statespace.linearised import board as board_module
 from taction.verification.engines.statespace.linearised import state_space as state_space_module
 from taction.verification.engines.statespace.linearised.board import LinearBoard

@@ -1,4 +1,4 @@
-"""Find and end processes that a simulator left behind, by their environment (Linux).
+"""Processes of other programs: threads of their libraries, their state, those left behind (Linux).
 
 A simulator and its descendants have the folder of their run as ``HOME``. A descendant that has made
 a session of its own is in no process group of ours and has another parent, but it keeps ``HOME``,
@@ -12,6 +12,9 @@ import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""The variables that set how many threads the linear algebra libraries use."""
 
 PROCESSES = Path("/proc")
 ROUNDS = 5  # of looking; a process may start another one while it is being ended
@@ -72,3 +75,12 @@ def _end_if_at_home(pid: int, home: bytes) -> bool:
         return False
     finally:
         os.close(number)
+
+
+def is_stopped(pid: int) -> bool:
+    """Return whether a signal has stopped a process; false where the system does not say."""
+    try:
+        text = (PROCESSES / str(pid) / "stat").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return False
+    return text.rpartition(")")[2].split()[0] in "Tt"

@@ -9,9 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from taction.netlist_gen.scene.axes import parse_axes
+from taction.netlist_gen.scene.axes import parse_axes, with_settings
 from taction.netlist_gen.scene.scene import Scene, parse_scene, scene_type
-from taction.netlist_gen.scene.settings import with_settings
 from taction.netlist_gen.scene.writing import scene_text
 from taction.system.errors import InputError
 from taction.verification.studies.running.digests import digest

@@ -1,0 +1,190 @@
+"""The board of a scene: op-amp, antilog stages, components."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, GetJsonSchemaHandler, StrictBool, WithJsonSchema, model_validator
+from pydantic_core import CoreSchema
+
+from taction.netlist_gen import topologies
+from taction.netlist_gen.scene.fields import (
+    Amps,
+    AmpsOrZero,
+    Count,
+    CurrentDensityOrZero,
+    Farads,
+    FaradsOrZero,
+    FileName,
+    Hertz,
+    LambdaOrRule,
+    Model,
+    Ohms,
+    OhmsOrZero,
+    Positive,
+    Real,
+    Siemens,
+    SignedAmps,
+    SignedVolts,
+    SupplyVolts,
+    VoltageDensityOrZero,
+    Volts,
+    VoltsOrZero,
+    VoltsPerSecond,
+)
+from taction.netlist_gen.scene.mistakes import contradictions
+from taction.netlist_gen.scene.open_tables import AMPLIFIERS, OPAMPS, OneOf
+from taction.spice_models.transistor import NOMINAL, pair_names
+
+STAGES = ("ideal", "device")
+Celsius = Annotated[Real, Field(ge=-55, le=125)]
+
+
+class AntilogChoice(Model):
+    """An ideal function, or a matched pair of transistors with two op-amps."""
+
+    stage: Literal["ideal", "device"] = "ideal"
+    transistors: str = Field("ssm2220", description="the matched pair of a stage")
+    reference_current: Amps = Field(1e-4, description="collector current at an output of U0")
+    divider_resistance: Ohms = Field(100.0, description="from the divided input to ground")
+    emitter_resistance: Ohms = Field(5e3, description="from the reference op-amp to the emitters")
+    temperature: Celsius = Field(NOMINAL, description="of the transistors, degrees C")
+    nominal_temperature: Celsius = Field(
+        NOMINAL, description="for which the input divider is computed, degrees C"
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _by_name(cls, data: Any) -> Any:
+        return {"stage": data} if isinstance(data, str) else data
+
+    @model_validator(mode="after")
+    def _known_pair(self) -> AntilogChoice:
+        if self.transistors not in pair_names():
+            known = ", ".join(map(repr, pair_names()))
+            raise ValueError(f"transistors = {self.transistors!r}: unknown pair; one of {known}")
+        return self
+
+    @property
+    def has_devices(self) -> bool:
+        """Whether the stages are built from transistors."""
+        return self.stage == "device"
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        table = handler(core)
+        return {"anyOf": [{"type": "string", "enum": list(STAGES)}, table]}
+
+
+class OpAmpChoice(Model):
+    """A preset, or a preset with some figures changed."""
+
+    base: Annotated[str, OneOf(OPAMPS), WithJsonSchema({"type": "string"})] = "ua741"
+    file: FileName | None = Field(
+        None, description="an imported op-amp (`taction models import`), in the place of a preset"
+    )
+    level: Literal["auto", "small-signal", "large-signal"] = Field(
+        "auto",
+        description="of the macromodel; auto: with slew rate and swing, and with the largest output"
+        " current, where the small-signal board exceeds 90 % of such a limit",
+    )
+    dc_gain: Positive | None = None
+    gbw: Hertz | None = None
+    second_pole: Hertz | None = None
+    phase_margin: Annotated[Real, Field(gt=0, lt=90)] | None = Field(
+        None, description="degrees, at unity gain; sets the second pole"
+    )
+    input_resistance: Ohms | None = None
+    differential_capacitance: FaradsOrZero | None = None
+    input_capacitance: FaradsOrZero | None = None
+    output_resistance: OhmsOrZero | None = None
+    slew_rate: VoltsPerSecond | None = Field(None, description="of the output")
+    output_current: Amps | None = Field(None, description="largest, of either sign")
+    saturation: VoltsOrZero | None = Field(
+        None, description="least distance of the output from a supply voltage"
+    )
+    least_supply: VoltsOrZero | None = None
+    most_supply: Volts | None = None
+    voltage_noise: VoltageDensityOrZero | None = Field(None, description="of the input, white")
+    current_noise: CurrentDensityOrZero | None = Field(None, description="of each input, white")
+    supply_current: AmpsOrZero | None = Field(None, description="of one op-amp without load")
+    channels_per_package: Count | None = Field(None, description="op-amps in one package")
+    input_errors: StrictBool = Field(
+        False,
+        description="every op-amp has the offset voltage, input currents and common-mode error of"
+        " its figures; without it only those that are given here",
+    )
+    offset_voltage: SignedVolts | None = Field(None, description="at the non-inverting input")
+    bias_current: SignedAmps | None = Field(
+        None, description="mean of the currents into both inputs"
+    )
+    offset_current: SignedAmps | None = Field(
+        None, description="current into the non-inverting input less the other"
+    )
+    common_mode_rejection: Positive | None = Field(None, description="dB")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _by_name(cls, data: Any) -> Any:
+        return {"base": data} if isinstance(data, str) else data
+
+    @model_validator(mode="after")
+    def _file_alone(self) -> OpAmpChoice:
+        others = sorted(self.model_fields_set - {"file"})
+        if self.file is not None and others:
+            raise ValueError(f"'file' excludes {others[0]!r}: an imported op-amp is as measured")
+        return self
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        table = handler(core)
+        return {"anyOf": [{"type": "string", "enum": list(OPAMPS)}, table]}
+
+
+class Design(Model):
+    """The board's components."""
+
+    topology: Annotated[str, OneOf(topologies.NAMES, "taction.topologies")] = "integrator"
+    amplifier: Annotated[str, OneOf(AMPLIFIERS)] = "linear"
+    capacitance: Farads = 1e-11
+    resistance: Ohms | None = None
+    lam: LambdaOrRule | None = Field(
+        None, alias="lambda", description="regularisation parameter, or the rule that chooses it"
+    )
+    gain: Ohms = 6.252e6
+    unit_conductance: Siemens = 3.313e-7
+    unit_voltage: Volts = 1.0
+    exponential_slope: Volts | None = None
+    bias: StrictBool | None = Field(None, description="bias current I_b = Ve/R")
+    antilog: AntilogChoice = Field(
+        AntilogChoice(), description="exponential amplifiers: ideal, or of transistors"
+    )
+    opamp: OpAmpChoice = OpAmpChoice()
+    supply: SupplyVolts = Field(15.0, description="both supply voltages of the op-amps, as '±15V'")
+    stray_capacitance: FaradsOrZero = 1e-11
+    sensor_noise: CurrentDensityOrZero = Field(
+        0.0, description="of every strain current, white; for the check 'noise'"
+    )
+    inverter_resistance: Ohms = 1e4
+    prune: Annotated[Real, Field(ge=0, lt=1)] = Field(
+        0.0, description="entries of T below this fraction of the largest have no resistors"
+    )
+    resistor_series: Literal["exact", "E24", "E96", "E192"] = "exact"
+    capacitor_series: Literal["exact", "E6", "E12", "E24"] = Field(
+        "exact", description="of C; a stray capacitance is no part"
+    )
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        for key, reason in contradictions(self.model_dump(by_alias=True, exclude_unset=True)):
+            raise ValueError(f"'{key}' {reason}")
+        return self
+
+    @property
+    def biased(self) -> bool:
+        """Whether a bias current flows, by the scene or by the default of the amplifier."""
+        return AMPLIFIERS[self.amplifier].biased if self.bias is None else self.bias
