@@ -189,5 +189,5 @@ def test_no_import_looks_for_plugins() -> None:
         "    importlib.import_module(name)\n"
         "assert plugins.offers.cache_info().misses == 0\n"
     )
-    names = [*executors.PRELOAD, "taction", "taction.cli.main", "taction.cli.verify"]
+    names = [*executors.PRELOAD, "taction", "taction.cli.main", "taction.cli.boards"]
     subprocess.run([sys.executable, "-c", script, *names], cwd=ROOT, check=True)
