@@ -148,3 +148,15 @@ def derive(base: OpAmp, name: str, **figures: float) -> OpAmp:
         return opamp
     pole = second_pole_from_phase_margin(opamp.dc_gain, opamp.gbw, margin)
     return replace(opamp, second_pole=pole)
+
+
+def opamp_name(name: str) -> str:
+    """Return the name of an op-amp model in words.
+
+    Examples
+    --------
+    >>> opamp_name("ua741"), opamp_name("ideal_changed")
+    ('ua741', 'ideal with changed figures')
+    """
+    base = name.removesuffix("_changed")
+    return name if base == name else f"{base} with changed figures"

@@ -164,3 +164,26 @@ def quantity(value: float | None, unit: str, digits: int = 4) -> str:
 def readable(text: str) -> str:
     """Return `text` with the signs for ohm and micro."""
     return MICRO.sub("µ", OHM.sub("Ω", text))
+
+
+def counted(number: int, noun: str, nouns: str = "") -> str:
+    """Return a number with its noun; `nouns` is a plural that does not end in an added s.
+
+    Examples
+    --------
+    >>> counted(1, "channel"), counted(7, "channel"), counted(2, "entry", "entries")
+    ('1 channel', '7 channels', '2 entries')
+    """
+    return f"{number} {noun}" if number == 1 else f"{number} {nouns or noun + 's'}"
+
+
+def sizes(channels: int, sensors: int) -> str:
+    """Return the numbers of channels and sensors in words; as many sensors are not named.
+
+    Examples
+    --------
+    >>> sizes(7, 7), sizes(1, 3)
+    ('7 channels', '1 channel, 3 sensors')
+    """
+    words = counted(channels, "channel")
+    return words if sensors == channels else f"{words}, {counted(sensors, 'sensor')}"

@@ -18,12 +18,11 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from taction.netlist_gen.scene.summary import sizes
 from taction.spice_models.imported import LinearModel
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.transistor import NOMINAL, Transistor
 from taction.system.array_types import Bools, Floats
-from taction.system.quantities import quantity
+from taction.system.quantities import quantity, sizes
 
 GROUND = "0"
 

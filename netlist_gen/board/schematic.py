@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from taction.netlist_gen.board.channel import Channel
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.scene.summary import opamp_name
+from taction.spice_models.presets import opamp_name
 from taction.system.output_files import check_package
 from taction.system.picture import figure_file
 from taction.system.quantities import quantity

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
@@ -12,7 +12,7 @@ from pydantic import Field, PrivateAttr, model_validator
 
 from taction.netlist_gen.card import Card
 from taction.netlist_gen.scene.checks import Checks, Regression, Tolerances, unitless_times
-from taction.netlist_gen.scene.design import Design
+from taction.netlist_gen.scene.design import Design, OpAmpChoice
 from taction.netlist_gen.scene.fields import (
     Model,
     Positive,
@@ -22,12 +22,16 @@ from taction.netlist_gen.scene.fields import (
 )
 from taction.netlist_gen.scene.mistakes import placed, validated
 from taction.netlist_gen.scene.open_tables import OneOf, plugged, with_tables
-from taction.netlist_gen.scene.problem import StatedProblem, in_memory
-from taction.netlist_gen.scene.summary import check_words, opamp_words, size_words
+from taction.netlist_gen.scene.problem import (
+    MatrixProblem,
+    StatedProblem,
+    TactileProblem,
+    in_memory,
+)
 from taction.system.errors import Complaint, InputError, listed
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_text
 from taction.system.plugins import cached
-from taction.system.quantities import quantity
+from taction.system.quantities import quantity, sizes
 from taction.system.reading_definitions import EXCURSIONS
 
 if TYPE_CHECKING:
@@ -300,3 +304,45 @@ def _read_toml(path: Path) -> dict[str, Any]:
     except RecursionError:
         text = f"nested too deeply; expected {accepted}"
         raise InputError(path, Complaint("TOML", "", text)) from None
+
+
+def size_words(problem: TactileProblem | MatrixProblem) -> str:
+    """Return the size of a problem, or the name of the file that has its matrix."""
+    if isinstance(problem, TactileProblem):
+        sensors = problem.sensors or problem.channels
+        return sizes(problem.channels, sensors)
+    if isinstance(problem.matrix, str):
+        return f"matrix {problem.matrix!r}"
+    sensors, channels = problem.matrix.shape
+    return sizes(channels, sensors)
+
+
+def opamp_words(choice: OpAmpChoice) -> str:
+    """Return the op-amp's name, and whether its figures are those of the preset."""
+    changed = choice.model_fields_set - {"base", "file", "level"}
+    return f"{choice.file or choice.base}{' (changed)' if changed else ''}"
+
+
+def check_words(checks: Checks) -> Iterator[str]:
+    """Yield the limits of the checks."""
+    yield f"steady state within {_percent(checks.steady_state.tolerance)}"
+    settling = checks.settling_time
+    yield f"settled within {_percent(settling.band)}{_times(settling.min, settling.max)}"
+    if checks.rise_time is not None:
+        yield f"rise time{_times(checks.rise_time.min, checks.rise_time.max)}"
+    for name in EXCURSIONS:
+        if (check := getattr(checks, name)) is not None:
+            yield f"{name} at most {_percent(check.max)}"
+    if checks.noise is not None:
+        yield f"noise at most {quantity(checks.noise.max, 'V')}"
+    margin = checks.stability.margin
+    yield f"stable with C / {margin:g}" if margin > 1.0 else "stable"
+
+
+def _times(least: float | None, most: float | None) -> str:
+    low = "" if least is None else f", at least {quantity(least, 's')}"
+    return low if most is None else f"{low}, at most {quantity(most, 's')}"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.3g} %"

@@ -8,8 +8,8 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.card import Card, Mark
-from taction.netlist_gen.scene.summary import counted, opamp_words, sizes
-from taction.system.quantities import quantity, readable
+from taction.netlist_gen.scene.scene import opamp_words
+from taction.system.quantities import counted, quantity, readable, sizes
 from taction.verification.report.html.texts import figure
 from taction.verification.report.tables import spaced
 from taction.verification.report.verdict.table import limit

@@ -6,9 +6,9 @@ import math
 from collections.abc import Iterable
 from decimal import Decimal
 
-from taction.netlist_gen.scene.summary import counted as counted
-from taction.netlist_gen.scene.summary import opamp_name as opamp_name
+from taction.spice_models.presets import opamp_name as opamp_name
 from taction.system.quantities import NONE as NONE
+from taction.system.quantities import counted as counted
 from taction.system.quantities import quantity as quantity
 from taction.system.quantities import readable as readable
 from taction.verification.report.blocks import Cell

@@ -9,9 +9,9 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.part_warnings import part_warnings
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.questions import questions
-from taction.netlist_gen.scene.scene import Scene
-from taction.netlist_gen.scene.summary import opamp_words, sizes
+from taction.netlist_gen.scene.scene import Scene, opamp_words
 from taction.system.array_types import Floats
+from taction.system.quantities import sizes
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.readings.constraint_stage import ConstraintPlane, constraint_plane
 from taction.verification.readings.measurements import Measurements
