@@ -15,9 +15,9 @@ from xml.etree import ElementTree as ET
 
 from taction.verification.evidence.stress.catalogue import FOLDER
 from taction.verification.evidence.stress.run import CaseRun, Judgement, StressReport
-from taction.verification.report.regression.text import change_line, remarks
 from taction.verification.report.tables import value_text
 from taction.verification.report.verdict.json_document import check_record
+from taction.verification.report.views.regression import change_line, remarks
 from taction.verification.studies.regression.run import RegressionReport, SceneResult, Status
 from taction.verification.studies.verify_files import NOT_RUN, VerifiedFiles
 from taction.verification.verdict.compare import Difference

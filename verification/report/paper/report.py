@@ -2,30 +2,25 @@
 
 from __future__ import annotations
 
+import importlib.util
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.markup import escape
-from rich.text import Text
 
 from taction.system.atomic_files import write_atomically
 from taction.system.errors import Complaint, InputError
-from taction.verification.evidence.paper.findings import ClaimOutcome
 from taction.verification.evidence.paper.reproduce import Judged, Reproduction
-from taction.verification.report.paper.pages import paper_html, paper_markdown
-from taction.verification.report.paper.plots import can_draw, draw
-from taction.verification.report.tables import make_table
+from taction.verification.report.blocks import TERMINAL
+from taction.verification.report.renderers.markdown import line, markdown
+from taction.verification.report.renderers.page import PACKAGES, write_page
+from taction.verification.report.renderers.picture import draw_sheet
+from taction.verification.report.renderers.terminal import print_page
+from taction.verification.report.views.paper import sheet, view
 from taction.verification.studies.running.machine import describe_machine
 
-COLOURS = {
-    ClaimOutcome.HOLDS: "green",
-    ClaimOutcome.FITTED: "blue",
-    ClaimOutcome.CONDITION: "yellow",
-    ClaimOutcome.FAILS: "red",
-    ClaimOutcome.NOT_RUN: "magenta",
-}
-PAGES = ("paper.md", "paper.html")
+MARKDOWN, HTML = "paper.md", "paper.html"
+PAGES = (MARKDOWN, HTML)
 
 
 def paper_document(result: Reproduction) -> dict[str, Any]:
@@ -57,38 +52,6 @@ def _record(each: Judged) -> dict[str, Any]:
     }
 
 
-def print_paper(result: Reproduction, console: Console) -> None:
-    """Print one table for each chapter, and the unexpected verdicts at the end."""
-    for section in result.sections:
-        console.print(f"\n[bold]{escape(section.title)}[/bold] ({section.seconds:.1f} s)")
-        titles = ("claim", "printed", "run", "ours", "verdict")
-        console.print(make_table(titles, map(_row, section.judged)))
-    if result.left_out:
-        names = ", ".join(claim.id for claim in result.left_out)
-        console.print(f"left out of a quick run: {names}")
-    for each in result.judged:
-        if not each.as_expected:
-            console.print(
-                f"[red]{each.claim.id}[/red]: {each.finding.outcome.value}; expected:"
-                f" {each.claim.expected.value}. {escape(each.finding.ours)}"
-            )
-    console.print(f"{summary(result)} {result.seconds:.0f} s.")
-
-
-def _row(each: Judged) -> list[str | Text]:
-    claim, finding = each.claim, each.finding
-    texts = (f"{claim.claim} ({claim.place})", claim.printed, finding.run, finding.ours)
-    outcome = finding.outcome
-    return [*map(escape, texts), Text(outcome.value, style=COLOURS[outcome])]
-
-
-def summary(result: Reproduction) -> str:
-    """Return the number of claims with each verdict."""
-    outcomes = [each.finding.outcome for each in result.judged]
-    counts = ", ".join(f"{o.value} {outcomes.count(o)}" for o in ClaimOutcome if o in outcomes)
-    return f"{len(outcomes)} claims: {counts}."
-
-
 def check_report_folder(folder: str) -> None:
     """Make a missing `folder`, before any work is done.
 
@@ -104,22 +67,34 @@ def check_report_folder(folder: str) -> None:
         raise InputError("--output", Complaint("DIR", repr(folder), text)) from None
 
 
+def print_paper(result: Reproduction, console: Console) -> None:
+    """Print the page of the reproduction."""
+    print_page(view(result), console)
+
+
 def write_paper(result: Reproduction, folder: str) -> tuple[str, ...]:
     """Write `PAGES` and their pictures into `folder`; return the files' names.
 
-    Without matplotlib the pages have no pictures. The HTML page holds its pictures itself.
+    Without the packages of ``taction[report]`` there is no HTML page, and without matplotlib there
+    are no pictures.
 
     Raises
     ------
     InputError
         A file cannot be written.
     """
-    pictures = [picture for section in result.sections for picture in section.pictures]
-    images = {each.name: draw(each) for each in pictures} if can_draw() else {}
-    machine = {name: str(value) for name, value in describe_machine().items()}
-    texts = (paper_markdown, paper_html)
-    for name, page in zip(PAGES, texts, strict=True):
-        write_atomically(Path(folder) / name, page(result, images, summary(result), machine))
-    for name, image in images.items():
-        write_atomically(Path(folder) / f"{name}.png", image)
-    return (*PAGES, *(f"{name}.png" for name in images))
+    page, names = view(result), list[str]()
+    images: dict[str, list[tuple[str, str]]] = {}
+    if importlib.util.find_spec("matplotlib") is not None:
+        for section in result.sections:
+            for picture in section.pictures:
+                draw_sheet(sheet(picture), Path(folder) / f"{picture.name}.png")
+                names.append(f"{picture.name}.png")
+                images.setdefault(section.title, []).append((names[-1], picture.caption))
+    text = markdown(page, medium=TERMINAL, images=images)
+    machine = (f"- {name}: {line(str(value))}" for name, value in describe_machine().items())
+    write_atomically(Path(folder) / MARKDOWN, "\n".join((text, *machine)) + "\n")
+    if all(importlib.util.find_spec(name) for name in PACKAGES):
+        write_page(page, str(Path(folder) / HTML))
+        return (MARKDOWN, HTML, *names)
+    return (MARKDOWN, *names)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from taction.system.array_types import Floats
 from taction.system.picture import figure_file
-from taction.verification.report.blocks import Bars, Block, Notes, Sheet
+from taction.verification.report.blocks import Bars, Block, Notes, Page, Sheet
 from taction.verification.report.charts import (
     BLUE,
     GREY,
@@ -73,6 +73,13 @@ def draw_sheet(sheet: Sheet, path: str | Path | None = None) -> Figure:
         if sheet.foot:
             figure.supxlabel(sheet.foot, fontsize="small")
     return figure
+
+
+def draw_page(page: Page, path: str | Path | None = None) -> Figure:
+    """Draw the sheet of `page`, see `draw_sheet`."""
+    if page.sheet is None:
+        raise TypeError(f"{page.command} has no picture")
+    return draw_sheet(page.sheet(), path)
 
 
 def draw_block(axes: Axes, block: Block) -> None:
@@ -206,6 +213,7 @@ def _label(axes: Axes, chart: Chart, name: str) -> None:
         ruler.set_major_formatter(lambda value, _: f"{value / size:.6g}".replace("-", "−"))
         shown = f"{prefix}{unit}"
     else:
+        ruler.set_major_formatter(lambda value, _: f"{value:.6g}".replace("-", "−"))
         shown = unit
     if axis.ticks:
         ruler.set_ticks([_factor(axis) * tick for tick in axis.ticks])

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
-from taction.verification.evidence.stress.catalogue import Case
 from taction.verification.evidence.stress.run import StressReport
-from taction.verification.report.stress.report import TITLES, case_row, headline
-from taction.verification.report.tables import markdown_line, markdown_table
+from taction.verification.report.blocks import PAGE
+from taction.verification.report.renderers.markdown import markdown
+from taction.verification.report.views.stress import view
 
 INTRODUCTION = """\
 # Stiff and extreme cases
@@ -43,39 +41,9 @@ the tolerance of the steady state, or `analysis.error`, as a fraction of the ste
 for a time the shift that such an error of an output causes. A check that passes or fails against
 its true value is wrong, too.
 """
-HEAD = "| case | hard because | right outcome | known from |"
 
 
 def stress_page(report: StressReport) -> str:
     """Return a run as a page in Markdown: the table, then every case in words."""
-    lines = [INTRODUCTION, "## Results", "", headline(report), ""]
-    lines += markdown_table(TITLES, map(case_row, report.runs))
-    if report.wrong:
-        lines += ["", "## Wrong", ""]
-        for run in report.wrong:
-            lines.append(f"- {run.case.name}, {run.engine}: {markdown_line(run.reason)}")
-    lines += ["", "## Cases"]
-    cases = list(dict.fromkeys(run.case.name for run in report.runs))
-    by_name = {run.case.name: run.case for run in report.runs}
-    family = ""
-    for case in map(by_name.__getitem__, cases):
-        if case.family != family:
-            family = case.family
-            lines += ["", f"### {family}", "", HEAD, "| --- | --- | --- | --- |"]
-        lines.append(_case_line(case))
-    return "\n".join(lines) + "\n"
-
-
-def _case_line(case: Case) -> str:
-    cells = (case.name, case.why, ", ".join(_outcomes(case)), case.known)
-    return f"| {' | '.join(map(markdown_line, cells))} |"
-
-
-def _outcomes(case: Case) -> Iterator[str]:
-    """Yield the one outcome of all engines, or the outcome of each."""
-    words = {engine: " or ".join(outcomes) for engine, outcomes in case.outcome.items()}
-    if len(set(words.values())) == 1:
-        yield next(iter(words.values()))
-    else:
-        yield from (f"{engine}: {outcome}" for engine, outcome in words.items())
-    yield from (f"{name} {outcome}" for name, outcome in case.decided.items())
+    _, _, results = markdown(view(report), medium=PAGE).partition("\n")
+    return INTRODUCTION + results

@@ -31,6 +31,7 @@ from taction.verification.report.texts import (
     quantity,
     readable,
 )
+from taction.verification.verdict.record import finite
 from taction.verification.verdict.verify import Verdict
 
 SHOWN = 12  # op-amps in a terminal
@@ -39,6 +40,7 @@ MAPS, ACROSS = 9, 3  # op-amps with a map, the best first; maps side by side in 
 LOW, HIGH = 0.1, 10.0  # ends of the colours: shares of a limit
 WORST = "Worst: the largest value over its limit; below 1 every check passes."
 BOTH = (TERMINAL, PAGE)
+COMMAND = "taction choose"
 
 
 def view(
@@ -46,7 +48,7 @@ def view(
     designs: Sequence[Design],
     best: Sequence[Design],
     confirmations: Sequence[Confirmation],
-    verdict: Verdict | None,
+    verdict: Verdict | None = None,
 ) -> Page:
     """Return the page of a choice.
 
@@ -57,10 +59,10 @@ def view(
     designs, best, confirmations : sequences
         All designs in their order; those that ngspice ran; and what it says of these.
     verdict : Verdict or None
-        Of the design that is proposed; None where none passes.
+        Of the design that is proposed, shown in full below; None: without it.
     """
     passing = sum(design.good for design in designs)
-    summary = f"{passing} of {counted(len(designs), 'design')} pass with parts that can be bought."
+    summary = f"{passing} of {len(designs)} designs pass with parts that can be bought."
     own = (
         Section("Best designs", tuple(_best(best, confirmations)), WORST, BOTH),
         Section("Op-amps", (_opamps(designs, SHOWN),), media=(TERMINAL,)),
@@ -70,13 +72,16 @@ def view(
     )
 
     def picture() -> Sheet:
-        return _sheet(scene.name, designs, best)
+        return sheet(
+            f"{scene.name}: worst value over its limit, for {len(designs)} designs", designs, best
+        )
 
+    if verdict is None and best:
+        return Page(scene.name, COMMAND, "pass", summary, (), own, sheet=picture)
     if verdict is None:
         lines = ("No design passes; the table of op-amps has the nearest of each with its reason.",)
-        command = "taction choose"
-        return Page(scene.name, command, "fail", summary, lines, own[1:], sheet=picture)
-    full = verdict_report(verdict, "taction choose")
+        return Page(scene.name, COMMAND, "fail", summary, lines, own[1:], sheet=picture)
+    full = verdict_report(verdict, COMMAND)
     first = _words(best[proposed(confirmations)])
     return Page(
         title=scene.name,
@@ -175,8 +180,8 @@ def _cells(design: Design, *, noise: bool) -> tuple[Cell, ...]:
         Cell(quantity(farads, "F", 3), farads),
         Cell(quantity(ohms, "ohm", 3), ohms),
         Cell("no parts", None, "fail") if design.refused else outcome_cell(design.outcome),
-        number_cell(design.settling_time, "s", 3),
-        number_cell(design.overshoot, "step", 3),
+        number_cell(finite(design.settling_time), "s", 3),
+        number_cell(finite(design.overshoot), "step", 3),
         number_cell(design.headroom, "step", 3),
         *([number_cell(design.noise, "V", 3)] if noise else []),
         number_cell(design.worst if design.shares else None, "", 3),
@@ -204,12 +209,13 @@ def _maps(designs: Sequence[Design], best: Sequence[Design]) -> Iterator[Block]:
         yield Notes("", (f"The tables have {len(names) - MAPS} op-amps more.",))
 
 
-def _sheet(name: str, designs: Sequence[Design], best: Sequence[Design]) -> Sheet:
+def sheet(title: str, designs: Sequence[Design], best: Sequence[Design]) -> Sheet:
+    """Return what the picture of a choice shows: a map for each of the best op-amps."""
     blocks = [block for block in _maps(designs, best) if isinstance(block, Chart)]
     count = max(min(len(blocks), ACROSS), 1)
     columns = tuple(tuple(blocks[k::count]) for k in range(count))
     return Sheet(
-        f"{name}: worst value over its limit, for {counted(len(designs), 'design')}",
+        title,
         columns,
         size=(2.0 + 3.6 * count, 1.4 + 3.0 * max(map(len, columns))),
         foot="circle: passes all checks, with parts that can be bought; star: among the best;"

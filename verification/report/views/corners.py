@@ -37,7 +37,7 @@ def view(scene: Scene, study: CornerStudy) -> Page:
     outcomes = [corner.result.outcome for corner in corners]
     outcome = next((each for each in WORST if each in outcomes), "")
     counts = ", ".join(f"{outcomes.count(each)} {each}" for each in WORST if each in outcomes)
-    short, whole = (_directions(study, most) for most in (SHOWN, len(study.directions)))
+    short, whole = (directions(study, most) for most in (SHOWN, len(study.directions)))
     return Page(
         title=scene.name,
         command="taction corners",
@@ -45,8 +45,8 @@ def view(scene: Scene, study: CornerStudy) -> Page:
         summary=f"{counted(len(corners), 'corner')}: {counts}.",
         lines=("Every component at an end of its tolerance, as it makes a quantity worst.",),
         sections=(
-            Section("Least, typical and largest values", tuple(_ranges(scene, corners))),
-            Section("Corners", tuple(_tables(scene, corners)), media=(TERMINAL, PAGE)),
+            Section("Least, typical and largest values", lambda: _ranges(scene, corners)),
+            Section("Corners", tuple(tables(quantities(scene), corners)), media=(TERMINAL, PAGE)),
             Section("Channels at rest", tuple(short), media=(TERMINAL,)),
             Section("Channels at rest", tuple(whole)),
             Section("Deviations", tuple(_deviations(corners))),
@@ -75,8 +75,8 @@ def _range(scene: Scene, quantity: Quantity, corners: Sequence[Corner]) -> Range
     )
 
 
-def _tables(scene: Scene, corners: Sequence[Corner]) -> Iterator[Block]:
-    reported = quantities(scene)
+def tables(reported: Sequence[Quantity], corners: Sequence[Corner]) -> Iterator[Block]:
+    """Yield the corners with their values, and why they do not pass."""
     names = (spaced(each.name) for each in reported)
     rows = tuple(
         (
@@ -108,7 +108,8 @@ def _remark(corner: Corner) -> str:
     return f"{_name(corner)}: {'; '.join(filter(None, remarks))}" if any(remarks) else ""
 
 
-def _directions(study: CornerStudy, most: int) -> Iterator[Block]:
+def directions(study: CornerStudy, most: int) -> Iterator[Block]:
+    """Yield the `most` largest errors of the channels at rest."""
     rows = tuple(
         (
             Cell(f"u{each.channel}", each.channel),

@@ -92,7 +92,8 @@ def sheet(name: str, result: YieldReport, samples: Sequence[BoardSample]) -> She
     foot = ""
     if result.remedy is not None and result.remedy.what:
         foot = f"{result.remedy.what}: yield {percent(result.remedy.fraction)}"
-    return Sheet(f"{name}: {_summary(result)}", columns, size=size, foot=foot)
+    passed = f"{name}: {result.passed} of {result.samples} boards pass. {_summary(result)}"
+    return Sheet(passed, columns, size=size, foot=foot)
 
 
 def _summary(result: YieldReport) -> str:

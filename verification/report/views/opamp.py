@@ -82,7 +82,10 @@ def measure_curves(opamp: OpAmp, witness: Witness) -> Curves:
 
 
 def view(
-    opamp: OpAmp, notes: Mapping[str, str], results: Results, curves: Mapping[str, Curves] | None
+    opamp: OpAmp,
+    notes: Mapping[str, str],
+    results: Results,
+    curves: Mapping[str, Curves] | None = None,
 ) -> Page:
     """Return the page of an op-amp.
 
@@ -268,7 +271,7 @@ def _small(curves: Mapping[str, Curves]) -> Chart:
     response = next(iter(found.values()))[1][1:]
     low, high = float(response.min()), float(response.max())
     return Chart(
-        "Small step of a follower",
+        "Small step",
         Axis("time", "s", limits=(0.0, stop)),
         Axis("output over step", limits=(min(0.0, low) - 0.05, max(1.0, high) + 0.05)),
         (Limit(1.0, "y", "", "muted"), *marks),

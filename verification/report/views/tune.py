@@ -49,7 +49,7 @@ def view(tuning: Tuning, verdict: Verdict) -> Page:
         verified.lines,
         (*own, *verified.sections),
         verified.foot,
-        lambda: _sheet(tuning),
+        lambda: sheet(tuning),
     )
 
 
@@ -98,7 +98,8 @@ def _key_name(path: str) -> str:
     return path.removeprefix("design.").replace("_", " ")
 
 
-def _sheet(tuning: Tuning) -> Sheet:
+def sheet(tuning: Tuning) -> Sheet:
+    """Return what the picture of a tuning shows: settling time against overshoot."""
     after = quantity(tuning.after.settling_time, "s")
     overshoot = figure(tuning.after.overshoot, "step")
     title = f"{tuning.scene.name}: settled in {after}, overshoot {overshoot}"

@@ -10,9 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from taction.verification.report.blocks import PAGE
+from taction.verification.report.charts import Chart
 from taction.verification.report.html.blocks import Block, Picture, Report
 from taction.verification.report.html.pictures import channel_colours, packed, thinned, words
 from taction.verification.report.html.sections.board import LARGEST, matrix_picture
+from taction.verification.report.renderers.plotly import plotly_spec, view_layout
 from tests.support.report_pages import STUDIES, VERDICTS, page, verdicts
 
 MARKED = "#123456"  # in the place of a colour of the style sheet
@@ -20,7 +23,7 @@ MARKED = "#123456"  # in the place of a colour of the style sheet
 
 def blocks(report: Report) -> Iterator[Block]:
     for section in report.sections:
-        yield from section.blocks
+        yield from section.made(PAGE)
 
 
 def pictures(report: Report) -> dict[str, Picture]:
@@ -59,6 +62,14 @@ def test_plotly_accepts_every_picture(name: str) -> None:
             go.Figure(spec).update_layout({k.replace(".", "_"): v for k, v in view.layout.items()})
         assert picture.title
         assert picture.summary
+    for chart in (block for block in blocks(page(name)) if isinstance(block, Chart)):
+        spec = coloured(json.loads(json.dumps(plotly_spec(chart), allow_nan=False)))
+        go.Figure(spec)
+        for view in chart.views:
+            layout = view_layout(chart, view)
+            go.Figure(spec).update_layout({k.replace(".", "_"): v for k, v in layout.items()})
+        assert chart.title
+        assert chart.summary
 
 
 def test_the_outputs_show_the_record_and_the_targets() -> None:

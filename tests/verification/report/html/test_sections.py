@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from taction.system.quantities import readable
+from taction.verification.report.blocks import PAGE
 from taction.verification.report.html.blocks import (
     Bars,
     Block,
@@ -27,7 +28,7 @@ from tests.support.report_pages import page, verdicts
 
 
 def block(report: Report, title: str, kind: type[Any] = Table) -> Any:
-    found: list[Block] = [b for part in report.sections for b in part.blocks]
+    found: list[Block] = [b for part in report.sections for b in part.made(PAGE)]
     return next(each for each in found if isinstance(each, kind) and each.title == title)
 
 
@@ -135,7 +136,7 @@ def test_the_yield_has_its_interval_and_limits() -> None:
 
 
 def test_the_corners_have_least_typical_and_largest_values() -> None:
-    (ranges,) = (b for s in page("corners").sections for b in s.blocks if isinstance(b, Ranges))
+    (ranges,) = (b for s in page("corners").sections for b in s.made(PAGE) if isinstance(b, Ranges))
     for row in ranges.rows:
         assert row.low <= row.middle <= row.high
     table = block(page("corners"), "Corners")

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import io
 import json
 import re
 
 import pytest
 from lxml import etree
-from rich.console import Console
 
 from taction.cli.terminal import plain
+from taction.verification.report.blocks import PAGE, TERMINAL, Table
 from taction.verification.report.junit import regression_junit
-from taction.verification.report.regression.markdown import regression_markdown
-from taction.verification.report.regression.text import SHOWN, print_regression, regression_document
+from taction.verification.report.regression.text import regression_document
+from taction.verification.report.renderers.markdown import markdown
+from taction.verification.report.renderers.terminal import page_text
+from taction.verification.report.views.regression import SHOWN, view
 from taction.verification.studies.regression.run import RegressionReport, SceneResult, Status
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.compare import Difference, words
@@ -151,7 +152,7 @@ def test_an_accepted_change_is_no_failure() -> None:
 
 
 def test_markdown_tables_have_their_columns_whatever_a_reason_holds() -> None:
-    text = regression_markdown(report())
+    text = markdown(view(report()))
     rows = [line for line in text.splitlines() if line.startswith("|")]
     assert rows
     for row in rows:
@@ -159,18 +160,26 @@ def test_markdown_tables_have_their_columns_whatever_a_reason_holds() -> None:
     assert "<b>" not in text
     assert "and 3 more" in text
     assert "| changed | changed | 1 of 1 pass | 64 | ngspice-46 | aaaaaaaaaaaa |" in text
-    assert "### same.toml" not in text
+    assert "same.toml: same" not in text
 
 
 def test_the_table_for_people_names_every_scene_and_every_change() -> None:
-    stream = io.StringIO()
-    print_regression(report(), Console(file=stream, width=160))
-    text = stream.getvalue()
+    text = page_text(view(report()))
     for result in RESULTS:
         assert result.file.removesuffix(".toml") in text
     assert "waveform u_14" in text
     assert "check stability" in text
     assert "1 same, 1 changed, 1 broken, 1 newly passing, 1 new, 1 missing" in text
+
+
+def test_a_page_has_every_change_and_a_terminal_the_largest() -> None:
+    sections = view(report()).sections
+    whole = next(each for each in sections if each.title == "changed.toml: changed")
+    (table,) = (block for block in whole.made(PAGE) if isinstance(block, Table))
+    assert len(table.rows) == SHOWN + 3
+    shown = [b for s in sections for b in s.made(TERMINAL) if isinstance(b, Table)]
+    assert (len(shown[1].rows), shown[1].note) == (SHOWN, "and 3 more (--json has all)")
+    assert [row[1].outcome for row in shown[0].rows[:3]] == ["pass", "fail", "fail"]
 
 
 def test_the_document_for_machines_has_every_difference() -> None:

@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-import io
 import json
 import math
 
 import pytest
 from lxml import etree
-from rich.console import Console
 
 from taction.cli.terminal import plain
 from taction.verification.evidence.stress.catalogue import load_catalogue, select
 from taction.verification.evidence.stress.compare import Comparison
 from taction.verification.evidence.stress.run import CaseRun, Judgement, StressReport
+from taction.verification.report.blocks import TERMINAL, Table
 from taction.verification.report.junit import stress_junit
+from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.stress.page import stress_page
-from taction.verification.report.stress.report import (
-    TITLES,
-    case_row,
-    print_stress,
-    stress_document,
-)
+from taction.verification.report.stress.report import stress_document
+from taction.verification.report.views.stress import TITLES, view
 from taction.verification.verdict.checks import Check, Outcome
 from tests.support.paths import DATA, ROOT
 
@@ -58,19 +54,26 @@ def test_junit_is_valid_and_holds_every_run() -> None:
     assert "hard because two nearly equal rows" in document.findall(".//failure")[0].text
 
 
+def row_of(run: CaseRun) -> list[str]:
+    """Return the texts of the row of a run."""
+    (section, *_) = view(StressReport((run,), ())).sections
+    (table,) = section.made(TERMINAL)
+    assert isinstance(table, Table)
+    return [cell.text for cell in table.rows[0]]
+
+
 def test_a_row_has_the_worst_number_with_both_errors() -> None:
-    row = dict(zip(TITLES, case_row(REPORT.runs[2]), strict=True))
+    row = dict(zip(TITLES, row_of(REPORT.runs[2]), strict=True))
     assert row["worst quantity"] == "settling_time of u_2"
-    assert (row["true error"], row["stated error"]) == ("3 us", "1 us")
+    assert (row["true error"], row["stated error"]) == ("3 µs", "1 µs")
     assert (row["outside"], row["time"]) == ("1 of 2", "500 ms")
-    assert case_row(REPORT.runs[0])[3:7] == ("-",) * 4
+    assert row_of(REPORT.runs[0])[3:7] == ["–"] * 4
 
 
 def test_the_table_says_what_is_wrong_and_counts() -> None:
-    page = Console(file=io.StringIO(), width=150)
-    print_stress(REPORT, page)
-    text = page.file.getvalue()  # type: ignore[attr-defined]
-    assert "wrong two-channels, ngspice: wrong number: wrong: x" in text
+    text = page_text(view(REPORT))
+    assert "Wrong" in text
+    assert "two-channels, ngspice: wrong number: wrong: x" in text
     joined = " ".join(text.split())
     assert "5 runs: 2 right, 1 wrong outcome, 1 wrong number, 1 not run" in joined
     assert "2 of 3 numbers outside their stated error" in joined
@@ -90,14 +93,14 @@ def test_the_document_has_every_number() -> None:
 def test_a_number_without_a_true_value_is_the_worst() -> None:
     none = Comparison("rise_time of u_1", 1e-3, 1e-6, math.nan, "s", 0.0, 1e-5)
     run = CaseRun(OTHER, "ngspice", "pass", Judgement.WRONG_NUMBER, (), (OUTSIDE, none))
-    assert case_row(run)[3:5] == ("rise_time of u_1", "-")
+    assert row_of(run)[3:5] == ["rise_time of u_1", "–"]
 
 
 def test_the_page_lists_what_is_wrong_and_every_case_once() -> None:
     page = stress_page(REPORT)
     assert page.count("two nearly equal rows") == 1
-    assert "- two-channels, ngspice: wrong: x" in page
-    assert "### refused" in page
+    assert "- two-channels, ngspice: wrong number: wrong: x" in page
+    assert "## Cases: refused" in page
     rows = [line for line in page.splitlines() if line.startswith("| two-channels | ")]
     assert len(rows) == 5  # four runs, and the case in words
 

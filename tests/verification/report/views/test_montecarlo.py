@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from taction.system.errors import InputError
-from taction.verification.report.picture import new_figure
-from taction.verification.report.tolerance.yield_plot import _edges, _histogram, plot_yield
+from taction.verification.report.blocks import Notes
+from taction.verification.report.charts import Chart, Columns, Limit, Text
+from taction.verification.report.renderers.picture import draw_sheet
+from taction.verification.report.views.montecarlo import _edges, sheet
 from taction.verification.studies.tolerance.remedy import Remedy
 from taction.verification.studies.tolerance.yield_report import Sensitivity, Spread, YieldReport
 from tests.support.sweeping import make_sample
@@ -38,35 +40,44 @@ REPORT = YieldReport(
 )
 
 
-def drawn(spread: Spread) -> Any:
-    values = np.array([sample.value(spread.name) for sample in SAMPLES])
-    with new_figure(4, 3) as figure:
-        axes = figure.add_subplot()
-        _histogram(axes, spread, values)
-    return axes
+def charts(report: YieldReport) -> list[Any]:
+    (column, *more) = sheet("board", report, SAMPLES).columns
+    return [*column, *(block for each in more for block in each)]
 
 
-def test_bars_beyond_the_limit_are_hatched_and_all_samples_are_shown() -> None:
-    axes = drawn(TIME)
-    bars = [bar for bar in axes.patches if bar.get_height()]
-    within = sum(bar.get_height() for bar in bars if not bar.get_hatch())
-    assert (within, sum(bar.get_height() for bar in bars)) == (31, 40)  # up to 1e-5 (1 + 30/40)
-    assert {bool(bar.get_x() >= 1.7599e-5) is bool(bar.get_hatch()) for bar in bars} == {True}
-    assert axes.lines[0].get_xdata()[0] == TIME.at_most
-    assert axes.get_title() == "settling time: 22.5 % beyond 17.6 us"
+def histogram(spread: Spread) -> Chart:
+    (chart, *_) = charts(replace(REPORT, quantities=(spread,)))
+    assert isinstance(chart, Chart)
+    return chart
+
+
+def marks(chart: Chart, kind: type) -> list[Any]:
+    return [mark for mark in chart.marks if isinstance(mark, kind)]
+
+
+def test_bars_beyond_the_limit_are_failures_and_all_samples_are_shown() -> None:
+    chart = histogram(TIME)
+    within, beyond = marks(chart, Columns)
+    assert (within.looks, within.sizes.sum()) == (("pass",), 31)  # up to 1e-5 (1 + 30/40)
+    assert (beyond.looks, beyond.sizes.sum()) == (("fail",), 9)
+    assert (beyond.places[beyond.sizes > 0] > 1.76e-5).all()
+    assert [limit.value for limit in marks(chart, Limit)] == [TIME.at_most]
+    assert chart.message == "9 of 40 samples (22.5 %) beyond 17.6 µs"
 
 
 def test_a_limit_far_away_is_an_arrow() -> None:
-    axes = drawn(replace(TIME, at_most=1.0))
-    assert not axes.lines
-    assert axes.get_xlim()[1] < 3e-5
-    assert [text.get_text() for text in axes.texts] == ["limit →"]
+    chart = histogram(replace(TIME, at_most=1.0))
+    first, second = chart.views
+    assert first.x is not None
+    assert first.x[1] < 3e-5
+    assert second.x is not None
+    assert second.x[1] > 1.0
+    assert [text.text for text in marks(chart, Text)] == ["limit →"]
 
 
 def test_one_value_is_no_histogram() -> None:
-    axes = drawn(REPORT.quantities[1])
-    assert [text.get_text() for text in axes.texts] == ["every sample: -5 /s"]
-    assert not axes.patches
+    notes = next(each for each in charts(REPORT) if isinstance(each, Notes))
+    assert notes.lines == ("Growth rate: every sample has -5 /s.",)
 
 
 @pytest.mark.parametrize("limits", [[], [0.31], [2.0], [0.2, 0.7]])
@@ -82,13 +93,13 @@ def test_a_limit_among_the_values_is_an_edge(limits: list[float]) -> None:
 
 def test_the_file_is_always_the_same(tmp_path: Path) -> None:
     for name in ("a.png", "b.png"):
-        plot_yield("board", REPORT, SAMPLES, str(tmp_path / name))
+        draw_sheet(sheet("board", REPORT, SAMPLES), tmp_path / name)
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
     with pytest.raises(InputError, match="--plot"):
-        plot_yield("board", REPORT, SAMPLES, str(tmp_path / "a.xyz"))
+        draw_sheet(sheet("board", REPORT, SAMPLES), tmp_path / "a.xyz")
 
 
 def test_a_study_without_samples_has_a_picture(tmp_path: Path) -> None:
     empty = replace(REPORT, samples=0, passed=0, quantities=(), sensitivities=(), remedy=None)
-    plot_yield("board", empty, [], str(tmp_path / "a.svg"))
+    draw_sheet(sheet("board", empty, []), tmp_path / "a.svg")
     assert (tmp_path / "a.svg").read_text().count("<path") > 5
