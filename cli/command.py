@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from typing import TYPE_CHECKING, Any
@@ -313,7 +313,21 @@ def _plain(paragraphs: str) -> str:
 
 
 class EngineChoice(click.Choice[str]):
-    """An engine; those that need a grid of points are refused with the command that has one."""
+    """An engine, also of an installed package.
+
+    Those that need a grid of points are refused with the command that has one.
+    """
+
+    @property
+    def choices(self) -> tuple[str, ...]:
+        """The names that are accepted now."""
+        from taction.system.plugins import names
+
+        return (*self._own, *names("taction.engines"))
+
+    @choices.setter
+    def choices(self, own: Sequence[str]) -> None:
+        self._own = tuple(own)
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
         """Return the engine, or fail with the known engines."""

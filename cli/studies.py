@@ -411,7 +411,7 @@ SWEEP = Command(
         option("over", multiple=True, metavar="KEY=LOW:HIGH:N"),
         option("fix", multiple=True, metavar="KEY[=VALUE]"),
         OUTPUT,
-        option("engine", type=click.Choice([*ENGINES, *GRID_ENGINES])),
+        option("engine", type=EngineChoice([*ENGINES, *GRID_ENGINES])),
         option("retry_failed", "--retry", type=click.Choice(["failed"]), default=None),
         option("keep_waveforms", is_flag=True),
         JOBS,

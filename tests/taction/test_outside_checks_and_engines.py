@@ -135,6 +135,18 @@ def test_a_sweep_has_them(scene: Path, tmp_path: Path) -> None:
     assert limited["points"][0]["reason"].startswith("swing: largest voltage")
 
 
+def test_the_media_of_a_sweep_show_them(scene: Path, tmp_path: Path) -> None:
+    page, picture = tmp_path / "a.html", tmp_path / "a.svg"
+    over = ("--over", "checks.swing.max=1mV,10V", "--engine", "even_steps", "--jobs", "1")
+    files = ("-o", str(tmp_path / "a.sqlite"), "--report", str(page), "--plot", str(picture))
+    shown = command("sweep", str(scene), *over, *files)
+    assert shown.exit_code == 0, shown.output
+    assert "even_steps" in shown.stdout
+    for text in (shown.stdout, page.read_text("utf-8"), picture.read_text("utf-8")):
+        assert "swing" in text
+        assert "even_steps" in text or "even steps" in text
+
+
 def test_a_fault_in_what_the_check_judges_is_caught(
     scene: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LINES = {"ngspice": ("o", ORANGE, 7.0), "statespace": ("-", BLUE, 4.0)}
+OTHER_LINE = ("s", ORANGE, 5.0)  # of an engine of another package
 MARKERS = "oxs^vD*P"
 
 
@@ -43,7 +44,7 @@ def draw_curves(
             axes.text(0.5, 0.5, LITTLE, transform=axes.transAxes, ha="center")
             continue
         for k, engine in enumerate(engines):
-            style, colour, size = LINES[engine]
+            style, colour, size = LINES.get(engine, OTHER_LINE)
             values = quantity.factor * data[quantity.name][..., k]
             style = style if len(ruler.places) > 1 and ruler.by_value else "o"
             axes.plot(

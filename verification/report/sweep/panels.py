@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from taction.system.array_types import Floats
+from taction.system.plugins import OpenTable
 from taction.system.reading_definitions import EXCURSIONS
 from taction.verification.report.picture import BLUE, GREY, HATCHES, ORANGE, PURPLE
 from taction.verification.report.sweep.records import all_records
@@ -31,7 +32,10 @@ OTHER_FAILS = (("#b8860b", "||||"), ("#f0e442", "----"), ("#a0522d", "oo"))
 LINEAR = 0.1  # of the largest rate: about up to there the scale of rates is linear
 LEAST_PER_CENT = 1e-4  # of the step: below lies rounding
 LITTLE = "under 1 ppm of the step"
-ENGINES = {"ngspice": "ngspice", "statespace": "state space"}
+ENGINES = OpenTable(
+    "taction.engines", {"ngspice": "ngspice", "statespace": "state space"}, str, "title"
+)
+"""Names of the engines for people."""
 MISSING = ""
 
 
