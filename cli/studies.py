@@ -198,7 +198,7 @@ def _ask_limits(call: Call) -> None:
     """Ask on stderr what may be a slip in the limits of the options; name the database."""
     from taction.netlist_gen.scene.checks import unitless_times
     from taction.netlist_gen.scene.questions import value_questions
-    from taction.verification.design.choose_request import choice_plan, request_of
+    from taction.verification.design.choose import choice_plan, request_of
     from taction.verification.reference.ideal_answer import read_scene
 
     given = call.arguments

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from taction.spice_models.opamp import OpAmp
     from taction.verdict import Verdict
     from taction.verification.characterise.witnesses import Witness
-    from taction.verification.design.choose_ranking import Confirmation, Design
+    from taction.verification.design.choose import Confirmation, Design
     from taction.verification.design.fresh_scene import FreshScene
     from taction.verification.design.scaling import Scaling
     from taction.verification.design.tune import Tuning

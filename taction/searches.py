@@ -169,13 +169,14 @@ def choose(
     from taction.studies import computed
     from taction.system.errors import Complaint, InputError
     from taction.system.output_files import make_folder
-    from taction.verification.design.choose_ranking import (
+    from taction.verification.design.choose import (
         best_designs,
+        choice_plan,
         confirmed,
         design_scene,
         designs,
+        request_of,
     )
-    from taction.verification.design.choose_request import choice_plan, request_of
     from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.studies.store import Store
 

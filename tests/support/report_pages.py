@@ -11,13 +11,14 @@ from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError
-from taction.verification.design.choose_ranking import (
+from taction.verification.design.choose import (
     Confirmation,
+    Request,
     best_designs,
+    choice_plan,
     design_scene,
     designs,
 )
-from taction.verification.design.choose_request import Request, choice_plan
 from taction.verification.design.tune import Tuning
 from taction.verification.report.html.blocks import (
     Bar,

@@ -1,7 +1,8 @@
-"""What a board does, in stages: what is fast comes first.
+"""What the explorer shows of a board, in four steps: rest, poles with curves, limits, stable C.
 
-Each stage is a function of the stage before it. For a linear board of some ten channels all of them
-together take some ten milliseconds; `judge` in `judgement` takes longer and runs elsewhere.
+Each step is a function of the results of the step before it. For a linear board of ten channels all
+steps together take about ten milliseconds. The verdict (`explorer_judgement.judge`) takes longer
+and runs in a process of its own.
 """
 
 from __future__ import annotations
@@ -17,15 +18,91 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.system.quantities import show, show_rate
-from taction.verification.design.explorer_curves import LinearResponse
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.board import Initial, LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales, time_scales
+from taction.verification.engines.statespace.transients.exact import Exact, exact_solution
 from taction.verification.reference import Solution, solve
 from taction.verification.reference.ideal_answer import ideal_network
 from taction.verification.stability.margin import stable_values
 from taction.verification.stability.poles import Poles, poles_behind
 from taction.verification.verdict.headroom import PartLoads, describe
 from taction.verification.verdict.transient_plan import settled_after
+
+POINTS = 500  # of a curve without fast ringing
+PER_PERIOD = 20.0  # points of a curve with ringing, before it is thinned
+MOST = 20_000  # points of a curve
+RISEN, TIMES_RISE = 0.9, 6.0  # of a channel's step; the window of the rise in times of it
+SEARCHED = 400  # instants at which the rise is looked for
+EARLIEST = 1e-5  # of the record: the first of them
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Curves:
+    """Outputs of every channel.
+
+    Attributes
+    ----------
+    time, outputs : ndarray (P,) and (P, N)
+        s and V.
+    rise, stop : float
+        Ends of the window of the first rise and of the whole record, s.
+    """
+
+    time: Floats
+    outputs: Floats
+    rise: float
+    stop: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinearResponse:
+    """The step response of a linear board of some channels, at any instant.
+
+    Attributes
+    ----------
+    rise, stop : float
+        As in `Curves`.
+    """
+
+    solution: Exact
+    signs: Floats
+    scales: TimeScales
+    rise: float
+    stop: float
+
+    @classmethod
+    def of(
+        cls, board: LinearBoard, scales: TimeScales, stop: float, initial: Initial
+    ) -> LinearResponse:
+        """Solve a small linear board; raises `EngineError` as `exact_solution`."""
+        solution = exact_solution(board, initial=initial, stop=stop)
+        signs = np.array([output.sign for output in board.circuit.outputs])
+        return cls(solution, signs, scales, _rise(solution, stop), stop)
+
+    def curves(self, end: float) -> Curves:
+        """Return the outputs from 0 to `end`, s, with `PER_PERIOD` points a period of ringing."""
+        period = min((r.period for r in self.scales.ringing), default=math.inf)
+        wanted = PER_PERIOD * end / period if period > 0.0 else 0.0
+        count = int(min(max(wanted, POINTS), MOST))
+        step = end / (count - 1)
+        with np.errstate(over="ignore", invalid="ignore"):
+            values = self.solution.uniform(step, count) * self.signs
+        return Curves(np.linspace(0.0, end, count), values, self.rise, self.stop)
+
+
+def _rise(solution: Exact, stop: float) -> float:
+    """Return the end of a window that shows the first rise of every channel, s."""
+    times = np.geomspace(EARLIEST * stop, stop, SEARCHED)
+    with np.errstate(over="ignore", invalid="ignore"):
+        moved = np.abs(solution.at(times) - solution.start)
+    steps = np.abs(solution.final - solution.start)
+    large = steps > 0.05 * steps.max(initial=0.0)
+    if not large.any():
+        return stop
+    reached = moved[:, large] >= RISEN * steps[large]
+    first = times[np.where(reached.any(axis=0), reached.argmax(axis=0), SEARCHED - 1)]
+    return min(TIMES_RISE * float(first.max()), stop)
+
 
 GROWS = "the board is unstable: the smallest disturbance {how}, until the op-amps limit it"
 LIMITED = (
@@ -88,7 +165,7 @@ class PoleView:
 
 
 @dataclass(frozen=True, slots=True)
-class Boundary:
+class StableValues:
     """The values of C that are stable at the other values.
 
     Attributes
@@ -178,27 +255,27 @@ def view_limits(view: RestView, poles: PoleView) -> tuple[str, ...]:
     return tuple(LIMITED.format(load=describe(load)) for load in above[:1])
 
 
-def view_boundary(view: RestView, poles: PoleView, low: float, high: float) -> Boundary:
+def view_boundary(view: RestView, poles: PoleView, low: float, high: float) -> StableValues:
     """Find the values of C from `low` to `high`, F, that are stable.
 
     The edges are solved as `onset` solves them: by the loci of the capacitors, not by samples.
     """
     own = view.board.circuit.value("C")
     if view.board.descriptor.is_large:
-        return Boundary(unknown="a board of this size: `taction onset SCENE --over C` finds it")
+        return StableValues(unknown="a board of this size: `taction onset SCENE --over C` finds it")
     try:
         around = max(high / own, own / low)
         found = stable_values(view.board, around=around, found=poles.poles)
     except EngineError as error:
-        return Boundary(unknown=str(error))
+        return StableValues(unknown=str(error))
     if not poles.poles.certain:
-        return Boundary(unknown="a pole of the board is on the imaginary axis")
+        return StableValues(unknown="a pole of the board is on the imaginary axis")
     stable = tuple(
         (max(first, low), min(last, high))
         for first, last in found.stable_ranges
         if first < high and last > low
     )
-    return Boundary(low, high, stable, found.near)
+    return StableValues(low, high, stable, found.near)
 
 
 def true_outputs(view: RestView) -> Floats | None:

@@ -12,12 +12,12 @@ import numpy as np
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import TactionError
-from taction.verification.design.explorer_curves import Curves
+from taction.verification.design.board_view import Curves
+from taction.verification.design.trials import BARE
 from taction.verification.verdict.checks import Check
-from taction.verification.verdict.progress import Effort
+from taction.verification.verdict.record import ERROR, Record
 from taction.verification.verdict.verify import Verdict, verify
 
-BARE = Effort(details=False, full_margin=False)
 WINDOW = 10.0  # times the longest rise time: the window of the first rise
 
 
@@ -27,40 +27,63 @@ class Judgement:
 
     Attributes
     ----------
-    outcome : str
-        Of the verdict, or ``"error"`` if there is none, for the reason `error`.
-    checks : tuple of Check
-        All checks with values, limits and reasons.
+    record : Record
+        Of the verdict, or why there is none.
     warnings : tuple of str
         Remarks of the verdict.
-    settling, rise : float or None
-        Of the network, s.
-    overshoot : float or None
-        Largest of all channels, fraction of the step; None for a board that is not stable.
     engine : str
         The simulator of the record.
     curves : Curves or None
         The record.
-    amplitude : float
-        Step amplitude, V.
     difference : float or None
         Largest difference of the two engines, fraction of the step; None if only one ran.
-    seconds : float
-        Wall time, s.
     """
 
-    outcome: str
-    checks: tuple[Check, ...] = ()
+    record: Record
     warnings: tuple[str, ...] = ()
-    settling: float | None = None
-    rise: float | None = None
-    overshoot: float | None = None
     engine: str = ""
     curves: Curves | None = None
-    amplitude: float = 0.0
     difference: float | None = None
-    seconds: float = 0.0
-    error: str = ""
+
+    @classmethod
+    def without_verdict(cls, error: Exception) -> Judgement:
+        """Return why there is no verdict."""
+        return cls(Record.without_verdict(type(error).__name__, str(error), ""))
+
+    @property
+    def outcome(self) -> str:
+        """The outcome of the verdict, or ``"error"`` without one."""
+        return self.record.outcome
+
+    @property
+    def error(self) -> str:
+        """Why there is no verdict."""
+        return self.record.reason if self.outcome == ERROR else ""
+
+    @property
+    def checks(self) -> tuple[Check, ...]:
+        """All checks with values, limits and reasons."""
+        return self.record.checks
+
+    @property
+    def settling(self) -> float | None:
+        """Settling time of the network, s."""
+        return self.record.value("settling_time")
+
+    @property
+    def rise(self) -> float | None:
+        """Rise time of the network, s."""
+        return self.record.value("rise_time")
+
+    @property
+    def overshoot(self) -> float | None:
+        """Largest overshoot, fraction of the step; None for a board that is not stable."""
+        return self.record.value("overshoot") if self.record.stable else None
+
+    @property
+    def seconds(self) -> float | None:
+        """Wall time, s."""
+        return self.record.value("seconds")
 
 
 def judge(scene: Scene, engine: str, budget: int) -> Judgement:
@@ -83,26 +106,14 @@ def judge(scene: Scene, engine: str, budget: int) -> Judgement:
     try:
         verdict = verify(scene.with_engine(engine), effort=BARE)
     except TactionError as error:
-        return Judgement("error", error=str(error))
-    measured = verdict.measurements
-    settling, rise = measured.settling_time, measured.rise_time
-    overshoots = [channel.overshoot for channel in measured.channels]
-    difference, agreement = None, verdict.agreement
-    if agreement is not None and not agreement.reason and measured.amplitude > 0.0:
-        difference = agreement.difference / measured.amplitude
-    return Judgement(
-        outcome=verdict.outcome.value,
-        checks=verdict.checks,
-        warnings=verdict.warnings,
-        settling=None if settling is None else settling.value,
-        rise=None if rise is None else rise.value,
-        overshoot=max(overshoots, default=None) if verdict.poles.stable else None,
-        engine=verdict.waveforms.simulator,
-        curves=_curves(verdict, budget),
-        amplitude=measured.amplitude,
-        difference=difference,
-        seconds=verdict.timing["total"],
-    )
+        return Judgement.without_verdict(error)
+    amplitude, difference = verdict.measurements.amplitude, None
+    agreement = verdict.agreement
+    if agreement is not None and not agreement.reason and amplitude > 0.0:
+        difference = agreement.difference / amplitude
+    record = Record.of(verdict, channels=False)
+    engine, curves = verdict.waveforms.simulator, _curves(verdict, budget)
+    return Judgement(record, verdict.warnings, engine, curves, difference)
 
 
 def _curves(verdict: Verdict, budget: int) -> Curves:

@@ -1,28 +1,174 @@
-"""A scene for a matrix and a strain from files: lambda chosen, scaled, stable and verified."""
+"""A scene for a matrix and a strain from files: lambda chosen, scaled, stable and verified.
+
+Entries of T that do not move the solution are left out (`pruning_for`). The limits of the checks
+follow from the tolerance of the resistors (`with_limits`).
+"""
 
 from __future__ import annotations
 
+import math
 import os
 import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
 
+from taction.netlist_gen.board.part_warnings import LEAST_OHMS, MOST_OHMS
 from taction.netlist_gen.scene.array_files import read_table
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.problem import fitted
 from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.netlist_gen.scene.writing import scene_text
+from taction.netlist_gen.topologies.frame.planes import pruned
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError, SolverError
-from taction.verification.design.fresh_limits import BAND, WANTED, with_limits
-from taction.verification.design.fresh_pruning import Pruning, pruning_for
 from taction.verification.design.scaling import SHARE, Scaling, scale
-from taction.verification.reference import Problem
+from taction.verification.reference import Problem, solve
+from taction.verification.reference.changed_matrix import change_bound
 from taction.verification.reference.lambda_choice import RuleInputs, choose
+from taction.verification.studies.tolerance.rest_slopes import rest_slopes
+from taction.verification.studies.tolerance.varied_board import VariedBoard, prepare
+
+GRADES = (0.01, 1e-3, 1e-4)  # tolerances of resistors that are sold, the cheapest first
+WANTED = 0.02  # a better grade is taken where the limit would be above this share of the step
+BEYOND = 0.02  # share of the boards with a channel beyond the limit
+ROUND = (1.0, 2.0, 5.0, 10.0)
+LEAST = 1e-3  # the default limit
+BAND = 2.0  # the settling band over the limit
+
+
+def with_limits(scene: Scene) -> tuple[Scene, str]:
+    """Return the scene with limits that 98 % of its boards keep at rest, and how they were chosen.
+
+    Resistors within their tolerance move the outputs at rest. To first order the error of channel n
+    is Gaussian with ``sigma_n² = sum_p (dy_n/dp)² / 9``, since a tolerance is three sigma. The
+    limit is above the error that one of N channels exceeds in 2 % of the boards.
+
+    Raises
+    ------
+    InputError, NoVerdictError
+        The board cannot be built, or has no equilibrium.
+    """
+    for grade in GRADES:
+        changed = with_values(scene, {"tolerances.resistor": grade})
+        share = exceeded(prepare(changed), BEYOND)
+        if share <= WANTED:
+            break
+    limit = max(LEAST, rounded_up(share))
+    keys = {"checks.steady_state.tolerance": limit, "checks.settling_time.band": BAND * limit}
+    note = (
+        f"resistors of {100 * grade:g} % move the outputs at rest by up to {100 * share:.2g} % of"
+        f" the step in 98 % of the boards: the limit is {100 * limit:g} %"
+    )
+    return with_values(changed, keys), note
+
+
+def exceeded(board: VariedBoard, beyond: float) -> float:
+    """Return the error at rest that a share of the boards exceeds in a channel, in steps."""
+    slopes = rest_slopes(board)
+    sigma = np.sqrt((slopes**2).sum(axis=0)) / 3.0
+    quantile = NormalDist().inv_cdf(1.0 - beyond / (2.0 * slopes.shape[1]))
+    share = quantile * float(sigma.max(initial=0.0)) / board.step_amplitude
+    return share if math.isfinite(share) else 0.0  # without a step nothing is judged
+
+
+def rounded_up(value: float) -> float:
+    """Return the next number of 1, 2, 5 and 10 times a power of ten.
+
+    Examples
+    --------
+    >>> rounded_up(0.0123)
+    0.02
+    """
+    decade = 10.0 ** math.floor(math.log10(value)) if value > 0.0 else 0.0
+    return next((float(f"{m * decade:.1g}") for m in ROUND if m * decade >= value), 0.0)
+
+
+FRACTIONS = (1e-3, 3e-4, 1e-4, 3e-5, 1e-5)  # of the largest entry, the most pruning first
+NECESSARY = LEAST_OHMS / MOST_OHMS  # smaller entries have no resistor that can be bought
+UNSEEN = 2e-4  # of the largest output: a fifth of the least limit of a fresh scene
+
+
+@dataclass(frozen=True, slots=True)
+class Pruning:
+    """A fraction for ``design.prune``, and what it changes.
+
+    Attributes
+    ----------
+    fraction : float
+        Of the largest entry; 0 where every entry stays.
+    entries : int
+        Number of entries that are left out.
+    change, bound : float
+        Change of the solution and its proven bound, shares of the largest output.
+    """
+
+    fraction: float = 0.0
+    entries: int = 0
+    change: float = 0.0
+    bound: float = 0.0
+
+    @property
+    def note(self) -> str:
+        """What is left out, in words; empty where nothing is."""
+        if not self.entries:
+            return ""
+        return (
+            f"design.prune = {self.fraction:g} leaves out {self.entries} of the entries of T: the"
+            f" solution changes by {100 * self.change:.2g} % of the largest output (proven:"
+            f" at most {100 * self.bound:.2g} %)"
+        )
+
+
+def pruning_for(T: Floats, eps: Floats, lam: float) -> Pruning:
+    """Return the most pruning that changes the solution by less than a fifth of any limit.
+
+    A kernel that decays, a Gaussian for example, has entries over many decades. Resistors cannot be
+    bought over more than six, and few entries below a thousandth of the largest move the solution.
+
+    Parameters
+    ----------
+    T : ndarray (M, N)
+    eps : ndarray (M,)
+    lam : float
+
+    Returns
+    -------
+    Pruning
+        Without entries where the entries that are not zero differ by less than the factor 1000.
+        Where every fraction changes the solution by more than `UNSEEN`, the smallest that gives
+        resistors that can be bought, if there must be one.
+
+    Raises
+    ------
+    SolverError
+        The problem cannot be solved.
+
+    Examples
+    --------
+    >>> T = np.array([[1.0, 1e-9], [0.5, 1.0]])
+    >>> found = pruning_for(T, np.array([1.0, 1.0]), 0.1)
+    >>> found.fraction, found.entries, found.change <= found.bound < 1e-8
+    (0.001, 1, True)
+    """
+    before = solve(Problem(T, eps, lam))
+    largest = float(np.abs(before.u).max(initial=0.0)) or 1.0
+    for fraction in (*FRACTIONS, NECESSARY):
+        kept = pruned(T, fraction)
+        entries = int(np.count_nonzero(kept != T))
+        if not entries:
+            continue
+        after = solve(Problem(kept, eps, lam))
+        change = float(np.abs(after.u - before.u).max()) / largest
+        if change <= UNSEEN or fraction == NECESSARY:
+            bound = change_bound(before, kept) / largest
+            return Pruning(fraction, entries, change, bound)
+    return Pruning()
+
 
 WIDTH = 98  # of a comment
 LOOSE = {"steady_state": {"tolerance": WANTED}, "settling_time": {"band": BAND * WANTED}}

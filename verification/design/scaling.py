@@ -3,9 +3,10 @@
 The matrix sets G0: on the logarithmic scale its resistors lie in the middle of the range that can
 be bought. The strain sets s: the constraint plane swings about as far as the outputs,
 ``s G0 max|eps| = max|u|``, as far as R stays in that range; where the slew rate would keep the
-outputs low, s is up to ten times smaller. At last U0: the loads of the board (`headroom`) are
-proportional to U0 on a linear board, and the highest output voltage becomes the wanted share of the
-swing.
+outputs low, s is up to ten times smaller. R and s are values of the scene's series (E24 if it names
+none), and G0 takes up the rounding, so that lambda is exact: ``lambda = 1 / (R s G0²)``, and the
+like for other amplifiers. At last U0: the loads of the board (`headroom`) are proportional to U0 on
+a linear board, and the highest output voltage becomes the wanted share of the swing.
 """
 
 from __future__ import annotations
@@ -17,22 +18,87 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from taction.netlist_gen.board.buyable_values import buyable
-from taction.netlist_gen.board.part_warnings import part_warnings
+from taction.netlist_gen.board.part_warnings import LEAST_OHMS, MOST_OHMS, part_warnings
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.errors import EngineError
-from taction.verification.design.resistors import scaled_resistors
+from taction.system.errors import Complaint, EngineError, InputError
 from taction.verification.design.search import search_range
 from taction.verification.design.stable_ranges import stable_ranges
 from taction.verification.design.trials import Trials, at_small_signal
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
+from taction.verification.reference import lambda_times_resistance
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
 from taction.verification.stability.poles import Poles, poles_behind
 from taction.verification.verdict.headroom import FULL, Load, PartLoads, describe
 from taction.verification.verdict.transient_plan import plan_transient
+
+MIDDLE = 1e5  # ohm: geometric mean of the largest and the smallest matrix resistor
+
+
+def scaled_resistors(
+    scene: Scene, problem: InverseProblem, answer: IdealAnswer, factor: float, notes: list[str]
+) -> dict[str, float]:
+    """Return s and G0 by their paths; R, which follows from lambda, is in the series, too.
+
+    Parameters
+    ----------
+    factor : float
+        Of s, times the value that balances constraint plane and outputs.
+    notes : list of str
+        Receives what could not be reached.
+
+    Raises
+    ------
+    InputError
+        T or lambda need resistors out of the range that can be bought.
+    """
+    sizes = np.abs(problem.matrix[problem.matrix != 0.0])
+    smallest, largest = float(sizes.min()), float(sizes.max())
+    pruned = sizes[sizes >= scene.design.prune * largest]
+    smallest = float(pruned.min())
+    if largest / smallest > MOST_OHMS / LEAST_OHMS:
+        ratio = LEAST_OHMS / MOST_OHMS
+        text = (
+            f"the entries of T differ by the factor {largest / smallest:.3g}, and resistors that"
+            f" can be bought by {1 / ratio:.3g}; leave out small entries with design.prune ="
+            f" {ratio:.1g} or more"
+        )
+        raise InputError(scene.file, Complaint("problem", "", text))
+    unit = 1.0 / (MIDDLE * math.sqrt(largest * smallest))
+    unit = min(max(unit, 1.0 / (MOST_OHMS * smallest)), 1.0 / (LEAST_OHMS * largest))
+    lam, product = answer.network.lam, _product(scene, unit)
+    strain = float(np.abs(problem.strain).max(initial=0.0))
+    drive = float(np.abs(answer.solution.u).max(initial=0.0))
+    balanced = drive / (unit * strain) if strain and drive else math.sqrt(product / lam)
+    low, high = product / lam / MOST_OHMS, product / lam / LEAST_OHMS
+    low, high = max(low, LEAST_OHMS), min(high, MOST_OHMS)
+    if low > high:
+        text = (
+            f"no s and R between {LEAST_OHMS:g} and {MOST_OHMS:g} ohm have this lambda; expected"
+            f" about {product / MOST_OHMS**2:.1g} to {product / LEAST_OHMS**2:.1g}"
+        )
+        raise InputError(scene.file, Complaint("design.lambda", f"{lam:g}", text))
+    series = scene.design.resistor_series
+    series = "E24" if series == "exact" else series
+    gain = buyable(min(max(factor * balanced, low), high), series)
+    resistance = buyable(product / (lam * gain), series)
+    if not low <= balanced <= high:
+        notes.append("s is not balanced with the outputs: R would be out of its range")
+    unit *= math.sqrt(product / (lam * gain * resistance))
+    return {"design.gain": gain, "design.unit_conductance": unit}
+
+
+def _product(scene: Scene, unit: float) -> float:
+    """Return lambda R s, ohm²."""
+    design = scene.design
+    slope = design.exponential_slope or 1.0
+    return lambda_times_resistance(
+        design.amplifier, s=1.0, G0=unit, U0=design.unit_voltage, Ve=slope
+    )
+
 
 SHARE = 0.5  # of the swing, for the highest output voltage
 SMALLER = (1.0, 0.3, 0.1)  # times the balanced s, while slopes or currents set U0

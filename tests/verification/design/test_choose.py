@@ -13,8 +13,13 @@ from taction.cli.main import main
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.system.errors import InputError
-from taction.verification.design.choose_ranking import best_designs, design_scene, designs
-from taction.verification.design.choose_request import Request, choice_plan
+from taction.verification.design.choose import (
+    Request,
+    best_designs,
+    choice_plan,
+    design_scene,
+    designs,
+)
 from taction.verification.report.choose.picture import plot_choice
 from taction.verification.studies.store import Store
 from taction.verification.verdict.checks import Check, Outcome

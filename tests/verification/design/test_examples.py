@@ -9,7 +9,7 @@ import pytest
 
 from taction.netlist_gen.board import buyable_values, part_warnings
 from taction.netlist_gen.scene import writing
-from taction.verification.design import choose_request, ranges, scaling, stable_ranges
+from taction.verification.design import choose, ranges, scaling, stable_ranges
 from taction.verification.report.verdict import remedies
 from tests.support.paths import ROOT
 
@@ -17,7 +17,7 @@ MODULES = (
     buyable_values,
     part_warnings,
     remedies,
-    choose_request,
+    choose,
     scaling,
     stable_ranges,
     ranges,

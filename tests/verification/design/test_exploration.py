@@ -19,9 +19,17 @@ from taction.verification.design.board_view import (
     view_poles,
     view_rest,
 )
-from taction.verification.design.explorer_controls import CAPACITANCE, GAIN, LAMBDA, STRAY, VARIANCE
 from taction.verification.design.explorer_judgement import judge
-from taction.verification.design.explorer_settings import Settings, Start, read_value
+from taction.verification.design.explorer_settings import (
+    CAPACITANCE,
+    GAIN,
+    LAMBDA,
+    STRAY,
+    VARIANCE,
+    Settings,
+    Start,
+    read_value,
+)
 from tests.support.paths import SCENES
 
 ONE = {

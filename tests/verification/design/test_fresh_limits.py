@@ -7,7 +7,7 @@ import pytest
 
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import Scene
-from taction.verification.design.fresh_limits import (
+from taction.verification.design.fresh_scene import (
     BAND,
     GRADES,
     exceeded,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from taction.verification.design.choose_ranking import Design
+from taction.verification.design.choose import Design
 from taction.verification.report.renderers.picture import draw_sheet
 from taction.verification.report.views.choose import sheet
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from rich.console import Console
 
-from taction.verification.design.choose_ranking import Confirmation, Design
+from taction.verification.design.choose import Confirmation, Design
 from taction.verification.report.renderers.terminal import print_page
 from taction.verification.report.views.choose import proposed as proposed
 from taction.verification.report.views.choose import view

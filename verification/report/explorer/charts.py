@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from taction.system.array_types import Floats
-from taction.verification.design.board_view import PoleView, RestView, true_outputs
-from taction.verification.design.explorer_curves import Curves
+from taction.verification.design.board_view import Curves, PoleView, RestView, true_outputs
 from taction.verification.report.charts import (
     Axis,
     Band,

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from taction.netlist_gen.scene.scene import Scene
-from taction.verification.design.board_view import PoleView, RestView, view_poles, view_rest
-from taction.verification.design.explorer_curves import Curves
+from taction.verification.design.board_view import Curves, PoleView, RestView, view_poles, view_rest
 from taction.verification.design.explorer_judgement import Judgement
 from taction.verification.design.explorer_settings import Settings, Start
 from taction.verification.report.explorer.charts import Part, chart_part, outputs_chart

@@ -6,10 +6,9 @@ import math
 from dataclasses import asdict
 
 from taction.netlist_gen.scene.open_tables import OPAMPS
-from taction.verification.design.board_view import Boundary, PoleView, RestView
-from taction.verification.design.explorer_controls import STEPS, Control
+from taction.verification.design.board_view import PoleView, RestView, StableValues
 from taction.verification.design.explorer_judgement import Judgement
-from taction.verification.design.explorer_settings import Settings, Start
+from taction.verification.design.explorer_settings import STEPS, Control, Settings, Start
 from taction.verification.report.explorer.charts import (
     Part,
     chart_part,
@@ -91,7 +90,7 @@ def poles_part(view: PoleView) -> Part:
     return {"doubts": doubts, "poles": chart_part(poles_chart(view))}
 
 
-def boundary_part(boundary: Boundary, control: Control) -> Part:
+def boundary_part(boundary: StableValues, control: Control) -> Part:
     """Return the stable values of C as parts of the slider, and in words."""
     if boundary.unknown:
         text = f"not known: {readable(boundary.unknown)}"
@@ -105,7 +104,7 @@ def boundary_part(boundary: Boundary, control: Control) -> Part:
     return {"boundary": {"parts": parts, "text": text, "unknown": False}}
 
 
-def _range(low: float, high: float, boundary: Boundary) -> str:
+def _range(low: float, high: float, boundary: StableValues) -> str:
     if low <= boundary.low and high >= boundary.high:
         return "every value on this slider"
     if high >= boundary.high:

@@ -14,10 +14,15 @@ from typing import Any
 
 from taction.system.errors import InputError, TactionError
 from taction.system.quantities import readable
-from taction.verification.design.board_view import Boundary, view_boundary, view_limits
-from taction.verification.design.explorer_controls import CAPACITANCE, STEPS
+from taction.verification.design.board_view import StableValues, view_boundary, view_limits
 from taction.verification.design.explorer_judgement import Judgement, judge
-from taction.verification.design.explorer_settings import Settings, Start, read_value
+from taction.verification.design.explorer_settings import (
+    CAPACITANCE,
+    STEPS,
+    Settings,
+    Start,
+    read_value,
+)
 from taction.verification.report.explorer.charts import KEPT, Part
 from taction.verification.report.explorer.jobs import Job
 from taction.verification.report.explorer.look import Look, look_at
@@ -59,7 +64,7 @@ class Session:
     window: str = "rise"
     _number: int = 0  # of the newest values
     _look: Look | None = None  # at the newest values
-    _boundary: tuple[object, Boundary] | None = None  # and the values that it holds for
+    _boundary: tuple[object, StableValues] | None = None  # and the values that it holds for
     _sent: Part = field(default_factory=dict)  # the last of `KEPT_KEYS` that the page has
     _simulates: bool = False
     _turn: asyncio.Lock = field(default_factory=asyncio.Lock)
@@ -134,7 +139,7 @@ class Session:
                 lambda: number == self._number, judge, look.scene, "statespace", KEPT
             )
         except WorkerDiedError as error:
-            found = Judgement("error", error=str(error))
+            found = Judgement.without_verdict(error)
         if found is None or number != self._number or self._look is None:
             return
         self._look = self._look.judged(found)

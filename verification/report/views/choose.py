@@ -8,8 +8,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from taction.netlist_gen.scene.scene import Scene
-from taction.verification.design.choose_ranking import Confirmation, Design
-from taction.verification.design.choose_request import CAPACITANCE, GAIN
+from taction.verification.design.choose import CAPACITANCE, GAIN, Confirmation, Design
 from taction.verification.report.blocks import (
     PAGE,
     TERMINAL,
