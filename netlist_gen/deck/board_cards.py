@@ -1,18 +1,172 @@
-"""The cards of a board: all its parts except the strain currents, in one file or in two."""
+"""The cards of a board: header, parameters, and all parts but the strain currents."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
+from itertools import groupby
 
-from taction.netlist_gen.board.circuit import GROUND, Circuit
-from taction.netlist_gen.deck.header import header_lines
-from taction.netlist_gen.deck.matrix_cards import matrix_lines
-from taction.netlist_gen.deck.parameters import NO_PARAMETERS, Parameters
+import numpy as np
+
+from taction.netlist_gen.board.circuit import GROUND, Circuit, Fact, ResistorMatrix
 from taction.netlist_gen.scene.open_tables import AMPLIFIERS
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.subcircuits import amplifier_lines, opamp_subcircuit
 from taction.spice_models.transistor import model_card
+from taction.system.array_types import Floats
+
+
+def matrix_lines(matrices: Iterable[ResistorMatrix]) -> list[str]:
+    """Return one line per resistor, by matrices and rows: ``Rf_3_5`` is row 3, column 5."""
+    lines: list[str] = []
+    printed: dict[int, list[list[str]]] = {}  # forward and feedback resistors are one array
+    for matrix in matrices:
+        if id(matrix.ohms) not in printed:
+            printed[id(matrix.ohms)] = _printed(matrix.ohms)
+        for k, row in enumerate(printed[id(matrix.ohms)]):
+            name = f"{matrix.name}_{k + 1}_"
+            lines += [
+                f"{name}{n} {drive} {sink} {ohms}"
+                for n, (drive, sink, ohms) in enumerate(zip(*_ends(matrix, k), row, strict=True), 1)
+                if ohms
+            ]
+    return lines
+
+
+def _printed(ohms: Floats) -> list[list[str]]:
+    """Return the text of every entry, "" if infinite; each distinct value is printed once."""
+    values, places = np.unique(ohms, return_inverse=True)
+    texts = np.array([repr(v) if v != math.inf else "" for v in values.tolist()], dtype=object)
+    rows: list[list[str]] = texts[places].reshape(ohms.shape).tolist()
+    return rows
+
+
+def _ends(matrix: ResistorMatrix, k: int) -> tuple[Sequence[str], Sequence[str]]:
+    """Return the driving and the summing nodes of row `k`."""
+    signs = matrix.negative[k].tolist()
+    if not matrix.by_column:
+        ends = matrix.plus[k], matrix.minus[k]
+        return [ends[sign] for sign in signs], matrix.sinks
+    pairs = zip(matrix.plus, matrix.minus, signs, strict=True)
+    drives = [minus if negative else plus for plus, minus, negative in pairs]
+    return drives, [matrix.sinks[k]] * len(drives)
+
+
+def header_lines(circuit: Circuit) -> list[str]:
+    """Return the header of `circuit` as SPICE comments.
+
+    Its only text by the user is the scene's name: letters, digits and ``-_.`` only.
+    """
+    sensors, channels = circuit.shape
+    lines = [
+        f"scene {circuit.name}: {channels} channels, {sensors} sensors,"
+        f" {circuit.amplifier} amplifiers, topology {circuit.topology}",
+        "units: ohm, F, V, A, s; values are plain floats",
+        *_facts(circuit),
+    ]
+    outputs = ", ".join(
+        f"u_{n} = {'-' if out.sign < 0 else ''}v({out.node})"
+        for n, out in enumerate(circuit.outputs[:3], 1)
+    )
+    lines.append("outputs: " + outputs + (", ..." if len(circuit.outputs) > 3 else ""))
+    lines.append("Rf_k_n, Rb_k_n: forward and feedback resistor of row k, column n of T")
+    lines += [f"left out: {item.what}; {item.why}" for item in circuit.omissions]
+    return ["* " + line for line in lines]
+
+
+def _facts(circuit: Circuit) -> Iterator[str]:
+    """Yield the facts, values of parts in one line, others in a line each with their sentence."""
+    for of_parts, facts in groupby(circuit.facts.values(), lambda fact: bool(fact.role)):
+        texts = [_written(fact) for fact in facts]
+        yield from [", ".join(texts)] if of_parts else texts
+
+
+def _written(fact: Fact) -> str:
+    text = f"{fact.symbol} = {fact.value!r} {fact.unit}".rstrip()
+    return f"{text}   ({fact.sentence})" if fact.sentence else text
+
+
+ROUNDING = 1e-12  # relative: above it a value of the board is not what its expression gives
+
+
+@dataclass(frozen=True, slots=True)
+class Parameters:
+    """The head of a deck with parameters, and the expressions of its parts.
+
+    Attributes
+    ----------
+    lines : tuple of str
+        Cards ``.param`` and comments, in the words of ngspice.
+    expressions : dict of str to str
+        Expression in the place of the number, by the name of the card.
+    """
+
+    lines: tuple[str, ...]
+    expressions: Mapping[str, str]
+
+
+NO_PARAMETERS = Parameters((), {})
+
+
+def parameters_of(circuit: Circuit, *, fixed_lambda: bool = False) -> Parameters:
+    """Return C, gain and lambda of `circuit` as parameters.
+
+    The parameters are the facts that are knobs with a margin, and lambda; R follows from them. The
+    topology states the expressions of the parts.
+
+    Parameters
+    ----------
+    fixed_lambda : bool
+        Whether lambda stays the number that it is, for a deck whose measures hold for it alone.
+
+    Raises
+    ------
+    ValueError
+        A part of the board has another value than its expression.
+
+    Examples
+    --------
+    >>> import taction
+    >>> found = parameters_of(taction.synthesise(taction.load_scene("scenes/known-readings.toml")))
+    >>> found.lines[1:4]
+    ('.param C=1.5e-11', '.param gain=1000000.0', '.param lambda=0.05')
+    >>> found.expressions["Rs_1"], found.expressions["Cc_1"], found.expressions["Rr_1"]
+    ('gain', 'C', 'R')
+    """
+    free = [knob.name for knob in circuit.knobs if knob.margin]
+    free += [] if fixed_lambda else ["lambda"]
+    lines = [
+        "* edit these numbers; the values of all other parts stay as they are",
+        *(f".param {name}={circuit.value(name)!r}" for name in free),
+        *(f".param {fact.name}={{{_law(circuit, fact, free)}}}" for fact in _following(circuit)),
+        "* the stop time and the steps hold for the numbers that taction wrote",
+    ]
+    values = {part.card: part.ohms for part in circuit.resistors}
+    values |= {part.card: part.farads for part in circuit.capacitors}
+    expressions: dict[str, str] = {}
+    for card, (text, number) in circuit.expressions.items():
+        if not math.isclose(number, values[card], rel_tol=ROUNDING):
+            raise ValueError(
+                f"{card} is {values[card]!r}, but its expression {text} gives {number!r}"
+            )
+        expressions[card] = text
+    return Parameters(tuple(lines), expressions)
+
+
+def _following(circuit: Circuit) -> list[Fact]:
+    return [fact for fact in circuit.facts.values() if fact.follows is not None]
+
+
+def _law(circuit: Circuit, fact: Fact, free: Sequence[str]) -> str:
+    """Return the expression of a fact that follows from others; those not `free` are numbers."""
+    number, over = fact.follows or (fact.value, ())
+    for name in over:
+        if name not in free:
+            number /= circuit.value(name)
+    names = "*".join(name for name in over if name in free)
+    return f"{number!r}/({names})" if "*" in names else f"{number!r}/{names}"
 
 
 def board_text(

@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING
 
 from taction.netlist_gen.analysis import Analysis, Noise, Transient
 from taction.netlist_gen.board.circuit import GROUND, Circuit
-from taction.netlist_gen.deck.board_cards import board_text
+from taction.netlist_gen.deck.board_cards import NO_PARAMETERS, Parameters, board_text
 from taction.netlist_gen.deck.checks import check_circuit, check_request, tolerances
 from taction.netlist_gen.deck.dialects.dialect import NATIVE, Dialect, Request, starts_from_rest
 from taction.netlist_gen.deck.dialects.table import DIALECTS
-from taction.netlist_gen.deck.parameters import NO_PARAMETERS, Parameters
 
 if TYPE_CHECKING:
     from PySpice.Spice.Netlist import Circuit as PySpiceCircuit

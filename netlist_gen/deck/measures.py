@@ -1,16 +1,21 @@
-"""Rise time, settling time and overshoot as ``.meas`` cards of a deck.
+"""What a deck measures: ``.meas`` cards of a transient, ``.noise`` cards of the outputs.
 
-The definitions are those of `verification.readings.measure`; the distance of each channel from its
-target, and the largest of them, are nodes of their own, so that one crossing, the last one, is the
-settling time. A simulator interpolates its points by straight lines.
+Rise time, settling time and overshoot are ``.meas`` cards. The definitions are those of
+`verification.readings.measure`; the distance of each channel from its target, and the largest of
+them, are nodes of their own, so that one crossing, the last one, is the settling time. A simulator
+interpolates its points by straight lines.
+
+A noise analysis has the noise of the sensors, and one ``.noise`` for each band.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.analysis import Noise
+from taction.netlist_gen.board.circuit import Circuit, NoiseCurrent
+from taction.spice_models.thermal_noise import THERMAL
 from taction.system.reading_definitions import RISE_LEVELS, SMALL_STEP
 
 END = 0.9  # of the record: from there on a channel that has settled is inside the band
@@ -117,3 +122,32 @@ def _excursion(n: int, node: str, ends: tuple[float, float], amplitude: float) -
     yield f".meas tran low_{n} MIN V({node})"
     value = f"max(0,max(peak_{n}-({high!r}),({low!r})-low_{n})/{amplitude!r})"
     yield f".meas tran overshoot_{n} param='{value}'"
+
+
+SOURCE = "Vnoise noise_in 0 0.0 ac 1.0"
+"""The input that ngspice asks for. It is connected to nothing: input-referred noise is not used."""
+
+SAVED = ".save onoise_spectrum onoise_total"
+
+
+def noise_cards(analysis: Noise, node: str, sensors: Iterable[NoiseCurrent] = ()) -> list[str]:
+    """Return the cards of `analysis` for the voltage of a node.
+
+    The noise of a sensor is the thermal current of a resistor on a node of its own.
+
+    Examples
+    --------
+    >>> from taction.netlist_gen.analysis import Band
+    >>> noise_cards(Noise((Band(1.0, 20, 20),)), "v_1")[2]
+    '.noise v(v_1) Vnoise dec 20 1.0 10.0'
+    """
+    cards = [
+        f".noise v({node}) Vnoise dec {band.density} {band.start!r} {band.stop!r}"
+        for band in analysis.bands
+    ]
+    lines = []
+    for part in sensors:
+        ohms = THERMAL / part.density**2
+        lines.append(f"Rnoise_{part.name} noise_{part.name} 0 {ohms!r}")
+        lines.append(f"Gnoise_{part.name} 0 {part.node} noise_{part.name} 0 {1.0 / ohms!r}")
+    return [*lines, SOURCE, SAVED, *cards]

@@ -20,7 +20,7 @@ from taction.netlist_gen.board.circuit import (
     common_facts,
 )
 from taction.netlist_gen.deck.deck import Deck
-from taction.netlist_gen.deck.noise_cards import noise_cards
+from taction.netlist_gen.deck.measures import noise_cards
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.subcircuits import opamp_subcircuit
 

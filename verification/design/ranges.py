@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from taction.netlist_gen.board.buyable_values import buyable, series_of, values_between
+from taction.netlist_gen.board.preferred_values import buyable, series_of, values_between
 from taction.netlist_gen.scene.keys import find_key, own_value, read_value
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import Complaint, InputError

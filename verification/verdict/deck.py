@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.deck.board_cards import NO_PARAMETERS, Parameters, parameters_of
 from taction.netlist_gen.deck.checks import FILE_NAME
 from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.netlist_gen.deck.dialects.dialect import NATIVE
 from taction.netlist_gen.deck.dialects.table import DIALECTS
-from taction.netlist_gen.deck.parameters import NO_PARAMETERS, Parameters, parameters_of
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.atomic_files import write_together

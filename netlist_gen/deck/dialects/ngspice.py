@@ -20,7 +20,7 @@ from taction.netlist_gen.deck.dialects.dialect import (
     starts_from_rest,
     temperature_of,
 )
-from taction.netlist_gen.deck.noise_cards import noise_cards
+from taction.netlist_gen.deck.measures import noise_cards
 from taction.system.errors import Complaint
 
 

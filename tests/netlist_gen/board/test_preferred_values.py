@@ -1,4 +1,4 @@
-"""Preferred values of IEC 60063."""
+"""Preferred values of IEC 60063, between two ends and of three digits, against its tables."""
 
 from __future__ import annotations
 
@@ -7,9 +7,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taction.netlist_gen.board.preferred_values import mantissas, nearest
+from taction.netlist_gen.board.preferred_values import (
+    buyable,
+    mantissas,
+    nearest,
+    series_of,
+    values_between,
+)
+from taction.netlist_gen.scene.design import Design
 
 # Every eighth value of E96 and every sixteenth of E192, as the standard's tables print them.
+E12 = (1.0, 1.2, 1.5, 1.8, 2.2, 2.7, 3.3, 3.9, 4.7, 5.6, 6.8, 8.2)  # IEC 60063
 E96 = [1.00, 1.21, 1.47, 1.78, 2.15, 2.61, 3.16, 3.83, 4.64, 5.62, 6.81, 8.25]
 E192_LAST = [8.56, 8.66, 8.76, 8.87, 8.98, 9.09, 9.20, 9.31, 9.42, 9.53, 9.65, 9.76, 9.88]
 
@@ -56,3 +64,30 @@ def test_no_resistor_stays_no_resistor_and_exact_changes_nothing() -> None:
     ohms = np.array([[np.inf, 1234.5], [1e-3, np.inf]])
     assert nearest(ohms, "E24").tolist() == [[np.inf, 1200.0], [1e-3, np.inf]]
     assert nearest(ohms, "exact") is ohms
+
+
+def test_a_series_over_two_decades() -> None:
+    expected = [*E12[6:], *(10.0 * value for value in E12[:4])]
+    assert values_between(3.0, 18.0, "E12").tolist() == pytest.approx(expected, rel=1e-15)
+
+
+def test_ends_belong_to_the_interval() -> None:
+    assert values_between(4.7e-11, 6.8e-11, "E6").tolist() == [4.7e-11, 6.8e-11]
+
+
+def test_three_digits_without_a_series() -> None:
+    assert values_between(0.998, 1.02, "exact").tolist() == [0.998, 0.999, 1.0, 1.01, 1.02]
+
+
+@pytest.mark.parametrize(
+    ("value", "series", "expected"),
+    [(5.1e-12, "E12", 4.7e-12), (5.2e-12, "E12", 5.6e-12), (12.345, "exact", 12.3)],
+)
+def test_the_nearest(value: float, series: str, expected: float) -> None:
+    assert buyable(value, series) == expected
+
+
+def test_the_series_of_a_key() -> None:
+    design = Design(resistor_series="E96", capacitor_series="E6")
+    paths = ("capacitance", "gain", "unit_voltage")
+    assert [series_of(design, f"design.{path}") for path in paths] == ["E6", "E96", "exact"]

@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from taction.netlist_gen.analysis import Analysis, OperatingPoint, Transient
 from taction.netlist_gen.board.circuit import Circuit, Resistor
 from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.deck.board_cards import matrix_lines
 from taction.netlist_gen.deck.deck import Deck, write_deck
-from taction.netlist_gen.deck.matrix_cards import matrix_lines
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import load_scene
 from taction.verification.engines.ngspice.process import find_simulator, simulate

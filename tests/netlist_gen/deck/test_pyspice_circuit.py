@@ -11,8 +11,8 @@ import pytest
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.deck.board_cards import parameters_of
 from taction.netlist_gen.deck.deck import Deck, write_deck
-from taction.netlist_gen.deck.parameters import parameters_of
 from taction.netlist_gen.scene.scene import Scene, load_scene
 from tests.support.making import make_scene
 from tests.support.other_simulators import ngspice_record

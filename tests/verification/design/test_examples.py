@@ -7,14 +7,14 @@ from types import ModuleType
 
 import pytest
 
-from taction.netlist_gen.board import buyable_values, part_warnings
+from taction.netlist_gen.board import part_warnings, preferred_values
 from taction.netlist_gen.scene import writing
 from taction.verification.design import choose, ranges, scaling, stable_ranges
 from taction.verification.report.verdict import remedies
 from tests.support.paths import ROOT
 
 MODULES = (
-    buyable_values,
+    preferred_values,
     part_warnings,
     remedies,
     choose,

@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from taction.cli.main import main
-from taction.netlist_gen.board.buyable_values import buyable, values_between
+from taction.netlist_gen.board.preferred_values import buyable, values_between
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import Scene, load_scene
