@@ -41,9 +41,9 @@ class Circuit(circuit.Circuit):
         ------
         InputError
             The file does not end in ``.png``, ``.svg`` or ``.pdf`` or cannot be written, or
-            matplotlib or schemdraw is missing (``taction[plot,report]``).
+            matplotlib is missing (``taction[plot]``).
         """
-        from taction.netlist_gen.board.schematic import plot_schematic
+        from taction.netlist_gen.kicad.picture import plot_schematic
 
         return plot_schematic(self, path)
 

@@ -15,7 +15,6 @@ EXTRAS = (
     ("matplotlib", "--plot", "pip install 'taction[plot]'"),
     ("jinja2", "--report", "pip install 'taction[report]'"),
     ("plotly", "--report", "pip install 'taction[report]'"),
-    ("schemdraw", "--report", "pip install 'taction[report]'"),
     ("nicegui", "explore", "pip install 'taction[explore]'"),
     ("pyarrow", "waveforms and sweeps as Parquet", "pip install 'taction[parquet]'"),
     ("xarray", "sweeps as netCDF", "pip install 'taction[netcdf]'"),

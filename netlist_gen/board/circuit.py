@@ -293,9 +293,12 @@ class ResistorMatrix:
             yield k, n, source, self.sinks[sink], float(self.ohms[k, n])
 
     def resistors(self) -> Iterator[Resistor]:
-        """Yield every resistor by rows; `a` is the driving node, `b` the summing node."""
+        """Yield every resistor by rows; `a` is the driving node, `b` the summing node.
+
+        Its `card` is ``Rf_k_n``.
+        """
         for k, n, source, sink, ohms in self.elements():
-            yield Resistor(f"{self.name}_{k + 1}_{n + 1}", source, sink, ohms)
+            yield Resistor(f"{self.name[1:]}_{k + 1}_{n + 1}", source, sink, ohms)
 
 
 @dataclass(frozen=True, slots=True)

@@ -71,26 +71,30 @@ class Catalogue:
     """The parts of a board as symbols; references of op-amps are those of ``taction bom``."""
 
     circuit: Circuit
-    scene: Scene
+    scene: Scene | None = None  # without it op-amps have the name of their model
 
     @cached_property
     def opamp_name(self) -> str:
         """The name of the op-amps: a preset, or the file of an imported one without its folder."""
+        if self.scene is None:
+            return next(iter(self.circuit.models))
         choice = self.scene.design.opamp
         return (choice.file or choice.base).rpartition("/")[2].partition(".")[0].upper()
 
     @cached_property
     def changed(self) -> bool:
         """Whether the op-amps have figures that no part of this name has."""
-        return bool(self.scene.design.opamp.model_fields_set - {"base", "file"})
+        return self.scene is None or bool(
+            self.scene.design.opamp.model_fields_set - {"base", "file"}
+        )
 
     @cached_property
     def opamp_symbol(self) -> Symbol:
         """The symbol of a package of op-amps."""
         count = next(iter(self.circuit.models.values())).channels_per_package
-        choice = self.scene.design.opamp
-        usual = choice.file is None and choice.base in USUAL_PINS
-        usual = usual and count == OPAMPS[choice.base].channels_per_package
+        choice = None if self.scene is None else self.scene.design.opamp
+        preset = "" if choice is None or choice.file else choice.base
+        usual = preset in USUAL_PINS and count == OPAMPS[preset].channels_per_package
         return opamp(ODD.sub("_", self.opamp_name), count, usual=usual)
 
     @cached_property
@@ -103,21 +107,14 @@ class Catalogue:
         }
 
     def resistor(self, part: Resistor) -> Part:
-        """Return a resistor, of a matrix or not."""
-        name = part.name if part.name.startswith(self.matrix_names) else f"R{part.name}"
-        fields = self._fields("resistor", name, part.ohms)
-        return _named(RESISTOR, name, value_text(part.ohms), fields)
-
-    @cached_property
-    def matrix_names(self) -> tuple[str, ...]:
-        """What the names of matrix resistors start with."""
-        return tuple(f"{matrix.name}_" for matrix in self.circuit.matrices)
+        """Return a resistor."""
+        fields = self._fields("resistor", part.card, part.ohms)
+        return _named(RESISTOR, part.card, value_text(part.ohms), fields)
 
     def capacitor(self, part: Capacitor) -> Part:
         """Return a capacitor."""
-        name = f"C{part.name}"
-        fields = self._fields("capacitor", name, part.farads)
-        return _named(CAPACITOR, name, value_text(part.farads), fields)
+        fields = self._fields("capacitor", part.card, part.farads)
+        return _named(CAPACITOR, part.card, value_text(part.farads), fields)
 
     @property
     def symbols(self) -> Iterator[Symbol]:
@@ -144,7 +141,7 @@ class Catalogue:
 
     def _fields(self, kind: str, name: str, value: float) -> dict[str, str]:
         unit = {"resistor": "ohm", "capacitor": "F"}[kind]
-        tolerance = tolerance_of(self.scene, kind, name)
+        tolerance = None if self.scene is None else tolerance_of(self.scene, kind, name)
         return {
             "Tolerance": "" if tolerance is None else f"{100 * tolerance:.3g} %",
             "Exact": f"{value!r} {unit}",
@@ -159,8 +156,8 @@ class Catalogue:
     def opamp_unit(self, package: str, unit: int | None = None) -> Part:
         """Return a unit of a package, by default that with the supply pins."""
         symbol = self.opamp_symbol
-        real = self.scene.design.opamp.file is None and not self.changed
-        real = real and self.scene.design.opamp.base != "ideal"
+        choice = None if self.scene is None or self.changed else self.scene.design.opamp
+        real = choice is not None and choice.file is None and choice.base != "ideal"
         text = "op-amp" if real else "op-amp: no part with exactly these figures is known"
         fields = {"MPN": self.opamp_name if real else "", "Description": text}
         return Part(symbol, package, self.opamp_name, fields, unit or len(symbol.units))
@@ -176,17 +173,17 @@ class Catalogue:
         """Return an ideal amplifier, which is no part that can be bought."""
         fields = {"Description": f"ideal {part.kind} amplifier, no part"}
         value = f"{value_text(-part.u_scale)}V {part.kind}(v/{value_text(part.v_scale)}V)"
-        return _named(FUNCTION, f"B{part.name}", value, fields)
+        return _named(FUNCTION, part.card, value, fields)
 
     def strain(self, part: CurrentSource) -> Part:
         """Return the strain current of a row, which a sensor gives."""
         fields = {"Exact": f"{part.amps!r} A", "Description": "strain, from t = 0"}
-        return _named(CURRENT, f"I{part.name}", f"{value_text(part.amps)}A", fields)
+        return _named(CURRENT, part.card, f"{value_text(part.amps)}A", fields)
 
     def voltage(self, part: VoltageSource) -> Part:
         """Return a constant voltage of the board."""
         fields = {"Exact": f"{part.volts!r} V", "Description": "constant voltage"}
-        return _named(VOLTAGE, f"V{part.name}", f"{value_text(part.volts)}V", fields)
+        return _named(VOLTAGE, part.card, f"{value_text(part.volts)}V", fields)
 
 
 def _named(symbol: Symbol, name: str, value: str, fields: Mapping[str, str]) -> Part:

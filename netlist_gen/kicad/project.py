@@ -85,7 +85,7 @@ def _channel(circuit: Circuit, number: int) -> Channel:
 def _comments(channel: Channel) -> tuple[str, ...]:
     circuit = channel.circuit
     gain, lam = circuit.value("gain"), circuit.value("lambda")
-    rows = len(channel.forward.sinks)
+    rows = len(channel.circuit.forward.sinks)
     return (
         f"Channel {channel.n} of {len(circuit.signal_nodes)}, sensor row {channel.k} of {rows}",
         f"C = {value_text(channel.farads)}F, gain s = {value_text(gain)}ohm, lambda = {lam:.4g}",

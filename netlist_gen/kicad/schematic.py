@@ -8,9 +8,11 @@ board have global labels.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from taction.netlist_gen.board.channel import Channel
 from taction.netlist_gen.board.circuit import GROUND as GROUND_NODE
-from taction.netlist_gen.board.circuit import Resistor
+from taction.netlist_gen.board.circuit import OpAmpCell, Resistor, ResistorMatrix, Role
 from taction.netlist_gen.kicad.parts import Catalogue
 from taction.netlist_gen.kicad.sheet import Part, Sheet
 from taction.netlist_gen.kicad.stages import LEVEL, LONGEST, RUNG, Stages
@@ -21,15 +23,19 @@ LEFT, TOP = 12, 14  # of the drawing, in steps of the grid
 TITLE = 2.0  # height of a title, mm
 
 
-def channel_sheet(channel: Channel, scene: Scene) -> Sheet:
-    """Draw a channel of the board of `scene` with its row; every part has its name in the deck."""
-    return _Drawing(channel, scene).draw()
+def channel_sheet(channel: Channel, scene: Scene | None = None, *, brief: bool = False) -> Sheet:
+    """Draw a channel of the board of `scene` with its row; every part has its name in the deck.
+
+    A `brief` drawing has one resistor of each matrix, that between channel and row, and no
+    supplies.
+    """
+    return _Drawing(channel, scene, brief).draw()
 
 
 class _Drawing:
-    def __init__(self, channel: Channel, scene: Scene) -> None:
-        self.channel, self.circuit = channel, channel.circuit
-        self.sheet = Sheet(f"{scene.name}-channel-{channel.n}")
+    def __init__(self, channel: Channel, scene: Scene | None, brief: bool) -> None:
+        self.channel, self.circuit, self.brief = channel, channel.circuit, brief
+        self.sheet = Sheet(f"{channel.circuit.name}-channel-{channel.n}")
         self.catalogue = Catalogue(channel.circuit, scene)
         self.stages = Stages(self.sheet, self.catalogue)
         self.width = 0
@@ -44,7 +50,8 @@ class _Drawing:
             y = self._antilog_row((LEFT, y))
         y = self._title(y, f"Constraint plane, sensor row {k}") + 2 * LEVEL
         self._constraint_row((LEFT, y))
-        self._supplies((self.width + 22, TOP))
+        if not self.brief:
+            self._supplies((self.width + 22, TOP))
         return self.sheet
 
     def _title(self, y: float, text: str) -> int:
@@ -54,41 +61,42 @@ class _Drawing:
     def _end(self, point: Point) -> None:
         self.width = max(self.width, round(point[0]))
 
+    def _rungs(self, matrix: ResistorMatrix) -> list[tuple[str, Part]]:
+        """Return the resistors of a matrix into the node of the channel or the row."""
+        channel = self.channel
+        rungs, shown = channel.rungs(matrix), f"{matrix.name}_{channel.k}_{channel.n}"
+        return self._drawn([part for part in rungs if not self.brief or part.card == shown])
+
+    def _drawn(self, parts: Sequence[Resistor]) -> list[tuple[str, Part]]:
+        return [(each.a, self.catalogue.resistor(each)) for each in parts]
+
     def _signal_row(self, at: Point) -> int:
         """Draw the feedback resistors, the signal node and its amplifier; return the next row."""
-        channel, n = self.channel, self.channel.n
-        rungs = [
-            (each.a, self.catalogue.resistor(each)) for each in channel.rungs(channel.feedback)
-        ]
-        bias = channel.resistor(f"bias_{n}")
-        if bias is not None:
-            rungs.append((bias.a, self.catalogue.resistor(bias)))
+        channel = self.channel
+        rungs = self._rungs(self.circuit.feedback) + self._drawn(channel.biases())
         node = self.stages.ladder(at, rungs)
-        passive = self.circuit.topology == "passive"
-        output = self._passive_node(node) if passive else self._integrator(node)
+        cell = channel.summing(channel.sink)
+        output = self._grounded(node) if cell is None else self._summing(node, cell)
         self._end(self._amplifier(output))
         return _below(at, len(rungs))
 
-    def _integrator(self, at: Point) -> Point:
-        n = self.channel.n
-        parts = (self.channel.resistor(f"r_{n}"), self.channel.capacitor(f"c_{n}"))
-        x, y = at
-        start = self.sheet.wire(at, (x + 4, y))
-        return self.stages.summing(start, self.stages.cell_of(f"v_{n}"), parts)
+    def _summing(self, at: Point, cell: OpAmpCell) -> Point:
+        """Draw an op-amp with the parts from its output to its summing node."""
+        parts = self.channel.between(cell.output, cell.inverting)
+        return self.stages.summing(self.sheet.wire(at, (at[0] + 4, at[1])), cell, parts)
 
-    def _passive_node(self, at: Point) -> Point:
-        """Draw R and C to ground, and the buffer of a linear board."""
-        n, (x, y) = self.channel.n, at
-        self.sheet.name(f"v_{n}", (x + 1, y))
-        parts = (self.channel.resistor(f"r_{n}"), self.channel.capacitor(f"c_{n}"))
-        for place, part in zip((x + 6, x + 18), parts, strict=True):
-            if part is not None:
-                drawn = self.stages.down(self.catalogue.part(part), (place, y + 6))
-                self.sheet.wire((place, y), drawn.pin(0))
-                self.stages.port(GROUND, drawn.pin(1))
+    def _grounded(self, at: Point) -> Point:
+        """Draw the parts from the signal node to ground, and its buffer if it has one."""
+        node, (x, y) = self.channel.sink, at
+        self.sheet.name(node, (x + 1, y))
+        for number, part in enumerate(self.channel.between(node, GROUND_NODE)):
+            place = x + 6 + 12 * number
+            drawn = self.stages.down(self.catalogue.part(part), (place, y + 6))
+            self.sheet.wire((place, y), drawn.pin(0))
+            self.stages.port(GROUND, drawn.pin(1))
         end = self.sheet.wire(at, (x + 34, y))
-        buffer = self.channel.opamp(f"u_{n}")
-        if buffer is None or buffer.noninverting != f"v_{n}":
+        buffer = self.channel.follower(node)
+        if buffer is None:
             return end
         drawn = self.stages.cell(buffer, (end[0] + 8, y - 2))
         self.sheet.wire(end, drawn.pin(1))
@@ -98,98 +106,98 @@ class _Drawing:
 
     def _amplifier(self, at: Point) -> Point:
         """Draw the signal amplifier after the signal node, and an inverter where there is one."""
-        channel, n = self.channel, self.channel.n
-        amplifier = channel.amplifier
+        channel, amplifier = self.channel, self.channel.amplifier
         if channel.transistors:
-            return self.stages.out(at, f"v_{n}")
+            return self.stages.out(at, channel.v)
         if amplifier is None:
-            return self._with_inverter(at, self.circuit.outputs[n - 1].node, f"a_{n}")
-        self.sheet.name(f"v_{n}", (at[0] + 1, at[1]))
+            return self._with_inverter(at, self.circuit.outputs[channel.n - 1].node)
+        self.sheet.name(channel.v, (at[0] + 1, at[1]))
         part = self.catalogue.function(amplifier)
         x, y = at[0] + 20, at[1]
         drawn = self.sheet.place(part, (x, y), reference=(x, y - 5.2), value=(x, y + 5.2))
         self.sheet.text("ideal: no part", (x, y), middle=True)
         self.sheet.wire(at, drawn.pin(0))
-        return self._with_inverter(drawn.pin(1), amplifier.output, f"u_{n}")
+        return self._with_inverter(drawn.pin(1), amplifier.output)
 
-    def _with_inverter(self, at: Point, signal: str, inverted: str) -> Point:
-        if self.channel.resistor(f"{inverted}_in") is None:
+    def _with_inverter(self, at: Point, signal: str) -> Point:
+        found = self.channel.inverter(signal)
+        if found is None:
             return self.stages.out(at, signal)
-        return self.stages.inverter(self.stages.tap(at, signal), inverted)
+        x, y = self.stages.tap(at, signal)
+        enters, cell = found
+        drawn = self.stages.across(self.catalogue.resistor(enters), (x + 7, y))
+        self.sheet.wire((x, y), drawn.pin(0))
+        start = self.sheet.wire(drawn.pin(1), (x + 12, y))
+        back = self.channel.between(cell.output, cell.inverting)
+        return self.stages.out(self.stages.summing(start, cell, back), cell.output)
 
     def _antilog_row(self, at: Point) -> int:
         """Draw the divider with the pair, the reference op-amp and the output op-amp."""
-        channel, n = self.channel, self.channel.n
-        x, y = at
-        reference, emitter = (self._part(f"{head}_{n}") for head in ("ref", "em"))
-        node = self.stages.ladder(at, [(self.stages.catalogue_resistor(f"ref_{n}").a, reference)])
-        start = self.sheet.wire(node, (node[0] + 4, y))
-        drive = self.stages.summing(
-            start, self.stages.cell_of(f"d_{n}"), [channel.capacitor(f"ref_{n}")]
-        )
-        self.sheet.name(f"d_{n}", (drive[0] + 1, drive[1]))
-        drawn = self.stages.across(emitter, (drive[0] + 10, drive[1]))
-        self.sheet.wire(drive, drawn.pin(0))
-        self.sheet.name(f"e_{n}", self.sheet.wire(drawn.pin(1), (drawn.pin(1)[0] + 4, drive[1])))
-        output = channel.transistors[1].collector
-        cell = next(each for each in self.circuit.opamps if each.inverting == output)
-        begin = (drawn.pin(1)[0] + 12, y)
-        parts = (channel.resistor(f"out_{n}"), channel.capacitor(f"out_{n}"))
-        end = self.stages.summing(begin, cell, parts)
-        inverted = {"u": "a", "a": "u"}[cell.output[0]]
-        self._end(self._with_inverter(end, cell.output, f"{inverted}_{n}"))
+        channel, (x, y) = self.channel, at
+        first, second = channel.transistors
+        drive, last = (self._cell(each.collector) for each in (first, second))
+        stage = self.circuit.resistors_of(Role.STAGE)
+        (reference,) = (each for each in stage if each.b == first.collector)
+        (emitter,) = (each for each in stage if each.b == first.emitter)
+        node = self.stages.ladder(at, self._drawn([reference]))
+        out = self._summing(node, drive)
+        self.sheet.name(drive.output, (out[0] + 1, out[1]))
+        drawn = self.stages.across(self.catalogue.resistor(emitter), (out[0] + 10, out[1]))
+        self.sheet.wire(out, drawn.pin(0))
+        end = self.sheet.wire(drawn.pin(1), (drawn.pin(1)[0] + 4, out[1]))
+        self.sheet.name(first.emitter, end)
+        parts = channel.between(last.output, last.inverting)
+        output = self.stages.summing((drawn.pin(1)[0] + 12, y), last, parts)
+        self._end(self._with_inverter(output, last.output))
         self._pair((x + 9, y + 20))
         return round(y) + 42
 
-    def _part(self, name: str) -> Part:
-        return self.catalogue.resistor(self.stages.catalogue_resistor(name))
+    def _cell(self, node: str) -> OpAmpCell:
+        return next(each for each in self.circuit.opamps if each.inverting == node)
 
     def _pair(self, at: Point) -> None:
         """Draw the divider of v and the pair, whose collectors have the names of their nodes."""
-        n, (x, y) = self.channel.n, at
+        divider, (x, y) = self.channel.divider, at
+        if divider is None:
+            return
         first, second = self.channel.transistors
-        self.sheet.signal(f"v_{n}", at, output=False)
-        drawn = self.stages.across(self._part(f"div_{n}"), (x + 8, y))
+        (below,) = self.channel.between(divider.b, GROUND_NODE)
+        self.sheet.signal(self.channel.v, at, output=False)
+        drawn = self.stages.across(self.catalogue.resistor(divider), (x + 8, y))
         self.sheet.wire(at, drawn.pin(0))
-        base = self.stages.down(self._part(f"base_{n}"), (x + 16, y + 4))
+        base = self.stages.down(self.catalogue.part(below), (x + 16, y + 4))
         self.sheet.wire(drawn.pin(1), (x + 16, y), base.pin(0))
         self.stages.port(GROUND, base.pin(1))
-        self.sheet.name(f"b_{n}", self.sheet.wire((x + 16, y), (x + 22, y)))
+        self.sheet.name(divider.b, self.sheet.wire((x + 16, y), (x + 22, y)))
         left, right = x + 44, x + 56
         for cell, unit, place, mirrored in ((first, 1, left, False), (second, 2, right, True)):
-            part, out = self.catalogue.transistor(n, unit), 4 if mirrored else -4
+            part, out = self.catalogue.transistor(self.channel.n, unit), 4 if mirrored else -4
             aside = place + 1.2 * out
-            self.sheet.text(f"Q{cell.name}", (aside, y - 6.2), middle=True)
+            self.sheet.text(cell.card, (aside, y - 6.2), middle=True)
             texts = (aside, y - 4.4), (aside, y - 2.6)
             placed = self.sheet.place(
                 part, (place, y), mirrored=mirrored, reference=texts[0], value=texts[1]
             )
-            end, collector = placed.pin(0), placed.pin(1)
+            end, collector, emitter = (placed.pin(number) for number in range(3))
             if cell.base == GROUND_NODE:
                 self.stages.port(GROUND, self.sheet.wire(end, (end[0], y + 6)))
             else:
-                wide = self.sheet.wire(end, (end[0] + out, y))
-                self.sheet.name(cell.base, wide)
+                self.sheet.name(cell.base, self.sheet.wire(end, (end[0] + out, y)))
             up = -1 if collector[1] < y else 1
-            self.sheet.name(
-                cell.collector, self.sheet.wire(collector, (collector[0], collector[1] + 2 * up))
-            )
-            emitter = placed.pin(2)
+            top = self.sheet.wire(collector, (collector[0], collector[1] + 2 * up))
+            self.sheet.name(cell.collector, top)
             middle = ((left + right) // 2, emitter[1] - 2 * up)
             self.sheet.wire(emitter, (emitter[0], middle[1]), middle)
         self.sheet.name(first.emitter, middle)
 
     def _constraint_row(self, at: Point) -> None:
-        channel, k = self.channel, self.channel.k
-        rungs = [(each.a, self.catalogue.resistor(each)) for each in channel.rungs(channel.forward)]
+        channel = self.channel
+        rungs = self._rungs(self.circuit.forward)
         if channel.strain is not None:
             rungs.append(("", self.catalogue.strain(channel.strain)))
-        x, y = self.stages.ladder(at, rungs)
-        start = self.sheet.wire((x, y), (x + 4, y))
-        gain: list[Resistor | None] = [channel.resistor(f"s_{k}")]
-        output = self.stages.summing(start, self.stages.cell_of(f"w_{k}"), gain)
-        self._end(self._with_inverter(output, f"w_{k}", f"z_{k}"))
-        self.sheet._reach((x, _below(at, len(rungs))))
+        node, cell = self.stages.ladder(at, rungs), self._cell(channel.row)
+        self._end(self._with_inverter(self._summing(node, cell), cell.output))
+        self.sheet._reach((node[0], _below(at, len(rungs))))
 
     def _supplies(self, at: Point) -> None:
         """Draw the supplies of the packages, the constant voltages, and what is not drawn."""

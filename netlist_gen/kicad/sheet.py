@@ -10,6 +10,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import Literal
 
 from taction.netlist_gen.kicad.sexpression import Expression, Quoted, written
 from taction.netlist_gen.kicad.symbols import LIBRARY, Point, Symbol
@@ -42,13 +43,30 @@ class Placed:
     at: Point
     angle: int
     mirrored: bool
+    reference: Point | None = None  # middle of the text; None for a hidden one
+    value: Point | None = None
 
     def pin(self, place: int) -> Point:
         """Return where pin `place` of the unit ends, counted from 0."""
-        x, y = self.part.symbol.units[self.part.unit - 1][place].at
+        x, y = self.turned(self.part.symbol.units[self.part.unit - 1][place].at)
+        return round(x), round(y)
+
+    def turned(self, point: Point) -> Point:
+        """Return the place on the sheet of a point of the symbol, mm, y upwards."""
         cosine, sine = TURN[self.angle]
-        x, y = round((x * cosine - y * sine) / GRID), round((x * sine + y * cosine) / GRID)
-        return self.at[0] + (-x if self.mirrored else x), self.at[1] - y
+        x, y = (point[0] * cosine - point[1] * sine) / GRID, point[0] * sine + point[1] * cosine
+        return self.at[0] + (-x if self.mirrored else x), self.at[1] - y / GRID
+
+
+@dataclass(frozen=True, slots=True)
+class Label:
+    """A text on a sheet; `at` is its left end, its middle, or its right end."""
+
+    text: str
+    at: Point
+    anchor: Literal["left", "middle", "right"]
+    size: float = TEXT  # mm
+    above: bool = False  # the wire that it names
 
 
 class Sheet:
@@ -60,6 +78,7 @@ class Sheet:
         self.symbols: dict[str, Symbol] = {}
         self.placed: list[Placed] = []
         self.segments: list[tuple[Point, Point]] = []
+        self.labels: list[Label] = []
         self.corner = [0.0, 0.0]
         self.root = self._id("sheet")
 
@@ -82,7 +101,7 @@ class Sheet:
     ) -> Placed:
         """Place a part; `reference` and `value` are the middles of these texts, hidden without."""
         self.symbols[part.symbol.name] = part.symbol
-        found = Placed(part, at, angle, mirrored)
+        found = Placed(part, at, angle, mirrored, reference, value)
         self.placed.append(found)
         texts = {"Reference": (part.reference, reference), "Value": (part.value, value)}
         texts |= {"Footprint": ("", None), "Datasheet": ("", None)}
@@ -130,11 +149,14 @@ class Sheet:
 
     def name(self, net: str, at: Point) -> None:
         """Name a net of this sheet, above a wire."""
+        self.labels.append(Label(net, at, "left", above=True))
         font = _font("left", "bottom")
         self.items.append(["label", Quoted(net), ["at", *_mm(at), 0], font, self._next()])
 
     def signal(self, net: str, at: Point, *, output: bool) -> None:
         """Name a net of the whole board: an output to the right, an input to the left."""
+        aside = at[0] + (0.6 if output else -0.6)
+        self.labels.append(Label(net, (aside, at[1]), "left" if output else "right"))
         shape = ["shape", "output" if output else "input"]
         font = _font("left" if output else "right")
         where = ["at", *_mm(at), 0 if output else 180]
@@ -143,6 +165,7 @@ class Sheet:
 
     def text(self, text: str, at: Point, *, size: float = TEXT, middle: bool = False) -> None:
         """Write a text, its left end or its middle at `at`."""
+        self.labels.append(Label(text, at, "middle" if middle else "left", size))
         font = _font(*(() if middle else ("left",)), size=size)
         head = ["text", Quoted(text), ["exclude_from_sim", "no"]]
         self.items.append([*head, ["at", *_mm(at), 0], font, self._next()])
@@ -152,7 +175,7 @@ class Sheet:
     def _reach(self, point: Point) -> None:
         self.corner = [max(a, b) for a, b in zip(self.corner, point, strict=True)]
 
-    def _junctions(self) -> list[Point]:
+    def junctions(self) -> list[Point]:
         """Return the points where three or more ends meet; a wire that goes through has two."""
         ends = Counter(end for segment in self.segments for end in segment)
         for placed in self.placed:
@@ -164,7 +187,7 @@ class Sheet:
 
     def _connect(self) -> None:
         """Draw the wires, cut at the junctions as KiCad wants them, and the junctions."""
-        junctions = self._junctions()
+        junctions = self.junctions()
         grid = _Lines(junctions)
         for start, end in self.segments:
             points = sorted({start, end, *grid.between(start, end)})

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import pairwise
 
-from taction.netlist_gen.board.circuit import Capacitor, Circuit, OpAmpCell, Resistor
+from taction.netlist_gen.board.circuit import Capacitor, OpAmpCell, Resistor
 from taction.netlist_gen.kicad.parts import Catalogue
 from taction.netlist_gen.kicad.sheet import Part, Placed, Sheet
 from taction.netlist_gen.kicad.symbols import CAPACITOR, FLAG, GROUND, Point, Symbol
@@ -84,7 +84,7 @@ class Stages:
         return buses[-1][0], at[1]
 
     def summing(
-        self, at: Point, cell: OpAmpCell, feedback: Sequence[Resistor | Capacitor | None]
+        self, at: Point, cell: OpAmpCell, feedback: Sequence[Resistor | Capacitor]
     ) -> Point:
         """Draw an op-amp from its summing node `at`, its feedback parts above it."""
         x, y = at
@@ -96,15 +96,14 @@ class Stages:
         self.sheet.wire(output, (right, output[1]))
         self.sheet.wire(drawn.pin(1), (left + 2, y + 6))
         self.port(GROUND, (left + 2, y + 6))
-        parts = [each for each in feedback if each is not None]
-        for number, each in enumerate(parts, 1):
+        for number, each in enumerate(feedback, 1):
             level = y - LEVEL * number
             over = self.across(self.catalogue.part(each), ((left + right) // 2, level))
             self.sheet.wire((left, level), over.pin(0))
             self.sheet.wire(over.pin(1), (right, level))
-        if parts:
-            self.sheet.wire((left, y), (left, y - LEVEL * len(parts)))
-            self.sheet.wire((right, output[1]), (right, y - LEVEL * len(parts)))
+        if feedback:
+            self.sheet.wire((left, y), (left, y - LEVEL * len(feedback)))
+            self.sheet.wire((right, output[1]), (right, y - LEVEL * len(feedback)))
         return right, output[1]
 
     def cell(self, cell: OpAmpCell, at: Point) -> Placed:
@@ -113,29 +112,6 @@ class Stages:
         part = self.catalogue.opamp(cell)
         self.sheet.text(cell.name, (x - 1, y), middle=True)
         return self.sheet.place(part, at, reference=(x + 3, y - 4.2), value=(x + 3, y + 4.2))
-
-    def inverter(self, at: Point, name: str) -> Point:
-        """Draw the unity-gain inverter that drives the node `name`; its output has a label."""
-        enters, back = (self.catalogue_resistor(f"{name}_{end}") for end in ("in", "fb"))
-        x, y = at
-        drawn = self.across(self.catalogue.resistor(enters), (x + 7, y))
-        self.sheet.wire(at, drawn.pin(0))
-        start = self.sheet.wire(drawn.pin(1), (x + 12, y))
-        end = self.summing(start, self.cell_of(name), [back])
-        return self.out(end, name)
-
-    def catalogue_resistor(self, name: str) -> Resistor:
-        """Return a resistor of the circuit by its name."""
-        return next(each for each in self.circuit.resistors if each.name == name)
-
-    def cell_of(self, output: str) -> OpAmpCell:
-        """Return the op-amp that drives a node."""
-        return next(each for each in self.circuit.opamps if each.output == output)
-
-    @property
-    def circuit(self) -> Circuit:
-        """The board."""
-        return self.catalogue.circuit
 
     def out(self, at: Point, signal: str) -> Point:
         """Label an output at the end of the stages."""

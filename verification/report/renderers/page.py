@@ -24,7 +24,7 @@ from taction.verification.report.blocks import Block, Page
 from taction.verification.report.output_checks import check_file
 from taction.verification.report.renderers.plotly import plotly_spec, view_layout
 
-PACKAGES = ("jinja2", "plotly", "schemdraw")
+PACKAGES = ("jinja2", "plotly")
 REMEDY = "needs {}: pip install 'taction[report]'"
 ENDINGS = (".html", ".htm")
 FILES = Path(__file__).parent / "page_files"

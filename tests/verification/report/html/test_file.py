@@ -95,14 +95,14 @@ def test_missing_packages_are_named_before_any_work(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     find = importlib.util.find_spec
-    absent = {"plotly", "schemdraw"}
+    absent = {"plotly", "jinja2"}
     monkeypatch.setattr(
         importlib.util, "find_spec", lambda name, *more: None if name in absent else find(name)
     )
     scene, out = write_fast(tmp_path / "a.toml"), tmp_path / "a.html"
     run = CliRunner().invoke(main, ["verify", str(scene), "--report", str(out)])
     assert run.exit_code == 2
-    assert "needs plotly and schemdraw: pip install 'taction[report]'" in run.output
+    assert "needs jinja2 and plotly: pip install 'taction[report]'" in run.output
     assert not out.exists()
 
 
