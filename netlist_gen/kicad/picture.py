@@ -17,7 +17,7 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.kicad.schematic import channel_sheet
 from taction.netlist_gen.kicad.sheet import GRID, Label, Placed, Sheet
 from taction.netlist_gen.kicad.symbols import Point
-from taction.netlist_gen.scene.summary import opamp_name
+from taction.spice_models.presets import opamp_name
 from taction.system.picture import figure_file
 from taction.system.quantities import quantity
 
