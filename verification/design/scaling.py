@@ -17,8 +17,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from taction.netlist_gen.board.preferred_values import buyable
 from taction.netlist_gen.board.part_warnings import LEAST_OHMS, MOST_OHMS, part_warnings
+from taction.netlist_gen.board.preferred_values import buyable
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
