@@ -89,9 +89,10 @@ def record_document(record: Simulated) -> dict[str, Any]:
 
 def print_record(record: Simulated, console: Console) -> None:
     """Print the measurements of a transient, and what it cost."""
-    from taction.verification.report.verdict.table import channel_table
+    from taction.verification.report.renderers.terminal import shown
+    from taction.verification.report.views.verdict import channel_table
 
-    console.print(channel_table(record.measurements))
+    console.print(shown(channel_table(record.measurements)))
     cost = record.waveforms.cost
     console.print(f"{record.waveforms.simulator}: {cost.points} points, {cost.seconds:.3g} s")
 
@@ -121,8 +122,9 @@ def print_tuned(found: Tuned, console: Console) -> None:
     """Print the design before and after, the values for the scene, and the verdict."""
     from taction.netlist_gen.scene.keys import find_key
     from taction.system.quantities import show, written
+    from taction.verification.report.renderers.terminal import print_page
     from taction.verification.report.tables import make_table, whole
-    from taction.verification.report.verdict.table import print_verdict
+    from taction.verification.report.views.verdict import view
 
     tuning, rows = found.tuning, []
     units = {path: find_key(tuning.scene, path).unit for path in tuning.after.values}
@@ -147,7 +149,7 @@ def print_tuned(found: Tuned, console: Console) -> None:
             f"{name} is at the edge of its range, {show(edge, units[path])}: a wider range may hold"
             f" a better design, such as --over {name}=LOW:HIGH or --reach {2 * found.reach:g}"
         )
-    print_verdict(found.verdict, console)
+    print_page(view(found.verdict), console)
 
 
 def scaled_document(found: Scaled) -> dict[str, Any]:

@@ -82,23 +82,19 @@ def _verified_document(found: _Verified) -> dict[str, Any]:
 
 def _verified_text(found: _Verified, console: Console) -> None:
     from taction.verification.report.files.reasons import margin_lines
+    from taction.verification.report.renderers.terminal import print_page
+
+    notes = tuple(margin_lines(found.document))
+    print_page(_verified_page(found, notes=notes, verbose=found.verbose), console)
+
+
+def _verified_page(found: _Verified, **more: Any) -> Any:
     from taction.verification.report.verdict.remedies import remedies_text
-    from taction.verification.report.verdict.table import print_verdict
-
-    print_verdict(found.verdict, console, verbose=found.verbose)
-    if found.remedies is not None:
-        click.echo(remedies_text(found.verdict.scene, found.remedies))
-    for line in margin_lines(found.document):
-        click.echo(line)
-
-
-def _verified_page(found: _Verified) -> Any:
-    from taction.verification.report.html.verdict_report import verdict_report
-    from taction.verification.report.verdict.remedies import remedies_text
+    from taction.verification.report.views.verdict import view
 
     remedies = found.remedies
     changes = "" if remedies is None else remedies_text(found.verdict.scene, remedies)
-    return verdict_report(found.verdict, changes=changes)
+    return view(found.verdict, changes=changes, **more)
 
 
 def _annotate(documents: Iterable[Mapping[str, Any]], call: Call) -> None:

@@ -70,15 +70,16 @@ def _sample_document(found: VerifiedSample) -> dict[str, Any]:
 
 
 def _sample_text(found: VerifiedSample, console: Console) -> None:
-    from taction.verification.report.verdict.table import print_verdict
+    from taction.verification.report.renderers.terminal import print_page
+    from taction.verification.report.views.verdict import view
 
-    print_verdict(found.verdict, console)
+    print_page(view(found.verdict), console)
 
 
 def _sample_page(found: VerifiedSample) -> Any:
-    from taction.verification.report.html.verdict_report import verdict_report
+    from taction.verification.report.views.verdict import view
 
-    return verdict_report(found.verdict, f"taction montecarlo --sample {found.sample.number}")
+    return view(found.verdict, f"taction montecarlo --sample {found.sample.number}")
 
 
 SAMPLE = Job(

@@ -30,9 +30,9 @@ def say(text: str) -> None:
 
 def console(*, stderr: bool = False) -> Console:
     """Return the console that results print on."""
-    from taction.verification.report.page import Page
+    from taction.verification.report.renderers.terminal import Terminal
 
-    return Page(stderr=stderr)
+    return Terminal(stderr=stderr)
 
 
 def print_json(document: Mapping[str, Any], schema: str | None = None) -> None:

@@ -31,15 +31,17 @@ class Verdict(verify.Verdict):
         return cls(**{**values, "circuit": Circuit.of(verdict.circuit)})
 
     def __str__(self) -> str:
-        from taction.verification.report.verdict.table import verdict_text
+        from taction.verification.report.renderers.terminal import page_text
+        from taction.verification.report.views.verdict import view
 
-        return verdict_text(self)
+        return page_text(view(self))
 
     def _repr_html_(self) -> str:
         """Return the verdict as a card for a notebook."""
-        from taction.verification.report.cards import verdict_card
+        from taction.verification.report.renderers.notebook import card
+        from taction.verification.report.views.verdict import view
 
-        return verdict_card(self).html()
+        return card(view(self), "Verdict")
 
     def plot(self, path: str | Path | None = None) -> Figure:
         """Return the picture of ``verify --plot``: waveforms, recovered stress and checks.
@@ -54,9 +56,10 @@ class Verdict(verify.Verdict):
         InputError
             The picture cannot be written, or matplotlib is missing (``taction[plot]``).
         """
-        from taction.verification.report.verdict.plots import plot_verdict
+        from taction.verification.report.renderers.picture import draw_page
+        from taction.verification.report.views.verdict import view
 
-        return plot_verdict(self, path)
+        return draw_page(view(self), path)
 
     def report(self, path: str | Path) -> None:
         """Write a report as one HTML file, with pictures, that needs no network.
@@ -74,6 +77,7 @@ class Verdict(verify.Verdict):
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     verdict.report(f"{folder}/board.html")
         """
-        from taction.verification.report.html.verdict_report import write_verdict_report
+        from taction.verification.report.renderers.page import write_page
+        from taction.verification.report.views.verdict import view
 
-        write_verdict_report(self, str(path))
+        write_page(view(self), str(path))

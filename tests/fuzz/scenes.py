@@ -16,8 +16,9 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_probl
 from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.verification.engines.ngspice.screening import screen
 from taction.verification.reference.ideal_answer import resolve_lambda
+from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.verdict.json_document import verdict_document
-from taction.verification.report.verdict.table import verdict_text
+from taction.verification.report.views.verdict import view
 from taction.verification.studies.regression.baseline import baseline_text, observe
 from taction.verification.verdict.deck import deck_of
 from taction.verification.verdict.verify import Verdict, verify
@@ -84,7 +85,7 @@ def _text(value: Any) -> str:
 
 def _check_reports(verdict: Verdict) -> None:
     """Fail unless the verdict can be printed, and written as JSON and as a baseline."""
-    assert verdict.outcome.value.upper() in verdict_text(verdict)
+    assert verdict.outcome.value.upper() in page_text(view(verdict))
     assert json.dumps(plain(verdict_document(verdict)), allow_nan=False)
     text = baseline_text({"scene.toml": observe(verdict, "abc").entry})
     assert json.loads(text)["scenes"]["scene.toml"]["outcome"] == verdict.outcome.value

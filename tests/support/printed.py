@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from taction.verification.report.page import Page
+from taction.verification.report.renderers.terminal import Terminal
 from tests.support.running import taction
 
 RULE = "─"
@@ -19,11 +19,11 @@ def printed_objects(monkeypatch: pytest.MonkeyPatch, *words: str) -> list[Any]:
     """Run a command once, and return what it printed on its pages."""
     found: list[Any] = []
 
-    def keep(page: Page, *objects: Any, **options: Any) -> None:
+    def keep(page: Terminal, *objects: Any, **options: Any) -> None:
         found.extend(objects)
 
     with monkeypatch.context() as patch:
-        patch.setattr(Page, "print", keep)
+        patch.setattr(Terminal, "print", keep)
         result = taction(*words)
     assert found, result.stderr
     return found
@@ -32,7 +32,7 @@ def printed_objects(monkeypatch: pytest.MonkeyPatch, *words: str) -> list[Any]:
 def shown_at(width: int, objects: list[Any], *, terminal: bool = False) -> str:
     """Return the text of `objects` on a page of `width` columns."""
     page = (
-        Page(file=io.StringIO())
+        Terminal(file=io.StringIO())
         if not terminal
         else Console(file=io.StringIO(), force_terminal=True, highlight=False, color_system=None)
     )

@@ -33,7 +33,6 @@ from taction.verification.report.html.blocks import (
     Table,
 )
 from taction.verification.report.html.sweep_report import sweep_report
-from taction.verification.report.html.verdict_report import verdict_report
 from taction.verification.report.views import (
     accuracy,
     choose,
@@ -43,6 +42,7 @@ from taction.verification.report.views import (
     regression,
     tune,
 )
+from taction.verification.report.views.verdict import view as verdict_report
 from taction.verification.studies.regression.run import RegressionReport, SceneResult, Status
 from taction.verification.studies.store import Store, StoredResult
 from taction.verification.studies.sweep.plan import Plan, Requests

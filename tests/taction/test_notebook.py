@@ -236,8 +236,7 @@ def test_the_picture_of_a_verdict_has_its_outputs(kind: str) -> None:
     lines = [line for line in first.lines if len(line.get_xdata()) > 2]
     assert len(lines) == shown.u.shape[1]
     ends = sorted(line.get_ydata()[-1] for line in lines)
-    count = len(lines[0].get_xdata())
-    assert ends == sorted(shown.u[count - 1])
+    assert ends == sorted(shown.u[-1])
 
 
 def test_the_picture_of_a_yield_has_every_sample(results: dict[str, Any]) -> None:

@@ -8,7 +8,7 @@ Quantities are written with µ and Ω; the terminal writes them as SPICE does.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -306,3 +306,8 @@ class Page:
     sections: tuple[Section, ...]
     foot: tuple[str, ...] = ()
     sheet: Callable[[], Sheet] | None = None
+
+    def blocks(self, medium: str = PAGE) -> Iterator[Block]:
+        """Yield the blocks for a medium, of all sections."""
+        for section in self.sections:
+            yield from section.made(medium)

@@ -7,16 +7,13 @@ from collections.abc import Mapping
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.card import Card, Mark
-from taction.netlist_gen.scene.scene import opamp_words
-from taction.system.quantities import counted, quantity, readable, sizes
+from taction.netlist_gen.card import Card
+from taction.system.quantities import counted, quantity, sizes
 from taction.verification.report.html.texts import figure
 from taction.verification.report.tables import spaced
-from taction.verification.report.verdict.table import limit
 from taction.verification.studies.sweep.plan import Plan
 from taction.verification.studies.sweep.run import SweepCounts
 from taction.verification.studies.tolerance.yield_report import Spread, YieldReport
-from taction.verification.verdict.verify import Verdict
 
 ORDER = ("pass", "fail", "inconclusive", "error")
 CULPRITS = 4
@@ -40,47 +37,6 @@ def circuit_card(circuit: Circuit) -> Card:
         ("left out", counted(len(circuit.omissions), "kind") + " of parts that it does not need"),
     )
     return Card("Circuit", circuit.name, facts=facts)
-
-
-def verdict_card(verdict: Verdict) -> Card:
-    """Return the checks with values and limits, why some do not pass, and error and cost."""
-    circuit = verdict.circuit
-    board = (
-        f"{sizes(len(circuit.outputs), len(circuit.constraint_nodes))}, {circuit.amplifier}"
-        f" amplifiers, {circuit.values}, op-amp {opamp_words(verdict.scene.design.opamp)}"
-    )
-    accuracy = verdict.accuracy
-    error = "unknown" if accuracy.achieved is None else f"at most {accuracy.achieved:.2g}"
-    cost = (
-        f"simulated by {verdict.waveforms.simulator}; error {error} of the step,"
-        f" {accuracy.wanted:g} allowed; {quantity(verdict.timing['total'], 's', 3)} in all"
-    )
-    rows = [
-        (
-            spaced(check.name),
-            Mark(check.outcome.value),
-            figure(check.value, check.unit),
-            figure(check.uncertainty, check.unit, 2),
-            figure(limit(check), check.unit),
-        )
-        for check in verdict.checks
-    ]
-    reasons = [
-        f"{spaced(check.name)}: {check.reason}"
-        for check in verdict.checks
-        if check.outcome.value != "pass"
-    ]
-    warnings = [f"warning: {text}" for text in verdict.warnings]
-    return Card(
-        "Verdict",
-        verdict.scene.name,
-        verdict.outcome.value,
-        board,
-        titles=("check", "outcome", "value", "±", "limit"),
-        rows=rows,
-        notes=[readable(text) for text in (*reasons, *warnings)],
-        foot=cost,
-    )
 
 
 def sweep_card(plan: Plan, count: SweepCounts, disagree: int) -> Card:

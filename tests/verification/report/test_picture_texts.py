@@ -9,10 +9,11 @@ import pytest
 
 import taction
 from taction.verification.report.onset.plot import plot_onset
+from taction.verification.report.renderers.picture import draw_page
 from taction.verification.report.sweep.plot import plot_sweep
 from taction.verification.report.tolerance.yield_plot import plot_yield
 from taction.verification.report.tuning_plot import plot_tradeoff
-from taction.verification.report.verdict.plots import plot_verdict
+from taction.verification.report.views.verdict import view
 from taction.verification.report.work_precision.plot import plot_study
 from tests.support.making import make_scene
 from tests.support.report_pages import (
@@ -62,7 +63,7 @@ STUDIES: dict[str, Callable[[str], None]] = {
 @pytest.mark.parametrize("name", VERDICTS)
 def test_the_texts_of_a_verdict_are_readable(name: str, tmp_path: Path) -> None:
     with figures() as saved:
-        plot_verdict(verdicts()[name], str(tmp_path / "picture.png"))
+        draw_page(view(verdicts()[name]), str(tmp_path / "picture.png"))
     (figure,) = saved
     assert overlapping(figure) == []
     assert cut_off(figure) == []

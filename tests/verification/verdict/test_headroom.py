@@ -16,8 +16,9 @@ from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.system.errors import InputError
 from taction.verification.engines.ngspice.process import find_simulator, simulate
+from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.verdict.json_document import verdict_document
-from taction.verification.report.verdict.table import verdict_text
+from taction.verification.report.views.verdict import view
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.headroom import Load, PartLoads, headroom
@@ -181,7 +182,7 @@ def test_the_proposed_unit_voltage_mends_the_board() -> None:
 
 def test_the_table_and_the_document_have_the_worst_first() -> None:
     verdict = verify(small_signal("slew-ua741").with_engine("statespace"))
-    text = verdict_text(verdict)
+    text = page_text(view(verdict))
     assert "slope of c_6" in text
     assert "1.58 V/us" in text
     rows = verdict_document(verdict)["headroom"]

@@ -21,8 +21,9 @@ from taction.verification.engines.ngspice.process import find_simulator, start
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.output_noise import output_noise
 from taction.verification.reference.ideal_answer import resolve_lambda
+from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.verdict.json_document import verdict_document
-from taction.verification.report.verdict.table import verdict_text
+from taction.verification.report.views.verdict import view
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.output_noise import STEP, OutputNoise, noise_bands
 from taction.verification.verdict.run_checks import run_checks
@@ -169,7 +170,7 @@ def test_the_verdict_has_the_noise_of_every_channel(engine: str) -> None:
     assert document["noise"]["rms"] == pytest.approx(rms.tolist(), rel=1e-9)
     assert (document["noise"]["ngspice"] is None) is (engine == "statespace")
     assert document["error_budget"]["noise"]["value"] == pytest.approx(rms.max(), rel=1e-9)
-    assert "noise" in verdict_text(verdict)
+    assert "noise" in page_text(view(verdict))
 
 
 @pytest.mark.usefixtures("ngspice")

@@ -16,8 +16,9 @@ from taction.system.errors import SimulatorNotFound, TimedOut
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.readings.settling import ChannelState
 from taction.verification.reference.ideal_answer import IdealAnswer
+from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.verdict.json_document import verdict_document
-from taction.verification.report.verdict.table import verdict_text
+from taction.verification.report.views.verdict import view
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.paths import SCENES
@@ -48,9 +49,9 @@ def assert_named(verdict: Verdict, other: Verdict) -> None:
     names = [f"ngspice-{found.version}", "KLU" if found.klu else "Sparse", "trapezoidal"]
     document = verdict_document(verdict)
     assert [document[key] for key in ("simulator", "solver", "method")] == names
-    assert f"{', '.join(names)}: " in verdict_text(verdict)
+    assert f"{', '.join(names)}: " in page_text(view(verdict))
     method = "exact" if other.scene.design.amplifier == "linear" else "Radau IIA"
-    assert f"statespace, {method}: " in verdict_text(other)
+    assert f"statespace, {method}: " in page_text(view(other))
 
 
 @pytest.mark.usefixtures("ngspice")

@@ -15,9 +15,9 @@ from taction.verification.report.explorer.charts import (
     poles_chart,
     stress_chart,
 )
-from taction.verification.report.html.sections.checks import check_bar
 from taction.verification.report.tables import spaced
 from taction.verification.report.texts import figure, quantity, readable
+from taction.verification.report.views.verdict import check_bar
 from taction.verification.verdict.checks import Check
 
 VALUE_DIGITS = 6
@@ -158,7 +158,7 @@ def _figures(found: Judgement) -> dict[str, str]:
 
 
 def _bar(check: Check) -> Part:
-    bar = check_bar(_record(check))
+    bar = check_bar(check)
     return {**asdict(bar), "width": bar.width, "used": bar.used}
 
 
@@ -168,13 +168,9 @@ def _sentence(found: Judgement) -> str:
     if found.outcome == "pass":
         return f"all {len(found.checks)} checks pass"
     if len(decisive) == 1:
-        bar = check_bar(_record(decisive[0]))
+        bar = check_bar(decisive[0])
         known = f"{bar.value}, {bar.limit}; " if bar.share is not None else ""
         return f"{bar.name}: {known}{bar.reason}"
     verb = "fail" if found.outcome == "fail" else "are not decided"
     names = ", ".join(spaced(check.name) for check in decisive)
     return f"{len(decisive)} of {len(found.checks)} checks {verb}: {names}"
-
-
-def _record(check: Check) -> Part:
-    return {**asdict(check), "outcome": check.outcome.value}

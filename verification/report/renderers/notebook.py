@@ -39,8 +39,8 @@ WHOLE = "border-collapse:collapse;border:0;margin:.5em 0;width:auto;font-size:1e
 ROW = '<tr style="background:none">{}</tr>'
 
 
-def card(page: Page) -> str:
-    """Return `page` as one ``<div>``; `command` is its kind: ``"Verdict"``.
+def card(page: Page, kind: str = "") -> str:
+    """Return `page` as one ``<div>``; `kind` stands beside the title, by default its command.
 
     Examples
     --------
@@ -50,7 +50,7 @@ def card(page: Page) -> str:
     1
     """
     colour = OUTCOMES[page.outcome].colour if page.outcome else "rgba(127,127,127,.6)"
-    parts = [_head(page)]
+    parts = [_head(page, kind or page.command)]
     for section in page.sections:
         parts += (SHOWN[type(block)](block) for block in section.made(NOTEBOOK))
     parts += map(_note, page.foot)
@@ -74,12 +74,12 @@ def _mark(outcome: Outcome, text: str = "") -> str:
     return f'<span style="{style};font-weight:600;white-space:nowrap">{shown}</span>'
 
 
-def _head(page: Page) -> str:
+def _head(page: Page, kind: str) -> str:
     name = f'<b style="font-size:1.1em">{_text(page.title)}</b>'
-    kind = f'<span style="opacity:.7">{_text(page.command)}</span>'
+    shown = f'<span style="opacity:.7">{_text(kind)}</span>'
     outcome = _mark(page.outcome) if page.outcome else ""
     lines = (f"<div>{_text(line)}</div>" for line in (page.summary, *page.lines) if line)
-    return f"<div>{name} {kind} {outcome}</div>{''.join(lines)}"
+    return f"<div>{name} {shown} {outcome}</div>{''.join(lines)}"
 
 
 def _shares(block: Shares) -> str:

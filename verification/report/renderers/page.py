@@ -20,7 +20,7 @@ from typing import Any
 from taction.system.atomic_files import write_atomically
 from taction.system.errors import Complaint, InputError
 from taction.verification.report.blocks import PAGE as MEDIUM
-from taction.verification.report.blocks import Block, Page
+from taction.verification.report.blocks import Block, Page, Section
 from taction.verification.report.output_checks import check_file
 from taction.verification.report.renderers.plotly import plotly_spec, view_layout
 
@@ -71,8 +71,7 @@ def page_html(page: Page) -> str:
     environment.filters["spec"] = plotly_spec
     environment.globals["view_layout"] = view_layout
     program = _read("charts.js") + _read("page.js")
-    made = [(section, section.made(MEDIUM)) for section in page.sections]
-    shown = [(section, blocks) for section, blocks in made if blocks]
+    shown = made_sections(page)
     packed, digest = (
         _plotly() if _has_charts(block for _, own in shown for block in own) else ("", "")
     )
@@ -84,6 +83,18 @@ def page_html(page: Page) -> str:
         plotly=packed,
         digests=[_digest(program.encode()), digest],
     )
+
+
+def made_sections(page: Page) -> list[tuple[Section, list[Block]]]:
+    """Return the sections with blocks; neighbours of one title are one."""
+    found: list[tuple[Section, list[Block]]] = []
+    for section in page.sections:
+        blocks = section.made(MEDIUM)
+        if blocks and found and found[-1][0].title == section.title:
+            found[-1][1].extend(blocks)
+        elif blocks:
+            found.append((section, [*blocks]))
+    return found
 
 
 def _has_charts(blocks: Iterable[Block]) -> bool:

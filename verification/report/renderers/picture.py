@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 WIDTH, HEIGHT = 5.2, 3.6  # of a chart, inches, where the sheet has no size
-LETTERS = 11.0  # of a title per inch of the chart's width
+LETTERS = 13.0  # of a title per inch of the chart's width
 MARKS = {
     "circle": "o", "square": "s", "diamond": "D", "triangle-up": "^", "triangle-down": "v",
     "triangle-left": "<", "triangle-right": ">", "x": "x", "cross": "P", "star": "*",
@@ -76,9 +76,15 @@ def draw_sheet(sheet: Sheet, path: str | Path | None = None) -> Figure:
 
 
 def draw_page(page: Page, path: str | Path | None = None) -> Figure:
-    """Draw the sheet of `page`, see `draw_sheet`."""
+    """Draw the sheet of `page`, see `draw_sheet`.
+
+    Raises
+    ------
+    ValueError
+        The page has no picture.
+    """
     if page.sheet is None:
-        raise TypeError(f"{page.command} has no picture")
+        raise ValueError(f"{page.command} has no picture")
     return draw_sheet(page.sheet(), path)
 
 
@@ -500,7 +506,7 @@ def _draw_bars(axes: Axes, bars: Bars) -> None:
     from matplotlib.transforms import Bbox
 
     axes.axis("off")
-    rows = [(bar.name, bar.outcome, bar.value, bar.limit) for bar in bars.rows]
+    rows = [(b.name, b.outcome, b.value.partition(" (")[0], b.limit) for b in bars.rows]
     if not rows:
         return
     figure: Any = axes.figure

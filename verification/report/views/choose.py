@@ -21,7 +21,6 @@ from taction.verification.report.blocks import (
     Table,
 )
 from taction.verification.report.charts import Axis, Chart, Curve, Grid
-from taction.verification.report.html.verdict_report import verdict_report
 from taction.verification.report.texts import (
     counted,
     figure,
@@ -30,6 +29,7 @@ from taction.verification.report.texts import (
     quantity,
     readable,
 )
+from taction.verification.report.views.verdict import view as verdict_report
 from taction.verification.verdict.record import finite
 from taction.verification.verdict.verify import Verdict
 

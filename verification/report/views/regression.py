@@ -17,12 +17,11 @@ from taction.verification.report.blocks import (
     Table,
 )
 from taction.verification.report.charts import Outcome
-from taction.verification.report.html.sections.checks import check_bar
 from taction.verification.report.tables import spaced
 from taction.verification.report.tables import value_text as written_value
 from taction.verification.report.texts import readable
-from taction.verification.report.verdict.json_document import check_record
 from taction.verification.report.views.origin import plain_origin
+from taction.verification.report.views.verdict import check_bar
 from taction.verification.studies.regression.run import RegressionReport, SceneResult, Status
 from taction.verification.verdict.compare import Difference
 
@@ -94,7 +93,7 @@ def _scene(result: SceneResult, medium: str) -> Iterator[Block]:
         note = f"and {more} more (--json has all)" if more > 0 else ""
         yield Table("" if name else "Changes", CHANGES, rows, note)
     if result.checks and medium == PAGE:
-        yield Bars("Checks", tuple(check_bar(check_record(check)) for check in result.checks))
+        yield Bars("Checks", tuple(check_bar(check) for check in result.checks))
 
 
 def _change_row(change: Difference) -> tuple[Cell, ...]:

@@ -25,8 +25,8 @@ from taction.verification.report.blocks import (
     Table,
 )
 from taction.verification.report.charts import Axis, Chart, Curve, Limit, Mark
-from taction.verification.report.html.verdict_report import verdict_report
 from taction.verification.report.texts import figure, number_cell, percent, quantity
+from taction.verification.report.views.verdict import view as verdict_report
 from taction.verification.verdict.verify import Verdict
 
 

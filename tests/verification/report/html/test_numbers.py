@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import itertools
 import re
-from collections.abc import Iterator
 
 import pytest
 
 import taction
 from taction.netlist_gen.scene.axes import parse_axes, with_values
-from taction.verification.report.html.blocks import Bars, Picture, Report, Table
-from taction.verification.report.html.sections.checks import headroom_section
+from taction.verification.report.html.blocks import Picture
 from taction.verification.report.html.sweep_maps import Plane, Ruler
-from taction.verification.report.verdict.json_document import verdict_document
 from taction.verification.studies.sweep.boundary import Boundary, solve_boundary
 from taction.verification.studies.sweep.plan import Plan
 from tests.support.making import make_scene
-from tests.support.report_pages import STATESPACE, VERDICTS, page, verdicts
+from tests.support.report_pages import STATESPACE, page
 from tests.support.sweeping import grid_plan
 
 PREFIXES = {"p": 1e-12, "n": 1e-9, "µ": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3, "M": 1e6, "G": 1e9}
@@ -25,82 +21,8 @@ NUMBER = re.compile(r"^(-?[\d.]+)(?: ([pnµmkMG]?)(s|V|/s|F|Ω|A|Hz)?)?(?: (%))?
 ODD = re.compile(r"\d[eE][-+]?\d|\d [zaf](V|s|A)\b")  # 2.4e-13 %, 27.8 aV
 
 
-def number(text: str) -> float:
-    """Return the value of a text in SI units, a share of the step as a fraction."""
-    found = NUMBER.match(text)
-    assert found, text
-    value = float(found[1]) * PREFIXES[found[2] or ""]
-    return value / 100.0 if found[4] else value
-
-
-def block(report: Report, kind: type[Table] | type[Bars], title: str) -> Table | Bars:
-    blocks = itertools.chain.from_iterable(section.blocks for section in report.sections)
-    return next(each for each in blocks if isinstance(each, kind) and each.title == title)
-
-
-@pytest.mark.parametrize("name", VERDICTS)
-def test_the_checks_have_the_numbers_of_the_document(name: str) -> None:
-    document = verdict_document(verdicts()[name])
-    bars = block(page(name), Bars, "")
-    assert isinstance(bars, Bars)
-    assert len(bars.rows) == len(document["checks"])
-    for bar, check in zip(bars.rows, document["checks"], strict=True):
-        assert bar.outcome == check["outcome"]
-        if check["value"] is None:
-            assert bar.value == "–"
-        elif bar.value.startswith("under 1 ppm"):
-            assert abs(check["value"]) < 1e-6
-        else:
-            assert number(bar.value) == pytest.approx(check["value"], rel=6e-3)
-
-
-@pytest.mark.parametrize("name", VERDICTS)
-def test_the_channels_have_the_numbers_of_the_document(name: str) -> None:
-    records = verdict_document(verdicts()[name])["channels"]
-    table = block(page(name), Table, "Channels")
-    assert isinstance(table, Table)
-    assert len(table.rows) == len(records)
-    for row, record in zip(table.rows, records, strict=True):
-        cells = dict(zip(table.columns, row, strict=True))
-        for column, key in (("target", "reference"), ("end", "final")):
-            assert cells[column].number == pytest.approx(record[key])
-            assert number(cells[column].text) == pytest.approx(record[key], rel=6e-3, abs=1e-9)
-
-
-def _texts(report: Report) -> Iterator[str]:
-    for each in itertools.chain.from_iterable(section.blocks for section in report.sections):
-        if isinstance(each, Bars):
-            yield from (bar.value for bar in each.rows)
-        elif isinstance(each, Table):
-            yield from (cell.text for row in each.rows for cell in row[1:])
-        elif isinstance(each, Picture):
-            yield from (each.title, each.result)
-            yield from map(str, each.spec["data"][0].get("text") or ())
-    yield from (report.summary, *report.lines)
-
-
-@pytest.mark.parametrize("name", VERDICTS)
-def test_no_number_has_an_exponent_or_a_prefix_below_rounding(name: str) -> None:
-    assert [text for text in _texts(page(name)) if ODD.search(text)] == []
-
-
-@pytest.mark.parametrize(("limited", "outcome"), [(True, ""), (False, "fail")])
-def test_a_load_above_a_simulated_limit_is_no_failure(limited: bool, outcome: str) -> None:
-    load = {
-        "part": "c_8", "quantity": "slope", "unit": "V/s", "peak": 1e7, "limit": 5e5,
-        "share": 20.0, "time": 0.0, "error": None,
-    }  # fmt: skip
-    section = headroom_section([load], limited=limited)
-    (bars,) = section.blocks
-    assert isinstance(bars, Bars)
-    assert bars.rows[0].outcome == outcome
-    assert bars.rows[0].fill == "fail"
-    assert ("without limits" in section.lead) == limited
-
-
 def _pictures(name: str) -> list[Picture]:
-    blocks = itertools.chain.from_iterable(section.blocks for section in page(name).sections)
-    return [each for each in blocks if isinstance(each, Picture)]
+    return [each for each in page(name).blocks() if isinstance(each, Picture)]
 
 
 def test_three_axes_are_maps_at_each_value_of_the_third() -> None:

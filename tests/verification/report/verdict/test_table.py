@@ -9,26 +9,24 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from taction.netlist_gen.board.circuit import Output
 from taction.netlist_gen.scene.scene import load_scene
 from taction.system.errors import InputError
-from taction.system.quantities import show
+from taction.system.picture import time_unit
 from taction.verification.engines.ngspice.raw_file import read_raw
 from taction.verification.readings.readings import Reading
-from taction.verification.readings.settling import ChannelState
+from taction.verification.report.renderers.picture import draw_page
 from taction.verification.report.verdict.json_document import (
     channel_record,
     verdict_document,
 )
-from taction.verification.report.verdict.plots import plot_verdict, time_unit
-from taction.verification.report.verdict.table import amount, channel_table, print_verdict
 from taction.verification.report.verdict.waveform_files import check_export, export
+from taction.verification.report.views.verdict import view
 from taction.verification.verdict.record import Channel, finite
 from taction.verification.verdict.verify import Verdict, verify
 from taction.verification.waveforms import Cost, Waveforms
-from tests.support.measured import channel, measured
+from tests.support.measured import channel
 from tests.support.paths import SCENES
 
 
@@ -47,12 +45,12 @@ def test_pictures_of_every_kind_and_the_same_twice(tmp_path: Path) -> None:
     starts = {"png": b"\x89PNG\r\n", "svg": b"<?xml", "pdf": b"%PDF"}
     for ending, start in starts.items():
         file = tmp_path / f"a.{ending}"
-        plot_verdict(verdict(), str(file))
+        draw_page(view(verdict()), str(file))
         content = file.read_bytes()
         assert content.startswith(start)
         assert len(content) > 10_000
     again = tmp_path / "b.svg"
-    plot_verdict(verdict(), str(again))
+    draw_page(view(verdict()), str(again))
     assert again.read_bytes() == (tmp_path / "a.svg").read_bytes()
 
 
@@ -60,7 +58,7 @@ def test_a_picture_that_cannot_be_written(tmp_path: Path) -> None:
     folder = tmp_path / "taken.png"
     folder.mkdir()
     with pytest.raises(InputError, match="a folder; expected a file"):
-        plot_verdict(verdict(), str(folder))
+        draw_page(view(verdict()), str(folder))
 
 
 @pytest.mark.parametrize(
@@ -69,60 +67,6 @@ def test_a_picture_that_cannot_be_written(tmp_path: Path) -> None:
 )
 def test_the_unit_of_a_time_axis(longest: float, size: float, name: str) -> None:
     assert time_unit(longest) == (size, name)
-
-
-@pytest.mark.parametrize(
-    ("value", "unit", "text"),
-    [
-        (None, "s", "-"),
-        (float("inf"), "s", "-"),
-        (2.42e-3, "s", "2.42 ms"),
-        (-1123.46, "1/s", "-1.123 k/s"),
-        (2.41911, "ratio", "2.42"),
-        (4.73e-5, "step", "0.00473 %"),
-    ],
-)
-def test_amounts_for_people(value: float | None, unit: str, text: str) -> None:
-    assert amount(value, unit) == text
-
-
-def test_the_tables_hold_every_check_and_every_channel() -> None:
-    console = Console(width=200)
-    with console.capture() as captured:
-        print_verdict(verdict(), console)
-    text = captured.get()
-    for check in verdict().checks:
-        assert check.name.replace("_", " ") in text
-    assert text.rstrip().endswith("PASS")
-    assert "statespace" in text
-
-
-@pytest.mark.parametrize("width", [80, 120])
-def test_no_name_and_no_number_is_cut(width: int) -> None:
-    console = Console(width=width)
-    with console.capture() as captured:
-        print_verdict(verdict(), console)
-    text = captured.get()
-    assert "…" not in text
-    assert max(map(len, text.splitlines())) <= width
-    for each in verdict().measurements.channels:
-        assert show(each.target, "V") in text
-    for check in verdict().checks:
-        first = " ".join(check.reason.split()[:3])
-        assert f"{check.name.replace('_', ' ')}: {first}" in text
-
-
-def test_a_channel_in_trouble_is_told_with_its_numbers() -> None:
-    ringing = channel(
-        1, state=ChannelState.OSCILLATING, frequency=4e4, growth_rate=1e3, settling_time=None,
-        rise_time=Reading(10e-6, 0.0, True, 4e-6),
-    )  # fmt: skip
-    console = Console(width=160)
-    with console.capture() as captured:
-        console.print(channel_table(measured(channel(0), ringing)))
-    text = captured.get()
-    assert "oscillating" in text
-    assert "10 us (fragile: or 4 us)" in text
 
 
 def test_a_document_is_plain_and_counts_channels_from_one() -> None:

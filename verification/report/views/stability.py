@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -11,9 +10,9 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Complexes
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.report.html.blocks import Facts, Picture, Section, View
-from taction.verification.report.html.pictures import area, axis, label, line, numbers
-from taction.verification.report.html.texts import figure, quantity
+from taction.verification.report.blocks import Block, Facts, Notes
+from taction.verification.report.charts import Axis, Band, Chart, Curve, Limit, Mark, Text, View
+from taction.verification.report.texts import figure, quantity
 from taction.verification.stability.margin import AROUND, stable_values
 from taction.verification.stability.poles import Poles
 
@@ -26,21 +25,21 @@ Window = tuple[float, float, float]
 LARGE = "not computed for a board of this size; `taction onset SCENE --over C` finds it"
 
 
-def stability_section(circuit: Circuit, poles: Poles) -> Section:
+def stability_blocks(circuit: Circuit, poles: Poles) -> tuple[Block, ...]:
     """Return the pole map, the numbers of the rightmost pole, and the stable values of C."""
-    lead = poles.rightmost
+    lead, own = poles.rightmost, circuit.facts["C"].text
     ranges = stable_capacitances(circuit, poles)
     rows = (
         ("rightmost pole, real part", figure(lead.real, "1/s")),
         ("its frequency", quantity(abs(lead.imag) / math.tau, "Hz")),
         ("damping ratio of the rightmost ringing pole", f"{poles.damping_ratio:.4g}"),
         ("poles", str(len(poles.poles)) if poles.complete else f"rightmost {len(poles.poles)}"),
-        ("C of this board", circuit.facts["C"].text),
+        ("C of this board", own),
         ("stable values of C", ranges),
     )
     word = "stable" if poles.stable else "not stable"
-    text = f"The board is {word} at C = {circuit.facts['C'].text}. Stable values of C: {ranges}."
-    return Section("Stability", (_map(poles, ranges), Facts("", rows)), text)
+    text = f"The board is {word} at C = {own}. Stable values of C: {ranges}."
+    return Notes("", (text,)), pole_map(poles, ranges), Facts("", rows)
 
 
 def stable_capacitances(circuit: Circuit, poles: Poles) -> str:
@@ -69,46 +68,44 @@ def _range(low: float, high: float, least: float, most: float) -> str:
     return f"{quantity(low, 'F')} to {quantity(high, 'F')}"
 
 
-def _map(poles: Poles, ranges: str) -> Picture:
-    values = poles.poles[:SHOWN]
-    data = [
-        _dots(values[values.real < 0.0], "decays", "--pass", "circle"),
-        _dots(values[values.real >= 0.0], "grows", "--fail", "x"),
-    ]
+def pole_map(poles: Poles, ranges: str) -> Chart:
+    """Return the upper half plane with the poles and lines of equal damping."""
+    values = poles.poles[poles.poles.imag >= 0.0][:SHOWN]
     views = _views(values)
-    left, right, top = views[0][1]
-    reach = 4.0 * float(np.abs(values).max(initial=top))
-    rays = [
-        {"type": "line", "x0": 0, "y0": 0, "x1": -zeta * reach, "layer": "below",
-         "y1": math.sqrt(1.0 - zeta**2) * reach / math.tau,
-         "line": {"color": "--band", "width": 1}}
+    left, right, top = (
+        limit([window[k] for _, window in views]) for k, limit in enumerate((min, max, max))
+    )
+    reach = 1.5 * math.hypot(left, top)
+    marks: list[Mark] = [Band(0.0, reach, "x", colour="fail"), Limit(0.0, "x", line="solid")]
+    marks += (
+        Curve(
+            [0.0, -zeta * reach], [0.0, math.sqrt(1.0 - zeta**2) * reach / math.tau], "", "band",
+            width=1.0, label="", behind=True,
+        )
         for zeta in DAMPING
-    ]  # fmt: skip
-    half = area(0.0, reach, across="x", colour="--fail-soft")
-    layout = {
-        "xaxis": axis("real part", "/s", range=[left, right]),
-        "yaxis": axis("frequency", "Hz", range=[0.0, top / math.tau]),
-        "shapes": [half, line(0.0, None), *rays],
-        "annotations": [
-            label("grows →", 1, 0, xref="paper", yref="paper", xanchor="right", yanchor="bottom"),
-            label(f"stable C: {ranges}", 0, 1.0, xref="paper", yref="paper",
-                  xanchor="left", yanchor="bottom", font={"size": 12, "color": "--ink"}),
-        ],
-        "showlegend": False,
-        "margin": {"l": 60, "r": 14, "t": 30, "b": 44},
-    }  # fmt: skip
+    )  # fmt: skip
+    for name, colour, mark, shown in (
+        ("decays", "pass", "circle", values[values.real < 0.0]),
+        ("grows", "fail", "x", values[values.real >= 0.0]),
+    ):
+        marks.append(Curve(shown.real, shown.imag / math.tau, name, colour, "", mark))
+    marks.append(Text("grows →", None, None, ("left", "above")))
     summary = (
-        "Poles of the linearised board in the upper half plane. Circles decay, orange crosses in"
-        " the shaded half grow. On a thin line the damping ratio is"
+        "Poles of the linearised board in the upper half plane. Circles decay, crosses in the"
+        " shaded half grow. On a thin line the damping ratio is"
         f" {', '.join(f'{zeta:g}' for zeta in DAMPING)}, from the axis to the left. Stable values"
         f" of C: {ranges}."
     )
-    shown = tuple(
-        View(name, {"xaxis.range": [low, high], "yaxis.range": [0.0, upper / math.tau]})
-        for name, (low, high, upper) in views
+    return Chart(
+        "Pole map",
+        Axis("real part", "1/s", limits=(left, right)),
+        Axis("frequency", "Hz", limits=(0.0, top / math.tau)),
+        tuple(marks),
+        _result(poles),
+        summary,
+        tuple(View(name, (low, high), (0.0, up / math.tau)) for name, (low, high, up) in views),
+        legend="below",
     )
-    picture = {"data": data, "layout": layout}
-    return Picture("Pole map", picture, summary, 380, shown, result=_result(poles))
 
 
 def _result(poles: Poles) -> str:
@@ -117,19 +114,6 @@ def _result(poles: Poles) -> str:
     word = "decays" if poles.stable else "grows"
     ringing = f" at {quantity(abs(lead.imag) / math.tau, 'Hz')}" if lead.imag else ""
     return f"the rightmost mode {word} with {figure(abs(lead.real), '1/s')}{ringing}"
-
-
-def _dots(poles: Complexes, name: str, colour: str, symbol: str) -> dict[str, Any]:
-    upper = poles[poles.imag >= 0.0]
-    return {
-        "type": "scatter",
-        "mode": "markers",
-        "name": name,
-        "x": numbers(upper.real),
-        "y": numbers(upper.imag / math.tau),
-        "marker": {"color": colour, "symbol": symbol, "size": 9},
-        "hovertemplate": f"{name}: %{{x:.5s}}/s at %{{y:.5s}}Hz<extra></extra>",
-    }
 
 
 def _views(values: Complexes) -> list[tuple[str, Window]]:

@@ -1,0 +1,269 @@
+"""What a verdict shows: numbers of the document, charts of the record, parts of the board."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from taction.system.quantities import show
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.readings.readings import Reading
+from taction.verification.readings.settling import ChannelState
+from taction.verification.report.blocks import Bars, Code, Drawing, Facts, Notes, Table
+from taction.verification.report.charts import Chart, Columns, Curve, Grid, Limit, Text
+from taction.verification.report.renderers.terminal import page_text, plain
+from taction.verification.report.texts import quantity
+from taction.verification.report.verdict.json_document import verdict_document
+from taction.verification.report.views.board import LARGEST, matrix_chart, schematic
+from taction.verification.report.views.verdict import channel_table, check_bar, load_bars, view
+from taction.verification.verdict.board_power import board_power
+from taction.verification.verdict.checks import Check, Outcome
+from taction.verification.verdict.headroom import Load
+from tests.support.measured import channel, measured
+from tests.support.report_pages import VERDICTS, page, verdicts
+
+PREFIXES = {"p": 1e-12, "n": 1e-9, "µ": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3, "M": 1e6, "G": 1e9}
+NUMBER = re.compile(r"^(-?[\d.]+)(?: ([pnµmkMG]?)(s|V|/s|F|Ω|A|Hz)?)?(?: (%))?(?: |$)")
+ODD = re.compile(r"\d[eE][-+]?\d|\d [zaf](V|s|A)\b")  # 2.4e-13 %, 27.8 aV
+
+
+def made(value: float | None, limit: float | None, **more: Any) -> Check:
+    """Return a check of an overshoot; `more` replaces its fields."""
+    check = Check("overshoot", Outcome.PASS, value, 0.01, limit, None, "step", "")
+    return replace(check, **more)
+
+
+def number(text: str) -> float:
+    """Return the value of a text in SI units, a share of the step as a fraction."""
+    found = NUMBER.match(text)
+    assert found, text
+    value = float(found[1]) * PREFIXES[found[2] or ""]
+    return value / 100.0 if found[4] else value
+
+
+def block(name: str, kind: type[Any], title: str = "") -> Any:
+    """Return the first block of a kind and title on the page of a verdict."""
+    blocks = page(name).blocks()
+    return next(each for each in blocks if isinstance(each, kind) and each.title == title)
+
+
+@pytest.mark.parametrize("name", VERDICTS)
+def test_the_checks_have_the_numbers_of_the_document(name: str) -> None:
+    document = verdict_document(verdicts()[name])
+    bars = block(name, Bars)
+    assert len(bars.rows) == len(document["checks"])
+    for bar, check in zip(bars.rows, document["checks"], strict=True):
+        assert bar.outcome == check["outcome"]
+        if check["value"] is None:
+            assert bar.value == "–"
+        elif bar.value.startswith("under 1 ppm"):
+            assert abs(check["value"]) < 1e-6
+        else:
+            assert number(bar.value) == pytest.approx(check["value"], rel=6e-3)
+
+
+@pytest.mark.parametrize("name", VERDICTS)
+def test_the_channels_have_the_numbers_of_the_document(name: str) -> None:
+    records = verdict_document(verdicts()[name])["channels"]
+    table = block(name, Table)
+    assert len(table.rows) == len(records)
+    for row, record in zip(table.rows, records, strict=True):
+        cells = dict(zip(table.columns, row, strict=True))
+        for column, key in (("target", "reference"), ("end", "final")):
+            assert cells[column].number == pytest.approx(record[key])
+            assert number(cells[column].text) == pytest.approx(record[key], rel=6e-3, abs=1e-9)
+
+
+def _texts(name: str) -> Iterator[str]:
+    for each in page(name).blocks():
+        if isinstance(each, Bars):
+            yield from (bar.value for bar in each.rows)
+        elif isinstance(each, Table):
+            yield from (cell.text for row in each.rows for cell in row[1:])
+        elif isinstance(each, Chart):
+            yield from (each.heading, each.summary)
+            yield from (str(text) for mark in each.marks for text in getattr(mark, "written", ()))
+    yield from (page(name).summary, *page(name).lines)
+
+
+@pytest.mark.parametrize("name", VERDICTS)
+def test_no_number_has_an_exponent_or_a_prefix_below_rounding(name: str) -> None:
+    assert [text for text in _texts(name) if ODD.search(text)] == []
+
+
+@pytest.mark.parametrize(("limited", "outcome"), [(True, ""), (False, "fail")])
+def test_a_load_above_a_simulated_limit_is_no_failure(limited: bool, outcome: str) -> None:
+    load = Load("c_8", "slope", 1e7, 5e5, 0.0, 0.0, math.inf)
+    (bar,) = load_bars([load], limited=limited).rows
+    assert (bar.outcome, bar.fill, bar.share) == (outcome, "fail", 20.0)
+
+
+@pytest.mark.parametrize(
+    ("check", "share", "width", "used"),
+    [
+        (made(0.1, 0.4), 0.25, 50.0, "25 % of the limit"),
+        (made(0.8, 0.4), 2.0, 300.0, "200 % of the limit"),
+        (made(6.0, 0.4), 15.0, 300.0, "15 times the limit"),
+        (made(1e-9, 0.4), 2.5e-9, 0.0, "below 0.01 % of the limit"),
+        (made(3.0, 1.5, name="stability", unit="ratio"), 0.5, 100.0, "50 % of the limit"),
+        (made(None, 0.4), None, 0.0, "below 0.01 % of the limit"),
+        (made(-1e4, 0.0, name="stability", unit="1/s"), None, 0.0, "below 0.01 % of the limit"),
+    ],
+)
+def test_a_bar_is_the_used_part_of_the_limit(
+    check: Check, share: float | None, width: float, used: str
+) -> None:
+    bar = check_bar(check)
+    assert bar.share == (None if share is None else pytest.approx(share))
+    assert bar.width == pytest.approx(width, abs=1e-3)
+    assert bar.used == used
+
+
+def test_a_value_below_the_smallest_one_is_beyond_its_limit() -> None:
+    bar = check_bar(made(8e-6, 12e-6, name="rise_time", unit="s", outcome=Outcome.FAIL), 10e-6)
+    assert bar.share == pytest.approx(1.25)
+    assert bar.limit == "at least 10 µs"
+
+
+def test_the_whisker_is_the_uncertainty() -> None:
+    assert check_bar(made(0.2, 0.4)).whisker == pytest.approx((95.0, 105.0))
+    assert check_bar(made(0.2, 0.4, uncertainty=1e-6)).whisker is None
+
+
+@pytest.mark.parametrize(
+    ("name", "parts"),
+    [
+        ("passing", ("Rb_", "Rr_2", "Cc_2", "Rs_", "100 kΩ", "100 pF")),
+        ("exponential", ("exponential", "Rbias_1", "Ve = ")),
+        ("passive", ("Rr_1", "Cc_1", "u_1")),
+        ("one channel", ("Rb_1_1", "Rf_1_1", "w_1")),
+    ],
+)
+def test_the_schematic_has_the_parts_of_the_board(name: str, parts: tuple[str, ...]) -> None:
+    drawing = schematic(verdicts()[name].circuit)
+    root = ElementTree.fromstring(drawing.svg)  # noqa: S314 - made by ourselves
+    text = " ".join("".join(each.itertext()) for each in root.iter() if each.tag.endswith("text"))
+    for part in parts:
+        assert part in text
+    assert len(root.get("viewBox", "").split()) == 4
+    assert "script" not in drawing.svg
+    assert drawing.summary
+
+
+def test_the_stable_values_of_c_are_written_beside_the_poles() -> None:
+    facts = [each for each in page("oscillating").blocks() if isinstance(each, Facts)]
+    values = dict(facts[0].rows)
+    assert values["stable values of C"].startswith("above ")
+    notes = [line for b in page("oscillating").blocks() if isinstance(b, Notes) for line in b.lines]
+    assert any(line.startswith("The board is not stable at C") for line in notes)
+
+
+def test_the_parts_list_counts_every_part() -> None:
+    circuit = verdicts()["passing"].circuit
+    rows = block("passing", Table, "Bill of materials").rows
+    resistors = len(circuit.resistors) + sum(
+        int(np.isfinite(m.ohms).sum()) for m in circuit.matrices
+    )
+    assert sum(row[2].number for row in rows if row[0].text == "resistor") == resistors
+    power = quantity(board_power(LinearBoard(circuit)).total, "W", 3)
+    facts = [dict(each.rows) for each in page("passing").blocks() if isinstance(each, Facts)]
+    name = "dissipation at rest"
+    assert [each[name] for each in facts if name in each] == [power]
+
+
+def test_the_deck_to_copy_is_the_deck_that_runs() -> None:
+    code = block("passing", Code, "the deck")
+    assert code.text.rstrip().endswith(".end")
+    assert ".tran" in code.text
+    assert "<svg" in block("passing", Drawing, "One channel").svg
+
+
+def test_the_outputs_show_the_record_and_the_targets() -> None:
+    verdict = verdicts()["passing"]
+    marks = block("passing", Chart, "Outputs").marks
+    curves = [mark for mark in marks if isinstance(mark, Curve)]
+    assert [curve.name for curve in curves] == ["u1", "u2", "u3"]
+    for n, curve in enumerate(curves):
+        x, y = np.asarray(curve.x), np.asarray(curve.y)
+        exact = np.interp(x, verdict.waveforms.time, verdict.u[:, n])
+        assert np.abs(y - exact).max() < 1e-9 * verdict.measurements.amplitude
+        assert (y.min(), y.max()) == (verdict.u[:, n].min(), verdict.u[:, n].max())
+    limits = {mark.value for mark in marks if isinstance(mark, Limit) and mark.across == "y"}
+    assert limits == {channel.target for channel in verdict.measurements.channels}
+    lines = {curve.name: curve.line for curve in curves}
+    assert lines["u1"] != lines["u3"]  # symmetric channels
+    assert "u1, u3" in [mark.text for mark in marks if isinstance(mark, Text)]
+
+
+def test_a_growing_record_ends_at_the_supply() -> None:
+    verdict = verdicts()["oscillating"]
+    chart = block("oscillating", Chart, "Outputs")
+    low, high = chart.y.limits
+    assert max(-low, high) < 2 * verdict.circuit.supply
+    assert np.abs(verdict.u).max() <= max(-low, high) or "record grows to" in chart.summary
+
+
+def test_a_large_matrix_keeps_its_largest_entries() -> None:
+    circuit = verdicts()["one channel"].circuit
+    T = np.random.default_rng(6).standard_normal((500, 300))
+    G0 = circuit.value("G0")
+    forward = replace(circuit.forward, ohms=1.0 / (G0 * np.abs(T)), negative=T < 0)
+    chart = matrix_chart(replace(circuit, matrices=(forward, circuit.feedback)))
+    (grid,) = chart.marks
+    assert isinstance(grid, Grid)
+    values = np.asarray(grid.values)
+    assert max(values.shape) <= LARGEST
+    assert np.abs(values).max() == pytest.approx(np.abs(T).max())
+    assert values[0, 0] == pytest.approx(T[:4, :4].flat[np.abs(T[:4, :4]).argmax()])
+    assert "500 by 300" in chart.summary
+
+
+def test_the_waterfall_adds_up_in_the_worst_channel() -> None:
+    budget = verdicts()["passing"].budget
+    assert budget.total is not None
+    worst = int(np.argmax(np.abs(budget.total.channels)))
+    bars = block("passing", Chart, "Waterfall").marks[0]
+    assert isinstance(bars, Columns)
+    *steps, total = np.asarray(bars.sizes).tolist()
+    *bases, zero = np.asarray(bars.bases).tolist()
+    assert total == pytest.approx(budget.total.channels[worst])
+    assert (zero, bases[0]) == (0.0, 0.0)
+    assert bases[1:] == pytest.approx([b + s for b, s in zip(bases, steps, strict=True)][:-1])
+    assert bases[-1] + steps[-1] == pytest.approx(total, rel=1e-9)
+    assert "Not known: ill posedness" in block("one channel", Chart, "Waterfall").summary
+
+
+@pytest.mark.parametrize("name", VERDICTS)
+def test_a_terminal_shows_checks_channels_and_the_outcome(name: str) -> None:
+    verdict = verdicts()[name]
+    text = page_text(view(verdict))
+    for check in verdict.checks:
+        assert plain(f"{check.name.replace('_', ' ')}: {check.reason.split(';')[0]}") in text
+    for each in verdict.measurements.channels:
+        assert show(each.target, "V") in text
+    assert text.splitlines()[-1] == verdict.outcome.value.upper()
+    assert len(page_text(view(verdict, verbose=True))) > len(text)
+
+
+def test_a_terminal_shows_what_can_mend_a_verdict_and_the_margins() -> None:
+    changes = "what to change:\n  C = 1 nF"
+    lines = page_text(view(verdicts()["failing"], changes=changes, notes=("margin: C",)))
+    assert lines.splitlines()[-1] == "FAIL"
+    assert {"C = 1 nF", "margin: C"} <= set(lines.splitlines())
+
+
+def test_a_channel_in_trouble_is_told_with_its_numbers() -> None:
+    ringing = channel(
+        1, state=ChannelState.OSCILLATING, frequency=4e4, growth_rate=1e3, settling_time=None,
+        rise_time=Reading(10e-6, 0.0, True, 4e-6),
+    )  # fmt: skip
+    cells = [cell.text for cell in channel_table(measured(channel(0), ringing)).rows[1]]
+    assert cells.count("oscillating") == 1
+    assert "10 µs (fragile: or 4 µs)" in cells

@@ -1,0 +1,175 @@
+"""The board: numbers, one channel as a schematic, the matrix, what was left out, parts, deck."""
+
+from __future__ import annotations
+
+import hashlib
+
+import numpy as np
+
+from taction.netlist_gen.board.bill_of_materials import PartLine, bill_of_materials
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.schematic import schematic_summary, schematic_svg
+from taction.netlist_gen.deck.deck import write_deck
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.array_types import Floats
+from taction.system.quantities import readable
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.report.blocks import Block, Cell, Code, Drawing, Facts, Notes, Table
+from taction.verification.report.charts import Axis, Chart, Grid
+from taction.verification.report.texts import (
+    counted,
+    number_cell,
+    opamp_name,
+    percent,
+    quantity,
+    text_cells,
+)
+from taction.verification.verdict.board_power import board_power
+from taction.verification.verdict.verify import Verdict
+
+WRITTEN = 12  # rows or columns up to which the entries are written into the chart
+LARGEST = 160  # rows or columns of the chart of the matrix
+REFERENCES = 12  # names of parts in a line
+LONGEST = 400_000  # characters of a deck on a page
+
+
+def board_lines(verdict: Verdict) -> tuple[str, ...]:
+    """Return the size of the board and its numbers in one line each."""
+    c = verdict.circuit
+    rows, columns = c.shape
+    numbers = ", ".join(f"{fact.symbol} = {fact.text}" for fact in c.facts.values())
+    rule = f" (chosen by {verdict.scene.lambda_rule})" if verdict.scene.lambda_rule else ""
+    return (
+        f"{counted(columns, 'channel')}, {counted(rows, 'sensor')}, {c.amplifier} amplifiers,"
+        f" topology {c.topology}, op-amps {', '.join(map(opamp_name, c.models))}",
+        readable(f"{numbers}{rule}"),
+    )
+
+
+def board_blocks(circuit: Circuit) -> tuple[Block, ...]:
+    """Return the schematic of one channel, the matrix and the numbers of the board."""
+    rows = [
+        (f"{opamp_name(name)}, {title}", quantity(value, unit))
+        for name, model in circuit.models.items()
+        for title, value, unit in (
+            ("gain-bandwidth product", model.gbw, "Hz"),
+            ("input capacitance", model.input_capacitance, "F"),
+            ("output resistance", model.output_resistance, "ohm"),
+        )
+    ]
+    level = "small signal" if circuit.is_small_signal else "large signal"
+    rows += [
+        ("supply", f"±{quantity(circuit.supply, 'V')}"),
+        ("level of the op-amp models", level),
+    ]
+    return schematic(circuit), matrix_chart(circuit), Facts("", tuple(rows))
+
+
+def schematic(circuit: Circuit) -> Drawing:
+    """Return the schematic of one channel and one sensor row."""
+    return Drawing("One channel", schematic_svg(circuit), schematic_summary(circuit))
+
+
+def matrix_chart(circuit: Circuit) -> Chart:
+    """Return T as colours with signs: orange is negative, blue is positive."""
+    forward = circuit.forward
+    T, ohms = circuit.realised, forward.ohms
+    M, N = T.shape
+    present = np.isfinite(ohms)
+    count, minus = int(present.sum()), int((forward.negative & present).sum())
+    note, step = "", 1
+    if max(M, N) > LARGEST:
+        step = -(-max(M, N) // LARGEST)
+        T, ohms = _coarse(T, ohms, step)
+        note = f" Each square is the largest entry of a part of the {M} by {N} matrix."
+    rows, columns = T.shape
+    texts = tuple(
+        tuple(f"T = {t:.4g}, {quantity(value, 'ohm')}" for t, value in zip(*pair, strict=True))
+        for pair in zip(T.tolist(), ohms.tolist(), strict=True)
+    )
+    written: tuple[tuple[str, ...], ...] = ()
+    if max(rows, columns) <= WRITTEN:
+        written = tuple(
+            tuple(f"{value:+.2g}" if value else "" for value in row) for row in T.tolist()
+        )
+    entries = Grid(
+        1.0 + step * np.arange(columns), 1.0 + step * np.arange(rows),
+        np.where(T == 0.0, np.nan, T), "", "signed", title="T", texts=texts, written=written,
+    )  # fmt: skip
+    return Chart(
+        "Matrix",
+        Axis("channel", whole=True),
+        Axis("sensor", whole=True, reverse=True),
+        (entries,),
+        f"{counted(count, 'entry', 'entries')}, {minus} negative",
+        f"The matrix T of {counted(M, 'sensor')} and {counted(N, 'channel')} as the resistors"
+        f" realise it: {count} entries, of which {minus} are negative (orange, with a minus); an"
+        f" empty square has no resistor. The colour follows the square root of the size.{note}",
+        legend="",
+        height=int(min(max(28 * rows + 110, 240), 620)),
+        zoom=False,
+    )
+
+
+def _coarse(T: Floats, ohms: Floats, step: int) -> tuple[Floats, Floats]:
+    """Return the entry with the largest magnitude of each part of a large matrix."""
+    rows, columns = (range(0, size, step) for size in T.shape)
+    parts = [[T[k : k + step, n : n + step] for n in columns] for k in rows]
+    coarse = np.array([[part.flat[int(np.abs(part).argmax())] for part in row] for row in parts])
+    least = [[ohms[k : k + step, n : n + step].min() for n in columns] for k in rows]
+    return coarse, np.array(least)
+
+
+def omission_blocks(circuit: Circuit) -> tuple[Block, ...]:
+    """Return the parts that the board omits."""
+    if not circuit.omissions:
+        return (Notes("", ("Nothing was left out.",)),)
+    rows = tuple(text_cells((readable(o.what), readable(o.why))) for o in circuit.omissions)
+    return (Table("Parts that this scene does not need", ("part", "why"), rows),)
+
+
+def parts_blocks(circuit: Circuit, scene: Scene) -> tuple[Block, ...]:
+    """Return the bill of materials with the packages and the power."""
+    parts, power = bill_of_materials(circuit, scene), board_power(LinearBoard(circuit))
+    titles = ("part", "value", "count", "tolerance", "nearest preferred value", "references")
+    facts = (
+        ("op-amps", f"{len(parts.packages)} packages {parts.opamp}"),
+        ("op-amps without use", str(parts.spare)),
+        ("supply current", quantity(power.supply_current, "A", 3)),
+        ("dissipation at rest", quantity(power.total, "W", 3)),
+    )
+    table = Table("Bill of materials", titles, tuple(map(_part, parts.lines)))
+    missing = Notes("Not included", tuple(map(readable, parts.not_listed)))
+    return Facts("", facts), table, missing
+
+
+def _part(line: PartLine) -> tuple[Cell, ...]:
+    near, names = line.preferred, line.references
+    more = len(names) - REFERENCES
+    listed = " ".join(names[:REFERENCES]) + (f" and {more} more" if more > 0 else "")
+    preferred = "standard value"
+    if near is not None:
+        value = quantity(near.value, line.unit)
+        preferred = f"{near.series}: {value} ({100 * near.deviation:+.2g} %)"
+    tolerance = "–" if line.tolerance is None else percent(line.tolerance)
+    return (
+        Cell(line.kind),
+        number_cell(line.value, line.unit),
+        Cell(str(len(names)), len(names)),
+        Cell(tolerance, line.tolerance),
+        Cell(preferred),
+        Cell(listed),
+    )
+
+
+def deck_blocks(verdict: Verdict) -> tuple[Block, ...]:
+    """Return the deck of the simulated board, to copy."""
+    deck = write_deck(verdict.circuit, verdict.transient).text
+    digest = ("SHA-256 of the deck", hashlib.sha256(deck.encode()).hexdigest())
+    size = f"{len(deck.splitlines())} lines"
+    run = f"{size}; it runs with: ngspice -b -r board.raw board.cir"
+    block: Block = Code("the deck", deck, run)
+    if len(deck) > LONGEST:
+        text = f"The deck has {size}, too many for this page: taction netlist SCENE -o board.cir"
+        block = Notes("", (text,))
+    return block, Facts("", (digest,))

@@ -1,0 +1,510 @@
+"""A verdict: checks, channels, waveforms, stability, error budget, headroom, board and deck."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from taction.system.quantities import readable
+from taction.system.reading_definitions import EXCURSIONS, READINGS, TIMES
+from taction.verification.readings.measurements import ChannelMeasure, Measurements
+from taction.verification.report.blocks import (
+    NOTEBOOK,
+    PAGE,
+    TERMINAL,
+    Bar,
+    Bars,
+    Block,
+    Cell,
+    Facts,
+    Notes,
+    Page,
+    Section,
+    Sheet,
+    Table,
+)
+from taction.verification.report.charts import Axis, Chart, Columns, Limit, View
+from taction.verification.report.html.sections.origin import origin_section
+from taction.verification.report.tables import rounded_up, spaced
+from taction.verification.report.texts import figure, number_cell, quantity, with_error
+from taction.verification.report.views.board import (
+    board_blocks,
+    board_lines,
+    deck_blocks,
+    omission_blocks,
+    parts_blocks,
+)
+from taction.verification.report.views.stability import stability_blocks
+from taction.verification.report.views.waveforms import (
+    deviation_chart,
+    difference_chart,
+    outputs_chart,
+    stress_chart,
+)
+from taction.verification.verdict.checks import Check
+from taction.verification.verdict.error_budget import ErrorBudget, ErrorPart
+from taction.verification.verdict.headroom import Load
+from taction.verification.verdict.verify import Verdict
+
+EVERYWHERE = (TERMINAL, PAGE, NOTEBOOK)
+LIMITED = ("settling_time", "rise_time")  # checks that may have a smallest accepted value, too
+LOADS = 16  # of op-amps that are shown
+ROUNDING = 16.0 * float(np.finfo(np.float64).eps)  # of the step: a smaller part is rounding
+LEAST = 1e-9  # of the step: a smaller part has no number
+MARGINS = (
+    "The bar is the part of the limit that is used, the thin line on its end the uncertainty. A"
+    " check is inconclusive where the uncertainty reaches the limit. Blue and solid: within the"
+    " limit. Orange and hatched: beyond it. Dotted: not decided."
+)
+
+
+def view(
+    verdict: Verdict,
+    command: str = "taction verify",
+    changes: str = "",
+    *,
+    notes: Sequence[str] = (),
+    verbose: bool = False,
+) -> Page:
+    """Return what a verdict shows.
+
+    Parameters
+    ----------
+    changes : str
+        What can mend the verdict, in lines, of which the first introduces the others.
+    notes : sequence of str
+        Further lines below the checks, such as the margins.
+    verbose : bool
+        Whether a terminal also shows how the record and the reference were made.
+    """
+    circuit = verdict.circuit
+    detailed = (TERMINAL, PAGE) if verbose else (PAGE,)
+    both = (TERMINAL, PAGE)
+    return Page(
+        title=verdict.scene.name,
+        command=command,
+        outcome=verdict.outcome.value,
+        summary=_summary(verdict),
+        lines=board_lines(verdict),
+        sections=(
+            Section("Checks", lambda: _checks(verdict, notes), media=EVERYWHERE),
+            _changes(changes),
+            Section("Waveforms", lambda: _waveforms(verdict)),
+            Section("Waveforms", lambda: (_channels(verdict),), media=both),
+            Section("Stability", lambda: stability_blocks(circuit, verdict.poles)),
+            Section("Recovered stress", lambda: (stress_chart(verdict),)),
+            Section("Error budget", lambda: _waterfall_of(verdict)),
+            Section("Error budget", lambda: budget_blocks(verdict), media=both),
+            Section("Headroom", lambda: headroom_blocks(verdict), media=both),
+            Section("Error and run time", lambda: (_effort(verdict),), media=detailed),
+            Section("Error and run time", lambda: (_run_time(verdict),)),
+            Section("Board", lambda: board_blocks(circuit)),
+            Section("Left out", lambda: omission_blocks(circuit)),
+            Section("Parts list", lambda: parts_blocks(circuit, verdict.scene)),
+            Section("Deck", lambda: deck_blocks(verdict)),
+            origin_section(verdict.scene, _engine(verdict)),
+        ),
+        foot=(_cost(verdict),),
+        sheet=lambda: _sheet(verdict),
+    )
+
+
+def _sheet(verdict: Verdict) -> Sheet:
+    """Return the waveforms beside the recovered stress and the checks."""
+    both = difference_chart(verdict)
+    left: list[Block] = [outputs_chart(verdict), deviation_chart(verdict)]
+    left += [both] if both is not None else []
+    bars = Bars("", tuple(check_bar(check) for check in verdict.checks))
+    settling, outcome = verdict.measurements.settling_time, verdict.outcome.value
+    headline = outcome
+    if outcome != "pass":
+        headline += f" ({', '.join(_decisive(verdict))})"
+    elif settling is not None:
+        headline += f", settled at {quantity(settling.value, 's')}"
+    return Sheet(
+        f"{verdict.scene.name}: {headline}",
+        (tuple(left), (stress_chart(verdict), bars)),
+        widths=(1.7, 1.0),
+        heights=((1.0, 1.0, 0.55)[: len(left)], (1.0, 1.55 if both is not None else 1.0)),
+        size=(13.0, 9.6 if both is not None else 7.6),
+    )
+
+
+def _decisive(verdict: Verdict) -> list[str]:
+    return [spaced(c.name) for c in verdict.checks if c.outcome is verdict.outcome]
+
+
+def _summary(verdict: Verdict) -> str:
+    """Return what decides the outcome in a sentence."""
+    checks, outcome = verdict.checks, verdict.outcome.value
+    if outcome == "pass":
+        return f"All {len(checks)} checks pass{_nearest(verdict)}."
+    names = _decisive(verdict)
+    if len(names) == 1:
+        reason = next(c.reason for c in checks if c.outcome is verdict.outcome)
+        return readable(f"{names[0]}: {reason}")
+    verb = "fail" if outcome == "fail" else "are not decided"
+    return f"{len(names)} of {len(checks)} checks {verb}: {', '.join(names)}."
+
+
+def _nearest(verdict: Verdict) -> str:
+    """Return which check is nearest to its limit."""
+    bars = [bar for bar in map(check_bar, verdict.checks) if bar.share is not None]
+    if not bars:
+        return ""
+    nearest = max(bars, key=lambda bar: bar.share or 0.0)
+    return f"; {nearest.name} is nearest to its limit ({nearest.used})"
+
+
+def _cost(verdict: Verdict) -> str:
+    """Return the engine, the error that it reached, and the run time."""
+    accuracy, waves = verdict.accuracy, verdict.waveforms
+    error = "error unknown"
+    if accuracy.achieved is not None:
+        error = f"error {figure(accuracy.achieved, 'step', 2)}"
+    missed = "" if accuracy.reached else ", NOT reached"
+    return (
+        f"simulated by {waves.simulator}: {error} of the step, {figure(accuracy.wanted, 'step')}"
+        f" allowed{missed}; {quantity(verdict.timing['total'], 's', 3)} in all"
+    )
+
+
+def _changes(text: str) -> Section:
+    """Return what can mend the verdict; the first line of the text is above the others."""
+    first, *lines = [readable(line.strip()) for line in text.splitlines()] or [""]
+    detail = first.removesuffix(":").removeprefix("what to change").strip()
+    lead = f"The nearest changes that mend the verdict {detail}".rstrip() + "."
+    blocks = (Notes("", tuple(lines)),) if lines else ()
+    return Section("What to change", blocks, lead, (TERMINAL, PAGE))
+
+
+def _checks(verdict: Verdict, notes: Sequence[str]) -> tuple[Block, ...]:
+    limits = {name: getattr(verdict.scene.checks, name) for name in LIMITED}
+    least = {name: each.min for name, each in limits.items() if each and each.min is not None}
+    rows = [check_bar(check, least.get(check.name)) for check in verdict.checks]
+    blocks: list[Block] = [Bars("", tuple(rows), MARGINS)]
+    if notes:
+        blocks.append(Notes("", tuple(map(readable, notes))))
+    if verdict.warnings:
+        blocks.append(Notes("Warnings", tuple(map(readable, verdict.warnings))))
+    return tuple(blocks)
+
+
+def check_bar(check: Check, smallest: float | None = None) -> Bar:
+    """Return a check as a bar; below `smallest`, the bar shows how far.
+
+    Examples
+    --------
+    >>> from taction.verification.verdict.checks import Outcome
+    >>> bar = check_bar(Check("overshoot", Outcome.PASS, 0.1, 0.01, 0.4, None, "step", ""))
+    >>> bar.value, bar.limit, bar.used
+    ('10 % ± 1 %', 'at most 40 %', '25 % of the limit')
+    """
+    value, unit = check.value, check.unit
+    limit = check.tolerance if check.tolerance is not None else check.expected
+    least = check.name == "stability" and unit == "ratio"
+    if smallest is not None and value is not None and value < smallest:
+        limit, least = smallest, True
+    share, doubt = _share(value, limit, check.uncertainty or 0.0, least=least)
+    side = "at least" if least else "below" if unit == "1/s" else "at most"
+    return Bar(
+        name=spaced(check.name),
+        outcome=check.outcome.value,
+        share=share,
+        doubt=doubt,
+        value=with_error(value, check.uncertainty, unit),
+        limit="" if limit is None else f"{side} {figure(limit, unit)}",
+        reason=readable(check.reason),
+    )
+
+
+def _share(
+    value: float | None, limit: float | None, error: float, *, least: bool
+) -> tuple[float | None, float]:
+    """Return the part of the limit that a value uses, and its uncertainty."""
+    if value is None or limit is None or not math.isfinite(value) or limit <= 0.0:
+        return None, 0.0
+    error = error if math.isfinite(error) else 0.0
+    if not least:
+        return abs(value) / limit, error / limit
+    return (limit / value, limit * error / value**2) if value > 0.0 else (None, 0.0)
+
+
+def _waveforms(verdict: Verdict) -> tuple[Block, ...]:
+    both = difference_chart(verdict)
+    charts = (outputs_chart(verdict), deviation_chart(verdict))
+    return charts if both is None else (*charts, both)
+
+
+def _channels(verdict: Verdict) -> Table:
+    noise = () if verdict.noise is None or verdict.noise.unknown else verdict.noise.rms
+    return channel_table(verdict.measurements, verdict.steady.values.tolist(), noise)
+
+
+def channel_table(
+    measurements: Measurements, rest: Sequence[float] = (), noise: Sequence[float] = ()
+) -> Table:
+    """Return target, end, times and excursions of every channel, numbered from 1.
+
+    `rest` (N,) and `noise` (N,), V, have a column where they are known.
+    """
+    short = [READINGS[name].short if name in TIMES else name for name in READINGS]
+    columns = (
+        "channel", "target", *["at rest"][: len(rest)], "end", *short,
+        *["noise, rms"][: len(noise)], "state",
+    )  # fmt: skip
+    rows = tuple(
+        (
+            Cell(f"u{channel.index + 1}", channel.index + 1),
+            number_cell(channel.target, "V"),
+            *(number_cell(volts, "V") for volts in rest[channel.index : channel.index + 1]),
+            number_cell(channel.final, "V"),
+            *(_reading(channel, name) for name in READINGS),
+            *(number_cell(volts, "V", 3) for volts in noise[channel.index : channel.index + 1]),
+            Cell(channel.state.value),
+        )
+        for channel in measurements.channels
+    )
+    words = " and ".join(EXCURSIONS).capitalize()
+    return Table("", columns, rows, f"{words} are in % of the step of the network.")
+
+
+def _reading(channel: ChannelMeasure, name: str) -> Cell:
+    reading = channel.readings[name]
+    if reading is None:
+        return Cell("–")
+    if name in EXCURSIONS:
+        value, error = reading.value, reading.uncertainty
+        if 0.0 < abs(value) <= error < 1.0:  # only the bound is known
+            return Cell(f"<{100 * rounded_up(2.0 * error):.1g} %", value)
+        return number_cell(value, "step", 3)
+    text = quantity(reading.value, "s")
+    if reading.fragile and reading.alternative is not None:
+        text += f" (fragile: or {quantity(reading.alternative, 's')})"
+    return Cell(text, reading.value)
+
+
+def headroom_blocks(verdict: Verdict) -> tuple[Block, ...]:
+    """Return what the op-amps have to do beside their limits, the largest share first."""
+    loads = (*verdict.parts.simulated, *verdict.parts.worst)
+    if not loads:
+        text = "No op-amp of this board has a limit of slew rate, swing or current in its model."
+        return (Notes("", (text,)),)
+    limited = not verdict.circuit.is_small_signal
+    note = "What the outputs of the op-amps reach, as parts of the limits of the data sheet."
+    if limited:
+        note += (
+            " The simulated op-amps have these limits. A bar beyond its limit is what the same"
+            " op-amp without limits would have to do."
+        )
+    more = len(loads) - LOADS
+    note += f" {more} smaller loads are not shown." if more > 0 else ""
+    return (load_bars(loads, note, limited=limited),)
+
+
+def load_bars(loads: Iterable[Load], note: str = "", *, limited: bool = False) -> Bars:
+    """Return loads of op-amps, the largest share first.
+
+    `limited` says whether the simulated op-amps have the limits, so that a load above them decides
+    nothing.
+    """
+    ordered = sorted(loads, key=lambda load: -load.share)[:LOADS]
+    rows = tuple(
+        Bar(
+            name=f"{load.quantity} of {load.part}",
+            outcome="" if limited else "fail" if load.share > 1.0 else "pass",
+            share=load.share,
+            doubt=(load.error if math.isfinite(load.error) else 0.0) / load.limit,
+            value=f"{figure(load.peak, load.unit, 3)} "
+            + ("at rest" if math.isinf(load.at) else f"at {figure(load.at, 's', 3)}"),
+            limit=f"at most {figure(load.limit, load.unit, 3)}",
+        )
+        for load in ordered
+    )
+    return Bars("", rows, note)
+
+
+def budget_blocks(verdict: Verdict) -> tuple[Block, ...]:
+    """Return the error budget as a table; the signed column is that of the worst channel."""
+    budget, amplitude = verdict.budget, verdict.measurements.amplitude
+    parts, total = list(budget), budget.total
+    if not parts:
+        return ()
+    worst = _worst(budget)
+    rounding = verdict.ideal.error if math.isfinite(verdict.ideal.error) else 0.0
+    least = max(rounding, ROUNDING) * amplitude
+    if total is not None:
+        sums = tuple(budget.summed)
+        parts.append(ErrorPart("sum of the parts", max(map(abs, sums)), "", channels=sums))
+        parts.append(ErrorPart("whole", total.value, total.how, channels=total.channels))
+    signed = () if worst is None else (f"channel {worst + 1}",)
+    rows = tuple(_part(part, worst, amplitude, least) for part in parts)
+    titles = ("error", "largest of any channel", "of the step", *signed, "how it was found")
+    note = f"{budget.solves} solutions of its own."
+    if worst is None:
+        note += " The parts do not add up: a solution between them is not known."
+    return (Table("", titles, rows, note),)
+
+
+def _worst(budget: ErrorBudget) -> int | None:
+    return None if budget.total is None else int(np.argmax(np.abs(budget.total.channels)))
+
+
+def _part(part: ErrorPart, worst: int | None, amplitude: float, least: float) -> tuple[Cell, ...]:
+    """Return the row of a part, with its signed value in the channel `worst` (from 0)."""
+    how, value = part.how, part.value
+    if part.predicted:
+        how += f"; first order predicts {quantity(max(map(abs, part.predicted)), 'V', 3)}"
+    known = value is not None and math.isfinite(value) and abs(value) > least
+    share = Cell("–")
+    if known and value is not None:
+        share = Cell(figure(value / amplitude, "step", 3) if amplitude else "–", value)
+    signed: tuple[Cell, ...] = ()
+    if worst is not None:
+        own = part.channels[worst] if part.channels else None
+        signed = (Cell("–") if own is None else Cell(_volts(own, amplitude, least), own),)
+    text = "unknown"
+    if value is not None and math.isfinite(value):
+        text = _volts(value, amplitude, least)
+    return (
+        Cell(spaced(part.name)),
+        Cell(text, value if known else None),
+        share,
+        *signed,
+        Cell(readable(how)),
+    )
+
+
+def _volts(value: float, amplitude: float, least: float) -> str:
+    """Return a part of the error, V; parts too small to matter have no number."""
+    if 0.0 < abs(value) <= least:
+        return "below rounding"
+    return quantity(value, "V", 3) if abs(value) > LEAST * amplitude else "under 1 ppb of the step"
+
+
+def _waterfall_of(verdict: Verdict) -> tuple[Block, ...]:
+    """Return the signed parts of the worst channel, each from the sum of those before."""
+    budget, amplitude = verdict.budget, verdict.measurements.amplitude
+    worst = _worst(budget)
+    if budget.total is None or worst is None:
+        return ()
+    least = ROUNDING * amplitude
+    links = {part.name: part.channels[worst] for part in budget if part.channels}
+    whole = budget.total.channels[worst]
+    steps = np.array([*links.values()])
+    ends = np.concatenate([[0.0], np.cumsum(steps)])
+    names = (*map(spaced, links), "whole")
+    texts = tuple(_volts(step, amplitude, least) for step in (*steps.tolist(), whole))
+    bars = Columns(
+        np.arange(len(names)),
+        [*steps, whole],
+        "y",
+        [*ends[:-1], 0.0],
+        looks=(*("fail" if step < 0.0 else "pass" for step in steps), "band"),
+        written=texts,
+    )
+    unknown = [spaced(p.name) for p in budget if p.value is None or not math.isfinite(p.value)]
+    summary = (
+        f"From one solution to the next: the parts of channel {worst + 1}, which has the largest"
+        f" whole error, {quantity(whole, 'V', 3)}, add up to it. Solid blue bars raise the output,"
+        " hatched orange bars lower it." + f" Not known: {', '.join(unknown)}." * bool(unknown)
+    )
+    largest = max(links, key=lambda name: abs(links[name]))
+    return (
+        Chart(
+            "Waterfall",
+            Axis(f"error of channel {worst + 1}", "V"),
+            Axis(scale="names", names=names, reverse=True),
+            (bars, Limit(0.0, line="solid")),
+            f"{quantity(whole, 'V', 3)} in channel {worst + 1}, most of it {spaced(largest)}",
+            summary,
+            _steps_views(ends.tolist(), whole),
+            legend="",
+            height=90 + 34 * len(names),
+            zoom=False,
+        ),
+    )
+
+
+def _steps_views(ends: Sequence[float], whole: float) -> tuple[View, ...]:
+    """Return the whole waterfall, and one from which the largest part is left out."""
+    sizes = np.abs(np.diff(ends))
+    if len(sizes) < 2:
+        return ()
+    everything = View("every part", _around([0.0, whole, *ends]))
+    large = int(np.argmax(sizes))
+    if large not in (0, len(sizes) - 1):
+        return (everything,)
+    rest = ends[1:] if large == 0 else ends[:-1]
+    return everything, View("without the largest part", _around(rest))
+
+
+def _around(values: Sequence[float]) -> tuple[float, float]:
+    low, high = min(values), max(values)
+    room = 0.15 * ((high - low) or abs(high) or 1.0)
+    return low - room, high + room
+
+
+def _effort(verdict: Verdict) -> Facts:
+    """Return the requested and the reached error of the run, and its cost."""
+    accuracy, waves, ideal = verdict.accuracy, verdict.waveforms, verdict.ideal
+    plane, energy = verdict.constraint, verdict.energy
+    reached = "unknown"
+    if accuracy.achieved is not None:
+        reached = f"{figure(accuracy.achieved, 'step')} of the step"
+    rows = [
+        ("requested error", f"{figure(accuracy.wanted, 'step')} of the step"),
+        ("reached error", reached),
+        ("how it is known", f"{accuracy.method} ({accuracy.how})"),
+        ("simulation", f"{quantity(accuracy.seconds, 's', 3)}, tries: {accuracy.tries}"),
+        ("points", f"{waves.cost.points} up to {quantity(verdict.transient.stop, 's')}"),
+        ("largest step", quantity(waves.spacing, "s", 3)),
+        (
+            "reference",
+            f"{ideal.solution.certificate_kind} {ideal.solution.certificate:.2g}, bound"
+            f" {ideal.solution.bound:.2g}",
+        ),
+        ("the ideal network settles in", quantity(ideal.transient.settling_time, "s")),
+    ]
+    if plane is not None:
+        stage = "oscillates by itself"
+        if plane.stage_rise_time is not None and plane.stage_overshoot is not None:
+            stage = f"rises in {quantity(plane.stage_rise_time, 's')}"
+            stage += f" with {100 * plane.stage_overshoot:.0f} % overshoot"
+        rise = quantity(plane.amplifier_rise_time, "s")
+        text = f"amplifier alone rises in {rise}; its stage with capacitance {stage}"
+        rows.append(("constraint plane", text))
+    if energy is not None:
+        text = (
+            f"rises by {100 * energy.rise:.2g} % of its fall, at {quantity(energy.time, 's')}; that"
+            " of an ideal network never rises (identity to"
+            f" {ideal.transient.energy_residual:.1g})"
+        )
+        rows.append(("energy", text))
+    stages = (f"{name} {seconds:.2f} s" for name, seconds in verdict.timing.items())
+    return Facts("", (*rows, ("run time", ", ".join(stages))))
+
+
+def _run_time(verdict: Verdict) -> Chart:
+    stages = {name: each for name, each in verdict.timing.items() if name != "total"}
+    total = figure(verdict.timing["total"], "s", 3)
+    texts = tuple(figure(each, "s", 3) for each in stages.values())
+    return Chart(
+        "Run time",
+        Axis("time", "s", limits=(0.0, 1.2 * max(stages.values()))),
+        Axis(scale="names", names=tuple(stages), reverse=True),
+        (Columns(np.arange(len(stages)), [*stages.values()], "y", written=texts),),
+        f"{total}, most of it {max(stages, key=lambda name: stages[name])}",
+        f"Run time by stage; {total} in all. The simulation runs beside the reference.",
+        legend="",
+        height=260,
+        zoom=False,
+    )
+
+
+def _engine(verdict: Verdict) -> tuple[tuple[str, str], ...]:
+    """Return the engine of a verdict in words."""
+    names = ("engine", "solver", "method")
+    return tuple((name, getattr(verdict.waveforms, name) or "–") for name in names)

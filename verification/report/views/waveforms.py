@@ -1,0 +1,307 @@
+"""Charts of a verdict over time and by channel: outputs, deviation, both engines, stress."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from taction.system.array_types import Floats
+from taction.verification.report.charts import (
+    Axis,
+    Band,
+    Chart,
+    Curve,
+    Limit,
+    Mark,
+    Text,
+    View,
+    spread_colours,
+    thinned,
+)
+from taction.verification.report.texts import counted, figure, quantity
+from taction.verification.verdict.verify import Verdict
+
+POINTS = 60_000  # of all curves of a chart
+EARLY_POINTS = 0.3  # of them in the first rise
+EARLY = 10.0  # rise times, or periods of an oscillation, that a view of the first rise shows
+LABELLED = 12  # channels above which curves have no names beside them
+MARKED = 6  # channels with marks of the second engine, of those without names
+SEPARATE = 0.045  # of the height: closer names become one
+OVER = 1.35  # times the supply and the targets: what is shown of a growing record
+SEEN = 20.0  # times the optimum: a larger end of the record is off the chart
+
+
+def early_end(verdict: Verdict) -> float:
+    """Return the end of the first rise, s: some rise times, or periods of an oscillation."""
+    rises = [c.rise_time.value for c in verdict.measurements.channels if c.rise_time is not None]
+    if not rises and verdict.poles.frequency > 0.0:
+        rises = [1.0 / verdict.poles.frequency]
+    end = float(verdict.waveforms.time[-1])
+    return min(EARLY * max(rises, default=math.inf), end)
+
+
+def channel_names(places: Iterable[int]) -> str:
+    """Return the names of channels, of three and more in a row the first and the last.
+
+    Examples
+    --------
+    >>> channel_names([0, 6]), channel_names([4, 1, 2, 3])
+    ('u1, u7', 'u2 to u5')
+    """
+    runs: list[list[int]] = []
+    for n in sorted(places):
+        if runs and n == runs[-1][-1] + 1:
+            runs[-1].append(n)
+        else:
+            runs.append([n])
+    parts = [
+        f"u{run[0] + 1} to u{run[-1] + 1}" if len(run) > 2 else ", ".join(f"u{n + 1}" for n in run)
+        for run in runs
+    ]
+    return ", ".join(parts)
+
+
+def outputs_chart(verdict: Verdict) -> Chart:
+    """Return the outputs with their targets, and the second engine's as circles."""
+    channels, time = verdict.measurements.channels, verdict.waveforms.time
+    count, end, early = len(channels), float(time[-1]), early_end(verdict)
+    targets, colours = [channel.target for channel in channels], spread_colours(count)
+    low, high, cut = _window(verdict)
+    marks: list[Mark] = list(_curves(verdict, time, verdict.u, 1.2))
+    marks += (Limit(y, "y", "", look, "dot") for y, look in zip(targets, colours, strict=True))
+    second = _second(verdict)
+    if second is not None:
+        marks += _circles(verdict, *second)
+    settling = verdict.measurements.settling_time
+    if settling is not None:
+        marks.append(Limit(settling.value, "x", "", "muted"))
+    if count <= LABELLED:
+        marks += _names(targets, low, high, colours)
+    engines = verdict.waveforms.simulator.replace("statespace", "the state-space engine")
+    if second is not None:
+        engines += "; open circles: state-space engine"
+        if count > LABELLED:
+            engines += f", for {', '.join(f'u{n}' for n in _marked(count))}"
+    looks = " Dashed curves: the second half of the channels." if count > 1 else ""
+    if count > LABELLED:
+        looks = f" The colour goes from blue (u1) over violet to orange (u{count})."
+    summary = (
+        f"Outputs of {counted(count, 'channel')} from 0 to {quantity(end, 's')} by {engines}."
+        f" Dotted: the target of each channel, from the numerical solution.{looks}"
+    )
+    if cut:
+        largest = quantity(float(np.abs(verdict.u).max()), "V", 2)
+        supply = quantity(verdict.circuit.supply, "V", 3)
+        summary += f" The chart ends where the record grows to {largest}; the supply is ±{supply}."
+    return Chart(
+        "Outputs",
+        Axis("time", "s"),
+        Axis("output", "V", limits=(low, high)),
+        tuple(marks),
+        _settled(verdict),
+        summary,
+        (View("first rise", (0.0, early)), View("whole record", (0.0, end))),
+        height=420,
+    )
+
+
+def _curves(verdict: Verdict, time: Floats, columns: Floats, width: float) -> Iterator[Curve]:
+    """Yield a curve for each channel; dashes tell symmetric channels apart."""
+    count = columns.shape[1]
+    for n, (column, look) in enumerate(zip(columns.T, spread_colours(count), strict=True), 1):
+        x, y = _shortened(verdict, time, column, count)
+        dashed = n > (count + 1) // 2 and count <= LABELLED
+        yield Curve(x, y, f"u{n}", look, "dash" if dashed else "solid", width=width, label="")
+
+
+def _shortened(verdict: Verdict, time: Floats, values: Floats, count: int) -> tuple[Floats, Floats]:
+    """Return a curve with fewer points, of which the first rise has its share."""
+    first = time <= early_end(verdict)
+    budget = POINTS / count
+    if first.all():
+        return thinned(time, values, int(budget))
+    early = thinned(time[first], values[first], int(EARLY_POINTS * budget))
+    late = thinned(time[~first], values[~first], int((1.0 - EARLY_POINTS) * budget))
+    return np.concatenate([early[0], late[0]]), np.concatenate([early[1], late[1]])
+
+
+def _second(verdict: Verdict) -> tuple[Floats, Floats] | None:
+    """Return instants and outputs of the state-space engine beside a record of ngspice."""
+    agreement = verdict.agreement
+    if agreement is None or agreement.reason:
+        return None
+    places = np.searchsorted(verdict.waveforms.time, agreement.instants)
+    return agreement.instants, verdict.u[places] - agreement.differences
+
+
+def _circles(verdict: Verdict, instants: Floats, other: Floats) -> Iterator[Curve]:
+    """Yield the second engine's outputs as circles, evenly in both views."""
+    early, end, each = early_end(verdict), float(instants[-1]), 18
+    wanted = np.concatenate([np.linspace(0.0, early, each), np.linspace(early, end, each)])
+    places = np.unique(np.minimum(np.searchsorted(instants, wanted), len(instants) - 1))
+    count = other.shape[1]
+    colours, marked = spread_colours(count), _marked(count)
+    for n in marked:
+        yield Curve(
+            instants[places], other[places, n - 1], "state-space engine", colours[n - 1], "",
+            "circle-open", size=4.5, label="legend" if n == marked[0] else "",
+        )  # fmt: skip
+
+
+def _marked(count: int) -> list[int]:
+    """Return the channels, from 1, that have marks of the second engine."""
+    places = np.linspace(1, count, min(count, LABELLED if count <= LABELLED else MARKED))
+    return [int(place) for place in places.round()]
+
+
+def _settled(verdict: Verdict) -> str:
+    """Return when the board settles, or that it does not."""
+    settling = verdict.measurements.settling_time
+    if settling is not None:
+        return f"settled at {quantity(settling.value, 's')}"
+    states = {channel.state.value for channel in verdict.measurements.channels} - {"settled"}
+    return f"not settled ({', '.join(sorted(states))})" if states else "not settled"
+
+
+def _window(verdict: Verdict) -> tuple[float, float, bool]:
+    """Return the shown range of the outputs, V, and whether a growing record is cut off."""
+    targets = np.array([c.target for c in verdict.measurements.channels])
+    u = np.where(np.isfinite(verdict.u), verdict.u, 0.0)
+    low, high = float(min(targets.min(), u.min())), float(max(targets.max(), u.max()))
+    allowed = OVER * max(verdict.circuit.supply, float(np.abs(targets).max()))
+    cut = max(-low, high) > allowed
+    low, high = max(low, -allowed), min(high, allowed)
+    room = 0.06 * ((high - low) or max(abs(high), 1e-12))
+    return low - room, high + room, cut
+
+
+def _names(targets: list[float], low: float, high: float, colours: list[str]) -> Iterator[Text]:
+    """Yield the names of the channels at their targets; neighbours share a label."""
+    groups: list[list[int]] = []
+    for n in sorted(range(len(targets)), key=targets.__getitem__):
+        near = groups and targets[n] - targets[groups[-1][0]] < SEPARATE * (high - low)
+        if near:
+            groups[-1].append(n)
+        else:
+            groups.append([n])
+    for group in groups:
+        height = sum(targets[n] for n in group) / len(group)
+        look = colours[group[0]] if len(group) == 1 else "muted"
+        yield Text(channel_names(group), None, height, ("right", "middle"), look)
+
+
+def deviation_chart(verdict: Verdict) -> Chart:
+    """Return the deviation from the targets as part of the step, with the settling band."""
+    m, time = verdict.measurements, verdict.waveforms.time
+    end, band, amplitude = float(time[-1]), m.band, m.amplitude or 1.0
+    off = (verdict.u - np.array([c.target for c in m.channels])) / amplitude
+    marks: list[Mark] = [Band(-band, band, "y"), *_curves(verdict, time, off, 0.8)]
+    inside, settled = "not every", "the board does not settle within the record"
+    views = [View("first rise", (0.0, early_end(verdict)), (-1.3, 1.3))]
+    largest = float(np.nanmax(np.abs(off), initial=0.0)) * 1.05 or 1.0
+    views.append(View("everything", (0.0, end), (-largest, largest)))
+    if m.settling_time is None:
+        views.insert(0, View("up to the supply", *_up_to_supply(verdict, off / 1.05)))
+    else:
+        settled = f"dashed: settled at {quantity(m.settling_time.value, 's')}"
+        inside = "every"
+        marks.append(Limit(m.settling_time.value, "x"))
+        views.insert(0, View("around the band", (0.0, end), (-6.0 * band, 6.0 * band)))
+    summary = (
+        f"Output minus target of every channel; shaded: the band of ±{100 * band:g} % of the step"
+        f" of {quantity(m.amplitude, 'V')}; {settled}."
+    )
+    return Chart(
+        "Deviation from the targets",
+        Axis("time", "s"),
+        Axis("deviation", "step"),
+        tuple(marks),
+        f"{inside} channel stays within ±{100 * band:g} %",
+        summary,
+        tuple(views),
+        legend="",
+        height=360,
+    )
+
+
+def _up_to_supply(verdict: Verdict, off: Floats) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the part of a record that does not settle up to where it exceeds the supply."""
+    time, end = verdict.waveforms.time, float(verdict.waveforms.time[-1])
+    reach = verdict.circuit.supply / (verdict.measurements.amplitude or 1.0)
+    beyond = np.abs(off).max(axis=1) > reach
+    if beyond.any():
+        end = min(1.1 * float(time[int(beyond.argmax())]), end)
+    largest = 1.1 * float(np.nanmax(np.abs(off), initial=0.0)) or 1.0
+    return (0.0, end), (-min(reach, largest), min(reach, largest))
+
+
+def difference_chart(verdict: Verdict) -> Chart | None:
+    """Return ngspice minus the state-space engine; None where only one engine ran."""
+    agreement = verdict.agreement
+    if agreement is None or agreement.reason:
+        return None
+    scale = 1.0 / (verdict.measurements.amplitude or agreement.unit)
+    largest = figure(agreement.difference * scale, "step")
+    return Chart(
+        "ngspice minus the state-space engine",
+        Axis("time", "s", limits=(0.0, float(verdict.waveforms.time[-1]))),
+        Axis("difference", "step"),
+        tuple(_curves(verdict, agreement.instants, scale * agreement.differences, 0.8)),
+        f"apart by at most {largest} of the step",
+        f"The largest difference is {largest} of the step, in u{agreement.channel + 1} at"
+        f" {quantity(agreement.time, 's')}; accepted: {figure(agreement.limit, 'step')}.",
+        legend="",
+        height=300,
+    )
+
+
+def stress_chart(verdict: Verdict) -> Chart:
+    """Return the recovered stress beside the regularised optimum and the true stress."""
+    problem, unit = verdict.problem, verdict.circuit.value("U0")
+    channels = verdict.measurements.channels
+    if problem.positions is None:
+        where, x = np.arange(1.0, len(channels) + 1), Axis("channel", whole=True)
+    else:
+        where = problem.positions / getattr(verdict.scene.problem, "depth", 1.0)
+        x = Axis("place y (in depths)")
+    optimum = np.array([c.target for c in channels]) / unit
+    rest, final = verdict.steady.values / unit, np.array([c.final for c in channels]) / unit
+    curves = [
+        Curve(where, optimum, "regularised optimum", "pass", "dash", "square-open"),
+        Curve(where, rest, "board at rest", "ink", "", "line-ns", size=8.0),
+    ]
+    text = ""
+    if np.abs(final).max() < SEEN * (np.abs(optimum).max() + 1e-300):
+        curves.append(Curve(where, final, "board, end of record", "fail", "", "x"))
+    else:
+        text = " The end of the record is far off this chart."
+    if problem.stress is not None:
+        true = Curve(where, problem.stress, "true stress", "true", "solid", "circle")
+        curves.insert(0, true)
+    return Chart(
+        "Recovered stress",
+        x,
+        Axis("stress"),
+        tuple(curves),
+        _distance(verdict, rest, optimum, unit),
+        f"Stress by channel: {', '.join(curve.name for curve in curves)}.{text}",
+        legend="below",
+        height=340,
+        zoom=False,
+    )
+
+
+def _distance(verdict: Verdict, rest: Floats, optimum: Floats, unit: float) -> str:
+    """Return how far the board at rest is from the optimum, and the optimum from the truth."""
+    amplitude = verdict.measurements.amplitude
+    if not amplitude:
+        return ""
+    share = unit / amplitude
+    near = figure(share * float(np.abs(rest - optimum).max()), "step")
+    text = f"the board at rest is {near} of the step off the optimum"
+    if verdict.problem.stress is None:
+        return text
+    far = figure(share * float(np.abs(optimum - verdict.problem.stress).max()), "step")
+    return f"{text}, the optimum {far} off the truth"
