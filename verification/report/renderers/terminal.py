@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import IO, Any, NoReturn
 
 from rich.box import SIMPLE_HEAD
+from rich.cells import cell_len
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.segment import Segment
 from rich.table import Column, Table
@@ -238,11 +239,11 @@ class FittedTable:
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """Yield the widest layout that fits."""
         for wrapped, style in itertools.product((False, True), (self.style, {"padding": 0})):
-            table = self._table(style, wrapped=wrapped)
-            natural = options.update_width(10_000)
-            if console.measure(table, options=natural).minimum > options.max_width:
+            frame = (style.get("padding", 1) * 2 + 1) * (len(self.columns) - 1) + 2
+            widths = self._widths(options.max_width - frame, wrapped=wrapped)
+            if widths is None:
                 continue
-            lines = console.render_lines(table, options, pad=False)
+            lines = console.render_lines(self._table(style, widths), options, pad=False)
             if len(lines) > MOST_LINES * (len(self.rows) + 2):
                 break
             for line in lines:
@@ -252,14 +253,34 @@ class FittedTable:
             return
         yield from self._records(options.max_width)
 
-    def _table(self, style: dict[str, Any], *, wrapped: bool) -> Table:
+    def _widths(self, width: int, *, wrapped: bool) -> list[int] | None:
+        """Return the width of each column; None if they do not fit into `width`.
+
+        Rich alone would break words; here the widest columns give way, down to their longest word.
+        """
+        natural, least = [], []
+        for place, column in enumerate(self.columns):
+            texts = [_glued(row[place]).plain for row in self.rows]
+            title = str(column.header)
+            lines = [line for text in (title, *texts) for line in text.split("\n")]
+            kept = lines if column.no_wrap and not wrapped else []
+            words = [word for line in lines for word in line.split()]
+            natural.append(max(map(cell_len, lines), default=0))
+            least.append(max(map(cell_len, (*words, *kept)), default=0))
+        if sum(least) > width:
+            return None
+        while sum(natural) > width:
+            place = max(
+                (k for k, low in enumerate(least) if natural[k] > low), key=natural.__getitem__
+            )
+            natural[place] -= 1
+        return natural
+
+    def _table(self, style: dict[str, Any], widths: Sequence[int]) -> Table:
         table = Table(
             *(
-                Column(
-                    _glued(Text(str(each.header))), no_wrap=each.no_wrap and not wrapped,
-                    justify=each.justify, overflow="fold",
-                )
-                for each in self.columns
+                Column(_glued(Text(str(each.header))), justify=each.justify, width=width)
+                for each, width in zip(self.columns, widths, strict=True)
             ),
             box=SIMPLE_HEAD, pad_edge=False, title=self.title or None, caption=self.note or None,
             title_justify="left", caption_justify="left", **style,
