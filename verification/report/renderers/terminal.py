@@ -246,10 +246,14 @@ class FittedTable:
             lines = console.render_lines(self._table(style, widths), options, pad=False)
             if len(lines) > MOST_LINES * (len(self.rows) + 2):
                 break
+            if self.title:
+                yield Text(f"\n{self.title}", style="italic")
             for line in lines:
                 text = "".join(segment.text for segment in line)
                 yield from (_unglued(segment) for segment in _trimmed(line, text))
                 yield Segment.line()
+            if self.note:
+                yield Text(f"{self.note}\n", style="dim")
             return
         yield from self._records(options.max_width)
 
@@ -282,8 +286,7 @@ class FittedTable:
                 Column(_glued(Text(str(each.header))), justify=each.justify, width=width)
                 for each, width in zip(self.columns, widths, strict=True)
             ),
-            box=SIMPLE_HEAD, pad_edge=False, title=self.title or None, caption=self.note or None,
-            title_justify="left", caption_justify="left", **style,
+            box=SIMPLE_HEAD, pad_edge=False, **style,
         )  # fmt: skip
         for row in self.rows:
             table.add_row(*map(_glued, row))
