@@ -8,8 +8,8 @@ import numpy as np
 
 from taction.netlist_gen.board.bill_of_materials import PartLine, bill_of_materials
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.board.schematic import schematic_summary, schematic_svg
 from taction.netlist_gen.deck.deck import write_deck
+from taction.netlist_gen.kicad.picture import schematic_summary, schematic_svg
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.quantities import readable
