@@ -153,7 +153,7 @@ def import_model(
     from taction.system.atomic_files import write_atomically
     from taction.system.errors import Complaint, InputError
     from taction.system.quantities import parse
-    from taction.verification.characterise.import_characterise import import_opamp
+    from taction.verification.characterise.characterise import import_opamp
 
     try:
         volts = parse(BOTH_SIGNS.sub("", str(supply)), "V")

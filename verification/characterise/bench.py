@@ -1,6 +1,8 @@
 """Test benches: one op-amp between a source and a load, as a circuit and as a deck.
 
 The input ``in`` is held by a voltage source, or by a switched current through `OHMS`: 1 A is 1 V.
+A vendor's subcircuit, whose offset would drive an open loop to its limit, has a bench that holds
+its operating point (`VendorBench`), and only as a deck.
 """
 
 from __future__ import annotations
@@ -21,11 +23,14 @@ from taction.netlist_gen.board.circuit import (
 )
 from taction.netlist_gen.deck.deck import Deck
 from taction.netlist_gen.deck.measures import noise_cards
+from taction.spice_models.foreign_netlist import Subcircuit
+from taction.spice_models.imported import instance
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.subcircuits import opamp_subcircuit
 
 OHMS = 1.0  # of the source of a step
 IN, OUT = "in", "out"
+LOOSE = ".options reltol=1e-6 abstol=1e-15 vntol=1e-9"  # as far as every vendor's model converges
 TIGHT = ".options noopiter reltol=1e-7 abstol=1e-18 vntol=1e-12 chgtol=1e-21 gmin=1e-18"
 _UNITS = common_facts(**dict.fromkeys(NEEDED, 1.0))
 
@@ -96,23 +101,57 @@ class Bench:
             lines += [f"Istep 0 {IN} {self.step / OHMS!r}", f"Rsource {IN} 0 {OHMS!r}"]
         if self.load is not None:
             lines.append(f"Rload {OUT} 0 {self.load!r}")
-        cards = [*lines, TIGHT, *self._cards(analysis), ".end", ""]
-        return Deck("\n".join(cards), (OUT,), analysis)
-
-    @staticmethod
-    def _cards(analysis: Analysis) -> list[str]:
-        save = f".save v({OUT})"
-        if isinstance(analysis, Noise):
-            return noise_cards(analysis, OUT)
-        if isinstance(analysis, SmallSignal):
-            band = analysis.band
-            stop = band.stop * (1.0 + 1e-9)  # rounding could leave out the last frequency
-            return [save, f".ac dec {band.density} {band.start!r} {stop!r}"]
-        if isinstance(analysis, Transient):
-            step = repr(analysis.max_step)
-            return [save, f".tran {step} {analysis.stop!r} 0.0 {step} uic"]
-        return [save, ".op"]
+        return _deck([*lines, TIGHT], analysis, (OUT,))
 
     def with_opamp(self, opamp: OpAmp) -> Bench:
         """Return the bench with another op-amp."""
         return replace(self, opamp=opamp)
+
+
+@dataclass(frozen=True, slots=True)
+class VendorBench:
+    """A vendor's subcircuit at the operating point of a follower, with open loop for small signals.
+
+    A coil of 1e12 H from the output to the inverting input is a follower for the operating point
+    and open for every other frequency; a capacitor of 1e12 F then holds that input on the source.
+    """
+
+    subcircuit: Subcircuit
+    pins: tuple[str, ...]  # the role of each port
+    supply: float  # of each supply voltage, V
+
+    def deck(
+        self, analysis: Analysis, *sources: str, servo: bool = True, probe: str = "Vinn 1.0"
+    ) -> Deck:
+        """Return the deck with more `sources`; the node ``amps`` has the current of `probe`."""
+        wired = tuple("pin" if role == "inn" else role for role in self.pins)
+        lines = [
+            "* test bench of an imported op-amp",
+            *self.subcircuit.lines,
+            f"Vcc vcc 0 dc {self.supply!r}",
+            f"Vee vee 0 dc {-self.supply!r}",
+            "Vinp inp 0 dc 0.0",
+            instance(self.subcircuit, wired),
+            "Vinn inn pin dc 0.0",  # its current is that of the pin
+            LOOSE,
+            *(["Lservo out inn 1e12", "Cdrive drive inn 1e12"] if servo else []),
+            *sources,
+            f"Hamps amps 0 {probe}",
+        ]
+        return _deck(lines, analysis, (OUT, "inn", "amps"))
+
+
+def _deck(lines: list[str], analysis: Analysis, saved: tuple[str, ...]) -> Deck:
+    """Return a deck with the cards of its analysis."""
+    save = ".save " + " ".join(f"v({node})" for node in saved)
+    cards = [save, ".op"]
+    if isinstance(analysis, Noise):
+        cards = noise_cards(analysis, OUT)
+    elif isinstance(analysis, SmallSignal):
+        band = analysis.band
+        stop = band.stop * (1.0 + 1e-9)  # rounding could leave out the last frequency
+        cards = [save, f".ac dec {band.density} {band.start!r} {stop!r}"]
+    elif isinstance(analysis, Transient):
+        step = repr(analysis.max_step)
+        cards = [save, f".tran {step} {analysis.stop!r} 0.0 {step} uic"]
+    return Deck("\n".join([*lines, *cards, ".end", ""]), saved, analysis)

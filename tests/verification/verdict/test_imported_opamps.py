@@ -19,7 +19,7 @@ from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.scene import Scene, load_scene, parse_scene
 from taction.spice_models.imported import from_document, to_document
 from taction.system.errors import InputError
-from taction.verification.characterise.import_characterise import import_opamp
+from taction.verification.characterise.characterise import import_opamp
 from taction.verification.engines.ngspice.process import find_simulator, start
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.studies.onset.onset import onset, parse_onset_axis
