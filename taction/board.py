@@ -54,8 +54,7 @@ def synthesise(scene: Scene, problem: InverseProblem | None = None) -> Circuit:
     Raises
     ------
     InputError
-        A number of the design is out of range, or the topology cannot be built for the scene: the
-        passive one needs a negative resistor.
+        A number of the design is out of range, or the topology cannot be built for the scene.
 
     Examples
     --------

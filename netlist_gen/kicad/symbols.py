@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from taction.netlist_gen.kicad.sexpression import Expression, Quoted
+from taction.netlist_gen.kicad.sheet import Expression, Quoted
 
 LIBRARY = "taction"
 RIGHT, UP, LEFT, DOWN = 0, 90, 180, 270  # from the end of a pin to its symbol

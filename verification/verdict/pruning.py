@@ -81,8 +81,8 @@ class Pruning:
     effect : PruningEffect
         On the steady state.
     resistors, opamps : int or None
-        How many fewer than with the whole T; None if that board cannot be built: in the passive
-        topology the matrix can load the channels too much.
+        How many fewer than with the whole T; None if that board cannot be built: the
+        matrix can load the channels too much.
     """
 
     effect: PruningEffect
