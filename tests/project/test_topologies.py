@@ -16,7 +16,7 @@ FORBIDDEN = {
     "compares with the name of a topology": rf"topology\s*(==|!=|in)\s|==\s*{QUOTED}",
     "takes a matrix by its place": r"\bmatrices\[\d",
     "reads the scalings of a board": r"\.scalings\b|\bScalings\(",
-    "tests a prefix of the name of a part": rf"\b{PART}\.(startswith|removeprefix|partition|split)\(",
+    "tests the beginning of a name": rf"\b{PART}\.(startswith|removeprefix|partition|split)\(",
     "builds the name of a part": rf"""\b{PART}\s*(==|in)\s*\(?f["']""",
 }
 OWN = ("netlist_gen/topologies/",)
