@@ -35,6 +35,12 @@ RISEN, TIMES_RISE = 0.9, 6.0  # of a channel's step; the window of the rise in t
 SEARCHED = 400  # instants at which the rise is looked for
 EARLIEST = 1e-5  # of the record: the first of them
 
+GROWS = "the board is unstable: the smallest disturbance {how}, until the op-amps limit it"
+LIMITED = (
+    "the curves show the linear board, and its op-amps cannot follow: {load}. The verdict is of"
+    " op-amps with their limits, where the model has them"
+)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Curves:
@@ -102,13 +108,6 @@ def _rise(solution: Exact, stop: float) -> float:
     reached = moved[:, large] >= RISEN * steps[large]
     first = times[np.where(reached.any(axis=0), reached.argmax(axis=0), SEARCHED - 1)]
     return min(TIMES_RISE * float(first.max()), stop)
-
-
-GROWS = "the board is unstable: the smallest disturbance {how}, until the op-amps limit it"
-LIMITED = (
-    "the curves show the linear board, and its op-amps cannot follow: {load}. The verdict is of"
-    " op-amps with their limits, where the model has them"
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

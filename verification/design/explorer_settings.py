@@ -30,6 +30,8 @@ LEAST_NOISE, MOST_NOISE = 1e-8, 1.0  # variance, of the mean square of the strai
 STEPS, DIGITS = 1000, 4  # places of a slider, and digits of their values
 ZERO_PART = 0.04  # of a slider whose value may be zero: its lower end
 
+SUFFIX = ".toml"
+
 
 @dataclass(frozen=True, slots=True)
 class Control:
@@ -122,9 +124,6 @@ def _from_zero(
     if own > 0.0:
         low, high = min(low, own / 10.0), max(high, own * 10.0)
     return Control(path, unit, symbol, name, low, high, own, has_zero=True)
-
-
-SUFFIX = ".toml"
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,6 +40,14 @@ ROUND = (1.0, 2.0, 5.0, 10.0)
 LEAST = 1e-3  # the default limit
 BAND = 2.0  # the settling band over the limit
 
+FRACTIONS = (1e-3, 3e-4, 1e-4, 3e-5, 1e-5)  # of the largest entry, the most pruning first
+NECESSARY = LEAST_OHMS / MOST_OHMS  # smaller entries have no resistor that can be bought
+UNSEEN = 2e-4  # of the largest output: a fifth of the least limit of a fresh scene
+WIDTH = 98  # of a comment
+LOOSE = {"steady_state": {"tolerance": WANTED}, "settling_time": {"band": BAND * WANTED}}
+"""Checks while the scalings are searched; the limits of the scene follow from the scaled board."""
+DEFAULT = 0.01  # lambda without a noise level, in squared spectral norms of T
+
 
 def with_limits(scene: Scene) -> tuple[Scene, str]:
     """Return the scene with limits that 98 % of its boards keep at rest, and how they were chosen.
@@ -86,11 +94,6 @@ def rounded_up(value: float) -> float:
     """
     decade = 10.0 ** math.floor(math.log10(value)) if value > 0.0 else 0.0
     return next((float(f"{m * decade:.1g}") for m in ROUND if m * decade >= value), 0.0)
-
-
-FRACTIONS = (1e-3, 3e-4, 1e-4, 3e-5, 1e-5)  # of the largest entry, the most pruning first
-NECESSARY = LEAST_OHMS / MOST_OHMS  # smaller entries have no resistor that can be bought
-UNSEEN = 2e-4  # of the largest output: a fifth of the least limit of a fresh scene
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,12 +171,6 @@ def pruning_for(T: Floats, eps: Floats, lam: float) -> Pruning:
             bound = change_bound(before, kept) / largest
             return Pruning(fraction, entries, change, bound)
     return Pruning()
-
-
-WIDTH = 98  # of a comment
-LOOSE = {"steady_state": {"tolerance": WANTED}, "settling_time": {"band": BAND * WANTED}}
-"""Checks while the scalings are searched; the limits of the scene follow from the scaled board."""
-DEFAULT = 0.01  # lambda without a noise level, in squared spectral norms of T
 
 
 @dataclass(frozen=True, slots=True)

@@ -37,6 +37,12 @@ from taction.verification.verdict.transient_plan import plan_transient
 
 MIDDLE = 1e5  # ohm: geometric mean of the largest and the smallest matrix resistor
 
+SHARE = 0.5  # of the swing, for the highest output voltage
+SMALLER = (1.0, 0.3, 0.1)  # times the balanced s, while slopes or currents set U0
+ROUNDS = 4  # of U0 on a board whose loads are not proportional to it
+PATIENCE = 10.0  # s: time limit of the search for a C with which the checks pass
+RESERVE = 2.0  # C over the value at which the board begins to oscillate
+
 
 def scaled_resistors(
     scene: Scene, problem: InverseProblem, answer: IdealAnswer, factor: float, notes: list[str]
@@ -98,13 +104,6 @@ def _product(scene: Scene, unit: float) -> float:
     return lambda_times_resistance(
         design.amplifier, s=1.0, G0=unit, U0=design.unit_voltage, Ve=slope
     )
-
-
-SHARE = 0.5  # of the swing, for the highest output voltage
-SMALLER = (1.0, 0.3, 0.1)  # times the balanced s, while slopes or currents set U0
-ROUNDS = 4  # of U0 on a board whose loads are not proportional to it
-PATIENCE = 10.0  # s: time limit of the search for a C with which the checks pass
-RESERVE = 2.0  # C over the value at which the board begins to oscillate
 
 
 @dataclass(frozen=True, slots=True)
