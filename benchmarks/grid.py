@@ -27,7 +27,7 @@ from taction.verification.engines.ngspice.process import start
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients.amplified import Amplified
 from taction.verification.verdict import simulation
-from taction.verification.verdict.attained_accuracy import Accuracy
+from taction.verification.verdict.recording import Accuracy
 from taction.verification.verdict.verify import verify
 
 ERROR = 1e-4  # of the step amplitude

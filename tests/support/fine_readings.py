@@ -17,8 +17,8 @@ from taction.verification.evidence.stress.true_values import TrueValues
 from taction.verification.reference.ideal_answer import ideal_answer
 from taction.verification.verdict.bounded_measures import measure_outputs
 from taction.verification.verdict.design import design_board
+from taction.verification.verdict.planned_board import SteadyState
 from taction.verification.verdict.progress import Clock
-from taction.verification.verdict.steady_state import SteadyState
 from taction.verification.verdict.step_forecast import StepModel
 from taction.verification.verdict.transient_plan import settled_after
 

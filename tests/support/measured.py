@@ -19,8 +19,8 @@ from taction.verification.stability.poles import summarise
 from taction.verification.verdict.bounded_measures import StepError
 from taction.verification.verdict.checks import Check, Evidence
 from taction.verification.verdict.companion import Agreement
+from taction.verification.verdict.planned_board import SteadyState
 from taction.verification.verdict.run_checks import run_checks
-from taction.verification.verdict.steady_state import SteadyState
 
 ROUNDING = 1e-15  # an error is never 0
 EXACT = StepError(ROUNDING, dict.fromkeys(READINGS, ROUNDING))

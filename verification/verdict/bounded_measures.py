@@ -23,10 +23,8 @@ from taction.verification.readings.readings import Reading
 from taction.verification.readings.signals import Curve, Rest
 from taction.verification.reference.ideal_answer import IdealAnswer
 from taction.verification.verdict.companion import Companion
-from taction.verification.verdict.planned_board import PlannedBoard
-from taction.verification.verdict.simulation import outputs
-from taction.verification.verdict.state_space_error import StateSpaceError, is_exact
-from taction.verification.verdict.steady_state import SteadyState
+from taction.verification.verdict.planned_board import PlannedBoard, SteadyState
+from taction.verification.verdict.simulation import StateSpaceError, is_exact, outputs
 from taction.verification.waveforms import Waveforms
 
 

@@ -24,9 +24,8 @@ from taction.verification.verdict.bounded_measures import StepError
 from taction.verification.verdict.companion import Agreement
 from taction.verification.verdict.headroom import NOT_LIMITED, PartLoads
 from taction.verification.verdict.output_noise import OutputNoise
-from taction.verification.verdict.planned_board import PlannedBoard
+from taction.verification.verdict.planned_board import PlannedBoard, SteadyState
 from taction.verification.verdict.recording import Recording
-from taction.verification.verdict.steady_state import SteadyState
 from taction.verification.verdict.transient_plan import AFTER_SETTLING
 
 

@@ -17,11 +17,13 @@ from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.readings.signals import CUBIC, lagrange
 from taction.verification.verdict.planned_board import PlannedBoard
-from taction.verification.verdict.simulation import begin, outputs, state_space_tolerance
-from taction.verification.verdict.state_space_error import (
+from taction.verification.verdict.simulation import (
     StateSpaceError,
+    begin,
     is_exact,
+    outputs,
     state_space_error,
+    state_space_tolerance,
 )
 from taction.verification.verdict.transient_plan import coarser
 from taction.verification.waveforms import Waveforms

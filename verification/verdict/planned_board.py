@@ -1,13 +1,16 @@
-"""A board with all that is known before its simulation: poles, time scales, plan."""
+"""A board with all that is known before its simulation: poles, time scales, plan, place of rest."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
+from taction.system.array_types import Floats
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales
 from taction.verification.reference import IdealNetwork
@@ -64,3 +67,54 @@ class PlannedBoard:
     def circuit(self) -> Circuit:
         """The circuit of the board."""
         return self.board.circuit
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SteadyState:
+    """The equilibrium of a board at its outputs.
+
+    Attributes
+    ----------
+    values : ndarray (N,)
+        Outputs at the equilibrium, V.
+    error : float
+        Bound on the rounding error of `values`, V.
+    scales : TimeScales
+        Modes of the board.
+    linear : bool
+        Whether the board has no behavioural amplifiers.
+    estimated : bool
+        Whether `left` is an estimate: for a board with behavioural amplifiers, and for the coarse
+        image of a large board.
+    """
+
+    values: Floats
+    error: float
+    scales: TimeScales
+    linear: bool
+    estimated: bool = False
+
+    @classmethod
+    def of(cls, board: LinearBoard, scales: TimeScales) -> SteadyState:
+        """Return the steady state of `board`, whose modes are in `scales`.
+
+        Raises
+        ------
+        EngineError
+            The board has no equilibrium.
+        """
+        rest, outputs = board.equilibrium, board.circuit.outputs
+        places = [board.descriptor.place(output.node) for output in outputs]
+        signs = np.array([output.sign for output in outputs])
+        error = float(board.rounding[places].max(initial=0.0))
+        linear = board.circuit.is_linear
+        estimated = not linear or board.descriptor.is_large
+        return cls(signs * rest.values[places], error, scales, linear, estimated)
+
+    def left(self, time: float) -> float:
+        """Return the largest distance of an output from `values` at an instant, s; V."""
+        return self.scales.step * self.scales.left(time)
+
+    def stop_for(self, volts: float) -> float:
+        """Return the instant after which every output stays within `volts` of `values`, s."""
+        return self.scales.stop_for(volts / (self.scales.step or 1.0))

@@ -23,7 +23,6 @@ from taction.verification.reference.ideal_answer import (
 )
 from taction.verification.stability.margin import REACH, Margin, stability_margin
 from taction.verification.stability.poles import Poles
-from taction.verification.verdict.attained_accuracy import Accuracy
 from taction.verification.verdict.bounded_measures import StepError
 from taction.verification.verdict.checks import Check, Evidence, Outcome, overall
 from taction.verification.verdict.companion import Agreement
@@ -31,12 +30,11 @@ from taction.verification.verdict.design import design_board
 from taction.verification.verdict.error_budget import ErrorBudget, error_budget
 from taction.verification.verdict.headroom import PartLoads
 from taction.verification.verdict.output_noise import OutputNoise
-from taction.verification.verdict.planned_board import PlannedBoard
+from taction.verification.verdict.planned_board import PlannedBoard, SteadyState
 from taction.verification.verdict.progress import FULL, Clock, Effort, Progress
-from taction.verification.verdict.recording import Recording, record_and_measure
+from taction.verification.verdict.recording import Accuracy, Recording, record_and_measure
 from taction.verification.verdict.run_checks import run_checks
 from taction.verification.verdict.simulation import begin
-from taction.verification.verdict.steady_state import SteadyState
 from taction.verification.verdict.warnings import (
     find_contradiction,
     find_warnings,

@@ -1,27 +1,46 @@
-"""A record beside another solution, whose readings bound the errors."""
+"""Recording a transient: its readings, the error that it reached, and what is repeated."""
 
 from __future__ import annotations
 
+import json
 import math
 import tomllib
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
 
-from taction.netlist_gen.scene.scene import parse_scene
-from taction.verification.engines.statespace.transients.simulate import simulate
+from taction.netlist_gen.scene.scene import Scene, load_scene, parse_scene
+from taction.system.errors import EngineError, InputError
+from taction.verification.engines.statespace.transients import simulate
+from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer
-from taction.verification.verdict import bounded_measures, recording
+from taction.verification.report.verdict.json_document import verdict_document
+from taction.verification.verdict import bounded_measures, companion, recording, transient_plan
+from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.companion import Companion
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.progress import Clock
-from taction.verification.verdict.recording import Recording, record_and_measure
-from taction.verification.verdict.simulation import Pending, outputs
-from taction.verification.verdict.state_space_error import StateSpaceError
+from taction.verification.verdict.recording import (
+    Accuracy,
+    Recording,
+    better_plan,
+    record_and_measure,
+)
+from taction.verification.verdict.simulation import (
+    Pending,
+    StateSpaceError,
+    choose_engine,
+    outputs,
+    state_space_tolerance,
+)
+from taction.verification.verdict.transient_plan import AIM, TransientPlan
+from taction.verification.verdict.verify import verify
 from taction.verification.waveforms import Waveforms
+from tests.support.making import make_scene
 from tests.support.paths import SCENES
 
 DOUBT = 1e-6  # V, of the other record
@@ -36,7 +55,7 @@ def board() -> tuple[PlannedBoard, IdealAnswer, Waveforms]:
     design = design_board(parse_scene(data, file), Clock(lambda stage: None))
     ideal = ideal_answer(design.network, design.scene)
     times = np.linspace(0.0, design.transient.stop, 30_001)
-    return design, ideal, simulate(design.board, design.transient, times=times)
+    return design, ideal, simulate.simulate(design.board, design.transient, times=times)
 
 
 def cut(waveforms: Waveforms, stop: float) -> Waveforms:
@@ -95,3 +114,169 @@ def test_a_record_that_settles_beside_one_that_does_not_leaves_it_open(
     assert found.measurements.settling_time is not None
     assert found.error.readings["settling_time"] == math.inf
     assert math.isfinite(found.error.readings["rise_time"])
+
+
+def small(**analysis: Any) -> Scene:
+    """Three channels that ring at 166 kHz."""
+    board = {
+        "capacitance": 1e-11,
+        "resistance": 14.4e6,
+        "gain": 2.3e6,
+        "unit_conductance": 1.16e-6,
+        "stray_capacitance": 2.05e-12,
+        "opamp": {
+            "base": "ideal",
+            "dc_gain": 1e5,
+            "gbw": 0.9e6,
+            "second_pole": 2.7e6,
+            "output_resistance": 75.0,
+        },
+    }
+    return make_scene({"channels": 3, "span": 2.0}, design=board, analysis=analysis)
+
+
+def test_error_and_points_exclude_each_other() -> None:
+    with pytest.raises(InputError, match=r"'error' excludes 'points_per_period'"):
+        make_scene(analysis={"error": 1e-4, "points_per_period": 125})
+    with pytest.raises(InputError, match="error"):
+        make_scene(analysis={"error": 1.5})
+
+
+def test_auto_takes_the_cheapest_engine_unless_both_are_to_be_compared(ngspice: str) -> None:
+    assert choose_engine(small()) == "ngspice"
+    assert choose_engine(small(error=1e-4)) == "statespace"
+    assert choose_engine(small(error=1e-4, engine="ngspice")) == "ngspice"
+    compared = make_scene(analysis={"error": 1e-4}, checks={"engines_agree": {"tolerance": 1e-3}})
+    assert choose_engine(compared) == "ngspice"
+
+
+@pytest.mark.parametrize("wanted", [1e-2, 1e-3, 1e-4])
+def test_ngspice_reaches_the_error_and_states_it(ngspice: str, wanted: float) -> None:
+    verdict = verify(small(error=wanted, engine="ngspice"))
+    found = verdict.accuracy
+    assert found.achieved is not None
+    assert found.tries == 1
+    assert found.reached
+    assert found.method == "trapezoidal"
+    wave = verdict.waveforms
+    truth = exact_solution(verdict.circuit).at(np.asarray(wave.time))
+    signs = np.array([output.sign for output in verdict.circuit.outputs])
+    error = np.abs(outputs(verdict.circuit, wave) - signs * truth).max()
+    assert found.achieved == pytest.approx(error / verdict.measurements.amplitude, rel=1e-6)
+    assert 0.3 * wanted < found.achieved <= wanted
+
+
+def test_a_step_that_misses_is_refined(ngspice: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first run is planned for three times the wanted error, and a second run follows."""
+    monkeypatch.setattr(transient_plan, "AIM", 3.0)
+    verdict = verify(small(error=1e-4, engine="ngspice"))
+    found = verdict.accuracy
+    assert found.tries == 2
+    assert found.reached
+    assert found.seconds > verdict.waveforms.cost.seconds
+    document = json.loads(json.dumps(verdict_document(verdict)["accuracy"]))
+    assert {"wanted", "achieved", "seconds", "points"} <= document.keys()
+    assert document["wanted"] == 1e-4
+
+
+def test_a_board_that_the_other_engine_cannot_answer_runs_twice(
+    ngspice: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The difference of two runs bounds the error, which is about a third of the difference."""
+
+    def no_answer(*_: object, **__: object) -> None:
+        raise EngineError("no answer")
+
+    monkeypatch.setattr(simulate, "simulate", no_answer)
+    verdict = verify(small(error=1e-3, engine="ngspice"))
+    found = verdict.accuracy
+    assert "twice the step" in found.how
+    wave = verdict.waveforms
+    truth = exact_solution(verdict.circuit).at(np.asarray(wave.time))
+    signs = np.array([output.sign for output in verdict.circuit.outputs])
+    error = np.abs(outputs(verdict.circuit, wave) - signs * truth).max()
+    ratio = found.achieved * verdict.measurements.amplitude / error
+    assert 1.0 < ratio < 4.0
+    assert math.isfinite(verdict.error.readings["settling_time"])
+    agree = next(check for check in verdict.checks if check.name == "engines_agree")
+    assert agree.outcome is Outcome.INCONCLUSIVE
+    assert "no answer" in agree.reason
+
+
+def test_a_record_is_as_long_as_a_channel_needs_to_settle(ngspice: str) -> None:
+    """A narrow band: the last ringing leaves it long after the steady state is near enough.
+
+    The plan of the record knows the band, so that no second run is needed.
+    """
+    scene = small(engine="ngspice")
+    off = verify(scene).measurements
+    static = max(abs(c.final - c.target) for c in off.channels) / off.amplitude
+    checks = {"settling_time": {"band": 3.0 * static}, "steady_state": {"tolerance": 0.5}}
+    data = scene.model_dump(by_alias=True) | {"checks": checks}
+    verdict = verify(Scene.model_validate(data))
+    assert verdict.measurements.settling_time is not None
+    assert verdict.accuracy.tries == 1
+
+
+def test_the_state_space_states_what_it_reached() -> None:
+    linear = verify(small(error=1e-6, engine="statespace")).accuracy
+    assert linear.method == "exact"
+    assert linear.achieved is not None
+    assert linear.achieved < 1e-9
+    scene = load_scene(SCENES / "paper-exponential.toml")
+    analysis = {"error": 1e-4, "stop": 1e-4, "engine": "statespace"}
+    scene = scene.model_copy(update={"analysis": scene.analysis.model_copy(update=analysis)})
+    curved = verify(scene).accuracy
+    assert curved.reached
+    assert curved.method == "Radau IIA"
+
+
+def test_tolerances_stay_where_an_engine_can_follow() -> None:
+    assert state_space_tolerance(1e-4) == pytest.approx(2e-5)
+    assert state_space_tolerance(1e-15) == 1e-10
+    assert state_space_tolerance(0.5) == 1e-3
+
+
+TRIED = Accuracy(1e-4, 4e-4, 2.0, 1000, 100.0, "ngspice-46", "trapezoidal", "")
+
+
+def test_only_a_known_miss_of_a_stepping_engine_is_tried_again() -> None:
+    design = design_board(small(error=1e-4, engine="ngspice"), Clock(lambda stage: None))
+    ideal = ideal_answer(design.network, design.scene)
+    done = verify(small(engine="statespace")).measurements  # every channel settles
+
+    def again(accuracy: Accuracy) -> TransientPlan | None:
+        return better_plan(design, ideal, done, accuracy)
+
+    plan = again(TRIED)
+    assert plan is not None
+    # The forecast was four times too small, so the next aim is four times smaller.
+    aim = AIM * 1e-4 * design.plan.forecast.error / 4e-4
+    assert 0.5 * aim < plan.forecast.error <= aim
+    assert plan.transient.stop == design.transient.stop
+    assert again(replace(TRIED, achieved=1e-5)) is None
+    assert again(replace(TRIED, achieved=None)) is None
+    assert again(replace(TRIED, engine="statespace")) is None
+    both = replace(TRIED, seconds=3.0).after(TRIED)
+    assert (both.seconds, both.tries) == (5.0, 2)
+
+
+def test_every_verdict_states_its_error() -> None:
+    found = verify(small(engine="statespace")).accuracy
+    assert found.wanted == 2.5e-4
+    assert found.reached
+
+
+@pytest.mark.parametrize("count", [9, 20, 21, 22, 61])
+def test_a_thinned_companion_keeps_both_ends(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
+    """The last instant proves that a record is whole, whatever its number of points."""
+    monkeypatch.setattr(companion, "MAX_INSTANTS", 10)
+    design = design_board(small(engine="ngspice"), Clock(lambda stage: None))
+    times = np.linspace(0.0, design.transient.stop, count)
+    record = simulate.simulate(design.board, design.transient, times=times)
+    found = companion.state_space_companion(design.board, design.transient, record, 1e-6)
+    assert (found.instants[0], found.instants[-1]) == (times[0], times[-1])
+    assert np.all(np.diff(found.instants) > 0.0)
+    assert len(found.instants) <= 21
+    assert found.difference == 0.0
+    assert 0.0 < found.doubt < 1e-9

@@ -1,4 +1,4 @@
-"""Simulating a transient: what is kept of a run that ends early."""
+"""Simulating a transient: what is kept of a run that ends early, and the error of a run."""
 
 from __future__ import annotations
 
@@ -6,14 +6,26 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
-from taction.system.errors import DivergesError
-from taction.verification.engines.statespace.transients import simulate
+from taction.netlist_gen.analysis import Transient
+from taction.netlist_gen.board.circuit import Capacitor, Circuit, Output, Resistor, SignalAmplifier
+from taction.system.array_types import Floats
+from taction.system.errors import DivergesError, EngineError
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.transients import simulate, structured_radau
+from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.progress import Clock
-from taction.verification.verdict.simulation import begin
+from taction.verification.verdict.simulation import (
+    HALVED,
+    StateSpaceError,
+    begin,
+    state_space_error,
+)
 from taction.verification.waveforms import Cost, Waveforms
+from tests.support.boards import board, kernel, single_mode, strain, two_pole
 from tests.support.making import make_scene
 
 RECORD = Waveforms(
@@ -40,3 +52,86 @@ def test_the_record_of_a_diverging_transient_is_kept(
     else:
         pending = begin(made)
         assert pending.result().waveforms is RECORD
+
+
+TIGHT = 5.0  # times the true error: largest stated error
+TIMES = np.concatenate([[0.0], np.geomspace(1e-9, 2e-4, 400)])
+BETWEEN = TIMES[:-1] + 0.37 * np.diff(TIMES)
+
+
+def lone_amplifier() -> Circuit:
+    """``R C v' = -v - U0 exp(v / Ve)``: a capacitor that its own exponential charges."""
+    return replace(
+        single_mode(1e-6),
+        amplifier="exponential",
+        models={},
+        opamps=(),
+        amplifiers=(SignalAmplifier("B", "exponential", "v", "a", 2.0, 0.5),),
+        resistors=(Resistor("R", "a", "v", 1e4), Resistor("Rv", "v", "0", 1e15)),
+        capacitors=(Capacitor("C", "v", "0", 1e-9),),
+        currents=(),
+        outputs=(Output("a", -1.0),),
+    )
+
+
+def run(circuit: Circuit, tolerance: float) -> tuple[Waveforms, StateSpaceError]:
+    made, analysis = LinearBoard(circuit), Transient(TIMES[-1], 1e-6)
+    record = simulate.simulate(made, analysis, times=TIMES, tolerance=tolerance)
+    return record, state_space_error(made, analysis, record, tolerance)
+
+
+def check(record: Waveforms, stated: StateSpaceError, truth: Floats, between: Floats) -> None:
+    """Both runs err by less than is stated, also between the points, and not by much less."""
+    error = np.abs(record.values - truth).max()
+    assert error <= stated.volts <= TIGHT * error
+    assert stated.second is not None
+    assert np.abs(stated.second.values - truth).max() <= stated.second_error
+    assert record.curve is not None
+    for column in range(truth.shape[1]):
+        found = record.curve(BETWEEN, np.full(len(BETWEEN), column))
+        assert np.abs(found - between[:, column]).max() <= stated.volts
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-5, 1e-7])
+def test_of_a_large_linear_board(tolerance: float) -> None:
+    T, eps = kernel(40, 3.0), strain(40, 3.0)
+    circuit = board(T, eps, two_pole(790e3, 12e-12), G0=0.3313e-6 * 7 / 40)
+    solution = exact_solution(circuit)
+    check(*run(circuit, tolerance), solution.at(TIMES), solution.at(BETWEEN))
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-5, 1e-7])
+def test_of_an_amplifier(tolerance: float) -> None:
+    def output(t: Floats) -> Floats:
+        v = solve_ivp(
+            lambda _, x: -(x + 2.0 * np.exp(x / 0.5)) / 1e-5 - x / 1e6,
+            (0.0, 2e-4),
+            [0.0],
+            method="LSODA",
+            rtol=1e-12,
+            atol=1e-14,
+            t_eval=t,
+        ).y[0]
+        return np.asarray(-2.0 * np.exp(v / 0.5))[:, None]
+
+    check(*run(lone_amplifier(), tolerance), output(TIMES), output(BETWEEN))
+
+
+def test_an_exact_solution_errs_by_its_rounding() -> None:
+    T, eps = kernel(7, 3.0), strain(7, 3.0)
+    _, stated = run(board(T, eps, two_pole(790e3, 12e-12)), 1e-5)
+    assert stated.second is None
+    assert 0.0 < stated.volts == stated.rounding < 1e-9
+
+
+def test_half_of_every_step_is_taken() -> None:
+    T, eps = kernel(7, 3.0), strain(7, 3.0)
+    made, analysis = LinearBoard(board(T, eps, two_pole(790e3, 12e-12))), Transient(2e-4, 1e-6)
+    first = structured_radau.simulate(made, analysis, tolerance=1e-4)
+    second = structured_radau.halved(made, analysis, first)
+    assert second.cost.points == 2 * first.cost.points
+    wanted = exact_solution(made).at(first.time)
+    coarse, fine = (np.abs(wave.values - wanted).max() for wave in (first, second))
+    assert fine <= HALVED * (coarse - fine)
+    with pytest.raises(EngineError, match="not one of the structured stepper"):
+        structured_radau.halved(made, analysis, replace(first, curve=None))
