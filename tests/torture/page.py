@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import platform
 
-from taction.verification.studies.running.machine import describe_machine
+from taction.verification.studies.running.versions import describe_machine
 from tests.torture.killing import LIMIT, ORPHAN_LIMIT, Report
 from tests.torture.session import is_fault, summary, table
 

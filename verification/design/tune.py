@@ -25,7 +25,7 @@ from taction.system.quantities import show
 from taction.verification.design.ranges import Range, parse_ranges
 from taction.verification.design.search import search_range
 from taction.verification.design.trials import Trial, Trials
-from taction.verification.studies.running.pace import Pace
+from taction.verification.studies.running.collecting import Pace
 from taction.verification.verdict.record import ERROR
 
 GRID = {1: 25, 2: 9, 3: 5}  # points of each parameter, by the number of parameters

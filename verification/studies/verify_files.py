@@ -10,7 +10,7 @@ from typing import Any
 from taction.system.errors import INTERRUPTED, NoVerdictError, TactionError, error_document
 from taction.system.output_files import printable
 from taction.verification.reference.ideal_answer import read_scene
-from taction.verification.studies.running.in_order import for_each_file
+from taction.verification.studies.running.collecting import for_each_file
 from taction.verification.verdict.verify import Verdict, verify
 
 NOT_RUN = "not run"

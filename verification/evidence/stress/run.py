@@ -13,7 +13,7 @@ from taction.verification.evidence.stress.catalogue import Case
 from taction.verification.evidence.stress.compare import Comparison, compare, worst, wrong_checks
 from taction.verification.studies.running.collecting import collected
 from taction.verification.studies.running.executors import cores, local
-from taction.verification.studies.running.machine import describe_machine
+from taction.verification.studies.running.versions import describe_machine
 from taction.verification.verdict.checks import Check
 from taction.verification.verdict.verify import Verdict, verify
 

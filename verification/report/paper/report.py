@@ -17,7 +17,7 @@ from taction.verification.report.renderers.page import PACKAGES, write_page
 from taction.verification.report.renderers.picture import draw_sheet
 from taction.verification.report.renderers.terminal import print_page
 from taction.verification.report.views.paper import sheet, view
-from taction.verification.studies.running.machine import describe_machine
+from taction.verification.studies.running.versions import describe_machine
 
 MARKDOWN, HTML = "paper.md", "paper.html"
 PAGES = (MARKDOWN, HTML)

@@ -19,7 +19,7 @@ from taction.verification.studies.regression.baseline import (
     observe,
 )
 from taction.verification.studies.regression.compare import compare_entry
-from taction.verification.studies.running.in_order import for_each_file
+from taction.verification.studies.running.collecting import for_each_file
 from taction.verification.studies.scene_files import find_scenes
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.compare import Difference

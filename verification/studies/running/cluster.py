@@ -17,7 +17,7 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 from taction.system.errors import Complaint, InputError, NoVerdictError
-from taction.verification.studies.running.workers import Workers
+from taction.verification.studies.running.worker import Workers
 
 PATIENCE = 15.0  # s to wait for an answer of a scheduler
 WORKER_PATIENCE = 60.0  # s to wait for a worker, at the start and after the loss of the last one

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError, Future
 from itertools import islice
+from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
-from taction.system.errors import MACHINE_FAILURES, Complaint, InputError, NoVerdictError
+from taction.system.errors import MACHINE_FAILURES, Complaint, InputError, Killed, NoVerdictError
+from taction.system.own_folders import remove_own_folder
+from taction.verification.studies.running.executors import cores, local
 from taction.verification.studies.running.versions import OtherVersionsError
-from taction.verification.studies.running.worker import NotStartedError
-from taction.verification.studies.running.workers import Workers
+from taction.verification.studies.running.worker import NotStartedError, Workers
 
 K = TypeVar("K")
 R = TypeVar("R")
@@ -104,3 +107,113 @@ def _error(future: Future[R], workers: Workers) -> BaseException | None:
         raise InputError("worker", Complaint("versions", "", text))
     text = f"no worker can compute ({type(error).__name__}: {error}); is the same taction installed"
     raise NoVerdictError(f"{text} there, and where the scheduler runs?") from error
+
+
+def for_each_file(
+    function: Callable[..., R],
+    files: Sequence[Path],
+    arguments: Sequence[tuple[Any, ...]],
+    *,
+    jobs: int | None = None,
+    progress: Callable[[str], None] = lambda stage: None,
+) -> list[R | BaseException | None]:
+    """Return ``function(file, *arguments[i])`` of each file, in the order of `files`.
+
+    Parameters
+    ----------
+    function : callable
+        With several processes it can be pickled, as its arguments and its results. It raises no
+        exception of one file.
+    arguments : sequence of tuple
+        The further arguments for each file.
+    jobs : int, optional
+        Number of processes; by default one for each core. One file, or one job, is computed in
+        this process.
+
+    Returns
+    -------
+    list
+        An exception where a call killed its process again and again; None where Ctrl-C came before
+        the result.
+
+    Raises
+    ------
+    NoVerdictError
+        The processes do not start.
+
+    Examples
+    --------
+    >>> files = [Path("b.toml"), Path("a.toml")]
+    >>> for_each_file(lambda path, more: path.stem + more, files, [("1",), ("2",)], jobs=1)
+    ['b1', 'a2']
+    """
+    results: list[R | BaseException | None] = [None] * len(files)
+    processes = min(jobs or cores(), len(files))
+    try:
+        if processes <= 1:
+            for number, path in enumerate(files):
+                progress(f"{number + 1} of {len(files)}: {path.stem}")
+                results[number] = function(path, *arguments[number])
+            return results
+        calls = ((k, (path, *arguments[k])) for k, path in enumerate(files))
+        with local(processes) as workers:
+            progress(f"{len(files)} files in {processes} processes")
+            for done, (number, result) in enumerate(collected(workers, function, calls), 1):
+                results[number] = result
+                progress(f"{done} of {len(files)} done: {files[number].stem}")
+    except KeyboardInterrupt:
+        pass
+    return results
+
+
+LEAST = 3  # tasks before anything is said
+SETTLED = 1.0  # s before anything is said
+
+
+class Pace:
+    """The pace of a study since its first task ended: workers take some seconds to start."""
+
+    def __init__(self, clock: Callable[[], float] = time.perf_counter) -> None:
+        self._clock, self._first, self._done = clock, 0.0, 0
+
+    def ended(self, left: int) -> str:
+        """Count one task that ended; return the time that the `left` others need.
+
+        Empty for the first tasks, in the first second, and where none is left.
+
+        Examples
+        --------
+        >>> seconds = iter([0.0, 10.0, 20.0])
+        >>> pace = Pace(lambda: next(seconds))
+        >>> [pace.ended(left) for left in (602, 601, 600)]
+        ['', '', ', about 1:40:00 left']
+        """
+        self._done += 1
+        now = self._clock()
+        if self._done == 1:
+            self._first = now
+        elapsed = now - self._first
+        if self._done < LEAST or elapsed < SETTLED or not left:
+            return ""
+        seconds = round(elapsed / (self._done - 1) * left)
+        return f", about {seconds // 3600}:{seconds // 60 % 60:02}:{seconds % 60:02} left"
+
+
+RUNS = 3  # as often as a point is computed whose worker is killed
+
+
+def repeated_if_killed(function: Callable[[], T]) -> T:
+    """Return ``function()``; where a signal ended ngspice, the result of another call.
+
+    Raises
+    ------
+    Killed
+        A signal ended ngspice in each of `RUNS` calls, as where the memory is too small.
+    """
+    for _ in range(RUNS - 1):
+        try:
+            return function()
+        except Killed as error:
+            if error.folder is not None:  # nobody will be told of this reproducer
+                remove_own_folder(error.folder)
+    return function()

@@ -17,8 +17,12 @@ from typing import Any, TypeVar
 
 from taction.system.processes import THREADS
 from taction.verification.studies.running.cluster import cluster
-from taction.verification.studies.running.worker import NotStartedError, Worker, WorkerDiedError
-from taction.verification.studies.running.workers import Workers
+from taction.verification.studies.running.worker import (
+    NotStartedError,
+    Worker,
+    WorkerDiedError,
+    Workers,
+)
 
 T = TypeVar("T")
 

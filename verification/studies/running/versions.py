@@ -1,13 +1,17 @@
-"""Versions that must be equal in the process that runs a study and in its workers."""
+"""Versions and machine of a study; versions must be equal in its process and in its workers."""
 
 from __future__ import annotations
 
+import os
 import platform
+import time
 from dataclasses import dataclass, replace
 from importlib import metadata
+from pathlib import Path
 
 from taction.system import plugins
-from taction.system.errors import SimulatorNotFound, SimulatorTooOld
+from taction.system.errors import SimulationError, SimulatorNotFound, SimulatorTooOld
+from taction.system.processes import THREADS
 from taction.verification.engines.ngspice.executable import Simulator, find_simulator
 from taction.verification.studies.running.digests import own_code
 
@@ -72,3 +76,37 @@ def own_versions(ngspice: bool) -> Versions:
 def simulator_name(simulator: Simulator) -> str:
     """Return version and matrix solver of an ngspice, the properties that can change a result."""
     return f"{simulator.engine} {simulator.solver_option}"
+
+
+PACKAGES = ("taction", "numpy", "scipy")
+
+
+def describe_machine() -> dict[str, str | int | float | None]:
+    """Return versions, processor, load and threads as plain data."""
+    try:
+        simulator = find_simulator()
+        ngspice: str | None = f"{simulator.version} ({simulator.solver_option})"
+    except SimulationError:
+        ngspice = None
+    set_threads = {name: os.environ[name] for name in THREADS if name in os.environ}
+    return {
+        "date": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+        "processor": _processor(),
+        "cores": os.cpu_count(),
+        "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
+        "threads": ", ".join(f"{k}={v}" for k, v in set_threads.items()) or "not limited",
+        "system": f"{platform.system()} {platform.release()}",
+        "python": platform.python_version(),
+        "ngspice": ngspice,
+        **{package: metadata.version(package) for package in PACKAGES},
+    }
+
+
+def _processor() -> str:
+    """Return the processor's name, on Linux from /proc."""
+    listing = Path("/proc/cpuinfo")
+    if listing.exists():
+        for line in listing.read_text(encoding="utf-8", errors="replace").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()

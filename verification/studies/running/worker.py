@@ -1,4 +1,4 @@
-"""A Python process that runs one call after the other and can be stopped.
+"""A Python process that runs one call after the other and can be stopped; the workers of a study.
 
 The pool of a study has several workers; the work-precision study has one worker, because an
 integration in the study's own process cannot be interrupted when its time is up.
@@ -15,8 +15,9 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import BrokenExecutor
+from concurrent.futures import BrokenExecutor, Executor
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from multiprocessing import util
 from multiprocessing.connection import Connection
 from typing import Any, TypeVar
@@ -236,3 +237,16 @@ def _kill_fork_server() -> None:
     if pid is not None:
         with suppress(ProcessLookupError):
             os.kill(pid, signal.SIGKILL)
+
+
+@dataclass(frozen=True, slots=True)
+class Workers:
+    """An executor with its capacity and its exceptions."""
+
+    executor: Executor
+    window: Callable[[], int]  # number of points to submit at a time, so that no worker waits
+    lost: tuple[type[BaseException], ...]  # raised by a point that killed its workers
+    closed: tuple[type[BaseException], ...] = (RuntimeError,)  # raised without workers
+    processes: Callable[[], int] = lambda: 1  # number of points that are computed at a time
+    start_up: float = 0.0  # s of processor time before the first point
+    check: Callable[[], None] = lambda: None  # raises NoVerdictError if no worker will answer

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from taction.system.array_types import Bools
-from taction.verification.studies.running.workers import Workers
+from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.sweep.cost_forecast import CostForecast
 from taction.verification.studies.sweep.plan import Plan
 

@@ -14,7 +14,7 @@ import numpy as np
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import MACHINE_FAILURES, TactionError
-from taction.verification.studies.running.repeating import repeated_if_killed
+from taction.verification.studies.running.collecting import repeated_if_killed
 from taction.verification.studies.running.versions import Versions
 from taction.verification.studies.store import StoredResult
 from taction.verification.verdict.progress import Effort

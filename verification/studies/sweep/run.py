@@ -22,7 +22,7 @@ from taction.system.errors import TactionError
 from taction.verification.studies.running.collecting import collected
 from taction.verification.studies.running.digests import digest, own_code
 from taction.verification.studies.running.versions import own_versions
-from taction.verification.studies.running.workers import Workers
+from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.store import Store, StoredResult
 from taction.verification.studies.sweep.announcement import announcement, duration, wall_time
 from taction.verification.studies.sweep.cost_forecast import CostForecast, forecast_costs

@@ -20,8 +20,8 @@ import numpy as np
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
-from taction.verification.studies.running.pace import Pace
-from taction.verification.studies.running.workers import Workers
+from taction.verification.studies.running.collecting import Pace
+from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.tolerance.rest_slopes import largest_parts
 from taction.verification.studies.tolerance.steady_directions import Direction, steady_directions
 from taction.verification.studies.tolerance.varied_board import (

@@ -16,9 +16,9 @@ from taction.netlist_gen.board.variation import draw
 from taction.system.array_types import Floats
 from taction.system.documents import plain, read
 from taction.system.errors import Complaint, InputError
+from taction.verification.studies.running.collecting import Pace
 from taction.verification.studies.running.digests import digest
-from taction.verification.studies.running.pace import Pace
-from taction.verification.studies.running.workers import Workers
+from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.store import Store, StoredResult
 from taction.verification.studies.tolerance.varied_board import (
     BoardSample,

@@ -18,7 +18,7 @@ import numpy as np
 
 from taction.netlist_gen.board.variation import Parameter, parameters
 from taction.system.errors import EngineError
-from taction.verification.studies.running.workers import Workers
+from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.tolerance.drawing import SampleCollection, draw_samples
 from taction.verification.studies.tolerance.remedy import TARGET, Remedy
 from taction.verification.studies.tolerance.varied_board import BoardSample, VariedBoard

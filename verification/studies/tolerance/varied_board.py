@@ -24,10 +24,9 @@ from taction.system.documents import INLINE
 from taction.system.errors import MACHINE_FAILURES, Complaint, InputError, TactionError
 from taction.system.reading_definitions import EXCURSIONS
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
-from taction.verification.studies.running.collecting import collected
-from taction.verification.studies.running.repeating import repeated_if_killed
+from taction.verification.studies.running.collecting import collected, repeated_if_killed
 from taction.verification.studies.running.versions import Versions, own_versions
-from taction.verification.studies.running.workers import Workers
+from taction.verification.studies.running.worker import Workers
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.progress import Effort
 from taction.verification.verdict.record import ERROR, Record, finite, signed_errors

@@ -19,7 +19,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import SimulationError
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.reference.ideal_answer import ideal_network, initial_voltages
-from taction.verification.studies.running.machine import describe_machine
+from taction.verification.studies.running.versions import describe_machine
 from taction.verification.studies.running.worker import START_UP, Worker
 from taction.verification.studies.work_precision.convergence_order import Order, fit_order
 from taction.verification.studies.work_precision.extent import Extent, study_extent

@@ -20,7 +20,7 @@ from taction.netlist_gen.scene.scene import load_scene
 from taction.verification.report.sweep import files
 from taction.verification.report.sweep.plot import plot_sweep
 from taction.verification.studies.running import executors
-from taction.verification.studies.running.workers import Workers
+from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.cost_forecast import CostForecast
 from taction.verification.studies.sweep.plan import Plan

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from taction.verification.studies.running.workers import Workers
+from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.sweep.announcement import announcement, duration, wall_time
 from taction.verification.studies.sweep.cost_forecast import CostForecast
 from taction.verification.studies.sweep.hybrid import sample

@@ -14,7 +14,7 @@ import pytest
 import taction
 from taction.studies import plan_sweep
 from taction.verification.report.sweep.records import records
-from taction.verification.studies.running.workers import Workers
+from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.hybrid import (
     BOUNDARY,

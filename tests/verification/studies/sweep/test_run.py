@@ -23,7 +23,7 @@ from taction.system.errors import (
 )
 from taction.verification.report.sweep.records import records
 from taction.verification.studies.running.versions import OtherVersionsError, Versions, own_versions
-from taction.verification.studies.running.workers import Workers
+from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep import point as point_module
 from taction.verification.studies.sweep.plan import Plan, Requests

@@ -19,7 +19,7 @@ from taction.studies import plan_sweep
 from taction.system.errors import TactionError
 from taction.verification.report.sweep.records import records
 from taction.verification.studies.running.versions import own_versions
-from taction.verification.studies.running.workers import Workers
+from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.point import Job, compute
 from taction.verification.studies.sweep.run import sweep

@@ -18,7 +18,7 @@ from taction.cli.main import main
 from taction.netlist_gen.board.variation import draw
 from taction.system.errors import InputError, NoVerdictError
 from taction.verification.studies.running.executors import local
-from taction.verification.studies.running.workers import Workers
+from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.tolerance import varied_board, yield_report
 from taction.verification.studies.tolerance.drawing import SampleCollection, run_samples
 from taction.verification.studies.tolerance.varied_board import (

@@ -11,7 +11,7 @@ from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.scene import Scene
 from taction.verification.report.html.blocks import Block, Code, Facts, Notes, Section
 from taction.verification.studies.running.digests import digest, files_of, own_code
-from taction.verification.studies.running.machine import describe_machine
+from taction.verification.studies.running.versions import describe_machine
 from taction.verification.verdict.verify import Verdict
 
 LONGEST = 400_000  # characters of a deck in a report
