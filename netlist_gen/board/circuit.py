@@ -113,7 +113,7 @@ def common_facts(**values: float) -> dict[str, Fact]:
     Examples
     --------
     >>> common_facts(C=1e-11, gain=1e6)["gain"].text
-    '1 Mohm'
+    '1 MΩ'
     """
     return {
         name: Fact(name, values[name], *texts) for name, texts in _COMMON.items() if name in values
