@@ -1,17 +1,71 @@
-"""Every table of every command holds all names and numbers, however narrow the page."""
+"""What stands in a terminal: remaining time on stderr, and tables of every width."""
 
 from __future__ import annotations
 
+import re
+from itertools import count, pairwise
 from pathlib import Path
 
 import pytest
 
 from taction.cli.main import COMMANDS
+from taction.cli.terminal import SparseLines
 from taction.verification.evidence.paper import reproduce
 from taction.verification.evidence.paper.findings import Chapter, Finding, load_claims
 from taction.verification.evidence.paper.reproduce import Task
+from taction.verification.studies.running import collecting
+from taction.verification.studies.running.collecting import Pace
 from tests.support.entries import write_fast
 from tests.support.printed import printed_objects, shown_at, words_of
+from tests.support.running import taction
+
+
+def test_lines_become_rare() -> None:
+    said: list[str] = []
+    seconds = count(0.0, 1.0)
+    lines = SparseLines(said.append, lambda: next(seconds))
+    for number in range(1, 3601):
+        lines.stage(str(number))
+    assert said[:5] == ["10", "15", "23", "35", "53"]  # seconds, each 1.5 times the last
+    assert len(said) == 20
+    assert max(int(b) - int(a) for a, b in pairwise(said)) == 300
+
+
+def test_the_start_of_the_workers_does_not_count() -> None:
+    """Two tasks a second after five seconds of starting: 100 tasks take 50 s."""
+    seconds = iter([5.0, 5.5, 6.0, 6.5])
+    rate = Pace(lambda: next(seconds))
+    texts = [rate.ended(100) for _ in range(4)]
+    assert texts == ["", "", ", about 0:00:50 left", ", about 0:00:50 left"]
+
+
+@pytest.mark.parametrize(
+    ("words", "stages"),
+    [
+        (("tune", "a.toml"), {"grid", "simplex"}),
+        (("corners", "a.toml", "--jobs", "1"), {"sensitivities", "corner"}),
+        (("montecarlo", "a.toml", "-n", "30", "--jobs", "1", "--no-remedy"), {"samples"}),
+    ],
+)
+def test_every_long_study_says_what_is_left(
+    words: tuple[str, ...], stages: set[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_fast(tmp_path / "a.toml", more="[tolerances]\nresistor = 0.01\n")
+    monkeypatch.setattr("taction.cli.terminal.FIRST", 0.0)
+    monkeypatch.setattr("taction.cli.terminal.GROWTH", 0.0)
+    monkeypatch.setattr(collecting, "SETTLED", 0.0)
+    lines = [line for line in taction(*words).stderr.splitlines() if "left" in line]
+    assert len(lines) > 5
+    assert all(re.search(r", about \d+:\d\d:\d\d left$", line) for line in lines)
+    assert {stage for stage in stages if any(stage in line for line in lines)} == stages
+
+
+def test_a_short_command_says_nothing(tmp_path: Path) -> None:
+    scene = write_fast(tmp_path / "a.toml", more="[tolerances]\nresistor = 0.01\n")
+    result = taction("montecarlo", str(scene), "-n", "3", "--jobs", "1", "--no-remedy")
+    assert "left" not in result.stderr
+
 
 WIDTHS = (40, 80, 100)
 TOLERANCES = "[tolerances]\nresistor = 0.01\ncapacitor = 0.05\n"

@@ -1,0 +1,280 @@
+"""The commands on one board, and those without a board: decks, parts, drawings, op-amps."""
+
+from __future__ import annotations
+
+import csv
+import json
+import platform
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from taction.cli import boards
+from taction.netlist_gen.deck.dialects.table import DIALECTS
+from tests.support.paths import ROOT, SCENES
+from tests.support.running import document, taction
+
+CUSTOM = str(SCENES / "custom-matrix.toml")
+
+
+def test_the_table_has_engineering_units() -> None:
+    result = taction("bom", CUSTOM)
+    assert result.exit_code == 0
+    text = " ".join(result.stdout.split())
+    for part in ("resistor 10 kohm 18", "capacitor 100 pF 4", "5 packages tl084, U1 to U5"):
+        assert part in text
+    assert "spare op-amps: 1 in U5" in text
+    assert "op-amps 798 mW quiescent" in text  # 19 times 1.4 mA at 30 V
+    assert "not a standard value: 18; set resistor_series" in text
+
+
+def test_csv_and_json_agree_in_base_units(tmp_path: Path) -> None:
+    file = tmp_path / "parts.csv"
+    found = document(taction("bom", CUSTOM, "-o", str(file), "--json"))
+    with file.open(encoding="utf-8", newline="") as text:
+        rows = list(csv.DictReader(text))
+    assert list(rows[0])[:5] == ["Reference", "Value", "Footprint", "Quantity", "DNP"]
+    *parts, opamps = rows
+    assert [float(row["Value"]) for row in parts] == [part["value"] for part in found["parts"]]
+    for row, part in zip(parts, found["parts"], strict=True):
+        assert row["Reference"].split(",") == part["references"]
+        assert int(row["Quantity"]) == part["count"] == len(part["references"])
+        assert (row["Preferred"] == "") is part["standard"]
+    assert (opamps["Reference"], opamps["Value"]) == ("U1,U2,U3,U4,U5", "TL084")
+    assert found["opamps"]["spare"] == 1
+    assert found["power"]["quiescent"] == pytest.approx(19 * 30 * 1.4e-3)
+
+
+def test_a_file_that_cannot_be_written_is_refused() -> None:
+    result = taction("bom", CUSTOM, "-o", "/nowhere/parts.csv")
+    assert result.exit_code == 2
+    assert "its folder does not exist" in result.stderr
+    same = taction("bom", CUSTOM, "-o", CUSTOM)
+    assert same.exit_code == 2
+    assert "expected another file" in same.stderr
+
+
+def test_netlist_and_verify_warn_about_the_same_parts() -> None:
+    board = str(SCENES / "paper-breadboard.toml")
+    says = "60 of 74 matrix resistors are above 50 Mohm, up to 247.3 Mohm (Rf_1_7)"
+    netlist = taction("netlist", board, "--json")
+    assert f"warning: {says}" in netlist.stderr
+    verify = document(taction("verify", board, "--engine", "statespace", "--json"))
+    for found in (document(netlist), verify):
+        assert [text.partition(";")[0] for text in found["warnings"] if "ohm" in text] == [says]
+
+
+def test_doctor_names_python_and_ngspice() -> None:
+    findings = document(taction("doctor", "--json"))["findings"]
+    assert [finding["what"] for finding in findings[:2]] == ["Python", "ngspice"]
+
+
+def test_doctor_names_the_kernels_of_each_blas(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OPENBLAS_CORETYPE", "Prescott")  # every x86-64 processor executes them
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")
+    command = [
+        sys.executable,
+        "-c",
+        "from taction.cli.main import main; main()",
+        "doctor",
+        "--json",
+    ]
+    run = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+    findings = json.loads(run.stdout)["findings"]
+    blas = {f["what"]: f["found"] for f in findings if f["what"].startswith("BLAS")}
+    assert blas.keys() == {"BLAS of numpy", "BLAS of scipy"}
+    assert all("threads: 1" in found for found in blas.values())
+    if platform.machine() == "x86_64":
+        asked = {name: found for name, found in blas.items() if "openblas" in found}
+        assert all(re.search("Katmai|Prescott|Core2", found) for found in asked.values())
+
+
+def test_new_does_not_overwrite(tmp_path: Path) -> None:
+    file = tmp_path / "board.toml"
+    assert document(taction("new", str(file), "--json"))["file"] == str(file)
+    again = taction("new", str(file))
+    assert again.exit_code == 2
+    assert "--force" in again.stderr
+    assert taction("new", str(file), "--force").exit_code == 0
+    assert taction("new", str(tmp_path / "no" / "x.toml")).exit_code == 2
+
+
+def test_a_new_scene_verifies(tmp_path: Path) -> None:
+    file = tmp_path / "board.toml"
+    taction("new", str(file))
+    assert taction("verify", str(file), "--engine", "statespace").exit_code == 0
+
+
+def test_the_folder_holds_a_project(tmp_path: Path) -> None:
+    folder = tmp_path / "new" / "board"
+    found = document(taction("kicad", CUSTOM, "-o", str(folder), "--channel", "2", "--json"))
+    assert {Path(name).name for name in found["files"]} == {
+        "custom-matrix-channel-2.kicad_sch",
+        "custom-matrix-channel-2.kicad_pro",
+        "custom-matrix.kicad_sym",
+        "sym-lib-table",
+        "custom-matrix-bom.csv",
+    }
+    assert all(Path(name).is_file() for name in found["files"])
+    assert (found["channel"], found["row"]) == (2, 2)
+    assert any("stray" in text for text in found["not_drawn"])
+    # A second channel of the board goes beside the first.
+    assert taction("kicad", CUSTOM, "-o", str(folder), "--channel", "1").exit_code == 0
+    assert len(list(folder.glob("*.kicad_sch"))) == 2
+
+
+def test_another_project_is_not_damaged(tmp_path: Path) -> None:
+    table = tmp_path / "sym-lib-table"
+    table.write_text("(sym_lib_table (version 7))\n")
+    result = taction("kicad", CUSTOM, "-o", str(tmp_path))
+    assert result.exit_code == 2
+    assert "give another folder" in result.stderr
+    assert [file.name for file in tmp_path.iterdir()] == ["sym-lib-table"]
+    assert table.read_text() == "(sym_lib_table (version 7))\n"
+
+
+def test_what_cannot_be_drawn_is_refused_before_a_folder_is_made(tmp_path: Path) -> None:
+    result = taction("kicad", CUSTOM, "-o", str(tmp_path / "new"), "--channel", "9")
+    assert result.exit_code == 2
+    assert "4 channels, counted from 1" in result.stderr
+    assert not (tmp_path / "new").exists()
+    (tmp_path / "file").touch()
+    result = taction("kicad", CUSTOM, "-o", str(tmp_path / "file" / "below"))
+    assert result.exit_code == 2
+    assert "cannot be made" in result.stderr
+
+
+OLD = {"ideal", "ua741", "lf353", "tl084", "lf356", "ne5534", "op27"}
+NEW = {"lm324", "tl072", "opa2134", "ad711", "ad8065", "lt1028", "opa1612", "lmp7721"}
+
+
+def test_the_list_has_every_preset() -> None:
+    models = document(taction("models", "--json"))
+    assert set(models) == OLD | NEW | {"taction"}
+    assert models["ideal"]["gbw"] is None  # infinite
+    assert models["ua741"]["source"]
+    assert models["lm324"]["bias_current"] == -20e-9
+    assert "ua741" in taction("models").stdout
+
+
+@pytest.mark.usefixtures("ngspice")
+def test_one_op_amp_is_shown_with_what_its_model_does() -> None:
+    shown = document(taction("models", "show", "ua741", "--json"))
+    assert shown["figures"]["slew_rate"] == {"value": 0.5e6, "unit": "V/s", "note": ""}
+    assert shown["figures"]["saturation"]["note"] == "14 V of 15 V into 10 kohm"
+    swing = shown["measured"]["swing"]
+    assert swing["stated"] == 14.0
+    for witness in ("state space", "ngspice"):
+        assert swing[witness] == pytest.approx(14.0, rel=1e-3)
+
+
+@pytest.mark.usefixtures("ngspice")
+def test_the_table_says_what_a_sheet_does_not_print() -> None:
+    text = " ".join(taction("models", "show", "lf353").stdout.split())
+    assert "phase margin 60 degrees 60 degrees 60 degrees no figure: assumed" in text
+    assert "LF353-N Wide Bandwidth Dual JFET Input Operational Amplifier, SNOSBH3" in text
+
+
+@pytest.mark.usefixtures("ngspice")
+def test_the_picture_has_both_witnesses_and_the_crossing(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    file = tmp_path / "ua741.svg"
+    assert taction("models", "show", "ua741", "--plot", str(file)).exit_code == 0
+    drawn = file.read_text("utf-8")
+    for text in ("unity gain at 1 MHz", "phase margin 65 degrees", "ngspice", "4.7 % overshoot"):
+        assert f"<!-- {text}" in drawn or text in drawn
+
+
+def test_mistakes_are_named(tmp_path: Path) -> None:
+    unknown = taction("models", "show", "ua714")
+    assert unknown.exit_code == 2
+    assert "did you mean 'ua741'?" in unknown.stderr
+    wrong = taction("models", "show", "ua741", "--plot", str(tmp_path / "x.gif"))
+    assert wrong.exit_code == 2
+    assert "--plot" in wrong.stderr
+
+
+def test_without_ngspice_our_equations_remain(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TACTION_NGSPICE", "/nowhere/ngspice")
+    run = taction("models", "show", "op27", "--json")
+    gain = document(run)["measured"]["dc_gain"]
+    assert gain.keys() == {"unit", "stated", "state space"}
+    assert "without ngspice" in run.stderr
+
+
+VENDOR = Path(__file__).parents[1] / "data" / "fet100.cir"
+PINS = "inp,inn,vcc,vee,out"
+
+
+def test_a_netlist_becomes_a_file_for_scenes(ngspice: str, tmp_path: Path) -> None:
+    target = tmp_path / "amp.json"
+    run = taction(
+        "models", "import", str(VENDOR), "--subckt", "FET100", "--pins", PINS,
+        "--supply", "±12V", "-o", str(target), "--json",
+    )  # fmt: skip
+    found = document(run)
+    assert found["supply"] == 12.0
+    assert 1e5 < found["figures"]["dc_gain"] < 3e5
+    assert found["linear"]["error"] < 1e-6
+    assert json.loads(target.read_text())["netlist"][0] == ".subckt m_fet100 1 2 3 4 5"
+
+
+def test_a_hostile_netlist_is_bad_input_and_names_its_line(tmp_path: Path) -> None:
+    file = tmp_path / "bad.cir"
+    file.write_text(".subckt p 1 2 3 4 5\nr1 1 2 1k\n.control\nshell ls\n.endc\n.ends\n")
+    run = taction("models", "import", str(file), "--subckt", "p", "--pins", PINS)
+    assert run.exit_code == 2
+    assert "line 3 '.control'" in run.stderr
+    assert not list(tmp_path.glob("*.json"))
+
+
+def test_a_wrong_supply_is_bad_input() -> None:
+    run = taction("models", "import", str(VENDOR), "--subckt", "FET100", "--pins", PINS,
+                  "--supply", "15A")  # fmt: skip
+    assert run.exit_code == 2
+    assert "--supply" in run.stderr
+
+
+SCENE = str(SCENES / "known-readings.toml")
+
+
+def test_the_names_of_the_option_are_the_dialects() -> None:
+    assert list(boards.DIALECTS) == list(DIALECTS) == [load().name for load in DIALECTS.values()]
+
+
+@pytest.mark.parametrize("dialect", boards.DIALECTS)
+def test_a_deck_in_a_dialect_is_printed(dialect: str) -> None:
+    result = taction("netlist", SCENE, "--dialect", dialect)
+    assert result.exit_code == 0
+    assert ("written for" in result.stdout) == (dialect != "ngspice")
+    assert "1047197.5511965977" in result.stdout  # Rf_1_1, a sixth of pi times 2 Mohm
+
+
+def test_parameters_and_measures_are_asked_for() -> None:
+    plain = taction("netlist", SCENE).stdout
+    assert ".param" not in plain
+    assert ".meas" not in plain
+    made = document(taction("netlist", SCENE, "--parameters", "--measure", "--json"))["deck"]
+    assert "\n.param gain=1000000.0\n" in made
+    assert "\n.meas tran t_rise_2 TRIG V(v_2) " in made
+
+
+def test_a_split_deck_of_a_dialect_is_two_files(tmp_path: Path) -> None:
+    file = tmp_path / "board.scs"
+    result = taction("netlist", SCENE, "--dialect", "spectre", "--split", "-o", str(file))
+    assert result.exit_code == 0
+    assert 'include "board_matrix.inc"' in file.read_text()
+    matrix = (tmp_path / "board_matrix.inc").read_text().split("\n")
+    assert matrix[0] == "simulator lang=spectre"
+    assert matrix[2].startswith("subckt matrix (")
+
+
+def test_a_refusal_names_the_key_and_writes_nothing(tmp_path: Path) -> None:
+    scene, file = str(SCENES / "paper-exponential.toml"), tmp_path / "board.scs"
+    result = taction("netlist", scene, "--dialect", "spectre", "-o", str(file))
+    assert result.exit_code == 2
+    assert "design.amplifier = 'exponential': no free program reads" in result.stderr
+    assert not file.exists()
