@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     )
     from taction.spice_models.opamp import OpAmp
     from taction.verification.reference import Solution
+    from taction.verification.report.blocks import Page
 
 COLUMNS = (
     ("gbw", "Hz", "GBW"),
@@ -239,16 +240,16 @@ def print_models(models: dict[str, OpAmp], console: Console) -> None:
 
 def opamp_document(found: OpAmpFigures) -> dict[str, Any]:
     """Return all figures of an op-amp as plain data."""
-    from taction.verification.report.opamp.figures import figures_document
+    from taction.verification.report.views.opamp import figures_document
 
     return figures_document(found.opamp, found.notes, found.results)
 
 
-def print_opamp(found: OpAmpFigures, console: Console) -> None:
-    """Print all figures of an op-amp."""
-    from taction.verification.report.opamp.figures import print_figures
+def opamp_view(found: OpAmpFigures) -> Page:
+    """Return the page of an op-amp."""
+    from taction.verification.report.views.opamp import view
 
-    print_figures(found.opamp, found.notes, found.results, console)
+    return view(found.opamp, found.notes, found.results)
 
 
 def model_document(found: ImportedModel) -> dict[str, Any]:

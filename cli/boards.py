@@ -25,6 +25,7 @@ from taction.cli.command import (
     own_file,
     page,
     picture,
+    printed,
     text_file,
 )
 from taction.cli.terminal import print_json, say
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
 
     from taction.results import KicadProject, Netlist, NewScene, PartsList
     from taction.verification.design.remedies import Remedies
+    from taction.verification.report.blocks import Page
 
 REPORT = "verification.report"
 DIALECTS = ("ngspice", "ltspice", "hspice", "xyce", "spectre")  # --help does not load the table
@@ -81,7 +83,7 @@ def _verified_document(found: _Verified) -> dict[str, Any]:
 
 
 def _verified_text(found: _Verified, console: Console) -> None:
-    from taction.verification.report.files.reasons import margin_lines
+    from taction.verification.report.views.files import margin_lines
     from taction.verification.report.renderers.terminal import print_page
 
     notes = tuple(margin_lines(found.document))
@@ -128,7 +130,7 @@ JUNIT = text_file("junit", "Write a JUnit XML report.", f"{REPORT}.junit:files_j
 VERIFY_FILES = Job(
     function="verify_files",
     document=f"{REPORT}.files.table:files_document",
-    text=f"{REPORT}.files.table:print_files",
+    text=printed(f"{REPORT}.views.files:view"),
     outputs=(JUNIT,),
     schema="verify-files",
     after=lambda found, call: _annotate(found.documents, call),
@@ -216,10 +218,10 @@ def _parts_document(found: PartsList) -> dict[str, Any]:
     return {"scene": found.scene.name, **parts_document(found.parts, found.power)}
 
 
-def _parts_text(found: PartsList, console: Console) -> None:
-    from taction.verification.report.parts_list import print_parts
+def _parts_view(found: PartsList) -> Page:
+    from taction.verification.report.views.parts import view
 
-    print_parts(found.parts, found.power, console)
+    return view(found.scene.name, found.parts, found.power)
 
 
 def _kicad_document(found: KicadProject) -> dict[str, Any]:
@@ -266,7 +268,7 @@ DIFF = Command(
     job=Job(
         function="diff",
         document=plain,
-        text=f"{REPORT}.difference.table:print_difference",
+        text=printed(f"{REPORT}.views.difference:view"),
     ),
     parameters=(
         argument("first", metavar="A", reads=True),
@@ -297,7 +299,7 @@ NETLIST = Command(
 )
 BOM = Command(
     line="List the parts to buy, with packages and power.",
-    job=Job(function="bom", document=_parts_document, text=_parts_text, files=own_file),
+    job=Job(function="bom", document=_parts_document, text=printed(_parts_view), files=own_file),
     parameters=(SCENE, OUTPUT),
 )
 KICAD = Command(
@@ -438,7 +440,7 @@ MODELS = Command(
             job=Job(
                 function="opamp",
                 document="cli.answers:opamp_document",
-                text="cli.answers:print_opamp",
+                text=printed("cli.answers:opamp_view"),
                 outputs=(
                     picture(
                         "the Bode diagram and the steps of a follower",

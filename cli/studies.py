@@ -38,10 +38,13 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from taction.results import Choice, CornerStudy, Tuned, VerifiedSample, YieldReport
+    from taction.verification.report.blocks import Page
     from taction.verification.report.sweep.result import SweepResult
+    from taction.verification.studies.regression.run import RegressionReport
     from taction.verification.studies.work_precision.study import WorkPrecisionStudy
 
 REPORT = "verification.report"
+DIRECTION = ("channel", "sign", "predicted", "solved", "largest", "deviations")  # in JSON
 
 
 def _yield_document(found: YieldReport) -> dict[str, Any]:
@@ -49,16 +52,10 @@ def _yield_document(found: YieldReport) -> dict[str, Any]:
     return head | {"complete": found.complete} | asdict(found.study)
 
 
-def _yield_text(found: YieldReport, console: Console) -> None:
-    from taction.verification.report.tolerance.tables import print_yield
+def _yield_view(found: YieldReport) -> Page:
+    from taction.verification.report.views.montecarlo import view
 
-    print_yield(found, found.seed, console)
-
-
-def _yield_page(found: YieldReport) -> Any:
-    from taction.verification.report.html.yield_report import yield_report
-
-    return yield_report(found.scene, found, found.boards, found.seed)
+    return view(found.scene, found, found.boards, found.seed)
 
 
 def _sample_document(found: VerifiedSample) -> dict[str, Any]:
@@ -95,14 +92,8 @@ MONTECARLO = Command(
     job=Job(
         function="montecarlo",
         document=_yield_document,
-        text=_yield_text,
-        outputs=(
-            picture(
-                "histograms with limits, and the components behind the spread,",
-                lambda found, path: found.plot(path),
-            ),
-            page(_yield_page),
-        ),
+        text=printed(_yield_view),
+        outputs=shown(_yield_view, "histograms with limits, and the components behind the spread,"),
     ),
     other=lambda options: None if options["sample"] is None else SAMPLE,
     parameters=(
@@ -124,26 +115,15 @@ MONTECARLO = Command(
 
 
 def _corners_document(found: CornerStudy) -> dict[str, Any]:
-    from taction.verification.report.tolerance.tables import DIRECTION
-
     directions = [{name: getattr(d, name) for name in DIRECTION} for d in found.directions]
     corners = [plain(corner) for corner in found.corners]
     return {"scene": found.scene.name, "corners": corners, "directions": directions}
 
 
-def _corners_text(found: CornerStudy, console: Console) -> None:
-    from taction.verification.report.tolerance.tables import print_corners, print_directions
-    from taction.verification.studies.tolerance.varied_board import quantities
+def _corners_view(found: CornerStudy) -> Page:
+    from taction.verification.report.views.corners import view
 
-    print_corners(found.corners, quantities(found.scene), console)
-    if found.directions:
-        print_directions(found.directions, console)
-
-
-def _corners_page(found: CornerStudy) -> Any:
-    from taction.verification.report.html.corners_report import corners_report
-
-    return corners_report(found.scene, found)
+    return view(found.scene, found)
 
 
 CORNERS = Command(
@@ -151,8 +131,8 @@ CORNERS = Command(
     job=Job(
         function="corners",
         document=_corners_document,
-        text=_corners_text,
-        outputs=(page(_corners_page),),
+        text=printed(_corners_view),
+        outputs=shown(_corners_view),
     ),
     parameters=(
         SCENE,
@@ -165,16 +145,10 @@ CORNERS = Command(
 )
 
 
-def _tuned_picture(found: Tuned, path: str) -> None:
-    from taction.verification.report.tuning_plot import plot_tradeoff
+def _tuned_view(found: Tuned) -> Page:
+    from taction.verification.report.views.tune import view
 
-    plot_tradeoff(found.tuning, path)
-
-
-def _tuned_page(found: Tuned) -> Any:
-    from taction.verification.report.html.tuning_report import tuning_report
-
-    return tuning_report(found.tuning, found.verdict)
+    return view(found.tuning, found.verdict)
 
 
 TUNE = Command(
@@ -183,7 +157,7 @@ TUNE = Command(
         function="tune",
         document="cli.answers:tuned_document",
         text="cli.answers:print_tuned",
-        outputs=(picture("settling time against overshoot", _tuned_picture), page(_tuned_page)),
+        outputs=shown(_tuned_view, "settling time against overshoot"),
     ),
     parameters=(
         SCENE,
@@ -235,31 +209,22 @@ def _choice_document(found: Choice) -> dict[str, Any]:
     return choice_document(found.designs, found.best, found.confirmations, found.written)
 
 
-def _choice_text(found: Choice, console: Console) -> None:
-    from taction.verification.report.choose.tables import print_choice
+def _choice_view(found: Choice) -> Page:
+    from taction.verification.report.views.choose import view
 
-    print_choice(found.designs, found.best, found.confirmations, console)
-
-
-def _choice_picture(found: Choice, path: str) -> None:
-    from taction.verification.report.choose.picture import plot_choice
-
-    count = len(found.designs)
-    title = f"{found.scene.name}: worst value over its limit, for {count} designs"
-    plot_choice(found.designs, found.best, title, path)
+    return view(found.scene, found.designs, found.best, found.confirmations)
 
 
-def _choice_page(found: Choice) -> Any:
-    """Return the report; the design that it proposes is verified anew where ngspice is missing."""
-    from taction.verification.report.choose.tables import proposed
-    from taction.verification.report.html.choice_report import choice_report
+def _choice_page(found: Choice) -> Page:
+    """Return the page; the design that it proposes is verified anew where ngspice is missing."""
+    from taction.verification.report.views.choose import proposed, view
     from taction.verification.verdict.verify import verify
 
     verdict, said = None, found.confirmations
     if found.best:
         place = proposed(said)
         verdict = said[place].verdict or verify(found.scenes[place].with_engine("statespace"))
-    return choice_report(found.scene, found.designs, found.best, said, verdict)
+    return view(found.scene, found.designs, found.best, said, verdict)
 
 
 CHOOSE = Command(
@@ -267,10 +232,10 @@ CHOOSE = Command(
     job=Job(
         function="choose",
         document=_choice_document,
-        text=_choice_text,
+        text=printed(_choice_view),
         outputs=(
-            picture("maps of C and gain for every op-amp", _choice_picture),
-            page(_choice_page),
+            shown(_choice_view, "maps of C and gain for every op-amp")[0],
+            *shown(_choice_page),
         ),
         before=_ask_limits,
         files=lambda found, call: found.written.values(),
@@ -421,20 +386,30 @@ SWEEP = Command(
     ends="Exit status: 0 if every point is stored, whatever its outcome; 1 if two engines disagree"
     " at a point; 3 if no point has a verdict.",
 )
+REGRESSION = f"{REPORT}.views.regression:view"
+
+
+def _regression_markdown(found: RegressionReport) -> str:
+    from taction.verification.report.renderers.markdown import markdown
+    from taction.verification.report.views.regression import view
+
+    return markdown(view(found), "taction regress", level=2)
+
+
 REGRESS = Command(
     line="Compare a folder of scenes with a stored baseline, for CI.",
     job=Job(
         function="regress",
         document=f"{REPORT}.regression.text:regression_document",
-        text=f"{REPORT}.regression.text:print_regression",
+        text=printed(REGRESSION),
         outputs=(
             text_file("junit", "Write a JUnit XML report.", f"{REPORT}.junit:regression_junit"),
             text_file(
                 "markdown",
                 "Write a Markdown summary.",
-                f"{REPORT}.regression.markdown:regression_markdown",
+                _regression_markdown,
             ),
-            page(f"{REPORT}.html.regression_report:regression_report"),
+            *shown(REGRESSION),
         ),
         files=lambda found, call: [call.options["baseline"]] if found.updated else [],
     ),
@@ -452,7 +427,7 @@ STRESS = Command(
     job=Job(
         function="stress",
         document=f"{REPORT}.stress.report:stress_document",
-        text=f"{REPORT}.stress.report:print_stress",
+        text=printed(f"{REPORT}.views.stress:view"),
         outputs=(
             text_file("junit", "Write a JUnit XML report.", f"{REPORT}.junit:stress_junit"),
             text_file("page", "Write a page in Markdown.", f"{REPORT}.stress.page:stress_page"),
@@ -503,7 +478,7 @@ REPRODUCE = Command(
     job=Job(
         function="reproduce",
         document=f"{REPORT}.paper.report:paper_document",
-        text=f"{REPORT}.paper.report:print_paper",
+        text=printed(f"{REPORT}.views.paper:view"),
         before=_make_folder,
         files=_write_paper,
     ),

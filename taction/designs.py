@@ -124,7 +124,7 @@ def bom(scene: str | Path | Scene, *, output: str | Path | None = None) -> Parts
     from taction.system.atomic_files import write_atomically
     from taction.verification.engines.statespace.linearised.board import LinearBoard
     from taction.verification.reference.ideal_answer import read_scene
-    from taction.verification.report.parts_list import parts_csv
+    from taction.verification.report.views.parts import parts_csv
     from taction.verification.verdict.board_power import board_power
 
     scene = read_scene(scene)

@@ -120,9 +120,10 @@ class Onset(onset.Onset):
         InputError
             The picture cannot be written, or matplotlib is missing (``taction[plot]``).
         """
-        from taction.verification.report.onset.plot import plot_onset
+        from taction.verification.report.renderers.picture import draw_page
+        from taction.verification.report.views.onset import view
 
-        return plot_onset(self, path)
+        return draw_page(view(self), path)
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -192,9 +193,10 @@ class YieldReport(yield_report.YieldReport):
         InputError
             The picture cannot be written, or matplotlib is missing (``taction[plot]``).
         """
-        from taction.verification.report.tolerance.yield_plot import plot_yield
+        from taction.verification.report.renderers.picture import draw_page
+        from taction.verification.report.views.montecarlo import view
 
-        return plot_yield(self.name, self, self.boards, path)
+        return draw_page(view(self.scene, self, self.boards, self.seed), path)
 
 
 @dataclass(frozen=True, slots=True)
@@ -330,10 +332,11 @@ class OpAmpFigures:
 
     def plot(self, path: str | Path | None = None) -> Figure:
         """Return the Bode diagram and the steps of a follower; write it to `path`, if given."""
-        from taction.verification.report.opamp.plot import measure_curves, plot_opamp
+        from taction.verification.report.renderers.picture import draw_page
+        from taction.verification.report.views.opamp import measure_curves, view
 
         curves = {name: measure_curves(self.opamp, each) for name, each in self.witnesses.items()}
-        return plot_opamp(self.opamp, curves, path)
+        return draw_page(view(self.opamp, self.notes, self.results, curves), path)
 
 
 @dataclass(frozen=True, slots=True)

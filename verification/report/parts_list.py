@@ -5,12 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from rich.console import Console
-
 from taction.netlist_gen.board.bill_of_materials import BillOfMaterials
-from taction.verification.report.renderers.terminal import print_page
-from taction.verification.report.views.parts import parts_csv as parts_csv
-from taction.verification.report.views.parts import view
 from taction.verification.verdict.board_power import BoardPower
 
 # The fields of KiCad's bill of materials, then our own; a footprint is not known.
@@ -32,8 +27,3 @@ def parts_document(parts: BillOfMaterials, power: BoardPower) -> dict[str, Any]:
         "power": asdict(power) | {"total": power.total},
         "not_listed": list(parts.not_listed),
     }
-
-
-def print_parts(parts: BillOfMaterials, power: BoardPower, console: Console) -> None:
-    """Print the page of the parts."""
-    print_page(view("parts", parts, power), console)

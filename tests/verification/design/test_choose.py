@@ -20,7 +20,8 @@ from taction.verification.design.choose import (
     design_scene,
     designs,
 )
-from taction.verification.report.choose.picture import plot_choice
+from taction.verification.report.renderers.picture import draw_sheet
+from taction.verification.report.views.choose import sheet
 from taction.verification.studies.store import Store
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.record import Record
@@ -137,7 +138,7 @@ def test_a_picture(tmp_path: Path) -> None:
     with Store(":memory:") as store:
         store_records(plan, store, {("statespace", k): record() for k in range(8)})
         ranked = designs(plan, store)
-    plot_choice(ranked, best_designs(ranked), "title", str(path))
+    draw_sheet(sheet("title", ranked, best_designs(ranked)), path)
     text = path.read_text("utf-8")
     assert "<svg" in text
 

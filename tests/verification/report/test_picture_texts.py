@@ -8,13 +8,10 @@ from pathlib import Path
 import pytest
 
 import taction
-from taction.verification.report.onset.plot import plot_onset
-from taction.verification.report.renderers.picture import draw_page
+from taction.verification.report.renderers.picture import draw_page, draw_sheet
 from taction.verification.report.sweep.plot import plot_sweep
-from taction.verification.report.tolerance.yield_plot import plot_yield
-from taction.verification.report.tuning_plot import plot_tradeoff
+from taction.verification.report.views import accuracy, montecarlo, onset, tune
 from taction.verification.report.views.verdict import view
-from taction.verification.report.work_precision.plot import plot_study
 from tests.support.making import make_scene
 from tests.support.report_pages import (
     STATESPACE,
@@ -39,12 +36,12 @@ def _sweep(*over: str) -> Callable[[str], None]:
 
 def _onset(path: str) -> None:
     scene = make_scene({"channels": 3, "span": 2.0}, analysis=STATESPACE)
-    plot_onset(taction.onset(scene, over="C=1pF:100pF:13", transients=False), path)
+    draw_page(onset.view(taction.onset(scene, over="C=1pF:100pF:13", transients=False)), path)
 
 
 def _yield(path: str) -> None:
     scene, result, samples = varied()
-    plot_yield(scene.name, result, samples, path)
+    draw_sheet(montecarlo.sheet(scene.name, result, samples), path)
 
 
 STUDIES: dict[str, Callable[[str], None]] = {
@@ -55,8 +52,8 @@ STUDIES: dict[str, Callable[[str], None]] = {
     "sweep, three axes": _sweep("C=10pF:100pF:3", "gain=10k:100k:2", "stray_capacitance=1p:9p:3"),
     "onset": _onset,
     "montecarlo": _yield,
-    "tune": lambda path: plot_tradeoff(tuned()[0], path),
-    "accuracy": lambda path: plot_study(work_precision(), path),
+    "tune": lambda path: draw_sheet(tune.sheet(tuned()[0]), path),
+    "accuracy": lambda path: draw_page(accuracy.view(work_precision()), path),
 }
 
 

@@ -3,15 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from types import SimpleNamespace
 from typing import Any
 
-from rich.console import Console
-
 from taction.verification.design.choose import Confirmation, Design
-from taction.verification.report.renderers.terminal import print_page
-from taction.verification.report.views.choose import proposed as proposed
-from taction.verification.report.views.choose import view
 
 
 def choice_document(
@@ -37,14 +31,3 @@ def choice_document(
             for design, confirmation in zip(best, confirmations, strict=True)
         ],
     }
-
-
-def print_choice(
-    designs: Sequence[Design],
-    best: Sequence[Design],
-    confirmations: Sequence[Confirmation],
-    console: Console,
-) -> None:
-    """Print the best designs, and the best of every op-amp."""
-    scene: Any = SimpleNamespace(name="designs")
-    print_page(view(scene, designs, best, confirmations), console)

@@ -4,10 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from rich.console import Console
-
-from taction.verification.report.renderers.terminal import print_page
-from taction.verification.report.views.files import view
 from taction.verification.studies.verify_files import VerifiedFiles
 
 
@@ -20,8 +16,3 @@ def files_document(files: VerifiedFiles) -> dict[str, Any]:
         "counts": files.count(),
         "verdicts": list(files.documents),
     }
-
-
-def print_files(files: VerifiedFiles, console: Console) -> None:
-    """Print the page of several verdicts."""
-    print_page(view(files), console)

@@ -6,11 +6,8 @@ import math
 from dataclasses import asdict
 from typing import Any
 
-from rich.console import Console
-
 from taction.netlist_gen.scene.keys import own_value
-from taction.verification.report.renderers.terminal import print_page
-from taction.verification.report.views.onset import direction, view
+from taction.verification.report.views.onset import direction
 from taction.verification.studies.onset.onset import CheckedEdge, Onset
 from taction.verification.studies.onset.transient_trial import Side
 
@@ -74,8 +71,3 @@ def _side(side: Side | None) -> dict[str, Any] | None:
         "agrees": side.agrees,
         "reason": side.reason,
     }
-
-
-def print_onset(onset: Onset, console: Console) -> None:
-    """Print the page of an onset."""
-    print_page(view(onset), console)

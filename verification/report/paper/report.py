@@ -6,8 +6,6 @@ import importlib.util
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
 from taction.system.atomic_files import write_atomically
 from taction.system.errors import Complaint, InputError
 from taction.verification.evidence.paper.reproduce import Judged, Reproduction
@@ -15,7 +13,6 @@ from taction.verification.report.blocks import TERMINAL
 from taction.verification.report.renderers.markdown import line, markdown
 from taction.verification.report.renderers.page import PACKAGES, write_page
 from taction.verification.report.renderers.picture import draw_sheet
-from taction.verification.report.renderers.terminal import print_page
 from taction.verification.report.views.paper import sheet, view
 from taction.verification.studies.running.versions import describe_machine
 
@@ -65,11 +62,6 @@ def check_report_folder(folder: str) -> None:
     except OSError as error:
         text = f"{error.strerror}; expected a folder that can be written to"
         raise InputError("--output", Complaint("DIR", repr(folder), text)) from None
-
-
-def print_paper(result: Reproduction, console: Console) -> None:
-    """Print the page of the reproduction."""
-    print_page(view(result), console)
 
 
 def write_paper(result: Reproduction, folder: str) -> tuple[str, ...]:

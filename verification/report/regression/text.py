@@ -4,14 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from rich.console import Console
-
 from taction.system.documents import plain
-from taction.verification.report.renderers.terminal import print_page
 from taction.verification.report.verdict.json_document import check_record
-from taction.verification.report.views.regression import change_line as change_line
-from taction.verification.report.views.regression import remarks as remarks
-from taction.verification.report.views.regression import view
 from taction.verification.studies.regression.run import RegressionReport, SceneResult
 
 
@@ -51,8 +45,3 @@ def _record(result: SceneResult) -> dict[str, Any]:
         "differences": [plain(each) for each in result.differences],
         "seconds": result.seconds,
     }
-
-
-def print_regression(report: RegressionReport, console: Console) -> None:
-    """Print the page of a regression run."""
-    print_page(view(report), console)

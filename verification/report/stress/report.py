@@ -4,12 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from rich.console import Console
-
 from taction.verification.evidence.stress.run import CaseRun, StressReport
-from taction.verification.report.renderers.terminal import print_page
 from taction.verification.report.verdict.json_document import check_record
-from taction.verification.report.views.stress import view
 
 
 def stress_document(report: StressReport) -> dict[str, Any]:
@@ -50,8 +46,3 @@ def _record(run: CaseRun) -> dict[str, Any]:
             for c in run.comparisons
         ],
     }
-
-
-def print_stress(report: StressReport, console: Console) -> None:
-    """Print the page of a run."""
-    print_page(view(report), console)

@@ -4,10 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from rich.console import Console
-
-from taction.verification.report.renderers.terminal import print_page
-from taction.verification.report.views.accuracy import view
 from taction.verification.studies.work_precision.methods import Method
 from taction.verification.studies.work_precision.norms import NORMS
 from taction.verification.studies.work_precision.run_errors import ProblemErrors
@@ -99,8 +95,3 @@ def _cheapest(study: WorkPrecisionStudy, error: float) -> dict[str, Any]:
                 "achieved": point.errors["maximum"],
             }
     return document
-
-
-def print_study(study: WorkPrecisionStudy, console: Console) -> None:
-    """Print the page of a study."""
-    print_page(view(study), console)

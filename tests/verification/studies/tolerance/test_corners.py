@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
-from rich.console import Console
 
 from taction.cli.main import main
 from taction.netlist_gen.board.variation import vary
@@ -18,7 +17,8 @@ from taction.netlist_gen.scene.checks import Tolerances
 from taction.system.array_types import Floats
 from taction.system.errors import InputError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.report.tolerance.tables import print_directions
+from taction.verification.report.renderers.terminal import page_text
+from taction.verification.report.views.corners import view
 from taction.verification.studies.tolerance.corners import Corner, named_corner, worst_corners
 from taction.verification.studies.tolerance.drawing import SampleCollection, run_samples
 from taction.verification.studies.tolerance.rest_slopes import rest_slopes
@@ -125,7 +125,7 @@ def test_the_command(tmp_path: Path) -> None:
     assert found.exit_code == 1, found.stderr
     assert "worst steady" in found.stdout
     assert "first order" in found.stdout
-    assert "fails steady_state" in found.stdout
+    assert "fails steady state" in found.stdout
     mine = ["--corner", "resistor=0", "--corner", "capacitor=1,Rf_1_1=-1"]
     own = taction(scene, *mine, "--engine", "statespace", "--json")
     document = json.loads(own.stdout)
@@ -178,15 +178,13 @@ def test_slopes_are_those_of_the_solved_boards() -> None:
         assert slopes[place] == pytest.approx(expected, rel=1e-5, abs=1e-9)
 
 
-def test_the_worst_corner_at_rest_is_the_first_direction(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_the_worst_corner_at_rest_is_the_first_direction() -> None:
+    scene = small_scene(tolerances=WORN, checks=CHECKS)
     with one_thread() as workers:
-        study = worst_corners(small_scene(tolerances=WORN, checks=CHECKS), workers)
+        study = worst_corners(scene, workers)
     first = study.directions[0]
     assert worst(study.corners, "steady_state") == pytest.approx(abs(first.solved), rel=1e-6)
     assert first.predicted == pytest.approx(first.solved, rel=0.3)  # the parts vary by 5 %
-    print_directions(study.directions, Console(highlight=False))
-    printed = capsys.readouterr().out
+    printed = page_text(view(scene, study))
     assert "first order" in printed
     assert all(name in printed for name in first.largest)

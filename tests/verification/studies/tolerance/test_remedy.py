@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from rich.console import Console
 from scipy.stats import binomtest, norm
 
 from taction.cli.main import main
@@ -17,7 +16,8 @@ from taction.netlist_gen.scene.scene import load_scene
 from taction.system.array_types import Floats
 from taction.system.errors import InputError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.report.tolerance.tables import print_yield
+from taction.verification.report.renderers.terminal import page_text
+from taction.verification.report.views.montecarlo import view
 from taction.verification.studies.tolerance.drawing import SampleCollection, run_samples
 from taction.verification.studies.tolerance.remedy import Remedy
 from taction.verification.studies.tolerance.remedy_search import (
@@ -155,15 +155,13 @@ def test_no_remedy_without_need_or_without_samples() -> None:
         (Remedy({}, {}, 0.99, 0.5), "no resistor or capacitor that is sold better"),
     ],
 )  # fmt: skip
-def test_the_report_ends_with_it(
-    remedy: Remedy, text: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_report_ends_with_it(remedy: Remedy, text: str) -> None:
     from dataclasses import replace
 
     board = study(FINE, 0.1)
     report = summarise_samples(board, [make_sample(0)], SEED)
-    print_yield(replace(report, remedy=remedy), SEED, Console(highlight=False))
-    assert text in capsys.readouterr().out.splitlines()[-1]
+    shown = page_text(view(board.scene, replace(report, remedy=remedy), (), SEED))
+    assert text in shown.splitlines()[-1]
 
 
 def test_single_parts_have_tolerances_of_their_own() -> None:

@@ -230,7 +230,8 @@ def test_the_command_reports_and_json_has_everything(tmp_path: Path) -> None:
     scene = scene_file(tmp_path)
     plain = taction(scene, "-n", "12", "--jobs", "1")
     assert plain.exit_code == 0
-    assert "of 12), 95 % interval" in plain.stdout
+    assert "of 12 boards pass; seed 1." in plain.stdout
+    assert "95 % interval" in plain.stdout
     document = json.loads(taction(scene, "-n", "12", "--jobs", "1", "--json").stdout)
     assert (document["scene"], document["seed"], document["samples"]) == ("two", 1, 12)
     assert document["complete"] is True

@@ -18,7 +18,8 @@ from click.testing import CliRunner
 from taction.cli.main import main
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import EngineError, SimulatorNotFound
-from taction.verification.report.work_precision.plot import plot_study
+from taction.verification.report.renderers.picture import draw_page
+from taction.verification.report.views.accuracy import view
 from taction.verification.report.work_precision.tables import accuracy_document
 from taction.verification.studies.running.worker import Worker
 from taction.verification.studies.work_precision import ladders
@@ -169,7 +170,7 @@ def test_document_and_picture(found: WorkPrecisionStudy, tmp_path: Path) -> None
     assert first["order_theory"] == 2.0
     assert first["order_points"] == list(LADDER)
     late = replace(found.points[0], status="timeout", errors=dict.fromkeys(NORMS))
-    plot_study(replace(found, points=(late, *found.points[1:])), str(tmp_path / "a.svg"))
+    draw_page(view(replace(found, points=(late, *found.points[1:]))), tmp_path / "a.svg")
     picture = (tmp_path / "a.svg").read_text(encoding="utf-8")
     assert "timed out at 16 points per period" in picture
     assert picture.count("</svg>") == 1

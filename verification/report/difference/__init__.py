@@ -1,1 +1,0 @@
-"""The difference of two verdicts: keys of the scenes, then readings."""

@@ -1,1 +1,0 @@
-"""One op-amp: its figures beside what its macromodel does, and a picture."""

@@ -1,1 +1,0 @@
-"""Yields and corners as tables."""
