@@ -119,40 +119,6 @@ def tuned_document(found: Tuned) -> dict[str, Any]:
     }
 
 
-def print_tuned(found: Tuned, console: Console) -> None:
-    """Print the design before and after, the values for the scene, and the verdict."""
-    from taction.netlist_gen.scene.keys import find_key
-    from taction.system.quantities import show, written
-    from taction.verification.report.renderers.terminal import print_page
-    from taction.verification.report.tables import make_table, whole
-    from taction.verification.report.views.verdict import view
-
-    tuning, rows = found.tuning, []
-    units = {path: find_key(tuning.scene, path).unit for path in tuning.after.values}
-    for name, candidate in (("before", tuning.before), ("after", tuning.after)):
-        values = [show(value, units[path], 5) for path, value in candidate.values.items()]
-        settling = show(candidate.settling_time, "s")
-        rows.append((name, *values, settling, f"{100 * candidate.overshoot:.3g} %"))
-    console.print(make_table(whole("", *tuning.after.values, "settling time", "overshoot"), rows))
-    facts = found.verdict.circuit.facts
-    resistance = found.verdict.circuit.value("R")
-    console.print(
-        f"{tuning.tried} designs tried, {len(tuning.frontier)} on the trade-off curve; lambda stays"
-        f" {facts['lambda'].text}, so R = {show(resistance, 'ohm')}. For the scene's table"
-        " \\[design]:"
-    )
-    for path, value in tuning.after.values.items():
-        console.print(f"  {path.removeprefix('design.')} = {written(value, units[path])}")
-    console.print(f"  resistance = {written(resistance, 'ohm')}")
-    for path, edge in tuning.at_edges.items():
-        name = path.removeprefix("design.")
-        console.print(
-            f"{name} is at the edge of its range, {show(edge, units[path])}: a wider range may hold"
-            f" a better design, such as --over {name}=LOW:HIGH or --reach {2 * found.reach:g}"
-        )
-    print_page(view(found.verdict), console)
-
-
 def scaled_document(found: Scaled) -> dict[str, Any]:
     """Return the scalings and the verdict as plain data."""
     from taction.verification.report.verdict.json_document import load_record, verdict_document

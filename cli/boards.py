@@ -83,8 +83,8 @@ def _verified_document(found: _Verified) -> dict[str, Any]:
 
 
 def _verified_text(found: _Verified, console: Console) -> None:
-    from taction.verification.report.views.files import margin_lines
     from taction.verification.report.renderers.terminal import print_page
+    from taction.verification.report.views.files import margin_lines
 
     notes = tuple(margin_lines(found.document))
     print_page(_verified_page(found, notes=notes, verbose=found.verbose), console)

@@ -156,7 +156,7 @@ TUNE = Command(
     job=Job(
         function="tune",
         document="cli.answers:tuned_document",
-        text="cli.answers:print_tuned",
+        text=printed(_tuned_view),
         outputs=shown(_tuned_view, "settling time against overshoot"),
     ),
     parameters=(

@@ -236,7 +236,7 @@ def test_the_command_shows_what_to_write_into_the_scene(tmp_path: Path) -> None:
     found = taction(str(file), "--overshoot", "0.02")
     assert found.exit_code == 0, found.stderr
     assert "before" in found.stdout
-    assert "  resistance = " in found.stdout
+    assert "\nresistance = " in found.stdout
 
 
 @pytest.mark.parametrize(
