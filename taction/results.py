@@ -80,13 +80,13 @@ class KicadProject:
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Simulated(recording.Record):
+class Simulated(recording.MeasuredTransient):
     """The results of `taction.simulate`: waveforms, measurements, and the file, if there is one."""
 
     output: str | None = None
 
     @classmethod
-    def of(cls, record: recording.Record, output: str | Path | None) -> Simulated:
+    def of(cls, record: recording.MeasuredTransient, output: str | Path | None) -> Simulated:
         """Return `record` with the file of its waveforms."""
         values = {each.name: getattr(record, each.name) for each in fields(record)}
         return cls(**values, output=None if output is None else str(output))

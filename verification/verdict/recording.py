@@ -187,7 +187,7 @@ REPEATS = 3  # largest number of repeated runs
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Record:
+class MeasuredTransient:
     """Waveforms of one transient and their measurements."""
 
     circuit: Circuit
@@ -202,7 +202,7 @@ class Record:
             if settled is None
             else f"settled at {quantity(settled.value, 's')}"
         )
-        return f"Record({self.circuit.name!r}, {self.waveforms!r}, {state})"
+        return f"{type(self).__name__}({self.circuit.name!r}, {self.waveforms!r}, {state})"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -245,7 +245,7 @@ def record_transient(
     progress: Progress = lambda stage: None,
     *,
     problem: InverseProblem | None = None,
-) -> Record:
+) -> MeasuredTransient:
     """Simulate the transient of `scene` and measure the record without its error.
 
     `problem` replaces the problem of the scene.
@@ -263,7 +263,7 @@ def record_transient(
     waveforms = pending.result().waveforms
     clock.begin("measures")
     measurements, _ = measure_outputs(design, ideal, waveforms)
-    return Record(design.circuit, design.transient, waveforms, measurements)
+    return MeasuredTransient(design.circuit, design.transient, waveforms, measurements)
 
 
 def record_and_measure(
