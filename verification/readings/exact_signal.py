@@ -277,7 +277,7 @@ TOGETHER = 32  # intervals that a search for a maximum divides in one round
 
 
 class ExactSignal:
-    """Errors of the channels ``u = sign V`` of an exact solution, a `measures.readings.Signal`.
+    """Errors of the channels ``u = sign V`` of an exact solution, a `readings.Signal`.
 
     Parameters
     ----------

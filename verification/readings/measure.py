@@ -77,7 +77,7 @@ def sound_part(
     rest: Rest | None = None,
     curve: Curve | None = None,
 ) -> SoundPart:
-    """Cut a record where a channel leaves its physical range; parameters as `measures.measure`."""
+    """Cut a record where a channel leaves its physical range; parameters as `measure`."""
     start = u[0] if start is None else start
     start = np.where(np.isfinite(start), start, target)
     limit = np.finfo(np.float64).max if bound is None else bound
