@@ -1,8 +1,8 @@
 """Measurements of a stable linear board on its exact solution, without a sampled record.
 
-Definitions and readings are those of `readings.measure`. The solution is known for all time, so nothing
-depends on the length or the points of a record, and every uncertainty follows from the bound of the
-solution's own error.
+Definitions and readings are those of `readings.measure`. The solution is known for all time, so
+nothing depends on the length or the points of a record, and every uncertainty follows from the
+bound of the solution's own error.
 """
 
 from __future__ import annotations
