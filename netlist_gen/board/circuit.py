@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -25,9 +24,10 @@ from taction.system.array_types import Bools, Floats
 from taction.system.quantities import quantity, sizes
 
 GROUND = "0"
+FOLLOWS = {"digest": False}  # of a field that says nothing that the other fields do not say
 
 
-class Role(StrEnum):
+class Role:
     """What parts of a board do; a topology may have roles of its own besides."""
 
     SIGNAL_CAPACITOR = "capacitor C of a signal node"
@@ -69,13 +69,13 @@ class Fact:
 
     name: str
     value: float
-    unit: str
-    symbol: str
-    title: str
-    key: str
-    sentence: str = ""
-    role: str = ""
-    follows: tuple[float, tuple[str, ...]] | None = None
+    unit: str = field(metadata=FOLLOWS)
+    symbol: str = field(metadata=FOLLOWS)
+    title: str = field(metadata=FOLLOWS)
+    key: str = field(metadata=FOLLOWS)
+    sentence: str = field(default="", metadata=FOLLOWS)
+    role: str = field(default="", metadata=FOLLOWS)
+    follows: tuple[float, tuple[str, ...]] | None = field(default=None, metadata=FOLLOWS)
 
     @property
     def label(self) -> str:
@@ -342,10 +342,11 @@ class Circuit:
     transistors: tuple[TransistorCell, ...] = ()
     transistor_models: dict[str, Transistor] = field(default_factory=dict)  # types by name
     temperature: float = NOMINAL  # of the transistors, degrees C
-    roles: Mapping[str, Collection[str]] = field(default_factory=dict)  # names in the deck, by role
-    knobs: tuple[Knob, ...] = ()
+    # Names in the deck, by role; with the facts, these follow from the code of the topology.
+    roles: Mapping[str, Collection[str]] = field(default_factory=dict, metadata=FOLLOWS)
+    knobs: tuple[Knob, ...] = field(default=(), metadata=FOLLOWS)
     # Values as expressions of the facts, with their numbers before rounding, by names in the deck.
-    expressions: Mapping[str, tuple[str, float]] = field(default_factory=dict)
+    expressions: Mapping[str, tuple[str, float]] = field(default_factory=dict, metadata=FOLLOWS)
 
     def value(self, name: str) -> float:
         """Return the number of a fact.
@@ -389,7 +390,7 @@ class Circuit:
         """The matrix from the constraint amplifiers to the signal nodes."""
         return self._matrix(Role.FEEDBACK)
 
-    def _matrix(self, role: Role) -> ResistorMatrix:
+    def _matrix(self, role: str) -> ResistorMatrix:
         names = self.named(role)
         for matrix in self.matrices:
             if matrix.name in names:

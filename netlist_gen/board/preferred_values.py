@@ -9,6 +9,8 @@ import numpy as np
 from taction.netlist_gen.scene.design import Design
 from taction.system.array_types import Floats
 
+DIGITS = 3  # of a value without a series
+SLACK = 1e-9  # relative: an end of an interval belongs to it
 _E24 = (
     *(1.0, 1.1, 1.2, 1.3, 1.5, 1.6, 1.8, 2.0, 2.2, 2.4, 2.7, 3.0),
     *(3.3, 3.6, 3.9, 4.3, 4.7, 5.1, 5.6, 6.2, 6.8, 7.5, 8.2, 9.1),
@@ -51,11 +53,7 @@ def nearest(values: Floats, series: str) -> Floats:
 
 def preferred(ohms: float, series: str) -> float:
     """Return the value of a series that is nearest to `ohms`; see `nearest`."""
-    return float(nearest(np.array([ohms]), series)[0])
-
-
-DIGITS = 3  # of a value without a series
-SLACK = 1e-9  # relative: an end of an interval belongs to it
+    return ohms if series == "exact" else float(nearest(np.array([ohms]), series)[0])
 
 
 def series_of(design: Design, path: str) -> str:

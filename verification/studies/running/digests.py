@@ -58,8 +58,6 @@ def _encode(value: object, parts: list[bytes]) -> None:
         parts += [f"a{little.dtype.str}{little.shape}:".encode(), little.tobytes()]
     elif isinstance(value, Mapping):
         _encode(tuple(sorted(value.items())), parts)
-    elif isinstance(value, frozenset):
-        _encode(tuple(sorted(value)), parts)
     elif isinstance(value, bytes):
         parts.append(b"y%d:" % len(value) + value)
     elif isinstance(value, BaseModel):
@@ -79,10 +77,11 @@ def _word(value: object) -> bytes:
 
 @functools.cache
 def _names(kind: Any) -> tuple[str, ...] | None:
-    """Return the field names of a dataclass; None for any other type."""
+    """Return the fields of a dataclass that its digest needs; None for any other type."""
     if not dataclasses.is_dataclass(kind):
         return None
-    return tuple(field.name for field in dataclasses.fields(kind))
+    fields = dataclasses.fields(kind)
+    return tuple(field.name for field in fields if field.metadata.get("digest", True))
 
 
 def files_of(scene: Scene) -> dict[str, object]:
