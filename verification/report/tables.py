@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from rich.table import Column
@@ -12,8 +11,6 @@ from rich.text import Text
 
 from taction.system.quantities import UNITS, show
 from taction.verification.report.fitted_table import FittedTable
-
-MARKDOWN = re.compile(r"([\\`*_{}\[\]<>#|~&])")
 
 
 def make_table(
@@ -31,17 +28,6 @@ def make_table(
 def whole(*titles: str) -> tuple[Column, ...]:
     """Return columns whose cells stay in one line wherever the page is wide enough."""
     return tuple(Column(title, no_wrap=True) for title in titles)
-
-
-def markdown_table(titles: Sequence[str], rows: Iterable[Iterable[str]]) -> Iterator[str]:
-    """Yield the lines of a table in Markdown."""
-    for cells in (titles, ["---"] * len(titles), *(map(markdown_line, row) for row in rows)):
-        yield f"| {' | '.join(cells)} |"
-
-
-def markdown_line(text: str) -> str:
-    """Return `text` in one line, its special characters escaped for Markdown."""
-    return MARKDOWN.sub(r"\\\1", " ".join(text.split()))
 
 
 def value_text(value: object, unit: str, digits: int = 4) -> str:

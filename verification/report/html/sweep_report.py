@@ -24,7 +24,6 @@ from taction.verification.report.html.blocks import (
 )
 from taction.verification.report.html.pictures import OUTCOMES as LOOKS
 from taction.verification.report.html.pictures import axis, log_axis, numbers, words
-from taction.verification.report.html.sections.origin import origin_section
 from taction.verification.report.html.sweep_maps import (
     Plane,
     Ruler,
@@ -48,6 +47,7 @@ from taction.verification.report.sweep.panels import ENGINES, result_names
 from taction.verification.report.sweep.plot import MOST_AXES, boundary_at, chosen_places
 from taction.verification.report.sweep.records import records
 from taction.verification.report.tables import spaced
+from taction.verification.report.views.origin import origin_section
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.boundary import solve_boundary
 from taction.verification.studies.sweep.plan import Plan

@@ -26,7 +26,6 @@ from taction.verification.report.blocks import (
     Table,
 )
 from taction.verification.report.charts import Axis, Chart, Columns, Limit, View
-from taction.verification.report.html.sections.origin import origin_section
 from taction.verification.report.tables import rounded_up, spaced
 from taction.verification.report.texts import figure, number_cell, quantity, with_error
 from taction.verification.report.views.board import (
@@ -36,6 +35,7 @@ from taction.verification.report.views.board import (
     omission_blocks,
     parts_blocks,
 )
+from taction.verification.report.views.origin import origin_section
 from taction.verification.report.views.stability import stability_blocks
 from taction.verification.report.views.waveforms import (
     deviation_chart,

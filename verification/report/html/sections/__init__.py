@@ -1,1 +1,0 @@
-"""The sections of reports: from results to blocks."""
