@@ -1,0 +1,272 @@
+"""The commands that verify many boards: sweep, stress and regress."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+from lxml import etree
+
+from taction.cli.main import main
+from taction.verification.report.sweep import agreement
+from taction.verification.report.sweep import records as records_module
+from taction.verification.studies.sweep.comparison import Comparison
+from taction.verification.verdict.checks import Outcome
+from tests.support.entries import write_fast
+from tests.support.paths import ROOT, SCENES
+from tests.support.running import document, taction
+
+PAPER = str(SCENES / "paper-breadboard.toml")
+OVER = ("--over", "C=50pF:100pF:3", "--fix", "gain=1M", "--fix", "lambda=0.7")
+
+
+@pytest.mark.parametrize("command", ["verify", "simulate"])
+@pytest.mark.parametrize("engine", ["hybrid", "both"])
+def test_one_scene_has_no_hybrid_engine(command: str, engine: str) -> None:
+    refused = taction(command, PAPER, "--engine", engine)
+    assert refused.exit_code == 2
+    text = " ".join(refused.stderr.replace("│", " ").split())
+    assert f"'{engine}' runs two engines over a grid of points, for `taction sweep` only" in text
+
+
+def test_a_monte_carlo_study_has_no_hybrid_engine() -> None:
+    assert "for `taction sweep` only" in " ".join(
+        taction("montecarlo", PAPER, "--engine", "hybrid").stderr.split()
+    )
+
+
+def test_a_scene_has_no_hybrid_engine(tmp_path: Path) -> None:
+    file = tmp_path / "a.toml"
+    file.write_text('[problem]\nkind = "tactile"\n[analysis]\nengine = "hybrid"\n')
+    refused = taction("verify", str(file))
+    assert refused.exit_code == 2
+    assert "analysis.engine = 'hybrid'" in refused.stderr
+
+
+def test_without_ngspice_the_message_names_the_other_engine(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("TACTION_NGSPICE", "/nowhere/ngspice")
+    refused = taction("sweep", PAPER, *OVER, "--engine", "hybrid", "-o", str(tmp_path / "a.sqlite"))
+    assert refused.exit_code == 3
+    assert "without ngspice: --engine statespace" in refused.stderr
+    assert not (tmp_path / "a.sqlite").exists()
+
+
+def test_a_hybrid_sweep_from_the_command_line(tmp_path: Path, ngspice: str) -> None:
+    words = ("sweep", PAPER, *OVER, "--engine", "hybrid", "--jobs", "1")
+    done = taction(*words, "-o", str(tmp_path / "a.sqlite"), "--json")
+    assert done.exit_code == 0, done.stderr
+    document = json.loads(done.stdout)
+    line = r"taction: 3 points and ngspice at about \d of them: about .+ in 1 process"
+    assert re.search(line, done.stderr)
+    assert document["agreement"]["agree"] == document["agreement"]["points"] > 0
+    assert document["estimated_seconds"] > 0.0
+    assert all(point["lambda"] == pytest.approx(0.7) for point in document["points"])
+    again = taction(*words, "-o", str(tmp_path / "a.sqlite"))
+    assert again.exit_code == 0
+    assert again.stderr == ""  # nothing is computed, so no time is announced
+    assert re.search(r"ngspice confirms (\d) of \1 points", again.stdout)
+
+
+def test_a_disagreement_ends_with_1(
+    tmp_path: Path, ngspice: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = Comparison(Outcome.FAIL, 7.0, "overshoot (step): 2 by ngspice")
+    monkeypatch.setattr(records_module, "compare_point", lambda ngspice, statespace: found)
+    words = ("sweep", PAPER, *OVER, "--engine", "both", "--jobs", "1")
+    done = taction(*words, "-o", str(tmp_path / "a.sqlite"))
+    assert done.exit_code == 1
+    assert "THE ENGINES DISAGREE at 3 points" in done.stdout
+    assert agreement.LINES > 3
+    assert done.stdout.count("overshoot (step): 2 by ngspice") == 3
+
+
+def test_a_key_that_is_fixed_and_changed_is_refused() -> None:
+    refused = taction("sweep", PAPER, "--over", "R=1M,2M", "--fix", "lambda")
+    assert refused.exit_code == 2
+    assert "replaces design.lambda, which --fix holds" in refused.stderr
+
+
+ONE = ("stress", "--jobs", "1", "--only")
+
+
+@pytest.mark.usefixtures("ngspice")
+def test_one_case_as_json_and_in_files(tmp_path: Path) -> None:
+    junit, page = tmp_path / "s.xml", tmp_path / "s.md"
+    done = taction(*ONE, "two-channels", "--junit", str(junit), "--page", str(page), "--json")
+    assert done.exit_code == 0, done.stderr
+    found = document(done)
+    assert [(run["case"], run["engine"]) for run in found["runs"]] == [
+        ("two-channels", "ngspice"),
+        ("two-channels", "statespace"),
+    ]
+    assert found["count"] == {"right": 2}
+    assert etree.parse(str(junit)).getroot().get("tests") == "2"
+    assert "| two-channels | ngspice | pass |" in page.read_text("utf-8")
+    assert "taction: 1 cases, about" in done.stderr
+    assert done.stderr.splitlines()[-2:] == [f"wrote {junit}", f"wrote {page}"]
+
+
+def test_a_family_as_a_table() -> None:
+    done = taction(*ONE, "refused", "--only", "wrong-shape")
+    assert "wrong-shape" in done.stdout
+    assert "not-a-number" in done.stdout
+    assert "right" in done.stdout.splitlines()[-1] or "right" in done.stdout
+
+
+def test_an_unknown_name_is_bad_input() -> None:
+    refused = taction(*ONE, "identiti")
+    assert refused.exit_code == 2
+    assert "did you mean 'identity'?" in refused.stderr
+
+
+def test_a_folder_that_is_missing_is_known_before_the_run(tmp_path: Path) -> None:
+    refused = taction(*ONE, "two-channels", "--page", str(tmp_path / "none" / "s.md"))
+    assert refused.exit_code == 2
+    assert "--page" in refused.stderr
+
+
+def test_without_ngspice_the_status_is_3(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TACTION_NGSPICE", "/nowhere/ngspice")
+    done = taction(*ONE, "two-channels", "--json")
+    assert done.exit_code == 3
+    assert document(done)["count"] == {"right": 1, "not run": 1}
+
+
+def test_a_wrong_outcome_has_status_1(monkeypatch: pytest.MonkeyPatch) -> None:
+    from dataclasses import replace
+
+    from taction.verification.evidence.stress import catalogue
+
+    cases = catalogue.select(catalogue.load_catalogue(), ("wrong-shape",))
+    planted = tuple(replace(case, outcome={"statespace": ("pass",)}) for case in cases)
+    monkeypatch.setattr(catalogue, "load_catalogue", lambda: planted)
+    done = taction(*ONE, "wrong-shape")
+    assert done.exit_code == 1
+    assert "InputError" in done.stdout
+    assert "wrong outcome" in done.stdout
+
+
+def regress(*words: object) -> Result:
+    return CliRunner().invoke(main, ["regress", *map(str, words)])
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    folder = tmp_path / "scenes"
+    folder.mkdir()
+    write_fast(folder / "a.toml")
+    assert regress(folder, "--baseline", tmp_path / "b.json", "--update").exit_code == 0
+    return folder
+
+
+def test_update_writes_the_same_bytes_again(folder: Path) -> None:
+    file = folder.parent / "b.json"
+    before = file.read_bytes()
+    assert regress(folder, "--baseline", file, "--update").exit_code == 0
+    assert file.read_bytes() == before
+    file.unlink()
+    assert regress(folder, "--baseline", file, "--update").exit_code == 0
+    assert file.read_bytes() == before
+
+
+def test_reports_and_one_json_document(folder: Path) -> None:
+    write_fast(folder / "a.toml", capacitance="10.5pF")
+    junit, markdown = folder.parent / "j.xml", folder.parent / "m.md"
+    reports = ("--junit", junit, "--markdown", markdown)
+    result = regress(folder, "--baseline", folder.parent / "b.json", *reports, "--json")
+    assert result.exit_code == 1
+    document = json.loads(result.stdout)
+    assert (document["exit_status"], document["counts"]) == (1, {"changed": 1})
+    assert 'status" value="changed"' in junit.read_text(encoding="utf-8")
+    assert "### a.toml: changed" in markdown.read_text(encoding="utf-8")
+    assert result.stderr.splitlines() == [f"wrote {junit}", f"wrote {markdown}"]
+
+
+@pytest.mark.parametrize("text", ['{"taction_baseline": 99, "scenes": {}}', "{", '{"a": 1}'])
+@pytest.mark.parametrize("update", [(), ("--update",)])
+def test_a_file_that_is_no_baseline_of_ours_is_refused_and_never_overwritten(
+    folder: Path, text: str, update: tuple[str, ...]
+) -> None:
+    file = folder.parent / "other.json"
+    file.write_text(text)
+    result = regress(folder, "--baseline", file, *update, "--json")
+    assert result.exit_code == 2
+    assert json.loads(result.stdout)["outcome"] == "bad input"
+    assert file.read_text() == text
+
+
+def test_a_report_that_cannot_be_written_spoils_neither_result_nor_baseline(folder: Path) -> None:
+    write_fast(folder / "a.toml", capacitance="10.5pF")
+    file = folder.parent / "b.json"
+    before = file.read_bytes()
+    words = ("--update", "--junit", "/dev/full", "--json")
+    result = regress(folder, "--baseline", file, *words)
+    assert result.exit_code == 2
+    assert "No space left on device" in result.stderr
+    assert json.loads(result.stdout)["counts"] == {"changed": 1}
+    assert file.read_bytes() != before
+
+
+def test_a_report_in_no_folder_is_refused_before_anything_runs(folder: Path) -> None:
+    result = regress(folder, "--baseline", folder.parent / "b.json", "--junit", "no/where.xml")
+    assert result.exit_code == 2
+    assert "--junit" in result.stderr
+    assert result.stdout == ""
+
+
+# A real signal, at a known moment: while the second scene is verified.
+INTERRUPT = """
+import signal
+from taction.cli.main import main
+from taction.verification.studies.regression import run
+
+verify = run.verify
+def interrupted(scene):
+    if scene.name == "second":
+        signal.raise_signal(signal.SIGINT)
+    return verify(scene)
+run.verify = interrupted
+main()
+"""
+
+
+def test_ctrl_c_leaves_a_whole_baseline_and_says_so(folder: Path) -> None:
+    write_fast(folder / "a.toml", capacitance="10.5pF")
+    for name in ("b.toml", "c.toml"):
+        scene = write_fast(folder / name)
+        scene.write_text(scene.read_text().replace("fast", "second"))
+    file = folder.parent / "b.json"
+    words = ("regress", folder, "--baseline", file, "--update", "--json", "--jobs", "1")
+    run = subprocess.run(
+        [sys.executable, "-c", INTERRUPT, *map(str, words)],
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+    )
+    assert run.returncode == 130, run.stderr
+    assert "interrupted; the finished scenes are in the report" in run.stderr
+    assert json.loads(run.stdout)["counts"] == {"changed": 1, "not run": 2}
+    assert set(json.loads(file.read_text())["scenes"]) == {"a.toml"}
+    after = regress(folder, "--baseline", file, "--json")
+    assert json.loads(after.stdout)["counts"] == {"same": 1, "new": 2}
+
+
+def test_several_processes_give_the_same_results(folder: Path) -> None:
+    write_fast(folder / "b.toml", capacitance="10.5pF")
+    (folder / "c.toml").write_text("no scene")
+    found = []
+    for jobs in ("1", "2"):
+        result = regress(folder, "--baseline", folder.parent / "b.json", "--jobs", jobs, "--json")
+        assert result.exit_code == 2
+        found.append(json.loads(result.stdout))
+        for scene in found[-1]["scenes"]:
+            del scene["seconds"]
+    assert found[0] == found[1]
+    assert found[0]["counts"] == {"same": 1, "new": 1, "bad input": 1}
