@@ -96,22 +96,6 @@ def forget() -> None:
         cache.cache_clear()
 
 
-def entries(group: str) -> dict[str, object]:
-    """Return what the installed packages offer in `group`, by name; each object is loaded once.
-
-    Raises
-    ------
-    InputError
-        An object cannot be loaded, or a name is offered twice.
-
-    Examples
-    --------
-    >>> entries("taction.opamps")
-    {}
-    """
-    return {offer.name: _loaded(offer) for offer in offers() if offer.group == group}
-
-
 @cached
 def _loaded(offer: Offer) -> Any:
     from importlib import metadata
