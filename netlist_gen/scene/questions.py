@@ -19,7 +19,7 @@ def questions(scene: Scene) -> tuple[str, ...]:
     --------
     >>> from taction.netlist_gen.scene.scene import parse_scene
     >>> scene = parse_scene({"problem": {"kind": "tactile"}, "design": {"capacitance": 1}}, "a")
-    >>> print(questions(scene)[0][:72])
+    >>> print(questions(scene)[0][:71])
     design.capacitance = 1 F is not between 10 fF and 100 uF; is the prefix
     """
     return (*scene.written_questions, *value_questions(scene))

@@ -101,7 +101,7 @@ def judge(scene: Scene, engine: str, budget: int) -> Judgement:
     >>> from taction.netlist_gen.scene.scene import load_scene
     >>> found = judge(load_scene("scenes/paper-breadboard.toml"), "statespace", 500)
     >>> found.outcome, f"{found.settling:.3g}"
-    ('pass', '0.00243')
+    ('pass', '0.00242')
     """
     try:
         verdict = verify(scene.with_engine(engine), effort=BARE)

@@ -25,7 +25,7 @@ def figure(value: float | None, unit: str, digits: int = 4) -> str:
     Examples
     --------
     >>> figure(0.0123, "step"), figure(float("inf"), "s"), figure(-1123.46, "1/s")
-    ('1.23 %', 'never', '-1123 /s')
+    ('1.23 %', 'never', '-1.123 k/s')
     >>> figure(19.53, "step"), figure(3e-9, "step"), figure(2e-6, "step")
     ('1950 %', 'under 1 ppm', '0.0002 %')
     """

@@ -44,7 +44,7 @@ def scene_files(names: Sequence[str], exclude: Sequence[str] = ()) -> tuple[Path
 
     Examples
     --------
-    >>> [path.name for path in scene_files(["scenes"], ["*-exponential.toml", "e*", "custom*"])]
+    >>> [path.name for path in scene_files(["scenes"], ["*exponential*", "e*", "custom*"])]
     ['known-readings.toml', 'paper-breadboard.toml', 'tuned-breadboard.toml']
     """
     found: dict[Path, Path] = {}

@@ -54,8 +54,8 @@ def board_power(board: LinearBoard) -> BoardPower:
     --------
     >>> import taction
     >>> scene = taction.load_scene("scenes/custom-matrix.toml")
-    >>> board_power(LinearBoard(taction.synthesise(scene))).quiescent  # 12 uA741 at 51 mW
-    0.612
+    >>> round(board_power(LinearBoard(taction.synthesise(scene))).quiescent, 3)  # W, all op-amps
+    0.798
     """
     circuit, rest = board.circuit, board.equilibrium
     ends, ohms = zip(*_resistors(circuit), strict=True)

@@ -42,7 +42,7 @@ def units_in(document: object) -> dict[str, str]:
     Examples
     --------
     >>> units_in({"seconds": 1.0, "steady_state": {"equilibrium": 1e-5}, "scene": "a"})
-    {'seconds': 's', 'steady_state.equilibrium': 'step'}
+    {'seconds': 's', 'steady_state': 'step', 'steady_state.equilibrium': 'step'}
     """
     return dict(sorted(set(_units(document, ""))))
 

@@ -29,7 +29,7 @@ def scene_keys(scene: Scene) -> dict[str, dict[str, Any]]:
     >>> from taction.netlist_gen.scene.scene import load_scene
     >>> keys = scene_keys(load_scene("scenes/paper-breadboard.toml"))
     >>> keys["design.opamp.gbw"]
-    {'value': 4000000.0, 'unit': 'Hz'}
+    {'value': 718000.0, 'unit': 'Hz'}
     """
     files = files_of(scene)
     record: dict[str, dict[str, Any]] = {}

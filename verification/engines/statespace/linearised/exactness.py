@@ -27,8 +27,8 @@ def accurate_sum(terms: Sequence[Floats], products: Iterable[tuple[Floats, Float
     --------
     >>> import numpy as np
     >>> third = np.full((1, 1), 1.0 / 3.0)
-    >>> float(accurate_sum([-third * third], [(third, third)])[0, 0])
-    -6.167905692361981e-18
+    >>> print(f"{accurate_sum([-third * third], [(third, third)])[0, 0]:.14e}")
+    -6.16790569236198e-18
     """
     total: Floats | None = None
     rest: Floats | None = None
