@@ -6,44 +6,25 @@ An entry loads its dialect, so that a run of ngspice does not import the others.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
+from importlib import import_module
 
+from taction.netlist_gen.deck import dialects
 from taction.netlist_gen.deck.dialects.dialect import Dialect
 
-
-def _ngspice() -> Dialect:
-    from taction.netlist_gen.deck.dialects.ngspice import Ngspice
-
-    return Ngspice()
-
-
-def _ltspice() -> Dialect:
-    from taction.netlist_gen.deck.dialects.ltspice import LTspice
-
-    return LTspice()
-
-
-def _hspice() -> Dialect:
-    from taction.netlist_gen.deck.dialects.hspice import HSPICE
-
-    return HSPICE()
-
-
-def _xyce() -> Dialect:
-    from taction.netlist_gen.deck.dialects.xyce import Xyce
-
-    return Xyce()
-
-
-def _spectre() -> Dialect:
-    from taction.netlist_gen.deck.dialects.spectre import Spectre
-
-    return Spectre()
-
-
-DIALECTS: dict[str, Callable[[], Dialect]] = {
-    "ngspice": _ngspice,
-    "ltspice": _ltspice,
-    "hspice": _hspice,
-    "xyce": _xyce,
-    "spectre": _spectre,
+# The class of each dialect, in the module of its name.
+CLASSES = {
+    "ngspice": "Ngspice",
+    "ltspice": "LTspice",
+    "hspice": "HSPICE",
+    "xyce": "Xyce",
+    "spectre": "Spectre",
 }
+
+
+def _dialect(name: str) -> Dialect:
+    made: Dialect = getattr(import_module(f"{dialects.__name__}.{name}"), CLASSES[name])()
+    return made
+
+
+DIALECTS: dict[str, Callable[[], Dialect]] = {name: partial(_dialect, name) for name in CLASSES}
