@@ -135,12 +135,12 @@ def page(report: Target) -> Output:
     """Return the option ``--report``; `report` takes the result and returns the page."""
 
     def write(result: Any, path: str) -> None:
-        from taction.verification.report.html.file import write_report
+        from taction.verification.report.renderers.page import write_page
 
-        write_report(load(report)(result), path)
+        write_page(load(report)(result), path)
 
     text = "Write a report with pictures into FILE (HTML, one file that needs no network)."
-    check = "verification.report.html.file:check_report_file"
+    check = "verification.report.renderers.page:check_report_file"
     return Output("report", text, write, check)
 
 

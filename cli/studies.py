@@ -309,7 +309,7 @@ def _check_sweep(call: Call) -> None:
     """Ask what may be a slip in the axes, refuse what cannot be drawn, and name the database."""
     from taction.netlist_gen.scene.questions import axis_questions
     from taction.studies import plan_sweep
-    from taction.verification.report.sweep.plot import check_sweep_plot
+    from taction.verification.report.views.sweep import check_sweep_plot
 
     given = call.arguments
     given["retry_failed"] = given["retry_failed"] is not None
@@ -334,15 +334,15 @@ def _sweep_document(found: SweepResult) -> Iterator[str]:
 
 
 def _sweep_text(found: SweepResult, console: Console) -> None:
-    from taction.verification.report.sweep.document import print_sweep
+    from taction.verification.report.renderers.terminal import print_page
 
-    print_sweep(found.plan, found.store, found.count, console)
+    print_page(_sweep_page(found), console)
 
 
 def _sweep_page(found: SweepResult) -> Any:
-    from taction.verification.report.html.sweep_report import sweep_report
+    from taction.verification.report.views.sweep import view
 
-    return sweep_report(found.plan, found.store, found.count)
+    return view(found.plan, found.store, found.count)
 
 
 def _sweep_table(found: SweepResult, path: str) -> None:

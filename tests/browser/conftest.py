@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from taction.verification.report.html.blocks import Report
-from taction.verification.report.html.file import report_html
+from taction.verification.report.blocks import Page as Report
+from taction.verification.report.renderers.page import page_html
 from tests.support.report_pages import STUDIES, VERDICTS, hostile, page
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
         file = folder / f"{name.replace(' ', '-')}.html"
         if not file.exists():
             report: Report = hostile() if name == "hostile" else page(name)
-            file.write_text(report_html(report), encoding="utf-8")
+            file.write_text(page_html(report), encoding="utf-8")
         return file
 
     return made

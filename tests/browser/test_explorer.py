@@ -21,7 +21,7 @@ import pytest
 
 import taction
 from taction.netlist_gen.scene.axes import with_settings
-from taction.verification.report.html.texts import figure, quantity
+from taction.verification.report.texts import figure, quantity
 from tests.browser.conftest import DESK, PHONE, Opened
 from tests.browser.test_reports import violations
 from tests.support.paths import ROOT, SCENES

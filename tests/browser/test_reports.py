@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from taction.verification.report.html.blocks import Code
+from taction.verification.report.blocks import Code
 from tests.browser.conftest import DESK, NAMES, PHONE, Open
 from tests.support.report_pages import page as report_of
 

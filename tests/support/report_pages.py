@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import taction
@@ -20,19 +21,19 @@ from taction.verification.design.choose import (
     designs,
 )
 from taction.verification.design.tune import Tuning
-from taction.verification.report.html.blocks import (
+from taction.verification.report.blocks import (
+    PAGE,
     Bar,
     Bars,
     Cell,
     Code,
     Facts,
     Notes,
-    Picture,
-    Report,
+    Page,
     Section,
     Table,
 )
-from taction.verification.report.html.sweep_report import sweep_report
+from taction.verification.report.charts import Axis, Chart, Curve
 from taction.verification.report.views import (
     accuracy,
     choose,
@@ -42,6 +43,7 @@ from taction.verification.report.views import (
     regression,
     tune,
 )
+from taction.verification.report.views.sweep import view as sweep_report
 from taction.verification.report.views.verdict import view as verdict_report
 from taction.verification.studies.regression.run import RegressionReport, SceneResult, Status
 from taction.verification.studies.store import Store, StoredResult
@@ -112,18 +114,18 @@ def varied() -> tuple[Scene, YieldReport, list[BoardSample]]:
     return board.scene, summarise_samples(board, tally.samples, 5), tally.samples
 
 
-def _yield() -> Report:
+def _yield() -> Page:
     scene, result, samples = varied()
     return montecarlo.view(scene, result, samples, 5)
 
 
-def _corners() -> Report:
+def _corners() -> Page:
     scene = small_scene(tolerances=WORN | {"distribution": "uniform"})
     with one_thread() as workers:
         return corners.view(scene, worst_corners(scene, workers))
 
 
-def _onset() -> Report:
+def _onset() -> Page:
     scene = make_scene({"channels": 3, "span": 2.0}, analysis=STATESPACE)
     return onset.view(taction.onset(scene, over="C=1pF:100pF:13", transients=False))
 
@@ -139,14 +141,16 @@ def tuned() -> tuple[Tuning, Verdict]:
     return Tuning(before, curve[2], verdict.scene, tuple(curve), 57, 0.1, 1.2, ()), verdict
 
 
-def _tuning() -> Report:
+def _tuning() -> Page:
     return tune.view(*tuned())
 
 
-def _sweep(*over: str) -> Report:
+def _sweep(*over: str) -> Page:
     plan, store, count = swept(*over)
     with store:
-        return sweep_report(plan, store, count)
+        found = sweep_report(plan, store, count)
+        made = tuple(replace(each, blocks=each.made(PAGE)) for each in found.sections)
+        return replace(found, sections=made)
 
 
 def swept(*over: str) -> tuple[Plan, Store, SweepCounts]:
@@ -168,7 +172,7 @@ def swept(*over: str) -> tuple[Plan, Store, SweepCounts]:
     return plan, store, count
 
 
-def _choice(settling: str = "1ms") -> Report:
+def _choice(settling: str = "1ms") -> Page:
     limits = {"checks.settling_time.max": settling, "checks.noise.max": "1V"}
     request = Request(["ua741", "ideal", "tl084"], "100pF:1nF", "50k:200k", 3, limits)
     asked = verdicts()["passing"].scene
@@ -215,11 +219,11 @@ def work_precision() -> WorkPrecisionStudy:
     )
 
 
-def _accuracy() -> Report:
+def _accuracy() -> Page:
     return accuracy.view(work_precision())
 
 
-def _regression() -> Report:
+def _regression() -> Page:
     check = Check("settling_time", Outcome.FAIL, 2e-3, 1e-6, 1e-3, None, "s", HOSTILE)
     change = Difference("channels", "final", 1, 1.0, 1.5, "V", 0.5, 0.01, 50.0, HOSTILE)
     results = (
@@ -232,22 +236,22 @@ def _regression() -> Report:
     )
 
 
-def hostile() -> Report:
+def hostile() -> Page:
     """Return a report in which every text is markup."""
-    spec = {"data": [{"type": "scatter", "x": [0, 1], "y": [0, 1], "name": HOSTILE}], "layout": {}}
+    curve = Curve([0.0, 1.0], [0.0, 1.0], HOSTILE)
     blocks = (
         Bars(HOSTILE, (Bar(HOSTILE, "fail", 2.0, 0.5, HOSTILE, HOSTILE, HOSTILE),), HOSTILE),
         Table(HOSTILE, (HOSTILE,), ((Cell(HOSTILE),),), HOSTILE),
-        Picture(HOSTILE, spec, HOSTILE),
+        Chart(HOSTILE, Axis(HOSTILE), Axis(HOSTILE), (curve,), HOSTILE, HOSTILE),
         Facts(HOSTILE, ((HOSTILE, HOSTILE),)),
         Code(HOSTILE, HOSTILE, HOSTILE),
         Notes(HOSTILE, (HOSTILE,)),
     )
     section = Section(HOSTILE, blocks, HOSTILE)
-    return Report(HOSTILE, HOSTILE, "fail", HOSTILE, (HOSTILE,), (section,))
+    return Page(HOSTILE, HOSTILE, "fail", HOSTILE, (HOSTILE,), (section,))
 
 
-STUDIES: dict[str, Callable[[], Report]] = {
+STUDIES: dict[str, Callable[[], Page]] = {
     "montecarlo": _yield,
     "corners": _corners,
     "onset": _onset,
@@ -269,6 +273,6 @@ VERDICTS = (
 
 
 @functools.cache
-def page(name: str) -> Report:
+def page(name: str) -> Page:
     """Return a report by its name in `STUDIES` or `VERDICTS`."""
     return STUDIES[name]() if name in STUDIES else verdict_report(verdicts()[name])

@@ -8,9 +8,9 @@ Quantities are written with µ and Ω; the terminal writes them as SPICE does.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from taction.verification.report.charts import Chart, Outcome
 
@@ -141,44 +141,6 @@ class Shares:
 
 
 @dataclass(frozen=True, slots=True)
-class PictureView:
-    """A part of a picture that a button shows: the changes of the layout."""
-
-    name: str
-    layout: Mapping[str, Any]
-
-
-@dataclass(frozen=True, slots=True)
-class Picture:
-    """A picture with zoom and hover.
-
-    Attributes
-    ----------
-    spec : mapping
-        `data` and `layout` of Plotly. A colour that begins with ``--`` is one of the style sheet.
-    summary : str
-        What the picture shows, for readers who cannot see it, and as its caption.
-    height : int
-        Pixels.
-    views : tuple of PictureView
-        Parts of the picture, the first is shown at the start.
-    zoom : bool
-        Whether buttons zoom and move along the horizontal axis.
-    result : str
-        What the picture says, in some words behind its title.
-    """
-
-    kind: ClassVar[str] = "picture"
-    title: str
-    spec: Mapping[str, Any]
-    summary: str
-    height: int = 380
-    views: tuple[PictureView, ...] = ()
-    zoom: bool = True
-    result: str = ""
-
-
-@dataclass(frozen=True, slots=True)
 class Drawing:
     """A drawing as SVG, which nobody else's text is part of."""
 
@@ -217,7 +179,7 @@ class Notes:
     outcome: Outcome = ""
 
 
-Block = Table | Bars | Ranges | Shares | Chart | Picture | Drawing | Facts | Code | Notes
+Block = Table | Bars | Ranges | Shares | Chart | Drawing | Facts | Code | Notes
 TERMINAL, PAGE, NOTEBOOK = "terminal", "page", "notebook"
 
 

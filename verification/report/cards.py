@@ -9,10 +9,8 @@ import numpy as np
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.card import Card
 from taction.system.quantities import counted, quantity, sizes
-from taction.verification.report.html.texts import figure
 from taction.verification.report.tables import spaced
-from taction.verification.studies.sweep.plan import Plan
-from taction.verification.studies.sweep.run import SweepCounts
+from taction.verification.report.texts import figure
 from taction.verification.studies.tolerance.yield_report import Spread, YieldReport
 
 ORDER = ("pass", "fail", "inconclusive", "error")
@@ -39,33 +37,8 @@ def circuit_card(circuit: Circuit) -> Card:
     return Card("Circuit", circuit.name, facts=facts)
 
 
-def sweep_card(plan: Plan, count: SweepCounts, disagree: int) -> Card:
-    """Return the axes, the outcomes of the points, and whether two engines disagree."""
-    axes = [
-        (axis.name, f"{counted(len(axis.values), 'value')}, {_ends(axis.values, axis.key.unit)}")
-        for axis in plan.axes
-    ]
-    notes = [f"the engines disagree at {counted(disagree, 'point')}"] if disagree else []
-    return Card(
-        "Sweep",
-        plan.scene.name,
-        summary=f"{counted(plan.points, 'point')}, {' and '.join(plan.engines)}",
-        shares=_ordered(count.outcomes),
-        facts=axes,
-        notes=notes,
-    )
-
-
 def _ordered(outcomes: Mapping[str, int]) -> list[tuple[str, int]]:
     return [(name, outcomes[name]) for name in ORDER if outcomes.get(name)]
-
-
-def _ends(values: tuple[object, ...], unit: str) -> str:
-    first, last = (
-        quantity(value, unit, 3) if isinstance(value, float) else str(value)
-        for value in (values[0], values[-1])
-    )
-    return first if len(values) == 1 else f"{first} to {last}"
 
 
 def yield_card(name: str, report: YieldReport) -> Card:

@@ -9,8 +9,7 @@ import pytest
 
 import taction
 from taction.verification.report.renderers.picture import draw_page, draw_sheet
-from taction.verification.report.sweep.plot import plot_sweep
-from taction.verification.report.views import accuracy, montecarlo, onset, tune
+from taction.verification.report.views import accuracy, montecarlo, onset, sweep, tune
 from taction.verification.report.views.verdict import view
 from tests.support.making import make_scene
 from tests.support.report_pages import (
@@ -27,9 +26,9 @@ from tests.support.text_boxes import cut_off, figures, overlapping
 
 def _sweep(*over: str) -> Callable[[str], None]:
     def draw(path: str) -> None:
-        plan, store, _ = swept(*over)
+        plan, store, count = swept(*over)
         with store:
-            plot_sweep(plan, store, path)
+            draw_page(sweep.view(plan, store, count), path)
 
     return draw
 

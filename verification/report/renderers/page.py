@@ -98,7 +98,7 @@ def made_sections(page: Page) -> list[tuple[Section, list[Block]]]:
 
 
 def _has_charts(blocks: Iterable[Block]) -> bool:
-    return any(block.kind in ("chart", "picture") for block in blocks)
+    return any(block.kind == "chart" for block in blocks)
 
 
 def _read(name: str) -> str:

@@ -7,12 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from rich.console import Console
-from rich.markup import escape
-
 from taction.netlist_gen.scene.keys import Value
 from taction.verification.report.sweep.records import records
-from taction.verification.report.tables import value_text
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.hybrid import BOUNDARY, EXTREME, SAMPLE
 from taction.verification.studies.sweep.plan import Plan
@@ -83,28 +79,3 @@ def summarise(plan: Plan, store: Store) -> AgreementSummary:
         at=at,
         listed=[*listed["fail"], *listed["inconclusive"]][:LINES],
     )
-
-
-def print_summary(plan: Plan, found: AgreementSummary, console: Console) -> None:
-    """Print how many points ngspice confirms, the largest difference, and every disagreement."""
-    reasons = ", ".join(f"{found.chosen[why]} {WORDS[why]}" for why in WORDS if why in found.chosen)
-    text = f"ngspice confirms {found.agree} of {found.points} points"
-    console.print(f"{text} ({reasons})" if reasons else text)
-    if found.largest_difference is not None and found.at is not None:
-        place = _values_text(plan, found.at)
-        text = f"largest difference of the engines: {found.largest_difference:.2g} of the error"
-        console.print(f"{text} that the checks allow, at {place}")
-    if found.disagree:
-        points = "1 point" if found.disagree == 1 else f"{found.disagree} points"
-        console.print(f"[bold red]THE ENGINES DISAGREE at {points}[/bold red]")
-    if found.undecided:
-        console.print(f"[yellow]{found.undecided} not decided[/yellow]")
-    for record in found.listed:
-        place = _values_text(plan, record["values"])
-        console.print(f"  {record['agreement']} at {place}: {escape(record['disagreement'])}")
-
-
-def _values_text(plan: Plan, values: Mapping[str, Value]) -> str:
-    units = {axis.name: axis.key.unit for axis in plan.axes}
-    texts = (f"{name} = {value_text(value, units[name])}" for name, value in values.items())
-    return escape(", ".join(texts))

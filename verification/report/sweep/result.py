@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 from taction.system.errors import Complaint, InputError
 from taction.verification.report.sweep.agreement import AgreementSummary, summarise
 from taction.verification.report.sweep.files import dataset, frame
-from taction.verification.report.sweep.plot import plot_sweep
 from taction.verification.report.sweep.records import records
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import Plan
@@ -19,6 +18,8 @@ from taction.verification.studies.sweep.run import SweepCounts
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from taction.verification.report.blocks import Page
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -73,9 +74,14 @@ class SweepResult:
 
     def _repr_html_(self) -> str:
         """Return the sweep as a card for a notebook."""
-        from taction.verification.report.cards import sweep_card
+        from taction.verification.report.renderers.notebook import card
 
-        return sweep_card(self.plan, self.count, self._disagree).html()
+        return card(self._view(), "Sweep")
+
+    def _view(self) -> Page:
+        from taction.verification.report.views.sweep import view
+
+        return view(self.plan, self.store, self.count)
 
     def records(self) -> Iterator[dict[str, Any]]:
         """Yield every point as plain data in SI base units, in the order of the grid."""
@@ -117,7 +123,11 @@ class SweepResult:
             More than three axes, the picture cannot be written, or matplotlib is missing
             (``taction[plot]``).
         """
-        return plot_sweep(self.plan, self.store, path)
+        from taction.verification.report.renderers.picture import draw_page
+        from taction.verification.report.views.sweep import check_sweep_plot
+
+        check_sweep_plot(self.plan, path)
+        return draw_page(self._view(), path)
 
     def report(self, path: str | Path) -> None:
         """Write a report as one HTML file: outcomes, maps or curves, and the points.
@@ -128,10 +138,9 @@ class SweepResult:
             The name does not end in ``.html``, the file cannot be written, or a package of
             ``taction[report]`` is missing.
         """
-        from taction.verification.report.html.file import write_report
-        from taction.verification.report.html.sweep_report import sweep_report
+        from taction.verification.report.renderers.page import write_page
 
-        write_report(sweep_report(self.plan, self.store, self.count), str(path))
+        write_page(self._view(), str(path))
 
 
 def _need(package: str) -> None:

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import csv
-import io
 import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from rich.console import Console
 
-from taction.verification.report.sweep.agreement import print_summary, summarise
-from taction.verification.report.sweep.document import document_parts, print_sweep
+from taction.verification.report.renderers.picture import draw_page
+from taction.verification.report.renderers.terminal import page_text
+from taction.verification.report.sweep.agreement import summarise
+from taction.verification.report.sweep.document import document_parts
 from taction.verification.report.sweep.files import dataset, export_sweep, frame, grids
-from taction.verification.report.sweep.plot import plot_sweep
 from taction.verification.report.sweep.records import records
 from taction.verification.report.sweep.result import SweepResult
+from taction.verification.report.views.sweep import view
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.hybrid import sample
 from taction.verification.studies.sweep.plan import Plan
@@ -47,10 +47,7 @@ def hybrid_store(plan: Plan, **ngspice_at_4: Any) -> Store:
 
 
 def text_of(plan: Plan, store: Store) -> str:
-    console = Console(file=io.StringIO(), width=200, highlight=False)
-    print_summary(plan, summarise(plan, store), console)
-    assert isinstance(console.file, io.StringIO)
-    return console.file.getvalue()
+    return page_text(view(plan, store, SweepCounts(POINTS)))
 
 
 def test_the_summary_counts_and_names_the_largest_difference() -> None:
@@ -79,10 +76,6 @@ def test_a_disagreement_is_shown_everywhere() -> None:
         document = json.loads("".join(document_parts(plan, store, count, 1.0)))
         result = SweepResult.of(plan, store, count)
         assert "the engines disagree at 1" in repr(result)
-        console = Console(file=io.StringIO(), width=200)
-        print_sweep(plan, store, count, console)
-        assert isinstance(console.file, io.StringIO)
-        assert "THE ENGINES DISAGREE at 1 point" in console.file.getvalue()
     assert "ngspice confirms 3 of 4 points (2 next to the stability boundary, 1 with an" in text
     assert "THE ENGINES DISAGREE at 1 point" in text
     assert "overshoot (step): 2 by ngspice, 1 by the state-space engine" in text
@@ -107,7 +100,7 @@ def test_exports_have_ngspice_only_at_the_chosen_points(tmp_path: Path) -> None:
     with hybrid_store(plan) as store:
         table, grid, arrays = frame(plan, store), dataset(plan, store), grids(plan, store)
         export_sweep(plan, store, str(tmp_path / "a.csv"))
-        plot_sweep(plan, store, str(tmp_path / "a.png"))
+        draw_page(view(plan, store, SweepCounts(POINTS)), tmp_path / "a.png")
     assert (table["engine"] == "statespace").sum() == POINTS
     assert (table["engine"] == "ngspice").sum() == 4
     assert table["agreement"].notna().sum() == 8  # both rows of a confirmed point say so

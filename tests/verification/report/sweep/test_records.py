@@ -17,8 +17,9 @@ from click.testing import CliRunner, Result
 from taction.cli.main import main
 from taction.netlist_gen.scene.axes import parse_axes
 from taction.netlist_gen.scene.scene import load_scene
+from taction.verification.report.renderers.picture import draw_page
 from taction.verification.report.sweep import files
-from taction.verification.report.sweep.plot import plot_sweep
+from taction.verification.report.views.sweep import view
 from taction.verification.studies.running import executors
 from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.store import Store
@@ -80,7 +81,7 @@ def test_the_table_and_the_default_database(folder: Path) -> None:
     done = taction(*OVER)
     assert done.exit_code == 0, done.output
     assert (folder / "scene.sqlite").exists()
-    assert "6 points: 6 pass" in done.stdout
+    assert "6 of 6 points: 6 pass" in done.stdout
     assert "6 computed now, 0 from scene.sqlite" in done.stdout
     assert "200 pF" in done.stdout
 
@@ -163,13 +164,13 @@ def test_a_map_with_both_engines_and_a_boundary(
     outcome = (np.arange(40).reshape(shape) % 4).astype(np.int8)
     fake |= {"growth_rate": growth, "outcome": outcome, "agreement": outcome // 2}
     words = np.array(["pass", "fail: stability", "inconclusive: rise time", ""], dtype=object)
-    monkeypatch.setattr("taction.verification.report.sweep.plot.grids", lambda plan, store: fake)
+    monkeypatch.setattr("taction.verification.report.views.sweep.grids", lambda plan, store: fake)
     names = words[outcome]
     monkeypatch.setattr(
-        "taction.verification.report.sweep.plot.result_names", lambda plan, store: names
+        "taction.verification.report.views.sweep.result_names", lambda plan, store: names
     )
     with Store(str(folder / "a.sqlite")) as store:
-        plot_sweep(plan, store, str(folder / "a.png"))
+        draw_page(view(plan, store, SweepCounts(20)), folder / "a.png")
     assert (folder / "a.png").stat().st_size > 20_000
 
 

@@ -5,19 +5,19 @@ from __future__ import annotations
 from typing import Any
 
 from taction.system.quantities import readable
-from taction.verification.report.blocks import PAGE
-from taction.verification.report.html.blocks import (
+from taction.verification.report.blocks import (
+    PAGE,
     Bars,
     Block,
+    Page,
     Ranges,
-    Report,
     Table,
 )
-from taction.verification.report.html.texts import figure
+from taction.verification.report.texts import figure
 from tests.support.report_pages import page
 
 
-def block(report: Report, title: str, kind: type[Any] = Table) -> Any:
+def block(report: Page, title: str, kind: type[Any] = Table) -> Any:
     found: list[Block] = [b for part in report.sections for b in part.made(PAGE)]
     return next(each for each in found if isinstance(each, kind) and each.title == title)
 

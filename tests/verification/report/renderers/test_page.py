@@ -16,8 +16,8 @@ from lxml import html
 
 from taction.cli.main import main
 from taction.system.errors import InputError
-from taction.verification.report.html.blocks import Facts, Report, Section
-from taction.verification.report.html.file import check_report_file, report_html, write_report
+from taction.verification.report.blocks import Facts, Page, Section
+from taction.verification.report.renderers.page import check_report_file, page_html, write_page
 from taction.verification.report.sweep.result import SweepResult
 from tests.support.entries import write_fast
 from tests.support.report_pages import HOSTILE, STUDIES, VERDICTS, hostile, page, swept, verdicts
@@ -26,13 +26,13 @@ MOST = 6_000_000  # bytes
 SAMPLE = ("passing", "exponential", "64 channels", "sweep, a map", "regress")
 
 
-def small(text: str = "1") -> Report:
-    return Report("a", "b", "pass", "c", (), (Section("d", (Facts("", (("e", text),)),)),))
+def small(text: str = "1") -> Page:
+    return Page("a", "b", "pass", "c", (), (Section("d", (Facts("", (("e", text),)),)),))
 
 
 @pytest.mark.parametrize("name", SAMPLE)
 def test_a_report_names_nothing_outside_itself_and_is_small(name: str) -> None:
-    text = report_html(page(name))
+    text = page_html(page(name))
     assert len(text.encode()) < MOST
     tree = html.document_fromstring(text)
     assert not tree.xpath("//*[@src] | //link | //iframe | //object | //*[starts-with(@href, 'h')]")
@@ -43,7 +43,7 @@ def test_a_report_names_nothing_outside_itself_and_is_small(name: str) -> None:
 
 
 def test_the_policy_lets_only_the_two_programs_of_the_page_run() -> None:
-    tree = html.document_fromstring(report_html(page("passing")))
+    tree = html.document_fromstring(page_html(page("passing")))
     (policy,) = tree.xpath("//meta[@http-equiv='Content-Security-Policy']/@content")
     (program,) = tree.xpath("//script[not(@type)]/text()")
     (packed,) = tree.xpath("//script[@id='plotly']/text()")
@@ -60,7 +60,7 @@ def test_the_policy_lets_only_the_two_programs_of_the_page_run() -> None:
 @pytest.mark.parametrize("make", [hostile, lambda: page("regress"), lambda: page("accuracy")])
 def test_texts_are_never_markup(make: object) -> None:
     assert callable(make)
-    text = report_html(make())
+    text = page_html(make())
     tree = html.document_fromstring(text)
     assert HOSTILE not in text
     assert "<script>window" not in text
@@ -71,11 +71,11 @@ def test_texts_are_never_markup(make: object) -> None:
 
 
 def test_a_report_without_pictures_has_no_plotly() -> None:
-    assert len(report_html(small())) < 40_000
+    assert len(page_html(small())) < 40_000
 
 
 def test_a_report_is_the_same_twice() -> None:
-    assert report_html(small()) == report_html(small())
+    assert page_html(small()) == page_html(small())
 
 
 def test_a_file_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
@@ -85,7 +85,7 @@ def test_a_file_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
     ):
         with pytest.raises(InputError, match=part):
             check_report_file(str(tmp_path / name))
-    write_report(small(), str(tmp_path / "a.html"))
+    write_page(small(), str(tmp_path / "a.html"))
     assert (tmp_path / "a.html").read_text("utf-8").startswith("\n<!DOCTYPE html>") or (
         "<!DOCTYPE html>" in (tmp_path / "a.html").read_text("utf-8")[:200]
     )

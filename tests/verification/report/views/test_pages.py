@@ -1,31 +1,18 @@
-"""Pictures: what Plotly accepts, what they show, and what they leave out."""
+"""Charts of every page: what Plotly accepts, and what a thinned curve keeps."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
 
-from taction.verification.report.blocks import PAGE
-from taction.verification.report.charts import Chart
-from taction.verification.report.html.blocks import Block, Picture, Report
-from taction.verification.report.html.pictures import thinned
+from taction.verification.report.charts import Chart, thinned
 from taction.verification.report.renderers.plotly import plotly_spec, view_layout
 from tests.support.report_pages import STUDIES, VERDICTS, page
 
 MARKED = "#123456"  # in the place of a colour of the style sheet
-
-
-def blocks(report: Report) -> Iterator[Block]:
-    for section in report.sections:
-        yield from section.made(PAGE)
-
-
-def pictures(report: Report) -> dict[str, Picture]:
-    return {block.title: block for block in blocks(report) if isinstance(block, Picture)}
 
 
 def coloured(value: Any) -> Any:
@@ -39,19 +26,12 @@ def coloured(value: Any) -> Any:
 
 
 @pytest.mark.parametrize("name", [*VERDICTS, *STUDIES])
-def test_plotly_accepts_every_picture(name: str) -> None:
+def test_plotly_accepts_every_chart(name: str) -> None:
     import plotly.graph_objects as go
 
-    for picture in pictures(page(name)).values():
-        spec = coloured(json.loads(json.dumps(picture.spec, allow_nan=False)))
-        go.Figure(spec)  # raises for an unknown property or value
-        for view in picture.views:
-            go.Figure(spec).update_layout({k.replace(".", "_"): v for k, v in view.layout.items()})
-        assert picture.title
-        assert picture.summary
-    for chart in (block for block in blocks(page(name)) if isinstance(block, Chart)):
+    for chart in (block for block in page(name).blocks() if isinstance(block, Chart)):
         spec = coloured(json.loads(json.dumps(plotly_spec(chart), allow_nan=False)))
-        go.Figure(spec)
+        go.Figure(spec)  # raises for an unknown property or value
         for view in chart.views:
             layout = view_layout(chart, view)
             go.Figure(spec).update_layout({k.replace(".", "_"): v for k, v in layout.items()})

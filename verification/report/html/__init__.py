@@ -1,1 +1,0 @@
-"""Reports: one HTML file each, from plain data."""

@@ -1,0 +1,539 @@
+"""A sweep: maps over two axes, curves over one, small maps over three; engines; points."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from taction.netlist_gen.scene import axes
+from taction.netlist_gen.scene.axes import with_values
+from taction.netlist_gen.scene.keys import Value
+from taction.system.array_types import Floats
+from taction.system.errors import Complaint, InputError
+from taction.system.picture import check_plot_file
+from taction.system.plugins import OpenTable
+from taction.system.quantities import readable
+from taction.system.reading_definitions import EXCURSIONS
+from taction.verification.report.blocks import (
+    NOTEBOOK,
+    PAGE,
+    TERMINAL,
+    Block,
+    Cell,
+    Facts,
+    Notes,
+    Page,
+    Section,
+    Shares,
+    Sheet,
+    Table,
+)
+from taction.verification.report.charts import (
+    OUTCOMES,
+    Axis,
+    Band,
+    Cells,
+    Chart,
+    Curve,
+    Grid,
+    Look,
+    Mark,
+    looks_of,
+    segments,
+)
+from taction.verification.report.sweep.agreement import WORDS, AgreementSummary, summarise
+from taction.verification.report.sweep.document import columns_of
+from taction.verification.report.sweep.files import grids
+from taction.verification.report.sweep.records import all_records, records
+from taction.verification.report.tables import spaced
+from taction.verification.report.texts import (
+    LEAST_SHARE,
+    counted,
+    figure,
+    number_cell,
+    quantity,
+    titled,
+)
+from taction.verification.report.views.origin import origin_section
+from taction.verification.studies.store import Store
+from taction.verification.studies.sweep.boundary import Boundary, solve_boundary
+from taction.verification.studies.sweep.plan import Plan
+from taction.verification.studies.sweep.run import SweepCounts
+from taction.verification.verdict.record import FIGURES
+
+LISTED, LINES = 500, 40  # points in the table of a page, and of a terminal
+MAPPED = 40_000  # points of the maps of a page
+MOST_AXES = 3
+MOST_MAPS = 6  # small maps beside each other
+MOST_MARKS = 2500  # points above which marks of the other engine would overlap
+SHOWN = ("settling_time", *EXCURSIONS, "steady_state_error", "growth_rate")
+LOGARITHMIC = ("settling_time", "steady_state_error")
+ENGINES = OpenTable(
+    "taction.engines", {"ngspice": "ngspice", "statespace": "state space"}, str, "title"
+)
+"""Names of the engines for people."""
+Names = np.ndarray[Any, Any]
+
+
+def view(plan: Plan, store: Store, count: SweepCounts) -> Page:
+    """Return what a sweep shows: the stored points of `plan`."""
+    names = " x ".join(f"{each.name} ({len(each)})" for each in plan.axes)
+    outcomes = ", ".join(f"{count.outcomes[n]} {n}" for n in OUTCOMES if n in count.outcomes)
+    shares = tuple((n, count.outcomes[n]) for n in OUTCOMES if count.outcomes.get(n))
+    return Page(
+        title=plan.scene.name,
+        command="taction sweep",
+        outcome="",
+        summary=f"{count.done} of {count.total} points: {outcomes}.",
+        lines=(f"Over {names}; engines: {', '.join(map(ENGINES.__getitem__, plan.engines))}.",),
+        sections=(
+            Section("Outcomes", (Shares("", shares),), media=(NOTEBOOK,)),
+            Section("Axes", (Facts("", tuple(_axes(plan))),), media=(NOTEBOOK,)),
+            Section("Pictures", lambda: _charts(plan, store)),
+            Section("Points", lambda: _listed(plan, store, count), media=(TERMINAL,)),
+            Section("Engines", lambda: _engines(plan, store), media=(TERMINAL, PAGE, NOTEBOOK)),
+            Section("Points", lambda: (_points(plan, store, count),)),
+            origin_section(plan.scene, (("database", store.path),)),
+        ),
+        foot=tuple(_foot(store, count)),
+        sheet=lambda: _sheet(plan, store),
+    )
+
+
+def check_sweep_plot(plan: Plan, path: str | Path | None) -> None:
+    """Refuse a picture that could not be drawn, before any work is done.
+
+    Raises
+    ------
+    InputError
+        More than three axes, or see `taction.system.picture.check_plot_file`.
+    """
+    if path is not None:
+        check_plot_file(path)
+    if len(plan.groups) > MOST_AXES:
+        text = f"{len(plan.groups)} axes; a picture has at most three, --export writes all of them"
+        raise InputError("--plot", Complaint("FILE", repr(path and str(path)), text))
+
+
+def result_names(plan: Plan, store: Store) -> Names:
+    """Return what each point and engine says, as words over the grid, the engine last.
+
+    ``"pass"``, ``"fail: stability"``, ``"inconclusive: rise time"``, ``"error: TimedOut"``; empty
+    for a point without a result. Of several checks the first one counts, stability before all.
+    """
+    shape = (*plan.shape, len(plan.engines))
+    names = np.full(shape, "", dtype=object)
+    for place, record in zip(np.ndindex(*shape), all_records(plan, store), strict=True):
+        if record is not None:
+            names[place] = _name(record)
+    return names
+
+
+def _name(record: dict[str, Any]) -> str:
+    outcome: str = record["outcome"]
+    if outcome == "error":
+        return f"error: {record['failure']}"
+    found = [check["name"] for check in record["checks"] if check["outcome"] == outcome]
+    if outcome == "pass" or not found:
+        return outcome
+    return f"{outcome}: {spaced('stability' if 'stability' in found else found[0])}"
+
+
+def _axes(plan: Plan) -> Iterator[tuple[str, str]]:
+    for each in plan.axes:
+        first, last = (_place(each, each.values[k]) for k in (0, -1))
+        ends = first if len(each) == 1 else f"{first} to {last}"
+        yield each.name, f"{counted(len(each), 'value')}, {ends}"
+
+
+def _place(where: axes.Axis, value: Any) -> str:
+    return quantity(value, where.key.unit) if isinstance(value, float) else str(value)
+
+
+def _axis(where: axes.Axis) -> tuple[Axis, Floats]:
+    """Return an axis of a chart and the places of its values; words stand one after the other."""
+    if where.key.kind == "choice" or where.scale == "list":
+        names = tuple(_place(where, value) for value in where.values)
+        return Axis(where.name, scale="names", names=names), np.arange(float(len(names)))
+    places = np.array([float(value) for value in where.values])
+    log = where.scale == "log" and places.min() > 0.0
+    return Axis(where.name, where.key.unit, "log" if log else "linear"), places
+
+
+def _data(plan: Plan, store: Store) -> tuple[dict[str, Any], Names]:
+    """Return the figures and the results over the grid.
+
+    An excursion of a growing record depends on its length, and has no value.
+    """
+    data, names = grids(plan, store), result_names(plan, store)
+    for name in EXCURSIONS:
+        data[name][data["growth_rate"] > 0.0] = np.nan
+    return data, names
+
+
+def _worth(data: Mapping[str, Any]) -> tuple[list[str], list[str]]:
+    """Return the quantities with a chart, and in words those too small for one."""
+    little = [
+        name
+        for name in SHOWN
+        if FIGURES[name].unit == "step" and np.nanmax(data[name], initial=0.0) < LEAST_SHARE
+    ]
+    return [name for name in SHOWN if name not in little], [spaced(name) for name in little]
+
+
+def _charts(plan: Plan, store: Store) -> Iterator[Block]:
+    if len(plan.groups) > MOST_AXES:
+        text = f"{len(plan.groups)} axes: pictures have at most {MOST_AXES}; --export writes all."
+        yield Notes("", (text,))
+        return
+    if plan.points > MAPPED:
+        yield Notes("", (f"{plan.points} points are too many for this page; see --plot.",))
+        return
+    data, names = _data(plan, store)
+    if len(plan.groups) == MOST_AXES:
+        yield from itertools.chain.from_iterable(_multiples(plan, data, names))
+        return
+    shown, little = _worth(data)
+    yield from _one_or_two(plan, data, names, shown)
+    if little:
+        yield Notes("", (f"Under 1 ppm of the step at every point: {', '.join(little)}.",))
+
+
+def _one_or_two(
+    plan: Plan, data: dict[str, Any], names: Names, shown: Sequence[str]
+) -> Iterator[Chart]:
+    """Yield the outcome and the quantities over one or two axes."""
+    looks = looks_of(names.ravel().tolist())
+    if len(plan.groups) == 1:
+        for name in shown:
+            yield _curve(plan, name, data, names, looks)
+        return
+    plane = Plane(plan, solve_boundary(plan), "", data["growth_rate"][..., -1])
+    yield plane.outcomes(names, looks)
+    for name in shown:
+        yield plane.quantity(name, data[name][..., -1])
+
+
+def _multiples(plan: Plan, data: dict[str, Any], names: Names) -> Iterator[tuple[Chart, Chart]]:
+    """Yield what fails and the settling time over two axes, for values of the third."""
+    third, looks = plan.groups[2][0], looks_of(names.ravel().tolist())
+    places = chosen_places(len(third))
+    shared = data[SHOWN[0]][:, :, places, -1]
+    known = shared[np.isfinite(shared)]
+    limits = (float(known.min()), float(known.max())) if len(known) else None
+    for k in places:
+        where = f" at {third.name} = {_place(third, third.values[k])}"
+        plane = Plane(plan, boundary_at(plan, k), where, data["growth_rate"][:, :, k, -1])
+        values = data[SHOWN[0]][:, :, k, -1]
+        yield plane.outcomes(names[:, :, k], looks), plane.quantity(SHOWN[0], values, limits)
+
+
+def chosen_places(count: int) -> list[int]:
+    """Return the places of the values of the third axis that have a map: first, last, between."""
+    places = np.linspace(0, count - 1, min(count, MOST_MAPS)).round()
+    return [int(place) for place in np.unique(places)]
+
+
+def boundary_at(plan: Plan, number: int) -> Boundary:
+    """Solve the stability boundary at a value of the third axis, by its place."""
+    changes = {axis.key.path: axis.values[number] for axis in plan.groups[2]}
+    scene = with_values(plan.scene, changes)
+    return solve_boundary(Plan(scene, plan.groups[:2], plan.engines))
+
+
+class Plane:
+    """The first two axes of a plan, and the stability boundary over them.
+
+    Parameters
+    ----------
+    plan : Plan
+        With two axes or more.
+    boundary : Boundary
+        Over the first two.
+    where : str
+        Where the plane is among other axes: ``" at stray_capacitance = 1 pF"``.
+    growth : ndarray (n, m) or None
+        Growth rates, 1/s, between which an unsolved boundary is interpolated.
+    """
+
+    def __init__(
+        self, plan: Plan, boundary: Boundary, where: str = "", growth: Floats | None = None
+    ) -> None:
+        (self.x, self.across), (self.y, self.down) = (_axis(g[0]) for g in plan.groups[:2])
+        self.engines, self.boundary, self.where = plan.engines, boundary, where
+        self.growth = growth
+
+    @property
+    def edge(self) -> Curve | None:
+        """The boundary; across a category it is a mark, and categories are not joined."""
+        ends: list[Any] = list(self.boundary.segments)
+        if self.boundary.unsolved and self.growth is not None:
+            ends = list(zero_lines(self.across, self.down, self.growth.T))
+        elif not ends:
+            for x, y in self.boundary.points:
+                whole = ((x - 0.5, y), (x + 0.5, y))
+                ends.append(whole if self.x.scale == "names" else ((x, y - 0.5), (x, y + 0.5)))
+        return Curve(*segments(ends), "", "ink", width=2.5, label="") if ends else None
+
+    @property
+    def note(self) -> str:
+        """What the thick line is, for the caption."""
+        if self.boundary.unsolved:
+            what = "No stability boundary" if self.edge is None else "Thick line: interpolated"
+            return f" {what}, since {self.boundary.unsolved}."
+        if self.edge is None:
+            return " Stability does not change within this map."
+        return (
+            " Thick line: stability boundary, solved between the points (a pole crosses the"
+            " imaginary axis)."
+        )
+
+    def outcomes(self, names: Names, looks: dict[str, Look]) -> Chart:
+        """Return what each point says; `names` has the engine last."""
+        last = names[..., -1].T
+        marks: list[Mark] = [Cells(self.across, self.down, last, looks)]
+        summary = (
+            "The result of every point. Of several checks that fail the first one is shown,"
+            f" stability before all others.{self.note}"
+        )
+        if len(self.engines) > 1 and last.size <= MOST_MARKS:
+            marks += self._other(names[..., 0].T)
+            own, other = (ENGINES[self.engines[k]] for k in (-1, 0))
+            summary += f" Cells: verdicts of {own}; small marks: {other}."
+        marks += [self.edge] if self.edge is not None else []
+        passing, total = int((last == "pass").sum()), int((last != "").sum())
+        verb = "passes" if passing == 1 else "pass"
+        message = f"{passing} of {total} points {verb}{self.where}"
+        return Chart("Outcome", self.x, self.y, tuple(marks), message, summary, (), "beside", 440)
+
+    def _other(self, names: Names) -> Iterator[Curve]:
+        """Yield the outcomes of the first engine as marks on the cells."""
+        engine = ENGINES[self.engines[0]]
+        for outcome, look in OUTCOMES.items():
+            there = np.array([[n.startswith(outcome) for n in row] for row in names], np.bool_)
+            rows, columns = np.nonzero(there)
+            if len(rows):
+                x, y = self.across[columns], self.down[rows]
+                yield Curve(x, y, f"{engine}: {outcome}", "ink", "", look.mark, size=4.0)
+
+    def quantity(
+        self, name: str, values: Floats, limits: tuple[float, float] | None = None
+    ) -> Chart:
+        """Return the values (n, m) of a quantity as colours."""
+        unit, signed = FIGURES[name].unit, name == "growth_rate"
+        scale = "signed" if signed else "log" if name in LOGARITHMIC else "linear"
+        heat = Grid(
+            self.across, self.down, values.T, unit, scale,  # type: ignore[arg-type]
+            limits=limits, warm="positive",
+        )  # fmt: skip
+        colours = " The strongest colour is the largest value."
+        if signed:
+            colours = " Blue decays, orange grows."
+        summary = (
+            f"{titled(name)} over {self.x.title} and {self.y.title}.{colours} Empty: no value."
+            f"{self.note}"
+        )
+        marks = (heat,) if self.edge is None else (heat, self.edge)
+        message = f"{extent(values, unit)}{self.where}"
+        return Chart(titled(name), self.x, self.y, marks, message, summary, (), "", 400)
+
+
+def zero_lines(x: Floats, y: Floats, values: Floats) -> Iterator[tuple[Any, Any]]:
+    """Yield straight lines where values (m, n) over x (n,) and y (m,) pass through 0.
+
+    Examples
+    --------
+    >>> list(zero_lines(np.array([0.0, 2.0]), np.array([0.0, 1.0]), np.array([[-1, 1], [-1, 1]])))
+    [((1.0, 0.0), (1.0, 1.0))]
+    """
+    for k, n in itertools.product(range(len(y) - 1), range(len(x) - 1)):
+        corners = [(k, n), (k, n + 1), (k + 1, n + 1), (k + 1, n)]
+        found = []
+        for (a, b), (c, d) in zip(corners, corners[1:] + corners[:1], strict=True):
+            first, second = values[a, b], values[c, d]
+            if first * second < 0.0:  # never for NaN
+                share = first / (first - second)
+                place = (x[b] + share * (x[d] - x[b]), y[a] + share * (y[c] - y[a]))
+                found.append((float(place[0]), float(place[1])))
+        yield from zip(found[::2], found[1::2], strict=True)
+
+
+def extent(values: Floats, unit: str) -> str:
+    """Return the smallest and the largest value in words."""
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return "no point has a value"
+    low, high = (figure(float(end), unit, 3) for end in (known.min(), known.max()))
+    return low if low == high else f"{low} to {high}"
+
+
+def _curve(
+    plan: Plan, name: str, data: dict[str, Any], names: Names, looks: dict[str, Look]
+) -> Chart:
+    """Return a quantity over one axis; the mark is the result of the point."""
+    unit, values = FIGURES[name].unit, data[name]
+    x, places = _axis(plan.groups[0][0])
+    marks: list[Mark] = list(_unstable(data["growth_rate"], places))
+    for k, engine in enumerate(plan.engines):
+        if x.scale != "names":
+            marks.append(Curve(places, values[..., k], "", "muted", width=0.8, behind=True))
+        for kind, look in looks.items():
+            there = names[..., k] == kind
+            if there.any():
+                label = f"{kind}, {ENGINES[engine]}" if len(plan.engines) > 1 else kind
+                hover = tuple(figure(v, unit) for v in values[..., k][there].tolist())
+                marks.append(
+                    Curve(places[there], values[..., k][there], label, look.colour, "", look.mark,
+                          size=7.0 - 3.0 * k, hover=hover)
+                )  # fmt: skip
+    known = np.abs(values[np.isfinite(values)])
+    wide = len(known) and known.min() > 0.0 and known.max() > 10.0 * known.min()
+    log = wide and name != "growth_rate"
+    limits = None
+    if log and unit == "step":  # below `LEAST_SHARE` lies rounding
+        limits = (max(float(known.min()), LEAST_SHARE) * 0.8, float(known.max()) * 1.25)
+    y = Axis(spaced(name), unit, "log" if log else "linear", limits)
+    summary = f"{titled(name)} over {x.title}; the mark is the result of the point."
+    return Chart(
+        titled(name), x, y, tuple(marks), extent(values, unit), summary, (), "below", 340
+    )  # fmt: skip
+
+
+def _unstable(growth: Floats, places: Floats) -> Iterator[Band]:
+    """Yield the parts of an axis whose points are unstable by their poles."""
+    grows = np.nanmax(growth, axis=-1, initial=-np.inf) > 0.0
+    between = 0.5 * (places[1:] + places[:-1])
+    edges = [places[0], *between, places[-1]]
+    for _, run in itertools.groupby(enumerate(grows.tolist()), key=lambda pair: pair[1]):
+        own = list(run)
+        if own[0][1]:
+            low, high = edges[own[0][0]], edges[own[-1][0] + 1]
+            yield Band(float(low), float(high), "x", "unstable by its poles", "fail", hatched=True)
+
+
+def _sheet(plan: Plan, store: Store) -> Sheet:
+    """Return the picture: all quantities and the outcome, or small maps over three axes."""
+    check_sweep_plot(plan, None)
+    data, names = _data(plan, store)
+    passing = int((names[..., -1] == "pass").sum())
+    engines = " and ".join(ENGINES[engine] for engine in plan.engines)
+    title = f"{plan.scene.name}: {passing} of {plan.points} points pass, {engines}"
+    if len(plan.groups) == MOST_AXES:
+        columns: list[tuple[Block, ...]] = list(_multiples(plan, data, names))
+        size = (4.2 + 4.4 * len(columns), 8.2)
+        return Sheet(title, tuple(columns), size=size, foot="grey: no value")
+    shown, little = _worth(data)
+    drawn = list(_one_or_two(plan, data, names, shown))
+    charts: list[Block] = [*drawn]
+    text = f"Under 1 ppm of the step: {', '.join(little)}."
+    charts += [Notes("", (text,))] if little else []
+    across = min(len(charts), 3)
+    columns = [tuple(charts[k::across]) for k in range(across)]
+    foot = "grey: no value"
+    if len(plan.groups) == 2:
+        foot = f"{drawn[0].summary.partition('all others. ')[2]} Grey: no value."
+    return Sheet(title, tuple(columns), size=(6.0 * across, 8.6), foot=foot)
+
+
+def _engines(plan: Plan, store: Store) -> tuple[Block, ...]:
+    """Return how far two engines agree, and every disagreement."""
+    if len(plan.engines) < 2:
+        return ()
+    found = summarise(plan, store)
+    lines = tuple(_agreement(plan, found))
+    blocks: list[Block] = [Notes("", lines)]
+    if found.disagree:
+        text = f"THE ENGINES DISAGREE at {counted(found.disagree, 'point')}"
+        blocks.append(Notes("", (text,), "fail"))
+    listed = tuple(
+        f"{record['agreement']} at {_places(plan, record['values'])}: {record['disagreement']}"
+        for record in found.listed
+    )
+    if listed:
+        blocks.append(Notes("", listed))
+    return tuple(blocks)
+
+
+def _agreement(plan: Plan, found: AgreementSummary) -> Iterator[str]:
+    reasons = ", ".join(f"{found.chosen[why]} {WORDS[why]}" for why in WORDS if why in found.chosen)
+    text = f"ngspice confirms {found.agree} of {found.points} points"
+    yield f"{text} ({reasons})" if reasons else text
+    if found.largest_difference is not None and found.at is not None:
+        yield (
+            f"largest difference of the engines: {found.largest_difference:.2g} of the error that"
+            f" the checks allow, at {_places(plan, found.at)}"
+        )
+    if found.undecided:
+        yield f"{found.undecided} not decided"
+
+
+def _places(plan: Plan, values: Mapping[str, Value]) -> str:
+    return ", ".join(f"{a.name} = {_place(a, values[a.name])}" for a in plan.axes)
+
+
+def _listed(plan: Plan, store: Store, count: SweepCounts) -> Iterator[Block]:
+    """Yield the points of a small sweep, else those without a verdict, and their reasons."""
+    whole = count.total <= LINES
+    wanted = (r for r in records(plan, store) if whole or r["outcome"] == "error")
+    if shown := list(itertools.islice(wanted, LINES)):
+        yield _table(plan, shown, "", engine=True)
+    reasons = tuple(
+        f"{_places(plan, record['values'])}, {record['engine']}: {reason}"
+        for record in shown
+        if (reason := record["reason"].split("\n")[0][:160])
+    )
+    if reasons:
+        yield Notes("", reasons)
+
+
+def _points(plan: Plan, store: Store, count: SweepCounts) -> Table:
+    listed = list(itertools.islice(records(plan, store), LISTED))
+    note = f"The first {LISTED} points; --export writes all." if count.total > LISTED else ""
+    return _table(plan, listed, note, engine=len(plan.engines) > 1, why=True)
+
+
+def _table(
+    plan: Plan,
+    listed: Sequence[dict[str, Any]],
+    note: str,
+    *,
+    engine: bool = False,
+    why: bool = False,
+) -> Table:
+    figures = columns_of(plan.scene)
+    several, last = ("engine",) * engine, ("why",) * why
+    titles = (*(a.name for a in plan.axes), *several, "outcome", *map(spaced, figures), *last)
+    rows = tuple(
+        (
+            *(_value(record["values"][each.name], each) for each in plan.axes),
+            *(Cell(record[name]) for name in several),
+            Cell(record["outcome"], None, record["outcome"]),
+            *(number_cell(record[name], FIGURES[name].unit) for name in figures),
+            *(Cell(_why(record)) for _ in last),
+        )
+        for record in listed
+    )
+    return Table("Points" if why else "", titles, rows, note)
+
+
+def _why(record: dict[str, Any]) -> str:
+    """Return the first line of the reason, with the check in words."""
+    name, colon, rest = record["reason"].split("\n")[0].partition(":")
+    return readable(f"{spaced(name) if name.isidentifier() else name}{colon}{rest}")
+
+
+def _value(value: Any, where: axes.Axis) -> Cell:
+    if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
+        return Cell(quantity(float(value), where.key.unit), float(value))
+    return Cell(str(value))
+
+
+def _foot(store: Store, count: SweepCounts) -> Iterator[str]:
+    yield f"{count.ran} computed now, {count.done - count.ran} from {store.path}"
+    if count.outcomes["error"]:
+        yield "--retry failed computes the points without a verdict (error) again"
