@@ -493,9 +493,12 @@ def _legend(axes: Axes, chart: Chart) -> None:
     keys |= dict(zip(names, handles, strict=True))
     if not chart.legend or not keys:
         return
+    figure: Any = axes.figure
+    inches = figure.get_figwidth() * axes.get_position().width
+    across = max(1, min(3, int(LETTERS * inches / (6 + max(map(len, keys))))))
     places: dict[str, dict[str, Any]] = {
         "beside": {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)},
-        "below": {"loc": "upper center", "bbox_to_anchor": (0.5, -0.16), "ncols": 3},
+        "below": {"loc": "upper center", "bbox_to_anchor": (0.5, -0.16), "ncols": across},
         "inside": {"loc": "best"},
     }
     axes.legend([*keys.values()], [*keys], fontsize="small", **places[chart.legend])
