@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -31,28 +31,6 @@ COLUMNS = (
 """Figures of the list of op-amps, beside the range of the supply; `show` has all."""
 
 
-def solution_document(solution: Solution) -> dict[str, Any]:
-    """Return a solution and its certificate as plain data."""
-    return {
-        "outcome": solution.outcome,
-        "u": solution.u,
-        "v": solution.v,
-        "lambda": solution.lam,
-        "objective": solution.objective,
-        "certificate": {
-            "kind": solution.certificate_kind,
-            "value": solution.certificate,
-            "bound": solution.bound,
-        },
-        "error_bound": solution.error_bound,
-        "condition": solution.condition,
-        "iterations": solution.iterations,
-        "trusted": solution.trusted,
-        "reason": solution.reason,
-        "seconds": solution.seconds,
-    }
-
-
 def print_solution(solution: Solution, console: Console) -> None:
     """Print a solution and its certificate."""
     for n, value in enumerate(solution.u.tolist(), 1):
@@ -67,25 +45,13 @@ def print_solution(solution: Solution, console: Console) -> None:
         console.print(f"inconclusive: {solution.reason}", markup=False)
 
 
-def record_document(record: Simulated) -> dict[str, Any]:
-    """Return the measurements of a transient as plain data."""
-    from taction.verification.report.verdict.json_document import channel_record
-    from taction.verification.verdict.record import Channel, finite
+def record_document(found: Simulated) -> object:
+    """Return the measurements of a transient."""
+    from taction.verification.report.documents.verdict import SimulateDocument
 
-    measurements, waveforms = record.measurements, record.waveforms
-    return {
-        "scene": record.circuit.name,
-        "simulator": waveforms.engine,
-        "solver": waveforms.solver or None,
-        "method": waveforms.method or None,
-        "points": waveforms.cost.points,
-        "seconds": waveforms.cost.seconds,
-        "stop": float(waveforms.time[-1]),
-        "step_amplitude": measurements.amplitude,
-        "settling_time": finite(measurements.settling_time),
-        "channels": [channel_record(Channel.of(each)) for each in measurements.channels],
-        "output": record.output,
-    }
+    return SimulateDocument.of(
+        found.circuit.name, found.waveforms, found.measurements, found.output
+    )
 
 
 def print_record(record: Simulated, console: Console) -> None:
@@ -98,42 +64,18 @@ def print_record(record: Simulated, console: Console) -> None:
     console.print(f"{record.waveforms.simulator}: {cost.points} points, {cost.seconds:.3g} s")
 
 
-def tuned_document(found: Tuned) -> dict[str, Any]:
-    """Return a search, its best design and the verdict on it as plain data."""
-    from taction.verification.report.verdict.json_document import verdict_document
+def tuned_document(found: Tuned) -> object:
+    """Return a search, its best design and the verdict on it."""
+    from taction.verification.report.documents.verdict import TuneDocument
 
-    tuning, verdict = found.tuning, found.verdict
-    return {
-        "outcome": found.outcome,
-        "before": tuning.before.summary(),
-        "after": tuning.after.summary(),
-        "resistance": verdict.circuit.value("R"),
-        "lambda": verdict.circuit.value("lambda"),
-        "overshoot_limit": tuning.overshoot_limit,
-        "margin": tuning.margin,
-        "tried": tuning.tried,
-        "ranges": {each.path: [each.low, each.high] for each in tuning.ranges},
-        "at_edges": tuning.at_edges,
-        "frontier": [trial.summary() for trial in tuning.frontier],
-        "verification": verdict_document(verdict),
-    }
+    return TuneDocument.of(found.tuning, found.verdict)
 
 
-def scaled_document(found: Scaled) -> dict[str, Any]:
-    """Return the scalings and the verdict as plain data."""
-    from taction.verification.report.verdict.json_document import load_record, verdict_document
+def scaled_document(found: Scaled) -> object:
+    """Return the scalings and the verdict."""
+    from taction.verification.report.documents.verdict import ScaleDocument
 
-    scaling = found.scaling
-    names = ("unit_conductance", "unit_voltage", "gain", "resistance", "capacitance")
-    return {
-        "outcome": found.outcome,
-        **{name: getattr(scaling, name) for name in names},
-        "lambda": scaling.lam,
-        "matrix_resistors": list(scaling.matrix_ohms),
-        "headroom": [load_record(load) for load in scaling.loads],
-        "notes": list(scaling.notes),
-        "verification": verdict_document(found.verdict),
-    }
+    return ScaleDocument.of(found.scaling, found.verdict)
 
 
 def print_scaled(found: Scaled, console: Console) -> None:
@@ -157,13 +99,14 @@ def print_scaled(found: Scaled, console: Console) -> None:
     console.print(f"{verdict.outcome.value.upper()} (state-space engine)")
 
 
-def fresh_document(found: NewScene) -> dict[str, Any]:
-    """Return a new scene for a matrix as plain data."""
-    fresh = found.fresh
-    if fresh is None or found.scaled is None:
-        return {"file": found.file}
-    head = {"file": found.file, "lambda_rule": fresh.rule, "recognised": list(fresh.notes)}
-    return head | scaled_document(found.scaled)
+def fresh_document(found: NewScene) -> object:
+    """Return a new scene for a matrix."""
+    from taction.verification.report.documents.plain import NewDocument
+    from taction.verification.report.documents.verdict import NewMatrixDocument
+
+    if found.fresh is None or found.scaled is None:
+        return NewDocument(found.file)
+    return NewMatrixDocument.of(found.file, found.fresh, found.scaled.verdict)
 
 
 def print_fresh(found: NewScene, console: Console) -> None:
@@ -176,15 +119,11 @@ def print_fresh(found: NewScene, console: Console) -> None:
         print_scaled(found.scaled, console)
 
 
-def models_document(models: dict[str, OpAmp]) -> dict[str, Any]:
-    """Return the figures of all presets as plain data."""
-    from taction.spice_models.presets import FIGURES
+def models_document(models: dict[str, OpAmp]) -> object:
+    """Return the figures of all presets."""
+    from taction.verification.report.documents.plain import Preset
 
-    names = [name for name in FIGURES if name != "phase_margin"]
-    return {
-        name: {figure: getattr(model, figure) for figure in names} | {"source": model.source}
-        for name, model in models.items()
-    }
+    return {name: Preset.of(model) for name, model in models.items()}
 
 
 def print_models(models: dict[str, OpAmp], console: Console) -> None:
@@ -204,11 +143,11 @@ def print_models(models: dict[str, OpAmp], console: Console) -> None:
     )
 
 
-def opamp_document(found: OpAmpFigures) -> dict[str, Any]:
-    """Return all figures of an op-amp as plain data."""
-    from taction.verification.report.views.opamp import figures_document
+def opamp_document(found: OpAmpFigures) -> object:
+    """Return all figures of an op-amp."""
+    from taction.verification.report.documents.plain import ShowDocument
 
-    return figures_document(found.opamp, found.notes, found.results)
+    return ShowDocument.of(found.opamp, found.notes, found.results)
 
 
 def opamp_view(found: OpAmpFigures) -> Page:
@@ -218,8 +157,8 @@ def opamp_view(found: OpAmpFigures) -> Page:
     return view(found.opamp, found.notes, found.results)
 
 
-def model_document(found: ImportedModel) -> dict[str, Any]:
-    """Return an imported model as plain data, without its netlist."""
+def model_document(found: ImportedModel) -> object:
+    """Return an imported model, without its netlist."""
     return {"file": found.file, **{k: v for k, v in found.model.items() if k != "netlist"}}
 
 
@@ -246,10 +185,9 @@ def print_model(found: ImportedModel, console: Console) -> None:
     console.print(f'in a scene beside it: opamp = {{ file = "{found.file}" }}')
 
 
-def doctor_document(found: Installation) -> dict[str, Any]:
-    """Return what is installed as plain data."""
-    findings = list(found.findings)
-    return {"findings": findings, "ok": all(each["ok"] for each in findings)}
+def doctor_document(found: Installation) -> object:
+    """Return what is installed."""
+    return {"findings": found.findings, "ok": all(each["ok"] for each in found.findings)}
 
 
 def print_doctor(found: Installation, console: Console) -> None:

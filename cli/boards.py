@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -67,19 +67,17 @@ def _verify(call: Call, progress: Callable[[str], None]) -> _Verified:
     remedies = taction.what_to_change(verdict, changes=options["changes"], progress=progress)
     document: dict[str, Any] = {}
     if call.as_json or options["margins"] or options["annotate"]:
-        place = "margins:verdict_document_with_margins"
-        if not options["margins"]:
-            place = "json_document:verdict_document"
-        document = load(f"{REPORT}.verdict.{place}")(verdict)
+        name = "verdict_document" + "_with_margins" * bool(options["margins"])
+        document = load(f"{REPORT}.documents.verdict:{name}")(verdict)
     return _Verified(verdict, remedies, document, options["verbose"])
 
 
-def _verified_document(found: _Verified) -> dict[str, Any]:
-    from taction.verification.report.verdict.remedies import remedies_document
+def _verified_document(found: _Verified) -> object:
+    from taction.verification.report.documents.verdict import WhatToChange
 
     if found.remedies is None:
         return found.document
-    return found.document | {"what_to_change": remedies_document(found.remedies)}
+    return found.document | {"what_to_change": WhatToChange.of(found.remedies)}
 
 
 def _verified_text(found: _Verified, console: Console) -> None:
@@ -110,9 +108,9 @@ def _annotate(documents: Iterable[Mapping[str, Any]], call: Call) -> None:
 
 
 def _annotate_error(error: taction.TactionError, call: Call) -> None:
-    from taction.system.errors import error_document
+    from taction.system.error_document import error_document
 
-    _annotate([{"file": call.options["scenes"][0], **error_document(error)}], call)
+    _annotate([{"file": call.options["scenes"][0], **plain(error_document(error))}], call)
 
 
 def _several(options: Mapping[str, Any]) -> Job | None:
@@ -129,7 +127,7 @@ def _several(options: Mapping[str, Any]) -> Job | None:
 JUNIT = text_file("junit", "Write a JUnit XML report.", f"{REPORT}.junit:files_junit")
 VERIFY_FILES = Job(
     function="verify_files",
-    document=f"{REPORT}.files.table:files_document",
+    document=f"{REPORT}.documents.verdict:VerifyFilesDocument.of",
     text=printed(f"{REPORT}.views.files:view"),
     outputs=(JUNIT,),
     schema="verify-files",
@@ -196,15 +194,17 @@ def _netlist_remarks(found: Netlist, call: Call) -> None:
         click.echo(f"warning: {warning}", err=True)
 
 
-def _netlist_document(found: Netlist) -> dict[str, Any]:
-    return {
-        "files": list(found.written),
-        "deck": None if found.written else found.text,
-        "omissions": [asdict(item) for item in found.circuit.omissions],
-        "pruning": found.pruning and found.pruning.record,
-        "warnings": list(found.warnings),
-        "lambda": found.circuit.value("lambda"),
-    }
+def _netlist_document(found: Netlist) -> object:
+    from taction.verification.report.documents.plain import NetlistDocument, PruningPart
+
+    return NetlistDocument(
+        files=found.written,
+        deck=None if found.written else found.text,
+        omissions=found.circuit.omissions,
+        pruning=None if found.pruning is None else PruningPart.of(found.pruning),
+        warnings=found.warnings,
+        lam=found.circuit.value("lambda"),
+    )
 
 
 def _netlist_text(found: Netlist, console: Console) -> None:
@@ -212,10 +212,10 @@ def _netlist_text(found: Netlist, console: Console) -> None:
         click.echo(found.text, nl=False)
 
 
-def _parts_document(found: PartsList) -> dict[str, Any]:
-    from taction.verification.report.parts_list import parts_document
+def _parts_document(found: PartsList) -> object:
+    from taction.verification.report.documents.plain import BomDocument
 
-    return {"scene": found.scene.name, **parts_document(found.parts, found.power)}
+    return BomDocument.of(found.scene.name, found.parts, found.power)
 
 
 def _parts_view(found: PartsList) -> Page:
@@ -224,14 +224,12 @@ def _parts_view(found: PartsList) -> Page:
     return view(found.scene.name, found.parts, found.power)
 
 
-def _kicad_document(found: KicadProject) -> dict[str, Any]:
-    return {
-        "scene": found.scene.name,
-        "files": list(found.written),
-        "channel": found.project.channel,
-        "row": found.project.row,
-        "not_drawn": list(found.project.not_drawn),
-    }
+def _kicad_document(found: KicadProject) -> object:
+    from taction.system.documents import taken
+    from taction.verification.report.documents.plain import KicadDocument
+
+    scene = found.scene.name
+    return taken(KicadDocument, found.project, scene=scene, files=found.written)
 
 
 def _kicad_remarks(found: KicadProject, call: Call) -> None:
@@ -317,7 +315,7 @@ SOLVE = Command(
     line="Solve the problem numerically, with a certificate.",
     job=Job(
         function="solve",
-        document="cli.answers:solution_document",
+        document=f"{REPORT}.documents.plain:SolveDocument.of",
         text="cli.answers:print_solution",
     ),
     parameters=(SCENE,),

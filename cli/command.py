@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import operator
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -25,7 +26,7 @@ ENGINES = ("auto", "ngspice", "statespace")
 GRID_ENGINES = ("both", "hybrid")
 
 Target = str | Callable[..., Any]
-"""A function, or its place below `taction`: "verification.report.onset.tables:print_onset"."""
+"""A function, or its place below `taction`: "verification.report.views.onset:view"."""
 
 
 def load(target: Target) -> Callable[..., Any]:
@@ -33,7 +34,8 @@ def load(target: Target) -> Callable[..., Any]:
     if callable(target):
         return target
     module, name = target.split(":")
-    function: Callable[..., Any] = getattr(importlib.import_module(f"taction.{module}"), name)
+    found = importlib.import_module(f"taction.{module}")
+    function: Callable[..., Any] = operator.attrgetter(name)(found)
     return function
 
 
@@ -215,7 +217,7 @@ class Job:
     function : str
         Its name in `taction`.
     document : Target
-        Takes the result and returns plain data, or the parts of a long document.
+        Takes the result and returns its document, or an iterator of the parts of a long one.
     text : Target
         Takes the result and the console, and prints.
     outputs : tuple of Output

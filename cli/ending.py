@@ -20,13 +20,12 @@ import click
 
 from taction.cli.running import STATUS
 from taction.cli.terminal import print_json
+from taction.system.error_document import error_document, plain_error
 from taction.system.errors import (
     INTERRUPTED,
     Interrupted,
     NoVerdictError,
     TactionError,
-    error_document,
-    plain_error,
 )
 
 CLOSED_PIPE = 141  # as a shell says of a program that SIGPIPE ended

@@ -107,12 +107,17 @@ def reference(main: click.Group) -> dict[str, Any]:
     `fields` says for every field of a document its unit and the schemas that have it.
     """
     from taction.netlist_gen.scene.scene import scene_type
-    from taction.verification.report.schemas.catalogue import MODELS, fields, schema
-    from taction.verification.report.schemas.head import document_head, schema_name
+    from taction.verification.report.documents.catalogue import (
+        MODELS,
+        document_head,
+        fields,
+        schema,
+        schema_name,
+    )
 
     with main.make_context("taction", [], resilient_parsing=True) as context:
         commands = list(_commands(main, context))
-    return document_head("help", {}) | {
+    return document_head("help") | {
         "program": "taction",
         "usage": "taction COMMAND [OPTIONS] [ARGUMENTS]; --json: one document on stdout",
         "commands": commands,
@@ -127,8 +132,7 @@ def reference(main: click.Group) -> dict[str, Any]:
 
 
 def _commands(group: click.Group, context: click.Context) -> Iterator[dict[str, Any]]:
-    from taction.verification.report.schemas.catalogue import MODELS
-    from taction.verification.report.schemas.head import ERROR, schema_name
+    from taction.verification.report.documents.catalogue import ERROR, MODELS, schema_name
 
     for short in group.list_commands(context):
         command = group.get_command(context, short)

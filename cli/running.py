@@ -155,7 +155,7 @@ def _show(job: Job, result: Any, call: Call) -> None:
         load(job.text)(result, console())
         return
     document = load(job.document)(result)
-    if isinstance(document, Mapping):
+    if not isinstance(document, Iterator):
         print_json(document, "" if job.schema is None else job.schema or None)
         return
     for part in document:

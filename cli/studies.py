@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -32,7 +31,6 @@ from taction.cli.command import (
     text_file,
 )
 from taction.cli.terminal import say
-from taction.system.documents import plain
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -44,12 +42,14 @@ if TYPE_CHECKING:
     from taction.verification.studies.work_precision.study import WorkPrecisionStudy
 
 REPORT = "verification.report"
-DIRECTION = ("channel", "sign", "predicted", "solved", "largest", "deviations")  # in JSON
 
 
-def _yield_document(found: YieldReport) -> dict[str, Any]:
-    head = {"scene": found.scene.name, "engine": found.scene.analysis.engine, "seed": found.seed}
-    return head | {"complete": found.complete} | asdict(found.study)
+def _yield_document(found: YieldReport) -> object:
+    from taction.verification.report.documents.studies import MontecarloDocument
+
+    scene = found.scene
+    known = scene.name, scene.analysis.engine, found.seed, found.complete
+    return MontecarloDocument(*known, found.study)
 
 
 def _yield_view(found: YieldReport) -> Page:
@@ -58,12 +58,12 @@ def _yield_view(found: YieldReport) -> Page:
     return view(found.scene, found, found.boards, found.seed)
 
 
-def _sample_document(found: VerifiedSample) -> dict[str, Any]:
-    from taction.verification.report.verdict.json_document import verdict_document
+def _sample_document(found: VerifiedSample) -> object:
+    from taction.verification.report.documents.studies import SampleDocument
+    from taction.verification.report.documents.verdict import VerdictBody
 
-    sample, deviations = plain(found.sample), dict(found.deviations)
-    head = {"seed": found.seed, "sample": sample, "deviations": deviations}
-    return head | verdict_document(found.verdict)
+    deviations, body = dict(found.deviations), VerdictBody.of(found.verdict)
+    return SampleDocument(found.seed, found.sample, deviations, body)
 
 
 def _sample_text(found: VerifiedSample, console: Console) -> None:
@@ -114,10 +114,10 @@ MONTECARLO = Command(
 )
 
 
-def _corners_document(found: CornerStudy) -> dict[str, Any]:
-    directions = [{name: getattr(d, name) for name in DIRECTION} for d in found.directions]
-    corners = [plain(corner) for corner in found.corners]
-    return {"scene": found.scene.name, "corners": corners, "directions": directions}
+def _corners_document(found: CornerStudy) -> object:
+    from taction.verification.report.documents.studies import CornersDocument
+
+    return CornersDocument(found.scene.name, found.corners, found.directions)
 
 
 def _corners_view(found: CornerStudy) -> Page:
@@ -203,10 +203,10 @@ def _is_plain(text: str | None) -> bool:
         return False
 
 
-def _choice_document(found: Choice) -> dict[str, Any]:
-    from taction.verification.report.choose.tables import choice_document
+def _choice_document(found: Choice) -> object:
+    from taction.verification.report.documents.studies import ChooseDocument
 
-    return choice_document(found.designs, found.best, found.confirmations, found.written)
+    return ChooseDocument.of(found.designs, found.best, found.confirmations, found.written)
 
 
 def _choice_view(found: Choice) -> Page:
@@ -291,7 +291,7 @@ ONSET = Command(
     line="Find every stability crossing over a range.",
     job=Job(
         function="onset",
-        document=f"{REPORT}.onset.tables:onset_document",
+        document=f"{REPORT}.documents.studies:OnsetDocument.of",
         text=printed(f"{REPORT}.views.onset:view"),
         outputs=shown(f"{REPORT}.views.onset:view", "the pole map and the root locus"),
         before=_ask_axis,
@@ -400,7 +400,7 @@ REGRESS = Command(
     line="Compare a folder of scenes with a stored baseline, for CI.",
     job=Job(
         function="regress",
-        document=f"{REPORT}.regression.text:regression_document",
+        document=f"{REPORT}.documents.studies:RegressDocument.of",
         text=printed(REGRESSION),
         outputs=(
             text_file("junit", "Write a JUnit XML report.", f"{REPORT}.junit:regression_junit"),
@@ -426,7 +426,7 @@ STRESS = Command(
     line="Run stiff and extreme scenes whose results are known.",
     job=Job(
         function="stress",
-        document=f"{REPORT}.stress.report:stress_document",
+        document=f"{REPORT}.documents.studies:StressDocument.of",
         text=printed(f"{REPORT}.views.stress:view"),
         outputs=(
             text_file("junit", "Write a JUnit XML report.", f"{REPORT}.junit:stress_junit"),
@@ -447,7 +447,7 @@ ACCURACY = Command(
     line="Compare error and run time of engines and methods.",
     job=Job(
         function="accuracy",
-        document=f"{REPORT}.work_precision.tables:accuracy_document",
+        document=f"{REPORT}.documents.studies:AccuracyDocument.of",
         text=printed(f"{REPORT}.views.accuracy:view"),
         outputs=shown(f"{REPORT}.views.accuracy:view", "error against run time"),
         after=_say_unknown,
@@ -477,7 +477,7 @@ REPRODUCE = Command(
     line="Test the paper, claim by claim and figure by figure.",
     job=Job(
         function="reproduce",
-        document=f"{REPORT}.paper.report:paper_document",
+        document=f"{REPORT}.documents.studies:ReproduceDocument.of",
         text=printed(f"{REPORT}.views.paper:view"),
         before=_make_folder,
         files=_write_paper,

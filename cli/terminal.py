@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -35,7 +35,7 @@ def console(*, stderr: bool = False) -> Console:
     return Terminal(stderr=stderr)
 
 
-def print_json(document: Mapping[str, Any], schema: str | None = None) -> None:
+def print_json(document: object, schema: str | None = None) -> None:
     """Print one JSON document on stdout; NaN and infinities become null.
 
     Its field `taction` says what made it. `schema` is the name of its schema, by default that of
@@ -43,38 +43,16 @@ def print_json(document: Mapping[str, Any], schema: str | None = None) -> None:
     """
     import json
 
+    from taction.system.documents import plain
+
     context = click.get_current_context(silent=True)
     path = context.command_path.split()[1:] if context else []  # without the name of the program
     name = "-".join(path) if schema is None else schema
     if name:
-        from taction.verification.report.schemas.head import document_head
+        from taction.verification.report.documents.catalogue import document_head
 
-        document = document_head(name, document) | dict(document)
+        document = {**document_head(name), **plain(document)}
     click.echo(json.dumps(plain(document), indent=2, ensure_ascii=False, allow_nan=False))
-
-
-def plain(value: Any) -> Any:
-    """Return `value` in the types of JSON: arrays as lists, NaN and infinities as None."""
-    import enum
-    import math
-
-    from taction.system.output_files import printable
-
-    if isinstance(value, enum.Enum):
-        return value.value
-    if isinstance(value, dict):
-        return {plain(str(key)): plain(item) for key, item in value.items()}
-    if isinstance(value, str):
-        return printable(value)
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    if isinstance(value, complex):
-        return [plain(value.real), plain(value.imag)]
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if hasattr(value, "tolist"):
-        return plain(value.tolist())
-    return value
 
 
 class SparseLines:

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from taction.verification.report.schemas.catalogue import schemas
+from taction.verification.report.documents.catalogue import schemas
 
 FOLDER = Path(__file__).resolve().parent.parent / "docs" / "schemas"
 

@@ -5,8 +5,8 @@ the type follow the plain data of a document (`plain`), the way back (`read`), t
 (`schema`) and the unit of every name (`units`). Numbers that are not finite are null.
 
 What else an annotation may carry: `Key`, another name in the document; `INLINE`, the parts of the
-field stand beside it in the document; `HIDDEN`, the field is not part of it. The class variable
-``SHOWN`` names properties that are part of it.
+field stand beside it in the document; `HIDDEN`, the field is not part of it; `OPTIONAL`, it is part
+of it only where it is not None. The class variable ``SHOWN`` names properties that are part of it.
 """
 
 from __future__ import annotations
@@ -63,6 +63,7 @@ class Note:
 
 INLINE = Inline()
 HIDDEN = object()
+OPTIONAL = object()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -98,7 +99,7 @@ def _part(name: str, inner: Any, notes: tuple[Any, ...]) -> Part:
     text = next((note.text for note in notes if isinstance(note, Note)), "")
     unit = next((note for note in notes if isinstance(note, str)), "")
     inline = next((note for note in notes if isinstance(note, Inline)), None)
-    return Part(name, key, inner, unit, text, inline, required=True)
+    return Part(name, key, inner, unit, text, inline, OPTIONAL not in notes)
 
 
 def _unwrapped(hint: Any) -> tuple[Any, tuple[Any, ...]]:
@@ -146,6 +147,8 @@ def _plain_parts(value: Any, sparse: bool) -> dict[str, Any]:
         if sparse and part.attribute in getattr(kind, "SHOWN", ()):
             continue
         item = plain(getattr(value, part.attribute), sparse=sparse)
+        if item is None and not part.required:
+            continue
         if part.inline is None:
             found[part.key] = item
         elif item is not None:
@@ -153,6 +156,18 @@ def _plain_parts(value: Any, sparse: bool) -> dict[str, Any]:
     if sparse:
         return {key: item for key, item in found.items() if item not in (None, "", [], {})}
     return found
+
+
+def taken(kind: type[T], source: object, **others: Any) -> T:
+    """Return a value of a type from the attributes of `source` of the same names.
+
+    `others` are the fields that `source` does not have, or has in another form.
+    """
+    fields = dataclasses.fields(kind)  # type: ignore[arg-type]
+    names = [field.name for field in fields if field.name not in others]
+    return kind(
+        **{name: getattr(source, name) for name in names if hasattr(source, name)}, **others
+    )
 
 
 def read(kind: type[T], data: Any) -> T:
@@ -323,7 +338,7 @@ def _object(kind: type, shared: dict[str, Any]) -> dict[str, Any]:
             made = _schema(part.kind, shared)
             more = {"unit": part.unit} if part.unit else {}
             properties[part.key] = made | more | ({"description": part.note} if part.note else {})
-            required.append(part.key)
+            required += [part.key] * part.required
         elif part.inline.units:
             for name, unit in part.inline.units.items():
                 properties[name] = {"type": ["number", "null"]} | ({"unit": unit} if unit else {})
@@ -343,16 +358,15 @@ def _inner_class(kind: Any) -> type:
 
 
 def units(kind: Any) -> dict[str, str]:
-    """Return the unit of every name in the documents of a type; by path where a name has two."""
-    found: dict[str, set[tuple[str, str]]] = {}
-    for inside, name, unit in _units(schema(kind), "", schema(kind).get("$defs", {}), frozenset()):
-        found.setdefault(name, set()).add((unit, inside))
-    plain_names = {name: pairs for name, pairs in found.items() if len({u for u, _ in pairs}) == 1}
-    result = {name: next(iter(pairs))[0] for name, pairs in plain_names.items()}
-    for name, pairs in found.items():
-        if name not in result:
-            result |= {f"{inside}.{name}".lstrip("."): unit for unit, inside in pairs}
-    return dict(sorted((name, unit) for name, unit in result.items() if unit))
+    """Return the unit of every name in the documents of a type.
+
+    Where a name has several units, the first is by the name, the others are by the path.
+    """
+    made, found = schema(kind), dict[str, str]()
+    for inside, name, unit in _units(made, "", made.get("$defs", {}), frozenset()):
+        if found.setdefault(name, unit) != unit:
+            found[f"{inside}.{name}".lstrip(".")] = unit
+    return dict(sorted(found.items()))
 
 
 def _units(

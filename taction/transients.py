@@ -248,11 +248,11 @@ def verify_files(
 
     describe: Callable[..., dict[str, Any]]
     if margins:
-        from taction.verification.report.verdict.margins import (
+        from taction.verification.report.documents.verdict import (
             verdict_document_with_margins as describe,
         )
     else:
-        from taction.verification.report.verdict.json_document import verdict_document as describe
+        from taction.verification.report.documents.verdict import verdict_document as describe
     files = scene_files([str(name) for name in scenes], exclude)
     found = verify_each(files, describe, engine=engine, jobs=jobs, progress=progress)
     if found.interrupted:
@@ -343,7 +343,7 @@ def diff(
     0
     """
     from taction.verdict import Verdict
-    from taction.verification.report.verdict.json_document import verdict_document
+    from taction.verification.report.documents.verdict import verdict_document
     from taction.verification.studies.difference import compare_verdicts, stored_verdict
 
     def document(one: str | Path | Scene | Verdict) -> dict[str, Any]:

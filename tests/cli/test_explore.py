@@ -11,8 +11,8 @@ import jsonschema
 import pytest
 
 import taction
+from taction.verification.report.documents.catalogue import schema
 from taction.verification.report.explorer import server
-from taction.verification.report.schemas.catalogue import schema
 from tests.support.entries import write_fast
 from tests.support.running import document
 from tests.support.running import taction as run

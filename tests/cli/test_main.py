@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taction.cli import terminal
 from taction.cli.main import COMMANDS
 from tests.support.making import write_matrix_scene
 from tests.support.paths import SCENES
@@ -269,11 +268,6 @@ def test_as_a_process(tmp_path: Path) -> None:
     assert done.returncode == 2
     assert json.loads(done.stdout)["error"]["file"] == "missing.toml"
     assert done.stderr.startswith("taction: missing.toml: file: No such file")
-
-
-def test_plain_values() -> None:
-    given = {"a": np.float64(1.5), "b": np.array([1.0, np.inf]), "c": 1 + 2j, 4: (True, None)}
-    assert terminal.plain(given) == {"a": 1.5, "b": [1.0, None], "c": [1.0, 2.0], "4": [True, None]}
 
 
 def test_an_output_does_not_overwrite_an_input(tmp_path: Path) -> None:

@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from taction.cli.terminal import plain
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import Scene, load_scene
+from taction.system.documents import plain
 from taction.verification.engines.ngspice.screening import screen
 from taction.verification.reference.ideal_answer import resolve_lambda
+from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.renderers.terminal import page_text
-from taction.verification.report.verdict.json_document import verdict_document
 from taction.verification.report.views.verdict import view
 from taction.verification.studies.regression.baseline import baseline_text, observe
 from taction.verification.verdict.deck import deck_of

@@ -26,7 +26,7 @@ from taction.system.errors import InputError
 from taction.verification.engines.statespace.equations.amplifier_gains import GAINS
 from taction.verification.reference.doubledouble import DoubleDouble
 from taction.verification.reference.regularisers import REGULARISERS
-from taction.verification.report.schemas.catalogue import schema
+from taction.verification.report.documents.catalogue import schema
 from tests.support.paths import ROOT
 from tests.support.plugins import environment, recipe
 from tests.support.running import document, taction

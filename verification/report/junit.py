@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any, Literal
 from xml.etree import ElementTree as ET
 
+from taction.system.documents import plain
 from taction.verification.evidence.stress.catalogue import FOLDER
 from taction.verification.evidence.stress.run import CaseRun, Judgement, StressReport
 from taction.verification.report.tables import value_text
-from taction.verification.report.verdict.json_document import check_record
 from taction.verification.report.views.regression import change_line, remarks
 from taction.verification.studies.regression.run import RegressionReport, SceneResult, Status
 from taction.verification.studies.verify_files import NOT_RUN, VerifiedFiles
@@ -176,7 +176,7 @@ def _scene_tests(result: SceneResult, *, updated: bool) -> Iterator[JUnitTest]:
         end: End = "skipped" if accepted else WITHOUT_VERDICT[result.status]
         yield JUnitTest("verify", end, f"{result.status.value}: {result.reason}", result.reason)
         return
-    yield from (_check_test(check_record(check)) for check in result.checks)
+    yield from (_check_test(plain(check)) for check in result.checks)
     if result.baseline is None:
         yield JUnitTest("baseline", "skipped", "new: not in the baseline")
         return

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from taction.system.errors import INTERRUPTED, NoVerdictError, TactionError, error_document
+from taction.system.documents import plain
+from taction.system.error_document import error_document
+from taction.system.errors import INTERRUPTED, NoVerdictError, TactionError
 from taction.system.output_files import printable
 from taction.verification.reference.ideal_answer import read_scene
 from taction.verification.studies.running.collecting import for_each_file
@@ -90,4 +92,4 @@ def _document(path: Path, found: dict[str, Any] | BaseException | None) -> dict[
 
 
 def _without_verdict(path: Path, error: TactionError) -> dict[str, Any]:
-    return {"file": printable(str(path)), **error_document(error)}
+    return {"file": printable(str(path)), **plain(error_document(error))}

@@ -13,13 +13,14 @@ from taction.cli.main import main
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import Point, with_values
 from taction.netlist_gen.scene.scene import Scene, load_scene
+from taction.system.documents import plain
 from taction.verification.design.remedies import Remedies, find_remedies
 from taction.verification.design.stable_ranges import stable_ranges
 from taction.verification.design.trials import Trials
 from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.report.documents.verdict import WhatToChange
 from taction.verification.report.verdict.remedies import (
     distance_text,
-    remedies_document,
     remedies_text,
 )
 from taction.verification.stability.poles import count_unstable
@@ -195,6 +196,6 @@ def test_margins_of_an_unstable_board(tmp_path: Path) -> None:
 
 def test_the_document_has_values_for_a_scene() -> None:
     scene, found = unstable()
-    document = remedies_document(found)
+    document = plain(WhatToChange.of(found))
     assert document["changes"][0]["verified"]
     assert with_values(scene, document["changes"][0]["values"]).design.capacitance < 1e-11

@@ -26,7 +26,7 @@ from taction.verification.engines.ngspice.process import find_simulator
 from taction.verification.engines.ngspice.process import simulate as by_ngspice
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients.simulate import simulate as by_state_space
-from taction.verification.report.verdict.json_document import verdict_document
+from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.deck import deck_of
 from taction.verification.verdict.design import design_board

@@ -16,7 +16,7 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.verification.report.blocks import Table
-from taction.verification.report.verdict.json_document import budget_record, verdict_document
+from taction.verification.report.documents.verdict import budget_parts, verdict_document
 from taction.verification.report.views.verdict import budget_blocks
 from taction.verification.verdict.error_budget import ErrorBudget, ErrorChain, ErrorPart
 from taction.verification.verdict.verify import Verdict, verify
@@ -257,4 +257,4 @@ def test_table_and_document_have_every_part_the_sum_and_the_total() -> None:
 
 def test_a_budget_without_details_is_empty() -> None:
     assert budget_blocks(replace(judged("linear"), budget=ErrorBudget())) == ()
-    assert budget_record(ErrorBudget()) == {}
+    assert budget_parts(ErrorBudget()) == {}

@@ -16,8 +16,8 @@ from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.system.errors import InputError
 from taction.verification.engines.ngspice.process import find_simulator, simulate
+from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.renderers.terminal import page_text
-from taction.verification.report.verdict.json_document import verdict_document
 from taction.verification.report.views.verdict import view
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.design import design_board

@@ -21,8 +21,8 @@ from taction.verification.engines.ngspice.process import find_simulator, start
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.output_noise import output_noise
 from taction.verification.reference.ideal_answer import resolve_lambda
+from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.renderers.terminal import page_text
-from taction.verification.report.verdict.json_document import verdict_document
 from taction.verification.report.views.verdict import view
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.output_noise import STEP, OutputNoise, noise_bands

@@ -13,7 +13,7 @@ import taction
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
-from taction.verification.report.verdict.json_document import verdict_document
+from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.verdict.error_budget import ErrorPart
 from taction.verification.verdict.pruning import pruning_of
 from tests.support.making import make_scene, write_matrix_scene

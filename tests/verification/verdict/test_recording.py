@@ -17,7 +17,7 @@ from taction.system.errors import EngineError, InputError
 from taction.verification.engines.statespace.transients import simulate
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer
-from taction.verification.report.verdict.json_document import verdict_document
+from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.verdict import bounded_measures, companion, recording, transient_plan
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.companion import Companion

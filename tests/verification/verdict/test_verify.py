@@ -16,8 +16,8 @@ from taction.system.errors import SimulatorNotFound, TimedOut
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.readings.settling import ChannelState
 from taction.verification.reference.ideal_answer import IdealAnswer
+from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.renderers.terminal import page_text
-from taction.verification.report.verdict.json_document import verdict_document
 from taction.verification.report.views.verdict import view
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.verify import Verdict, verify

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import importlib.util
 from pathlib import Path
-from typing import Any
 
 from taction.system.atomic_files import write_atomically
 from taction.system.errors import Complaint, InputError
-from taction.verification.evidence.paper.reproduce import Judged, Reproduction
+from taction.verification.evidence.paper.reproduce import Reproduction
 from taction.verification.report.blocks import TERMINAL
 from taction.verification.report.renderers.markdown import line, markdown
 from taction.verification.report.renderers.page import PACKAGES, write_page
@@ -18,35 +17,6 @@ from taction.verification.studies.running.versions import describe_machine
 
 MARKDOWN, HTML = "paper.md", "paper.html"
 PAGES = (MARKDOWN, HTML)
-
-
-def paper_document(result: Reproduction) -> dict[str, Any]:
-    """Return `result` as plain data, SI base units."""
-    return {
-        "outcome": result.outcome,
-        "quick": result.quick,
-        "seconds": result.seconds,
-        "machine": describe_machine(),
-        "claims": [_record(each) for each in result.judged],
-        "left_out": [claim.id for claim in result.left_out],
-        "chapters": [{"title": s.title, "seconds": s.seconds} for s in result.sections],
-    }
-
-
-def _record(each: Judged) -> dict[str, Any]:
-    claim, finding = each.claim, each.finding
-    return {
-        "id": claim.id,
-        "claim": claim.claim,
-        "place": claim.place,
-        "run": finding.run,
-        "printed": claim.printed,
-        "ours": finding.ours,
-        "verdict": finding.outcome.value,
-        "expected": claim.expected.value,
-        "as_expected": each.as_expected,
-        "values": finding.values,
-    }
 
 
 def check_report_folder(folder: str) -> None:

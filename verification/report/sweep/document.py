@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 from collections.abc import Iterator
-from dataclasses import asdict
-from typing import Any
 
-from taction.netlist_gen.scene.axes import Axis
 from taction.netlist_gen.scene.scene import Scene
+from taction.system.documents import plain
 from taction.system.reading_definitions import EXCURSIONS
-from taction.verification.report.schemas.head import document_head
+from taction.verification.report.documents.catalogue import document_head
+from taction.verification.report.documents.studies import AgreementPart, AxisPart, SweepDocument
 from taction.verification.report.sweep.agreement import summarise
 from taction.verification.report.sweep.records import records
 from taction.verification.studies.store import Store
@@ -28,39 +26,26 @@ def columns_of(scene: Scene) -> tuple[str, ...]:
 
 def document_parts(plan: Plan, store: Store, count: SweepCounts, seconds: float) -> Iterator[str]:
     """Yield the JSON document in pieces, since it may be larger than the memory."""
-    head = {
-        "scene": plan.scene.name,
-        "file": str(plan.scene.file),
-        "database": store.path,
-        "axes": [axis_record(axis, k) for k, group in enumerate(plan.groups) for axis in group],
-        "engines": list(plan.engines),
-        "total": count.total,
-        "done": count.done,
-        "ran": count.ran,
-        "outcomes": dict(count.outcomes),
-        "agreement": asdict(summarise(plan, store)) if len(plan.engines) > 1 else None,
-        "seconds": seconds,
-        "estimated_seconds": count.estimate,
-    }
-    units = document_head(
-        "sweep", {**head, "points": list(itertools.islice(records(plan, store), 1))}
+    made = SweepDocument(
+        scene=plan.scene.name,
+        file=str(plan.scene.file),
+        database=store.path,
+        axes=tuple(AxisPart.of(a, k) for k, group in enumerate(plan.groups) for a in group),
+        engines=plan.engines,
+        total=count.total,
+        done=count.done,
+        ran=count.ran,
+        outcomes=dict(count.outcomes),
+        agreement=AgreementPart.of(summarise(plan, store)) if len(plan.engines) > 1 else None,
+        seconds=seconds,
+        estimated_seconds=count.estimate,
     )
-    yield json.dumps(units | head, indent=2, ensure_ascii=False, allow_nan=False)[:-2]
+    head = document_head("sweep") | plain(made)
+    del head["points"]
+    yield json.dumps(head, indent=2, ensure_ascii=False, allow_nan=False)[:-2]
     yield ',\n  "points": ['
     between = "\n    "
     for record in records(plan, store):
         yield between + json.dumps(record, ensure_ascii=False, allow_nan=False)
         between = ",\n    "
     yield "\n  ]\n}\n"
-
-
-def axis_record(axis: Axis, group: int) -> dict[str, Any]:
-    """Return an axis as plain data; axes of the same `group` change together."""
-    return {
-        "name": axis.name,
-        "key": axis.key.path,
-        "unit": axis.key.unit,
-        "scale": axis.scale,
-        "group": group,
-        "values": list(axis.values),
-    }

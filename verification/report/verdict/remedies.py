@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict
-from typing import Any
+from collections.abc import Iterator, Sequence
 
 from taction.netlist_gen.scene.keys import SYMBOLS, Value, find_key
 from taction.netlist_gen.scene.scene import Scene
@@ -113,30 +111,3 @@ def name_of(path: str) -> str:
 
 def _words(names: Sequence[str]) -> list[str]:
     return [name.replace("_", " ") for name in names]
-
-
-def remedies_document(remedies: Remedies) -> dict[str, Any]:
-    """Return the changes as plain data; `changes` holds values for the scene, in base units."""
-    return {
-        "failed": list(remedies.failed),
-        "stable_ranges": {each.path: range_record(each) for each in remedies.stability},
-        "stable_opamps": list(remedies.opamps),
-        "changes": [
-            asdict(change) | {"verified": not change.left, "engine": "statespace"}
-            for change in remedies.changes
-        ],
-        "without": [
-            {"keys": list(each.paths), "from": each.least, "to": each.most}
-            for each in remedies.without
-        ],
-        "not_searched": [list(paths) for paths in remedies.cut],
-        "unmendable": list(remedies.unmendable),
-        "trials": remedies.trials,
-        "time_limit": remedies.limit,
-    }
-
-
-def range_record(found: StableRange) -> Mapping[str, Any]:
-    """Return a stable range as plain data."""
-    known = {"edge": found.edge, "factor": found.factor}
-    return asdict(found) | known | {"text": distance_text(found), "doubt": ""}

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import hashlib
+from dataclasses import dataclass
 from operator import attrgetter
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from taction.netlist_gen.board.opamp_choice import choose_opamp
-from taction.netlist_gen.scene.keys import Key, all_keys, own_value
+from taction.netlist_gen.scene.keys import Key, Value, all_keys, own_value
 from taction.netlist_gen.scene.scene import Scene
+from taction.system.documents import OPTIONAL
 from taction.system.errors import TactionError
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 from taction.system.output_files import printable
@@ -18,7 +20,16 @@ from taction.verification.studies.running.digests import files_of
 from taction.verification.verdict.record import finite
 
 
-def scene_keys(scene: Scene) -> dict[str, dict[str, Any]]:
+@dataclass(frozen=True, slots=True)
+class KeyValue:
+    """A key of the scene in base units; a file has the SHA-256 of its content."""
+
+    value: Value | None
+    unit: str | None
+    sha256: Annotated[str | None, OPTIONAL] = None
+
+
+def scene_keys(scene: Scene) -> dict[str, KeyValue]:
     """Return the value and the unit of each key by its path, as a scene file has it.
 
     A file has the SHA-256 of its content beside its name, so that two scenes with the same name in
@@ -29,16 +40,15 @@ def scene_keys(scene: Scene) -> dict[str, dict[str, Any]]:
     >>> from taction.netlist_gen.scene.scene import load_scene
     >>> keys = scene_keys(load_scene("scenes/paper-breadboard.toml"))
     >>> keys["design.opamp.gbw"]
-    {'value': 718000.0, 'unit': 'Hz'}
+    KeyValue(value=718000.0, unit='Hz', sha256=None)
     """
     files = files_of(scene)
-    record: dict[str, dict[str, Any]] = {}
+    found = {}
     for key in all_keys(scene):
-        entry: dict[str, Any] = {"value": _value(scene, key), "unit": key.unit or None}
-        if files.get(key.path) is not None:
-            entry["sha256"] = _content(scene, files[key.path])
-        record[key.path] = entry
-    return record
+        file = files.get(key.path)
+        content = None if file is None else _content(scene, file)
+        found[key.path] = KeyValue(_value(scene, key), key.unit or None, content)
+    return found
 
 
 def _value(scene: Scene, key: Key) -> Any:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -136,26 +135,6 @@ def stated_figures(opamp: OpAmp) -> dict[str, float]:
     }
     values = {name: own.get(name, getattr(opamp, name, math.inf)) for name in TITLES}
     return {name: value for name, value in values.items() if value not in ABSENT}
-
-
-def figures_document(opamp: OpAmp, notes: Mapping[str, str], results: Results) -> dict[str, Any]:
-    """Return everything as plain data for JSON, SI base units."""
-    measured: dict[str, dict[str, Any]] = {}
-    for witness, found in results.items():
-        for figure in found:
-            entry = measured.setdefault(figure.name, {"unit": figure.unit, "stated": figure.stated})
-            entry[witness] = figure.value
-    return {
-        "name": opamp.name,
-        "source": opamp.source,
-        "external_part": opamp.external_part,
-        "figures": {
-            name: {"value": value, "unit": TITLES[name][1], "note": notes.get(name, "")}
-            for name, value in stated_figures(opamp).items()
-        },
-        "supply": supply_of(opamp),
-        "measured": measured,
-    }
 
 
 def _rows(opamp: OpAmp, notes: Mapping[str, str], results: Results) -> Iterator[tuple[Cell, ...]]:

@@ -8,11 +8,13 @@ says: ``e_n + sum_p |S_pn|``. That corner is solved, too, and both numbers stand
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from taction.netlist_gen.board.variation import vary
 from taction.system.array_types import Floats
+from taction.system.documents import HIDDEN
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.studies.tolerance.rest_slopes import largest_parts, rest_slopes
 from taction.verification.studies.tolerance.varied_board import VariedBoard
@@ -48,7 +50,7 @@ class Direction:
     solved: float
     largest: tuple[str, ...]
     deviations: dict[str, float]
-    slopes: Floats
+    slopes: Annotated[Floats, HIDDEN]
 
     @property
     def corner(self) -> Floats:

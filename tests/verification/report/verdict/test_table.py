@@ -12,15 +12,15 @@ import pytest
 
 from taction.netlist_gen.board.circuit import Output
 from taction.netlist_gen.scene.scene import load_scene
+from taction.system.documents import plain
 from taction.system.errors import InputError
 from taction.system.picture import time_unit
 from taction.verification.engines.ngspice.raw_file import read_raw
 from taction.verification.readings.readings import Reading
-from taction.verification.report.renderers.picture import draw_page
-from taction.verification.report.verdict.json_document import (
-    channel_record,
+from taction.verification.report.documents.verdict import (
     verdict_document,
 )
+from taction.verification.report.renderers.picture import draw_page
 from taction.verification.report.verdict.waveform_files import check_export, export
 from taction.verification.report.views.verdict import view
 from taction.verification.verdict.record import Channel, finite
@@ -80,7 +80,7 @@ def test_a_document_is_plain_and_counts_channels_from_one() -> None:
     assert document["engine"] == document["simulator"] == "statespace"
     assert (document["solver"], document["method"]) == (None, "exact")
     assert document["error_budget"]["opamps"]["unit"] == "V"
-    fragile = channel_record(Channel.of(channel(rise_time=Reading(1e-5, 0.0, True, 4e-6))))
+    fragile = plain(Channel.of(channel(rise_time=Reading(1e-5, 0.0, True, 4e-6))))
     assert (fragile["fragile"], fragile["alternatives"]) == (True, {"rise_time": 4e-6})
     assert finite(None) is None
     assert finite(Reading(float("nan"), 0.0)) is None

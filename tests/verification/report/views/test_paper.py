@@ -8,12 +8,14 @@ from pathlib import Path
 
 import pytest
 
+from taction.system.documents import plain
 from taction.verification.evidence.paper import reproduce
 from taction.verification.evidence.paper.findings import Chapter, ClaimOutcome, Finding, load_claims
 from taction.verification.evidence.paper.pictures import Panel, Picture, curve
 from taction.verification.evidence.paper.reproduce import Task
 from taction.verification.report.charts import SERIES, Curve
-from taction.verification.report.paper.report import paper_document, write_paper
+from taction.verification.report.documents.studies import ReproduceDocument
+from taction.verification.report.paper.report import write_paper
 from taction.verification.report.views.paper import panel_chart
 from tests.support.running import document, taction
 
@@ -117,6 +119,6 @@ def test_a_folder_that_cannot_be_made_is_refused_before_any_work(tmp_path: Path)
 
 @pytest.mark.usefixtures("short")
 def test_the_document_names_verdict_and_expectation() -> None:
-    found = paper_document(reproduce.reproduce(quick=True))
+    found = plain(ReproduceDocument.of(reproduce.reproduce(quick=True)))
     assert found["quick"] is True
     assert all(each["as_expected"] for each in found["claims"])

@@ -8,15 +8,15 @@ import math
 import pytest
 from lxml import etree
 
-from taction.cli.terminal import plain
+from taction.system.documents import plain
 from taction.verification.evidence.stress.catalogue import load_catalogue, select
 from taction.verification.evidence.stress.compare import Comparison
 from taction.verification.evidence.stress.run import CaseRun, Judgement, StressReport
 from taction.verification.report.blocks import TERMINAL, Table
+from taction.verification.report.documents.studies import StressDocument
 from taction.verification.report.junit import stress_junit
 from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.stress.page import stress_page
-from taction.verification.report.stress.report import stress_document
 from taction.verification.report.views.stress import TITLES, view
 from taction.verification.verdict.checks import Check, Outcome
 from tests.support.paths import DATA, ROOT
@@ -80,7 +80,7 @@ def test_the_table_says_what_is_wrong_and_counts() -> None:
 
 
 def test_the_document_has_every_number() -> None:
-    document = json.loads(json.dumps(plain(stress_document(REPORT))))
+    document = json.loads(json.dumps(plain(StressDocument.of(REPORT))))
     assert document["count"] == {"right": 2, "wrong outcome": 1, "wrong number": 1, "not run": 1}
     assert (document["numbers"], document["outside"]) == (3, 2)
     run = document["runs"][2]

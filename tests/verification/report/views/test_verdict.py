@@ -18,9 +18,9 @@ from taction.verification.readings.readings import Reading
 from taction.verification.readings.settling import ChannelState
 from taction.verification.report.blocks import Bars, Code, Drawing, Facts, Notes, Table
 from taction.verification.report.charts import Chart, Columns, Curve, Grid, Limit, Text
+from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.renderers.terminal import page_text, plain
 from taction.verification.report.texts import quantity
-from taction.verification.report.verdict.json_document import verdict_document
 from taction.verification.report.views.board import LARGEST, matrix_chart, schematic
 from taction.verification.report.views.verdict import channel_table, check_bar, load_bars, view
 from taction.verification.verdict.board_power import board_power

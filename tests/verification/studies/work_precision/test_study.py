@@ -17,10 +17,11 @@ from click.testing import CliRunner
 
 from taction.cli.main import main
 from taction.netlist_gen.scene.scene import Scene
+from taction.system.documents import plain
 from taction.system.errors import EngineError, SimulatorNotFound
+from taction.verification.report.documents.studies import AccuracyDocument
 from taction.verification.report.renderers.picture import draw_page
 from taction.verification.report.views.accuracy import view
-from taction.verification.report.work_precision.tables import accuracy_document
 from taction.verification.studies.running.worker import Worker
 from taction.verification.studies.work_precision import ladders
 from taction.verification.studies.work_precision import study as study_module
@@ -161,7 +162,7 @@ def test_the_cheapest_setting_reaches_the_error_and_is_the_cheapest(
 
 
 def test_document_and_picture(found: WorkPrecisionStudy, tmp_path: Path) -> None:
-    document = accuracy_document(found)
+    document = plain(AccuracyDocument.of(found))
     assert [m["name"] for m in document["methods"]] == [m.name for m in FEW]
     assert document["norms"] == list(NORMS)
     assert document["machine"]["ngspice"] is not None

@@ -1,0 +1,1 @@
+"""The documents of ``--json``: types, from which the data and the published schemas follow."""

@@ -1,0 +1,142 @@
+"""The documents of all commands by name: their head, and their schemas as they are published."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from importlib import import_module, metadata
+from typing import Annotated, Any
+
+from taction.system import documents
+from taction.system.documents import Key, Note
+from taction.system.errors import SimulationError
+from taction.verification.engines.ngspice.executable import find_simulator
+
+VERSION = 2  # of all schemas; a field that changes its name or its meaning increases it
+ERROR = "error"
+
+
+@dataclass(frozen=True, slots=True)
+class Head:
+    """What made a document: `units` has the unit of every field of the document that has one."""
+
+    version: str
+    name: Annotated[str, Key("schema"), Note("name and version of the schema")]
+    simulator: Annotated[str | None, Note("ngspice of this machine; null where there is none")]
+    solver: Annotated[str | None, Note("its matrix solver")]
+    units: dict[str, str]
+
+
+MODELS = {
+    "verify": "verification.report.documents.verdict.VerdictBody",
+    "verify-files": "verification.report.documents.verdict.VerifyFilesDocument",
+    "diff": "verification.studies.difference.VerdictDifference",
+    "netlist": "verification.report.documents.plain.NetlistDocument",
+    "bom": "verification.report.documents.plain.BomDocument",
+    "kicad": "verification.report.documents.plain.KicadDocument",
+    "explore": "verification.report.documents.plain.ExploreDocument",
+    "solve": "verification.report.documents.plain.SolveDocument",
+    "simulate": "verification.report.documents.verdict.SimulateDocument",
+    "montecarlo": "verification.report.documents.studies.MontecarloDocument",
+    "montecarlo-sample": "verification.report.documents.studies.SampleDocument",
+    "corners": "verification.report.documents.studies.CornersDocument",
+    "tune": "verification.report.documents.verdict.TuneDocument",
+    "scale": "verification.report.documents.verdict.ScaleDocument",
+    "choose": "verification.report.documents.studies.ChooseDocument",
+    "onset": "verification.report.documents.studies.OnsetDocument",
+    "sweep": "verification.report.documents.studies.SweepDocument",
+    "regress": "verification.report.documents.studies.RegressDocument",
+    "stress": "verification.report.documents.studies.StressDocument",
+    "accuracy": "verification.report.documents.studies.AccuracyDocument",
+    "reproduce": "verification.report.documents.studies.ReproduceDocument",
+    "models": "verification.report.documents.plain.ModelsDocument",
+    "models-show": "verification.report.documents.plain.ShowDocument",
+    "models-import": "verification.report.documents.plain.ImportDocument",
+    "new": "verification.report.documents.plain.NewDocument",
+    "new-matrix": "verification.report.documents.verdict.NewMatrixDocument",
+    "help": "verification.report.documents.plain.HelpDocument",
+    "doctor": "verification.report.documents.plain.DoctorDocument",
+    ERROR: "system.error_document.ErrorDocument",
+}
+"""By the name of the schema: that of the command, or of one of its documents."""
+
+
+def model(name: str) -> Any:
+    """Return the type of the documents `name`; its module is loaded at the first use."""
+    module, _, kind = MODELS[name].rpartition(".")
+    return getattr(import_module(f"{__name__.partition('.')[0]}.{module}"), kind)
+
+
+@cache
+def units(name: str) -> dict[str, str]:
+    """Return the unit of every field of the documents `name` that has one."""
+    return documents.units(model(name))
+
+
+def document_head(name: str) -> dict[str, Any]:
+    """Return the field ``taction`` of a document of the schema `name`."""
+    simulator = solver = None
+    try:
+        found = find_simulator()
+        simulator, solver = found.engine, "KLU" if found.klu else "SPARSE"
+    except SimulationError:  # none, or none that can be used
+        pass
+    head = Head(metadata.version("taction"), schema_name(name), simulator, solver, units(name))
+    return {"taction": documents.plain(head)}
+
+
+def schema_name(name: str) -> str:
+    """Return the name of a schema with its version, and of its file without the ending.
+
+    Examples
+    --------
+    >>> schema_name("verify")
+    'verify-2'
+    """
+    return f"{name}-{VERSION}"
+
+
+def schemas() -> Iterator[tuple[str, str]]:
+    """Yield the name of each file in ``docs/schemas`` and its text."""
+    for name in MODELS:
+        text = json.dumps(schema(name), indent=1, ensure_ascii=False)
+        yield f"{schema_name(name)}.json", f"{text}\n"
+
+
+def schema(name: str) -> dict[str, Any]:
+    """Return the JSON Schema of the documents `name`; a field with a unit has it as `unit`."""
+    made = documents.schema(model(name))
+    first = {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": schema_name(name)}
+    properties = {"taction": documents.schema(Head), **made.pop("properties", {})}
+    required = ["taction", *made.pop("required", [])]
+    return first | made | {"properties": properties, "required": required}
+
+
+def fields() -> dict[str, dict[str, Any]]:
+    """Return for every field of a document its unit, if it has one, and the schemas that have it.
+
+    Examples
+    --------
+    >>> found = fields()["stable_ranges"]
+    >>> found["unit"], found["schemas"]
+    (None, ['verify-2', 'verify-files-2', 'montecarlo-sample-2', 'tune-2', 'scale-2', 'onset-2', \
+'new-matrix-2'])
+    """
+    found: dict[str, dict[str, Any]] = {}
+    for name in MODELS:
+        for field in sorted(set(_names(schema(name)))):
+            entry = found.setdefault(field, {"unit": None, "schemas": []})
+            entry["unit"] = entry["unit"] or units(name).get(field)
+            entry["schemas"].append(schema_name(name))
+    return dict(sorted(found.items()))
+
+
+def _names(part: Any) -> Iterator[str]:
+    if isinstance(part, dict):
+        yield from part.get("properties", {})
+        part = list(part.values())
+    if isinstance(part, list):
+        for item in part:
+            yield from _names(item)

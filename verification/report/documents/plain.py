@@ -1,0 +1,397 @@
+"""The documents of commands without a transient, in SI base units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from taction.netlist_gen.board.bill_of_materials import BillOfMaterials, Package, Preferred
+from taction.netlist_gen.board.circuit import Omission
+from taction.netlist_gen.scene.keys import Value
+from taction.spice_models.opamp import OpAmp
+from taction.system.array_types import Floats
+from taction.system.documents import (
+    OPTIONAL,
+    Amperes,
+    Farads,
+    Hertz,
+    Key,
+    Note,
+    Number,
+    Ohms,
+    Seconds,
+    Volts,
+    Watts,
+    taken,
+)
+from taction.verification.characterise.characterise import supply_of
+from taction.verification.reference import Solution
+from taction.verification.report.documents.verdict import Certificate
+from taction.verification.report.views.opamp import TITLES, Results, stated_figures
+from taction.verification.verdict.board_power import BoardPower
+from taction.verification.verdict.pruning import Pruning
+
+
+@dataclass(frozen=True, slots=True)
+class PruningPart:
+    """What pruning changes and saves; null: unknown."""
+
+    entries: int
+    change: Volts
+    bound: Volts
+    resistors: int | None
+    opamps: int | None
+
+    @classmethod
+    def of(cls, found: Pruning) -> PruningPart:
+        """Return an effect."""
+        effect = found.effect
+        return taken(cls, found, entries=effect.entries, change=effect.change, bound=effect.bound)
+
+
+@dataclass(frozen=True, slots=True)
+class NetlistDocument:
+    """``taction netlist``."""
+
+    files: tuple[str, ...]
+    deck: str | None
+    omissions: tuple[Omission, ...]
+    pruning: PruningPart | None
+    warnings: tuple[str, ...]
+    lam: Annotated[Number, Key("lambda")]
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """Equal parts."""
+
+    kind: str
+    value: Number
+    references: tuple[str, ...]
+    tolerance: Number
+    preferred: Preferred | None
+    unit: str
+    count: int
+    standard: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Packages:
+    """All packages of op-amps."""
+
+    preset: str
+    packages: tuple[Package, ...]
+    spare: int
+
+
+@dataclass(frozen=True, slots=True)
+class Power:
+    """Supply current, A, and dissipation at rest, W."""
+
+    supply_current: Amperes
+    quiescent: Watts
+    outputs: Watts
+    resistors: Watts
+    total: Watts
+
+
+@dataclass(frozen=True, slots=True)
+class BomDocument:
+    """``taction bom``."""
+
+    scene: str
+    parts: tuple[Line, ...]
+    opamps: Packages
+    power: Power
+    not_listed: tuple[str, ...]
+
+    @classmethod
+    def of(cls, scene: str, parts: BillOfMaterials, power: BoardPower) -> BomDocument:
+        """Return the parts of a board."""
+        lines = tuple(
+            taken(Line, line, count=len(line.references), standard=not line.preferred)
+            for line in parts.lines
+        )
+        opamps = Packages(parts.opamp, parts.packages, parts.spare)
+        return cls(scene, lines, opamps, taken(Power, power), parts.not_listed)
+
+
+@dataclass(frozen=True, slots=True)
+class KicadDocument:
+    """``taction kicad``; `channel` and `row` count from 1."""
+
+    scene: str
+    files: tuple[str, ...]
+    channel: int
+    row: int
+    not_drawn: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ExploreDocument:
+    """``taction explore``: where the page is, with its secret."""
+
+    address: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SolveDocument:
+    """``taction solve``."""
+
+    outcome: str
+    u: Annotated[Floats, "V"]
+    v: Annotated[Floats | None, "V"]
+    lam: Annotated[Number, Key("lambda")]
+    objective: Number
+    certificate: Certificate
+    error_bound: Number
+    condition: Number
+    iterations: int
+    trusted: bool
+    reason: str
+    seconds: Seconds
+
+    @classmethod
+    def of(cls, solution: Solution) -> SolveDocument:
+        """Return a solution."""
+        value = solution.certificate
+        return taken(
+            cls,
+            solution,
+            outcome="pass" if solution.trusted else "inconclusive",
+            certificate=Certificate(solution.certificate_kind, value, solution.bound),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """A part of the installation."""
+
+    what: str
+    ok: bool
+    found: str
+    means: str
+
+
+@dataclass(frozen=True, slots=True)
+class DoctorDocument:
+    """``taction doctor``."""
+
+    findings: tuple[Finding, ...]
+    ok: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Preset:
+    """The figures of a preset; null or 0: the part has none."""
+
+    dc_gain: Number
+    gbw: Hertz
+    second_pole: Hertz
+    input_resistance: Ohms
+    differential_capacitance: Farads
+    input_capacitance: Farads
+    output_resistance: Ohms
+    slew_rate: Annotated[Number, "V/s"]
+    output_current: Amperes
+    saturation: Volts
+    least_supply: Volts
+    most_supply: Volts
+    voltage_noise: Annotated[Number, "V/rtHz"]
+    current_noise: Annotated[Number, "A/rtHz"]
+    supply_current: Amperes
+    channels_per_package: int
+    offset_voltage: Volts
+    bias_current: Amperes
+    offset_current: Amperes
+    common_mode_rejection: Annotated[Number, "dB"]
+    source: str
+
+    @classmethod
+    def of(cls, opamp: OpAmp) -> Preset:
+        """Return the figures of an op-amp."""
+        return taken(cls, opamp)
+
+
+ModelsDocument = dict[str, Preset]
+"""``taction models``: the figures of each preset, by its name."""
+
+
+@dataclass(frozen=True, slots=True)
+class StatedFigure:
+    """A figure of a data sheet."""
+
+    value: Number
+    unit: str
+    note: Annotated[str, Note("what the sheet says beside it, or how it was derived")]
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredFigure:
+    """A figure as stated and as measured on the test benches of each engine."""
+
+    unit: str
+    stated: Number
+    state_space: Annotated[Number, Key("state space"), OPTIONAL] = None
+    ngspice: Annotated[Number, OPTIONAL] = None
+
+
+@dataclass(frozen=True, slots=True)
+class ShowDocument:
+    """``taction models show``: one op-amp."""
+
+    name: str
+    source: str
+    external_part: str
+    figures: dict[str, StatedFigure]
+    supply: Annotated[Volts, Note("of the test benches, both voltages")]
+    measured: Annotated[dict[str, MeasuredFigure], Note("by the name of the figure")]
+
+    @classmethod
+    def of(cls, opamp: OpAmp, notes: Mapping[str, str], results: Results) -> ShowDocument:
+        """Return the stated and the measured figures; `notes` are those of the data sheet."""
+        measured: dict[str, dict[str, Any]] = {}
+        for witness, found in results.items():
+            for each in found:
+                known = {"unit": each.unit, "stated": each.stated}
+                measured.setdefault(each.name, known)[witness.replace(" ", "_")] = each.value
+        figures = {
+            name: StatedFigure(value, TITLES[name][1], notes.get(name, ""))
+            for name, value in stated_figures(opamp).items()
+        }
+        values = {name: MeasuredFigure(**each) for name, each in measured.items()}
+        return taken(cls, opamp, figures=figures, supply=supply_of(opamp), measured=values)
+
+
+@dataclass(frozen=True, slots=True)
+class ImportedFigures:
+    """What the simulation of an imported op-amp shows; phase margin in degrees."""
+
+    dc_gain: Number
+    unity_gain_bandwidth: Hertz
+    phase_margin: Number
+    output_resistance: Ohms
+    supply_current: Amperes
+
+
+@dataclass(frozen=True, slots=True)
+class Rational:
+    """``constant + sum residues / (s - poles)``: pairs of real and imaginary part, 1/s."""
+
+    constant: Number
+    poles: tuple[tuple[float, ...], ...]
+    residues: tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class LinearPart:
+    """The small-signal model; `error` is relative, over the `band` in Hz."""
+
+    gain: Rational
+    impedance: Rational
+    conductance: Annotated[Number, "S"]
+    capacitance: Farads
+    offset: Volts
+    rest: Volts
+    bias_current: Amperes
+    error: Number
+    band: Annotated[tuple[float, ...], "Hz"]
+
+
+@dataclass(frozen=True, slots=True)
+class ImportDocument:
+    """``taction models import``: `file` is the file that was written."""
+
+    file: str
+    taction_opamp: Annotated[int, Note("version of the format of the file")]
+    name: str
+    subcircuit: str
+    pins: tuple[str, ...]
+    supply: Volts
+    figures: ImportedFigures
+    linear: LinearPart | None
+    missing: Annotated[str, Note("why there is no linear model")]
+
+
+@dataclass(frozen=True, slots=True)
+class NewDocument:
+    """``taction new FILE``."""
+
+    file: str
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """An argument or an option of a command."""
+
+    name: str
+    type: str
+    required: bool
+    several: bool
+    min: Annotated[Number, OPTIONAL] = None
+    max: Annotated[Number, OPTIONAL] = None
+    choices: Annotated[list[str] | None, OPTIONAL] = None
+    flags: Annotated[list[str] | None, OPTIONAL, Note("of an option")] = None
+    is_flag: Annotated[bool | None, OPTIONAL] = None
+    default: Annotated[Value | None, OPTIONAL] = None
+    metavar: Annotated[str | None, OPTIONAL] = None
+    envvar: Annotated[str | None, OPTIONAL] = None
+    help: Annotated[str | None, OPTIONAL] = None
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A command."""
+
+    name: str
+    usage: str
+    help: str
+    arguments: list[Parameter]
+    options: list[Parameter]
+    schemas: list[str]
+
+
+@dataclass(frozen=True, slots=True)
+class SceneFile:
+    """How a scene is written; `symbols` are short names of keys for ``--over``."""
+
+    format: str
+    quantities: str
+    symbols: dict[str, str]
+    example: str
+
+
+@dataclass(frozen=True, slots=True)
+class Example:
+    """A call with the files that it needs; `read` leads to the answer in its document."""
+
+    task: str
+    files: dict[str, str]
+    call: str
+    schema: str
+    read: list[str | int]
+
+
+@dataclass(frozen=True, slots=True)
+class FieldUse:
+    """A field of documents; null: it has no unit, or the field `unit` beside it has it."""
+
+    unit: str | None
+    schemas: list[str]
+
+
+@dataclass(frozen=True, slots=True)
+class HelpDocument:
+    """``taction --json --help``."""
+
+    program: str
+    usage: str
+    commands: list[Command]
+    exit_statuses: dict[str, str]
+    environment: dict[str, str]
+    scene_file: SceneFile
+    examples: list[Example]
+    fields: dict[str, FieldUse]
+    schemas: dict[str, Mapping[str, Any]]
+    scene_schema: Mapping[str, Any]

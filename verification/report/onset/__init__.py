@@ -1,1 +1,0 @@
-"""Stability crossings as tables and plots."""

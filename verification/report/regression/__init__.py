@@ -1,1 +1,0 @@
-"""A regression as text, Markdown and JUnit XML."""

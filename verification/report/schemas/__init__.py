@@ -1,1 +1,0 @@
-"""The documents of ``--json`` as models, from which their published schemas are made."""

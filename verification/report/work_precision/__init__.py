@@ -1,1 +1,0 @@
-"""Error against run time as tables and a plot."""
