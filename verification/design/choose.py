@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 from taction.netlist_gen.board.part_warnings import BrokenLimit, broken_limits
 from taction.netlist_gen.board.synthesis import synthesise
@@ -204,12 +203,6 @@ class Design(Trial):
         """Sort key: good designs, then those with the fewest checks left, then the share."""
         left = len(self.left) if self.outcome != ERROR else len(CHECKS)
         return not self.good, self.outcome != "pass", left, self.worst, self.settling_time
-
-    def plain(self) -> dict[str, Any]:
-        """Return the design and what counts of its verdict as plain data."""
-        names = ("place", "outcome", "reason", "shares", "headroom")
-        more = {"noise_rms": self.noise, "worst_share": self.worst if self.shares else None}
-        return self.summary() | {name: getattr(self, name) for name in names} | more
 
 
 @dataclass(frozen=True, slots=True)

@@ -101,11 +101,6 @@ class Trial:
         check = self.record.check(name)
         return None if check is None else check.value
 
-    def summary(self) -> dict[str, Any]:
-        """Return the design and what counts of its verdict as plain data."""
-        names = ("values", "settling_time", "overshoot", "left", "refused")
-        return {name: getattr(self, name) for name in names}
-
 
 class Trials:
     """The trials of one scene.

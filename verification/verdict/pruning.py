@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -99,12 +98,6 @@ class Pruning:
         if self.resistors is None:
             return f"{text}; with the whole T the board cannot be built"
         return f"{text}; saves {self.resistors} resistors and {self.opamps} op-amps"
-
-    @property
-    def record(self) -> dict[str, Any]:
-        """The numbers as plain data, SI base units."""
-        effect = {name: getattr(self.effect, name) for name in ("entries", "change", "bound")}
-        return effect | {"resistors": self.resistors, "opamps": self.opamps}
 
 
 def pruning_of(scene: Scene) -> Pruning | None:
