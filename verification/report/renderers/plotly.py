@@ -57,7 +57,7 @@ def plotly_spec(chart: Chart) -> dict[str, Any]:
             data += _curve(mark, chart)
             texts += _end_label(mark, chart)
         elif isinstance(mark, Columns):
-            data.append(_columns(mark, chart))
+            data += _columns(mark, chart)
         elif isinstance(mark, Grid):
             data.append(_grid(mark, chart))
         elif isinstance(mark, Cells):
@@ -317,30 +317,38 @@ def _key(mark: Limit | Band) -> dict[str, Any]:
             "line": line, "opacity": 1.0 if isinstance(mark, Limit) else 0.4}  # fmt: skip
 
 
-def _columns(mark: Columns, chart: Chart) -> dict[str, Any]:
+def _columns(mark: Columns, chart: Chart) -> Iterator[dict[str, Any]]:
+    """Yield the bars of each look; Plotly warns of a list of colours beside patterns."""
+    count = len(np.asarray(mark.sizes))
+    looks = mark.looks * count if len(mark.looks) == 1 else mark.looks
+    for look in dict.fromkeys(looks):
+        yield _bars(mark, chart, look, [k for k in range(count) if looks[k] == look])
+
+
+def _bars(mark: Columns, chart: Chart, look: str, chosen: Sequence[int]) -> dict[str, Any]:
     along = "y" if mark.across == "x" else "x"
-    sizes = np.asarray(mark.sizes, dtype=np.float64)
-    looks = mark.looks * len(sizes) if len(mark.looks) == 1 else mark.looks
     size_axis, place_axis = getattr(chart, along), getattr(chart, mark.across)
+
+    def values(of: Any, axis: Axis) -> Any:
+        return _values(np.asarray(of, dtype=np.float64)[list(chosen)], axis)
+
     trace: dict[str, Any] = {
         "type": "bar", "orientation": "v" if mark.across == "x" else "h",
-        mark.across: _values(mark.places, place_axis), along: _values(sizes, size_axis),
+        mark.across: values(mark.places, place_axis), along: values(mark.sizes, size_axis),
         "name": words(mark.name), "showlegend": bool(mark.name), "width": 0.8,
-        "marker": {
-            "color": [colour(look) for look in looks],
-            "pattern": HATCH | {"shape": [_pattern(look) for look in looks]},
-        },
+        "marker": {"color": colour(look), "pattern": HATCH | {"shape": _pattern(look)}},
         "hovertemplate": f"%{{{along}:.4g}}<extra>{words(mark.name)}</extra>",
     }  # fmt: skip
     if mark.bases is not None:
-        trace["base"] = _values(mark.bases, size_axis)
+        trace["base"] = values(mark.bases, size_axis)
     if mark.widths is not None:
-        trace["width"] = _values(mark.widths, place_axis)
+        trace["width"] = values(mark.widths, place_axis)
     if mark.written:
-        trace |= {"text": [words(text) for text in mark.written], "textposition": "outside",
+        trace |= {"text": [words(mark.written[k]) for k in chosen], "textposition": "outside",
                   "cliponaxis": False}  # fmt: skip
     if mark.hover or mark.written:
-        trace["customdata"] = [words(text) for text in mark.hover or mark.written]
+        texts = mark.hover or mark.written
+        trace["customdata"] = [words(texts[k]) for k in chosen]
         trace["hovertemplate"] = "%{customdata}<extra></extra>"
     return trace
 

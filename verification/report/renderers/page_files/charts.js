@@ -3,6 +3,7 @@
 const tactionCharts = (() => {
   const coarse = matchMedia("(pointer: coarse)");
   const NARROW = 480;
+  const FEWER = { D1: "D2", D2: 1 }; // labels of a logarithmic axis on a narrow page
   let known = {};
 
   // Colours: the style sheet's variables, which charts take by name.
@@ -38,7 +39,13 @@ const tactionCharts = (() => {
   // Draw the chart `spec` into `canvas`; `more` replaces parts of its layout.
   const draw = (canvas, spec, more = {}) => {
     const data = coloured(spec.data), layout = { ...layoutOf(spec), ...more };
-    if ((more.width || canvas.clientWidth) < NARROW) data.forEach((each) => delete each.texttemplate);
+    if ((more.width || canvas.clientWidth) < NARROW) {
+      data.forEach((each) => delete each.texttemplate);
+      for (const name of ["xaxis", "yaxis"]) {
+        const dtick = FEWER[layout[name]?.dtick];
+        if (dtick) layout[name] = { ...layout[name], dtick };
+      }
+    }
     return Plotly.react(canvas, data, layout, config);
   };
   const empty = (text) => ({ data: [], layout: {
