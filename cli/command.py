@@ -130,7 +130,7 @@ class Output:
 def picture(content: str, draw: Target) -> Output:
     """Return the option ``--plot``; `draw` takes the result and the path."""
     text = f"Draw {content} into FILE (PNG, SVG or PDF)."
-    return Output("plot", text, draw, "verification.report.picture:check_plot_file", "drew")
+    return Output("plot", text, draw, "system.picture:check_plot_file", "drew")
 
 
 def page(report: Target) -> Output:

@@ -30,9 +30,10 @@ class Circuit(circuit.Circuit):
 
     def _repr_html_(self) -> str:
         """Return the board as a card for a notebook."""
-        from taction.verification.report.cards import circuit_card
+        from taction.netlist_gen.card import facts_card
+        from taction.verification.report.views.board import circuit_facts
 
-        return circuit_card(self).html()
+        return facts_card("Circuit", self.name, circuit_facts(self))
 
     def plot(self, path: str | Path | None = None) -> Figure:
         """Return the schematic of one channel with its values; write it to `path`, if given.

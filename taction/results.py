@@ -176,9 +176,10 @@ class YieldReport(yield_report.YieldReport):
 
     def _repr_html_(self) -> str:
         """Return the yield as a card for a notebook."""
-        from taction.verification.report.cards import yield_card
+        from taction.verification.report.renderers.notebook import card
+        from taction.verification.report.views.montecarlo import view
 
-        return yield_card(self.name, self).html()
+        return card(view(self.scene, self, self.boards, self.seed), "Yield")
 
     def plot(self, path: str | Path | None = None) -> Figure:
         """Return the picture of ``montecarlo --plot``: histograms with limits, and culprits.

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import Field, PrivateAttr, model_validator
 
-from taction.netlist_gen.card import Card
+from taction.netlist_gen.card import facts_card
 from taction.netlist_gen.scene.checks import Checks, Regression, Tolerances, unitless_times
 from taction.netlist_gen.scene.design import Design, OpAmpChoice
 from taction.netlist_gen.scene.fields import (
@@ -108,7 +108,7 @@ class Scene(StatedProblem):
             ("checks", "; ".join(check_words(self.checks))),
             ("file", str(self.file)),
         )
-        return Card("Scene", self.name, facts=facts).html()
+        return facts_card("Scene", self.name, facts)
 
     def _regularisation(self) -> tuple[str, str]:
         lam, resistance = self.design.lam, self.design.resistance

@@ -17,6 +17,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from taction.system.array_types import Floats
+from taction.system.picture_style import BLUE as BLUE
+from taction.system.picture_style import GREY as GREY
+from taction.system.picture_style import ORANGE as ORANGE
+from taction.system.picture_style import PURPLE as PURPLE
 
 Outcome = str  # "pass", "fail", "inconclusive", "error", or "" for none
 
@@ -44,8 +48,6 @@ class Look:
     sign: str = ""
 
 
-# Blue, orange and purple of Okabe and Ito: they stay apart for every kind of colour vision.
-BLUE, ORANGE, GREY, PURPLE = "#0072b2", "#d55e00", "#7f7f7f", "#cc79a7"
 OUTCOMES = {
     "pass": Look("pass", BLUE, "circle", "", "✓"),
     "fail": Look("fail", ORANGE, "x", "////", "✗"),

@@ -16,7 +16,7 @@ from xml.etree import ElementTree as ET
 from taction.system.documents import plain
 from taction.verification.evidence.stress.catalogue import FOLDER
 from taction.verification.evidence.stress.run import CaseRun, Judgement, StressReport
-from taction.verification.report.tables import value_text
+from taction.verification.report.texts import value_text
 from taction.verification.report.views.regression import change_line, remarks
 from taction.verification.studies.regression.run import RegressionReport, SceneResult, Status
 from taction.verification.studies.verify_files import NOT_RUN, VerifiedFiles

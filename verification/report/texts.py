@@ -8,12 +8,12 @@ from decimal import Decimal
 
 from taction.spice_models.presets import opamp_name as opamp_name
 from taction.system.quantities import NONE as NONE
+from taction.system.quantities import UNITS, show
 from taction.system.quantities import counted as counted
 from taction.system.quantities import quantity as quantity
 from taction.system.quantities import readable as readable
 from taction.verification.report.blocks import Cell
 from taction.verification.report.charts import Outcome
-from taction.verification.report.tables import spaced, value_text
 
 LEAST_SHARE = 1e-6  # of the step: smaller parts have no number
 LEAST_ERROR = 1e-5  # of a value: smaller errors are below the digits that are shown
@@ -89,3 +89,33 @@ def text_cells(texts: Iterable[object]) -> tuple[Cell, ...]:
 def outcome_cell(outcome: Outcome) -> Cell:
     """Return a cell with the mark of an outcome."""
     return Cell(outcome, None, outcome)
+
+
+def value_text(value: object, unit: str, digits: int = 4) -> str:
+    """Return a value with its unit, fractions of the step as per cent; a dash for no value."""
+    if not isinstance(value, float):
+        return "-" if value is None else str(value)
+    if math.isnan(value):
+        return "-"
+    if unit in (*UNITS, "1/s"):
+        return show(value, unit, digits)
+    if unit == "step":
+        return f"{100 * value:.3g} %"
+    return f"{value:.{digits}g}"
+
+
+def rounded_up(value: float) -> float:
+    """Return the least number of one digit that is not below a positive value.
+
+    Examples
+    --------
+    >>> rounded_up(1.2e-15), rounded_up(0.07)
+    (2e-15, 0.07)
+    """
+    exponent = math.floor(math.log10(value))
+    return float(f"{math.ceil(value / 10.0**exponent * (1.0 - 1e-12))}e{exponent}")
+
+
+def spaced(name: str) -> str:
+    """Return the name of a figure or a check in words."""
+    return name.replace("_", " ")

@@ -15,8 +15,7 @@ from taction.verification.report.explorer.charts import (
     poles_chart,
     stress_chart,
 )
-from taction.verification.report.tables import spaced
-from taction.verification.report.texts import figure, quantity, readable
+from taction.verification.report.texts import figure, quantity, readable, spaced
 from taction.verification.report.views.verdict import check_bar
 from taction.verification.verdict.checks import Check
 

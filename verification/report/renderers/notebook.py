@@ -6,10 +6,20 @@ has a sign and a word beside its colour. Every text is escaped.
 
 from __future__ import annotations
 
-import html
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
+from taction.netlist_gen.card import (
+    CELL,
+    LINE,
+    PLAIN,
+    ROW,
+    boxed,
+    escaped,
+    facts_table,
+    head,
+    whole_table,
+)
 from taction.verification.report.blocks import (
     NOTEBOOK,
     Bars,
@@ -25,18 +35,9 @@ from taction.verification.report.blocks import (
 )
 from taction.verification.report.charts import OUTCOMES, Chart, Outcome
 
-LINE = "1px solid rgba(127,127,127,.4)"
 INK = {"pass": "#fff", "fail": "#000", "inconclusive": "#000", "error": "#000"}
 HATCH = "repeating-linear-gradient(135deg,{0} 0 3px,transparent 3px 6px)"
 MOST_ROWS, MOST_NOTES = 40, 6
-LONGEST = 400  # characters of a text
-BOX = (
-    f"border:{LINE};border-left:5px solid {{colour}};border-radius:6px;padding:.6em .9em;"
-    "margin:.4em 0;max-width:46em;font:14px/1.45 system-ui,sans-serif;overflow-x:auto"
-)
-CELL = f"text-align:left;vertical-align:top;padding:.2em 1.2em .2em 0;border:0;border-top:{LINE}"
-WHOLE = "border-collapse:collapse;border:0;margin:.5em 0;width:auto;font-size:1em"
-ROW = '<tr style="background:none">{}</tr>'
 
 
 def card(page: Page, kind: str = "") -> str:
@@ -49,17 +50,12 @@ def card(page: Page, kind: str = "") -> str:
     >>> card(Page("a<b", "Scene", "", "", (), (facts,))).count("a&lt;b")
     1
     """
-    colour = OUTCOMES[page.outcome].colour if page.outcome else "rgba(127,127,127,.6)"
+    colour = OUTCOMES[page.outcome].colour if page.outcome else PLAIN
     parts = [_head(page, kind or page.command)]
     for section in page.sections:
         parts += (SHOWN[type(block)](block) for block in section.made(NOTEBOOK))
     parts += map(_note, page.foot)
-    return f'<div style="{BOX.format(colour=colour)}">{"".join(parts)}</div>'
-
-
-def _text(text: str) -> str:
-    """Return `text` for HTML, cut where it is very long."""
-    return html.escape(text if len(text) <= LONGEST else text[: LONGEST - 1] + "…")
+    return boxed(parts, colour)
 
 
 def _first(texts: Sequence[str], most: int) -> list[str]:
@@ -70,16 +66,14 @@ def _first(texts: Sequence[str], most: int) -> list[str]:
 def _mark(outcome: Outcome, text: str = "") -> str:
     look = OUTCOMES[outcome]
     style = f"background:{look.colour};color:{INK[outcome]};border-radius:4px;padding:.05em .5em"
-    shown = f"{look.sign} {_text(text or outcome)}"
+    shown = f"{look.sign} {escaped(text or outcome)}"
     return f'<span style="{style};font-weight:600;white-space:nowrap">{shown}</span>'
 
 
 def _head(page: Page, kind: str) -> str:
-    name = f'<b style="font-size:1.1em">{_text(page.title)}</b>'
-    shown = f'<span style="opacity:.7">{_text(kind)}</span>'
     outcome = _mark(page.outcome) if page.outcome else ""
-    lines = (f"<div>{_text(line)}</div>" for line in (page.summary, *page.lines) if line)
-    return f"<div>{name} {shown} {outcome}</div>{''.join(lines)}"
+    lines = (f"<div>{escaped(line)}</div>" for line in (page.summary, *page.lines) if line)
+    return head(kind, page.title, outcome) + "".join(lines)
 
 
 def _shares(block: Shares) -> str:
@@ -98,14 +92,7 @@ def _shares(block: Shares) -> str:
 
 
 def _facts(block: Facts) -> str:
-    rows = (
-        ROW.format(
-            f'<th scope="row" style="{CELL};font-weight:400;opacity:.75;white-space:nowrap">'
-            f'{_text(name)}</th><td style="{CELL}">{_text(value)}</td>'
-        )
-        for name, value in block.rows
-    )
-    return _whole(rows) if block.rows else ""
+    return facts_table(block.rows)
 
 
 def _table(block: Table) -> str:
@@ -114,7 +101,7 @@ def _table(block: Table) -> str:
     rows = (ROW.format("".join(map(_cell, row))) for row in block.rows[:MOST_ROWS])
     more = len(block.rows) - MOST_ROWS
     note = _note(f"and {more} more rows") if more > 0 else ""
-    return _whole([_titles(block.columns), *rows]) + note
+    return whole_table([_titles(block.columns), *rows]) + note
 
 
 def _bars(block: Bars) -> str:
@@ -148,25 +135,21 @@ def _drawing(block: Drawing) -> str:
 
 
 def _code(block: Code) -> str:
-    return f"<pre>{_text(block.text)}</pre>"
+    return f"<pre>{escaped(block.text)}</pre>"
 
 
 def _titles(titles: Iterable[str]) -> str:
-    cells = (f'<th scope="col" style="{CELL}">{_text(title)}</th>' for title in titles)
+    cells = (f'<th scope="col" style="{CELL}">{escaped(title)}</th>' for title in titles)
     return ROW.format("".join(cells))
 
 
 def _cell(cell: Cell) -> str:
-    shown = _mark(cell.outcome, cell.text) if cell.outcome else _text(cell.text)
+    shown = _mark(cell.outcome, cell.text) if cell.outcome else escaped(cell.text)
     return f'<td style="{CELL}">{shown}</td>'
 
 
-def _whole(rows: Iterable[str] | Iterator[str]) -> str:
-    return f'<table style="{WHOLE}"><tbody>{"".join(rows)}</tbody></table>'
-
-
 def _note(text: str) -> str:
-    return f'<div style="margin-top:.3em;opacity:.85">{_text(text)}</div>'
+    return f'<div style="margin-top:.3em;opacity:.85">{escaped(text)}</div>'
 
 
 SHOWN: dict[type, Callable[[Any], str]] = {

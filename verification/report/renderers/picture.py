@@ -12,11 +12,9 @@ from numpy.typing import ArrayLike
 
 from taction.system.array_types import Floats
 from taction.system.picture import figure_file
+from taction.system.picture_style import BLUE, GREY, ORANGE
 from taction.verification.report.blocks import Bars, Block, Notes, Page, Sheet
 from taction.verification.report.charts import (
-    BLUE,
-    GREY,
-    ORANGE,
     OUTCOMES,
     Axis,
     Band,

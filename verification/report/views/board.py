@@ -12,7 +12,7 @@ from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.kicad.picture import schematic_summary, schematic_svg
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
-from taction.system.quantities import readable
+from taction.system.quantities import readable, sizes
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.report.blocks import Block, Cell, Code, Drawing, Facts, Notes, Table
 from taction.verification.report.charts import Axis, Chart, Grid
@@ -173,3 +173,22 @@ def deck_blocks(verdict: Verdict) -> tuple[Block, ...]:
         text = f"The deck has {size}, too many for this page: taction netlist SCENE -o board.cir"
         block = Notes("", (text,))
     return block, Facts("", (digest,))
+
+
+def circuit_facts(circuit: Circuit) -> tuple[tuple[str, str], ...]:
+    """Return the size of a board, the facts that its topology states, and its parts."""
+    entries = sum(int(np.isfinite(matrix.ohms).sum()) for matrix in circuit.matrices)
+    parts = (
+        counted(len(circuit.opamps), "op-amp"),
+        counted(entries, "matrix resistor"),
+        counted(len(circuit.resistors), "other resistor"),
+        counted(len(circuit.capacitors), "capacitor"),
+    )
+    return (
+        ("size", sizes(len(circuit.outputs), len(circuit.constraint_nodes))),
+        ("board", f"{circuit.topology}, {circuit.amplifier} amplifiers"),
+        ("op-amps", f"{', '.join(circuit.models)}, supply ±{quantity(circuit.supply, 'V')}"),
+        *((fact.label, fact.text) for fact in circuit.facts.values()),
+        ("parts", ", ".join(parts)),
+        ("left out", counted(len(circuit.omissions), "kind") + " of parts that it does not need"),
+    )

@@ -18,8 +18,7 @@ from taction.verification.report.blocks import (
     Section,
     Table,
 )
-from taction.verification.report.tables import spaced
-from taction.verification.report.texts import counted, number_cell, outcome_cell
+from taction.verification.report.texts import counted, number_cell, outcome_cell, spaced
 from taction.verification.report.views.montecarlo import value_range
 from taction.verification.report.views.origin import origin_section
 from taction.verification.studies.tolerance.corners import Corner, CornerStudy

@@ -15,8 +15,7 @@ from taction.verification.report.blocks import (
     Table,
 )
 from taction.verification.report.charts import Outcome
-from taction.verification.report.tables import spaced, value_text
-from taction.verification.report.texts import readable
+from taction.verification.report.texts import readable, spaced, value_text
 from taction.verification.studies.difference import KeyDifference, VerdictDifference
 from taction.verification.verdict.compare import Difference
 

@@ -8,8 +8,7 @@ from typing import Any
 
 from taction.verification.report.blocks import PAGE, TERMINAL, Cell, Notes, Page, Section, Table
 from taction.verification.report.charts import OUTCOMES, Outcome
-from taction.verification.report.tables import spaced
-from taction.verification.report.texts import number_cell
+from taction.verification.report.texts import number_cell, spaced
 from taction.verification.studies.verify_files import VerifiedFiles
 
 TITLES = ("scene", "outcome", "checks", "settling", "overshoot", "time")

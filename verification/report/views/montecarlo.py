@@ -10,6 +10,7 @@ import numpy as np
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.verification.report.blocks import (
+    NOTEBOOK,
     PAGE,
     TERMINAL,
     Block,
@@ -19,16 +20,17 @@ from taction.verification.report.blocks import (
     Range,
     Ranges,
     Section,
+    Shares,
     Sheet,
     Table,
 )
 from taction.verification.report.charts import Axis, Band, Chart, Columns, Limit, Mark, Text, View
-from taction.verification.report.tables import spaced
 from taction.verification.report.texts import (
     counted,
     figure,
     number_cell,
     percent,
+    spaced,
     titled,
 )
 from taction.verification.report.views.origin import origin_section
@@ -46,7 +48,7 @@ FAR = 1.5  # times the range of the values: a limit farther away is an arrow
 SAME = 1e-9  # relative: values that are one value
 UNITS = {"ratio": ""}
 MARGIN = 1.15  # of the largest value or limit: the width of a spread
-BOTH = (TERMINAL, PAGE)
+EVERYWHERE = (TERMINAL, PAGE, NOTEBOOK)
 Limits = tuple[float | None, float | None]  # the least and the largest accepted value
 
 
@@ -61,6 +63,8 @@ def view(scene: Scene, result: YieldReport, samples: Sequence[BoardSample], seed
         Of the samples.
     """
     rows = (("seed", str(seed)), ("samples", str(result.samples)))
+    quantities = (_quantities(result),) if result.samples else ()
+    few = tuple(_sensitivities(result, SHOWN))
     return Page(
         title=scene.name,
         command="taction montecarlo",
@@ -69,14 +73,15 @@ def view(scene: Scene, result: YieldReport, samples: Sequence[BoardSample], seed
         lines=(f"{result.passed} of {result.samples} boards pass; seed {seed}.",),
         sections=(
             Section("Yield", tuple(_interval(result))),
-            Section("Checks that do not pass", tuple(_failures(result)), media=BOTH),
+            Section("Samples", (_shares(result),), media=(NOTEBOOK,)),
+            Section("Checks that do not pass", tuple(_failures(result)), media=EVERYWHERE),
             Section("Spread and limits", tuple(_ranges(result))),
-            Section("Quantities", (_quantities(result),) if result.samples else (), media=BOTH),
+            Section("Quantities", quantities, media=EVERYWHERE),
             Section("Histograms", lambda: _histograms(result, samples)),
             Section("Culprits", lambda: _culprits(result)),
-            Section("Sensitivities", tuple(_sensitivities(result, SHOWN)), media=(TERMINAL,)),
+            Section("Sensitivities", few, media=(TERMINAL, NOTEBOOK)),
             Section("Sensitivities", tuple(_sensitivities(result, len(result.sensitivities)))),
-            Section("What to buy better", tuple(_remedy(result)), media=BOTH),
+            Section("What to buy better", tuple(_remedy(result)), media=EVERYWHERE),
             origin_section(scene, rows),
         ),
         sheet=lambda: sheet(scene.name, result, samples),
@@ -112,6 +117,12 @@ def _interval(result: YieldReport) -> Iterator[Block]:
     )
     row = Range("yield, from 0 to 100 %", result.low, result.fraction, result.high, (), "", texts)
     yield Ranges("", (row,))
+
+
+def _shares(result: YieldReport) -> Shares:
+    failed = result.samples - result.passed - result.without_verdict
+    counts = (("pass", result.passed), ("fail", failed), ("inconclusive", result.without_verdict))
+    return Shares("", tuple((name, count) for name, count in counts if count))
 
 
 def _failures(result: YieldReport) -> Iterator[Block]:

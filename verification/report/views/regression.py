@@ -17,9 +17,8 @@ from taction.verification.report.blocks import (
     Table,
 )
 from taction.verification.report.charts import Outcome
-from taction.verification.report.tables import spaced
-from taction.verification.report.tables import value_text as written_value
-from taction.verification.report.texts import readable
+from taction.verification.report.texts import readable, spaced
+from taction.verification.report.texts import value_text as written_value
 from taction.verification.report.views.origin import plain_origin
 from taction.verification.report.views.verdict import check_bar
 from taction.verification.studies.regression.run import RegressionReport, SceneResult, Status

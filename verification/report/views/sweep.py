@@ -50,13 +50,13 @@ from taction.verification.report.sweep.agreement import WORDS, AgreementSummary,
 from taction.verification.report.sweep.document import columns_of
 from taction.verification.report.sweep.files import grids
 from taction.verification.report.sweep.records import all_records, records
-from taction.verification.report.tables import spaced
 from taction.verification.report.texts import (
     LEAST_SHARE,
     counted,
     figure,
     number_cell,
     quantity,
+    spaced,
     titled,
 )
 from taction.verification.report.views.origin import origin_section

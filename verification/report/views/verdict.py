@@ -26,8 +26,14 @@ from taction.verification.report.blocks import (
     Table,
 )
 from taction.verification.report.charts import Axis, Chart, Columns, Limit, View
-from taction.verification.report.tables import rounded_up, spaced
-from taction.verification.report.texts import figure, number_cell, quantity, with_error
+from taction.verification.report.texts import (
+    figure,
+    number_cell,
+    quantity,
+    rounded_up,
+    spaced,
+    with_error,
+)
 from taction.verification.report.views.board import (
     board_blocks,
     board_lines,

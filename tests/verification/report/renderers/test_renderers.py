@@ -214,3 +214,10 @@ def test_a_card_shows_every_block() -> None:
     text = html.fromstring(notebook.card(gallery())).text_content()
     for word in ("u1 is slow", "12.3 µV", "✗ fail", "7 ✓ pass", "made in 1 s", "Pole map"):
         assert word in text
+
+
+def test_a_long_word_stays_whole_and_is_never_markup() -> None:
+    name = "[bold]a_file_with_a_very_long_name_that_does_not_fit.toml"
+    table = Table("", ("file", "n"), ((Cell(name), Cell("1")),))
+    page = Page("t", "c", "", "", (), (Section("", (table,), "", EVERYWHERE),))
+    assert name in at_width(page, 30)

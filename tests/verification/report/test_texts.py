@@ -7,7 +7,7 @@ import math
 import pytest
 
 from taction.verification.report.renderers.markdown import table as markdown_table
-from taction.verification.report.tables import value_text
+from taction.verification.report.texts import value_text
 
 
 @pytest.mark.parametrize(
