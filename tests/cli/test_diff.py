@@ -10,6 +10,7 @@ import pytest
 
 from taction.verification.studies.difference import compare_verdicts
 from tests.support.entries import write_fast
+from tests.support.paths import DATA, SCENES
 from tests.support.running import document, taction
 
 
@@ -65,6 +66,20 @@ def test_stored_documents_are_compared_without_a_run(tmp_path: Path) -> None:
     result = taction("diff", str(stored), scene)
     assert result.exit_code == 1
     assert "keys: unknown" in result.stdout
+
+
+def test_a_verdict_of_version_1_is_read(tmp_path: Path) -> None:
+    """It was stored before the documents became types; its readings are those of today."""
+    stored = str(DATA / "verdict-of-version-1.json")
+    assert json.loads(Path(stored).read_text())["taction"]["schema"] == "verify-1"
+    scene, today = str(SCENES / "custom-matrix.toml"), tmp_path / "today.json"
+    run = taction("verify", scene, "--engine", "statespace", "--json")
+    today.write_text(run.stdout, encoding="utf-8")
+    found = document(result := taction("diff", stored, str(today), "--json"))
+    assert result.exit_code == 0
+    assert len(found["readings"]) > 30
+    assert not [each for each in found["readings"] if each["beyond"] is not False]
+    assert {key["key"] for key in found["keys"]} == {"design.exponential_slope"}
 
 
 def test_a_file_of_the_same_name_with_another_content_is_a_difference(tmp_path: Path) -> None:
