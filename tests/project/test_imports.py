@@ -107,7 +107,7 @@ def test_a_layer_of_the_reports_imports_only_from_the_layers_below(layer: str) -
         for name in sorted(imports(module))
         if module not in results
         and name.startswith(room + ".")
-        and name.split(".")[2] not in (*low, "schemas", "verdict")
+        and name.split(".")[2] not in (*low, "documents", "verdict")
     ]
     assert not wrong, "\n".join(wrong)
 
