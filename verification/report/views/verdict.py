@@ -274,7 +274,7 @@ def channel_table(
         for channel in measurements.channels
     )
     words = " and ".join(EXCURSIONS).capitalize()
-    return Table("", columns, rows, f"{words} are in % of the step of the network.")
+    return Table("Channels", columns, rows, f"{words} are in % of the step of the network.")
 
 
 def _reading(channel: ChannelMeasure, name: str) -> Cell:
@@ -351,7 +351,7 @@ def budget_blocks(verdict: Verdict) -> tuple[Block, ...]:
     note = f"{budget.solves} solutions of its own."
     if worst is None:
         note += " The parts do not add up: a solution between them is not known."
-    return (Table("", titles, rows, note),)
+    return (Table("Parts of the error", titles, rows, note),)
 
 
 def _worst(budget: ErrorBudget) -> int | None:

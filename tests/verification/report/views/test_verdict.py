@@ -72,7 +72,7 @@ def test_the_checks_have_the_numbers_of_the_document(name: str) -> None:
 @pytest.mark.parametrize("name", VERDICTS)
 def test_the_channels_have_the_numbers_of_the_document(name: str) -> None:
     records = verdict_document(verdicts()[name])["channels"]
-    table = block(name, Table)
+    table = block(name, Table, "Channels")
     assert len(table.rows) == len(records)
     for row, record in zip(table.rows, records, strict=True):
         cells = dict(zip(table.columns, row, strict=True))
