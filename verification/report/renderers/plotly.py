@@ -343,7 +343,7 @@ def _bars(mark: Columns, chart: Chart, look: str, chosen: Sequence[int]) -> dict
         trace["base"] = values(mark.bases, size_axis)
     if mark.widths is not None:
         trace["width"] = values(mark.widths, place_axis)
-    if mark.written:
+    if mark.written and mark.across == "x":
         trace |= {"text": [words(mark.written[k]) for k in chosen], "textposition": "outside",
                   "cliponaxis": False}  # fmt: skip
     if mark.hover or mark.written:
