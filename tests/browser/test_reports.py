@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from taction.verification.report.blocks import Code
+from taction.verification.report.blocks import PAGE, Code
 from tests.browser.conftest import DESK, NAMES, PHONE, Open
 from tests.support.report_pages import page as report_of
 
@@ -153,7 +153,7 @@ def test_copy_copies_the_whole_deck(open_report: Open) -> None:
     page.get_by_role("button", name="Copy the deck").click()
     page.wait_for_selector(".copied:not(:empty)")
     assert page.locator(".copied").first.inner_text() == "copied"
-    blocks = [b for section in report_of("passing").sections for b in section.blocks]
+    blocks = [b for section in report_of("passing").sections for b in section.made(PAGE)]
     (deck,) = (b.text for b in blocks if isinstance(b, Code))
     assert page.evaluate("navigator.clipboard.readText()") == deck
 
