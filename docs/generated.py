@@ -152,9 +152,10 @@ def _type(about: dict[str, Any], kinds: dict[str, Any]) -> str:
         elif "properties" in choice:
             word = "table"
         else:
-            word = {"null": "", "number": "number", "string": "text"}.get(
-                choice.get("type", ""), choice.get("type", "")
-            )
+            kinds_of = choice.get("type", "")
+            kinds_of = kinds_of if isinstance(kinds_of, list) else [kinds_of]
+            names = {"null": "", "number": "number", "string": "text"}
+            word = " or ".join(name for kind in kinds_of if (name := names.get(kind, kind)))
             limits = [
                 f"{sign} {choice[name]:g}"
                 for name, sign in (

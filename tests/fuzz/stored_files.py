@@ -10,6 +10,7 @@ from typing import Any
 
 from hypothesis import strategies as st
 
+from taction.system.documents import plain
 from taction.verification.studies.regression.baseline import baseline_text, load_baseline
 from taction.verification.studies.store import Store, StoredResult
 from taction.verification.studies.tolerance.drawing import SampleStore
@@ -32,14 +33,17 @@ def _examine_baseline(content: bytes, folder: Path) -> str:
     (folder / "baseline.json").write_bytes(content)
     entries = load_baseline(folder / "baseline.json")
     read = json.loads(content)["scenes"]
-    assert {name: _plain(found.model_dump()) for name, found in entries.items()} == _plain(read)
+    assert {name: _plain(plain(found, sparse=True)) for name, found in entries.items()} == _plain(
+        read
+    )
     return "accepted, the same numbers"
 
 
 def _plain(value: Any) -> Any:
-    """Return data with every number as float."""
+    """Return data with every number as float, without the keys that hold nothing."""
     if isinstance(value, dict):
-        return {name: _plain(item) for name, item in value.items()}
+        known = {name: _plain(item) for name, item in value.items()}
+        return {name: item for name, item in known.items() if item not in (None, "", {}, [])}
     if isinstance(value, list):
         return [_plain(item) for item in value]
     return float(value) if isinstance(value, int | float) else value

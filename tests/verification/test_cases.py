@@ -54,7 +54,7 @@ def test_a_sample_of_a_tolerance_study_finds_the_window() -> None:
     board = prepare(scene)
     sample = evaluate(board, 0, np.zeros(len(board.varied)))
     assert sample.outcome == "fail"
-    assert sample.margin == pytest.approx(1.53e-9 / HIGH, rel=1e-4)
+    assert sample.record.value("margin") == pytest.approx(1.53e-9 / HIGH, rel=1e-4)
 
 
 def test_tuning_keeps_away_from_the_window() -> None:
