@@ -306,7 +306,8 @@ def sentences(function: str) -> dict[str, str]:
 def beginning(function: str) -> str:
     """Return the docstring of a public function up to its first section."""
     text = inspect.getdoc(getattr(taction, function)) or ""
-    return re.split(r"^\w+\n-+\n", text, maxsplit=1, flags=re.MULTILINE)[0].strip()
+    head = re.split(r"^\w+\n-+\n", text, maxsplit=1, flags=re.MULTILINE)[0]
+    return re.sub(r"``(.*?)``", r"\1", head).strip()
 
 
 def _plain(paragraphs: str) -> str:

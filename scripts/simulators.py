@@ -61,17 +61,17 @@ def run(job: Job) -> Result:
     simulator = replace(find_simulator(job.executable), klu=job.klu)
     usual = simulation.ENGINES["ngspice"]
 
-    def engine(scene, board, plan):  # type: ignore[no-untyped-def]
-        transient = replace(plan.transient, method=job.method)
-        return usual(scene, board, replace(plan, transient=transient))
+    def begin(design):  # type: ignore[no-untyped-def]
+        transient = replace(design.plan.transient, method=job.method)
+        return usual.begin(replace(design, plan=replace(design.plan, transient=transient)))
 
     simulation.find_simulator = lambda: simulator  # type: ignore[attr-defined]
-    simulation.ENGINES["ngspice"] = engine
+    simulation.OWN["ngspice"] = replace(usual, begin=begin)
     try:
         verdict = verify(scene)
     finally:
         simulation.find_simulator = find_simulator  # type: ignore[attr-defined]
-        simulation.ENGINES["ngspice"] = usual
+        simulation.OWN["ngspice"] = usual
     failed = (f"{c.name}: {c.reason}" for c in verdict.checks if c.outcome.value != "pass")
     seconds = time.monotonic() - began
     name = verdict.waveforms.simulator

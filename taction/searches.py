@@ -119,9 +119,9 @@ def choose(
     opamps : str or sequence of str
         Presets; by default all of them.
     c_range : str
-        By default the scene's C /10 to *10.
+        By default the scene's C from a tenth to ten times its value.
     gain_range : str
-        By default the scene's gain /10 to *10.
+        By default the scene's gain from a tenth to ten times its value.
     points : int
         Values of C and of gain.
     output : path, optional

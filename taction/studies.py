@@ -497,7 +497,7 @@ def regress(
     jobs: int | None = None,
     progress: Progress = lambda stage: None,
 ) -> RegressionReport:
-    """Verify every scene (*.toml) in DIR and compare the results with the baseline.
+    """Verify every scene (``*.toml``) in DIR and compare the results with the baseline.
 
     Parameters
     ----------

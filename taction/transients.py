@@ -208,7 +208,7 @@ def verify_files(
     scenes : sequence of path
         Scene files, and folders: all their files ``*.toml``.
     exclude : sequence of str
-        Leave out files whose name or path matches: 'draft-*'. Repeat it for several patterns.
+        Leave out files whose name or path matches: ``draft-*``. Repeat it for several patterns.
     engine : str, optional
         Engine in the place of the scene's own.
 
@@ -310,7 +310,7 @@ def diff(
 ) -> VerdictDifference:
     """Compare two boards: the keys that differ, then the readings of both verdicts.
 
-    A and B are scenes, or files *.json that `taction verify SCENE --json` wrote.
+    A and B are scenes, or files ``*.json`` that `taction verify SCENE --json` wrote.
 
     Parameters
     ----------
