@@ -259,8 +259,34 @@ def _read_parts(kind: Any, data: Any, place: str) -> Any:
 
 
 def unknown_keys(kind: Any, data: Mapping[str, Any]) -> list[str]:
-    """Return the keys of `data` that a document of the type does not have."""
-    return sorted(set(data) - set(_object(kind, {})["properties"]))
+    """Return the keys of `data`, and of all that is in it, that a document of the type has not."""
+    made = schema(kind)
+    return sorted(_unknown(made, data, made.get("$defs", {}), ""))
+
+
+def _unknown(made: Any, data: Any, shared: Mapping[str, Any], place: str) -> set[str]:
+    if not isinstance(made, Mapping):
+        return set()
+    if "$ref" in made:
+        made = shared[made["$ref"].rpartition("/")[2]]
+    if "anyOf" in made:
+        return min((_unknown(each, data, shared, place) for each in made["anyOf"]), key=len)
+    if isinstance(data, list):
+        items = (
+            _unknown(made.get("items"), d, shared, f"{place}[{n}]") for n, d in enumerate(data)
+        )
+        return {name for found in items for name in found}
+    if not isinstance(data, Mapping) or made.get("type") != "object":
+        return set()
+    known, others = made.get("properties", {}), made.get("additionalProperties", False)
+    found: set[str] = set()
+    for key, item in data.items():
+        here = f"{place}.{key}".lstrip(".")
+        if key not in known and others is False:
+            found.add(here)
+        else:
+            found |= _unknown(known.get(key, others), item, shared, here)
+    return found
 
 
 def schema(kind: Any) -> dict[str, Any]:
@@ -312,11 +338,13 @@ def _schema_of(kind: Any, shared: dict[str, Any]) -> dict[str, Any]:
             shared[name] = {}  # a type may contain itself
             shared[name] = _object(typing.cast(type, kind), shared)
         return {"$ref": f"#/$defs/{name}"}
+    if origin is not None or not isinstance(kind, type):  # an array of NumPy
+        return {"type": "array", "items": {"type": ["number", "null"]}}
     if issubclass(kind, enum.Enum):
         return {"enum": [one.value for one in kind]}
     if issubclass(kind, PurePath):
         return {"type": "string"}
-    return {"type": "array", "items": {"type": ["number", "null"]}}  # an array of NumPy
+    raise TypeError(f"a document cannot hold {kind.__name__}")
 
 
 def _any_of(found: list[dict[str, Any]]) -> dict[str, Any]:

@@ -23,6 +23,7 @@ from taction.system.documents import (
     read,
     schema,
     units,
+    unknown_keys,
 )
 
 
@@ -169,3 +170,19 @@ class Twice:
 
 def test_a_name_with_two_units_has_its_path() -> None:
     assert units(Twice) == {"inner.time": "s", "level": "V", "time": "V"}
+
+
+@dataclass(frozen=True)
+class Inner:
+    rise: float | None = None
+
+
+@dataclass(frozen=True)
+class Outer:
+    name: str
+    parts: tuple[Inner, ...] = ()
+
+
+def test_keys_that_no_document_has_are_found_at_every_depth() -> None:
+    data = {"name": "a", "parts": [{"rise": 1.0}, {"risd": 1.0}], "nam": "b"}
+    assert unknown_keys(Outer, data) == ["nam", "parts[1].risd"]
