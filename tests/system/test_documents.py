@@ -173,16 +173,16 @@ def test_a_name_with_two_units_has_its_path() -> None:
 
 
 @dataclass(frozen=True)
-class Inner:
+class Leaf:
     rise: float | None = None
 
 
 @dataclass(frozen=True)
-class Outer:
+class Tree:
     name: str
-    parts: tuple[Inner, ...] = ()
+    parts: tuple[Leaf, ...] = ()
 
 
 def test_keys_that_no_document_has_are_found_at_every_depth() -> None:
     data = {"name": "a", "parts": [{"rise": 1.0}, {"risd": 1.0}], "nam": "b"}
-    assert unknown_keys(Outer, data) == ["nam", "parts[1].risd"]
+    assert unknown_keys(Tree, data) == ["nam", "parts[1].risd"]
