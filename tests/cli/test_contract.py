@@ -210,6 +210,7 @@ def test_every_command_ends_alike(
 def test_what_is_finished_is_shown_after_ctrl_c(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     words = [*CALLS[name], "--jobs", "1"]
     real = getattr(taction, name)
+    monkeypatch.setenv("COLUMNS", "200")  # so that a longer run time changes no table's form
 
     def interrupted(*given: Any, **more: Any) -> None:
         raise taction.Interrupted("the rest is missing", real(*given, **more))
