@@ -57,14 +57,15 @@ say "made in $((SECONDS - began)) s, $(du -sm "$bare" | cut -f 1) MB"
 mount -t proc proc "$bare/proc"
 mount --rbind /dev "$bare/dev"
 cp /etc/resolv.conf /etc/hosts "$bare/etc/" 2>/dev/null || true
-mkdir -p "$bare/usr/local/share/ca-certificates"
+home=${HOME:-/root} # the same inside, so that settings of pip are found
+mkdir -p "$bare/usr/local/share/ca-certificates" "$bare$home"
 cp -r /etc/ssl/certs/. "$bare/etc/ssl/certs/" 2>/dev/null || true
-for file in /etc/pip.conf "${HOME:-/root}/.config/pip/pip.conf" "${HOME:-/root}/.pip/pip.conf"; do
+for file in /etc/pip.conf "$home/.config/pip/pip.conf" "$home/.pip/pip.conf"; do
     [ -e "$file" ] && mkdir -p "$bare$(dirname "$file")" && cp "$file" "$bare$file"
 done
 # Folders of packages on this machine that pip's settings name are there, too, read only.
-settings_of_pip() { { env | grep '^PIP_'; cat "$bare"/etc/pip.conf "$bare"/root/.config/pip/pip.conf \
-    "$bare"/root/.pip/pip.conf; } 2>/dev/null || true; }
+settings_of_pip() { { env | grep '^PIP_'; cat "$bare"/etc/pip.conf "$bare$home/.config/pip/pip.conf" \
+    "$bare$home/.pip/pip.conf"; } 2>/dev/null || true; }
 bound=()
 for folder in $(settings_of_pip | grep -oE '(file://)?/[^ ,]+' | sed 's,^file://,,' | sort -u); do
     [ "$(basename "$folder")" = simple ] && folder=$(dirname "$folder") # an index beside its files
@@ -76,7 +77,7 @@ for folder in $(settings_of_pip | grep -oE '(file://)?/[^ ,]+' | sed 's,^file://
 done
 
 git clone --quiet --no-hardlinks . "$bare/home/taction"
-variables=(HOME=/root PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin TERM=dumb)
+variables=(HOME="$home" PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin TERM=dumb)
 for name in LANG CI JOBS; do [ -n "${!name:-}" ] && variables+=("$name=${!name}"); done
 while IFS= read -r pair; do variables+=("$pair"); done < <(env | grep -iE '^(PIP_|[a-z]*_?proxy=)' || true)
 

@@ -6,7 +6,6 @@ import importlib.util
 from pathlib import Path
 
 from taction.system.atomic_files import write_atomically
-from taction.system.errors import Complaint, InputError
 from taction.verification.evidence.paper.reproduce import Reproduction
 from taction.verification.report.blocks import TERMINAL
 from taction.verification.report.renderers.markdown import line, markdown
@@ -17,21 +16,6 @@ from taction.verification.studies.running.versions import describe_machine
 
 MARKDOWN, HTML = "paper.md", "paper.html"
 PAGES = (MARKDOWN, HTML)
-
-
-def check_report_folder(folder: str) -> None:
-    """Make a missing `folder`, before any work is done.
-
-    Raises
-    ------
-    InputError
-        `folder` is a file, or cannot be made.
-    """
-    try:
-        Path(folder).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        text = f"{error.strerror}; expected a folder that can be written to"
-        raise InputError("--output", Complaint("DIR", repr(folder), text)) from None
 
 
 def write_paper(result: Reproduction, folder: str) -> tuple[str, ...]:
