@@ -17,13 +17,13 @@ from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.system.array_types import Floats
 from taction.system.errors import SimulationError
+from taction.system.waveforms import Waveforms
 from taction.verification.engines.ngspice import process
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients import exact, simulate
 from taction.verification.readings.signals import CUBIC, lagrange
 from taction.verification.verdict.step_forecast import StepModel
-from taction.verification.waveforms import Waveforms
 
 RELTOL = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 PARTS = (50, 200, 500, 1000, 2000, 5000, 20_000)  # of the record: the longest step

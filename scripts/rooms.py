@@ -17,11 +17,10 @@ ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = ("system", "spice_models", "netlist_gen", "verification", "cli")
 
 # The floors of the house, the lowest first, and the rooms on each. A room imports from itself and
-# from the floors below, never from another room of its own floor. A longer name wins over a
-# shorter one: `verification.waveforms` is a room of its own. All names are below `taction`.
+# from the floors below, never from another room of its own floor. All names are below `taction`.
 FLOORS: tuple[tuple[str, ...], ...] = (
     ("system", "spice_models"),
-    ("netlist_gen", "verification.waveforms"),
+    ("netlist_gen",),
     ("verification.reference", "verification.engines.ngspice", "verification.engines.statespace"),
     ("verification.readings", "verification.stability", "verification.characterise"),
     ("verification.verdict",),

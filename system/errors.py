@@ -128,7 +128,7 @@ class DivergesError(EngineError):
     Attributes
     ----------
     partial : object or None
-        A `verification.waveforms.Waveforms` up to that instant (`object`, because this module must
+        A `system.waveforms.Waveforms` up to that instant (`object`, because this module must
         not import that class).
     """
 
@@ -147,7 +147,7 @@ class SimulationError(NoVerdictError):
     folder : Path or None
         The run folder, kept as a reproducer (deck, command line, log, partial result).
     partial : object or None
-        A `verification.waveforms.Waveforms` of the points that were written before the failure,
+        A `system.waveforms.Waveforms` of the points that were written before the failure,
         without any check (`object`, because this module must not import that class).
     """
 

@@ -34,10 +34,10 @@ if TYPE_CHECKING:
         verify_sample,
     )
     from taction.system.errors import InputError, Interrupted, NoVerdictError, TactionError
+    from taction.system.waveforms import Waveforms
     from taction.tools import doctor, import_model, models, opamp, scene_schema
     from taction.transients import diff, explore, simulate, verify, verify_files, what_to_change
     from taction.verdict import Verdict
-    from taction.verification.waveforms import Waveforms
 
 __all__ = [
     "Circuit",

@@ -9,4 +9,4 @@ from taction.system.errors import InputError as InputError
 from taction.system.errors import Interrupted as Interrupted
 from taction.system.errors import NoVerdictError as NoVerdictError
 from taction.system.errors import TactionError as TactionError
-from taction.verification.waveforms import Waveforms as Waveforms
+from taction.system.waveforms import Waveforms as Waveforms

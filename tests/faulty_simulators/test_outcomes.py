@@ -21,9 +21,9 @@ from taction.system.errors import (
     StepTooSmall,
     TimedOut,
 )
+from taction.system.waveforms import Waveforms
 from taction.verification.engines.ngspice import ending
 from taction.verification.engines.ngspice.process import simulate
-from taction.verification.waveforms import Waveforms
 from tests.faulty_simulators.installed import installed
 from tests.faulty_simulators.program import RUNS
 from tests.support.processes import is_running, process_id

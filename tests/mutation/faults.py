@@ -13,9 +13,9 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.system.array_types import Complexes, Floats
 from taction.system.reading_definitions import TIMES
+from taction.system.waveforms import Waveforms
 from taction.verification.readings.measurements import ChannelMeasure, summary
 from taction.verification.verdict.bounded_measures import BoundedMeasures
-from taction.verification.waveforms import Waveforms
 
 CircuitChange = Callable[[Circuit], Circuit]
 ProblemChange = Callable[[InverseProblem], InverseProblem]

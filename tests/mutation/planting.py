@@ -19,6 +19,7 @@ from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.topology import Topology
+from taction.system.waveforms import Waveforms
 from taction.verification.engines.statespace.equations.stamps import stamp
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.reference import IdealNetwork
@@ -30,7 +31,6 @@ from taction.verification.verdict.bounded_measures import BoundedMeasures, measu
 from taction.verification.verdict.checks import Check, Outcome, overall
 from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.verify import Verdict, verify
-from taction.verification.waveforms import Waveforms
 
 Plant = Callable[[Scene, pytest.MonkeyPatch], Verdict]
 

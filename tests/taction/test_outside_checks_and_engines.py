@@ -15,10 +15,10 @@ import pytest
 import taction
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import load_scene, scene_type
+from taction.system.waveforms import Waveforms
 from taction.verification.verdict import recording
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.run_checks import CHECKS, OWN
-from taction.verification.waveforms import Waveforms
 from tests.support.paths import ROOT
 from tests.support.running import document
 from tests.support.running import taction as command

@@ -16,6 +16,7 @@ import numpy as np
 
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
+from taction.system.waveforms import Waveforms
 from taction.verification.engines.ngspice.process import PHYSICAL_BOUND
 from taction.verification.readings.measure import measure
 from taction.verification.readings.measurements import Measurements, summary
@@ -25,7 +26,6 @@ from taction.verification.reference.ideal_answer import IdealAnswer
 from taction.verification.verdict.companion import Companion
 from taction.verification.verdict.planned_board import PlannedBoard, SteadyState
 from taction.verification.verdict.simulation import StateSpaceError, is_exact, outputs
-from taction.verification.waveforms import Waveforms
 
 
 @dataclass(frozen=True, slots=True)

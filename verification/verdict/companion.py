@@ -14,6 +14,7 @@ import numpy as np
 from taction.netlist_gen.analysis import Transient
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
+from taction.system.waveforms import Waveforms
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.readings.signals import CUBIC, lagrange
 from taction.verification.verdict.planned_board import PlannedBoard
@@ -26,7 +27,6 @@ from taction.verification.verdict.simulation import (
     state_space_tolerance,
 )
 from taction.verification.verdict.transient_plan import coarser
-from taction.verification.waveforms import Waveforms
 
 MAX_INSTANTS = 20_000
 COARSER = 2.0  # times the step: the step of a second run of ngspice

@@ -13,6 +13,7 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.quantities import quantity
+from taction.system.waveforms import Waveforms
 from taction.verification.readings.measurements import Measurements
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer
 from taction.verification.verdict.bounded_measures import (
@@ -47,7 +48,6 @@ from taction.verification.verdict.transient_plan import (
     TransientPlan,
     plan_transient,
 )
-from taction.verification.waveforms import Waveforms
 
 INSIDE = 0.5  # of the band minus the static error: remaining ringing at the end of a longer record
 LONGER = 2.0  # times the length of a record that was too short: least length of the next record

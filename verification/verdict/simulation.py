@@ -35,13 +35,13 @@ from taction.system.errors import (
     TimedOut,
 )
 from taction.system.plugins import OpenTable
+from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.process import PHYSICAL_BOUND, Run, start
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients import amplified, structured_radau
 from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.transient_plan import TransientPlan
-from taction.verification.waveforms import Cost, Waveforms
 
 TIGHTER = 16.0  # the first run's tolerance over the second's
 ADAPTED = 0.125  # of the difference of two such runs: error of the second, at most twice the 1/15

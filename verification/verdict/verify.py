@@ -12,6 +12,7 @@ from taction.netlist_gen.scene.questions import questions
 from taction.netlist_gen.scene.scene import Scene, opamp_words
 from taction.system.array_types import Floats
 from taction.system.quantities import sizes
+from taction.system.waveforms import Waveforms
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.readings.constraint_stage import ConstraintPlane, constraint_plane
 from taction.verification.readings.measurements import Measurements
@@ -41,7 +42,6 @@ from taction.verification.verdict.warnings import (
     missing_witness,
     notes,
 )
-from taction.verification.waveforms import Waveforms
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

@@ -6,8 +6,8 @@ import numpy as np
 from scipy.linalg import expm
 
 from taction.system.errors import EngineError
+from taction.system.waveforms import Cost, Waveforms
 from taction.verification.verdict.simulation import Engine
-from taction.verification.waveforms import Cost, Waveforms
 
 POINTS = 4000
 

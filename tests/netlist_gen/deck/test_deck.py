@@ -20,9 +20,9 @@ from taction.netlist_gen.deck.board_cards import matrix_lines
 from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import load_scene
+from taction.system.waveforms import Waveforms
 from taction.verification.engines.ngspice.process import find_simulator, simulate
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.waveforms import Waveforms
 from tests.support.making import NEAR_IDEAL, make_scene, matrix_problem
 from tests.support.paths import GOLDEN, SCENES
 

@@ -22,6 +22,7 @@ from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.spice_models.opamp import KNEE
 from taction.spice_models.subcircuits import opamp_subcircuit
+from taction.system.waveforms import Waveforms
 from taction.verification.engines.ngspice.process import find_simulator
 from taction.verification.engines.ngspice.process import simulate as by_ngspice
 from taction.verification.engines.statespace.linearised.board import LinearBoard
@@ -32,7 +33,6 @@ from taction.verification.verdict.deck import deck_of
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.progress import Clock
 from taction.verification.verdict.verify import Verdict, verify
-from taction.verification.waveforms import Waveforms
 from tests.support.making import make_scene
 from tests.support.paths import CASES, SCENES
 from tests.support.small_decks import transient

@@ -14,6 +14,7 @@ import pytest
 
 from taction.netlist_gen.scene.scene import Scene, load_scene, parse_scene
 from taction.system.errors import EngineError, InputError
+from taction.system.waveforms import Waveforms
 from taction.verification.engines.statespace.transients import simulate
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer
@@ -39,7 +40,6 @@ from taction.verification.verdict.simulation import (
 )
 from taction.verification.verdict.transient_plan import AIM, TransientPlan
 from taction.verification.verdict.verify import verify
-from taction.verification.waveforms import Waveforms
 from tests.support.making import make_scene
 from tests.support.paths import SCENES
 

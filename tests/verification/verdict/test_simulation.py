@@ -12,6 +12,7 @@ from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Capacitor, Circuit, Output, Resistor, SignalAmplifier
 from taction.system.array_types import Floats
 from taction.system.errors import DivergesError, EngineError
+from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients import simulate, structured_radau
 from taction.verification.engines.statespace.transients.exact import exact_solution
@@ -24,7 +25,6 @@ from taction.verification.verdict.simulation import (
     begin,
     state_space_error,
 )
-from taction.verification.waveforms import Cost, Waveforms
 from tests.support.boards import board, kernel, single_mode, strain, two_pole
 from tests.support.making import make_scene
 

@@ -32,6 +32,7 @@ import numpy as np
 from taction.netlist_gen.analysis import Band, Noise, OperatingPoint, SmallSignal, Transient
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import BadEvidence, SimulationError
+from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.ngspice.ending import (
     Ending,
     check_end,
@@ -41,7 +42,6 @@ from taction.verification.engines.ngspice.ending import (
 )
 from taction.verification.engines.ngspice.raw_file import Plot, read_complex, read_plots, read_raw
 from taction.verification.engines.ngspice.screening import Deck
-from taction.verification.waveforms import Cost, Waveforms
 
 STOP_TOLERANCE = 1e-9
 _PLOT_NAMES = {Transient: "Transient Analysis", OperatingPoint: "Operating Point"}

@@ -37,6 +37,7 @@ from taction.system.errors import (
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_ends
 from taction.system.own_folders import keep_folder, make_own_folder, remove_own_folder
 from taction.system.processes import end_orphans
+from taction.system.waveforms import Waveforms
 from taction.verification.engines.ngspice.ending import Ending, longest
 from taction.verification.engines.ngspice.evidence import (
     accepted_waveforms,
@@ -45,7 +46,6 @@ from taction.verification.engines.ngspice.evidence import (
 )
 from taction.verification.engines.ngspice.executable import Simulator, environment, find_simulator
 from taction.verification.engines.ngspice.screening import Deck, screen
-from taction.verification.waveforms import Waveforms
 
 OPTIONS = ("--pdeathsig", "KILL")  # of `setpriv`: the signal for a process whose parent ends
 

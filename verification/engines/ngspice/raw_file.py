@@ -18,7 +18,7 @@ import numpy as np
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import BadEvidence, OutOfDisk
 from taction.system.foreign_files import UnusableFileError, open_regular
-from taction.verification.waveforms import Waveforms
+from taction.system.waveforms import Waveforms
 
 DOUBLE, COMPLEX = np.dtype("<f8"), np.dtype("<c16")
 _LONGEST_HEADER = 1 << 24

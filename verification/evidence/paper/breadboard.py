@@ -14,6 +14,7 @@ from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
+from taction.system.waveforms import Waveforms
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.process import simulate
 from taction.verification.evidence.paper.findings import (
@@ -30,7 +31,6 @@ from taction.verification.stability.margin import stability_margin
 from taction.verification.studies.onset.onset import onset, parse_onset_axis
 from taction.verification.verdict.progress import Effort
 from taction.verification.verdict.verify import Verdict, verify
-from taction.verification.waveforms import Waveforms
 
 CENTRE = 3  # channel 4 of 7
 NEXT_E12 = 8.2e-12  # F, the E12 value below 10 pF

@@ -38,6 +38,7 @@ from taction.verification.verdict.recording import Accuracy
 from taction.verification.verdict.verify import Verdict
 
 if TYPE_CHECKING:
+    from taction.system.waveforms import Waveforms
     from taction.verification.design.fresh_scene import FreshScene
     from taction.verification.design.remedies import Remedies
     from taction.verification.design.scaling import Scaling
@@ -46,7 +47,6 @@ if TYPE_CHECKING:
     from taction.verification.design.tune import Tuning
     from taction.verification.readings.measurements import Measurements
     from taction.verification.studies.verify_files import VerifiedFiles
-    from taction.verification.waveforms import Waveforms
 
 
 @dataclass(frozen=True, slots=True)

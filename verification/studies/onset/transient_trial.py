@@ -21,6 +21,7 @@ from taction.netlist_gen.deck.deck import write_deck
 from taction.system.array_types import Complexes
 from taction.system.errors import EngineError, InputError, SimulationError
 from taction.system.quantities import show, show_rate
+from taction.system.waveforms import Waveforms
 from taction.verification.engines.ngspice.executable import Simulator
 from taction.verification.engines.ngspice.process import Run, start
 from taction.verification.engines.statespace.linearised.board import LinearBoard
@@ -29,7 +30,6 @@ from taction.verification.readings.mode_fit import Mode, fit_modes
 from taction.verification.stability.edges import Edge
 from taction.verification.stability.poles import poles
 from taction.verification.verdict.transient_plan import truncation_for
-from taction.verification.waveforms import Waveforms
 
 DISTANCE = 0.03  # distance of a transient from the crossing, relative
 LEAST_DISTANCE = 1e-4  # the same where the pole moves fast

@@ -17,6 +17,7 @@ from taction.system.array_types import Floats
 from taction.system.errors import EngineError, TimedOut
 from taction.system.foreign_files import read_ends
 from taction.system.own_folders import own_folder
+from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.ngspice import process
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.process import LONGEST_LOG, PHYSICAL_BOUND
@@ -29,7 +30,6 @@ from taction.verification.reference import IdealNetwork
 from taction.verification.reference.dynamics import ScaledNetwork
 from taction.verification.verdict.simulation import outputs
 from taction.verification.verdict.transient_plan import coarser
-from taction.verification.waveforms import Cost, Waveforms
 
 BASE_POINTS = 125.0  # points per period of `Task.transient`
 MAX_INSTANTS = 4000  # of a record for the comparison with the reference,

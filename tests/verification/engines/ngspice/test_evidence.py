@@ -17,10 +17,10 @@ from taction.system.errors import (
     SingularCircuit,
     StepTooSmall,
 )
+from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.ngspice.ending import LONGEST_LINE, Ending, important_lines
 from taction.verification.engines.ngspice.evidence import accepted_waveforms
 from taction.verification.engines.ngspice.raw_file import write_raw
-from taction.verification.waveforms import Cost, Waveforms
 from tests.support.small_decks import divider, transient
 
 DECK = transient(saved=("out", "in"), stop=1e-6, step=1e-7)

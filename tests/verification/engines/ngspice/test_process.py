@@ -20,8 +20,8 @@ from taction.system.errors import (
     StepTooSmall,
     TimedOut,
 )
+from taction.system.waveforms import Waveforms
 from taction.verification.engines.ngspice.process import Simulator, find_simulator, simulate, start
-from taction.verification.waveforms import Waveforms
 from tests.support.processes import is_running, process_id
 from tests.support.small_decks import TAU, SmallDeck, divider, endless, transient, wrapped
 

@@ -15,6 +15,7 @@ from taction.netlist_gen.scene.scene import load_scene
 from taction.system.documents import plain
 from taction.system.errors import InputError
 from taction.system.picture import time_unit
+from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.ngspice.raw_file import read_raw
 from taction.verification.readings.readings import Reading
 from taction.verification.report.documents.verdict import (
@@ -25,7 +26,6 @@ from taction.verification.report.verdict.waveform_files import check_export, exp
 from taction.verification.report.views.verdict import view
 from taction.verification.verdict.record import Channel, finite
 from taction.verification.verdict.verify import Verdict, verify
-from taction.verification.waveforms import Cost, Waveforms
 from tests.support.measured import channel
 from tests.support.paths import SCENES
 

@@ -23,13 +23,13 @@ from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Complexes, Floats, Indices
 from taction.system.errors import DivergesError, EngineError
+from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.statespace.equations.amplifier_gains import LIMITER, gain_of
 from taction.verification.engines.statespace.equations.structured_solve import Structure
 from taction.verification.engines.statespace.linearised.board import LinearBoard, initial_unknowns
 from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium, solve_loop
 from taction.verification.engines.statespace.transients.radau import Dense, Radau, Solve
 from taction.verification.engines.statespace.transients.record_times import record_times
-from taction.verification.waveforms import Cost, Waveforms
 
 INSTANT = 1e-9  # of the fastest time constant: the settling time of the algebraic unknowns
 SETTLING_STEPS = 50

@@ -19,11 +19,11 @@ from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Floats, Indices, Ints
 from taction.system.errors import EngineError
+from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.statespace.equations.structured_solve import Structure
 from taction.verification.engines.statespace.linearised.board import LinearBoard, initial_unknowns
 from taction.verification.engines.statespace.transients.radau import tableau
 from taction.verification.engines.statespace.transients.record_times import record_times
-from taction.verification.waveforms import Cost, Waveforms
 
 METHOD = "Radau IIA, structured"
 STAGES = 7

@@ -19,10 +19,10 @@ from taction.netlist_gen.board.circuit import (
 )
 from taction.system.array_types import Floats
 from taction.system.errors import DivergesError, EngineError
+from taction.system.waveforms import Waveforms
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients.amplified import Amplified
 from taction.verification.engines.statespace.transients.simulate import simulate
-from taction.verification.waveforms import Waveforms
 from tests.support.boards import board, kernel, single_mode, strain, two_pole
 
 
