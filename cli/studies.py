@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -25,7 +24,6 @@ from taction.cli.command import (
     option,
     own_file,
     page,
-    picture,
     printed,
     shown,
     text_file,
@@ -35,9 +33,8 @@ from taction.cli.terminal import say
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from taction.results import Choice, CornerStudy, Tuned, VerifiedSample, YieldReport
+    from taction.results import Choice, CornerStudy, SweepResult, Tuned, VerifiedSample, YieldReport
     from taction.verification.report.blocks import Page
-    from taction.verification.report.sweep.result import SweepResult
     from taction.verification.studies.regression.run import RegressionReport
     from taction.verification.studies.work_precision.study import WorkPrecisionStudy
 
@@ -327,48 +324,26 @@ def _check_sweep(call: Call) -> None:
     given["output"] = given["output"] or f"{plan.scene.name}.sqlite"
 
 
-def _sweep_document(found: SweepResult) -> Iterator[str]:
-    from taction.verification.report.sweep.document import document_parts
-
-    return document_parts(found.plan, found.store, found.count, found.seconds)
-
-
-def _sweep_text(found: SweepResult, console: Console) -> None:
-    from taction.verification.report.renderers.terminal import print_page
-
-    print_page(_sweep_page(found), console)
-
-
-def _sweep_page(found: SweepResult) -> Any:
-    from taction.verification.report.views.sweep import view
-
-    return view(found.plan, found.store, found.count)
-
-
 def _sweep_table(found: SweepResult, path: str) -> None:
-    from taction.verification.report.sweep.files import export_sweep
+    from taction.verification.studies.sweep.result import export_sweep
 
-    export_sweep(found.plan, found.store, path)
+    export_sweep(found, path)
 
 
 SWEEP = Command(
     line="Verify a grid of scenes, here or on a cluster; resumable.",
     job=Job(
         function="sweep",
-        document=_sweep_document,
-        text=_sweep_text,
+        document=f"{REPORT}.documents.studies:SweepDocument.pieces",
+        text=printed(f"{REPORT}.views.sweep:view"),
         outputs=(
             Output(
                 "export",
                 "Write a table (.csv, .parquet) or grid (.nc).",
                 _sweep_table,
-                f"{REPORT}.sweep.files:check_sweep_export",
+                "verification.studies.sweep.result:check_sweep_export",
             ),
-            picture(
-                "maps over two axes, or curves over one axis,",
-                lambda found, path: found.plot(path),
-            ),
-            page(_sweep_page),
+            *shown(f"{REPORT}.views.sweep:view", "maps over two axes, or curves over one axis,"),
         ),
         before=_check_sweep,
     ),

@@ -14,6 +14,7 @@ from taction.netlist_gen.board.bill_of_materials import BillOfMaterials
 from taction.netlist_gen.deck.deck import Deck
 from taction.netlist_gen.kicad.project import Project
 from taction.verification.studies.onset import onset
+from taction.verification.studies.sweep import result
 from taction.verification.studies.tolerance import corners, yield_report
 from taction.verification.studies.tolerance.varied_board import BoardSample
 from taction.verification.verdict import recording
@@ -198,6 +199,52 @@ class YieldReport(yield_report.YieldReport):
         from taction.verification.report.views.montecarlo import view
 
         return draw_page(view(self.scene, self, self.boards, self.seed), path)
+
+
+class SweepResult(result.SweepResult):
+    """The results of `taction.sweep`: every point, with its pictures and its report."""
+
+    __slots__ = ()
+
+    def _repr_html_(self) -> str:
+        """Return the sweep as a card for a notebook."""
+        from taction.verification.report.renderers.notebook import card
+        from taction.verification.report.views.sweep import view
+
+        return card(view(self), "Sweep")
+
+    def plot(self, path: str | Path | None = None) -> Figure:
+        """Return maps over two axes, curves over one, or small maps over three.
+
+        Parameters
+        ----------
+        path : path, optional
+            Write the picture into this file: ``.png``, ``.svg`` or ``.pdf``.
+
+        Raises
+        ------
+        InputError
+            More than three axes, the picture cannot be written, or matplotlib is missing
+            (``taction[plot]``).
+        """
+        from taction.verification.report.renderers.picture import draw_page
+        from taction.verification.report.views.sweep import view
+
+        return draw_page(view(self), path)
+
+    def report(self, path: str | Path) -> None:
+        """Write a report as one HTML file: outcomes, maps or curves, and the points.
+
+        Raises
+        ------
+        InputError
+            The name does not end in ``.html``, the file cannot be written, or a package of
+            ``taction[report]`` is missing.
+        """
+        from taction.verification.report.renderers.page import write_page
+        from taction.verification.report.views.sweep import view
+
+        write_page(view(self), str(path))
 
 
 @dataclass(frozen=True, slots=True)

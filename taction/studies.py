@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from taction.netlist_gen.scene.axes import Fixed, Over
     from taction.netlist_gen.scene.scene import Scene
-    from taction.results import CornerStudy, Onset, VerifiedSample, YieldReport
+    from taction.results import CornerStudy, Onset, SweepResult, VerifiedSample, YieldReport
     from taction.verification.evidence.paper.reproduce import Reproduction
     from taction.verification.evidence.stress.run import StressReport
-    from taction.verification.report.sweep.result import SweepResult
     from taction.verification.studies.regression.run import RegressionReport
     from taction.verification.studies.store import Store
     from taction.verification.studies.sweep.plan import Plan
@@ -169,7 +168,7 @@ def sweep(
     >>> result.to_pandas()["stable"].tolist()
     [False, True, True, True]
     """
-    from taction.verification.report.sweep.result import SweepResult
+    from taction.results import SweepResult
     from taction.verification.studies.store import Store
 
     plan = plan_sweep(scene, over, engine, fix=fix, keep_waveforms=keep_waveforms)

@@ -13,8 +13,7 @@ from click.testing import CliRunner, Result
 from lxml import etree
 
 from taction.cli.main import main
-from taction.verification.report.sweep import agreement
-from taction.verification.report.sweep import records as records_module
+from taction.verification.studies.sweep import result as sweep_result
 from taction.verification.studies.sweep.comparison import Comparison
 from taction.verification.verdict.checks import Outcome
 from tests.support.entries import write_fast
@@ -78,12 +77,12 @@ def test_a_disagreement_ends_with_1(
     tmp_path: Path, ngspice: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     found = Comparison(Outcome.FAIL, 7.0, "overshoot (step): 2 by ngspice")
-    monkeypatch.setattr(records_module, "compare_point", lambda ngspice, statespace: found)
+    monkeypatch.setattr(sweep_result, "compare_point", lambda ngspice, statespace: found)
     words = ("sweep", PAPER, *OVER, "--engine", "both", "--jobs", "1")
     done = taction(*words, "-o", str(tmp_path / "a.sqlite"))
     assert done.exit_code == 1
     assert "THE ENGINES DISAGREE at 3 points" in done.stdout
-    assert agreement.LINES > 3
+    assert sweep_result.LINES > 3
     assert done.stdout.count("overshoot (step): 2 by ngspice") == 3
 
 

@@ -11,6 +11,7 @@ import taction
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import Scene
+from taction.results import SweepResult
 from taction.system.errors import InputError
 from taction.verification.design.choose import (
     Confirmation,
@@ -47,7 +48,7 @@ from taction.verification.report.views.sweep import view as sweep_report
 from taction.verification.report.views.verdict import view as verdict_report
 from taction.verification.studies.regression.run import RegressionReport, SceneResult, Status
 from taction.verification.studies.store import Store, StoredResult
-from taction.verification.studies.sweep.plan import Plan, Requests
+from taction.verification.studies.sweep.plan import Requests
 from taction.verification.studies.sweep.point import failure
 from taction.verification.studies.sweep.run import SweepCounts
 from taction.verification.studies.tolerance.corners import worst_corners
@@ -146,14 +147,14 @@ def _tuning() -> Page:
 
 
 def _sweep(*over: str) -> Page:
-    plan, store, count = swept(*over)
-    with store:
-        found = sweep_report(plan, store, count)
+    result = swept(*over)
+    with result.store:
+        found = sweep_report(result)
         made = tuple(replace(each, blocks=each.made(PAGE)) for each in found.sections)
         return replace(found, sections=made)
 
 
-def swept(*over: str) -> tuple[Plan, Store, SweepCounts]:
+def swept(*over: str) -> SweepResult:
     """Return the points of a sweep with every outcome, in an open store."""
     plan = grid_plan(*over, engines=("statespace",))
     outcomes = ("pass", "fail", "inconclusive", "error")
@@ -169,7 +170,7 @@ def swept(*over: str) -> tuple[Plan, Store, SweepCounts]:
     store, count = Store(":memory:"), SweepCounts(plan.total, done=plan.total)
     store_records(plan, store, stored)
     count.outcomes.update(record.outcome for record in stored.values())
-    return plan, store, count
+    return SweepResult.of(plan, store, count)
 
 
 def _choice(settling: str = "1ms") -> Page:

@@ -22,7 +22,6 @@ from taction.verification.report.blocks import NOTEBOOK, Cell, Notes, Page, Sect
 from taction.verification.report.charts import OUTCOMES
 from taction.verification.report.renderers.notebook import MOST_NOTES, MOST_ROWS
 from taction.verification.report.renderers.notebook import card as card_of
-from taction.verification.report.sweep.result import SweepResult
 from taction.verification.studies.tolerance.corners import worst_corners
 from taction.verification.verdict.checks import Outcome
 from tests.support.making import make_scene
@@ -50,7 +49,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
         passing.scene,
         passing.circuit,
         passing.waveforms,
-        SweepResult.of(*swept("C=50pF:200pF:3", "gain=50k:200k:2")),
+        swept("C=50pF:200pF:3", "gain=50k:200k:2"),
         taction.onset(scene, over="C=1pF:100pF:13", transients=False),
         taction.montecarlo(two, samples=40, jobs=1, remedy=False),
     )
@@ -159,9 +158,8 @@ def test_long_texts_and_tables_are_cut_and_say_so() -> None:
 
 
 def test_repr_and_card_read_no_file_and_no_database(tmp_path: Path) -> None:
-    plan, store, count = swept("C=50pF:200pF:3")
-    result = SweepResult.of(plan, store, count)
-    with store:
+    result = swept("C=50pF:200pF:3")
+    with result.store:
         pass  # closed: nothing can be read any more
     assert "3 points" in repr(result)
     assert "3 points" in text_of(result._repr_html_())

@@ -8,9 +8,9 @@ Quantities are written with µ and Ω; the terminal writes them as SPICE does.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import ClassVar
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
 
 from taction.verification.report.charts import Chart, Outcome
 
@@ -24,15 +24,64 @@ class Cell:
     outcome: Outcome = ""
 
 
+Shown = Cell | str | int | None
+"""What a table shows as a cell: a text, a number of things, a dash for None."""
+
+
+def cell(value: Shown) -> Cell:
+    """Return the cell that shows `value`."""
+    if isinstance(value, Cell):
+        return value
+    return Cell("–" if value is None else str(value), value if isinstance(value, int) else None)
+
+
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table; the first cell of a row is its header."""
+    """A table; the first cell of a row is its header.
+
+    Attributes
+    ----------
+    most : mapping of str to int
+        The number of rows that a medium shows; all, if it is not named.
+    more : str
+        What is added to `note` if it does not show all: text with ``{}`` for the number left out.
+    """
 
     kind: ClassVar[str] = "table"
     title: str
     columns: tuple[str, ...]
     rows: tuple[tuple[Cell, ...], ...]
     note: str = ""
+    most: Mapping[str, int] = field(default_factory=dict)
+    more: str = ""
+
+    @classmethod
+    def of(
+        cls,
+        title: str,
+        records: Iterable[Any],
+        columns: Mapping[str, Callable[[Any], Shown]],
+        note: str = "",
+        most: Mapping[str, int] | None = None,
+        more: str = "",
+    ) -> Table:
+        """Return a table with a row for each record, and its columns by their titles.
+
+        Examples
+        --------
+        >>> Table.of("Parts", ["C1"], {"part": str, "letters": len}).rows
+        ((Cell(text='C1', number=None, outcome=''), Cell(text='2', number=2, outcome='')),)
+        """
+        rows = tuple(tuple(cell(shown(each)) for shown in columns.values()) for each in records)
+        return cls(title, tuple(columns), rows, note, most or {}, more)
+
+    def shortened(self, medium: str) -> Table:
+        """Return the first rows of the table, as many as the medium shows."""
+        left = len(self.rows) - self.most.get(medium, len(self.rows))
+        if left <= 0:
+            return self
+        note = f"{self.note} {self.more.format(left)}".strip()
+        return replace(self, rows=self.rows[:-left], note=note)
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,6 +230,7 @@ class Notes:
 
 Block = Table | Bars | Ranges | Shares | Chart | Drawing | Facts | Code | Notes
 TERMINAL, PAGE, NOTEBOOK = "terminal", "page", "notebook"
+BOTH, EVERYWHERE = (TERMINAL, PAGE), (TERMINAL, PAGE, NOTEBOOK)
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,9 +239,9 @@ class Section:
 
     Attributes
     ----------
-    blocks : sequence of Block, or a function that returns them
+    blocks : sequence of Block or None, or a function that returns them
         A function is called only by the renderers of `media`, so that a terminal does not wait for
-        what only an HTML page shows.
+        what only an HTML page shows. None, and blocks without rows, are left out.
     lead : str
         A sentence above the blocks.
     media : tuple of str
@@ -199,7 +249,7 @@ class Section:
     """
 
     title: str
-    blocks: Sequence[Block] | Callable[[], Iterable[Block]]
+    blocks: Sequence[Block | None] | Callable[[], Iterable[Block | None]]
     lead: str = ""
     media: tuple[str, ...] = (PAGE,)
 
@@ -207,7 +257,12 @@ class Section:
         """Return the blocks for a medium; none if it does not show this section."""
         if medium not in self.media:
             return ()
-        return tuple(self.blocks() if callable(self.blocks) else self.blocks)
+        found = self.blocks() if callable(self.blocks) else self.blocks
+        return tuple(
+            each.shortened(medium) if isinstance(each, Table) else each
+            for each in found
+            if each is not None and getattr(each, "rows", getattr(each, "lines", True))
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -236,6 +291,28 @@ class Sheet:
     heights: tuple[tuple[float, ...], ...] = ()
     size: tuple[float, float] = (0.0, 0.0)
     foot: str = ""
+
+    @classmethod
+    def of(
+        cls,
+        title: str,
+        blocks: Sequence[Block],
+        across: int,
+        panel: tuple[float, float],
+        border: tuple[float, float] = (0.0, 0.0),
+        foot: str = "",
+    ) -> Sheet:
+        """Return a sheet of equal blocks, row by row, of which at most `across` fill a row.
+
+        Parameters
+        ----------
+        panel, border : (float, float)
+            Width and height of a block, and what the sheet has beside them, inches.
+        """
+        count = max(min(len(blocks), across), 1)
+        columns = tuple(tuple(blocks[k::count]) for k in range(count))
+        height = panel[1] * max(map(len, columns)) + border[1]
+        return cls(title, columns, size=(panel[0] * count + border[0], height), foot=foot)
 
 
 @dataclass(frozen=True, slots=True)

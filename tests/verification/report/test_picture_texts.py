@@ -26,9 +26,9 @@ from tests.support.text_boxes import cut_off, figures, overlapping
 
 def _sweep(*over: str) -> Callable[[str], None]:
     def draw(path: str) -> None:
-        plan, store, count = swept(*over)
-        with store:
-            draw_page(sweep.view(plan, store, count), path)
+        result = swept(*over)
+        with result.store:
+            draw_page(sweep.view(result), path)
 
     return draw
 

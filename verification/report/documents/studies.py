@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -20,6 +21,7 @@ from taction.system.documents import (
     Seconds,
     Steps,
     Volts,
+    plain,
     taken,
 )
 from taction.verification.design.choose import Confirmation, Design
@@ -27,12 +29,12 @@ from taction.verification.evidence.paper.reproduce import Judged, Reproduction
 from taction.verification.evidence.stress.compare import Comparison
 from taction.verification.evidence.stress.run import CaseRun, StressReport
 from taction.verification.report.documents.verdict import VerdictBody
-from taction.verification.report.sweep.agreement import AgreementSummary
 from taction.verification.stability.edges import Edge
 from taction.verification.studies.onset.onset import CheckedEdge, Count, Onset
 from taction.verification.studies.onset.transient_trial import Side
 from taction.verification.studies.regression.run import RegressionReport, SceneResult
 from taction.verification.studies.running.versions import describe_machine
+from taction.verification.studies.sweep.result import SweepResult
 from taction.verification.studies.tolerance.corners import Corner
 from taction.verification.studies.tolerance.steady_directions import Direction
 from taction.verification.studies.tolerance.varied_board import BoardSample
@@ -96,11 +98,6 @@ class AgreementPart:
     at: dict[str, Value] | None
     listed: tuple[SweepPoint, ...]
 
-    @classmethod
-    def of(cls, found: AgreementSummary) -> AgreementPart:
-        """Return a summary; its points are plain data already."""
-        return taken(cls, found)
-
 
 @dataclass(frozen=True, slots=True)
 class SweepDocument:
@@ -119,6 +116,36 @@ class SweepDocument:
     seconds: Seconds
     estimated_seconds: Seconds
     points: tuple[SweepPoint, ...] = ()
+
+    @classmethod
+    def pieces(cls, found: SweepResult) -> Iterator[str]:
+        """Yield the JSON document in pieces, since it may be larger than the memory."""
+        from taction.verification.report.documents.catalogue import document_head
+
+        plan, count = found.plan, found.count
+        made = cls(
+            scene=plan.scene.name,
+            file=str(plan.scene.file),
+            database=found.store.path,
+            axes=tuple(AxisPart.of(a, k) for k, group in enumerate(plan.groups) for a in group),
+            engines=plan.engines,
+            total=count.total,
+            done=count.done,
+            ran=count.ran,
+            outcomes=dict(count.outcomes),
+            agreement=None if found.agreement is None else taken(AgreementPart, found.agreement),
+            seconds=found.seconds,
+            estimated_seconds=count.estimate,
+        )
+        head = document_head("sweep") | plain(made)
+        del head["points"]
+        yield json.dumps(head, indent=2, ensure_ascii=False, allow_nan=False)[:-2]
+        yield ',\n  "points": ['
+        between = "\n    "
+        for record in found.records():
+            yield between + json.dumps(record, ensure_ascii=False, allow_nan=False)
+            between = ",\n    "
+        yield "\n  ]\n}\n"
 
 
 @dataclass(frozen=True, slots=True)

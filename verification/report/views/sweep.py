@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import numpy as np
 from taction.netlist_gen.scene import axes
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.keys import Value
+from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
 from taction.system.picture import check_plot_file
@@ -20,8 +22,8 @@ from taction.system.plugins import OpenTable
 from taction.system.quantities import readable
 from taction.system.reading_definitions import EXCURSIONS
 from taction.verification.report.blocks import (
+    EVERYWHERE,
     NOTEBOOK,
-    PAGE,
     TERMINAL,
     Block,
     Cell,
@@ -32,6 +34,7 @@ from taction.verification.report.blocks import (
     Shares,
     Sheet,
     Table,
+    cell,
 )
 from taction.verification.report.charts import (
     OUTCOMES,
@@ -46,24 +49,26 @@ from taction.verification.report.charts import (
     looks_of,
     segments,
 )
-from taction.verification.report.sweep.agreement import WORDS, AgreementSummary, summarise
-from taction.verification.report.sweep.document import columns_of
-from taction.verification.report.sweep.files import grids
-from taction.verification.report.sweep.records import all_records, records
 from taction.verification.report.texts import (
     LEAST_SHARE,
     counted,
     figure,
     number_cell,
+    outcome_cell,
     quantity,
     spaced,
     titled,
 )
 from taction.verification.report.views.origin import origin_section
-from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.boundary import Boundary, solve_boundary
 from taction.verification.studies.sweep.plan import Plan
-from taction.verification.studies.sweep.run import SweepCounts
+from taction.verification.studies.sweep.result import (
+    WORDS,
+    AgreementSummary,
+    SweepResult,
+    all_records,
+    grids,
+)
 from taction.verification.verdict.record import FIGURES
 
 LISTED, LINES = 500, 40  # points in the table of a page, and of a terminal
@@ -71,6 +76,7 @@ MAPPED = 40_000  # points of the maps of a page
 MOST_AXES = 3
 MOST_MAPS = 6  # small maps beside each other
 MOST_MARKS = 2500  # points above which marks of the other engine would overlap
+COLUMNS = ("settling_time", *EXCURSIONS, "growth_rate", "frequency")
 SHOWN = ("settling_time", *EXCURSIONS, "steady_state_error", "growth_rate")
 LOGARITHMIC = ("settling_time", "steady_state_error")
 ENGINES = OpenTable(
@@ -80,11 +86,20 @@ ENGINES = OpenTable(
 Names = np.ndarray[Any, Any]
 
 
-def view(plan: Plan, store: Store, count: SweepCounts) -> Page:
-    """Return what a sweep shows: the stored points of `plan`."""
+def columns_of(scene: Scene) -> tuple[str, ...]:
+    """Return the figures in the table of a sweep: `COLUMNS`, and the noise if it has a limit."""
+    return COLUMNS if scene.checks.noise is None else (*COLUMNS, "noise")
+
+
+def view(result: SweepResult) -> Page:
+    """Return what a sweep shows: the stored points of its plan."""
+    plan, count, path = result.plan, result.count, result.store.path
     names = " x ".join(f"{each.name} ({len(each)})" for each in plan.axes)
-    outcomes = ", ".join(f"{count.outcomes[n]} {n}" for n in OUTCOMES if n in count.outcomes)
     shares = tuple((n, count.outcomes[n]) for n in OUTCOMES if count.outcomes.get(n))
+    outcomes = ", ".join(f"{number} {name}" for name, number in shares)
+    foot = [f"{count.ran} computed now, {count.done - count.ran} from {path}"]
+    if count.outcomes["error"]:
+        foot.append("--retry failed computes the points without a verdict (error) again")
     return Page(
         title=plan.scene.name,
         command="taction sweep",
@@ -94,14 +109,14 @@ def view(plan: Plan, store: Store, count: SweepCounts) -> Page:
         sections=(
             Section("Outcomes", (Shares("", shares),), media=(NOTEBOOK,)),
             Section("Axes", (Facts("", tuple(_axes(plan))),), media=(NOTEBOOK,)),
-            Section("Pictures", lambda: _charts(plan, store)),
-            Section("Points", lambda: _listed(plan, store, count), media=(TERMINAL,)),
-            Section("Engines", lambda: _engines(plan, store), media=(TERMINAL, PAGE, NOTEBOOK)),
-            Section("Points", lambda: (_points(plan, store, count),)),
-            origin_section(plan.scene, (("database", store.path),)),
+            Section("Pictures", lambda: _charts(result)),
+            Section("Points", lambda: _listed(result), media=(TERMINAL,)),
+            Section("Engines", lambda: _engines(result), media=EVERYWHERE),
+            Section("Points", lambda: (_points(result),)),
+            origin_section(plan.scene, (("database", path),)),
         ),
-        foot=tuple(_foot(store, count)),
-        sheet=lambda: _sheet(plan, store),
+        foot=tuple(foot),
+        sheet=lambda: _sheet(result),
     )
 
 
@@ -120,18 +135,17 @@ def check_sweep_plot(plan: Plan, path: str | Path | None) -> None:
         raise InputError("--plot", Complaint("FILE", repr(path and str(path)), text))
 
 
-def result_names(plan: Plan, store: Store) -> Names:
+def result_names(result: SweepResult) -> Names:
     """Return what each point and engine says, as words over the grid, the engine last.
 
     ``"pass"``, ``"fail: stability"``, ``"inconclusive: rise time"``, ``"error: TimedOut"``; empty
     for a point without a result. Of several checks the first one counts, stability before all.
     """
-    shape = (*plan.shape, len(plan.engines))
-    names = np.full(shape, "", dtype=object)
-    for place, record in zip(np.ndindex(*shape), all_records(plan, store), strict=True):
-        if record is not None:
-            names[place] = _name(record)
-    return names
+    shape = (*result.plan.shape, len(result.plan.engines))
+    found = [_name(record) if record else "" for record in all_records(result.plan, result.store)]
+    names = np.empty(len(found), dtype=object)
+    names[:] = found
+    return names.reshape(shape)
 
 
 def _name(record: dict[str, Any]) -> str:
@@ -165,12 +179,12 @@ def _axis(where: axes.Axis) -> tuple[Axis, Floats]:
     return Axis(where.name, where.key.unit, "log" if log else "linear"), places
 
 
-def _data(plan: Plan, store: Store) -> tuple[dict[str, Any], Names]:
+def _data(result: SweepResult) -> tuple[dict[str, Any], Names]:
     """Return the figures and the results over the grid.
 
     An excursion of a growing record depends on its length, and has no value.
     """
-    data, names = grids(plan, store), result_names(plan, store)
+    data, names = grids(result), result_names(result)
     for name in EXCURSIONS:
         data[name][data["growth_rate"] > 0.0] = np.nan
     return data, names
@@ -186,7 +200,8 @@ def _worth(data: Mapping[str, Any]) -> tuple[list[str], list[str]]:
     return [name for name in SHOWN if name not in little], [spaced(name) for name in little]
 
 
-def _charts(plan: Plan, store: Store) -> Iterator[Block]:
+def _charts(result: SweepResult) -> Iterator[Block]:
+    plan = result.plan
     if len(plan.groups) > MOST_AXES:
         text = f"{len(plan.groups)} axes: pictures have at most {MOST_AXES}; --export writes all."
         yield Notes("", (text,))
@@ -194,7 +209,7 @@ def _charts(plan: Plan, store: Store) -> Iterator[Block]:
     if plan.points > MAPPED:
         yield Notes("", (f"{plan.points} points are too many for this page; see --plot.",))
         return
-    data, names = _data(plan, store)
+    data, names = _data(result)
     if len(plan.groups) == MOST_AXES:
         yield from itertools.chain.from_iterable(_multiples(plan, data, names))
         return
@@ -416,47 +431,41 @@ def _unstable(growth: Floats, places: Floats) -> Iterator[Band]:
             yield Band(float(low), float(high), "x", "unstable by its poles", "fail", hatched=True)
 
 
-def _sheet(plan: Plan, store: Store) -> Sheet:
+def _sheet(result: SweepResult) -> Sheet:
     """Return the picture: all quantities and the outcome, or small maps over three axes."""
+    plan = result.plan
     check_sweep_plot(plan, None)
-    data, names = _data(plan, store)
+    data, names = _data(result)
     passing = int((names[..., -1] == "pass").sum())
     engines = " and ".join(ENGINES[engine] for engine in plan.engines)
     title = f"{plan.scene.name}: {passing} of {plan.points} points pass, {engines}"
+    foot = "grey: no value"
     if len(plan.groups) == MOST_AXES:
-        columns: list[tuple[Block, ...]] = list(_multiples(plan, data, names))
-        size = (4.2 + 4.4 * len(columns), 8.2)
-        return Sheet(title, tuple(columns), size=size, foot="grey: no value")
+        columns = tuple(_multiples(plan, data, names))
+        return Sheet(title, columns, size=(4.2 + 4.4 * len(columns), 8.2), foot=foot)
     shown, little = _worth(data)
     drawn = list(_one_or_two(plan, data, names, shown))
-    charts: list[Block] = [*drawn]
-    text = f"Under 1 ppm of the step: {', '.join(little)}."
-    charts += [Notes("", (text,))] if little else []
-    across = min(len(charts), 3)
-    columns = [tuple(charts[k::across]) for k in range(across)]
-    foot = "grey: no value"
     if len(plan.groups) == 2:
         foot = f"{drawn[0].summary.partition('all others. ')[2]} Grey: no value."
-    return Sheet(title, tuple(columns), size=(6.0 * across, 8.6), foot=foot)
+    text = Notes("", (f"Under 1 ppm of the step: {', '.join(little)}.",))
+    blocks: list[Block] = [*drawn, *[text] * bool(little)]
+    return Sheet.of(title, blocks, 3, (6.0, 0.0), (0.0, 8.6), foot)
 
 
-def _engines(plan: Plan, store: Store) -> tuple[Block, ...]:
-    """Return how far two engines agree, and every disagreement."""
-    if len(plan.engines) < 2:
-        return ()
-    found = summarise(plan, store)
-    lines = tuple(_agreement(plan, found))
-    blocks: list[Block] = [Notes("", lines)]
+def _engines(result: SweepResult) -> Iterator[Block]:
+    """Yield how far two engines agree, and every disagreement."""
+    plan, found = result.plan, result.agreement
+    if found is None:
+        return
+    yield Notes("", tuple(_agreement(plan, found)))
     if found.disagree:
         text = f"THE ENGINES DISAGREE at {counted(found.disagree, 'point')}"
-        blocks.append(Notes("", (text,), "fail"))
-    listed = tuple(
+        yield Notes("", (text,), "fail")
+    listed = (
         f"{record['agreement']} at {_places(plan, record['values'])}: {record['disagreement']}"
         for record in found.listed
     )
-    if listed:
-        blocks.append(Notes("", listed))
-    return tuple(blocks)
+    yield Notes("", tuple(listed))
 
 
 def _agreement(plan: Plan, found: AgreementSummary) -> Iterator[str]:
@@ -476,49 +485,45 @@ def _places(plan: Plan, values: Mapping[str, Value]) -> str:
     return ", ".join(f"{a.name} = {_place(a, values[a.name])}" for a in plan.axes)
 
 
-def _listed(plan: Plan, store: Store, count: SweepCounts) -> Iterator[Block]:
+def _listed(result: SweepResult) -> Iterator[Block]:
     """Yield the points of a small sweep, else those without a verdict, and their reasons."""
-    whole = count.total <= LINES
-    wanted = (r for r in records(plan, store) if whole or r["outcome"] == "error")
-    if shown := list(itertools.islice(wanted, LINES)):
-        yield _table(plan, shown, "", engine=True)
-    reasons = tuple(
-        f"{_places(plan, record['values'])}, {record['engine']}: {reason}"
+    whole = result.count.total <= LINES
+    wanted = (r for r in result.records() if whole or r["outcome"] == "error")
+    shown = list(itertools.islice(wanted, LINES))
+    yield _table(result.plan, "", shown, engine=True)
+    reasons = (
+        f"{_places(result.plan, record['values'])}, {record['engine']}: {reason}"
         for record in shown
         if (reason := record["reason"].split("\n")[0][:160])
     )
-    if reasons:
-        yield Notes("", reasons)
+    yield Notes("", tuple(reasons))
 
 
-def _points(plan: Plan, store: Store, count: SweepCounts) -> Table:
-    listed = list(itertools.islice(records(plan, store), LISTED))
-    note = f"The first {LISTED} points; --export writes all." if count.total > LISTED else ""
-    return _table(plan, listed, note, engine=len(plan.engines) > 1, why=True)
+def _points(result: SweepResult) -> Table:
+    listed = list(itertools.islice(result.records(), LISTED))
+    several = len(result.plan.engines) > 1
+    made = _table(result.plan, "Points", listed, engine=several, why=True)
+    more = result.count.total > LISTED
+    return replace(made, note=f"The first {LISTED} points; --export writes all." * more)
 
 
 def _table(
-    plan: Plan,
-    listed: Sequence[dict[str, Any]],
-    note: str,
-    *,
-    engine: bool = False,
-    why: bool = False,
+    plan: Plan, title: str, listed: Sequence[dict[str, Any]], *, engine: bool, why: bool = False
 ) -> Table:
     figures = columns_of(plan.scene)
     several, last = ("engine",) * engine, ("why",) * why
     titles = (*(a.name for a in plan.axes), *several, "outcome", *map(spaced, figures), *last)
-    rows = tuple(
+    rows = (
         (
             *(_value(record["values"][each.name], each) for each in plan.axes),
-            *(Cell(record[name]) for name in several),
-            Cell(record["outcome"], None, record["outcome"]),
+            *(record[name] for name in several),
+            outcome_cell(record["outcome"]),
             *(number_cell(record[name], FIGURES[name].unit) for name in figures),
-            *(Cell(_why(record)) for _ in last),
+            *(_why(record) for _ in last),
         )
         for record in listed
     )
-    return Table("Points" if why else "", titles, rows, note)
+    return Table(title, titles, tuple(tuple(map(cell, row)) for row in rows))
 
 
 def _why(record: dict[str, Any]) -> str:
@@ -531,9 +536,3 @@ def _value(value: Any, where: axes.Axis) -> Cell:
     if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
         return Cell(quantity(float(value), where.key.unit), float(value))
     return Cell(str(value))
-
-
-def _foot(store: Store, count: SweepCounts) -> Iterator[str]:
-    yield f"{count.ran} computed now, {count.done - count.ran} from {store.path}"
-    if count.outcomes["error"]:
-        yield "--retry failed computes the points without a verdict (error) again"

@@ -18,7 +18,6 @@ from taction.cli.main import main
 from taction.system.errors import InputError
 from taction.verification.report.blocks import Facts, Page, Section
 from taction.verification.report.renderers.page import check_report_file, page_html, write_page
-from taction.verification.report.sweep.result import SweepResult
 from tests.support.entries import write_fast
 from tests.support.report_pages import HOSTILE, STUDIES, VERDICTS, hostile, page, swept, verdicts
 
@@ -121,9 +120,9 @@ def test_the_command_and_the_verdict_write_the_same_report(tmp_path: Path) -> No
 
 
 def test_the_result_of_a_sweep_writes_its_report(tmp_path: Path) -> None:
-    plan, store, count = swept("C=10pF:100pF:4", "gain=10k:100k:3")
-    with store:
-        SweepResult.of(plan, store, count).report(tmp_path / "a.html")
+    result = swept("C=10pF:100pF:4", "gain=10k:100k:3")
+    with result.store:
+        result.report(tmp_path / "a.html")
     tree = html.document_fromstring((tmp_path / "a.html").read_text("utf-8"))
     assert "12 of 12 points: 3 pass" in tree.xpath("string(//p[@class='verdict'])")
     rows = tree.xpath("//table[caption='Points']/tbody/tr")

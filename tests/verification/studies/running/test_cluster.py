@@ -16,10 +16,10 @@ from click.testing import CliRunner
 from taction.cli.main import main
 from taction.netlist_gen.scene.axes import parse_axes
 from taction.system.errors import InputError
-from taction.verification.report.sweep.records import records
 from taction.verification.studies.running.cluster import cluster
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import Plan
+from taction.verification.studies.sweep.result import records
 from taction.verification.studies.sweep.run import sweep
 from tests.support.clusters import address, scheduler, worker
 from tests.support.making import NEAR_IDEAL, make_scene

@@ -13,7 +13,6 @@ import pytest
 
 import taction
 from taction.studies import plan_sweep
-from taction.verification.report.sweep.records import records
 from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.hybrid import (
@@ -24,6 +23,7 @@ from taction.verification.studies.sweep.hybrid import (
     next_to_the_boundary,
     sample,
 )
+from taction.verification.studies.sweep.result import records
 from taction.verification.studies.sweep.run import SweepCounts, sweep
 from tests.support.paths import SCENES
 from tests.support.sweeping import grid_plan, make_record, store_records

@@ -21,13 +21,13 @@ from taction.system.errors import (
     SimulationError,
     SimulatorNotFound,
 )
-from taction.verification.report.sweep.records import records
 from taction.verification.studies.running.versions import OtherVersionsError, Versions, own_versions
 from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep import point as point_module
 from taction.verification.studies.sweep.plan import Plan, Requests
 from taction.verification.studies.sweep.point import Job, compute
+from taction.verification.studies.sweep.result import records
 from taction.verification.studies.sweep.run import SweepCounts, sweep
 from taction.verification.verdict.verify import verify
 from tests.support.making import NEAR_IDEAL, make_scene, write_matrix_scene

@@ -17,11 +17,11 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.studies import plan_sweep
 from taction.system.errors import TactionError
-from taction.verification.report.sweep.records import records
 from taction.verification.studies.running.versions import own_versions
 from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.point import Job, compute
+from taction.verification.studies.sweep.result import records
 from taction.verification.studies.sweep.run import sweep
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.progress import Clock

@@ -11,7 +11,7 @@ from taction.netlist_gen.board.variation import draw, vary
 from taction.netlist_gen.scene.scene import Scene
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.output_noise import output_noise
-from taction.verification.report.sweep.document import columns_of
+from taction.verification.report.views.sweep import columns_of
 from taction.verification.studies.tolerance.varied_board import evaluate, prepare, quantities
 from taction.verification.studies.tolerance.yield_forecast import YieldForecast
 from taction.verification.studies.tolerance.yield_report import summarise_samples

@@ -18,7 +18,6 @@ from taction.cli.main import main
 from taction.netlist_gen.scene.axes import parse_axes
 from taction.netlist_gen.scene.scene import load_scene
 from taction.verification.report.renderers.picture import draw_page
-from taction.verification.report.sweep import files
 from taction.verification.report.views.sweep import view
 from taction.verification.studies.running import executors
 from taction.verification.studies.running.worker import Workers
@@ -26,7 +25,9 @@ from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.cost_forecast import CostForecast
 from taction.verification.studies.sweep.plan import Plan
 from taction.verification.studies.sweep.remaining_time import RemainingTime
+from taction.verification.studies.sweep.result import SweepResult
 from taction.verification.studies.sweep.run import SweepCounts
+from taction.verification.verdict.record import FIGURES
 from tests.support.making import write_matrix_scene
 
 DESIGN = """[design]
@@ -159,18 +160,16 @@ def test_a_map_with_both_engines_and_a_boundary(
     plan = Plan(scene, axes, ("ngspice", "statespace"))
     shape = (5, 4, 2)
     growth = np.linspace(-1e4, 1e4, 40).reshape(shape)
-    fake: dict[str, Any] = {name: np.full(shape, 0.5) for name in files.FIGURES}
+    fake: dict[str, Any] = {name: np.full(shape, 0.5) for name in FIGURES}
     fake["settling_time"][growth > 0] = np.nan
     outcome = (np.arange(40).reshape(shape) % 4).astype(np.int8)
     fake |= {"growth_rate": growth, "outcome": outcome, "agreement": outcome // 2}
     words = np.array(["pass", "fail: stability", "inconclusive: rise time", ""], dtype=object)
-    monkeypatch.setattr("taction.verification.report.views.sweep.grids", lambda plan, store: fake)
-    names = words[outcome]
-    monkeypatch.setattr(
-        "taction.verification.report.views.sweep.result_names", lambda plan, store: names
-    )
+    sweep = "taction.verification.report.views.sweep"
+    monkeypatch.setattr(f"{sweep}.grids", lambda result: fake)
+    monkeypatch.setattr(f"{sweep}.result_names", lambda result: words[outcome])
     with Store(str(folder / "a.sqlite")) as store:
-        draw_page(view(plan, store, SweepCounts(20)), folder / "a.png")
+        draw_page(view(SweepResult.of(plan, store, SweepCounts(20))), folder / "a.png")
     assert (folder / "a.png").stat().st_size > 20_000
 
 

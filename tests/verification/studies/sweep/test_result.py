@@ -10,17 +10,21 @@ from typing import Any
 import numpy as np
 import pytest
 
+from taction.verification.report.documents.studies import SweepDocument
 from taction.verification.report.renderers.picture import draw_page
 from taction.verification.report.renderers.terminal import page_text
-from taction.verification.report.sweep.agreement import summarise
-from taction.verification.report.sweep.document import document_parts
-from taction.verification.report.sweep.files import dataset, export_sweep, frame, grids
-from taction.verification.report.sweep.records import records
-from taction.verification.report.sweep.result import SweepResult
 from taction.verification.report.views.sweep import view
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.hybrid import sample
 from taction.verification.studies.sweep.plan import Plan
+from taction.verification.studies.sweep.result import (
+    SweepResult,
+    dataset,
+    export_sweep,
+    frame,
+    grids,
+    records,
+)
 from taction.verification.studies.sweep.run import SweepCounts
 from tests.support.sweeping import grid_plan, make_record, reading, store_records
 
@@ -46,15 +50,24 @@ def hybrid_store(plan: Plan, **ngspice_at_4: Any) -> Store:
     return store
 
 
+def result_of(plan: Plan, store: Store) -> SweepResult:
+    return SweepResult.of(plan, store, SweepCounts(plan.points))
+
+
 def text_of(plan: Plan, store: Store) -> str:
-    return page_text(view(plan, store, SweepCounts(POINTS)))
+    return page_text(view(result_of(plan, store)))
+
+
+def document_of(result: SweepResult) -> Any:
+    return json.loads("".join(SweepDocument.pieces(result)))
 
 
 def test_the_summary_counts_and_names_the_largest_difference() -> None:
     plan = hybrid_plan()
     with hybrid_store(plan) as store:
-        found = summarise(plan, store)
+        found = result_of(plan, store).agreement
         rows = list(records(plan, store))
+    assert found is not None
     # The first point has the least and greatest pole figures, 5 those of the stable points.
     chosen = {0: "extreme", SAMPLE: "sample"} | dict.fromkeys((4, 5), "boundary")
     assert found.points == found.agree == len(chosen)
@@ -72,9 +85,8 @@ def test_a_disagreement_is_shown_everywhere() -> None:
     plan = hybrid_plan()
     with hybrid_store(plan, overshoot=reading(2.0, 1e-3)) as store:
         text = text_of(plan, store)
-        count = SweepCounts(POINTS)
-        document = json.loads("".join(document_parts(plan, store, count, 1.0)))
-        result = SweepResult.of(plan, store, count)
+        result = result_of(plan, store)
+        document = document_of(result)
         assert "the engines disagree at 1" in repr(result)
     assert "ngspice confirms 3 of 4 points (2 next to the stability boundary, 1 with an" in text
     assert "THE ENGINES DISAGREE at 1 point" in text
@@ -98,9 +110,10 @@ def test_exports_have_ngspice_only_at_the_chosen_points(tmp_path: Path) -> None:
     pytest.importorskip("xarray")
     plan = hybrid_plan()
     with hybrid_store(plan) as store:
-        table, grid, arrays = frame(plan, store), dataset(plan, store), grids(plan, store)
-        export_sweep(plan, store, str(tmp_path / "a.csv"))
-        draw_page(view(plan, store, SweepCounts(POINTS)), tmp_path / "a.png")
+        result = result_of(plan, store)
+        table, grid, arrays = frame(result), dataset(result), grids(result)
+        export_sweep(result, str(tmp_path / "a.csv"))
+        draw_page(view(result), tmp_path / "a.png")
     assert (table["engine"] == "statespace").sum() == POINTS
     assert (table["engine"] == "ngspice").sum() == 4
     assert table["agreement"].notna().sum() == 8  # both rows of a confirmed point say so
@@ -124,9 +137,8 @@ def test_a_sweep_by_one_engine_has_no_comparison() -> None:
         found = {("statespace", place): make_record() for place in range(3)}
         store_records(plan, store, found)
         assert [row["agreement"] for row in records(plan, store)] == [None] * 3
-        assert SweepResult.of(plan, store, SweepCounts(3)).agreement is None
-        document = json.loads("".join(document_parts(plan, store, SweepCounts(3), 1.0)))
-        assert document["agreement"] is None
+        assert result_of(plan, store).agreement is None
+        assert document_of(result_of(plan, store))["agreement"] is None
 
 
 def test_both_engines_at_every_point_are_compared() -> None:
@@ -135,5 +147,4 @@ def test_both_engines_at_every_point_are_compared() -> None:
         found = {("statespace", place): make_record() for place in range(3)}
         found["ngspice", 1] = make_record("ngspice")
         store_records(plan, store, found)
-        assert summarise(plan, store).points == 1
         assert "ngspice confirms 1 of 1 points\n" in text_of(plan, store)

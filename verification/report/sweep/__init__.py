@@ -1,1 +1,0 @@
-"""A sweep as records, files and maps."""
