@@ -1,37 +1,18 @@
-"""The parts of a schematic and of its list: symbol, reference, value and fields of each."""
+"""The parts of a board as symbols with reference, value and fields."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache, cached_property
 
+from taction.netlist_gen.board import circuit as boards
 from taction.netlist_gen.board.bill_of_materials import packages, tolerance_of
-from taction.netlist_gen.board.circuit import (
-    Capacitor,
-    Circuit,
-    CurrentSource,
-    OpAmpCell,
-    Resistor,
-    SignalAmplifier,
-    VoltageSource,
-)
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.kicad import symbols
 from taction.netlist_gen.kicad.sheet import Part
-from taction.netlist_gen.kicad.symbols import (
-    CAPACITOR,
-    CURRENT,
-    FLAG,
-    FUNCTION,
-    GROUND,
-    RESISTOR,
-    USUAL_PINS,
-    VOLTAGE,
-    Symbol,
-    opamp,
-    rail,
-    transistor_pair,
-)
+from taction.netlist_gen.kicad.symbols import Symbol
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.quantities import show
@@ -40,6 +21,13 @@ INNER = re.compile(r"(_\d+)(_[a-z]+)$")
 ODD = re.compile(r"[^A-Za-z0-9_.+-]")  # not in the name of a symbol
 DIGITS = 4  # of a value; the field Exact has all of them
 DECOUPLING = 100e-9  # F, from each supply pin to ground: no part of the deck
+TwoEnded = boards.Resistor | boards.Capacitor | boards.CurrentSource | boards.VoltageSource
+KINDS: dict[type, tuple[Symbol, str, str, str, str]] = {  # field, unit, letter of the value, words
+    boards.Resistor: (symbols.RESISTOR, "ohms", "ohm", "", "resistor"),
+    boards.Capacitor: (symbols.CAPACITOR, "farads", "F", "", "capacitor"),
+    boards.CurrentSource: (symbols.CURRENT, "amps", "A", "A", "strain, from t = 0"),
+    boards.VoltageSource: (symbols.VOLTAGE, "volts", "V", "V", "constant voltage"),
+}
 
 
 @cache
@@ -74,28 +62,24 @@ class Catalogue:
     scene: Scene | None = None  # without it op-amps have the name of their model
 
     @cached_property
-    def opamp_name(self) -> str:
-        """The name of the op-amps: a preset, or the file of an imported one without its folder."""
-        if self.scene is None:
-            return next(iter(self.circuit.models))
-        choice = self.scene.design.opamp
-        return (choice.file or choice.base).rpartition("/")[2].partition(".")[0].upper()
+    def _opamp(self) -> tuple[Symbol, str, dict[str, str]]:
+        """The symbol of a package of op-amps, their name, and their fields.
 
-    @cached_property
-    def changed(self) -> bool:
-        """Whether the op-amps have figures that no part of this name has."""
-        return self.scene is None or bool(
-            self.scene.design.opamp.model_fields_set - {"base", "file"}
-        )
-
-    @cached_property
-    def opamp_symbol(self) -> Symbol:
-        """The symbol of a package of op-amps."""
+        Op-amps with figures that no part of this name has are no parts that can be bought.
+        """
         count = next(iter(self.circuit.models.values())).channels_per_package
-        choice = None if self.scene is None else self.scene.design.opamp
-        preset = "" if choice is None or choice.file else choice.base
-        usual = preset in USUAL_PINS and count == OPAMPS[preset].channels_per_package
-        return opamp(ODD.sub("_", self.opamp_name), count, usual=usual)
+        name, preset, changed = next(iter(self.circuit.models)), "", True
+        if self.scene is not None:
+            choice = self.scene.design.opamp
+            name = (choice.file or choice.base).rpartition("/")[2].partition(".")[0].upper()
+            preset = "" if choice.file else choice.base
+            changed = bool(choice.model_fields_set - {"base", "file"})
+        usual = preset in symbols.USUAL_PINS and count == OPAMPS[preset].channels_per_package
+        symbol = symbols.opamp(ODD.sub("_", name), count, usual=usual)
+        if changed or preset in ("", "ideal"):
+            text = "op-amp: no part with exactly these figures is known"
+            return symbol, name, {"MPN": "", "Description": text}
+        return symbol, name, {"MPN": name, "Description": "op-amp"}
 
     @cached_property
     def units(self) -> dict[str, tuple[str, int]]:
@@ -106,86 +90,65 @@ class Catalogue:
             for unit, name in enumerate(package.opamps, 1)
         }
 
-    def resistor(self, part: Resistor) -> Part:
-        """Return a resistor."""
-        fields = self._fields("resistor", part.card, part.ohms)
-        return _named(RESISTOR, part.card, value_text(part.ohms), fields)
-
-    def capacitor(self, part: Capacitor) -> Part:
-        """Return a capacitor."""
-        fields = self._fields("capacitor", part.card, part.farads)
-        return _named(CAPACITOR, part.card, value_text(part.farads), fields)
+    @cached_property
+    def rails(self) -> tuple[Symbol, Symbol]:
+        """The symbols of both supplies."""
+        supply = f"{self.circuit.supply:g}V"
+        return symbols.rail(f"+{supply}"), symbols.rail(f"-{supply}")
 
     @property
     def symbols(self) -> Iterator[Symbol]:
         """The symbols that drawings of this board's channels need."""
-        yield from (RESISTOR, CAPACITOR, CURRENT, VOLTAGE, FUNCTION, GROUND, FLAG)
-        yield from (*self.rails, self.opamp_symbol)
+        yield from (symbols.RESISTOR, symbols.CAPACITOR, symbols.CURRENT, symbols.VOLTAGE)
+        yield from (symbols.FUNCTION, symbols.GROUND, symbols.FLAG, *self.rails, self._opamp[0])
         if self.circuit.transistors:
-            yield self.transistor(1, 1).symbol
+            yield self.transistor(0).symbol
 
-    @property
-    def rails(self) -> tuple[Symbol, Symbol]:
-        """The symbols of both supplies."""
-        return rail(f"+{self.circuit.supply:g}V"), rail(f"-{self.circuit.supply:g}V")
-
-    def part(self, part: Resistor | Capacitor) -> Part:
-        """Return a resistor or a capacitor."""
-        return self.resistor(part) if isinstance(part, Resistor) else self.capacitor(part)
+    def part(self, part: TwoEnded) -> Part:
+        """Return a part with two ends; its field Deck has the name in the deck."""
+        symbol, key, unit, letter, words = KINDS[type(part)]
+        value: float = getattr(part, key)
+        fields = {"Deck": part.card, "Exact": f"{value!r} {unit}", "Description": words}
+        if words in ("resistor", "capacitor"):
+            share = None if self.scene is None else tolerance_of(self.scene, words, part.card)
+            fields["Tolerance"] = "" if share is None else f"{100 * share:.3g} %"
+        return Part(symbol, reference(part.card), f"{value_text(value)}{letter}", fields)
 
     def decoupling(self, package: str, number: int) -> Part:
         """Return the first or second capacitor from the supply pins of a package to ground."""
         fields = {"Exact": f"{DECOUPLING!r} F", "Description": "decoupling, not in the deck"}
         name = f"C{package}_{number}"
-        return Part(CAPACITOR, name, value_text(DECOUPLING), fields)
+        return Part(symbols.CAPACITOR, name, value_text(DECOUPLING), fields)
 
-    def _fields(self, kind: str, name: str, value: float) -> dict[str, str]:
-        unit = {"resistor": "ohm", "capacitor": "F"}[kind]
-        tolerance = None if self.scene is None else tolerance_of(self.scene, kind, name)
-        return {
-            "Tolerance": "" if tolerance is None else f"{100 * tolerance:.3g} %",
-            "Exact": f"{value!r} {unit}",
-            "Description": kind,
-        }
+    def opamp(self, package: str, unit: int | None = None) -> Part:
+        """Return a unit of a package of op-amps, by default that with the supply pins."""
+        symbol, name, fields = self._opamp
+        return Part(symbol, package, name, fields, unit or len(symbol.units))
 
-    def opamp(self, cell: OpAmpCell) -> Part:
-        """Return an op-amp as a unit of its package."""
-        package, unit = self.units[cell.name]
-        return self.opamp_unit(package, unit)
-
-    def opamp_unit(self, package: str, unit: int | None = None) -> Part:
-        """Return a unit of a package, by default that with the supply pins."""
-        symbol = self.opamp_symbol
-        choice = None if self.scene is None or self.changed else self.scene.design.opamp
-        real = choice is not None and choice.file is None and choice.base != "ideal"
-        text = "op-amp" if real else "op-amp: no part with exactly these figures is known"
-        fields = {"MPN": self.opamp_name if real else "", "Description": text}
-        return Part(symbol, package, self.opamp_name, fields, unit or len(symbol.units))
-
-    def transistor(self, n: int, unit: int) -> Part:
-        """Return a transistor of the pair of channel `n`."""
+    def transistor(self, place: int) -> Part:
+        """Return a transistor by its place in the circuit; two are a pair."""
         name, pair = next(iter(self.circuit.transistor_models.items()))
-        symbol = transistor_pair(name.upper(), pair.polarity)
+        symbol = symbols.transistor_pair(name.upper(), pair.polarity)
         fields = {"MPN": name.upper(), "Description": "matched pair"}
-        return Part(symbol, f"Q{n}", name.upper(), fields, unit)
+        return Part(symbol, f"Q{place // 2 + 1}", name.upper(), fields, place % 2 + 1)
 
-    def function(self, part: SignalAmplifier) -> Part:
+    def function(self, part: boards.SignalAmplifier) -> Part:
         """Return an ideal amplifier, which is no part that can be bought."""
-        fields = {"Description": f"ideal {part.kind} amplifier, no part"}
+        fields = {"Deck": part.card, "Description": f"ideal {part.kind} amplifier, no part"}
         value = f"{value_text(-part.u_scale)}V {part.kind}(v/{value_text(part.v_scale)}V)"
-        return _named(FUNCTION, part.card, value, fields)
+        return Part(symbols.FUNCTION, reference(part.card), value, fields)
 
-    def strain(self, part: CurrentSource) -> Part:
-        """Return the strain current of a row, which a sensor gives."""
-        fields = {"Exact": f"{part.amps!r} A", "Description": "strain, from t = 0"}
-        return _named(CURRENT, part.card, f"{value_text(part.amps)}A", fields)
+    @property
+    def bought(self) -> Iterator[Part]:
+        """The parts of the whole board, with decoupling capacitors, which the deck does not have.
 
-    def voltage(self, part: VoltageSource) -> Part:
-        """Return a constant voltage of the board."""
-        fields = {"Exact": f"{part.volts!r} V", "Description": "constant voltage"}
-        return _named(VOLTAGE, part.card, f"{value_text(part.volts)}V", fields)
-
-
-def _named(symbol: Symbol, name: str, value: str, fields: Mapping[str, str]) -> Part:
-    """Return a part of the deck; its field Deck has the name there."""
-    return Part(symbol, reference(name), value, {"Deck": name, **fields})
+        A package is listed once.
+        """
+        yield from map(self.part, self.circuit.resistors)
+        for matrix in self.circuit.matrices:
+            yield from map(self.part, matrix.resistors())
+        yield from map(self.part, self.circuit.real_capacitors)
+        for package in packages(self.circuit):
+            yield from (self.decoupling(package.reference, number) for number in (1, 2))
+            yield self.opamp(package.reference)
+        yield from map(self.transistor, range(0, len(self.circuit.transistors), 2))

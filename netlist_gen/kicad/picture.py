@@ -1,4 +1,4 @@
-"""The drawing of one channel as a picture: the sheet of `schematic`, with fewer parts.
+"""The drawing of one channel as a picture: the sheet of `drawing`, with fewer parts.
 
 It has one resistor of each matrix, values as a person reads them, and no supplies.
 """
@@ -7,15 +7,14 @@ from __future__ import annotations
 
 import html
 import textwrap
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from taction.netlist_gen.board.channel import Channel
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.kicad.schematic import channel_sheet
-from taction.netlist_gen.kicad.sheet import GRID, Label, Placed, Sheet
+from taction.netlist_gen.kicad.drawing import channel_sheet
+from taction.netlist_gen.kicad.sheet import GRID, Label, Sheet
+from taction.netlist_gen.kicad.stages import driven_row, middle_channel
 from taction.netlist_gen.kicad.symbols import Point
 from taction.spice_models.presets import opamp_name
 from taction.system.picture import figure_file
@@ -27,16 +26,40 @@ if TYPE_CHECKING:
 MARGIN, WIDTH = 3.0, 0.62  # of the frame, and of a letter: in steps of the grid, and in heights
 DIRECTION = {0: (1.0, 0.0), 90: (0.0, 1.0), 180: (-1.0, 0.0), 270: (0.0, -1.0)}
 DOT = 0.35  # radius of a junction, in steps of the grid
-SIDES = {"left": "start", "middle": "middle", "right": "end"}
+SHARE = {"left": 0.0, "middle": 0.5, "right": 1.0}  # of a text, before its place
 
 
 @dataclass(slots=True)
 class Strokes:
-    """Lines, circles and texts of a picture, in steps of the grid, y downwards."""
+    """Lines, circles (filled or not) and texts of a sheet, in steps of the grid, y downwards."""
 
-    lines: list[list[Point]] = field(default_factory=list)
-    circles: list[tuple[Point, float, bool]] = field(default_factory=list)  # filled or not
-    texts: list[Label] = field(default_factory=list)
+    lines: list[list[Point]]
+    circles: list[tuple[Point, float, bool]]
+    texts: list[Label]
+
+    @classmethod
+    def of(cls, sheet: Sheet) -> Strokes:
+        """Return the strokes of a sheet."""
+        drawn = cls([], [(point, DOT, True) for point in sheet.junctions()], [*sheet.labels])
+        drawn.lines += [list(segment) for segment in sheet.segments]
+        for placed in sheet.placed:
+            part, symbol, unit = placed.part, placed.part.symbol, placed.part.unit - 1
+            drawn.lines += [[*map(placed.turned, points)] for points in symbol.lines[unit]]
+            if symbol.radius:
+                drawn.circles.append((placed.at, symbol.radius / GRID, False))
+            for pin in symbol.units[unit]:
+                (x, y), (right, up) = pin.at, DIRECTION[pin.direction]
+                end = x + right * pin.length, y + up * pin.length
+                drawn.lines.append([placed.turned(pin.at), placed.turned(end)])
+            exact = part.fields.get("Exact", "").split()
+            value = quantity(float(exact[0]), exact[1]) if exact else part.value
+            texts = (
+                (part.fields.get("Deck", part.reference), placed.reference),
+                (value, placed.value),
+            )
+            if symbol.prefix != "U":  # a package says nothing about the channel
+                drawn.texts += [Label(text, at, "middle") for text, at in texts if at is not None]
+        return drawn
 
     @property
     def frame(self) -> tuple[float, float, float, float]:
@@ -44,46 +67,19 @@ class Strokes:
         points = [point for line in self.lines for point in line]
         for label in self.texts:
             (x, y), wide = label.at, WIDTH * label.size / GRID * len(label.text)
-            left = x - {"left": 0.0, "middle": 0.5, "right": 1.0}[label.anchor] * wide
+            left = x - SHARE[label.anchor] * wide
             points += [(left, y), (left + wide, y)]
         across, down = zip(*points, strict=True)
         return min(across) - MARGIN, min(down) - MARGIN, max(across) + MARGIN, max(down) + MARGIN
 
 
-def strokes(sheet: Sheet) -> Strokes:
-    """Return the lines and texts of a sheet."""
-    drawn = Strokes(texts=list(sheet.labels))
-    drawn.lines += [list(segment) for segment in sheet.segments]
-    drawn.circles += [(point, DOT, True) for point in sheet.junctions()]
-    for placed in sheet.placed:
-        symbol, unit = placed.part.symbol, placed.part.unit - 1
-        for points in symbol.lines[unit]:
-            drawn.lines.append([placed.turned(point) for point in points])
-        for x, y, radius in symbol.circles:
-            drawn.circles.append((placed.turned((x, y)), radius / GRID, False))
-        for pin in symbol.units[unit]:
-            (x, y), (right, up) = pin.at, DIRECTION[pin.direction]
-            end = x + right * pin.length, y + up * pin.length
-            drawn.lines.append([placed.turned(pin.at), placed.turned(end)])
-        drawn.texts += _texts(placed)
-    return drawn
-
-
-def _texts(placed: Placed) -> Iterator[Label]:
-    """Yield the name in the deck and the value of a part; a package of op-amps has neither."""
-    part = placed.part
-    if part.symbol.prefix == "U":
-        return
-    exact = part.fields.get("Exact", "").split()
-    value = quantity(float(exact[0]), exact[1]) if exact else part.value
-    for text, at in ((part.fields.get("Deck", part.reference), placed.reference),
-                     (value, placed.value)):  # fmt: skip
-        if at is not None:
-            yield Label(text, at, "middle")
-
-
 def _drawing(circuit: Circuit) -> Strokes:
-    drawn = strokes(channel_sheet(Channel.of(circuit), brief=True))
+    n = middle_channel(circuit)
+    drawn = Strokes.of(channel_sheet(circuit, n, driven_row(circuit, n), brief=True))
+    drawn.texts = [
+        replace(text, at=(text.at[0] + 0.6 * (1 if text.anchor == "left" else -1), text.at[1]))
+        if text.kind in ("input", "output") else text for text in drawn.texts
+    ]  # fmt: skip
     left, _, _, bottom = drawn.frame
     text = ", ".join(f"{fact.symbol} = {fact.text}" for fact in circuit.facts.values())
     drawn.texts.append(Label(text, (left + MARGIN, bottom), "left"))
@@ -116,12 +112,13 @@ def schematic_svg(circuit: Circuit) -> str:
     for (x, y), radius, filled in drawn.circles:
         fill = ' fill="currentColor"' if filled else ""
         parts.append(f'<circle cx="{x:g}" cy="{y:g}" r="{radius:g}"{fill}/>')
+    sides = {"left": "start", "middle": "middle", "right": "end"}
     for label in drawn.texts:
         (x, y), size = label.at, label.size / GRID
-        down = y - 0.25 if label.above else y + 0.35 * size
+        down = y - 0.25 if label.kind == "label" else y + 0.35 * size
         parts.append(
             f'<text x="{x:g}" y="{down:g}" font-size="{1.1 * size:g}" fill="currentColor"'
-            f' stroke="none" text-anchor="{SIDES[label.anchor]}">{html.escape(label.text)}</text>'
+            f' stroke="none" text-anchor="{sides[label.anchor]}">{html.escape(label.text)}</text>'
         )
     return "\n".join([*parts, "</svg>"])
 
@@ -150,13 +147,10 @@ def plot_schematic(circuit: Circuit, path: str | Path | None = None) -> Figure:
             axes.add_patch(Circle(centre, radius, fill=filled, color="black", lw=0.9))
         points = 72.0 * 11.0 / (right - left)  # of a step of the grid
         for label in drawn.texts:
-            axes.text(
-                *label.at,
-                label.text,
-                ha="center" if label.anchor == "middle" else label.anchor,
-                va="bottom" if label.above else "center",
-                fontsize=points * label.size / GRID,
-            )
+            side = "center" if label.anchor == "middle" else label.anchor
+            level = "bottom" if label.kind == "label" else "center"
+            size = points * label.size / GRID
+            axes.text(*label.at, label.text, ha=side, va=level, fontsize=size)
         figure.supxlabel(
             "\n".join(textwrap.wrap(schematic_summary(circuit), 120)), fontsize="small"
         )
@@ -165,12 +159,15 @@ def plot_schematic(circuit: Circuit, path: str | Path | None = None) -> Figure:
 
 def schematic_summary(circuit: Circuit) -> str:
     """Return in words what the schematic shows."""
-    channel = Channel.of(circuit)
-    into, row = (len(channel.rungs(m)) for m in (circuit.feedback, circuit.forward))
+    n = middle_channel(circuit)
+    k = driven_row(circuit, n)
+    forward, facts = circuit.forward, circuit.facts
+    present = forward.ohms < float("inf")
+    entry = quantity(float(forward.ohms[k - 1, n - 1]), "ohm")
     return (
-        f"Channel {channel.n} with sensor row {channel.k}, one of {into} resistors into the channel"
-        f" and of {row} resistors into the row. C = {quantity(channel.farads, 'F')}, gain s ="
-        f" {circuit.facts['gain'].text}, matrix resistor {quantity(channel.entry, 'ohm')}"
-        f" (T is {'negative' if channel.negative else 'positive'}), op-amps"
+        f"Channel {n} with sensor row {k}, one of {present[:, n - 1].sum()} resistors into the"
+        f" channel and of {present[k - 1].sum()} resistors into the row. C = {facts['C'].text},"
+        f" gain s = {facts['gain'].text}, matrix resistor {entry}"
+        f" (T is {'negative' if forward.negative[k - 1, n - 1] else 'positive'}), op-amps"
         f" {opamp_name(next(iter(circuit.models)))}. Stray capacitances are not drawn."
     )

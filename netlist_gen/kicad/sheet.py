@@ -1,4 +1,4 @@
-"""A sheet of a schematic: parts, wires and labels at places of a grid, y downwards.
+"""A sheet of a schematic: parts, wires and labels at places of a grid, y downwards; KiCad's file.
 
 The grid is KiCad's, 1.27 mm; all ends of pins and wires are on it.
 """
@@ -7,32 +7,63 @@ from __future__ import annotations
 
 import uuid
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Literal
+from typing import Any, Literal, TypeAlias
 
-from taction.netlist_gen.kicad.symbols import (
-    LIBRARY,
-    Expression,
-    Point,
-    Quoted,
-    Symbol,
-    written,
-)
+from taction.netlist_gen.kicad.symbols import LIBRARY, Point, Symbol
 
 VERSION = 20231120  # of the format: KiCad 8 and newer
 NAMES = uuid.UUID("6ba7b812-9dad-11d1-80b4-00c04fd430c8")  # the namespace of OIDs
 PAPERS = {"A4": (297, 210), "A3": (420, 297), "A2": (594, 420), "A1": (841, 594), "A0": (1189, 841)}
 GRID = 1.27  # mm
 FRAME, TITLE_BLOCK = 15.0, 45.0  # mm beside the drawing, and below it
-TEXT = 1.27  # height, mm
+TEXT, TITLE = 1.27, 2.0  # height of a text and of a title, mm
 TURN = {0: (1, 0), 90: (0, 1)}  # cosine and sine, counterclockwise
+Expression: TypeAlias = Sequence[Any]  # of atoms and expressions
+
+
+class Quoted(str):
+    """A text in quotation marks; a plain `str` is a keyword."""
+
+    __slots__ = ()
+
+
+def written(expression: Expression, indent: int = 0) -> str:
+    r"""Return an S-expression as text: each list within a list on a line of its own.
+
+    Examples
+    --------
+    >>> print(written(["label", Quoted("a \"b\""), ["at", 1.0, -2.54, 0]]))
+    (label "a \"b\""
+      (at 1 -2.54 0)
+    )
+    """
+    line = "  " * indent + "("
+    nested = False
+    for place, item in enumerate(expression):
+        if isinstance(item, str) or not isinstance(item, Sequence):
+            line += (" " if place else "") + _atom(item)
+        else:
+            nested = True
+            line += "\n" + written(item, indent + 1)
+    return line + ("\n" + "  " * indent if nested else "") + ")"
+
+
+def _atom(value: str | float) -> str:
+    if isinstance(value, Quoted):
+        text = value.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
+        return f'"{text}"'
+    # Lengths are multiples of 0.01 mm, so six decimals are exact, and there is no -0.
+    return (
+        value if isinstance(value, str) else f"{round(value, 6) + 0.0:.6f}".rstrip("0").rstrip(".")
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A symbol with its reference, its value and its other fields; `bought` as in the symbol."""
+    """A symbol with its reference, its value and its other fields."""
 
     symbol: Symbol
     reference: str
@@ -43,13 +74,12 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Placed:
-    """A part on a sheet."""
+    """A part on a sheet; `reference` and `value` are the middles of these texts, hidden if None."""
 
     part: Part
     at: Point
-    angle: int
-    mirrored: bool
-    reference: Point | None = None  # middle of the text; None for a hidden one
+    angle: int = 0
+    reference: Point | None = None
     value: Point | None = None
 
     def pin(self, place: int) -> Point:
@@ -60,126 +90,74 @@ class Placed:
     def turned(self, point: Point) -> Point:
         """Return the place on the sheet of a point of the symbol, mm, y upwards."""
         cosine, sine = TURN[self.angle]
-        x, y = (point[0] * cosine - point[1] * sine) / GRID, point[0] * sine + point[1] * cosine
-        return self.at[0] + (-x if self.mirrored else x), self.at[1] - y / GRID
+        x, y = point[0] * cosine - point[1] * sine, point[0] * sine + point[1] * cosine
+        return self.at[0] + x / GRID, self.at[1] - y / GRID
 
 
 @dataclass(frozen=True, slots=True)
 class Label:
-    """A text on a sheet; `at` is its left end, its middle, or its right end."""
+    """A text on a sheet; `at` is its left end, its middle, or its right end.
+
+    Attributes
+    ----------
+    kind : str
+        ``"text"``; ``"label"``: a net of this sheet, above its wire; ``"input"``, ``"output"``: a
+        net of the whole board.
+    size : float
+        Height, mm.
+    """
 
     text: str
     at: Point
-    anchor: Literal["left", "middle", "right"]
-    size: float = TEXT  # mm
-    above: bool = False  # the wire that it names
+    anchor: Literal["left", "middle", "right"] = "left"
+    kind: Literal["text", "label", "input", "output"] = "text"
+    size: float = TEXT
+
+    @property
+    def width(self) -> float:
+        """About, in steps of the grid; of global labels with their frame."""
+        return 3.0 + len(self.text) if self.kind == "output" else 0.95 * len(self.text) * self.size
+
+    @property
+    def expression(self) -> Expression:
+        """The label as it stands in a schematic."""
+        side = [] if self.anchor == "middle" else [self.anchor]
+        where = ["at", *_mm(self.at), 180 if self.anchor == "right" else 0]
+        if self.kind == "text":
+            more: list[Expression] = [["exclude_from_sim", "no"]]
+            return ["text", Quoted(self.text), *more, where, _effects(*side, size=self.size)]
+        if self.kind == "label":
+            return ["label", Quoted(self.text), where, _effects(*side, "bottom")]
+        return ["global_label", Quoted(self.text), ["shape", self.kind], where, _effects(*side)]
 
 
+@dataclass(eq=False)
 class Sheet:
     """One page. Junctions follow from the wires: a wire ends on another one only to join it."""
 
-    def __init__(self, project: str) -> None:
-        self.project = project
-        self.items: list[Expression] = []
-        self.symbols: dict[str, Symbol] = {}
-        self.placed: list[Placed] = []
-        self.segments: list[tuple[Point, Point]] = []
-        self.labels: list[Label] = []
-        self.corner = [0.0, 0.0]
-        self.root = self._id("sheet")
+    project: str
+    placed: list[Placed] = field(default_factory=list)
+    segments: list[tuple[Point, Point]] = field(default_factory=list)
+    labels: list[Label] = field(default_factory=list)
 
-    def _id(self, what: str) -> Expression:
-        """Return an identifier that is the same each time the same sheet is drawn."""
-        return ["uuid", Quoted(uuid.uuid5(NAMES, f"taction/{self.project}/{what}"))]
-
-    def _next(self) -> Expression:
-        return self._id(str(len(self.items)))
-
-    def place(
-        self,
-        part: Part,
-        at: Point,
-        *,
-        angle: int = 0,
-        mirrored: bool = False,
-        reference: Point | None = None,
-        value: Point | None = None,
-    ) -> Placed:
-        """Place a part; `reference` and `value` are the middles of these texts, hidden without."""
-        self.symbols[part.symbol.name] = part.symbol
-        found = Placed(part, at, angle, mirrored, reference, value)
-        self.placed.append(found)
-        texts = {"Reference": (part.reference, reference), "Value": (part.value, value)}
-        texts |= {"Footprint": ("", None), "Datasheet": ("", None)}
-        texts |= {name: (text, None) for name, text in part.fields.items()}
-        mirror: list[Expression] = [["mirror", "y"]] if mirrored else []
-        path = ["path", Quoted(f"/{self.root[1]}")]
-        self.items.append(
-            [
-                *("symbol", ["lib_id", Quoted(f"{LIBRARY}:{part.symbol.name}")]),
-                ["at", *_mm(at), angle],
-                *mirror,
-                ["unit", part.unit],
-                ["exclude_from_sim", "no"],
-                ["in_bom", "yes" if part.symbol.bought else "no"],
-                ["on_board", "yes"],
-                ["dnp", "no"],
-                self._next(),
-                *(
-                    ["property", Quoted(name), Quoted(text), *_where(place or at, angle, place)]
-                    for name, (text, place) in texts.items()
-                ),
-                *(
-                    ["pin", Quoted(pin.number), self._id(f"{len(self.items)}/{pin.number}")]
-                    for pin in part.symbol.units[part.unit - 1]
-                ),
-                [
-                    "instances",
-                    [
-                        *("project", Quoted(self.project)),
-                        [*path, ["reference", Quoted(part.reference)], ["unit", part.unit]],
-                    ],
-                ],
-            ]
-        )
-        self._reach(at)
-        return found
+    def place(self, part: Part, at: Point, **look: Any) -> Placed:
+        """Place a part; `look` has the other fields of `Placed`."""
+        self.placed.append(Placed(part, at, **look))
+        return self.placed[-1]
 
     def wire(self, *points: Point) -> Point:
         """Draw a wire along `points`, each beside or above the one before; return its end."""
-        for start, end in pairwise(points):
-            if start != end:
-                self.segments.append((start, end))
-                self._reach(end)
+        self.segments += [ends for ends in pairwise(points) if ends[0] != ends[1]]
         return points[-1]
 
-    def name(self, net: str, at: Point) -> None:
-        """Name a net of this sheet, above a wire."""
-        self.labels.append(Label(net, at, "left", above=True))
-        font = _font("left", "bottom")
-        self.items.append(["label", Quoted(net), ["at", *_mm(at), 0], font, self._next()])
-
-    def signal(self, net: str, at: Point, *, output: bool) -> None:
-        """Name a net of the whole board: an output to the right, an input to the left."""
-        aside = at[0] + (0.6 if output else -0.6)
-        self.labels.append(Label(net, (aside, at[1]), "left" if output else "right"))
-        shape = ["shape", "output" if output else "input"]
-        font = _font("left" if output else "right")
-        where = ["at", *_mm(at), 0 if output else 180]
-        self.items.append(["global_label", Quoted(net), shape, where, font, self._next()])
-        self._reach((at[0] + (3.0 + len(net) if output else 0.0), at[1]))
-
-    def text(self, text: str, at: Point, *, size: float = TEXT, middle: bool = False) -> None:
-        """Write a text, its left end or its middle at `at`."""
-        self.labels.append(Label(text, at, "middle" if middle else "left", size))
-        font = _font(*(() if middle else ("left",)), size=size)
-        head = ["text", Quoted(text), ["exclude_from_sim", "no"]]
-        self.items.append([*head, ["at", *_mm(at), 0], font, self._next()])
-        width = 0.0 if middle else 0.95 * size / GRID * max(map(len, text.split("\n")))
-        self._reach((at[0] + width, at[1]))
-
-    def _reach(self, point: Point) -> None:
-        self.corner = [max(a, b) for a, b in zip(self.corner, point, strict=True)]
+    @property
+    def corner(self) -> Point:
+        """The right and lower end of the drawing."""
+        points = [each.at for each in self.placed]
+        points += [end for segment in self.segments for end in segment]
+        points += [(x + label.width, y) for label in self.labels for x, y in (label.at,)
+                   if label.anchor == "left"]  # fmt: skip
+        return max(x for x, _ in points), max(y for _, y in points)
 
     def junctions(self) -> list[Point]:
         """Return the points where three or more ends meet; a wire that goes through has two."""
@@ -191,44 +169,65 @@ class Sheet:
         through = Counter(point for each in self.segments for point in grid.between(*each))
         return sorted(point for point, count in ends.items() if count + 2 * through[point] >= 3)
 
-    def _connect(self) -> None:
-        """Draw the wires, cut at the junctions as KiCad wants them, and the junctions."""
-        junctions = self.junctions()
-        grid = _Lines(junctions)
-        for start, end in self.segments:
-            points = sorted({start, end, *grid.between(start, end)})
-            for a, b in pairwise(points):
-                stroke = ["stroke", ["width", 0], ["type", "default"]]
-                pts = ["pts", ["xy", *_mm(a)], ["xy", *_mm(b)]]
-                self.items.append(["wire", pts, stroke, self._next()])
-        for point in junctions:
-            look = [["diameter", 0], ["color", 0, 0, 0, 0]]
-            self.items.append(["junction", ["at", *_mm(point)], *look, self._next()])
-
     def schematic(self, title: str, comments: tuple[str, ...]) -> str:
         """Return the file ``.kicad_sch``."""
-        self._connect()
-        library = [
-            [head, Quoted(f"{LIBRARY}:{name}"), *rest]
-            for head, name, *rest in (each.expression for each in self.symbols.values())
-        ]
+        symbols = {placed.part.symbol.name: placed.part.symbol for placed in self.placed}
+        items = [*map(self._symbol, self.placed), *(label.expression for label in self.labels)]
+        items += self._wires()
         block = [["comment", number, Quoted(text)] for number, text in enumerate(comments, 1)]
         whole: Expression = [
             "kicad_sch",
-            ["version", VERSION],
-            ["generator", Quoted("taction")],
-            self.root,
+            *HEAD,
+            self._id("sheet"),
             ["paper", *self._paper()],
             ["title_block", ["title", Quoted(title)], *block],
-            ["lib_symbols", *library],
-            *self.items,
+            ["lib_symbols", *(_in_library(s, f"{LIBRARY}:{s.name}") for s in symbols.values())],
+            *([*item, self._id(str(number))] for number, item in enumerate(items)),
             ["sheet_instances", ["path", Quoted("/"), ["page", Quoted("1")]]],
         ]
         return f"{written(whole)}\n"
 
+    def _id(self, what: str) -> Expression:
+        """Return an identifier that is the same each time the same sheet is drawn."""
+        return ["uuid", Quoted(uuid.uuid5(NAMES, f"taction/{self.project}/{what}"))]
+
+    def _symbol(self, placed: Placed) -> Expression:
+        part, angle = placed.part, placed.angle
+        texts = {"Reference": (part.reference, placed.reference),
+                 "Value": (part.value, placed.value)}  # fmt: skip
+        texts |= {name: (text, None) for name, text in ({"Footprint": "", "Datasheet": ""}
+                                                       | dict(part.fields)).items()}  # fmt: skip
+        pins = (pin.number for pin in part.symbol.units[part.unit - 1])
+        path = ["path", Quoted(f"/{self._id('sheet')[1]}")]
+        return [
+            *("symbol", ["lib_id", Quoted(f"{LIBRARY}:{part.symbol.name}")]),
+            ["at", *_mm(placed.at), angle],
+            ["unit", part.unit],
+            *_use(part.symbol),
+            ["dnp", "no"],
+            *(
+                ["property", Quoted(name), Quoted(text), ["at", *_mm(place or placed.at), angle],
+                 _effects(hide=place is None)]
+                for name, (text, place) in texts.items()
+            ),
+            *(["pin", Quoted(n), self._id(f"{part.reference}/{part.unit}/{n}")] for n in pins),
+            ["instances", ["project", Quoted(self.project),
+                           [*path, ["reference", Quoted(part.reference)], ["unit", part.unit]]]],
+        ]  # fmt: skip
+
+    def _wires(self) -> Iterator[Expression]:
+        """Yield the wires, cut at the junctions as KiCad wants them, and the junctions."""
+        junctions = self.junctions()
+        grid = _Lines(junctions)
+        for start, end in self.segments:
+            for a, b in pairwise(sorted({start, end, *grid.between(start, end)})):
+                yield ["wire", ["pts", ["xy", *_mm(a)], ["xy", *_mm(b)]], _stroke(0)]
+        for point in junctions:
+            yield ["junction", ["at", *_mm(point)], ["diameter", 0], ["color", 0, 0, 0, 0]]
+
     def _paper(self) -> tuple[str | float, ...]:
         """Return the smallest paper that holds the drawing."""
-        across, down = _mm((self.corner[0], self.corner[1]))
+        across, down = _mm(self.corner)
         width, height = across + FRAME, down + TITLE_BLOCK
         for name, size in PAPERS.items():
             if width <= size[0] and height <= size[1]:
@@ -236,22 +235,68 @@ class Sheet:
         return Quoted("User"), round(width), round(height)
 
 
+HEAD: Expression = (["version", VERSION], ["generator", Quoted("taction")])
+
+
 def library(symbols: Iterable[Symbol]) -> str:
     """Return the file ``.kicad_sym`` with `symbols`."""
-    head = [["version", VERSION], ["generator", Quoted("taction")]]
-    return f"{written(['kicad_symbol_lib', *head, *(each.expression for each in symbols)])}\n"
+    every = (_in_library(symbol, symbol.name) for symbol in symbols)
+    return f"{written(['kicad_symbol_lib', *HEAD, *every])}\n"
 
 
-def _font(*justify: str, size: float = TEXT) -> Expression:
-    placed: list[Expression] = [["justify", *justify]] if justify else []
-    return ["effects", ["font", ["size", size, size]], *placed]
+def _in_library(symbol: Symbol, name: str) -> Expression:
+    """Return a symbol as it stands in a library."""
+    texts = {"Reference": symbol.prefix, "Value": symbol.name}
+    texts |= dict.fromkeys(("Footprint", "Datasheet", "Description"), "")
+    return [
+        *("symbol", Quoted(name)),
+        *([["power"]] if symbol.power else []),
+        *([] if symbol.numbers else [["pin_numbers", "hide"]]),
+        ["pin_names", ["offset", 0.5], *([] if symbol.names else ["hide"])],
+        *_use(symbol),
+        *(
+            ["property", Quoted(key), Quoted(text), ["at", 0, 0, 0], _effects(hide=True)]
+            for key, text in texts.items()
+        ),
+        *(_unit(symbol, number) for number in range(1, 1 + len(symbol.units))),
+    ]
 
 
-def _where(at: Point, angle: int, shown: Point | None) -> tuple[Expression, Expression]:
-    """Return place and look of a field; its angle counts from that of the symbol."""
-    font = ["effects", ["font", ["size", TEXT, TEXT]]]
-    hidden: list[Expression] = [] if shown else [["hide", "yes"]]
-    return ["at", *_mm(at), angle], [*font, *hidden]
+def _unit(symbol: Symbol, number: int) -> Expression:
+    look = _stroke(0.254), ["fill", ["type", "none"]]
+    graphics: list[Expression] = [
+        ["polyline", ["pts", *(["xy", *point] for point in points)], *look]
+        for points in symbol.lines[number - 1]
+    ]
+    if symbol.radius:
+        graphics.append(["circle", ["center", 0, 0], ["radius", symbol.radius], *look])
+    pins: list[Expression] = [
+        [
+            *("pin", pin.kind, "line"),
+            ["at", *pin.at, pin.direction],
+            ["length", pin.length],
+            ["name", Quoted(pin.name), _effects()],
+            ["number", Quoted(pin.number), _effects()],
+        ]
+        for pin in symbol.units[number - 1]
+    ]
+    return ["symbol", Quoted(f"{symbol.name}_{number}_1"), *graphics, *pins]
+
+
+def _use(symbol: Symbol) -> Iterator[Expression]:
+    yield ["exclude_from_sim", "no"]
+    yield ["in_bom", "yes" if symbol.bought else "no"]
+    yield ["on_board", "yes"]
+
+
+def _stroke(width: float) -> Expression:
+    return ["stroke", ["width", width], ["type", "default"]]
+
+
+def _effects(*justify: str, size: float = TEXT, hide: bool = False) -> Expression:
+    more: list[Expression] = [["justify", *justify]] if justify else []
+    more += [["hide", "yes"]] if hide else []
+    return ["effects", ["font", ["size", size, size]], *more]
 
 
 def _mm(point: Point) -> Point:

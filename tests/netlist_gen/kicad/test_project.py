@@ -12,7 +12,7 @@ import pytest
 
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.kicad.project import Project, kicad_project
-from taction.netlist_gen.kicad.symbols import Quoted, written
+from taction.netlist_gen.kicad.sheet import Quoted, written
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.system.errors import InputError

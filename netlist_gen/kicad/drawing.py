@@ -1,0 +1,279 @@
+"""A channel of a board and a sensor row, drawn on a sheet.
+
+Above is the signal plane: all feedback resistors into the channel's summing node, and the stages
+that follow. Below is the constraint plane: all forward resistors into the row's summing node, the
+strain, and the amplifier with its gain. Signals of the rest of the board have global labels.
+
+Places are in steps of the grid; every stage starts at a point on its left and returns where its
+output is on its right.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Literal
+
+from taction.netlist_gen.board.circuit import (
+    GROUND,
+    Circuit,
+    OpAmpCell,
+    SignalAmplifier,
+    TransistorCell,
+)
+from taction.netlist_gen.kicad import symbols
+from taction.netlist_gen.kicad.parts import Catalogue
+from taction.netlist_gen.kicad.sheet import TITLE, Label, Part, Placed, Sheet
+from taction.netlist_gen.kicad.stages import Branch, Passive, Rung, Stage, branch, shared_nodes
+from taction.netlist_gen.kicad.symbols import Point, Symbol
+from taction.netlist_gen.scene.scene import Scene
+
+LEFT, TOP = 12, 14  # of the drawing
+RUNG, LONGEST = 4, 32  # distance of the rungs of a ladder, and the most of them in one column
+COLUMN = 44  # width of a column
+WIDE = 120  # of a row: more chains begin the next one
+LEVEL = 8  # height of one feedback part over an op-amp
+
+
+def channel_sheet(
+    circuit: Circuit, n: int, k: int, scene: Scene | None = None, *, brief: bool = False
+) -> Sheet:
+    """Draw channel `n` of the board of `scene` with row `k`, both counted from 1.
+
+    A `brief` drawing has one resistor of each matrix, that between channel and row, and no
+    supplies. Every part has its name in the deck.
+    """
+    drawing = _Drawing(circuit, n, scene)
+    hidden = (
+        {each.card for matrix in circuit.matrices for each in matrix.resistors()}
+        if brief
+        else set()
+    )
+    hidden -= {f"{matrix.name}_{k}_{n}" for matrix in circuit.matrices}
+    y = drawing.branch(TOP, f"Signal plane, channel {n}", circuit.feedback.sinks[n - 1], hidden)
+    drawing.branch(y, f"Constraint plane, sensor row {k}", circuit.forward.sinks[k - 1], hidden)
+    if not brief:
+        drawing.supplies((round(drawing.sheet.corner[0]) + 22, TOP))
+    return drawing.sheet
+
+
+class _Drawing:
+    def __init__(self, circuit: Circuit, n: int, scene: Scene | None) -> None:
+        self.circuit, self.shared = circuit, shared_nodes(circuit)
+        self.sheet = Sheet(f"{circuit.name}-channel-{n}")
+        self.catalogue = Catalogue(circuit, scene)
+        self.ports = 0
+
+    def branch(self, top: int, title: str, start: str, hidden: set[str]) -> int:
+        """Draw a branch below `top`; return the top of the next one."""
+        self.sheet.labels.append(Label(title, (LEFT, top), size=TITLE))
+        found, x, y, bottom = branch(self.circuit, start), LEFT, top, top
+        for chain in found.chains:
+            rungs = [rung for rung in chain[0].rungs if rung[1].card not in hidden]
+            if x == LEFT or len(chain[0].rungs) > 1 or x > WIDE:
+                above = max(len(stage.feedback) for stage in found.chains[0]) * LEVEL
+                x, y = LEFT, bottom + max(above, LEVEL + 2) + 6
+            bottom = max(bottom, y + max(RUNG * (min(len(rungs), LONGEST) + 1), 22))
+            x = self.chain((x, y), chain, rungs) + 12
+        return self.others(bottom, found)
+
+    def chain(self, at: Point, chain: Sequence[Stage], rungs: Sequence[Rung]) -> int:
+        """Draw stages that follow each other; return the right end."""
+        end = self.amplifier(self.ladder(at, chain[0].node, rungs), chain[0])
+        for before, stage in pairwise(chain):
+            x, y = end
+            if before.output in self.shared:  # label it below, and go on
+                self.sheet.wire(end, (x + 2, y), (x + 2, y + 8), (x + 4, y + 8))
+                self.label(before.output, (x + 4, y + 8), "right")
+                end = self.sheet.wire((x + 2, y), (x + 6, y))
+            else:
+                self.name(before.output, (x + 1, y))
+            for _, part in stage.rungs:
+                drawn = self.across(self.catalogue.part(part), (end[0] + 7, y))
+                self.sheet.wire(end, drawn.pin(0))
+                end = self.sheet.wire(drawn.pin(1), (end[0] + 12, y))
+            end = self.amplifier(end, stage)
+        end = self.sheet.wire(end, (end[0] + 4, end[1]))
+        self.label(chain[-1].output, end, "right")
+        return round(end[0]) + len(chain[-1].output)
+
+    def ladder(self, at: Point, node: str, rungs: Sequence[Rung]) -> Point:
+        """Draw parts from signals to one node; return the node at the upper right.
+
+        Long ladders have several columns.
+        """
+        if not rungs:
+            self.label(node, at, "left")
+            return at
+        buses = []
+        for first in range(0, len(rungs), LONGEST):
+            x = at[0] + COLUMN * (first // LONGEST)
+            chosen = rungs[first : first + LONGEST]
+            for place, (signal, part) in enumerate(chosen):
+                self.rung((x, at[1] + RUNG * place), signal, self.catalogue.part(part))
+            buses.append((x + 35, at[1] + RUNG * (len(chosen) - 1)))
+            self.sheet.wire((x + 35, at[1]), buses[-1])
+        level = max(y for _, y in buses) + RUNG
+        for (x, y), (other, bottom) in pairwise(buses):
+            self.sheet.wire((x, y), (x, level), (other, level))
+            if (other, bottom) == buses[-1]:
+                self.sheet.wire((other, level), (other, bottom))
+        return self.sheet.wire((buses[-1][0], at[1]), (buses[-1][0] + 4, at[1]))
+
+    def rung(self, at: Point, signal: str, part: Part) -> Point:
+        """Draw a part from a signal to the right, its texts above its wires; return its end."""
+        x, y = at
+        texts = {"reference": (x + 14.5, y - 1.0), "value": (x + 29.5, y - 1.0)}
+        drawn = self.sheet.place(part, (x + 22, y), angle=90, **texts)
+        self.label(signal, self.sheet.wire(drawn.pin(0), (x + 9, y)), "left")
+        return self.sheet.wire(drawn.pin(1), (x + 35, y))
+
+    def amplifier(self, at: Point, stage: Stage) -> Point:
+        """Draw the parts from the input of a stage to ground, and its amplifier."""
+        cell = stage.cell
+        for part in stage.shunts:
+            place = at[0] + 6
+            drawn = self.down(self.catalogue.part(part), (place, at[1] + 6))
+            self.sheet.wire((place, at[1]), drawn.pin(0))
+            self.port(symbols.GROUND, drawn.pin(1))
+            at = self.sheet.wire(at, (at[0] + 14, at[1]))
+        if stage.rungs and stage.node not in self.shared:
+            self.name(stage.node, (at[0] + 1, at[1]))
+        if cell is None:
+            return at
+        if isinstance(cell, SignalAmplifier):
+            return self.function(at, cell)
+        if cell.inverting == stage.node:
+            return self.summing(at, cell, stage.feedback)
+        return self.follower(at, cell)
+
+    def function(self, at: Point, cell: SignalAmplifier) -> Point:
+        """Draw an ideal amplifier."""
+        x, y = at[0] + 20, at[1]
+        part = self.catalogue.function(cell)
+        drawn = self.sheet.place(part, (x, y), reference=(x, y - 5.2), value=(x, y + 5.2))
+        self.sheet.labels.append(Label("ideal: no part", (x, y), "middle"))
+        self.sheet.wire(at, drawn.pin(0))
+        return drawn.pin(1)
+
+    def summing(self, at: Point, cell: OpAmpCell, feedback: Sequence[Passive]) -> Point:
+        """Draw an op-amp from its summing node, its feedback parts above it."""
+        y, left, right = at[1], at[0] + 8, at[0] + 24
+        self.sheet.wire(at, (left, y), (left + 2, y))
+        drawn = self.cell(cell, (left + 8, y + 2))
+        output = self.sheet.wire(drawn.pin(2), (right, drawn.pin(2)[1]))
+        self.label(cell.noninverting, self.sheet.wire(drawn.pin(1), (left + 2, y + 6)), "left")
+        for number, each in enumerate(feedback, 1):
+            level = y - LEVEL * number
+            over = self.across(self.catalogue.part(each), ((left + right) // 2, level))
+            self.sheet.wire((left, level), over.pin(0))
+            self.sheet.wire(over.pin(1), (right, level))
+        if feedback:
+            self.sheet.wire((left, y), (left, y - LEVEL * len(feedback)))
+            self.sheet.wire(output, (right, y - LEVEL * len(feedback)))
+        return output
+
+    def follower(self, at: Point, cell: OpAmpCell) -> Point:
+        """Draw a buffer."""
+        drawn = self.cell(cell, (at[0] + 12, at[1] - 2))
+        self.sheet.wire(at, drawn.pin(1))
+        (left, y), (x, out) = drawn.pin(0), drawn.pin(2)
+        self.sheet.wire((left, y), (left, y - 6), (x + 2, y - 6), (x + 2, out))
+        return self.sheet.wire((x, out), (x + 2, out))
+
+    def cell(self, cell: OpAmpCell, at: Point) -> Placed:
+        """Place an op-amp with the name of the deck in it."""
+        x, y = at
+        part = self.catalogue.opamp(*self.catalogue.units[cell.name])
+        self.sheet.labels.append(Label(cell.name, (x - 1, y), "middle"))
+        return self.sheet.place(part, at, reference=(x + 3, y - 4.2), value=(x + 3, y + 4.2))
+
+    def others(self, top: int, found: Branch) -> int:
+        """Draw parts between labels, and the transistors, below `top`; return the next top."""
+        y = top + 10 * bool(found.loose or found.transistors)
+        for place, part in enumerate(found.loose):
+            at = LEFT, y + RUNG * place
+            self.label(part.b, self.rung(at, part.a, self.catalogue.part(part)), "right")
+        for place, cell in enumerate(found.transistors):
+            self.transistor((LEFT + 64 + 26 * place, y + 4), cell)
+        size = max(RUNG * len(found.loose), 14 * bool(found.transistors))
+        return y + size + 6 * bool(size)
+
+    def transistor(self, at: Point, cell: TransistorCell) -> None:
+        """Draw a transistor, its pins named."""
+        x, y = at
+        part = self.catalogue.transistor(self.circuit.transistors.index(cell))
+        self.sheet.labels.append(Label(cell.card, (x + 8, y - 2), "middle"))
+        drawn = self.sheet.place(part, at, reference=(x + 8, y), value=(x + 8, y + 2))
+        for place, node in enumerate((cell.base, cell.collector, cell.emitter)):
+            end = drawn.pin(place)
+            self.label(node, end, "right" if place else "left")
+
+    def supplies(self, at: Point) -> None:
+        """Draw the supplies of the packages, their sources for KiCad, and constant voltages."""
+        x, y = at
+        self.sheet.labels.append(Label("Supplies", (x - 6, y), size=TITLE))
+        for place, symbol in enumerate((*self.catalogue.rails, symbols.GROUND)):
+            start = (x + 12 * place, y + 10)
+            self.port(symbol, start)
+            self.port(symbols.FLAG, self.sheet.wire(start, (start[0] + 4, start[1])))
+        y += 30
+        parts = [placed.part for placed in self.sheet.placed]
+        used = {int(part.reference[1:]) for part in parts if part.symbol.prefix == "U"}
+        for place, package in enumerate(sorted(used)):
+            self.supply((x + 30 * (place % 2), y + 34 * (place // 2)), f"U{package}")
+        y += 34 * ((len(used) + 1) // 2)
+        for place, source in enumerate(self.circuit.voltages):
+            drawn = self.down(self.catalogue.part(source), (x + 24 * place, y))
+            (left, top) = drawn.pin(0)
+            end = self.sheet.wire((left, top), (left, top - 3), (left + 2, top - 3))
+            self.label(source.node, end, "right")
+            self.port(symbols.GROUND, drawn.pin(1))
+
+    def supply(self, at: Point, package: str) -> None:
+        """Draw the supply pins of a package with two decoupling capacitors."""
+        x, y = at
+        texts = {"reference": (x - 5, y - 1), "value": (x - 5, y + 1)}
+        drawn = self.sheet.place(self.catalogue.opamp(package), at, **texts)
+        upper = self.down(self.catalogue.decoupling(package, 1), (x + 10, y - 6))
+        lower = self.down(self.catalogue.decoupling(package, 2), (x + 10, y + 6))
+        ends = (drawn.pin(0), upper.pin(0), y - 10), (drawn.pin(1), lower.pin(1), y + 10)
+        for symbol, (end, part, level) in zip(self.catalogue.rails, ends, strict=True):
+            self.sheet.wire(end, (x, level), (x + 10, level), part)
+            self.port(symbol, (x, level))
+        self.sheet.wire(upper.pin(1), (x + 10, y), lower.pin(0))
+        self.port(symbols.GROUND, self.sheet.wire((x + 10, y), (x + 16, y)))
+
+    def port(self, symbol: Symbol, at: Point) -> None:
+        """Place the symbol of ground, of a supply or of a power flag, with its name."""
+        self.ports += 1
+        shown = symbol.name not in (symbols.GROUND.name, symbols.FLAG.name)
+        up = -3.2 if symbol.name.startswith("+") else 3.2
+        part = Part(symbol, f"{symbol.prefix}{self.ports:03d}", symbol.name)
+        self.sheet.place(part, at, value=(at[0], at[1] + up) if shown else None)
+
+    def across(self, part: Part, at: Point) -> Placed:
+        """Place a part with two pins from left to right, its texts above and below it."""
+        (x, y), away = at, 2.8 if part.symbol is symbols.CAPACITOR else 2.2
+        return self.sheet.place(part, at, angle=90, reference=(x, y - away), value=(x, y + away))
+
+    def down(self, part: Part, at: Point) -> Placed:
+        """Place a part with two pins from above to below, its texts on the right."""
+        (x, y), letters = at, max(len(part.reference), len(part.value))
+        right = x + 0.45 * letters + (3.0 if part.symbol.radius else 2.4)
+        return self.sheet.place(part, at, reference=(right, y - 1.0), value=(right, y + 1.0))
+
+    def name(self, net: str, at: Point) -> None:
+        """Name a net of this sheet above its wire."""
+        self.sheet.labels.append(Label(net, at, "left", "label"))
+
+    def label(self, net: str, at: Point, side: Literal["left", "right"]) -> None:
+        """Name a net at an end of its wire, the text on a `side` of it; ground has a symbol."""
+        anchor: Literal["left", "right"] = "left" if side == "right" else "right"
+        if net == GROUND:
+            self.port(symbols.GROUND, at)
+        elif net in self.shared:
+            kind: Literal["input", "output"] = "output" if side == "right" else "input"
+            self.sheet.labels.append(Label(net, at, anchor, kind))
+        else:
+            self.sheet.labels.append(Label(net, at, anchor, "label"))

@@ -1,0 +1,177 @@
+"""The stages of a board, found from its nodes alone: amplifiers with the parts around them.
+
+A branch is a part of the board that is connected without the matrices, ground and the constant
+voltages: a channel, or a sensor row. So every topology can be drawn, also one of another package.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from taction.netlist_gen.board.circuit import (
+    GROUND,
+    Capacitor,
+    Circuit,
+    CurrentSource,
+    OpAmpCell,
+    Resistor,
+    SignalAmplifier,
+    TransistorCell,
+)
+
+Passive = Resistor | Capacitor
+Rung = tuple[str, Resistor | Capacitor | CurrentSource]  # the node at the other end, and the part
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """An amplifier with the parts at its input.
+
+    Attributes
+    ----------
+    node : str
+        The input: a summing node, or what a buffer or an ideal amplifier follows.
+    cell : OpAmpCell, SignalAmplifier or None
+        None for a node without an amplifier.
+    rungs : tuple of Rung
+        Parts from signals, or from ground, into the node.
+    feedback, shunts : tuple of Resistor and Capacitor
+        Parts from the output to the node, and from the node to ground.
+    """
+
+    node: str
+    cell: OpAmpCell | SignalAmplifier | None
+    rungs: tuple[Rung, ...]
+    feedback: tuple[Passive, ...]
+    shunts: tuple[Passive, ...]
+
+    @property
+    def output(self) -> str:
+        """The node at the output."""
+        return self.node if self.cell is None else self.cell.output
+
+    def follows(self, other: Stage) -> bool:
+        """Whether the output of another stage is all that drives this one."""
+        return [signal for signal, _ in self.rungs] == [other.output] or (
+            not self.rungs and self.node == other.output
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Branch:
+    """A channel or a sensor row: chains of stages that follow each other, and all other parts."""
+
+    chains: tuple[tuple[Stage, ...], ...]
+    transistors: tuple[TransistorCell, ...]
+    loose: tuple[Passive, ...]
+
+
+def shared_nodes(circuit: Circuit) -> set[str]:
+    """Return the nodes that several branches use: outputs, drivers of matrices, voltages."""
+    found = {source.node for source in circuit.voltages}
+    found |= {output.node for output in circuit.outputs}
+    return found.union(*({*matrix.plus, *matrix.minus} for matrix in circuit.matrices))
+
+
+def driven_row(circuit: Circuit, n: int) -> int:
+    """Return the sensor row that channel `n` drives most; 0 without a matrix resistor."""
+    ohms = circuit.forward.ohms[:, n - 1]
+    return 1 + int(np.argmin(ohms)) if np.isfinite(ohms).any() else 0
+
+
+def middle_channel(circuit: Circuit) -> int:
+    """Return the middle channel, or the first one that has a matrix resistor."""
+    middle = 1 + (circuit.shape[1] - 1) // 2
+    return middle if driven_row(circuit, middle) else next(
+        n for n in range(1, 1 + circuit.shape[1]) if driven_row(circuit, n)
+    )  # fmt: skip
+
+
+def branch(circuit: Circuit, start: str) -> Branch:
+    """Return the branch of a node, with the matrix resistors that end at it."""
+    nodes = _connected(circuit, start)
+    known = set(nodes)
+    left = {part.card: part for part in (*circuit.resistors, *circuit.real_capacitors)
+            if known & {part.a, part.b}}  # fmt: skip
+    chains: list[list[Stage]] = []
+    for node in nodes:
+        cells = [cell for cell in (*circuit.opamps, *circuit.amplifiers) if _input(cell) == node]
+        for cell in cells or [None] * (node == start):
+            stage = _stage(circuit, node, cell, left)
+            before = next((chain for chain in chains if stage.follows(chain[-1])), None)
+            if before is None:
+                chains.append([stage])
+            else:
+                before.append(stage)
+    pair = tuple(each for each in circuit.transistors if known & set(_ends(each)))
+    return Branch(tuple(map(tuple, chains)), pair, tuple(left.values()))
+
+
+def _stage(
+    circuit: Circuit,
+    node: str,
+    cell: OpAmpCell | SignalAmplifier | None,
+    left: dict[str, Passive],
+) -> Stage:
+    """Return the stage of an amplifier, its parts taken out of those that are left."""
+    rungs: list[Rung] = [(part.a, part) for part in _into(circuit, node)]
+    feedback, shunts = [], []
+    for part in [each for each in left.values() if node in (each.a, each.b)]:
+        del left[part.card]
+        other = part.b if part.a == node else part.a
+        if isinstance(cell, OpAmpCell) and (cell.inverting, cell.output) == (node, other):
+            feedback.append(part)
+        elif other == GROUND:
+            shunts.append(part)
+        else:
+            rungs.append((other, part))
+    rungs += [(GROUND, current) for current in circuit.currents if current.node == node]
+    return Stage(node, cell, tuple(rungs), tuple(feedback), tuple(shunts))
+
+
+def _into(circuit: Circuit, node: str) -> Iterator[Resistor]:
+    """Yield the matrix resistors that end at a node; `a` is their driver."""
+    for matrix in circuit.matrices:
+        if node in matrix.sinks:
+            place: int | tuple[slice, int] = matrix.sinks.index(node)
+            place = place if matrix.by_column else (slice(None), place)
+            ohms = np.full_like(matrix.ohms, np.inf)
+            ohms[place] = matrix.ohms[place]
+            yield from replace(matrix, ohms=ohms).resistors()
+
+
+def _connected(circuit: Circuit, start: str) -> list[str]:
+    """Return the nodes of a branch, in the order in which a signal from `start` reaches them."""
+    fixed = {GROUND, *(source.node for source in circuit.voltages)}
+    parts = (*circuit.opamps, *circuit.amplifiers, *circuit.resistors, *circuit.real_capacitors,
+             *circuit.transistors)  # fmt: skip
+    joined: dict[str, list[str]] = {}
+    for part in parts:
+        for end in (ends := _ends(part)):
+            joined.setdefault(end, []).extend(ends)
+    found = {start: None}
+    queue = [start]
+    for node in queue:
+        new = [end for end in joined.get(node, ()) if end not in fixed and end not in found]
+        found |= dict.fromkeys(new)
+        queue += dict.fromkeys(new)
+    return queue
+
+
+def _ends(part: Passive | OpAmpCell | SignalAmplifier | TransistorCell) -> tuple[str, ...]:
+    if isinstance(part, OpAmpCell):
+        return part.noninverting, part.inverting, part.output
+    if isinstance(part, SignalAmplifier):
+        return part.input, part.output
+    if isinstance(part, TransistorCell):
+        return part.collector, part.base, part.emitter
+    return part.a, part.b
+
+
+def _input(cell: OpAmpCell | SignalAmplifier) -> str:
+    if isinstance(cell, SignalAmplifier):
+        return cell.input
+    return cell.noninverting if cell.inverting == cell.output else cell.inverting
